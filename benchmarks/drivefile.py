@@ -20,7 +20,7 @@ import numpy as np
 from eightpost.array_types import Array
 from eightpost.drivefile import Pass, Problem, Settings, Target, advance, start_response, target_names
 from eightpost.drivefile.iteration import Outcome
-from eightpost.drivefile.pass_errors import PassErrors, pass_errors
+from eightpost.drivefile.target import PassErrors, pass_errors
 from eightpost.ident.vehicle import VehicleFit, read_fit
 from eightpost.rig.post import NO_DRIFT, Car, RigSensors, run_test, stand_in_truth, track_drive
 from eightpost.rig.post.shocks import shocks_named

@@ -44,14 +44,13 @@ from eightpost import units
 from eightpost.app.shape_request import Request
 from eightpost.app.shape_search import Curves, find_curves
 from eightpost.corners import CORNERS
-from eightpost.ident.vehicle.fit_validity import with_validity
+from eightpost.ident.vehicle.vehicle_fit import with_validity
 from eightpost.rig.damper.valves import SHIM_SETS
 from eightpost.rig.damper.valving import JETS, Valving
 from eightpost.rig.post import Actuators, track_drive
 from eightpost.rig.post import Shock as RigShock
 from eightpost.shock import Shock, write_shock
-from eightpost.shock.shape import Shape
-from eightpost.shock.shape_fit import fit_force
+from eightpost.shock.shape import Shape, fit_force
 from eightpost.signals import TimeSeries, write_parquet
 from eightpost.vehicle.storage import write_vehicle
 

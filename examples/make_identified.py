@@ -15,9 +15,8 @@ from eightpost.corners import CORNERS
 from eightpost.files import sha256_of
 from eightpost.ident.preparation import Preparation, prepare
 from eightpost.ident.vehicle.experiment import find_baseline
-from eightpost.ident.vehicle.fit_validity import with_validity
 from eightpost.ident.vehicle.recipes import recipe
-from eightpost.ident.vehicle.vehicle_fit import write_fit
+from eightpost.ident.vehicle.vehicle_fit import with_validity, write_fit
 from eightpost.rig.post import program
 from eightpost.rig.post.bench import Bench
 from eightpost.signals import TimeSeries, write_parquet

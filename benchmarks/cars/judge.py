@@ -28,7 +28,7 @@ from eightpost.api.vehicles import identify
 from eightpost.errors import EightpostError
 from eightpost.ident import fit_shock
 from eightpost.ident.vehicle.many_setups import ManySetups
-from eightpost.ident.vehicle.springs import about_loads
+from eightpost.ident.vehicle.port_search import about_loads
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.measure_uncertainty import MeasureUncertainty
 from eightpost.rig import DynoTest

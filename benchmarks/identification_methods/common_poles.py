@@ -1,6 +1,6 @@
 """The common-pole recipe: friction that sticks, creeps or is absent; the band from the record, or up to 16 Hz."""
 
-from eightpost.ident.vehicle.friction_search import FrictionSearch
+from eightpost.ident.vehicle.port_search import FrictionSearch
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
 
 _CREEPS = FrictionSearch(reaches=())

@@ -172,7 +172,7 @@ def _show_baseline(console: Console, rig_files: Sequence[Path], reference: Basel
 
 def _show_fit(console: Console, fit: VehicleFit, verdict: Verdict) -> None:
     from eightpost.app.show import show_verdict
-    from eightpost.ident.vehicle.fit_tables import (
+    from eightpost.ident.vehicle.vehicle_fit import (
         damping_sentence,
         friction_table,
         measure_table,

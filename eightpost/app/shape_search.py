@@ -39,8 +39,7 @@ from eightpost.app.shape_target import Target, targets_of
 from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.shock import Shock, read_shock, write_shock
-from eightpost.shock.shape import Shape, range_of
-from eightpost.shock.shape_fit import ShapeFit, fit_law
+from eightpost.shock.shape import Shape, ShapeFit, fit_law, range_of
 
 #: Setups that are run through the study with FMUs of their own.
 VERIFIED = ("best of the bank", "targets", "nearest builds of the bank", "nearest valvings of the virtual damper")

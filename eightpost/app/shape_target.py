@@ -14,8 +14,7 @@ from cosim.study.study import Build
 from eightpost.array_types import Array
 from eightpost.rig.damper.valving import NearestValving, nearest_valving
 from eightpost.shock import read_shock
-from eightpost.shock.shape import Shape
-from eightpost.shock.shape_fit import ShapeFit, difference, fit_force
+from eightpost.shock.shape import Shape, ShapeFit, difference, fit_force
 
 
 @dataclass(frozen=True, slots=True)

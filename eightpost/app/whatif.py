@@ -123,8 +123,7 @@ def change_of(
 def _slopes(
     build: Build, variables: Mapping[str, Variable], steps: Mapping[str, float], share: float, speeds: str
 ) -> Change:
-    from eightpost.shock.shape import curve_parameters
-    from eightpost.shock.slope_change import with_slope
+    from eightpost.shock.shape import curve_parameters, with_slope
 
     same = after = _curve(build, variables)
     for place, (side, count) in enumerate(steps.items()):

@@ -6,18 +6,181 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from eightpost.array_types import Array, Complex
-from eightpost.drivefile.correction import PassSpectra, correction, gains, start_gains
-from eightpost.drivefile.inverse import TYPICAL, Inverse, output_scale, regularised_inverse
 from eightpost.drivefile.limits import LimitHit, Limits, within_limits
-from eightpost.drivefile.pass_errors import PassErrors, pass_errors
 from eightpost.drivefile.response import StartResponse
-from eightpost.drivefile.target import Target
+from eightpost.drivefile.target import Lines, PassErrors, Target, pass_errors
 from eightpost.errors import ParameterError
 from eightpost.signals import TimeSeries
+
+# ---- Regularised inverse of a frequency response, line by line ------------------------------------------------------
+
+#: Amplitude of an input that counts as much as that of another unit: the scale of the regularisation, by SI unit.
+TYPICAL = {"m": 0.002, "N": 700.0, "N.m": 1000.0}
+
+#: Minimum amplitude of a channel in a band, relative to its largest one, to which errors are scaled [1].
+_FLOOR = 0.01
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inverse:
+    """Regularised inverse of a response, with its conditioning."""
+
+    G: Complex  #: Inverse (K, m, p) in input unit per output unit.
+    singular: Array  #: Singular values (K, r) of the scaled response, largest first [1].
+    kept: Array  #: Share of each singular direction that the inverse uses (K, r) [1]: `s^2 / (s^2 + lambda^2)`.
+
+    @property
+    def condition(self) -> Array:
+        """Ratio of the largest singular value to the smallest one (K,) [1]."""
+        return np.asarray(self.singular[:, 0] / np.maximum(self.singular[:, -1], 1e-300))
+
+    @property
+    def rank(self) -> Array:
+        """Number of directions (K,) that the inverse uses: the sum of their shares [1]."""
+        return np.asarray(self.kept.sum(axis=1))
+
+
+def output_scale(lines: Lines, target: Complex, width: float) -> Array:
+    """Return the amplitude of each target channel in the band around each line (K, p), for target lines (K, p)."""
+    amplitude = np.sqrt(lines.band_mean(np.abs(target) ** 2, width))
+    return np.asarray(np.maximum(amplitude, _FLOOR * amplitude.max(axis=0)))
+
+
+def regularised_inverse(H: Complex, outputs: Array, units: tuple[str, ...], regularisation: float) -> Inverse:
+    """Return the Tikhonov-regularised inverse of a response at each line.
+
+        S = Y^-1 H U = W diag(s) V^H,   G = U V diag(s / (s^2 + lambda^2)) W^H Y^-1,   lambda = r s_max
+
+    Y are the amplitudes of the target channels, so that all channels count equally, and U typical amplitudes of the
+    inputs. Directions with singular values far below lambda are not driven: the rig cannot reach them without commands
+    that are far larger than typical ones.
+
+    Args:
+        H: Response (K, p, m).
+        outputs: Amplitudes Y of the channels (K, p).
+        units: SI units of the m inputs.
+        regularisation: Ratio r of lambda to the largest singular value of each line [1].
+
+    Raises:
+        ParameterError: An input has another unit than m, N or N.m.
+    """
+    if unknown := [unit for unit in units if unit not in TYPICAL]:
+        raise ParameterError(f"an input has the unit {unknown[0]}; inputs of a rig have {', '.join(TYPICAL)}")
+    inputs = np.array([TYPICAL[unit] for unit in units])
+    W, s, Vh = np.linalg.svd(H / outputs[:, :, None] * inputs, full_matrices=False)
+    square, floor = s**2, np.maximum((regularisation * s[:, :1]) ** 2, 1e-300)
+    weights = s / (square + floor)
+    G = inputs[:, None] * (np.conj(Vh.transpose(0, 2, 1)) * weights[:, None, :]) @ np.conj(W.transpose(0, 2, 1))
+    return Inverse(G / outputs[:, None, :], s, square / (square + floor))
+
+
+# ---- Correction of the response between passes, and gains from coherence, by channel and band -----------------------
+
+#: Weight of a step relative to the step after it [1].
+_MEMORY = 0.5
+
+#: Weight of the starting response relative to that of the steps [1].
+_PRIOR = 0.1
+
+#: Minimum gain relative to the maximum gain [1]; a channel without coherence is not abandoned.
+_LOWEST = 0.15
+
+#: Gain where the identification has no coherence, for example above its band [1].
+_UNKNOWN = 0.6
+
+#: Power of a step, relative to that of the target, below which it carries no information [1].
+_NO_STEP = 1e-16
+
+
+class PassSpectra(NamedTuple):
+    """Lines of one pass."""
+
+    drive: Complex  #: Commands (K, m).
+    record: Complex  #: Target channels measured on the rig (K, p).
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Correction:
+    """Correction of the starting response by the passes so far."""
+
+    factor: Complex  #: Factor of each target channel (K, p), by which the starting response is multiplied.
+    coherence: Array  #: Coherence of the predicted and the measured change in the last step (K, p) [1].
+
+
+def correction(H: Complex, passes: Sequence[PassSpectra], lines: Lines, width: float) -> Correction:
+    """Return the correction from the changes between successive passes.
+
+    A step from one pass to the next changes the drive by dX and the record by dY. With the prediction dP = H dX, the
+    factor c of a channel in a band minimises
+
+        sum_steps w |dY - c dP|^2 + prior |c - 1|^2
+
+    Later steps and steps with high coherence have larger weights, because the car's response to small changes about the
+    target is needed, and noise and drift from pass to pass must not enter it. The first step is that from rest.
+
+    Args:
+        H: Starting response (K, p, m).
+        passes: Passes in their order.
+        lines: Lines of the drive file.
+        width: Width of the bands [Hz].
+    """
+    measured = np.zeros((len(H), H.shape[1]), dtype=np.complex128)
+    predicted = np.zeros(measured.shape)
+    coherence = np.ones(measured.shape)
+    before = PassSpectra(np.zeros_like(passes[0].drive), np.zeros_like(passes[0].record))
+    for now in passes:
+        dP = np.einsum("kij,kj->ki", H, now.drive - before.drive)
+        dY = now.record - before.record
+        power, cross = lines.band_sum(np.abs(dP) ** 2, width), lines.band_sum(dY * np.conj(dP), width)
+        moved = power > _NO_STEP * np.max(np.abs(now.record) ** 2, initial=1e-300)
+        likeness = _coherence(cross, power, dY, lines, width)
+        weight = np.where(moved, likeness / np.sqrt(np.where(moved, power, 1.0)), 0.0)
+        measured = _MEMORY * measured + weight * cross
+        predicted = _MEMORY * predicted + weight * power
+        coherence = np.where(moved, likeness, coherence)
+        before = now
+    known = predicted > 0.0
+    total = np.where(known, (1.0 + _PRIOR) * predicted, 1.0)
+    factor = np.where(known, (measured + _PRIOR * predicted) / total, 1.0)
+    return Correction(np.asarray(factor, dtype=np.complex128), np.asarray(coherence, dtype=np.float64))
+
+
+def _coherence(cross: Complex, power: Array, dY: Complex, lines: Lines, width: float) -> Array:
+    """Return the coherence (K, p) in bands, without the bias 1 / n of an estimate from n lines."""
+    whole = np.maximum(power * lines.band_sum(np.abs(dY) ** 2, width), 1e-300)
+    count = lines.band_sum(np.ones(len(dY)), width)[:, None]
+    raw = np.abs(cross) ** 2 / whole
+    return np.asarray(np.clip((raw - 1.0 / count) / (1.0 - 1.0 / count), 0.0, 1.0))
+
+
+def start_gains(coherence: Array | None, shape: tuple[int, int], highest: float) -> Array:
+    """Return the gains (K, p) of the first pass.
+
+    Args:
+        coherence: Coherence of the identification (p, K); None if it is not known, which is then taken as 1.
+        shape: Numbers K of lines and p of channels.
+        highest: Maximum gain [1].
+    """
+    if coherence is None:
+        return np.full(shape, highest)
+    return np.asarray(highest * np.maximum(coherence.T, _UNKNOWN))
+
+
+def gains(coherence: Array, highest: float) -> Array:
+    """Return the gains (K, p) for the coherence of the last step: `highest` times the coherence.
+
+    If noise or drift from pass to pass dominates a step, its coherence is low and so is the gain. The drive then
+    averages over the passes.
+    """
+    return np.asarray(highest * np.maximum(coherence, _LOWEST))
+
+
+# ---- The iteration --------------------------------------------------------------------------------------------------
 
 #: Ratio of a pass's error to the smallest error so far above which the pass is rejected [1]; a pass that is worse than
 #: a rig at rest is also rejected.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from eightpost.array_types import Array
-from eightpost.drivefile.lines import Lines
+from eightpost.drivefile.target import Lines
 from eightpost.errors import ParameterError
 from eightpost.units import convert
 

@@ -1,25 +1,81 @@
-"""Target of a drive file iteration: channels that were measured on the track."""
+"""Target of a drive file iteration: channels that were measured on the track, and the errors of a pass."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 from scipy.interpolate import CubicSpline
 
-from eightpost.array_types import Array
+from eightpost.array_types import Array, Complex
 from eightpost.corners import CORNERS, channel
-from eightpost.drivefile.lines import Lines
 from eightpost.errors import ConstantChannelError, MissingChannelError, ParameterError, TooShortError
 from eightpost.rig.post.rig_test import CHANNEL_UNITS, rig_map
 from eightpost.signals import ChannelMap, TimeSeries
 from eightpost.signals.filters import lowpass
 from eightpost.signals.formats import read_record
 from eightpost.signals.raw_record import mapped_series
+
+# ---- Frequency lines of records of one length, and sums over bands of lines -----------------------------------------
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Discrete Fourier transform of records of one length, limited to a band above 0 Hz."""
+
+    samples: int  #: Number N of samples of a record.
+    rate: float  #: Sample rate [Hz].
+    high: float  #: Highest frequency of the band [Hz].
+
+    @cached_property
+    def frequency(self) -> Array:
+        """Frequencies (K,) [Hz], without 0."""
+        every = np.fft.rfftfreq(self.samples, 1.0 / self.rate)
+        return np.asarray(every[(every > 0.0) & (every <= self.high)])
+
+    @property
+    def spacing(self) -> float:
+        """Distance between two lines [Hz]."""
+        return self.rate / self.samples
+
+    def spectrum(self, rows: Array) -> Complex:
+        """Return the lines (K, C) of records (C, N)."""
+        whole = scipy.fft.rfft(rows, axis=-1)[..., 1 : 1 + self.frequency.size]
+        return np.ascontiguousarray(whole.T, dtype=np.complex128)
+
+    def rows(self, spectrum: Complex) -> Array:
+        """Return the records (C, N) of lines (K, C); their means are 0."""
+        whole = np.zeros((spectrum.shape[1], self.samples // 2 + 1), dtype=np.complex128)
+        whole[:, 1 : 1 + self.frequency.size] = spectrum.T
+        return np.asarray(scipy.fft.irfft(whole, self.samples, axis=1), dtype=np.float64)
+
+    def half_width(self, width: float) -> int:
+        """Return n, where a band of a width [Hz] has 2 n + 1 lines; at least 9 lines."""
+        return max(4, round(0.5 * width / self.spacing))
+
+    def band_sum(self, values: NDArray[Any], width: float) -> NDArray[Any]:
+        """Return the sums (K, ...) of values (K, ...) over the band of a width [Hz] around each line."""
+        n = self.half_width(width)
+        first = np.zeros((1, *values.shape[1:]), dtype=values.dtype)
+        summed = np.concatenate([first, np.cumsum(values, axis=0)])
+        k = np.arange(len(values))
+        return np.asarray(summed[np.minimum(k + n + 1, len(values))] - summed[np.maximum(k - n, 0)])
+
+    def band_mean(self, values: NDArray[Any], width: float) -> NDArray[Any]:
+        """Return the means (K, ...) of values (K, ...) over the band of a width [Hz] around each line."""
+        count = self.band_sum(np.ones(len(values)), width)
+        return np.asarray(self.band_sum(values, width) / count.reshape(-1, *(1,) * (values.ndim - 1)))
+
+
+# ---- The target -----------------------------------------------------------------------------------------------------
 
 #: Quantities of the corners that a drive file reproduces.
 QUANTITIES = ("hub_acceleration", "displacement")
@@ -206,3 +262,74 @@ def at_rate(series: TimeSeries, rate: float) -> TimeSeries:
     if values.shape[1] == count and abs(series.sample_rate / rate - 1.0) < 1e-9:
         return TimeSeries(grid, values, series.names, series.units)
     return TimeSeries(grid, CubicSpline(start, values, axis=1)(grid), series.names, series.units)
+
+
+# ---- Errors of a pass: measured minus target, by channel and by band ------------------------------------------------
+
+#: Edges of the bands in tables [Hz].
+EDGES = (0.0, 1.0, 4.0, 10.0, 16.0, 24.0, 1000.0)
+
+
+@dataclass(frozen=True, slots=True)
+class PassErrors:
+    """Errors of one pass between the fades of the target, up to its highest frequency."""
+
+    channels: Mapping[str, float]  #: RMS error by channel, relative to the RMS of the target without its mean [1].
+    peaks: Mapping[str, float]  #: Largest error by channel, relative to the largest value of the target [1].
+    #: RMS errors by channel in the bands of `EDGES`, relative to the RMS of the whole target [1].
+    bands: Mapping[str, tuple[float, ...]]
+    #: RMS of the measured minus the target above the highest frequency by channel, relative to the RMS of the target
+    #: [1]; it includes sensor noise.
+    beyond: Mapping[str, float]
+    means: Mapping[str, float]  #: Measured mean minus target mean by channel, relative to the RMS of the target [1].
+
+    @property
+    def total(self) -> float:
+        """Root mean square of the relative errors of all channels [1]."""
+        return float(np.sqrt(np.mean(np.square(list(self.channels.values())))))
+
+    def of_quantity(self, quantity: str) -> float | None:
+        """Return the root mean square of the errors of a quantity's channels [1]; None if it is not a target."""
+        found = [value for name, value in self.channels.items() if name.rpartition(".")[2] == quantity]
+        return float(np.sqrt(np.mean(np.square(found)))) if found else None
+
+    @property
+    def worst(self) -> tuple[str, float]:
+        """Channel with the largest error, and its error [1]."""
+        name = max(self.channels, key=lambda one: self.channels[one])
+        return name, self.channels[name]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the errors for a JSON file."""
+        return {
+            "total": self.total,
+            **{name: dict(getattr(self, name)) for name in ("channels", "peaks", "beyond", "means")},
+            "bands": {name: list(row) for name, row in self.bands.items()},
+        }
+
+
+def pass_errors(target: Target, record: Array) -> PassErrors:
+    """Return the errors of a record (C, N) from the rig, in SI and with its means."""
+    lines, judged = target.lines, target.judged
+    moving, means = target.without_means(record)
+    difference = target.error_window * (moving - target.rows)
+    wrong = lines.spectrum(difference)
+    whole, error = lines.rows(lines.spectrum(target.rows))[:, judged], lines.rows(wrong)[:, judged]
+    size = np.sqrt(np.mean(whole**2, axis=1))
+    bands = []
+    for low, high in pairwise(EDGES):
+        inside = (lines.frequency >= low) & (lines.frequency < high)
+        part = lines.rows(np.where(inside[:, None], wrong, 0.0))[:, judged]
+        bands.append(np.sqrt(np.mean(part**2, axis=1)) / size)
+    rest = (difference - difference.mean(axis=1, keepdims=True))[:, judged] - error
+
+    def named(values: Array) -> dict[str, float]:
+        return dict(zip(target.names, (float(value) for value in values), strict=True))
+
+    return PassErrors(
+        named(np.sqrt(np.mean(error**2, axis=1)) / size),
+        named(np.abs(error).max(axis=1) / np.abs(whole).max(axis=1)),
+        {name: tuple(float(band[k]) for band in bands) for k, name in enumerate(target.names)},
+        named(np.sqrt(np.mean(rest**2, axis=1)) / size),
+        named((means - target.means) / size),
+    )

@@ -15,7 +15,6 @@ from eightpost.shock.law import FitParameter, ShockLaw
 #: Files that are not laws, among them all files that import this one.
 _OTHERS = (
     "at_setting", "compiled", "curve", "file", "fit_uncertainty", "lag", "law", "laws", "port", "settings", "shape",
-    "shape_fit", "slope_change",
 )  # fmt: skip
 
 

@@ -29,8 +29,7 @@ from eightpost.app.shape_search import Aim, Curves
 from eightpost.app.shape_target import Neighbour, Target
 from eightpost.judged import is_intact
 from eightpost.rig.damper.valving import NearestValving, Valving
-from eightpost.shock.shape import Shape, Side
-from eightpost.shock.shape_fit import ShapeFit
+from eightpost.shock.shape import Shape, ShapeFit, Side
 
 CORNERS = ("lf", "rf", "lr", "rr")
 SHAPE = Shape(Side(3e3, 1500.0, 0.1, 600.0, 100.0), Side(4e3, 1500.0, 0.1, 600.0, 100.0))

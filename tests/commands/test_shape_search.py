@@ -16,8 +16,7 @@ from eightpost.app.shape_request import Request
 from eightpost.app.shape_search import Curves, bank_plan, find_curves, searched_groups, shapes_of_bank
 from eightpost.errors import InputError
 from eightpost.shock import Shock, read_shock, write_shock
-from eightpost.shock.shape import Shape, Side
-from eightpost.shock.shape_fit import ShapeFit
+from eightpost.shock.shape import Shape, ShapeFit, Side
 
 CORNERS = ("lf", "rf", "lr", "rr")
 SOFT = Shape(Side(3e3, 1500.0, 0.1, 600.0, 100.0), Side(4e3, 1500.0, 0.1, 600.0, 100.0))

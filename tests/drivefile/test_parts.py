@@ -8,11 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eightpost.drivefile import Limits
-from eightpost.drivefile.correction import PassSpectra, correction, gains, start_gains
-from eightpost.drivefile.inverse import TYPICAL, regularised_inverse
+from eightpost.drivefile.iteration import TYPICAL, PassSpectra, correction, gains, regularised_inverse, start_gains
 from eightpost.drivefile.limits import within_limits
-from eightpost.drivefile.lines import Lines
-from eightpost.drivefile.pass_errors import pass_errors
+from eightpost.drivefile.target import Lines, pass_errors
 from eightpost.errors import ParameterError
 
 

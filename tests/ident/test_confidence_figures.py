@@ -15,7 +15,7 @@ from eightpost.ident.vehicle.common_poles.deviations import (
     spread,
     unmodelled,
 )
-from eightpost.ident.vehicle.ranges import Ranges, ranges_of
+from eightpost.ident.vehicle.experiment import Ranges, ranges_of
 from eightpost.ident.vehicle.trust import ForceEstimate
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel, StateSpace

@@ -13,15 +13,21 @@ from eightpost.corners import CORNERS
 from eightpost.errors import FileFormatError, InputError, ParameterError
 from eightpost.ident.response import contribution_error, response_of
 from eightpost.ident.vehicle.experiment import Experiment, experiment_of, find_baseline
-from eightpost.ident.vehicle.fit_tables import damping_sentence, residual_table
-from eightpost.ident.vehicle.fit_validity import with_validity
 from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.recipes import recipe
 from eightpost.ident.vehicle.recipes.boggs import CHAPTER_4, CHAPTER_5, CHAPTER_6, Boggs, chapter_of
 from eightpost.ident.vehicle.stability import closed_loop_stability
 from eightpost.ident.vehicle.trust import NOT_SIMULATED, UNUSABLE, Trust
-from eightpost.ident.vehicle.vehicle_fit import VehicleFit, fit_path, read_fit, write_fit
-from eightpost.ident.vehicle.verdict import fit_verdict
+from eightpost.ident.vehicle.vehicle_fit import (
+    VehicleFit,
+    damping_sentence,
+    fit_path,
+    fit_verdict,
+    read_fit,
+    residual_table,
+    with_validity,
+    write_fit,
+)
 from eightpost.judged import sealed
 from eightpost.measure_uncertainty import MeasureUncertainty
 from eightpost.progress import reported_to

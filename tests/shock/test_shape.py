@@ -10,11 +10,23 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from eightpost.errors import ParameterError
-from eightpost.shock import Hysteresis, Lpnl2, Polylinear, read_shock, shape_fit
+from eightpost.shock import Hysteresis, Lpnl2, Polylinear, read_shock
+from eightpost.shock import shape as shapes
 from eightpost.shock.curve import KNOTS
-from eightpost.shock.shape import CURVE_NUMBERS, SIDES, UNITS, Shape, Side, curve_parameters, range_of
-from eightpost.shock.shape_fit import BOUNDS, difference, fit_law, fit_shape
-from eightpost.shock.slope_change import with_slope
+from eightpost.shock.shape import (
+    BOUNDS,
+    CURVE_NUMBERS,
+    SIDES,
+    UNITS,
+    Shape,
+    Side,
+    curve_parameters,
+    difference,
+    fit_law,
+    fit_shape,
+    range_of,
+    with_slope,
+)
 
 BANK = sorted((Path(__file__).resolve().parents[2] / "examples" / "bank").glob("*.json"))
 
@@ -58,19 +70,19 @@ def test_curves_that_mislead_a_fit_are_found_again(compression, rebound):
 
 
 def test_a_search_starts_at_every_pair_of_knees_that_no_neighbour_is_better_than(monkeypatch):
-    count = shape_fit._KNEES.size
+    count = shapes._KNEES.size
     errors = np.random.default_rng(2).uniform(1.0, 2.0, (count, count))
     given_errors = iter(errors.ravel())
-    monkeypatch.setattr(shape_fit, "nnls", lambda *_: (np.ones(8), next(given_errors)))
-    found = shape_fit._Problem(np.zeros((2, 2 * shape_fit._KNOTS.size)), np.zeros(2))._starts()
+    monkeypatch.setattr(shapes, "nnls", lambda *_: (np.ones(8), next(given_errors)))
+    found = shapes._Problem(np.zeros((2, 2 * shapes._KNOTS.size)), np.zeros(2))._starts()
     best = [
         (i, j)
         for i, j in np.ndindex(count, count)
         if errors[i, j] == errors[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2].min()
     ]
-    knees = np.exp([start[shape_fit._KNEE] for start in found])
+    knees = np.exp([start[shapes._KNEE] for start in found])
     assert len(found) == len(best) > 3
-    np.testing.assert_allclose(knees, shape_fit._KNEES[np.array(best)])
+    np.testing.assert_allclose(knees, shapes._KNEES[np.array(best)])
 
 
 @pytest.mark.nightly

@@ -26,11 +26,10 @@ from eightpost.ident.response import FrequencyResponse, LocalPolynomial, estimat
 from eightpost.ident.response.estimators import input_noise
 from eightpost.ident.response.records import gather
 from eightpost.ident.vehicle.common_poles.deviations import relative_deviations
-from eightpost.ident.vehicle.experiment import Experiment
+from eightpost.ident.vehicle.experiment import Experiment, ranges_of
 from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.port_laws import with_port_laws
-from eightpost.ident.vehicle.ranges import ranges_of
-from eightpost.ident.vehicle.springs import MODELLED, nonlinear_spring_sentence
+from eightpost.ident.vehicle.port_search import MODELLED, nonlinear_spring_sentence
 from eightpost.ident.vehicle.stability import closed_loop_stability
 from eightpost.ident.vehicle.trust import NOT_SIMULATED, SIGNIFICANT, UNUSABLE, ForceEstimate, OutputTrust, Trust
 from eightpost.ident.vehicle.vehicle_fit import FittedParameter, VehicleFit

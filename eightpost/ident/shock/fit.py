@@ -13,6 +13,7 @@ from eightpost.ident.shock.between_builds import BuildSpread, build_spread
 from eightpost.ident.shock.boggs import fit_boggs
 from eightpost.ident.shock.cross_validation import CrossValidation, HeldOutErrors
 from eightpost.ident.shock.force import GasTreatment
+from eightpost.ident.shock.hysteresis_fit import fit_hysteresis
 from eightpost.ident.shock.law_fit import Choices, LawName, RecipeName, fit_law, has_own_recipe
 from eightpost.ident.shock.problem import Solution
 from eightpost.ident.shock.result import ShockFit, Story, result_of
@@ -92,9 +93,6 @@ def fit_of(runs: Runs, law: str, choices: Choices) -> CrossValidation:
         ValueError: The law or the fit rejects the data.
     """
     if has_own_recipe(law):
-        # The compiler takes a second to load.
-        from eightpost.ident.shock.hysteresis_fit import fit_hysteresis  # noqa: PLC0415
-
         return fit_hysteresis(runs, law, choices)
     return CrossValidation(fit_law(runs, law, choices))
 

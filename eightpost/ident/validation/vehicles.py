@@ -30,9 +30,8 @@ from eightpost.ident.validation.comparison import (
 from eightpost.ident.validation.evaluation import ErrorSpectrum
 from eightpost.ident.validation.rig_record import RigRecord
 from eightpost.ident.vehicle import VehicleFit, write_fit
-from eightpost.ident.vehicle.experiment import quantity
+from eightpost.ident.vehicle.experiment import Ranges, lifted_tires, quantity
 from eightpost.ident.vehicle.measured_levels import MeasuredLevels
-from eightpost.ident.vehicle.ranges import Ranges, lifted_tires
 from eightpost.ident.vehicle.simulation import closed_at_ports, open_at_ports, ports_of
 from eightpost.ident.vehicle.vehicle_fit import fit_files
 from eightpost.model_uncertainty import ModelUncertainty

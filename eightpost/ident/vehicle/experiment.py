@@ -1,18 +1,24 @@
-"""Experiments that a vehicle is identified from."""
+"""Experiments that a vehicle is identified from: their records, the ranges that they covered, the band they support."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from eightpost.array_types import Array
 from eightpost.corners import CORNERS, channel
 from eightpost.errors import InputError, ParameterError
 from eightpost.ident.preparation import Prepared
+from eightpost.ident.response import FrequencyResponse
 from eightpost.signals import TimeSeries
+from eightpost.signals.filters import lowpass
+
+# ==== Experiments ====================================================================================================
 
 # ---- Definition of an identification --------------------------------------------------------------------------------
 
@@ -197,3 +203,226 @@ def _deviation(record: TimeSeries, port: str, slope: float) -> float:
 def _moving(record: TimeSeries, port: str) -> tuple[Array, Array]:
     v, force = (record[channel(port, quantity)] for quantity in ("velocity", "force"))
     return v - v.mean(), force - force.mean()
+
+
+# ==== Ranges that the tests covered, and where another record or a simulation leaves them ============================
+
+#: Largest ratio of a channel's peak to that of the tests; largest share of an output's power above the fit's band,
+#: as in a study.
+_BEYOND, _ABOVE = 1.1, 0.1
+
+#: Band of the records that fits are made from [Hz]; peaks are compared in it.
+_BAND = 50.0
+
+#: Shocks below this fraction of the tests' velocities barely move: friction holds them.
+_GENTLE = 0.05
+
+#: Fraction of its mean load at or below which a tire has lifted.
+_LIFTED = 0.01
+
+#: Quantities whose ranges a fit stores.
+_RANGED = ("velocity", "displacement", "force", "tire_force")
+
+
+@dataclass(frozen=True, slots=True)
+class Ranges:
+    """Ranges that the tests covered."""
+
+    frequency: tuple[float, float] | None  #: Lowest and highest frequency of the fit [Hz]; None if it is not known.
+    channels: Mapping[str, tuple[float, float]]  #: Smallest and largest value by channel, SI.
+
+    def as_mapping(self) -> dict[str, tuple[float, float]]:
+        """Return the ranges by channel and the frequency range, in the form stored in a fit."""
+        return {**({} if self.frequency is None else {"frequency": self.frequency}), **self.channels}
+
+    @classmethod
+    def of_mapping(cls, ranges: Mapping[str, tuple[float, float]]) -> Ranges:
+        """Return the ranges stored in a fit."""
+        channels = {name: span for name, span in ranges.items() if name != "frequency"}
+        return cls(ranges.get("frequency"), channels)
+
+    def beyond(self, series: TimeSeries) -> tuple[str, ...]:
+        """Return up to two sentences on where a series without means leaves the tests' amplitudes and frequencies."""
+        return (*self._amplitudes(series), *self._frequencies(series))
+
+    def is_gentle(self, series: TimeSeries) -> bool:
+        """Return whether all shocks stay below 5 % of the velocities of the tests; False if that is not known."""
+        names = [name for name in self.channels if quantity(name) == "velocity" and name in series]
+        return bool(names) and all(_peak(series, name) < _GENTLE * self._covered(name) for name in names)
+
+    def _covered(self, name: str) -> float:
+        return max(abs(end) for end in self.channels[name])
+
+    def _amplitudes(self, series: TimeSeries) -> Iterator[str]:
+        names = [name for name in self.channels if name in series and self._covered(name) > 0.0]
+        peaks = {name: _peak(series, name) for name in names}
+        times = {name: peaks[name] / self._covered(name) for name in names}
+        over = sorted((name for name in names if times[name] > _BEYOND), key=lambda name: -times[name])
+        if over:
+            listed = ", ".join(f"{n} {times[n]:.2g} times ({peaks[n]:.3g} {series.unit(n)})" for n in over)
+            yield f"amplitudes beyond the fit's tests: {listed}"
+
+    def _frequencies(self, series: TimeSeries) -> Iterator[str]:
+        if self.frequency is None:
+            return
+        high = self.frequency[1]
+        shares = {n: _share_above(series, n, high) for n in series.names if quantity(n) in ("velocity", "tire_force")}
+        over = sorted((name for name in shares if shares[name] > _ABOVE), key=lambda name: -shares[name])
+        if over:
+            listed = ", ".join(f"{name} {100.0 * shares[name]:.0f} %" for name in over)
+            yield f"power above {high:.3g} Hz, where the model was not fitted and no criterion applies: {listed}"
+
+
+def ranges_of(tests: Sequence[TimeSeries], experiment: Experiment, frequency: tuple[float, float]) -> Ranges:
+    """Return the ranges that the tests covered."""
+    names = [name for name in (*experiment.forces, *experiment.outputs) if quantity(name) in _RANGED]
+    low = {name: min(float(test[name].min()) for test in tests) for name in names}
+    high = {name: max(float(test[name].max()) for test in tests) for name in names}
+    return Ranges(frequency, {name: (low[name], high[name]) for name in names})
+
+
+def lifted_tires(tests: Sequence[TimeSeries], means: Mapping[str, float]) -> tuple[str, ...]:
+    """Return the channels of the tires that leave the ground.
+
+    Tire forces with means near zero are changes from rest and cannot show it.
+
+    Args:
+        tests: Records without means.
+        means: Means that the first record had, SI, by channel.
+    """
+    tires = {n: mean for n, mean in means.items() if quantity(n) == "tire_force" and n in tests[0]}
+    return tuple(
+        name
+        for name, mean in tires.items()
+        if mean > tests[0][name].std() and mean + min(float(test[name].min()) for test in tests) <= _LIFTED * mean
+    )
+
+
+def _peak(series: TimeSeries, name: str) -> float:
+    rate = series.sample_rate
+    return float(np.abs(lowpass(series[name], rate, min(_BAND, 0.4 * rate), order=4)).max())
+
+
+def _share_above(series: TimeSeries, name: str, high: float) -> float:
+    lines = np.fft.rfftfreq(len(series), 1.0 / series.sample_rate)
+    power = np.abs(np.fft.rfft(series[name] - series[name].mean())) ** 2
+    whole = float(power.sum())
+    return float(power[lines > high].sum() / whole) if whole else 0.0
+
+
+# ==== Frequency band: up to where the inputs of the tests explain their outputs ======================================
+
+#: Share of the outputs that must be supported [1].
+_SHARE = 0.75
+
+#: Lowest upper end [Hz]: below it a coherence may be low because an output hardly moves there.
+_LOWEST = 6.0
+
+#: Width of the median filter over the coherence, and of the range in which it must stay low [Hz]; a narrower dip does
+#: not end the band.
+_SMOOTHING, _WIDTH = 1.0, 2.0
+
+#: Number of outputs that a sentence names.
+_LISTED = 4
+
+
+@dataclass(frozen=True, slots=True)
+class CoherentBand:
+    """Criterion for the upper end of the band that a model is fitted in.
+
+    An output is supported up to the frequency above which its multiple coherence stays below `coherence`. The tests
+    support a model up to the frequency where fewer than three quarters of the outputs are supported (the others are
+    named), or where a road or a shock force has no power. The band ends `margin` below it, as the response beyond a
+    band decides its last poles.
+
+    Raises:
+        ParameterError: A value is outside its range.
+    """
+
+    coherence: float = 0.9  #: Lowest multiple coherence [1].
+    margin: float = 0.15  #: Part of the supported frequencies at their upper end that is not fitted [1].
+    highest: float = 30.0  #: Highest frequency that is examined [Hz].
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if not (0.0 < self.coherence < 1.0 and self.highest > _LOWEST):
+            raise ParameterError(f"{self}: coherence must be between 0 and 1, highest above {_LOWEST:g} Hz")
+
+    def of(self, response: FrequencyResponse) -> SupportedBand:
+        """Return the upper end of the band that a response supports.
+
+        Args:
+            response: Estimated response with multiple coherence, at least up to `highest` if the records allow it.
+        """
+        top = min(self.highest, float(response.frequency[-1]))
+        powered = _powered(response, top)
+        if response.coherence is None:
+            return self._end(min(top, powered), {}, powered)
+        limits = {n: self._limit(response.frequency, row, top)
+                  for n, row in zip(response.output_names, response.coherence, strict=True)}  # fmt: skip
+        ordered = sorted(limits.values(), reverse=True)
+        coherent = ordered[int(np.ceil(_SHARE * len(ordered))) - 1]
+        return self._end(min(coherent, powered, top), limits, powered)
+
+    def _end(self, supported: float, limits: Mapping[str, float], powered: float) -> SupportedBand:
+        high = max((1.0 - self.margin) * supported, min(_LOWEST, supported))
+        return SupportedBand(high, supported, limits, self.coherence, powered)
+
+    def _limit(self, frequency: Array, coherence: Array, top: float) -> float:
+        """Return the frequency [Hz] above which a coherence (K,) stays low."""
+        spacing = float(frequency[1] - frequency[0]) if frequency.size > 1 else _WIDTH
+        smooth = median_filter(coherence, max(1, round(_SMOOTHING / spacing)), mode="nearest")
+        low = (smooth < self.coherence) & (frequency > _LOWEST)
+        stays = _stays(low, max(1, round(_WIDTH / spacing)))
+        return min(top, float(frequency[np.argmax(stays)]) if stays.any() else top)
+
+
+@dataclass(frozen=True, slots=True)
+class SupportedBand:
+    """Upper end of the band that rig tests support."""
+
+    high: float  #: Upper end of the band of a fit [Hz].
+    supported: float  #: Frequency up to which the tests support a model [Hz].
+    outputs: Mapping[str, float]  #: Frequency [Hz] up to which the coherence of each output is sufficient.
+    coherence: float  #: Lowest multiple coherence that counts as sufficient [1].
+    #: Highest frequency at which all roads and shock forces have power [Hz]; infinite if they have it wherever it was
+    #: examined.
+    powered: float
+
+    def summary(self) -> str:
+        """Return the upper end and its reason as a sentence."""
+        text = f"The model was fitted up to {self.high:.3g} Hz, as the tests support one up to {self.supported:.3g} Hz"
+        weak = [name for name, limit in self.outputs.items() if limit <= self.supported + 1e-9]
+        if self.powered <= self.supported + 1e-9:
+            reason = f"{text}; above, a road or a shock force has no power"
+        elif weak:
+            reason = f"{text}; above, the multiple coherence of {_listed(weak)} stays below {self.coherence:g}"
+        else:
+            reason = f"{text}, the highest frequency that was examined"
+        less = {name: limit for name, limit in self.outputs.items() if limit < self.high}
+        if not less:
+            return f"{reason}."
+        exceptions = ", ".join(f"{name} {limit:.3g} Hz" for name, limit in sorted(less.items(), key=lambda p: p[1]))
+        return f"{reason}. The coherence of some outputs is sufficient only up to a lower frequency: {exceptions}."
+
+
+def _listed(names: list[str]) -> str:
+    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return ", ".join(names[:_LISTED]) + more
+
+
+def _stays(low: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
+    """Return where `count` values from here on, or all that remain, are low (K,)."""
+    ends = np.concatenate((low, np.ones(count - 1, dtype=np.bool_)))
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(ends, count).all(axis=1))
+
+
+def _powered(response: FrequencyResponse, top: float) -> float:
+    """Return the highest frequency [Hz] at which all roads and shock forces have power; infinite if not below `top`."""
+    if response.variance is None:
+        return np.inf
+    needed = [quantity(name) in ("road", "force") for name in response.input_names]
+    known = np.asarray(np.isfinite(response.variance[:, needed]).any(axis=0), dtype=np.bool_)
+    below = response.frequency <= top
+    last = min((float(response.frequency[np.flatnonzero(row)[-1]]) for row in known if row.any()), default=np.inf)
+    return last if last < response.frequency[below][-1] else np.inf

@@ -1,19 +1,408 @@
-"""Plan of an identification: prepared records, their baseline, the static rating, and the experiment of all of them."""
+"""Plan of an identification: prepared records, baseline, static rating, the experiment, the verdict on the tests."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from eightpost.array_types import Array
+from eightpost.corners import CORNERS, channel
 from eightpost.ident.preparation import Prepared
-from eightpost.ident.vehicle.experiment import Baseline, Experiment, find_baseline
-from eightpost.ident.vehicle.fit_validity import with_validity
-from eightpost.ident.vehicle.procedure import reasons_of_tests
+from eightpost.ident.vehicle.experiment import Baseline, Experiment, find_baseline, quantity
+from eightpost.ident.vehicle.free_running import port_slope
+from eightpost.ident.vehicle.port_search import about_tests
 from eightpost.ident.vehicle.recipes import recipe
-from eightpost.ident.vehicle.springs import about_tests
 from eightpost.ident.vehicle.static_rating import StaticRating, rate_tests
-from eightpost.ident.vehicle.vehicle_fit import VehicleFit
+from eightpost.ident.vehicle.vehicle_fit import VehicleFit, with_validity
 from eightpost.rig.post import RigTest
+from eightpost.signals import TimeSeries
+from eightpost.verdict import Grade, Reason, Rules, listed
+
+# ==== Agreement of rig tests: whether the car changed from test to test, or within a test ============================
+# The balance of a wheel tells the parts of its suspension apart:
+#
+#     T = m a + m_o a_o + r F + r_o F_o + k2 x^2 + f_o s(v_o)  +  k x + k_o x_o + f s(v) + c,    s(v) = tanh(v / v_f)
+#
+# with the tire force T, hub accelerations a, shock forces F, displacements x and velocities v of the wheel and of the
+# opposite one (o). The first terms are those of all tests. The springs k and k_o (an anti-roll bar), the friction f and
+# the constant c are estimated for each half of each test; their covariance comes from the scatter of the balance over
+# blocks of a few seconds, which are independent. No model of the car is needed, so every recipe has this check.
+#
+# Another shock at a wheel has another damping, part of which looks like friction or stiffness if rubber yields in
+# series with it. So a wheel is compared between the tests that have the same shock there.
+
+#: Velocity v_f of the friction [m/s], duration of a block [s], and smallest number of blocks in half a test.
+_SLIDES, _BLOCK, _FEWEST = 0.006, 3.0, 16
+
+#: Standard deviations above which a change is not noise [1]. It is high, as few blocks give the standard deviations.
+SIGNIFICANT = 5.0
+
+#: Relative difference of the damping above which a shock is another one [1].
+_OTHER_SHOCK = 0.1
+
+#: Friction is compared relative to at least this part of the RMS of the shock force [1].
+_LEAST_FRICTION = 0.05
+
+#: Number of terms of all tests, and of those of half a test: k, k_o, f, c.
+_SHARED, _OWN = 6, 4
+
+#: Channels of every wheel that a balance needs.
+_NEEDED = ("tire_force", "hub_acceleration", "force", "displacement", "velocity")
+
+
+class Limit(NamedTuple):
+    """Relative changes [1] that matter."""
+
+    tests: float  #: Between tests.
+    halves: float  #: Between the halves of a test.
+    unusable: float  #: Change from which the vehicle is not usable.
+
+
+#: Limits by quantity. The change of an anti-roll bar is relative to the rate of the wheel.
+LIMITS: Mapping[str, Limit] = {
+    "friction": Limit(0.25, 0.10, 0.25),
+    "spring rate": Limit(0.04, 0.04, 0.15),
+    "anti-roll bar": Limit(0.03, 0.03, 0.15),
+    "weight": Limit(0.01, 0.01, 0.10),
+}
+
+
+class Change(NamedTuple):
+    """A change of a quantity of the car."""
+
+    quantity: str  #: Key of `LIMITS`.
+    where: str  #: Wheel or axle with the largest change.
+    tests: tuple[int, ...]  #: Indices of the tests that differ from most tests, or in which the quantity changed.
+    size: float  #: Largest relative change [1].
+    within: bool  #: Whether the quantity changed within tests.
+
+    @property
+    def is_unusable(self) -> bool:
+        """Whether the change is so large that the vehicle is not usable."""
+        return abs(self.size) >= LIMITS[self.quantity].unusable
+
+
+class Agreement(NamedTuple):
+    """Comparison of tests."""
+
+    changes: tuple[Change, ...]  #: Changes that are not noise and that matter.
+    #: Friction relative to the RMS of the shock force [1] by wheel, median of the tests; empty if it is not known.
+    rubbing: Mapping[str, float]
+
+
+class _Relative(NamedTuple):
+    """Relative values (tests, 2) of a quantity in the halves of the tests, and their standard deviations.
+
+    `alike` tells which tests (tests,) can be compared with each other.
+    """
+
+    quantity: str
+    where: str
+    values: Array
+    deviations: Array
+    alike: NDArray[np.bool_]
+
+
+def compare_tests(records: Sequence[TimeSeries], means: Sequence[Mapping[str, float]]) -> Agreement:
+    """Compare the tests of a car with each other, and the halves of each test.
+
+    Args:
+        records: Records of the tests, without means.
+        means: Means of each record, by channel.
+    """
+    found, rubbing = list(_weights(records, means)), {}
+    if all(channel(corner, name) in record for record in records for corner in CORNERS for name in _NEEDED):
+        for place, corner in enumerate(CORNERS):
+            wheel = _relative(records, corner, CORNERS[place ^ 1])
+            rubbing[corner] = wheel.rubbing
+            found.extend(wheel.values)
+    changes = []
+    for name in LIMITS:
+        rows = [row for row in found if row.quantity == name]
+        changes += [change for change in (_between(rows), _within(rows)) if change is not None] if rows else []
+    return Agreement(tuple(changes), rubbing)
+
+
+def _between(rows: Sequence[_Relative]) -> Change | None:
+    """Return the change of a quantity, known at several places, from the test that most tests agree with."""
+    means = np.stack([np.where(row.alike, row.values.mean(axis=1), np.nan) for row in rows])
+    deviations = np.stack([0.5 * np.hypot(*row.deviations.T) for row in rows])
+    size = np.nan_to_num(means[:, :, None] - means[:, None, :])
+    noise = np.hypot(deviations[:, :, None], deviations[:, None, :])
+    size = np.where(_matters(size, noise, LIMITS[rows[0].quantity].tests), size, 0.0)
+    usual = int(np.argmin(size.any(axis=0).sum(axis=0)))
+    return _change(rows, size[:, :, usual], within=False)
+
+
+def _within(rows: Sequence[_Relative]) -> Change | None:
+    """Return the change of a quantity, known at several places, from the first to the second half of tests."""
+    size = np.stack([row.values[:, 1] - row.values[:, 0] for row in rows])
+    noise = np.stack([np.hypot(*row.deviations.T) for row in rows])
+    size = np.where(_matters(size, noise, LIMITS[rows[0].quantity].halves), size, 0.0)
+    return _change(rows, size, within=True)
+
+
+def _matters(size: Array, noise: Array, least: float) -> NDArray[np.bool_]:
+    return np.asarray((np.abs(size) > least) & (np.abs(size) > SIGNIFICANT * noise), dtype=np.bool_)
+
+
+def _change(rows: Sequence[_Relative], size: Array, *, within: bool) -> Change | None:
+    """Return the largest change that matters, from changes at places in tests (places, tests); None if all are 0."""
+    place, test = divmod(int(np.argmax(np.abs(size))), size.shape[1])
+    if size[place, test] == 0.0:
+        return None
+    tests = tuple(np.flatnonzero(size.any(axis=0)).tolist())
+    return Change(rows[0].quantity, rows[place].where, tests, float(size[place, test]), within)
+
+
+# ---- Weight on the axles --------------------------------------------------------------------------------------------
+
+
+def _weights(records: Sequence[TimeSeries], means: Sequence[Mapping[str, float]]) -> Iterator[_Relative]:
+    """Yield the weight on each axle: the mean tire forces without the mean loads.
+
+    Tire forces whose means are below their standard deviations are changes from rest and cannot show it.
+    """
+    for axle, corners in (("front", CORNERS[:2]), ("rear", CORNERS[2:])):
+        tires = [channel(corner, "tire_force") for corner in corners]
+        known = [(record[name].std() if name in record else np.inf, mean.get(name, 0.0))
+                 for record, mean in zip(records, means, strict=True) for name in tires]  # fmt: skip
+        if any(mean <= deviation for deviation, mean in known):
+            continue
+        loads = [channel(corner, "aero") for corner in corners]
+        held = np.array([sum(mean[n] for n in tires) - sum(mean.get(n, 0.0) for n in loads) for mean in means])
+        halves = np.tile((held / np.median(held))[:, None], 2)
+        yield _Relative("weight", axle, halves, np.zeros_like(halves), np.ones(len(means), dtype=np.bool_))
+
+
+# ---- Balance of a wheel ---------------------------------------------------------------------------------------------
+
+
+class _Wheel(NamedTuple):
+    values: tuple[_Relative, ...]
+    rubbing: float
+
+
+def _relative(records: Sequence[TimeSeries], corner: str, other: str) -> _Wheel:
+    """Return the relative springs, anti-roll bar and friction of a wheel in the halves of the tests."""
+    grams = [half for record in records for half in _halves(_terms(record, corner, other), record.sample_rate)]
+    theta, covariance = _solved(grams)
+    rate, opposite, friction, _ = np.median(theta, axis=0).tolist()
+    force = float(np.mean([record[channel(corner, "force")].std() for record in records]))
+    slopes = np.array([port_slope(record, corner) for record in records])
+    alike = np.abs(slopes / np.median(slopes) - 1.0) < _OTHER_SHOCK
+    scaled = (
+        ("spring rate", corner, (1.0, 1.0, 0.0, 0.0), rate + opposite),
+        ("anti-roll bar", "front" if corner in CORNERS[:2] else "rear", (0.0, -1.0, 0.0, 0.0), rate),
+        ("friction", corner, (0.0, 0.0, 1.0, 0.0), math.copysign(max(abs(friction), _LEAST_FRICTION * force), rate)),
+    )
+    rows = []
+    for term, where, weights, size in scaled:
+        w = np.array(weights) / size
+        deviations = np.sqrt(np.einsum("kij,i,j->k", covariance, w, w))
+        rows.append(_Relative(term, where, (theta @ w).reshape(-1, 2), deviations.reshape(-1, 2), alike))
+    return _Wheel(tuple(rows), abs(friction) / force)
+
+
+def _terms(record: TimeSeries, corner: str, other: str) -> Array:
+    """Return the terms of the balance (shared, own, tire force) as rows."""
+    a, force, x, v = ([record[channel(place, name)] for place in (corner, other)] for name in _NEEDED[1:])
+    shared = (*a, *force, x[0] ** 2, np.tanh(v[1] / _SLIDES))
+    return np.stack([*shared, *x, np.tanh(v[0] / _SLIDES), np.ones(len(record)), record[channel(corner, "tire_force")]])
+
+
+def _halves(terms: Array, rate: float) -> Iterator[Array]:
+    """Yield the products of the terms in the blocks (B, n, n) of each half of a record."""
+    for half in np.array_split(terms, 2, axis=1):
+        blocks = max(_FEWEST, round(half.shape[1] / rate / _BLOCK))
+        yield np.stack([block @ block.T for block in np.array_split(half, blocks, axis=1)])
+
+
+def _solved(grams: Sequence[Array]) -> tuple[Array, Array]:
+    """Return the own terms (H, 4) of H halves and their covariances (H, 4, 4), from products of the terms in blocks.
+
+    The covariance is that of least squares with errors that are independent from block to block only (sandwich).
+    """
+    scale = np.sqrt(np.diag(sum(gram.sum(axis=0) for gram in grams)))
+    count = _SHARED + _OWN * len(grams)
+    normal, right = np.zeros((count, count)), np.zeros(count)
+    parts = []
+    for k, gram in enumerate(grams):
+        at = np.r_[:_SHARED, _SHARED + _OWN * k : _SHARED + _OWN * (k + 1)]
+        parts.append((at, gram / np.outer(scale, scale)))
+        whole = parts[-1][1].sum(axis=0)
+        normal[np.ix_(at, at)] += whole[:-1, :-1]
+        right[at] += whole[:-1, -1]
+    inverse = np.linalg.pinv(normal, hermitian=True)
+    theta, scores = inverse @ right, []
+    for at, blocks in parts:
+        rows = np.zeros((len(blocks), count))
+        rows[:, at] = blocks[:, :-1, -1] - blocks[:, :-1, :-1] @ theta[at]
+        scores.append(rows * math.sqrt(len(blocks) / (len(blocks) - _OWN)))
+    moved = np.concatenate(scores) @ inverse
+    units = np.tile(scale[-1] / scale[_SHARED:-1], len(grams))
+    own = (theta[_SHARED:] * units).reshape(-1, _OWN)
+    moved = (moved[:, _SHARED:] * units).reshape(len(moved), -1, _OWN)
+    return own, np.einsum("bki,bkj->kij", moved, moved)
+
+
+# ==== Verdict on the tests: long and large enough, tires on the ground, always the same car ==========================
+# They read the records only, so they are the same for every recipe.
+
+ABOUT = "rig tests"
+
+#: Equations per unknown that the response needs in a band; widths of the band [Hz] in which the response of a car
+#: hardly varies, and in which it varies too much; correlation of an input of two tests above which it is the same [1].
+_EQUATIONS, _WIDE, _TOO_WIDE, _SAME = 4.5, 0.8, 1.5, 0.7
+
+#: Friction relative to the RMS of the shock force, and share of a test in which the shock hardly slides, above which
+#: friction changes the car, and above which it holds the car [1]; velocity below which a shock hardly slides [m/s].
+_RUBS, _HOLDS, _SLOW = (0.3, 0.2), (0.6, 0.3), 0.006
+
+#: Part of its mean load at which a tire has lifted [1]; share of a test that matters, and that is too large [1].
+_LIFTED, _SHORTLY, _OFTEN = 0.01, 0.001, 0.01
+
+
+def _limits(kind: str) -> str:
+    return ", ".join(f"{name} {100 * getattr(limit, kind):g} %" for name, limit in LIMITS.items())
+
+
+RULES = Rules()
+
+TOO_SHORT = RULES.add("tests far too short", ABOUT, Grade.NOT_USABLE,
+    condition=f"the inputs can be distinguished only in bands wider than {_TOO_WIDE:g} Hz: {_EQUATIONS:g} (1 + inputs "
+    f"/ tests) / duration, or {_EQUATIONS:g} (1 + inputs that are the same in all tests) / duration",
+    why="resonances of a body are narrower",
+    remedy="repeat the tests with the stated duration, or with another drive in each test",
+)  # fmt: skip
+SHORT = RULES.add("tests too short", ABOUT, Grade.LIMITED,
+    condition=f"the same above {_WIDE:g} Hz",
+    why="resonances of a body are as narrow",
+    remedy="repeat the tests with the stated duration, or with another drive in each test",
+)  # fmt: skip
+HELD = RULES.add("friction holds the car", ABOUT, Grade.NOT_USABLE,
+    condition=f"at a wheel, friction is above {100 * _HOLDS[0]:g} % of the RMS of the shock force, and the shock is "
+    f"slower than {1e3 * _SLOW:g} mm/s for more than {100 * _HOLDS[1]:g} % of a test",
+    why="a car that sticks is stiffer than one that slides",
+    remedy="repeat the tests with roads as large as those of the track",
+)  # fmt: skip
+GENTLE = RULES.add("tests are gentle", ABOUT, Grade.LIMITED,
+    condition=f"the same above {100 * _RUBS[0]:g} % for more than {100 * _RUBS[1]:g} % of a test",
+    why="a car that sticks is stiffer than one that slides",
+    remedy="repeat the tests with roads as large as those of the track",
+)  # fmt: skip
+OFTEN_LIFTED = RULES.add("tires often leave the ground", ABOUT, Grade.NOT_USABLE,
+    condition=f"a tire is at {100 * _LIFTED:g} % of its mean load or less for more than {100 * _OFTEN:g} % of a test",
+    why="the model has no such tires and is softer instead",
+    remedy="repeat the tests with smaller roads",
+)  # fmt: skip
+LIFTED = RULES.add("tires leave the ground", ABOUT, Grade.LIMITED,
+    condition=f"the same for more than {100 * _SHORTLY:g} % of a test",
+    why="the model has no such tires and is softer instead",
+    remedy="repeat the tests with smaller roads",
+)  # fmt: skip
+OTHER_CAR = RULES.add("the car changed much", ABOUT, Grade.NOT_USABLE,
+    condition="between tests, or between the halves of a test, a quantity of the car changed by more than "
+    f"{SIGNIFICANT:g} standard deviations and by at least: {_limits('unusable')}",
+    why="the model is a mean of different cars",
+    remedy="restore the car and repeat these tests",
+)  # fmt: skip
+CHANGED = RULES.add("the car changed", ABOUT, Grade.LIMITED,
+    condition=f"the same by at least, between tests: {_limits('tests')}; between halves: {_limits('halves')}",
+    why="differences between setups contain those of the car; sound cars stay below half of each limit",
+    remedy="restore the car and repeat these tests",
+)  # fmt: skip
+
+
+def reasons_of_tests(prepared: Prepared, experiment: Experiment) -> tuple[Reason, ...]:
+    """Return the reasons that the rig tests of an identification give.
+
+    Tests in which friction holds the car are not compared with each other.
+    """
+    agreement = compare_tests(prepared.records, prepared.means)
+    held = tuple(_held(prepared, agreement.rubbing))
+    changes = () if held else tuple(_changed(change, prepared.names) for change in agreement.changes)
+    return (*held, *changes, *_lifted(prepared), *_short(prepared, experiment))
+
+
+def _changed(change: Change, names: Sequence[str]) -> Reason:
+    rule = OTHER_CAR if change.is_unusable else CHANGED
+    size = f"{change.where} {100 * change.size:+.0f} %"
+    if change.quantity == "anti-roll bar":
+        size += " of the wheel's rate"
+    if change.within:
+        count = len(change.tests)
+        where, least = f"within {count} tests" if count > 1 else "within a test", LIMITS[change.quantity].halves
+        figure = f"{size} from the first to the second half; limit {100 * least:g} %"
+    else:
+        others = listed(name for k, name in enumerate(names) if k not in change.tests)
+        where, least = "between tests", LIMITS[change.quantity].tests
+        figure = f"{size} from {others}; limit {100 * least:g} %"
+    origin = listed(names[k] for k in change.tests)
+    return rule.reason(f"the {change.quantity} changed {where}", figure=figure, origin=origin)
+
+
+def _held(prepared: Prepared, rubbing: Mapping[str, float]) -> Iterator[Reason]:
+    """Yield a reason if friction holds the wheel that rubs most."""
+    if not rubbing:
+        return
+    corner = max(rubbing, key=lambda name: rubbing[name])
+    slow = max(float(np.mean(np.abs(record[channel(corner, "velocity")]) < _SLOW)) for record in prepared.records)
+    for rule, (rubs, sticks) in ((HELD, _HOLDS), (GENTLE, _RUBS)):
+        if rubbing[corner] > rubs and slow > sticks:
+            figure = (
+                f"{corner}: friction {100 * rubbing[corner]:.0f} % of the shock force, slower than "
+                f"{1e3 * _SLOW:g} mm/s for {100 * slow:.0f} % of the time; limits {100 * rubs:g} and {100 * sticks:g} %"
+            )
+            yield rule.reason("friction holds the car", figure=figure, origin=listed(prepared.names))
+            return
+
+
+def _lifted(prepared: Prepared) -> Iterator[Reason]:
+    """Yield a reason if a tire lifts. Forces with a mean below their standard deviation are changes from rest."""
+    worst: dict[str, tuple[float, str]] = {}
+    for name, record, means in zip(prepared.names, prepared.records, prepared.means, strict=True):
+        for tire, mean in means.items():
+            if quantity(tire) == "tire_force" and tire in record and mean > record[tire].std():
+                share = float(np.mean(record[tire] <= (_LIFTED - 1.0) * mean))
+                worst[name] = max(worst.get(name, (0.0, "")), (share, tire))
+    lifting = {name: found for name, found in worst.items() if found[0] > _SHORTLY}
+    if lifting:
+        share, tire = max(lifting.values())
+        rule = OFTEN_LIFTED if share > _OFTEN else LIFTED
+        figure = f"{tire} for {100 * share:.1f} % of the time; limits {100 * _SHORTLY:g} and {100 * _OFTEN:g} %"
+        yield rule.reason("tires leave the ground", figure=figure, origin=listed(lifting))
+
+
+def _short(prepared: Prepared, experiment: Experiment) -> Iterator[Reason]:
+    records, count = prepared.records, len(experiment.inputs)
+    shortest = min(records, key=lambda record: record.duration)
+    same = sum(_is_same(records, name) for name in experiment.rig)
+    equations = _EQUATIONS * (1.0 + max(count / len(records), same))
+    if equations / shortest.duration > _WIDE:
+        rule = TOO_SHORT if equations / shortest.duration > _TOO_WIDE else SHORT
+        repeated = f", {same} of them the same in all tests," if same else ""
+        figure = (
+            f"{shortest.duration:.0f} s; {len(records)} tests with {count} inputs{repeated} need "
+            f"{math.ceil(equations / _WIDE)} s"
+        )
+        yield rule.reason("the tests are too short", figure=figure, origin=prepared.names[records.index(shortest)])
+
+
+def _is_same(records: Sequence[TimeSeries], name: str) -> bool:
+    """Return whether an input is the same in all tests."""
+    if len(records) < 2 or not all(name in record for record in records):
+        return False
+    size = min(map(len, records))
+    return bool(np.min(np.corrcoef([record[name][:size] for record in records])[0]) > _SAME)
+
+
+# ==== The plan =======================================================================================================
 
 
 @dataclass(frozen=True, slots=True, eq=False)

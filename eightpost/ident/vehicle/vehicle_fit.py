@@ -1,33 +1,160 @@
-"""Fit of a vehicle, the result of every recipe: the vehicle with its response, misfit, notes and uncertainty."""
+"""Fit of a vehicle, the result of every recipe: its misfit, notes, uncertainty and verdict, and what they permit."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
 from eightpost import __version__
+from eightpost.corners import CORNERS, channel
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError, ParameterError, suggestion
 from eightpost.files import MALFORMED, atomic_path, check_schema, json_content, sha256_of
 from eightpost.ident.response import FrequencyResponse, read_response, response_of, write_response
-from eightpost.ident.vehicle.trust import Trust
-from eightpost.ident.vehicle.verdict import fit_verdict
+from eightpost.ident.vehicle.measured_levels import level_errors
+from eightpost.ident.vehicle.trust import UNUSABLE, OutputTrust, Trust
 from eightpost.judged import edited, is_intact, sealed
 from eightpost.labelled import Labelled, data_frame, dataset
-from eightpost.validity import Validity
-from eightpost.vehicle import IdentifiedVehicle, read_vehicle, write_vehicle
-from eightpost.verdict import Verdict
+from eightpost.measure_uncertainty import TOTAL, MeasureUncertainty, separation
+from eightpost.model_uncertainty import ModelUncertainty
+from eightpost.report.console import Table, console_table, right
+from eightpost.validity import Range, Validity, judged
+from eightpost.vehicle import Friction, IdentifiedVehicle, read_vehicle, write_vehicle
+from eightpost.vehicle.statespace import StateSpace
+from eightpost.verdict import Grade, Reason, Rules, Verdict, listed
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
     from eightpost.report.pictures import Picture
+
+
+# ---- Verdict --------------------------------------------------------------------------------------------------------
+
+ABOUT = "fit of the vehicle"
+
+#: Misfit of an output, weighted by frequency as in the fit, from which a vehicle is not usable [1].
+POOR_FIT = 0.3
+
+#: Quantities whose levels are judged.
+_JUDGED = ("velocity", "tire_force", "ride_height", TOTAL)
+
+#: Errors of levels up to which a vehicle is usable, and from which it is not: RMS over the measures, and worst one [1].
+GOOD_LEVELS, POOR_LEVELS = (0.01, 0.02), (0.03, 0.05)
+
+RULES = Rules()
+
+UNSTABLE = RULES.add("vehicle not stable", ABOUT, Grade.NOT_USABLE,
+    condition="the car is unstable with at least one of the linear dampers that were tried, or a motion grows by more "
+    "than 100 1/s without dampers",
+    why="a simulation with such shocks may diverge",
+    remedy="identify with more tests of other shocks, or without the channels that fit worst",
+)  # fmt: skip
+MISFIT = RULES.add("large misfit of the vehicle", ABOUT, Grade.NOT_USABLE,
+    condition=f"misfit of an output of {100 * POOR_FIT:g} % or more",
+    why="the model does not reproduce a third of the output's response",
+    remedy="check the plots of the fit; leave the output out (--output-channels), or repeat the tests",
+)  # fmt: skip
+GOOD = RULES.add("small misfit of the vehicle", ABOUT, Grade.USABLE,
+    condition=f"misfit of every output below {100 * POOR_FIT:g} %, where the tests are not simulated",
+    why="the limit above",
+)  # fmt: skip
+WRONG_LEVELS = RULES.add("own tests predicted wrong", ABOUT, Grade.NOT_USABLE,
+    condition="simulated with the shocks of its own tests, the car has levels of shock velocities, tire forces, their "
+    f"sum and ride heights that are wrong by {100 * POOR_LEVELS[0]:g} % or more (RMS), or one of them by "
+    f"{100 * POOR_LEVELS[1]:g} % or more",
+    why="other setups are predicted worse, and setups differ by a few percent",
+    remedy="see the other reasons; otherwise identify with another recipe (--recipe)",
+)  # fmt: skip
+DOUBTFUL_LEVELS = RULES.add("own tests predicted roughly", ABOUT, Grade.LIMITED,
+    condition=f"the same by more than {100 * GOOD_LEVELS[0]:g} %, or {100 * GOOD_LEVELS[1]:g} % for one of them",
+    why="other setups are predicted worse",
+    remedy="rank setups that differ by more, and validate on other records (eightpost validate)",
+)  # fmt: skip
+GOOD_OWN_TESTS = RULES.add("own tests predicted", ABOUT, Grade.USABLE,
+    condition=f"the same by at most {100 * GOOD_LEVELS[0]:g} %, and {100 * GOOD_LEVELS[1]:g} % for each of them",
+    why="setups differ by more",
+)  # fmt: skip
+NOT_SIMULATED = RULES.add("vehicle cannot be simulated", ABOUT, Grade.NOT_USABLE,
+    condition="no model of the car can be simulated with other dampers, or one of its own tests cannot be simulated",
+    why="a run with other shocks may diverge, and the accuracy of predictions is not known",
+    remedy="see the notes on the models that were rejected; identify with more or longer tests, or with fewer outputs",
+)  # fmt: skip
+
+
+class Judged(Protocol):
+    """What the verdict needs of a fit: see the attributes of `VehicleFit`."""
+
+    @property
+    def recipe(self) -> str:
+        """Name of the recipe."""
+        ...
+
+    @property
+    def sources(self) -> Mapping[str, str]:
+        """SHA-256 digests of the input files, by name."""
+        ...
+
+    @property
+    def stable(self) -> bool:
+        """Whether the vehicle is stable with all dampers that were tried."""
+        ...
+
+    @property
+    def residual(self) -> Mapping[str, float]:
+        """Relative error of the response [1], by output."""
+        ...
+
+    @property
+    def trust(self) -> Trust | None:
+        """Uncertainty, friction and flags; None if unknown."""
+        ...
+
+
+def fit_verdict(fit: Judged) -> Verdict:
+    """Return the verdict on a fit."""
+    return Verdict(_reasons(fit))
+
+
+def _reasons(fit: Judged) -> Iterator[Reason]:
+    origin = f"{fit.recipe} fit to {listed(fit.sources) or 'records in memory'}"
+    if not fit.stable:
+        yield UNSTABLE.reason("the car is not stable with every damper", figure="1 damper or more", origin=origin)
+    flags, measures = ({}, {}) if fit.trust is None else (fit.trust.flags, fit.trust.measures)
+    errors = {n: error for n, error in level_errors(measures).items() if n.rpartition(".")[2] in _JUDGED}
+    if UNUSABLE in flags:
+        yield NOT_SIMULATED.reason("the car cannot be simulated", figure=flags[UNUSABLE].rstrip("."), origin=origin)
+    worst = max(fit.residual, key=lambda name: fit.residual[name])
+    value = fit.residual[worst]
+    figure = f"{worst} {100 * value:.1f} %; limit {100 * POOR_FIT:g} %"
+    if value >= POOR_FIT:
+        yield MISFIT.reason("the model does not reproduce its tests", figure=figure, origin=origin)
+    if errors:
+        yield _level_reason(errors, origin)
+    elif value < POOR_FIT:
+        yield GOOD.reason("the model reproduces its tests", figure=figure, origin=origin)
+
+
+def _level_reason(errors: Mapping[str, float], origin: str) -> Reason:
+    worst = max(errors, key=lambda name: errors[name])
+    both = (math.sqrt(sum(value**2 for value in errors.values()) / len(errors)), errors[worst])
+    figure = f"RMS {100 * both[0]:.1f} %, worst {worst} {100 * both[1]:.1f} %"
+    if all(error <= limit for error, limit in zip(both, GOOD_LEVELS, strict=True)):
+        return GOOD_OWN_TESTS.reason("the car predicts the levels of its own tests", figure=figure, origin=origin)
+    poor = any(error >= limit for error, limit in zip(both, POOR_LEVELS, strict=True))
+    rule, limits = (WRONG_LEVELS, POOR_LEVELS) if poor else (DOUBTFUL_LEVELS, GOOD_LEVELS)
+    figure += f"; limits {100 * limits[0]:g} and {100 * limits[1]:g} %"
+    return rule.reason("the car predicts wrong levels of its own tests", figure=figure, origin=origin)
+
+
+# ---- The fit: the vehicle with its response, misfit, notes and uncertainty ------------------------------------------
 
 #: Schema version of the files that are written, and the newest one that can be read.
 SCHEMA = 1
@@ -259,3 +386,121 @@ def _fit_content(path: Path) -> dict[str, Any]:
         raise FileFormatError('is not a fit written by eightpost: its kind must be "vehicle_fit"', path=path)
     check_schema(content, SCHEMA, path)
     return content
+
+
+# ---- What the vehicle may be used for: verdict, covered ranges and uncertainty, as `build` ships them ---------------
+
+
+def with_validity(fit: VehicleFit, further: Iterable[Reason] = ()) -> VehicleFit:
+    """Return the fit with its verdict, further reasons, the covered ranges and the uncertainty added to the vehicle."""
+    verdict = Verdict((*further, *fit_verdict(fit).reasons))
+    stated = fit.trust.measures if fit.trust is not None else {}
+    uncertainty = ModelUncertainty(measures=stated) if stated else None
+    validity = Validity(verdict, tuple(_ranges(fit.ranges, fit.vehicle.coupled())), uncertainty)
+    return replace(fit, vehicle=judged(fit.vehicle, validity=validity))
+
+
+def _ranges(ranges: Mapping[str, tuple[float, float]], model: StateSpace) -> Iterator[Range]:
+    """Yield the amplitude ranges of the model's channels, and the fitted band for every output.
+
+    The band of a velocity has a lower end; other outputs may be static.
+    """
+    units = {channel.name: channel.unit for channel in (*model.inputs, *model.outputs)}
+    for name, (low, high) in ranges.items():
+        if name in units:
+            yield Range(name, "amplitude", low, high, units[name])
+    if "frequency" in ranges:
+        low, high = ranges["frequency"]
+        for channel in model.outputs:
+            moves = channel.name.rpartition(".")[2] == "velocity"
+            yield Range(channel.name, "frequency", low if moves else 0.0, high, "Hz")
+
+
+# ---- Console tables: misfit, uncertainty, accuracy of measures, friction --------------------------------------------
+
+#: Columns of the uncertainty table and their values; the last one is shown only if friction was estimated.
+_FIGURES: tuple[tuple[str, Callable[[OutputTrust], float]], ...] = (
+    ("response, %", lambda one: 100.0 * one.response),
+    ("RMS of setups, %", lambda one: 100.0 * one.measure),
+    ("misfit, standard deviations", lambda one: one.misfit),
+    ("unexplained, % of the value without friction", lambda one: 100.0 * (one.with_friction or 0.0)),
+)
+
+
+def residual_table(fit: VehicleFit) -> Table:
+    """Return the misfit of the model's response [%]: one row per quantity, one column per corner."""
+    quantities = dict.fromkeys(name.rpartition(".")[2] for name in fit.residual)
+    ports = [port for port in ("", *CORNERS, "front", "rear", "driver") if _of(fit, port, tuple(quantities))]
+    return console_table(
+        ["output", *right(*(port or "misfit" for port in ports))],
+        [(q, *(_percent(fit.residual.get(channel(port, q))) for port in ports)) for q in quantities],
+        title=f"{fit.vehicle.name}, recipe {fit.recipe}: misfit of the model's response, %",
+    )
+
+
+def trust_table(trust: Trust) -> Table:
+    """Return the uncertainty of each quantity: that of its worst output."""
+    figures = _FIGURES if any(one.with_friction is not None for one in trust.outputs.values()) else _FIGURES[:-1]
+    rows = []
+    for quantity in dict.fromkeys(name.rpartition(".")[2] for name in trust.outputs):
+        outputs = [one for name, one in trust.outputs.items() if name.rpartition(".")[2] == quantity]
+        rows.append((quantity, *(f"{max(map(figure, outputs)):.2g}" for _, figure in figures)))
+    title = (
+        f"uncertainty of the worst output of each quantity; one standard deviation, from {trust.samples} drawn models"
+    )
+    return console_table(["quantity", *right(*(head for head, _ in figures))], rows, title=title)
+
+
+#: Separation of two setups in the table of measures: their predictions differ by 10 %, RMS over all measures and in the
+#: measure itself.
+TENTH = separation(0.1, 0.1)
+
+
+def measure_table(trust: Trust) -> Table:
+    """Return 95 % intervals of predicted RMS values of untested setups: the worst output of each quantity."""
+    rows = []
+    for quantity, worst in worst_measures(trust):
+        halves = (worst.half_width(0.0), MeasureUncertainty(0.0, worst.own).half_width(TENTH))
+        rows.append((quantity, *(f"{100.0 * half:.2g}" for half in halves)))
+    title = "accuracy of predicted RMS values of setups that were not tested; 95 % intervals of the worst outputs"
+    columns = right("error that all setups share, +- %", "error between two setups 10 % apart, +- %")
+    return console_table(["quantity", *columns], rows, title=title)
+
+
+def worst_measures(trust: Trust) -> Iterator[tuple[str, MeasureUncertainty]]:
+    """Yield each quantity with the largest common and the largest own error of its measures."""
+    names = {name: name.rpartition(".")[2] for name in trust.measures}
+    for quantity in dict.fromkeys(names.values()):
+        found = [one for name, one in trust.measures.items() if names[name] == quantity]
+        yield quantity, MeasureUncertainty(max(one.common for one in found), max(one.own for one in found))
+
+
+def friction_table(fit: VehicleFit, trust: Trust) -> Table:
+    """Return the estimated friction of every port and the friction that the vehicle has."""
+    rows = []
+    for port, force in trust.friction.items():
+        law = fit.vehicle.friction.get(port)
+        used = ("none", "", "") if law is None else (f"{law.sliding_force:.1f}", *_widths(law))
+        rows.append((port or "port", f"{force.value:.1f}", f"{force.deviation:.2f}", *used))
+    columns = right("estimate, N", "standard deviation, N", "vehicle, N", "velocity, mm/s", "reach, mm")
+    return console_table(["port", *columns], rows, title="friction at the ports")
+
+
+def _widths(law: Friction) -> tuple[str, str]:
+    """Return the velocity of the friction that creeps and the reach of the friction that sticks, in mm."""
+    velocity = f"{1e3 * law.velocity:.2g}" if law.force or not law.bristle.force else ""
+    return velocity, f"{1e3 * law.bristle.reach:.2g}" if law.bristle.force else ""
+
+
+def damping_sentence(fit: VehicleFit) -> str:
+    """Return the baseline damping and the number of states as a sentence."""
+    rates = ", ".join(f"{port} {rate:.0f}".strip() for port, rate in fit.vehicle.baseline_damping.items())
+    return f"around a baseline damping of {rates} N.s/m; {fit.states} states"
+
+
+def _of(fit: VehicleFit, port: str, quantities: tuple[str, ...]) -> bool:
+    return any(channel(port, quantity) in fit.residual for quantity in quantities)
+
+
+def _percent(value: float | None) -> str:
+    return "" if value is None else f"{100.0 * value:.2g}"

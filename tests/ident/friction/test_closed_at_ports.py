@@ -8,7 +8,7 @@ from eightpost.ident.validation.rig_record import rig_record
 from eightpost.ident.validation.vehicles import validate_vehicle
 from eightpost.ident.vehicle import VehicleFit
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.friction_search import FrictionSearch
+from eightpost.ident.vehicle.port_search import FrictionSearch
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
 from eightpost.rig.post import NO_DRIFT, LinearDamper, RigSensors, RigTest, random_drive, run_test
 from eightpost.shock import Polylinear, StaticCurve

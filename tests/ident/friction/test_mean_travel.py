@@ -10,7 +10,7 @@ import pytest
 
 from eightpost.ident.vehicle import plan
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.springs import about_loads, about_tests
+from eightpost.ident.vehicle.port_search import about_loads, about_tests
 from eightpost.vehicle import Friction, IdentifiedVehicle, LinearStepper, QuarterCar, quarter_car
 from eightpost.vehicle import friction as port_friction
 

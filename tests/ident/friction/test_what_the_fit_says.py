@@ -11,9 +11,8 @@ from eightpost.ident.response import LocalPolynomial
 from eightpost.ident.vehicle.common_poles import CommonPoleFit
 from eightpost.ident.vehicle.common_poles.deviations import Excitation
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.friction_search import FrictionSearch
+from eightpost.ident.vehicle.port_search import FrictionSearch, SpringSearch, nonlinear_spring_sentence
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
-from eightpost.ident.vehicle.springs import SpringSearch, nonlinear_spring_sentence
 from eightpost.ident.vehicle.trust import ForceEstimate, Trust
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel, StateSpace, add_port_damping, read_vehicle, shipped

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eightpost.corners import CORNERS
-from eightpost.ident.vehicle.agreement import LIMITS, Change, compare_tests
+from eightpost.ident.vehicle.plan import LIMITS, Change, compare_tests
 from eightpost.signals import TimeSeries
 
 #: Springs and bars of a wheel [N/m], friction [N], damping of the shock [N.s/m], mass of the hub [kg], weight [N].

@@ -13,8 +13,8 @@ from eightpost.ident.validation.vehicle_page import write_vehicle_page
 from eightpost.ident.validation.vehicle_tables import certainty_table, port_table
 from eightpost.ident.validation.vehicles import validate_vehicle, vehicle_verdict
 from eightpost.ident.vehicle import read_fit, write_fit
-from eightpost.ident.vehicle.fit_validity import with_validity
 from eightpost.ident.vehicle.trust import ForceEstimate, OrderCandidate, Orders, OutputTrust, PolePair, Trust
+from eightpost.ident.vehicle.vehicle_fit import with_validity
 from eightpost.measure_uncertainty import MeasureUncertainty
 from eightpost.verdict import Grade
 

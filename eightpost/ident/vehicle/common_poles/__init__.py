@@ -9,7 +9,7 @@ from eightpost.ident.vehicle.common_poles.deviations import (
     unmodelled,
 )
 from eightpost.ident.vehicle.common_poles.refinement import Refinement
-from eightpost.ident.vehicle.ranges import Ranges
+from eightpost.ident.vehicle.experiment import Ranges
 
 __all__ = [
     "CommonPoleFit",

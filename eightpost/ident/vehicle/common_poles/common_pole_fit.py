@@ -12,7 +12,15 @@ from scipy.linalg import block_diag
 from eightpost.array_types import Array, Complex
 from eightpost.errors import ParameterError
 from eightpost.ident.response import FrequencyResponse
-from eightpost.ident.vehicle.common_poles.points import Blocks, Feedthrough, Points, points_of, solve_inputs
+from eightpost.ident.vehicle.common_poles.points import (
+    Blocks,
+    Feedthrough,
+    Points,
+    Subspace,
+    points_of,
+    solve_inputs,
+    subspace_of,
+)
 from eightpost.ident.vehicle.common_poles.refinement import (
     FASTEST,
     Refinement,
@@ -25,7 +33,6 @@ from eightpost.ident.vehicle.common_poles.refinement import (
     with_integrals,
     without_integrals,
 )
-from eightpost.ident.vehicle.common_poles.subspace import Subspace, subspace_of
 from eightpost.ident.vehicle.trust import OrderCandidate, Orders, PolePair
 from eightpost.progress import parts, portion
 from eightpost.vehicle.statespace import Channel, StateSpace

@@ -13,8 +13,7 @@ from eightpost.ident.response import FrequencyResponse
 from eightpost.ident.threads import for_each
 from eightpost.ident.vehicle.common_poles.common_pole_fit import CommonPoleModel, state_space
 from eightpost.ident.vehicle.common_poles.refinement import Refinement, integrals
-from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.ranges import lifted_tires
+from eightpost.ident.vehicle.experiment import Experiment, lifted_tires
 from eightpost.ident.vehicle.trust import OutputTrust
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import StateSpace, add_port_damping

@@ -15,8 +15,8 @@ from eightpost.ident.response import H1, Blocks, FrequencyResponse, Recipe, Same
 from eightpost.ident.response.conditioning import Preconditioning
 from eightpost.ident.response.estimators import input_noise, input_power
 from eightpost.ident.response.records import Records, gather
-from eightpost.ident.vehicle.closed_loop import ClosedLoop
 from eightpost.ident.vehicle.experiment import Experiment
+from eightpost.ident.vehicle.free_running import ClosedLoop
 from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.rational_fit import AEROLOADERS, QUARTER_CAR, SEVEN_DOF, WHEELLOADERS, BandWeights
 from eightpost.ident.vehicle.siso_models import SisoFits, SisoModels, balance, has_direct_term, may_have_direct_term

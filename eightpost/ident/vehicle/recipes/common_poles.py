@@ -11,7 +11,6 @@ from typing import NamedTuple
 from eightpost.ident.response import FrequencyResponse, LocalPolynomial, Recipe, estimate_response, gather
 from eightpost.ident.response.estimators import input_noise
 from eightpost.ident.response.records import Records
-from eightpost.ident.vehicle.band import CoherentBand, SupportedBand
 from eightpost.ident.vehicle.common_poles import (
     CommonPoleFit,
     CommonPoleModel,
@@ -19,13 +18,18 @@ from eightpost.ident.vehicle.common_poles import (
     refitted,
     unmodelled,
 )
-from eightpost.ident.vehicle.experiment import Experiment
+from eightpost.ident.vehicle.experiment import CoherentBand, Experiment, Ranges, SupportedBand, ranges_of
 from eightpost.ident.vehicle.free_running import fault_in_simulation
-from eightpost.ident.vehicle.friction_search import FrictionEstimate, FrictionSearch
 from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.port_laws import with_port_laws
-from eightpost.ident.vehicle.ranges import Ranges, ranges_of
-from eightpost.ident.vehicle.springs import MODELLED, SpringSearch, nonlinear_spring_sentence, port_springs
+from eightpost.ident.vehicle.port_search import (
+    MODELLED,
+    FrictionEstimate,
+    FrictionSearch,
+    SpringSearch,
+    nonlinear_spring_sentence,
+    port_springs,
+)
 from eightpost.ident.vehicle.stability import closed_loop_stability, safe_slopes
 from eightpost.ident.vehicle.trust import NOT_SIMULATED, UNUSABLE, ForceEstimate, OutputTrust, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
