@@ -34,15 +34,13 @@ from benchmarks.identification_cases import truths_of
 from benchmarks.identification_measures import SETTLING, TOTAL
 from benchmarks.vehicle_uncertainty_truths import KINDS, REPORT, Outcome, outcome, truth
 from builder.build import build
-from builder.native.platforms import this_platform
-from builder.native.toolchain import Zig
+from builder.native.toolchain import Zig, this_platform
 from cosim.study.families import Car, family
 from cosim.study.running.sweep import Requested
 from cosim.study.running.workers import ProcessWorkers
 from cosim.study.study import Build, Drive, Study, Term, Vehicle
 from eightpost import units
-from eightpost.app.shape_request import Request
-from eightpost.app.shape_search import Curves, find_curves
+from eightpost.app.shape_search import Curves, Request, find_curves
 from eightpost.corners import CORNERS
 from eightpost.ident.vehicle.vehicle_fit import with_validity
 from eightpost.rig.damper.valves import SHIM_SETS

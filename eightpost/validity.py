@@ -9,9 +9,8 @@ from typing import Any, Literal, Protocol, TypeVar, get_args
 
 from eightpost.errors import InputError
 from eightpost.files import check_schema
-from eightpost.judged import KEY, digest_of, edited, edits_in
 from eightpost.model_uncertainty import ModelUncertainty
-from eightpost.verdict import Reason, Verdict
+from eightpost.verdict import KEY, Reason, Verdict, digest_of, edited, edits_in
 
 #: Schema version of the JSON document that is written, and the only one that is read.
 SCHEMA = 1

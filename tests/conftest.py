@@ -21,8 +21,7 @@ from threadpoolctl import threadpool_limits
 import builder.assembly.documents
 import builder.documents.archive
 from builder.build import build
-from builder.native.platforms import PLATFORMS, Platform, this_platform
-from builder.native.toolchain import Zig
+from builder.native.toolchain import PLATFORMS, Platform, Zig, this_platform
 from cosim import FmuComponent
 from eightpost.shock import (
     LAWS,

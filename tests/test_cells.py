@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eightpost.cells import plain_cell, quoted_cell, safe_cell, safe_line
+from eightpost.files import plain_cell, quoted_cell, safe_cell, safe_line
 from eightpost.ident.linearity import plots
 from eightpost.signals import TimeSeries, read_series, write_csv, write_series
 

@@ -16,7 +16,7 @@ from scipy.io import loadmat
 
 from builder.build import product_of
 from builder.documents import Disclosure
-from builder.documents.validity import combined_member, validity_member
+from builder.documents.archive import combined_member, validity_member
 from builder.native.native_fmu import without_binaries
 from eightpost.errors import InputError
 from eightpost.ident.dyno_report.entry import entry_of_shock
@@ -24,14 +24,13 @@ from eightpost.ident.dyno_report.verdict import report_verdict
 from eightpost.ident.exports.export import export
 from eightpost.ident.exports.shock_table import shock_table
 from eightpost.ident.validation.shocks import ShockValidation, shock_verdict
-from eightpost.judged import digest_of, edits_in
 from eightpost.shock import Port, Shock, read_shock, write_shock
 from eightpost.shock.fit_uncertainty import fitted_parameters
 from eightpost.validity import MEMBER, Range, Validity, judged
 from eightpost.vehicle import Friction, IdentifiedVehicle, add_port_damping, read_vehicle, shipped, write_vehicle
 from eightpost.vehicle.bristle import Bristle
 from eightpost.vehicle.storage import from_document
-from eightpost.verdict import Grade, Reason, Verdict
+from eightpost.verdict import Grade, Reason, Verdict, digest_of, edits_in
 
 SHIPPED = Path(__file__).parents[1] / "examples"
 FITTED, CAR = SHIPPED / "hosts" / "shock.json", Path("identified") / "car.json"

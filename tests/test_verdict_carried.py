@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from builder.documents import Disclosure
-from builder.documents.validity import combined_member, validity_of
+from builder.documents.archive import combined_member, validity_of
 from builder.fmu.product import shock_product, vehicle_product
 from builder.native.native_fmu import without_binaries
 from builder.python_fmu import python_fmu

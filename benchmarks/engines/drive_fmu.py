@@ -9,8 +9,7 @@ import fmpy
 import numpy as np
 
 from benchmarks.engines.job import DRIVEN
-from builder.native.platforms import this_platform
-from builder.native.toolchain import fmi_headers
+from builder.native.toolchain import fmi_headers, this_platform
 from cosim.components.rebuild import find_compiler
 from eightpost.archive import write_archive
 from eightpost.signals import Drivefile

@@ -18,8 +18,7 @@ import numpy as np
 from benchmarks.case import ROOT
 from benchmarks.honesty.shocks import LAWS, log_uniform
 from builder.build import build
-from builder.native.platforms import PLATFORMS, this_platform
-from builder.native.toolchain import Zig
+from builder.native.toolchain import PLATFORMS, Zig, this_platform
 from eightpost.cache import cache_folder
 from eightpost.shock import LAWS as CLASSES
 from eightpost.shock import Port, Shock, StaticCurve, fit_parameters, write_shock

@@ -18,8 +18,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from benchmarks.interface_matrix.direct import EULER_STEP, STEP, Array, Subject, co_simulation
-from builder.native.platforms import this_platform
-from builder.native.toolchain import fmi_headers
+from builder.native.toolchain import fmi_headers, this_platform
 from eightpost.archive import extract_archive
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -9,14 +9,12 @@ from math import ceil
 
 import numpy as np
 
-from builder.assembly.parts import Part
+from builder.assembly.parts import Part, law_of
 from builder.assembly.plan import Assembly, coupling_step
-from builder.assembly.settings import law_of
-from builder.documents.equations import equations
-from builder.documents.page import Contents, page
+from builder.documents.archive import combined_member
+from builder.documents.page import Contents, equations, page
 from builder.documents.picture import curves_picture
 from builder.documents.reference import COUNT, STEP, Reference, reference_files, rounded, vehicle_inputs
-from builder.documents.validity import combined_member
 from builder.fmu.interface import (
     PORT_PARAMETERS,
     Interface,
@@ -100,7 +98,7 @@ def _vehicle_model(assembly: Assembly) -> _VehicleModel:
 
 
 class _Data:
-    """The constants of a vehicle_data.h that builder/native/vehicle_data.py has written."""
+    """The constants of a vehicle_data.h that builder/native/tables.py has written."""
 
     def __init__(self, text: str) -> None:
         text = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)

@@ -1,17 +1,162 @@
-"""HTML documentation of an FMU."""
+"""HTML documentation of an FMU: its equations, variables and terminals."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
+from typing import Any
 
-from builder.documents.equations import equations
 from builder.documents.reference import FOLDER, displayed_start, limits, start
-from builder.documents.terminals import terminals
-from builder.fmu.interface import Interface, Variable
+from builder.fmu.interface import Interface, Variable, source_folder
 from eightpost import __version__
+from eightpost.corners import CORNERS
+from eightpost.extras import needs
 from eightpost.report.static import Column, Picture, Section, folded, paragraph, static_page, table
+
+# ---- Text and equations: from Markdown with LaTeX to HTML with MathML, which browsers can display -------------------
+# The equations use GitHub's notation: `$...$` within a line, a fenced block with the info string `math` otherwise.
+
+with needs("build", "building FMUs"):
+    from latex2mathml.converter import convert
+    from markdown_it import MarkdownIt
+    from markdown_it.renderer import RendererHTML
+    from markdown_it.rules_inline import StateInline
+    from markdown_it.token import Token
+
+#: Links between the texts are replaced by anchors, because all texts are on one page.
+_PLACES = {"../common/shock.md": "#the-port"}
+
+_TITLE = re.compile(r"\A# .*\n+")
+
+
+def equations(kind: str) -> str:
+    """Return the text of an interface kind as HTML: purpose, equations, signs, limits; without its title.
+
+    The text of a shock is followed by the text that all shocks share: the port and the curve.
+    """
+    folder = source_folder()
+    texts = [_TITLE.sub("", (folder / kind / "README.md").read_text(encoding="utf-8"))]
+    if kind.startswith("shock_"):
+        texts.append((folder / "common" / "shock.md").read_text(encoding="utf-8"))
+    return render("\n".join(texts))
+
+
+def render(text: str) -> str:
+    """Return Markdown as HTML."""
+    markdown = MarkdownIt("commonmark").enable("table")
+    markdown.inline.ruler.before("escape", "math", _parse_math)
+    markdown.add_render_rule("math", _math)
+    markdown.add_render_rule("fence", _fence)
+    markdown.add_render_rule("heading_open", _heading)
+    markdown.add_render_rule("link_open", _link)
+    return str(markdown.render(text))
+
+
+def mathml(latex: str, *, display: str) -> str:
+    """Return LaTeX mathematics as MathML; `display` is `inline` or `block`."""
+    # HTML does not need the namespace, and without it the page contains no URL at all.
+    return convert(latex, display=display).replace(' xmlns="http://www.w3.org/1998/Math/MathML"', "")
+
+
+def _parse_math(state: StateInline, silent: bool) -> bool:
+    if state.src[state.pos] != "$":
+        return False
+    end = state.src.find("$", state.pos + 1)
+    if end < 0:
+        return False
+    if not silent:
+        state.push("math", "math", 0).content = state.src[state.pos + 1 : end]
+    state.pos = end + 1
+    return True
+
+
+def _math(_: RendererHTML, tokens: Sequence[Token], index: int, *__: Any) -> str:
+    return mathml(" ".join(tokens[index].content.split()), display="inline")
+
+
+def _fence(self: RendererHTML, tokens: Sequence[Token], index: int, options: Any, env: Any) -> str:
+    if tokens[index].info.strip() != "math":
+        return str(self.fence(tokens, index, options, env))
+    return f'<div class="equation">{mathml(tokens[index].content.strip(), display="block")}</div>\n'
+
+
+def _heading(_: RendererHTML, tokens: Sequence[Token], index: int, *__: Any) -> str:
+    name = re.sub(r"\W+", "-", tokens[index + 1].content.lower()).strip("-")
+    return f'<{tokens[index].tag} id="{name}">'
+
+
+def _link(self: RendererHTML, tokens: Sequence[Token], index: int, options: Any, env: Any) -> str:
+    target = str(tokens[index].attrGet("href"))
+    tokens[index].attrSet("href", _PLACES.get(target, target))
+    return str(self.renderToken(tokens, index, options, env))
+
+
+# ---- terminalsAndIcons.xml: variables as ports, so that tools can connect whole ports -------------------------------
+# The format is that of FMI 3.0, which FMI 2.0.4 adopts unchanged; `fmiVersion` is the version of the format.
+
+#: Kind of the terminals on both sides of a connection; a leading underscore marks a kind that is not standardized.
+KIND = "_eightpost.translational_port"
+
+#: At a connection the sum of all inflows equals the sum of all outflows. The shock's force (positive in compression)
+#: acts on the vehicle: it leaves the shock and enters the vehicle. Hence `force` is an outflow if it is an output, and
+#: an inflow if it is an input. If both were inflows, an importer that sums flows to zero would change the sign. With
+#: this rule, the forces of several elements at one port (shock and bump stop) are added.
+_FLOW = {"output": "outflow", "input": "inflow"}
+
+
+@dataclass(frozen=True)
+class Terminal:
+    """One port: its name, and its variables by member name, which is the same at every port."""
+
+    name: str
+    members: dict[str, Variable]
+
+
+def terminals(interface: Interface) -> tuple[Terminal, ...]:
+    """Return the ports of a shock or a vehicle: the prefixes that have a velocity and a force."""
+    variables = {v.name: v for v in interface.variables}
+    return tuple(_terminals(variables))
+
+
+def _terminals(variables: dict[str, Variable]) -> Iterator[Terminal]:
+    for prefix in ("", *(f"{corner}." for corner in CORNERS)):
+        members = {name: variables.get(f"{prefix}{name}") for name in ("velocity", "displacement", "force")}
+        found = {name: variable for name, variable in members.items() if variable is not None}
+        if "velocity" in found and "force" in found:
+            yield Terminal(prefix.rstrip(".") or "port", found)
+
+
+def terminals_and_icons(interface: Interface) -> bytes:
+    """Return terminalsAndIcons.xml.
+
+    Velocity and displacement are equal on both sides (`signal`); the force is a flow. The rule `plug` connects all
+    members or no member: without the displacement, a shock would lose its gas spring.
+
+    There is no GraphicalRepresentation. It would have to be the first element, and fmutool (2.0) only looks for
+    terminals in the first element. It could only state the area of icon.png, which is the whole square by default.
+    """
+    root = ET.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
+    parent = ET.SubElement(root, "Terminals")
+    for terminal in terminals(interface):
+        attributes = {
+            "name": terminal.name,
+            "matchingRule": "plug",
+            "terminalKind": KIND,
+            "description": "Velocity, displacement and force of a shock, all positive in compression",
+        }
+        element = ET.SubElement(parent, "Terminal", attributes)
+        for member, variable in terminal.members.items():
+            kind = _FLOW[variable.causality] if member == "force" else "signal"
+            names = {"variableName": variable.name, "memberName": member, "variableKind": kind}
+            ET.SubElement(element, "TerminalMemberVariable", names)
+    ET.indent(root)
+    return bytes(ET.tostring(root, encoding="UTF-8", xml_declaration=True)) + b"\n"
+
+
+# ---- The page -------------------------------------------------------------------------------------------------------
 
 _VARIABLES = (
     Column("name", "name"),

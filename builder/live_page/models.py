@@ -12,8 +12,7 @@ from builder.assembly.parts import VEHICLE
 from builder.assembly.plan import assembly_interface
 from builder.build import product_of
 from builder.fmu.interface import Interface
-from builder.native.native_fmu import without_binaries
-from builder.native.source_folder import version_files
+from builder.native.native_fmu import version_files, without_binaries
 from builder.native.toolchain import Library, compile_for_browser
 from eightpost.archive import read_archive, write_archive
 from eightpost.errors import FmuError

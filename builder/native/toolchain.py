@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
+import platform as this
 import shutil
+import struct
 import subprocess
 import sys
 import tempfile
@@ -13,16 +16,132 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 
 from builder.fmu.interface import source_folder
-from builder.native.headers import HEADERS, fmi_headers, installed
-from builder.native.platforms import BROWSER, PLATFORMS, Platform, this_platform
-from builder.native.universal import universal
 from eightpost.cache import cache_folder, digest, keep, recall
 from eightpost.errors import FmuError
-from eightpost.extras import install_command
+from eightpost.extras import MissingExtraError, install_command
 from eightpost.progress import Progress
 from eightpost.workers.process import usable_processors
+
+# ==== The six platforms of a native FMU, with their FMI 2.0 names ====================================================
+
+
+@dataclass(frozen=True, slots=True)
+class Platform:
+    """One folder of binaries/."""
+
+    name: str  #: Name of the platform in FMI 2.0.
+    name_3: str  #: Name of the platform in FMI 3.0.
+    suffix: str  #: Suffix of the library's file name.
+    #: Target names of the cross compiler, one per slice; several slices make a universal file.
+    targets: tuple[str, ...]
+    processor: str = "baseline"  #: Minimum processor, set if the target's default would round doubles differently.
+
+    def member(self, identifier: str, fmi: int = 2) -> str:
+        """Return the path of the library in the archive of an FMI version."""
+        return f"binaries/{self.name_3 if fmi == 3 else self.name}/{identifier}{self.suffix}"
+
+
+#: glibc 2.17 is the version of CentOS 7. win32 needs SSE2: the x87 unit computes with more digits than a double has.
+PLATFORMS: Mapping[str, Platform] = MappingProxyType(
+    {
+        found.name: found
+        for found in (
+            Platform("linux64", "x86_64-linux", ".so", ("x86_64-linux-gnu.2.17",)),
+            Platform("win64", "x86_64-windows", ".dll", ("x86_64-windows-gnu",)),
+            Platform("win32", "x86-windows", ".dll", ("x86-windows-gnu",), "pentium4"),
+            Platform("aarch64-linux", "aarch64-linux", ".so", ("aarch64-linux-gnu.2.17",)),
+            Platform("darwin64", "x86_64-darwin", ".dylib", ("x86_64-macos.11.0", "aarch64-macos.11.0")),
+            Platform("aarch64-darwin", "aarch64-darwin", ".dylib", ("aarch64-macos.11.0",)),
+        )
+    }
+)
+
+#: A page in a browser: a module without imports.
+BROWSER = Platform("a browser", "a browser", ".wasm", ("wasm32-freestanding",))
+
+_MACHINES = {"x86_64": "64", "amd64": "64", "aarch64": "aarch64", "arm64": "aarch64"}
+
+
+def this_platform() -> Platform:
+    """Return the platform that this program runs on; a platform that FMI does not list gets a similar name."""
+    system = {"linux": "linux", "win32": "win", "darwin": "darwin"}.get(sys.platform, sys.platform)
+    machine = _MACHINES.get(this.machine().lower(), this.machine().lower())
+    if struct.calcsize("P") == 4:
+        name = f"{system}32"
+    else:
+        name = f"aarch64-{system}" if machine == "aarch64" else f"{system}{machine}"
+    return PLATFORMS.get(name) or Platform(name, name, ".so", ("",))
+
+
+# ==== Header files of the FMI standard, and where packages are installed =============================================
+
+HEADERS = (
+    "fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h",
+    "fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h",
+)  # fmt: skip
+
+
+def headers_of(fmi: int) -> tuple[str, ...]:
+    """Return the headers that the sources of an FMI version include; those of FMI 3.0 include both."""
+    return HEADERS if fmi == 3 else HEADERS[:3]
+
+
+def fmi_headers() -> Path:
+    """Return the folder that contains the standard's header files; those of FMPy know no function prefix.
+
+    Raises:
+        MissingExtraError: The package that contains the header files is not installed.
+        FmuError: It no longer contains them.
+    """
+    package = "fmu_manipulation_toolbox"
+    folder = installed(package, "resources/fmi")
+    if folder is None:
+        raise MissingExtraError("building FMUs", package, "build")
+    if missing := [name for name in HEADERS if not (folder / name).is_file()]:
+        raise FmuError(f"{folder}: {missing[0]} is missing; pip install --force-reinstall {package}")
+    return folder
+
+
+def installed(package: str, name: str) -> Path | None:
+    """Return a path in the folder of a package, which is not imported; None if the package is not installed."""
+    spec = importlib.util.find_spec(package)
+    return None if spec is None or spec.origin is None else Path(spec.origin).parent / name
+
+
+# ==== Universal macOS library from several thin Mach-O files, one per processor ======================================
+
+_FAT_MAGIC = 0xCAFEBABE
+_THIN_MAGIC = 0xFEEDFACF
+#: Alignment of slices (power of 2): the largest page size in use, 16 KiB on Apple's processors.
+_ALIGNMENT = 14
+
+
+def universal(slices: Sequence[bytes]) -> bytes:
+    """Return the fat file of 64-bit slices, in the given order.
+
+    Source: Apple, "Mach-O Programming Topics" and <mach-o/fat.h>: a big-endian header, then one entry per slice with
+    processor type and subtype, offset, size and alignment.
+
+    Raises:
+        ValueError: A slice is not a 64-bit Mach-O file.
+    """
+    offset = 8 + 20 * len(slices)
+    header = struct.pack(">II", _FAT_MAGIC, len(slices))
+    body = b""
+    for content in slices:
+        magic, kind, subkind = struct.unpack_from("<IiI", content)
+        if magic != _THIN_MAGIC:
+            raise ValueError(f"a slice starts with {magic:#x} and is not a 64-bit Mach-O file")
+        start = -(-(offset + len(body)) >> _ALIGNMENT) << _ALIGNMENT
+        header += struct.pack(">iIIII", kind, subkind, start, len(content), _ALIGNMENT)
+        body += b"\0" * (start - offset - len(body)) + content
+    return header + body
+
+
+# ==== Compilers ======================================================================================================
 
 # ---- C compilers ----------------------------------------------------------------------------------------------------
 

@@ -7,8 +7,17 @@ from pathlib import Path
 
 import scipy
 
-from eightpost.report.pictures import new_figure, panels_of, save
-from eightpost.report.traces import COLORS, PANELS, display_unit, displayed, excerpt, traces
+from eightpost.report.pictures import (
+    COLORS,
+    PANELS,
+    display_unit,
+    displayed,
+    excerpt,
+    new_figure,
+    panels_of,
+    save,
+    traces,
+)
 from eightpost.signals import TimeSeries
 
 

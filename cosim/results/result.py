@@ -18,9 +18,8 @@ from eightpost.completion import warn_of_earlier_results
 from eightpost.display import Summary
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path, json_content
-from eightpost.judged import edited, is_intact, sealed
 from eightpost.signals import Recording, TimeSeries, read_series, write_series
-from eightpost.verdict import Verdict
+from eightpost.verdict import Verdict, edited, is_intact, sealed
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -118,7 +118,7 @@ class ParameterSweep(Summarized):
             InputError: There is no such parameter, or its values are no numbers.
             MissingChannelError: The channel was not recorded.
         """
-        from eightpost.report.cloud import Cloud, cloud  # noqa: PLC0415 -- matplotlib takes long to load
+        from eightpost.report.pictures import Cloud, cloud  # noqa: PLC0415 -- matplotlib takes long to load
 
         name = across or self.names[0]
         if name not in self.names:

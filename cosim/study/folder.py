@@ -16,7 +16,7 @@ from cosim.study.result import StudyResult
 from cosim.study.running.evaluator import traces
 from eightpost.errors import FileFormatError
 from eightpost.files import MALFORMED, json_content
-from eightpost.judged import is_intact
+from eightpost.verdict import is_intact
 
 #: File names in the folder of a study.
 RESULTS, SELECTION, SPREADS = "results.parquet", "selection.csv", "robust.parquet"

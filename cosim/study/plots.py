@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cosim.study.measures import Measure
-from eightpost.report.pictures import Figure, new_figure, save
-from eightpost.report.traces import COLORS
+from eightpost.report.pictures import COLORS, Figure, new_figure, save
 from eightpost.signals import TimeSeries
 
 

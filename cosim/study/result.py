@@ -252,7 +252,7 @@ class StudyResult(Summarized):
         Raises:
             InputError: There is no such measure; the message suggests a similar one.
         """
-        from eightpost.report.cloud import Cloud, Mark, cloud  # noqa: PLC0415 -- matplotlib takes long to load
+        from eightpost.report.pictures import Cloud, Mark, cloud  # noqa: PLC0415 -- matplotlib takes long to load
 
         named = (*self.study.named_measures, *(measure.name for measure in self.measures))
         names = across or named[0], up or next((name for name in named if name != (across or named[0])), named[0])

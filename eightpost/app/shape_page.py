@@ -12,15 +12,13 @@ from typing import Any
 import numpy as np
 
 from cosim.study.choice.continuous import ASSURED
-from eightpost.app.shape_search import VERIFIED, Aim
-from eightpost.app.shape_target import Target
+from eightpost.app.shape_search import VERIFIED, Aim, Target
 from eightpost.files import atomic_path
-from eightpost.judged import sealed
 from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, grid_figure
 from eightpost.report.page import Block, Section, document, write_page
 from eightpost.report.tables import Amount, Cell, ResultTable
 from eightpost.shock.shape import unit_of
-from eightpost.verdict import Grade, Reason, Rules, Verdict
+from eightpost.verdict import Grade, Reason, Rules, Verdict, sealed
 
 SCHEMA = 1
 

@@ -30,8 +30,7 @@ from eightpost.outputs import AIM, PAGE
 
 if TYPE_CHECKING:
     from cosim.study.study import Study
-    from eightpost.app.shape_request import Request
-    from eightpost.app.shape_search import Aim
+    from eightpost.app.shape_search import Aim, Request
 
 
 @click.command(cls=Verb)
@@ -108,8 +107,7 @@ def shapes(
     from cosim.study.result import StudyResult
     from cosim.study.study_file import bank_sources
     from eightpost.app.shape_page import aim_verdict, write_aim
-    from eightpost.app.shape_request import Request
-    from eightpost.app.shape_search import searched_groups
+    from eightpost.app.shape_search import Request, searched_groups
     from eightpost.app.show import show_verdict, write_page
     from eightpost.shock.shape import CURVE_NUMBERS
 

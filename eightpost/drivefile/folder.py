@@ -21,11 +21,10 @@ from eightpost.drivefile.target import Target
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import MALFORMED, atomic_path, check_schema, json_content, sha256_of
 from eightpost.ident.response import read_response, write_response
-from eightpost.judged import edited, is_intact, sealed
 from eightpost.outputs import check_folder
 from eightpost.signals import ChannelMap, TimeSeries
 from eightpost.signals.formats import read_series, write_series
-from eightpost.verdict import Verdict
+from eightpost.verdict import Verdict, edited, is_intact, sealed
 
 #: Newest schema of iteration.json that can be read; it is also the one that is written.
 SCHEMA = 1

@@ -119,7 +119,7 @@ class DynoTest(Recording):
         self, channels: str | Sequence[str] = (), *, start: float | None = None, stop: float | None = None
     ) -> Picture:
         """Return a picture of force over velocity, or of the named channels over time; see `Recording.plot`."""
-        from eightpost.report.traces import loop  # noqa: PLC0415 -- matplotlib takes long to load
+        from eightpost.report.pictures import loop  # noqa: PLC0415 -- matplotlib takes long to load
 
         if channels or start is not None or stop is not None:
             return Recording.plot(self, channels, start=start, stop=stop)

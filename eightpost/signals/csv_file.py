@@ -16,9 +16,8 @@ import pyarrow as pa
 import pyarrow.csv
 from numpy.typing import NDArray
 
-from eightpost.cells import plain_cell, quoted_cell, safe_line
 from eightpost.errors import FileFormatError
-from eightpost.files import atomic_path, reading
+from eightpost.files import atomic_path, plain_cell, quoted_cell, reading, safe_line
 from eightpost.signals.faults import Origin
 from eightpost.signals.parquet_file import to_arrow, to_numpy
 from eightpost.signals.raw_record import RawRecord

@@ -131,7 +131,7 @@ class TimeSeries(Summarized):
             MissingChannelError: There is no such channel.
             InputError: There is no sample between start and stop, or the series has no channel or only one sample.
         """
-        from eightpost.report.traces import picture  # noqa: PLC0415 -- matplotlib takes long to load
+        from eightpost.report.pictures import picture  # noqa: PLC0415 -- matplotlib takes long to load
 
         return picture(self, channels, start=start, stop=stop, title=title)
 

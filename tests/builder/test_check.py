@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from builder.check import CATALOGUE, GROUPS, Level, Scope, check, process, tools
 from builder.check.static.variables import UNIT_RULES, _integers
 from builder.check.subject import read_subject
-from builder.native.platforms import this_platform
+from builder.native.toolchain import this_platform
 from eightpost.app.check import check as command
 from eightpost.archive import read_archive, write_archive
 from eightpost.errors import EightpostError, FmuError

@@ -13,8 +13,7 @@ from lxml import etree
 
 from builder.build import build
 from builder.documents import Disclosure
-from builder.native.headers import installed
-from builder.native.platforms import PLATFORMS, this_platform
+from builder.native.toolchain import PLATFORMS, installed, this_platform
 from eightpost.__main__ import main
 from eightpost.archive import read_archive
 from eightpost.errors import FmuError

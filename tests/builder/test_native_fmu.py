@@ -13,8 +13,7 @@ from fmpy.build import build_platform_binary
 
 from builder.build import build, fmu_identifier
 from builder.documents import Disclosure
-from builder.native.platforms import PLATFORMS, this_platform
-from builder.native.toolchain import SystemCompiler, Zig, find_toolchain
+from builder.native.toolchain import PLATFORMS, SystemCompiler, Zig, find_toolchain, this_platform
 from eightpost.archive import extract_archive, read_archive, write_archive
 from eightpost.errors import FmuError
 from eightpost.shock import LAWS, Shock, write_shock

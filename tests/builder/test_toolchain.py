@@ -15,17 +15,18 @@ import pytest
 
 from builder.fmu.interface import source_folder
 from builder.native import toolchain
-from builder.native.platforms import PLATFORMS, this_platform
+from builder.native.tables import _BLOCKS, _blocks_of_rows
 from builder.native.toolchain import (
+    PLATFORMS,
     Library,
     SystemCompiler,
     Zig,
     compile_libraries,
     find_toolchain,
     fmi_headers,
+    this_platform,
     universal,
 )
-from builder.native.vehicle_data import _BLOCKS, _blocks_of_rows
 from eightpost import cache
 from eightpost.errors import FmuError
 

@@ -24,12 +24,10 @@ from eightpost.app.shape_page import (
     robust_table,
     write_aim,
 )
-from eightpost.app.shape_request import Request
-from eightpost.app.shape_search import Aim, Curves
-from eightpost.app.shape_target import Neighbour, Target
-from eightpost.judged import is_intact
+from eightpost.app.shape_search import Aim, Curves, Neighbour, Request, Target
 from eightpost.rig.damper.valving import NearestValving, Valving
 from eightpost.shock.shape import Shape, ShapeFit, Side
+from eightpost.verdict import is_intact
 
 CORNERS = ("lf", "rf", "lr", "rr")
 SHAPE = Shape(Side(3e3, 1500.0, 0.1, 600.0, 100.0), Side(4e3, 1500.0, 0.1, 600.0, 100.0))

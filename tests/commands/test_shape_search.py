@@ -12,8 +12,7 @@ import pytest
 from cosim.study.choice.continuous import Evaluation, Optimum, Robustness
 from cosim.study.study import Build
 from eightpost.app import shape_search
-from eightpost.app.shape_request import Request
-from eightpost.app.shape_search import Curves, bank_plan, find_curves, searched_groups, shapes_of_bank
+from eightpost.app.shape_search import Curves, Request, bank_plan, find_curves, searched_groups, shapes_of_bank
 from eightpost.errors import InputError
 from eightpost.shock import Shock, read_shock, write_shock
 from eightpost.shock.shape import Shape, ShapeFit, Side

@@ -11,8 +11,8 @@ import pytest
 from cosim.study.choice.continuous import Range, ShockSpace
 from cosim.study.choice.gain_band import Band
 from cosim.study.study import Build
-from eightpost.app import shape_target
-from eightpost.app.shape_target import targets_of
+from eightpost.app import shape_search
+from eightpost.app.shape_search import targets_of
 from eightpost.rig.damper.valving import NearestValving, Valving
 from eightpost.shock import Shock, write_shock
 from eightpost.shock.shape import Shape, Side
@@ -58,7 +58,7 @@ def targets(tmp_path_factory):
 
     def found(kept, *groups):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(shape_target, "nearest_valving", lambda _force: valving)
+            patch.setattr(shape_search, "nearest_valving", lambda _force: valving)
             shapes = {group: {FRONT: STIFF, REAR: SOFT}[group] for group in groups}
             bases = dict.fromkeys(groups, SOFT)
             return targets_of(problem, optimum, kept, shapes, bases, dict.fromkeys(sources), sources)

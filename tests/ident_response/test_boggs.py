@@ -28,11 +28,10 @@ from eightpost.ident.vehicle.vehicle_fit import (
     with_validity,
     write_fit,
 )
-from eightpost.judged import sealed
 from eightpost.measure_uncertainty import MeasureUncertainty
 from eightpost.progress import reported_to
 from eightpost.vehicle import IdentifiedVehicle
-from eightpost.verdict import Grade, Reason
+from eightpost.verdict import Grade, Reason, sealed
 
 from .rig_tests import BASELINE, Rig
 

@@ -18,8 +18,7 @@ from builder.assembly.assembled_fmu import _unbuilt as assembled_source
 from builder.assembly.assembled_fmu import assembly_sources
 from builder.assembly.plan import assembly_interface
 from builder.fmu.product import shock_product, vehicle_product
-from builder.native.native_fmu import c_sources, compiled
-from builder.native.source_folder import version_files
+from builder.native.native_fmu import c_sources, compiled, version_files
 from builder.native.toolchain import find_toolchain, fmi_headers
 from eightpost.archive import extract_archive, write_archive
 from eightpost.shock import Shock

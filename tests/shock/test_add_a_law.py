@@ -29,7 +29,7 @@ from pathlib import Path
 import numpy as np
 import builder.build, cosim, eightpost.shock as shock
 from builder.native import toolchain
-from builder.native.platforms import this_platform
+from builder.native.toolchain import this_platform
 here = (this_platform(),)
 toolchain.Zig.platforms = property(lambda self: here)
 root = Path.cwd()
@@ -69,7 +69,7 @@ print(name)
 CALL = """
 import shlex, sys
 from builder.native import toolchain
-from builder.native.platforms import this_platform
+from builder.native.toolchain import this_platform
 from eightpost.__main__ import main
 here = (this_platform(),)
 platforms, *lines = sys.argv[1:]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eightpost.errors import InputError
-from eightpost.report.cloud import Cloud, cloud
+from eightpost.report.pictures import Cloud, cloud
 from eightpost.signals import TimeSeries
 
 TIME = np.arange(100) / 100.0

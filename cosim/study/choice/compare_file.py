@@ -15,9 +15,8 @@ from cosim.study.result import StudyResult
 from eightpost import __version__, units
 from eightpost.errors import FileFormatError
 from eightpost.files import MALFORMED, atomic_path, json_content
-from eightpost.judged import is_intact, sealed
 from eightpost.report.pictures import Axes, new_figure, panels_of, save
-from eightpost.verdict import Verdict
+from eightpost.verdict import Verdict, is_intact, sealed
 
 # ---- JSON file of the comparisons of measured with predicted levels -------------------------------------------------
 

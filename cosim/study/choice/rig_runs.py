@@ -16,10 +16,9 @@ from cosim.study.result import StudyResult
 from cosim.study.setup import SetupSpace
 from cosim.study.study import Drive, Study
 from eightpost.array_types import Array, Integers
-from eightpost.cells import plain_cell
 from eightpost.display import some
 from eightpost.errors import FileFormatError, InputError
-from eightpost.files import read_text
+from eightpost.files import plain_cell, read_text
 from eightpost.signals import TimeSeries
 
 #: Number of samples by which a record may be shorter than the drive.

@@ -17,9 +17,8 @@ from cosim.study.result import StudyResult
 from cosim.study.setup import Setup
 from eightpost import units
 from eightpost.array_types import Array, Integers
-from eightpost.cells import plain_cell, write_rows
 from eightpost.errors import FileFormatError, InputError
-from eightpost.files import MALFORMED, atomic_path, read_text
+from eightpost.files import MALFORMED, atomic_path, plain_cell, read_text, write_rows
 
 # ---- Selection of low and high setups of each measure for the rig, spread over the bank (7.3, Table 7.5) ------------
 

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 
 from cosim.study.report.sheet import Sheet, shown_columns
-from eightpost.cells import safe_cell
 from eightpost.errors import OutputError
 from eightpost.extras import needs
-from eightpost.files import atomic_path
+from eightpost.files import atomic_path, safe_cell
 from eightpost.signals import TimeSeries
 
 with needs("report", "writing workbooks"):

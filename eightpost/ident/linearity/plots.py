@@ -7,8 +7,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
-from eightpost.cells import write_rows
-from eightpost.files import atomic_path
+from eightpost.files import atomic_path, write_rows
 from eightpost.ident.linearity.linearity import Condition, Linearity, Path
 from eightpost.report.pictures import Axes, color_cells, new_figure, save
 

@@ -19,7 +19,6 @@ from eightpost.files import MALFORMED, atomic_path, check_schema, json_content, 
 from eightpost.ident.response import FrequencyResponse, read_response, response_of, write_response
 from eightpost.ident.vehicle.measured_levels import level_errors
 from eightpost.ident.vehicle.trust import UNUSABLE, OutputTrust, Trust
-from eightpost.judged import edited, is_intact, sealed
 from eightpost.labelled import Labelled, data_frame, dataset
 from eightpost.measure_uncertainty import TOTAL, MeasureUncertainty, separation
 from eightpost.model_uncertainty import ModelUncertainty
@@ -27,7 +26,7 @@ from eightpost.report.console import Table, console_table, right
 from eightpost.validity import Range, Validity, judged
 from eightpost.vehicle import Friction, IdentifiedVehicle, read_vehicle, write_vehicle
 from eightpost.vehicle.statespace import StateSpace
-from eightpost.verdict import Grade, Reason, Rules, Verdict, listed
+from eightpost.verdict import Grade, Reason, Rules, Verdict, edited, is_intact, listed, sealed
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -7,7 +7,7 @@ import re
 
 import pytest
 
-from builder.documents.equations import mathml, render
+from builder.documents.page import mathml, render
 from builder.fmu.interface import source_folder
 from builder.fmu.product import shock_product
 from eightpost.vehicle import read_vehicle, shipped

@@ -65,7 +65,7 @@ def test_the_summary_counts_setups_and_names_the_best(found):
 
 def test_a_picture_shows_two_measures_of_the_best_and_the_baseline(found, monkeypatch):
     drawn = []
-    monkeypatch.setattr("eightpost.report.cloud.cloud", lambda cloud, title: drawn.append((cloud, title)))
+    monkeypatch.setattr("eightpost.report.pictures.cloud", lambda cloud, title: drawn.append((cloud, title)))
     found.plot()
     found.plot("b", "a")
     (cloud, title), (turned, _) = drawn

@@ -13,8 +13,7 @@ from cosim.study.report.answer import answer_of, tied_rows
 from cosim.study.report.page import page
 from cosim.study.report.sheet import AimPage, Extras
 from cosim.study.report.write import sheet_of
-from eightpost.judged import sealed
-from eightpost.verdict import Grade
+from eightpost.verdict import Grade, sealed
 
 FRONT, HUB = "front ride height, RMS", "rf hub acceleration, RMS"
 
