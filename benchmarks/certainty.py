@@ -39,11 +39,10 @@ from cosim.study.certainty.certainty import PROBABILITIES, TIE, ConfirmedRun
 from cosim.study.certainty.choice import Criterion, Drawn, candidates, draw_choice, drawn_levels, tests_of
 from cosim.study.certainty.posterior import Observations, Posterior
 from cosim.study.certainty.sources import error_sources
-from cosim.study.columns import result_table, study_schema
 from cosim.study.measures import Measure
-from cosim.study.provenance import Provenance
 from cosim.study.result import StudyResult
 from cosim.study.study import Build, Drive, Study, Vehicle
+from cosim.study.table import Provenance, result_table, study_schema
 from eightpost.corners import CORNERS
 from eightpost.errors import StepError
 from eightpost.measure_uncertainty import TOTAL, MeasureUncertainty

@@ -35,7 +35,7 @@ from benchmarks.identification_measures import SETTLING, TOTAL
 from benchmarks.vehicle_uncertainty_truths import KINDS, REPORT, Outcome, outcome, truth
 from builder.build import build
 from builder.native.toolchain import Zig, this_platform
-from cosim.study.families import Car, family
+from cosim.study.measures import Car, family
 from cosim.study.running.sweep import Requested
 from cosim.study.running.workers import ProcessWorkers
 from cosim.study.study import Build, Drive, Study, Term, Vehicle

@@ -23,9 +23,9 @@ import numpy as np
 from benchmarks.study import shipped_study
 from cosim.results.error_estimate import difference
 from cosim.study import Build, Setup, Study
-from cosim.study.columns import error_column
 from cosim.study.running.choose_coupling import choose_coupling
 from cosim.study.running.evaluator import Coupling, Evaluator
+from cosim.study.table import error_column
 
 #: The step of the reference run is the study's step divided by this.
 _FINER = 8

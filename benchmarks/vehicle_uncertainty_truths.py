@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.identification_cases import truths_of
 from benchmarks.identification_measures import QUANTITIES, SETTLING, TOTAL, measures_of
 from benchmarks.identification_shocks import bank, close_bank
-from cosim.study.above_band import shares_of
+from cosim.study.measures import shares_of
 from eightpost.errors import StepError
 from eightpost.ident.preparation import Preparation, prepare
 from eightpost.ident.vehicle.experiment import Experiment, experiment_of, find_baseline

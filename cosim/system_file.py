@@ -13,12 +13,11 @@ from cosim.components.component import Component
 from cosim.components.fmu_component import FmuComponent
 from cosim.components.isolated_component import IsolatedComponent
 from cosim.session.automatic import SCHEMES, Automatic
-from cosim.session.case import PERCENT, Case
+from cosim.session.master import PERCENT, Case
 from cosim.ssp import SUFFIXES, Given, read_ssp
 from cosim.systems.algorithm import Algorithm
-from cosim.systems.scenario import Scenario
-from cosim.systems.system import Bond, Connection, System
-from cosim.systems.variables import own_unit
+from cosim.systems.coupling import Scenario
+from cosim.systems.system import Bond, Connection, System, own_unit
 from eightpost import units
 from eightpost.errors import FmuError, InputError, UnknownUnitError, WiringError
 from eightpost.files import read_text

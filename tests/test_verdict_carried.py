@@ -18,7 +18,7 @@ from builder.native.native_fmu import without_binaries
 from builder.python_fmu import python_fmu
 from cosim import FmuComponent
 from cosim.results.result import SavedRun
-from cosim.study.choice.run_comparison import compare_runs
+from cosim.study.choice.compare import compare_runs
 from eightpost.__main__ import main
 from eightpost.archive import read_archive, write_archive
 from eightpost.ident import fit_shock

@@ -23,7 +23,7 @@ from benchmarks.cars.procedures import write_tests
 from benchmarks.cars.rig import RATE
 from benchmarks.cars.shocks import dyno_record
 from benchmarks.cars.truth import NAMES, SETTLING, TOTAL, truth
-from cosim.study.above_band import shares_of
+from cosim.study.measures import shares_of
 from eightpost.api.vehicles import identify
 from eightpost.errors import EightpostError
 from eightpost.ident import fit_shock

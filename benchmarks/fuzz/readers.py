@@ -220,8 +220,8 @@ def _result(path: Path) -> Any:
 
 
 def _chunks(path: Path) -> Any:
-    from cosim.study.columns import study_schema  # noqa: PLC0415
     from cosim.study.running.chunks import ChunkFolder  # noqa: PLC0415
+    from cosim.study.table import study_schema  # noqa: PLC0415
 
     result = _sound_result(path.parents[1])
     units = {measure.name: result.unit(measure.name) for measure in result.measures}

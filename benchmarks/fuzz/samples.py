@@ -18,11 +18,10 @@ from cosim.study.choice.compare_file import write_comparisons
 from cosim.study.choice.robust import Spread
 from cosim.study.choice.robust_file import write_spreads
 from cosim.study.choice.selection import select, write_selection
-from cosim.study.columns import result_table, study_schema
 from cosim.study.measures import Measure
-from cosim.study.provenance import Provenance
 from cosim.study.result import StudyResult
 from cosim.study.study import Build, Drive, Study, Vehicle
+from cosim.study.table import Provenance, result_table, study_schema
 from eightpost.corners import CORNERS
 from eightpost.ident.response import FrequencyResponse, response_of, write_response
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, write_fit

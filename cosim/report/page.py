@@ -10,13 +10,12 @@ from typing import Any
 
 from markupsafe import Markup
 
-from cosim.report.drawing import graph
+from cosim.report.drawing import Group, arrows, graph, groups
 from cosim.report.origin import drive_digest, origins, versions
-from cosim.report.wiring import Group, arrows, groups
 from cosim.results.result import Result
 from cosim.results.rules import LARGEST_RESIDUAL
 from cosim.results.run_data import Coupled
-from cosim.systems.scenario import Scenario
+from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost.report import page as html
 from eightpost.report.charts import COLORS

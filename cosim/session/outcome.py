@@ -18,9 +18,8 @@ from cosim.results.error_estimate import judged_by
 from cosim.results.result import Result
 from cosim.results.run_data import BondEnergy, Coupled
 from cosim.results.validity import models_of
-from cosim.session.equilibrium import Equilibrium
-from cosim.session.recorder import recorded_series
-from cosim.session.running import Ending, Running
+from cosim.session.planning import recorded_series
+from cosim.session.running import Ending, Equilibrium, Running
 from cosim.session.setup import Setup
 from cosim.systems.algorithm import Algorithm
 from cosim.systems.coupling import Coupling

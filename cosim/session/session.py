@@ -35,10 +35,9 @@ from cosim.session.running import (
     undoing,
     watched,
 )
-from cosim.session.setup import Setup
-from cosim.session.step_times import ROUNDING, Times, among, coupling_times, joined, merged, step_sizes
+from cosim.session.setup import ROUNDING, Setup, Times, among, coupling_times, joined, merged, step_sizes
 from cosim.systems.algorithm import Adaptive, Algorithm
-from cosim.systems.scenario import Scenario
+from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost.errors import WiringError
 from eightpost.progress import Progress

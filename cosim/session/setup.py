@@ -1,23 +1,225 @@
-"""Setup of a run: components in their order, checks of their abilities and of the scenario, limits."""
+"""Setup of a run: components in their order, checks of their abilities and of the scenario, limits, step times."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TypedDict
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cosim.components.component import Capabilities
-from cosim.session.discrete import DiscreteExchange
-from cosim.session.planning import Layout, Limit, lay_out
-from cosim.session.recorder import Flags, real_names, recorded_names, recorded_steps
-from cosim.session.step_times import ROUNDING, Times, coupling_times
+from cosim.components.component import DISCRETE, Capabilities, Component, Variable
+from cosim.components.conversion import convert_between
+from cosim.session.planning import Flags, Layout, Limit, lay_out, real_names, recorded_names, recorded_steps
 from cosim.systems.algorithm import HELD_INPUTS, Accuracy, Adaptive, Algorithm
-from cosim.systems.coupling import Coupling
-from cosim.systems.scenario import Scenario
+from cosim.systems.coupling import Coupling, Scenario, targets_of
 from cosim.systems.system import System
-from eightpost.errors import WiringError
+from eightpost.errors import InputError, WiringError
+from eightpost.signals import Drivefile
+
+# ==== Times at which steps end [s]; times that differ by rounding only are treated as equal ==========================
+
+Times = NDArray[np.float64]
+
+#: Largest number of coupling steps of a run: their times take 0.8 GB.
+MOST_STEPS = 1e8
+
+#: Times that differ by less than this share of the run are treated as equal.
+ROUNDING = 1e-9
+
+
+def coupling_times(stop: float, step: float) -> Times:
+    """Return the communication points (K+1,) [s]: whole multiples of the step, which do not drift, and the stop time.
+
+    Args:
+        stop: Duration of the run [s].
+        step: Coupling step [s].
+
+    Raises:
+        InputError: The step is not positive, longer than the run, or so short that the steps do not fit into memory.
+    """
+    if not (np.isfinite(step) and 0.0 < step <= stop):
+        raise InputError(f"the coupling step must be positive and at most the run ({stop} s), not {step!r} s")
+    if stop / step > MOST_STEPS:
+        raise InputError(
+            f"a run of {stop:g} s in steps of {step:g} s has {stop / step:.3g} steps, at most {MOST_STEPS:g}; use "
+            "larger steps or a shorter run"
+        )
+    count = max(1, int(np.ceil(stop / step * (1.0 - 1e-12))))
+    times: Times = np.arange(count + 1, dtype=np.float64) * step
+    times[-1] = stop
+    return times
+
+
+def step_sizes(times: Times, step: float) -> Times:
+    """Return the steps between communication points (K,) [s]: `step` to the bit, except a shorter last one.
+
+    Differences of times contain rounding errors that change from step to step. Components that cache values for a step
+    size, such as exponentials, would compute them again in every step.
+
+    Args:
+        times: Communication points (K+1,) [s].
+        step: Coupling step [s].
+    """
+    steps: Times = np.full(times.size - 1, step)
+    rest = times[-1] - times[-2]
+    if abs(rest - step) > ROUNDING * step:
+        steps[-1] = rest
+    return steps
+
+
+def joined(times: Times, others: Times) -> Times:
+    """Return all times in order; of times that differ by rounding only, those of the first array, to the bit.
+
+    Args:
+        times: Times in order (T,) [s], from the run's start to its end.
+        others: Times within them (N,) [s].
+    """
+    place = np.searchsorted(times, others)
+    near = np.minimum(np.abs(others - times[np.maximum(place - 1, 0)]), np.abs(others - times[place]))
+    new = others[near > ROUNDING * times[-1]]
+    return np.union1d(times, new) if new.size else times
+
+
+def merged(times: Times) -> Times:
+    """Return times (T,) [s] sorted, without repetitions that differ by rounding only."""
+    times = np.sort(times)
+    kept: Times = times[np.append(np.diff(times) > ROUNDING * times[-1], True)]
+    return kept
+
+
+def among(times: Times, chosen: Times, stop: float) -> NDArray[np.bool_]:
+    """Return whether each time (T,) [s] equals one of the chosen ones (R,) [s], except for rounding.
+
+    Args:
+        times: Times to check.
+        chosen: Chosen times, in order.
+        stop: Duration of the run [s].
+    """
+    place = np.searchsorted(chosen, times)
+    after = np.abs(times - chosen[np.clip(place, 0, chosen.size - 1)])
+    before = np.abs(times - chosen[np.clip(place - 1, 0, chosen.size - 1)])
+    found: NDArray[np.bool_] = np.minimum(after, before) < ROUNDING * stop
+    return found
+
+
+# ==== Integer, Boolean and enumeration variables in coupling, drive and recording ====================================
+
+
+@dataclass(frozen=True, slots=True)
+class _Link:
+    """Output that sets an input: `input = factor * output + offset`, rounded if the input is not Real."""
+
+    source: str
+    target: Variable
+    factor: float
+    offset: float
+
+    def __call__(self, value: float) -> float:
+        return _as_type(self.target.type, self.factor * value + self.offset)
+
+
+@dataclass
+class DiscreteExchange:
+    """Discrete variables of a system, and their current values."""
+
+    components: Mapping[str, Component]  #: All components by name.
+    links: Mapping[str, _Link]  #: Link of each connected input, named `component.variable`.
+    driven: Mapping[str, tuple[int, str]]  #: Channel of the drive and type of each driven discrete input.
+    names: tuple[str, ...]  #: Discrete variables to record.
+    drive: Drivefile | None = None  #: Drive of the scenario.
+    drive_start: float = 0.0  #: Time in the drive at which the run starts [s].
+    rows: list[list[float]] = field(default_factory=list)
+    _set: dict[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, system: System, scenario: Scenario, names: Iterable[str]) -> DiscreteExchange:
+        """Collect the discrete variables that a system couples, drives and records."""
+        driven = {
+            target: (index, system.input(target).type)
+            for target, index in targets_of(system, scenario).items()
+            if system.input(target).type in DISCRETE
+        }
+        recorded = tuple(name for name in names if system.output(name).type in DISCRETE)
+        return cls(system.components, _links(system), driven, recorded, scenario.drive, scenario.drive_start)
+
+    @property
+    def is_coupled(self) -> bool:
+        """Whether inputs must be set before each step."""
+        return bool(self.links or self.driven)
+
+    @property
+    def is_needed(self) -> bool:
+        """Whether there is anything to do between steps."""
+        return self.is_coupled or bool(self.names)
+
+    def begin(self) -> None:
+        """Forget the last run."""
+        self.rows.clear()
+        self._set.clear()
+
+    def exchange(self, time: float) -> bool:
+        """Set every input whose source has changed at `time` [s]; return whether there was one."""
+        if not self.is_coupled:
+            return False
+        known = self._read(link.source for link in self.links.values())
+        current = {target: link(known[link.source]) for target, link in self.links.items()} | self._driven_at(time)
+        changed = {target: value for target, value in current.items() if self._set.get(target) != value}
+        for name, inputs in _by_component(changed).items():
+            self.components[name].set(inputs, [changed[f"{name}.{variable}"] for variable in inputs])
+        self._set |= changed
+        return bool(changed)
+
+    def record(self, rows: int) -> None:
+        """Record a row of discrete values if the loop has recorded more rows (`rows`) than this object."""
+        if self.names and rows > len(self.rows):
+            known = self._read(self.names)
+            self.rows.append([known[name] for name in self.names])
+
+    def _read(self, names: Iterable[str]) -> dict[str, float]:
+        return {
+            f"{name}.{variable}": value
+            for name, variables in _by_component(dict.fromkeys(names)).items()
+            for variable, value in zip(variables, self.components[name].get(variables), strict=True)
+        }
+
+    def _driven_at(self, time: float) -> dict[str, float]:
+        """Return the inputs that the drive sets, at its latest sample; discrete values are not interpolated."""
+        if self.drive is None or not self.driven:
+            return {}
+        series = self.drive.series
+        at = time + self.drive_start
+        place = max(0, int(np.searchsorted(series.time, at + 1e-9 * max(abs(at), 1e-3), "right")) - 1)
+        return {target: _as_type(kind, float(series.values[k, place])) for target, (k, kind) in self.driven.items()}
+
+
+def _as_type(kind: str, value: float) -> float:
+    """Return a number converted to a variable's type: a Boolean is true unless 0, integers are rounded."""
+    if kind == "Boolean":
+        return float(value != 0.0)
+    return value if kind == "Real" else float(round(value))
+
+
+def _links(system: System) -> dict[str, _Link]:
+    links = {}
+    for connection in system.discrete_connections:
+        source, target = system.output(connection.source), system.input(connection.target)
+        unit = convert_between(source.unit, target.unit, f"{connection.source} -> {connection.target}")
+        factor, offset = connection.gain * unit.factor, connection.gain * unit.offset + connection.offset
+        links[connection.target] = _Link(connection.source, target, factor, offset)
+    return links
+
+
+def _by_component(names: Iterable[str]) -> dict[str, list[str]]:
+    variables: dict[str, list[str]] = {}
+    for name in names:
+        component, _, variable = name.partition(".")
+        variables.setdefault(component, []).append(variable)
+    return variables
+
+
+# ==== Setup ==========================================================================================================
 
 # ---- Limits checked at every step -----------------------------------------------------------------------------------
 

@@ -12,8 +12,26 @@ from pathlib import Path
 from cosim.components.component import UnitDefinition
 from cosim.components.conversion import Conversion
 from cosim.ssp import package
-from cosim.ssp.contents import Assignment, Connector, Experiment, FmuElement, Link, Structure, SystemElement, Value
-from cosim.ssp.package import Place, attribute, flag, integer, local_name, named, number, open_package, read_inside, tag
+from cosim.ssp.package import (
+    Assignment,
+    Connector,
+    Experiment,
+    FmuElement,
+    Link,
+    Place,
+    Structure,
+    SystemElement,
+    Value,
+    attribute,
+    flag,
+    integer,
+    local_name,
+    named,
+    number,
+    open_package,
+    read_inside,
+    tag,
+)
 from eightpost.errors import InputError, WiringError
 
 # ---- Parameter sets (.ssv or inline) and mappings (.ssm or inline) as assignments -----------------------------------

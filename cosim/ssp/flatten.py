@@ -9,7 +9,7 @@ from math import isclose
 
 from cosim.components.component import DISCRETE, UnitDefinition, Variable
 from cosim.components.conversion import Conversion, convert_between
-from cosim.ssp.contents import Connector, FmuElement, Link, SystemElement
+from cosim.ssp.package import Connector, FmuElement, Link, SystemElement
 from cosim.systems.system import Bond, Connection
 from eightpost.errors import InputError, WiringError
 

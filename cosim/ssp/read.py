@@ -9,13 +9,12 @@ from weakref import WeakKeyDictionary
 
 from cosim.components.component import Component
 from cosim.components.fmu_component import FmuComponent
-from cosim.session.case import Case
+from cosim.session.master import Case
 from cosim.ssp import flatten
-from cosim.ssp.contents import Experiment, FmuElement, Structure, Value
 from cosim.ssp.description import read_structure
-from cosim.ssp.package import Unpacked, named, open_package
+from cosim.ssp.package import Experiment, FmuElement, Structure, Unpacked, Value, named, open_package
 from cosim.ssp.values import OpenInputs, Values, read_values
-from cosim.systems.scenario import Scenario
+from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost.errors import EightpostError, InputError, WiringError
 from eightpost.signals import Drivefile

@@ -9,10 +9,9 @@ from functools import cached_property
 
 from cosim.components.component import DISCRETE, Variable
 from cosim.components.conversion import Conversion, convert_between, named_unit, to_si
-from cosim.ssp.contents import Assignment, FmuElement, SystemElement, Value
 from cosim.ssp.flatten import Hop, Network, Path, Port, compose
-from cosim.ssp.package import read_inside
-from cosim.systems.variables import can_be_set
+from cosim.ssp.package import Assignment, FmuElement, SystemElement, Value, read_inside
+from cosim.systems.system import can_be_set
 from eightpost import units
 from eightpost.array_types import Array
 from eightpost.errors import UnknownUnitError, WiringError

@@ -10,8 +10,7 @@ from cosim.study.choice.robust import Spread
 from cosim.study.choice.robust_file import read_spreads
 from cosim.study.choice.selection import Selection, read_selection
 from cosim.study.report import write_study_report
-from cosim.study.report.sheet import AimPage
-from cosim.study.report.shock_pages import copy_shock_pages, shock_curves
+from cosim.study.report.sheet import AimPage, copy_shock_pages, shock_curves
 from cosim.study.result import StudyResult
 from cosim.study.running.evaluator import traces
 from eightpost.errors import FileFormatError

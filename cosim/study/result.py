@@ -13,12 +13,20 @@ import pyarrow as pa
 import pyarrow.compute
 import pyarrow.parquet
 
-from cosim.study.columns import DONE, check_columns, study_schema
 from cosim.study.measures import Measure
-from cosim.study.provenance import Provenance, header_in, header_of, with_found_files
-from cosim.study.setup import Setup
-from cosim.study.stored_table import StoredTable, open_table, write_tables
-from cosim.study.study import Study, Term
+from cosim.study.study import Setup, Study, Term
+from cosim.study.table import (
+    DONE,
+    Provenance,
+    StoredTable,
+    check_columns,
+    header_in,
+    header_of,
+    open_table,
+    study_schema,
+    with_found_files,
+    write_tables,
+)
 from eightpost import units
 from eightpost.array_types import Array, Flags, Integers
 from eightpost.completion import warn_of_earlier_results

@@ -2,18 +2,217 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from math import inf, isfinite
+from functools import cached_property
+from math import inf, isfinite, prod
 from pathlib import Path
 from typing import ClassVar
 
+import numpy as np
 from pydantic import ConfigDict, TypeAdapter
 
+from cosim.components.component import Component
 from cosim.study.measures import Measure
-from cosim.study.setup import Setup, SetupSpace
+from cosim.systems.system import Bond
+from eightpost.array_types import Integers
 from eightpost.errors import InputError
+
+# ---- Ports of a vehicle for the shocks (docs/reference/ports.md) ----------------------------------------------------
+
+
+def ports(vehicle: Component) -> tuple[str, ...]:
+    """Return the corners at which a vehicle has a port (docs/reference/ports.md); `corner` for a quarter car."""
+    names = vehicle.variables
+    found = [
+        name.removesuffix(".velocity")
+        for name, variable in names.items()
+        if name.endswith(".velocity") and variable.causality == "output"
+    ]
+    corners = tuple(c for c in found if f"{c}.force" in names and names[f"{c}.force"].causality == "input")
+    is_quarter = {"velocity", "force"} <= set(names) and names["velocity"].causality == "output"
+    return corners or (("corner",) if is_quarter else ())
+
+
+def bond_at(vehicle: Component, name: str, corner: str, shock: Component) -> Bond:
+    """Return the bond of a shock at a corner; the port of a quarter car has no corner in its name.
+
+    Args:
+        vehicle: Vehicle.
+        name: Name of the vehicle's component.
+        corner: Corner, which is also the name of the shock's component.
+        shock: Shock.
+    """
+    port = f"{name}.{corner}" if f"{corner}.velocity" in vehicle.variables else name
+    return Bond.between(port, corner, displacement="displacement" in shock.variables, name=corner)
+
+
+def check_corners(corners: Collection[str], vehicle: Component, file: Path) -> None:
+    """Refuse corners that are not the vehicle's: a port without a shock would have no damping.
+
+    Args:
+        corners: Corners that a study names.
+        vehicle: Vehicle.
+        file: File of the vehicle, for the message.
+
+    Raises:
+        InputError: The vehicle has no port for a shock, or not that of a corner, or a port has no shock.
+    """
+    known = ports(vehicle)
+    if not known:
+        raise InputError(f"vehicle.fmu: {file} has no port for a shock, so it is no vehicle that a study can run; name "
+                         "a vehicle file or the FMU of a vehicle (docs/reference/ports.md)")  # fmt: skip
+    listed = f"{file} has {_counted(known)}"
+    if unknown := [corner for corner in corners if corner not in known]:
+        raise InputError(f"corners: the vehicle has no port {unknown[0]!r}; {listed}. Name its ports in [corners], or "
+                         "a vehicle that has these corners")  # fmt: skip
+    if missing := [corner for corner in known if corner not in corners]:
+        raise InputError(f"corners: {missing[0]} has no shock; {listed}. Name the builds allowed at {missing[0]}")
+
+
+def _counted(known: Sequence[str]) -> str:
+    return f"the port {known[0]!r} only" if len(known) == 1 else f"ports at {', '.join(known)}"
+
+
+# ---- Setups: one build of the bank at every corner, numbered --------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """A build at every corner."""
+
+    index: int  #: Number of the setup in its space.
+    builds: Mapping[str, str]  #: Name of the build by corner.
+
+    def __str__(self) -> str:
+        """Return the builds corner by corner: `lf C/B, rf C/B, lr AA/B, rr C/C`."""
+        return ", ".join(f"{corner} {build}" for corner, build in self.builds.items())
+
+
+@dataclass(frozen=True)
+class SetupSpace:
+    """All setups that a study may choose from (Theta of Eq 2.3).
+
+    A setup's number is a mixed-radix number: its digits are the positions of the corners' builds among the builds
+    allowed there. The last corner is the last digit.
+
+    Raises:
+        InputError: A corner has no build or the same build twice, a group names an unknown corner, or the corners of a
+            group have no build in common.
+    """
+
+    corners: Mapping[str, tuple[str, ...]]  #: Allowed builds by corner.
+    alike: tuple[tuple[str, ...], ...] = ()  #: Groups of corners that always have the same build: `(("lf", "rf"),)`.
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "corners", {name: tuple(builds) for name, builds in self.corners.items()})
+        object.__setattr__(self, "alike", tuple(tuple(group) for group in self.alike))
+        for corner, builds in self.corners.items():
+            if not builds or len(set(builds)) < len(builds):
+                raise InputError(f"corners: {corner} needs one or more different builds, not {list(builds)}")
+        for group in self.alike:
+            self._check_group(group)
+
+    @property
+    def radices(self) -> tuple[int, ...]:
+        """Number of allowed builds at each corner."""
+        return tuple(len(builds) for builds in self.corners.values())
+
+    @property
+    def full(self) -> int:
+        """Number of setups without the restriction `alike`; every setup number is below it."""
+        return prod(self.radices)
+
+    def __len__(self) -> int:
+        return int(self.indices.size)
+
+    def __iter__(self) -> Iterator[Setup]:
+        return (self.setup(int(index)) for index in self.indices)
+
+    @cached_property
+    def indices(self) -> Integers:
+        """Numbers of all setups in increasing order (S,).
+
+        Raises:
+            InputError: There are more setups than the memory holds.
+        """
+        try:
+            return self._numbers() if self.alike else np.arange(self.full, dtype=np.int64)
+        except MemoryError as error:
+            raise InputError(
+                f"the builds of the corners give {self.full:.2g} setups, more than the memory holds; name fewer builds "
+                "in [corners], or corners that have the same build in alike"
+            ) from error
+
+    def _numbers(self) -> Integers:
+        """Return the numbers, found corner by corner: one that is like an earlier one has the build of that one."""
+        numbers, chosen = np.zeros(1, dtype=np.int64), dict[str, Integers]()
+        for corner, builds in self.corners.items():
+            if mates := {mate for group in self.alike if corner in group for mate in group if mate in chosen}:
+                first, *others = (_places_of(self.corners[mate], builds)[chosen[mate]] for mate in mates)
+                rows = np.flatnonzero(np.all([first >= 0, *(first == other for other in others)], axis=0))
+                places = first[rows]
+            else:
+                rows = np.repeat(np.arange(numbers.size), len(builds))
+                places = np.tile(np.arange(len(builds)), numbers.size)
+            chosen = {name: earlier[rows] for name, earlier in chosen.items()} | {corner: places}
+            numbers = numbers[rows] * len(builds) + places
+        return numbers
+
+    def digits(self, indices: Integers) -> Integers:
+        """Return the positions of the corners' builds (S, corners) for setups by number (S,)."""
+        return np.stack(np.unravel_index(indices, self.radices), axis=-1).astype(np.int64)
+
+    def setup(self, index: int) -> Setup:
+        """Return a setup by its number.
+
+        Raises:
+            InputError: No setup has this number.
+        """
+        if not 0 <= index < self.full:
+            raise InputError(f"there is no setup {index}; they are numbered 0 to {self.full - 1}")
+        places = np.unravel_index(index, self.radices)
+        pairs = zip(self.corners.items(), places, strict=True)
+        return Setup(int(index), {corner: builds[int(place)] for (corner, builds), place in pairs})
+
+    def find(self, builds: Mapping[str, str]) -> Setup:
+        """Return the setup with the given builds by corner.
+
+        Raises:
+            InputError: A corner is missing or unknown, or its build is not allowed there.
+        """
+        if set(builds) != set(self.corners):
+            raise InputError(
+                f"a setup must give builds at {', '.join(self.corners)}, not at {', '.join(builds) or 'no corner'}"
+            )
+        return self.setup(int(np.ravel_multi_index([self._place(c, builds[c]) for c in self.corners], self.radices)))
+
+    def _place(self, corner: str, build: str) -> int:
+        allowed = self.corners[corner]
+        if build not in allowed:
+            close = get_close_matches(build, allowed, n=1)
+            advice = f"; did you mean {close[0]}?" if close else ""
+            raise InputError(f"{corner} cannot have the build {build!r}, only one of {', '.join(allowed)}{advice}")
+        return allowed.index(build)
+
+    def _check_group(self, group: tuple[str, ...]) -> None:
+        if len(group) < 2 or (unknown := sorted(set(group) - set(self.corners))):
+            what = f"there is no corner {unknown[0]!r}" if len(group) > 1 else "a group needs two or more corners"
+            raise InputError(f"alike: {list(group)}: {what}; the corners are {', '.join(self.corners)}")
+        if not set.intersection(*(set(self.corners[corner]) for corner in group)):
+            raise InputError(
+                f"alike: the corners {', '.join(group)} have no build in common; change [corners] or alike"
+            )
+
+
+def _places_of(builds: tuple[str, ...], allowed: tuple[str, ...]) -> Integers:
+    """Return the place of each build (B,) among those allowed at a corner, -1 if it is not allowed there."""
+    places = {build: place for place, build in enumerate(allowed)}
+    return np.array([places.get(build, -1) for build in builds], dtype=np.int64)
+
+
+# ---- The study ------------------------------------------------------------------------------------------------------
 
 #: Parameter values by name, each in the parameter's unit.
 Parameters = Mapping[str, float | bool | str]

@@ -26,12 +26,11 @@ from PIL import Image
 
 from cosim.study.certainty import Certainty
 from cosim.study.certainty.assess import certainty_of
-from cosim.study.columns import result_table, study_schema
 from cosim.study.measures import Measure
-from cosim.study.provenance import Provenance
 from cosim.study.report import write_study_report
 from cosim.study.result import StudyResult
 from cosim.study.study import Build, Drive, Study, Term, Vehicle
+from cosim.study.table import Provenance, result_table, study_schema
 from eightpost.corners import CORNERS
 from eightpost.measure_uncertainty import MeasureUncertainty
 from eightpost.model_uncertainty import ModelUncertainty

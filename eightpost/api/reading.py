@@ -11,7 +11,7 @@ from eightpost.errors import InputError, suggestion
 
 if TYPE_CHECKING:
     from cosim.results.result import SavedRun
-    from cosim.session.case import Case
+    from cosim.session.master import Case
     from cosim.study import StudyResult
     from eightpost.ident.vehicle import VehicleFit
     from eightpost.rig import DynoTest, PeakVelocityTable

@@ -13,9 +13,8 @@ from eightpost.errors import InputError, check_number, suggestion
 if TYPE_CHECKING:
     from cosim import Algorithm, Automatic, Result, Scenario, System
     from cosim.results.result import SavedRun
-    from cosim.session.case import Case
-    from cosim.session.parameter_sweep import ParameterSweep
-    from cosim.study.choice.run_comparison import RunComparison
+    from cosim.session.master import Case, ParameterSweep
+    from cosim.study.choice.compare import RunComparison
     from eightpost.progress import Progress
 
     Value: TypeAlias = float | bool | str
@@ -115,7 +114,7 @@ def sweep(
         >>> found = ep.sweep("car.toml", parameters={"lf.compression_scale": [0.8, 1.0, 1.2]})
         >>> found.to_pandas()[["lf.compression_scale", "car.lf.tire_force"]]
     """
-    from cosim.session.parameter_sweep import sweep_parameters
+    from cosim.session.master import sweep_parameters
     from eightpost.progress import reported_to
 
     case = _case(system, scenario, algorithm, step, tolerance)
@@ -143,7 +142,7 @@ def compare(runs: Mapping[str, Run] | Sequence[Run], *, vehicle: str = "car") ->
         >>> ep.compare({"soft": soft, "stiff": stiff}).to_pandas()
     """
     from cosim.results.result import Result, SavedRun
-    from cosim.study.choice.run_comparison import compare_runs
+    from cosim.study.choice.compare import compare_runs
 
     if isinstance(runs, str | Path | Result | SavedRun):
         raise InputError("compare needs a list or a mapping of at least two runs; the first is the baseline")
@@ -171,9 +170,9 @@ def _case(
 ) -> Case:
     """Return the system to run with its scenario and coupling."""
     from cosim.session.automatic import SCHEMES
-    from cosim.session.case import Case
+    from cosim.session.master import Case
     from cosim.system_file import read_case
-    from cosim.systems.scenario import Scenario
+    from cosim.systems.coupling import Scenario
     from cosim.systems.system import System
 
     check_number("step", step, "s")

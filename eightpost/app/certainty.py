@@ -103,7 +103,7 @@ def earlier_certainty(result: StudyResult, folder: Path) -> Certainty | None:
 
 def show_certainty(console: Console, result: StudyResult, certainty: Certainty) -> None:
     """Print the summary of a certainty."""
-    from cosim.study.certainty.summary import summary_lines
+    from cosim.study.certainty.certainty import summary_lines
 
     for place, line in enumerate(summary_lines(result, certainty)):
         style = "bold" if place == 0 else ""

@@ -19,8 +19,7 @@ from eightpost.report.console import Table, console_table, folded, right
 from eightpost.verdict import Verdict
 
 if TYPE_CHECKING:
-    from cosim.study.choice.compare import Comparison
-    from cosim.study.choice.run_comparison import RunComparison
+    from cosim.study.choice.compare import Comparison, RunComparison
     from cosim.study.result import StudyResult
     from eightpost.signals import ChannelMap
 
@@ -88,7 +87,7 @@ def compare(
 
 def _compare_runs(console: Console, folders: tuple[Path, ...], vehicle: str, output: Path | None) -> Verdict:
     from cosim.results.result import SavedRun
-    from cosim.study.choice.run_comparison import compare_runs
+    from cosim.study.choice.compare import compare_runs
 
     saved = {str(folder): SavedRun.load(folder) for folder in folders}
     for number, (folder, run) in enumerate(saved.items(), start=1):

@@ -59,7 +59,7 @@ def confirm(
     """
     from cosim.study.certainty import write_certainty
     from cosim.study.certainty.assess import Knowledge, certainty_of
-    from cosim.study.choice.confirm import requested_runs, with_rig_runs
+    from cosim.study.choice.rig_runs import requested_runs, with_rig_runs
     from cosim.study.folder import CERTAINTY, PREVIOUS, RESULTS
     from cosim.study.result import StudyResult
     from cosim.study.verdict import study_verdict
@@ -133,7 +133,7 @@ def _level(result: StudyResult, certainty: Certainty, setup: int) -> str:
 
 def show_contradictions(console: Console, result: StudyResult, certainty: Certainty) -> None:
     """Print the measured levels that the prediction does not explain."""
-    from cosim.study.certainty.summary import percent
+    from cosim.study.certainty.certainty import percent
     from eightpost import units
 
     for one in certainty.contradictions:

@@ -53,9 +53,8 @@ def robust(
     """
     from cosim.study.certainty import write_certainty
     from cosim.study.certainty.assess import certainty_of
-    from cosim.study.choice.robust import leading, spreads_of
+    from cosim.study.choice.robust import knowledge_of, leading, linearity_check, spreads_of
     from cosim.study.choice.robust_file import read_uncertainty, write_spreads
-    from cosim.study.choice.uncertain_effects import knowledge_of, linearity_check
     from cosim.study.folder import CERTAINTY, RESULTS, SPREADS
     from cosim.study.result import StudyResult
     from cosim.study.running.workers import ProcessWorkers

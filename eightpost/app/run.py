@@ -17,7 +17,7 @@ from eightpost.outputs import PICTURE, RECORD, RESULT
 
 if TYPE_CHECKING:
     import cosim
-    from cosim.session.case import Case
+    from cosim.session.master import Case
 
 #: Files that every run writes.
 FILES = {"series.parquet": RECORD, "series.csv": RECORD, "result.json": RESULT, "traces.png": PICTURE}

@@ -12,9 +12,10 @@ from scipy.stats import qmc
 from builder.build import build
 from cosim.study.certainty import OBJECTIVE
 from cosim.study.certainty.assess import Knowledge, posterior_of
-from cosim.study.certainty.vehicle_draws import DrawnCar, VehicleDraws
+from cosim.study.certainty.choice import DrawnCar, VehicleDraws
 from cosim.study.choice.continuous import (
     ASSURED,
+    Band,
     Evaluation,
     Optimum,
     Problem,
@@ -22,10 +23,10 @@ from cosim.study.choice.continuous import (
     Range,
     Robustness,
     ShockSpace,
+    band,
     groups_of,
     search,
 )
-from cosim.study.choice.gain_band import Band, band
 from cosim.study.choice.optimise import Search, search_study
 from cosim.study.folder import chosen_so_far
 from cosim.study.result import StudyResult

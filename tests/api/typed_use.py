@@ -5,9 +5,9 @@ from typing import assert_type
 import eightpost as ep
 from builder.build import Built
 from cosim import Result
-from cosim.session.parameter_sweep import ParameterSweep
+from cosim.session.master import ParameterSweep
 from cosim.study import StudyResult
-from cosim.study.choice.run_comparison import RunComparison
+from cosim.study.choice.compare import RunComparison
 from eightpost.ident import ShockFit
 from eightpost.ident.vehicle import VehicleFit
 from eightpost.rig import DynoTest

@@ -9,8 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cosim.study.choice.continuous import Evaluation, Optimum, Range, Robustness, ShockSpace
-from cosim.study.choice.gain_band import Band
+from cosim.study.choice.continuous import Band, Evaluation, Optimum, Range, Robustness, ShockSpace
 from eightpost.app import shape_page
 from eightpost.app.shape_page import (
     aim_verdict,

@@ -8,8 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cosim.study.choice.continuous import Range, ShockSpace
-from cosim.study.choice.gain_band import Band
+from cosim.study.choice.continuous import Band, Range, ShockSpace
 from cosim.study.study import Build
 from eightpost.app import shape_search
 from eightpost.app.shape_search import targets_of

@@ -10,8 +10,8 @@ import pytest
 from rich.console import Console
 
 from builder.check.rules import Level, Rule
+from cosim.study.choice.compare import RunComparison
 from cosim.study.choice.optimise import Optimum
-from cosim.study.choice.run_comparison import RunComparison
 from cosim.study.measures import Measure
 from eightpost.app.check import _table as findings_table
 from eightpost.app.compare import measure_table

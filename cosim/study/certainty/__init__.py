@@ -12,8 +12,9 @@ from cosim.study.certainty.certainty import (
     NextTest,
     Status,
     TradeOff,
+    read_certainty,
+    write_certainty,
 )
-from cosim.study.certainty.certainty_file import read_certainty, write_certainty
 
 __all__ = [
     "OBJECTIVE",

@@ -1,15 +1,27 @@
-"""Certainty of a study: its content, which certainty.parquet contains and the page shows."""
+"""Certainty of a study: its content, which certainty.parquet contains and the page shows, and its verdict."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, dataclass, field, fields
 from enum import StrEnum
+from pathlib import Path
+from typing import Any, cast, get_type_hints
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+from pydantic import create_model
 
+from cosim.study.result import StudyResult
+from cosim.study.table import StoredTable, open_table
 from eightpost.array_types import Array, Flags, Integers
-from eightpost.errors import InputError
+from eightpost.errors import FileFormatError, InputError
+from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json
+from eightpost.verdict import Grade, Reason, Rules, listed
+
+# ---- Content --------------------------------------------------------------------------------------------------------
 
 #: Name of the weighted sum of Eq 2.6 among the measures.
 OBJECTIVE = "objective"
@@ -229,3 +241,280 @@ class Certainty:
     def probability(self, setup: int) -> float:
         """Return the probability that a setup is the best."""
         return float(self.best[self.row(setup)])
+
+
+# ---- Summary in a few sentences, for the console and the page -------------------------------------------------------
+
+#: Number of ties and of other measures that are named.
+_TIES, _MEASURES = 5, 3
+
+
+def summary_lines(result: StudyResult, certainty: Certainty) -> Iterator[str]:
+    """Yield the tie set with its probabilities, trade-offs, next tests, and what is not known."""
+    if certainty.leader is None:
+        yield "no setup meets the constraints with a notable probability"
+        return
+    leader = result.study.space.setup(certainty.leader)
+    chance = percent(certainty.probability(leader.index))
+    if certainty.is_known:
+        yield f"most probably the best by {certainty.criterion}: setup {leader.index} ({leader}), {chance}"
+    else:
+        yield f"lowest by {certainty.criterion}: setup {leader.index} ({leader}); how sure this is, is not known"
+        yield f"from the known contributions alone, it is the best with a probability of {chance}"
+    yield _ties(certainty)
+    yield from _trade_offs(certainty)
+    if certainty.tests:
+        names = ", ".join(str(test.setup) for test in certainty.tests)
+        left = percent(certainty.tests[-1].remaining)
+        left = left if certainty.tests[-1].remaining < 0.001 else f"about {left}"
+        exact = ", if rig runs repeat exactly" if certainty.assumes_exact_runs else ""
+        yield f"test next: {names}; {left} of the uncertainty about the ties remains{exact} (eightpost confirm)"
+    for one in certainty.contributions:
+        if one.status is not Status.INCLUDED:
+            yield f"{one.status.value}: {one.name}: {one.text}"
+    yield from (f"approximation: {text}" for text in (*certainty.notes, *certainty.remarks))
+
+
+def percent(probability: float) -> str:
+    """Return a probability in percent.
+
+    >>> percent(0.6234), percent(0.9996), percent(0.0001)
+    ('62 %', 'above 99.9 %', 'below 0.1 %')
+    """
+    if 0.001 <= probability <= 0.999:
+        return f"{100.0 * probability:.1f} %" if not 0.1 <= probability <= 0.9 else f"{100.0 * probability:.0f} %"
+    return "above 99.9 %" if probability > 0.5 else "below 0.1 %"
+
+
+def _ties(certainty: Certainty) -> str:
+    count = len(certainty.ties)
+    if count == 1:
+        return f"no other setup is needed to contain the best one with a probability of {100 * TIE:g} %"
+    named = ", ".join(f"{setup} {percent(certainty.probability(setup))}" for setup in certainty.ties[:_TIES])
+    more = f" and {count - _TIES} more" if count > _TIES else ""
+    return f"{count} setups are tied; one of them is the best with a probability of {100 * TIE:g} %: {named}{more}"
+
+
+def _trade_offs(certainty: Certainty) -> Iterator[str]:
+    """Yield the changes of other measures of the leading setup from the baseline, the largest first."""
+    worse = sorted((one for one in certainty.trade_offs if one.low > 0.0), key=lambda one: -one.change)
+    better = sorted((one for one in certainty.trade_offs if one.high < 0.0), key=lambda one: one.change)
+    for words, found in (("worse", worse), ("better", better)):
+        if found:
+            named = ", ".join(_change(one) for one in found[:_MEASURES])
+            more = f" and {len(found) - _MEASURES} more" if len(found) > _MEASURES else ""
+            yield f"{words} than the baseline with a probability of 97.5 %: {named}{more}"
+
+
+def _change(one: TradeOff) -> str:
+    return f"{one.measure} {100 * one.change:+.1f} % ({100 * one.low:+.1f} to {100 * one.high:+.1f})"
+
+
+# ---- Reasons of a study's verdict that concern the certainty of the choice ------------------------------------------
+
+ABOUT = "choice"
+
+RULES = Rules()
+
+ONE_BEST = RULES.add("one setup is the best", ABOUT, Grade.USABLE,
+    condition=f"one setup is the best with a probability of {100 * TIE:g} % or more, and no contribution to the "
+    "uncertainty is unknown or not included",
+    why="the probability contains the choice among all setups of the study",
+    remedy="nothing; confirm it on the rig (eightpost confirm)",
+)  # fmt: skip
+BEST_BY_PART = RULES.add("one setup is the best by a part of the uncertainty", ABOUT, Grade.LIMITED,
+    condition=f"one setup is the best with a probability of {100 * TIE:g} % or more, but a contribution to the "
+    "uncertainty is not included",
+    why="with the missing contribution, other setups may be as good",
+    remedy="state it, e.g. fit several builds of a shock together (eightpost fit), or confirm the setup on the rig",
+)  # fmt: skip
+TIED = RULES.add("setups tied", ABOUT, Grade.LIMITED,
+    condition=f"no single setup is the best with a probability of {100 * TIE:g} %",
+    why="the study does not tell which of the tied setups is the best",
+    remedy="choose among the ties by other measures, or test the proposed setups (eightpost confirm)",
+)  # fmt: skip
+UNKNOWN = RULES.add("uncertainty of the choice unknown", ABOUT, Grade.UNKNOWN,
+    condition="a contribution to the uncertainty is unknown: of the vehicle, of a shock, or of rig runs",
+    why="stated probabilities contain the known contributions only, so that they are too extreme",
+    remedy="see the contributions: identify the car, fit the shocks, or state the uncertainty (eightpost robust)",
+)  # fmt: skip
+NOT_ASSESSED = RULES.add("certainty not computed", ABOUT, Grade.UNKNOWN,
+    condition="the study has no certainty: it was switched off, or the study is of an older version",
+    why="differences between the best setups may be smaller than their uncertainty",
+    remedy="run `eightpost study` with the same folder, without --no-certainty; completed runs are not repeated",
+)  # fmt: skip
+CONTRADICTED = RULES.add("rig runs contradict the prediction", "rig runs", Grade.LIMITED,
+    condition="a measured level is improbable, given the prediction, its uncertainty and the other rig runs",
+    why="the record, or the model, has an error that the stated uncertainty does not contain",
+    remedy="check the record (setup, shocks, drive file, units); if it is right, identify the car again",
+)  # fmt: skip
+
+
+def certainty_reasons(certainty: Certainty | None) -> Iterator[Reason]:
+    """Yield the reasons of a certainty; None if it was not computed."""
+    if certainty is None:
+        yield NOT_ASSESSED.reason("it is not known how sure the choice is", figure="0 draws", origin="the folder")
+        return
+    if certainty.leader is None:
+        return  # no setup is feasible, which is a reason of its own
+    chance = certainty.probability(certainty.leader)
+    figure = f"setup {certainty.leader} {chance:.0%}; limit {TIE:.0%}; {len(certainty.ties)} setups tied"
+    origin = f"{certainty.criterion}; {certainty.draws} draws"
+    if len(certainty.ties) > 1:
+        yield TIED.reason("several setups may be the best", figure=figure, origin=origin)
+    elif certainty.is_known and certainty.left_out:
+        names = listed(one.name for one in certainty.left_out)
+        figure = f"{figure}; not included: {names}"
+        yield BEST_BY_PART.reason("one setup is the best by the included contributions", figure=figure, origin=origin)
+    elif certainty.is_known:
+        yield ONE_BEST.reason("one setup is the best", figure=figure, origin=origin)
+    for one in certainty.contributions:
+        if one.status is Status.UNKNOWN:
+            figure = f"{one.name}: {one.text}"
+            yield UNKNOWN.reason("a contribution to the uncertainty is unknown", figure=figure, origin=origin)
+    if certainty.contradictions:
+        worst = min(certainty.contradictions, key=lambda one: one.probability)
+        change = 100.0 * (worst.measured / worst.predicted - 1.0)
+        figure = f"{worst.measure} {change:+.2g} % from the prediction, probability {percent(worst.probability)}"
+        names = listed(one.file for one in certainty.contradictions)
+        yield CONTRADICTED.reason("a record contradicts the prediction", figure=figure, origin=names)
+
+
+# ---- The file certainty.parquet: one row per setup, and a header (docs/explanation/certainty.md) --------------------
+
+#: Version of the files that are written, and the newest version that can be read.
+SCHEMA = 1
+
+_KEY = b"eightpost"
+
+#: Columns of the criterion.
+_OWN = ("best", "among", "feasible")
+
+#: Fields of a certainty that are columns. All others are entries of the header.
+_COLUMNS = ("setups", "levels", *_OWN)
+
+
+@dataclass(frozen=True, slots=True)
+class _Measure:
+    """Header of one measure."""
+
+    name: str
+    relative: bool
+    basis: str
+    run_to_run: float | None = None
+
+
+_TYPES = get_type_hints(Certainty)
+_ENTRIES = {
+    one.name: (_TYPES[one.name], ... if one.default is MISSING else one.default)
+    for one in fields(Certainty)
+    if one.name not in _COLUMNS
+}
+
+#: Header of a certainty: everything that is not a column.
+_Header = create_model("_Header", measures=(tuple[_Measure, ...], ...), **cast("dict[str, Any]", _ENTRIES))
+
+
+def expected_column(measure: str) -> str:
+    """Return the name of the column with the expected levels of a measure."""
+    return f"expected {measure}"
+
+
+def best_column(measure: str) -> str:
+    """Return the name of the column with the probabilities of being best by a measure."""
+    return f"best by {measure}"
+
+
+def half_width_column(measure: str, probability: float) -> str:
+    """Return the name of the column with the half-widths of the intervals of a probability of a measure."""
+    return f"half width {100.0 * probability:g} % of {measure}"
+
+
+def write_certainty(certainty: Certainty, path: str | Path) -> None:
+    """Write a certainty; an existing file is replaced only after the new one is complete."""
+    columns: dict[str, Any] = {"setup": pa.array(certainty.setups, pa.int64())}
+    columns |= {name: _column(getattr(certainty, name)) for name in _OWN}
+    columns["tie"] = pa.array(certainty.tie)
+    for name, levels in certainty.levels.items():
+        columns[expected_column(name)] = _column(levels.expected, pa.float64())
+        for probability, half in zip(PROBABILITIES, levels.half_widths, strict=True):
+            columns[half_width_column(name, probability)] = _column(half)
+        columns[best_column(name)] = _column(levels.best)
+    header = {"schema": "eightpost.certainty", "schema_version": SCHEMA, **_header_of(certainty)}
+    table = pa.table(columns).replace_schema_metadata({_KEY: json.dumps(header, allow_nan=False)})
+    with atomic_path(path) as temporary:
+        pyarrow.parquet.write_table(table, temporary, compression="zstd")
+
+
+def read_certainty(path: str | Path, *, digest: str | None = None) -> Certainty:
+    """Read a certainty that `write_certainty` wrote.
+
+    Args:
+        path: File, such as certainty.parquet in the folder of a study.
+        digest: Digest of the study's result (Provenance.digest); None accepts a certainty of any study.
+
+    Raises:
+        FileFormatError: The file cannot be read, or belongs to another study.
+    """
+    path = Path(path)
+    table = open_table(path, advice="run `eightpost study` again, or `eightpost robust`")
+    content = _content(path, table)
+    try:
+        header = _Header.model_validate(content)
+        own = {name: getattr(header, name) for name in _ENTRIES}
+        measures: tuple[_Measure, ...] = header.measures
+        if digest is not None and own["digest"] != digest:
+            what = "belongs to another study or to other FMUs; run `eightpost study` again"
+            raise FileFormatError(what, path=path)
+        return Certainty(
+            setups=np.asarray(table["setup"].to_numpy(), dtype=np.int64),
+            best=_values(table, "best"),
+            among=_values(table, "among"),
+            feasible=_values(table, "feasible"),
+            levels={measure.name: _levels(table, measure) for measure in measures},
+            **own,
+        )
+    except (pa.ArrowException, *MALFORMED) as error:
+        if isinstance(error, FileFormatError):
+            raise
+        what = f"is not a certainty that this version can read ({error}); run `eightpost study` again"
+        raise FileFormatError(what, path=path) from error
+
+
+def _header_of(certainty: Certainty) -> dict[str, Any]:
+    measures = tuple(
+        _Measure(name, one.relative, one.basis, one.run_to_run if np.isfinite(one.run_to_run) else None)
+        for name, one in certainty.levels.items()
+    )
+    own = {name: getattr(certainty, name) for name in _ENTRIES}
+    found: dict[str, Any] = _Header(measures=measures, **own).model_dump(mode="json")
+    return found
+
+
+def _column(values: Array, kind: pa.DataType | None = None) -> pa.Array:
+    """Return a column; NaN is written as null."""
+    return pa.array(values, kind or pa.float32(), mask=np.isnan(values))
+
+
+def _values(table: pa.Table | StoredTable, name: str) -> Array:
+    return np.asarray(table[name].to_numpy(zero_copy_only=False), dtype=np.float64)
+
+
+def _levels(table: pa.Table | StoredTable, measure: _Measure) -> Levels:
+    return Levels(
+        _values(table, expected_column(measure.name)),
+        np.stack([_values(table, half_width_column(measure.name, p)) for p in PROBABILITIES]),
+        _values(table, best_column(measure.name)),
+        measure.relative,
+        measure.basis,
+        np.nan if measure.run_to_run is None else measure.run_to_run,
+    )
+
+
+def _content(path: Path, table: pa.Table | StoredTable) -> Mapping[str, Any]:
+    metadata = table.schema.metadata or {}
+    found: Any = parse_json(metadata[_KEY], path) if _KEY in metadata else None
+    if not isinstance(found, dict) or found.get("schema") != "eightpost.certainty":
+        raise FileFormatError("is not the certainty of a study; name the certainty.parquet of a study", path=path)
+    check_schema(found, SCHEMA, path, key="schema_version")
+    return found

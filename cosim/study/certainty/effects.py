@@ -11,7 +11,7 @@ import numpy as np
 
 from cosim.components.fmu_component import FmuComponent
 from cosim.study.certainty.certainty import Effect
-from cosim.study.certainty.vehicle_errors import stated_uncertainty
+from cosim.study.certainty.sources import stated_uncertainty
 from cosim.study.result import StudyResult
 from cosim.study.running.evaluator import coupling_of
 from cosim.study.running.sweep import Requested

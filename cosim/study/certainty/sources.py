@@ -1,34 +1,149 @@
-"""Sources of the errors of a study's measures, as one linear model of independent variables.
-
-    e[k, m] = ln(true / predicted)
-            = shift[m] + common[m] + own[m] . z[k] + sum over corners of the shock there + coupling[k, m]
-
-for setup k and measure m. The shift is known: minus the vehicle's bias. The position `z` of a setup has three parts.
-The first are the outputs, `x - mean of x` with
-`x = ln(measures) / sqrt(O)`; the second are `local_features` of the first; every measure depends on both. The third are
-`ln(measure)` minus its mean, of all M measures; only the measure itself depends on its own one: its range over the
-setups is wrong by a factor. All Z parts together give the separation that MeasureUncertainty describes. The common
-error and the gradient `own` have Student's t distribution (MeasureUncertainty): a normal distribution whose scale is
-unknown. All other variables are normal. The fit of a build has the same error at every corner, and each copy of it
-another one. The errors of several fits are correlated if these had the same test (`Effect.correlations`): they are
-sums of independent variables, the modes.
-"""
+"""Sources of the errors of a study's measures, as one linear model of independent variables."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import hypot
 from typing import NamedTuple
 
 import numpy as np
 
 from cosim.study.certainty.certainty import Effect, VehicleSource
-from cosim.study.certainty.positions import Axes, predicted_levels
-from cosim.study.certainty.vehicle_errors import FILE, UNKNOWN, vehicle_uncertainties
-from cosim.study.columns import error_column
+from cosim.study.measures import AboveBand, Measure
 from cosim.study.result import StudyResult
-from eightpost.array_types import Array, Integers
+from cosim.study.table import error_column
+from eightpost.array_types import Array, Flags, Integers
+from eightpost.errors import InputError
 from eightpost.left_out_blocks import square_root
+from eightpost.measure_uncertainty import TOTAL, MeasureUncertainty, local_features
+from eightpost.model_uncertainty import ModelUncertainty
+from eightpost.validity import Validity
+
+# ---- Uncertainty that the vehicle states, for each measure ----------------------------------------------------------
+
+#: Statistics whose relative error is approximately that of the RMS of their channels.
+_LIKE_RMS = ("rms", "joint_rms", "peak", "range", "variation")
+
+#: Quantity whose sum over all wheels the vehicle states.
+_SUMMED = "tire_force"
+
+#: Origin of an uncertainty: stated for this measure, that of its outputs, a file's, or not known (Levels.basis).
+STATED, OUTPUT, FILE, UNKNOWN = "stated", "output", "file", "unknown"
+
+
+def stated_uncertainty(result: StudyResult, fmu: object) -> ModelUncertainty | None:
+    """Return the uncertainty that an FMU of a study states; None if it states none, or it cannot be read."""
+    document = result.provenance.models.get(str(fmu))
+    try:
+        return None if document is None else Validity.from_json(document).uncertainty
+    except InputError:
+        return None
+
+
+def vehicle_uncertainties(result: StudyResult) -> dict[str, tuple[MeasureUncertainty | None, str]]:
+    """Return the uncertainty of each measure due to the vehicle, and its origin: stated, output or unknown.
+
+    The vehicle states the uncertainty of the RMS of its outputs and of the total tire force. That of a measure in a
+    band, in a section or of another statistic of the same size (peak, range) is approximated by that of its output, and
+    that of several outputs by the largest one. Means, shares, percentiles, work and user-defined measures are unknown.
+    """
+    found = stated_uncertainty(result, result.study.vehicle.fmu)
+    stated = {} if found is None else found.measures
+    spectra = result.provenance.above_band
+    return {one.name: _of(one, stated, result.study.vehicle.name, spectra.get(one.name)) for one in result.measures}
+
+
+def plain_output(measure: Measure, vehicle: str, outputs: Mapping[str, MeasureUncertainty]) -> str | None:
+    """Return the output whose RMS a measure is, or the total tire force; None if it is neither."""
+    names = [channel.removeprefix(f"{vehicle}.") for channel in measure.channels]
+    whole = measure.statistic == "rms" and not measure.function and measure.band is None and measure.section is None
+    if not whole or len(set(measure.weights)) > 1 or any(weight == 0.0 for weight in measure.weights):
+        return None
+    if len(names) == 1:
+        return names[0] if names[0] in outputs else None
+    wheels = {name for name in outputs if name.rpartition(".")[2] == _SUMMED}
+    return TOTAL if set(names) == wheels and TOTAL in outputs else None
+
+
+def _of(
+    measure: Measure, stated: Mapping[str, MeasureUncertainty], vehicle: str, spectrum: AboveBand | None
+) -> tuple[MeasureUncertainty | None, str]:
+    shares = () if spectrum is None else spectrum.bands
+    name = plain_output(measure, vehicle, stated)
+    if name is not None:
+        return stated[name].on_drive(shares), STATED
+    names = [channel.removeprefix(f"{vehicle}.") for channel in measure.channels]
+    if measure.function or measure.statistic not in _LIKE_RMS or not all(name in stated for name in names):
+        return None, UNKNOWN
+    if len(names) > 1 and TOTAL in stated and all(name.rpartition(".")[2] == _SUMMED for name in names):
+        names.append(TOTAL)
+    parts = [stated[name].on_drive(shares) for name in names]
+    return MeasureUncertainty(max(hypot(p.common, p.bias) for p in parts), max(p.own for p in parts)), OUTPUT
+
+
+# ---- Positions of setups, which the own errors of their measures depend on ------------------------------------------
+
+#: Statistics whose values are proportional to the motion, so that they can measure the distance of two setups.
+_DISTANCE = ("rms", "joint_rms")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Axes:
+    """Axes of the positions of setups: O outputs, their local features, then all M measures; Z in all."""
+
+    #: Positions of the measures of the outputs (O,): each output of the vehicle counts once, as in the vehicle's own
+    #: distance.
+    outputs: Integers
+    positive: Flags  #: Whether a measure is positive for all setups (M,); the coordinate of any other one is 0.
+    middle: Array  #: Means of the logarithms over the setups of the study (O + M,).
+
+    @classmethod
+    def of(cls, result: StudyResult) -> Axes:
+        """Return the axes of a study."""
+        study, predicted = result.study, predicted_levels(result)[result.done]
+        positive = np.asarray(np.all(predicted > 0.0, axis=0), dtype=np.bool_)
+        found = stated_uncertainty(result, study.vehicle.fmu)
+        names = {} if found is None else found.measures
+        plain = {plain_output(m, study.vehicle.name, names): k for k, m in enumerate(study.measures) if positive[k]}
+        kept = [k for output, k in plain.items() if output is not None]
+        if not kept:
+            distances = [m.statistic in _DISTANCE and not m.function for m in study.measures]
+            kept = [k for k, plain_one in enumerate(distances) if plain_one and positive[k]]
+        axes = cls(np.array(kept, dtype=np.int64), positive, np.zeros(len(kept) + positive.size))
+        return cls(axes.outputs, positive, axes._logarithms(predicted).mean(axis=0) if len(predicted) else axes.middle)
+
+    def position(self, levels: Array) -> Array:
+        """Return the positions (R, Z) of setups by the levels of their measures (R, M), SI.
+
+        The coordinates are `ln(measure) / sqrt(O)` of the outputs, minus their means, `local_features` of these, and
+        `ln(measure)` of all measures, minus their means.
+        """
+        outputs, own = np.split(self._logarithms(levels) - self.middle, [self.outputs.size], axis=1)
+        return np.hstack([outputs, local_features(outputs), own])
+
+    def _logarithms(self, levels: Array) -> Array:
+        own = np.log(np.where(self.positive, levels, 1.0))
+        return np.hstack([own[:, self.outputs] / np.sqrt(max(self.outputs.size, 1)), own])
+
+
+def predicted_levels(result: StudyResult) -> Array:
+    """Return the predicted levels of the measures of all setups (R, M), SI."""
+    return np.stack([result.values(measure.name) for measure in result.measures], axis=1)
+
+
+# ---- The linear model -----------------------------------------------------------------------------------------------
+#     e[k, m] = ln(true / predicted)
+#             = shift[m] + common[m] + own[m] . z[k] + sum over corners of the shock there + coupling[k, m]
+#
+# for setup k and measure m. The shift is known: minus the vehicle's bias. The position `z` of a setup has three parts.
+# The first are the outputs, `x - mean of x` with `x = ln(measures) / sqrt(O)`; the second are `local_features` of the
+# first; every measure depends on both. The third are `ln(measure)` minus its mean, of all M measures; only the measure
+# itself depends on its own one: its range over the setups is wrong by a factor. All Z parts together give the
+# separation that MeasureUncertainty describes. The common error and the gradient `own` have Student's t distribution
+# (MeasureUncertainty): a normal distribution whose scale is unknown. All other variables are normal. The fit of a build
+# has the same error at every corner, and each copy of it another one. The errors of several fits are correlated if
+# these had the same test (`Effect.correlations`): they are sums of independent variables, the modes.
 
 
 class Scales(NamedTuple):

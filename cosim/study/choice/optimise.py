@@ -14,8 +14,7 @@ from cosim.study.result import StudyResult
 from cosim.study.running.evaluator import Coupling
 from cosim.study.running.sweep import Requested
 from cosim.study.running.workers import Workers
-from cosim.study.setup import SetupSpace
-from cosim.study.study import Constraint, Study
+from cosim.study.study import Constraint, SetupSpace, Study
 from eightpost.array_types import Array, Flags, Integers
 from eightpost.errors import InputError
 from eightpost.progress import Progress

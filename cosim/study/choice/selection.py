@@ -14,7 +14,7 @@ import numpy as np
 from cosim.study.certainty import OBJECTIVE, Certainty
 from cosim.study.choice.sensitivity import levels_of
 from cosim.study.result import StudyResult
-from cosim.study.setup import Setup
+from cosim.study.study import Setup
 from eightpost import units
 from eightpost.array_types import Array, Integers
 from eightpost.errors import FileFormatError, InputError

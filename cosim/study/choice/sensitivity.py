@@ -16,7 +16,7 @@ import pyarrow.parquet
 from scipy.linalg import cho_factor, cho_solve, helmert
 
 from cosim.study.result import StudyResult
-from cosim.study.setup import SetupSpace
+from cosim.study.study import SetupSpace
 from eightpost.array_types import Array, Integers
 from eightpost.errors import InputError
 from eightpost.files import atomic_path

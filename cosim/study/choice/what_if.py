@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cosim.components.component import Variable
-from cosim.study.columns import error_column
 from cosim.study.result import StudyResult
 from cosim.study.running.evaluator import Evaluator, coupling_of
 from cosim.study.running.trials import Trials
 from cosim.study.running.workers import Workers
 from cosim.study.study import Build, Parameters
+from cosim.study.table import error_column
 from eightpost import units
 from eightpost.errors import InputError, StepError
 

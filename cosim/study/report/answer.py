@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cosim.study.certainty import Certainty, Contribution, Status, TradeOff, summary
+from cosim.study.certainty import Certainty, Contribution, Status, TradeOff, certainty
 from cosim.study.certainty.certainty import TIE
 from cosim.study.report.sheet import Sheet
 from eightpost.array_types import Array, Flags
@@ -142,7 +142,7 @@ def _candidate(sheet: Sheet, known: Certainty, row: int) -> Candidate:
 
 
 def _share(probability: float) -> str:
-    return summary.percent(probability) if np.isfinite(probability) else "unknown"
+    return certainty.percent(probability) if np.isfinite(probability) else "unknown"
 
 
 def _sure(known: Certainty) -> str:

@@ -19,12 +19,22 @@ from cosim.study.choice.sensitivity import available_sensitivities
 from cosim.study.measures import Measure
 from cosim.study.report.answer import tied_rows
 from cosim.study.report.page import page, write_figures
-from cosim.study.report.sheet import AimPage, Background, Bound, Column, Extras, Scale, Sheet, Uncertainty, Weighted
-from cosim.study.report.shock_pages import ShockCurve
+from cosim.study.report.sheet import (
+    AimPage,
+    Background,
+    Bound,
+    Column,
+    Extras,
+    Scale,
+    Sheet,
+    ShockCurve,
+    Uncertainty,
+    Weighted,
+)
 from cosim.study.report.tables import write_ranking, write_traces, write_workbook
 from cosim.study.result import StudyResult
-from cosim.study.stored_table import StoredTable
 from cosim.study.study import Build, Parameters, Study, Term, Vehicle
+from cosim.study.table import StoredTable
 from cosim.study.verdict import study_verdict
 from eightpost.array_types import Array
 from eightpost.report.numbers import Display

@@ -12,9 +12,8 @@ from cosim.study.batch.reasons import NotInBatchError
 from cosim.study.measures import Measure
 from cosim.study.running.batches import EXACT, Batches, BatchRun
 from cosim.study.running.evaluator import Coupling, Evaluator
-from cosim.study.setup import Setup
 from cosim.study.statistics import Filtered
-from cosim.study.study import Drive, Study
+from cosim.study.study import Drive, Setup, Study
 from eightpost.errors import EightpostError
 
 #: Least and largest number of random setups that are compared, number among which they are searched, and seed.

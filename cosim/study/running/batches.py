@@ -26,10 +26,9 @@ from cosim.study.batch.measures import BatchMeasures, ChannelBand
 from cosim.study.batch.plan import Plan
 from cosim.study.batch.reasons import NotInBatchError
 from cosim.study.batch.shocks import ShockData, read_shock
-from cosim.study.setup import Setup
 from cosim.study.statistics import Filtered
-from cosim.study.study import Build, Drive, Study
-from cosim.systems.scenario import Scenario
+from cosim.study.study import Build, Drive, Setup, Study
+from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost.array_types import Array
 from eightpost.errors import EightpostError, FmuError

@@ -11,8 +11,7 @@ from cosim.results.result import Result
 from cosim.session.automatic import FIRST_STEP, Automatic, Refinement
 from cosim.study.running.error_model import ErrorModel, Pilot, fit_error_model
 from cosim.study.running.evaluator import Coupling, Evaluator, local_error
-from cosim.study.setup import Setup
-from cosim.study.study import Drive
+from cosim.study.study import Drive, Setup
 from eightpost.errors import DivergedError, EightpostError, StepError
 from eightpost.workers.pool import heartbeat
 

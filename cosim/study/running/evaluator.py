@@ -19,18 +19,16 @@ from cosim.results.result import Result
 from cosim.results.rules import LARGEST_ERROR
 from cosim.session.automatic import default_scheme
 from cosim.session.session import Session
-from cosim.study.above_band import AboveBand, above_band, band_ends
 from cosim.study.batch.reasons import NotInBatchError
-from cosim.study.columns import DONE, FAILED, error_column
-from cosim.study.ports import bond_at, check_corners
+from cosim.study.measures import AboveBand, above_band, band_ends
 from cosim.study.result import StudyResult
 from cosim.study.running.batches import FAST, Batches, BatchRun, RunSummary
 from cosim.study.running.drives import read_drive
 from cosim.study.running.error_model import ErrorModel
-from cosim.study.setup import Setup
 from cosim.study.statistics import Filtered
-from cosim.study.study import Drive, Study
-from cosim.systems.scenario import Scenario
+from cosim.study.study import Drive, Setup, Study, bond_at, check_corners
+from cosim.study.table import DONE, FAILED, error_column
+from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost.errors import EightpostError, WiringError
 from eightpost.signals import TimeSeries

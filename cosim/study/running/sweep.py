@@ -14,16 +14,13 @@ import pyarrow as pa
 
 from cosim.session.session import interrupts_deferred
 from cosim.session.setup import Setup as SessionSetup
-from cosim.study.above_band import AboveBand
-from cosim.study.columns import result_table, study_schema
-from cosim.study.measures import Measure, own_function
-from cosim.study.provenance import Provenance
+from cosim.study.measures import AboveBand, Measure, own_function
 from cosim.study.result import StudyResult
 from cosim.study.running.chunks import BATCH, ChunkFolder, Cutter, file_digests, gaps, study_digest
 from cosim.study.running.evaluator import Coupling, Evaluator, Row
 from cosim.study.running.workers import Chunk, Workers
-from cosim.study.setup import Setup
-from cosim.study.study import Drive, Study
+from cosim.study.study import Drive, Setup, Study
+from cosim.study.table import Provenance, result_table, study_schema
 from cosim.systems.algorithm import GaussSeidel
 from eightpost import units
 from eightpost.errors import InputError, WorkersLostError

@@ -10,12 +10,11 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from cosim.study.columns import result_table, study_schema
-from cosim.study.provenance import Provenance
 from cosim.study.result import StudyResult
 from cosim.study.running.evaluator import Coupling, Evaluator, Row
 from cosim.study.running.workers import Chunk, Workers
 from cosim.study.study import Build, Study
+from cosim.study.table import Provenance, result_table, study_schema
 from eightpost.errors import InputError
 
 #: Number of chunks of a batch for each worker.

@@ -11,11 +11,11 @@ from importlib import import_module
 from itertools import islice
 from typing import Protocol
 
-from cosim.study.columns import FAILED
 from cosim.study.running.batch_check import with_batch
 from cosim.study.running.choose_coupling import choose_coupling
 from cosim.study.running.evaluator import Coupling, Evaluator, Row
 from cosim.study.study import Study
+from cosim.study.table import FAILED
 from eightpost.errors import StepError
 from eightpost.workers.pool import POLL, Pool, working
 

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.study.above_band import AboveBand, above_band, band_ends, power_above
-from cosim.study.measures import Measure
+from cosim.study.measures import AboveBand, Measure, above_band, band_ends, power_above
 from cosim.study.running.sweep import run_study
 from cosim.study.statistics import Filtered
 from cosim.study.verdict import ABOVE_BAND, WITHIN_BAND, study_verdict

@@ -20,12 +20,10 @@ from cosim.study.certainty import (
     TradeOff,
 )
 from cosim.study.certainty.assess import Knowledge, certainty_of, posterior_of
-from cosim.study.certainty.choice import next_tests
+from cosim.study.certainty.certainty import certainty_reasons, summary_lines
+from cosim.study.certainty.choice import VehicleDraws, next_tests
 from cosim.study.certainty.mixture import half_width, probability_below
 from cosim.study.certainty.sources import Scales, error_sources
-from cosim.study.certainty.summary import summary_lines
-from cosim.study.certainty.vehicle_draws import VehicleDraws
-from cosim.study.certainty.verdict import certainty_reasons
 from cosim.study.study import Constraint, Term
 from eightpost.errors import InputError
 from eightpost.measure_uncertainty import MeasureUncertainty, separation

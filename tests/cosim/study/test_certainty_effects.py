@@ -11,8 +11,7 @@ from cosim.study.certainty.assess import certainty_of
 from cosim.study.certainty.certainty import Effect, Status
 from cosim.study.certainty.effects import UncertainParameter, effects_of, stated_parameters
 from cosim.study.certainty.sources import error_sources
-from cosim.study.choice.robust import Draws, Uncertain
-from cosim.study.choice.uncertain_effects import knowledge_of
+from cosim.study.choice.robust import Draws, Uncertain, knowledge_of
 from cosim.study.running.evaluator import coupling_of
 from cosim.study.running.sweep import Requested, run_study
 from eightpost.left_out_blocks import LeftOutBlocks

@@ -20,12 +20,11 @@ from cosim.study.certainty import (
     write_certainty,
 )
 from cosim.study.certainty.assess import Knowledge, certainty_of
+from cosim.study.certainty.certainty import certainty_reasons
 from cosim.study.certainty.posterior import Observations, Posterior
 from cosim.study.certainty.sources import error_sources
-from cosim.study.certainty.verdict import certainty_reasons
 from cosim.study.choice.compare import usable_deviation
-from cosim.study.choice.confirm import with_rig_runs
-from cosim.study.choice.rig_runs import MeasuredRun
+from cosim.study.choice.rig_runs import MeasuredRun, with_rig_runs
 from cosim.study.study import Term
 from eightpost.corners import CORNERS
 from eightpost.errors import FileFormatError

@@ -15,13 +15,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.study import stored_table
-from cosim.study.columns import study_schema
+from cosim.study import table
 from cosim.study.result import StudyResult
 from cosim.study.running import chunks
 from cosim.study.running.chunks import BATCH, ChunkFolder, Cutter, gaps
 from cosim.study.running.sweep import run_study
 from cosim.study.running.workers import Chunk
+from cosim.study.table import study_schema
 from cosim.study.verdict import study_verdict
 from eightpost.errors import FileFormatError, InputError
 
@@ -131,13 +131,13 @@ def test_setups_that_are_not_in_order_are_refused(whole, tmp_path, first):
 @pytest.fixture
 def stored(whole, tmp_path, monkeypatch) -> StudyResult:
     """Return the same result, read from its file column by column."""
-    monkeypatch.setattr(stored_table, "IN_MEMORY", 0)
+    monkeypatch.setattr(table, "IN_MEMORY", 0)
     whole.save(tmp_path / "results.parquet")
     return StudyResult.load(tmp_path / "results.parquet")
 
 
 def test_a_table_that_is_read_column_by_column_says_the_same(whole, stored):
-    assert isinstance(stored.table, stored_table.StoredTable)
+    assert isinstance(stored.table, table.StoredTable)
     assert stored.ranking().tolist() == whole.ranking().tolist()
     assert stored.ranking("b").tolist() == whole.ranking("b").tolist()
     assert stored.failures == whole.failures and len(stored.failures) == 1
@@ -193,7 +193,7 @@ def test_a_study_that_is_killed_loses_nothing_and_runs_nothing_twice(small_study
 @pytest.mark.nightly
 def test_a_study_larger_than_the_memory_limit_has_the_same_rows(small_study, here, tmp_path, monkeypatch):
     small = run_study(small_study(), tmp_path / "small", here)
-    monkeypatch.setattr(stored_table, "IN_MEMORY", 0)
+    monkeypatch.setattr(table, "IN_MEMORY", 0)
     large = run_study(small_study(), tmp_path / "large", here)
-    assert isinstance(large.table, stored_table.StoredTable)
+    assert isinstance(large.table, table.StoredTable)
     assert large.table.read().drop_columns(["seconds"]).equals(small.table.drop_columns(["seconds"]))

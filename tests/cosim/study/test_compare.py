@@ -12,10 +12,9 @@ from scipy import stats
 
 from cosim.study.certainty.certainty import Levels
 from cosim.study.choice import compare_file
-from cosim.study.choice.compare import Comparison, comparison_verdict, percent_change, verdict_of_runs
+from cosim.study.choice.compare import Comparison, RunComparison, comparison_verdict, percent_change, verdict_of_runs
 from cosim.study.choice.compare_file import read_run_to_run, write_and_plot
 from cosim.study.choice.rig_runs import Measured, comparisons, measured_runs, read_run_list
-from cosim.study.choice.run_comparison import RunComparison
 from cosim.study.choice.selection import BASELINE_RUNS, read_selection, select, write_selection
 from cosim.study.measures import Measure
 from cosim.study.plots import changes

@@ -11,15 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim.study import Build
-from cosim.study.choice.continuous import Evaluation, Problem, Range, Robustness, ShockSpace, groups_of, search
-from cosim.study.choice.gain_band import band
+from cosim.study.choice.continuous import Evaluation, Problem, Range, Robustness, ShockSpace, band, groups_of, search
 from cosim.study.choice.what_if import Effect, what_if
-from cosim.study.columns import error_column
 from cosim.study.running import trials
 from cosim.study.running.evaluator import Coupling
 from cosim.study.running.sweep import Requested
 from cosim.study.running.trials import Trials
 from cosim.study.study import Constraint, Term
+from cosim.study.table import error_column
 from eightpost.errors import InputError, StepError
 
 from .constructed import CORNERS, result

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from cosim.study import Measure
-from cosim.study.families import FAMILIES, Car, family
-from cosim.study.measures import own_function
+from cosim.study.measures import FAMILIES, Car, family, own_function
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError, MissingChannelError
 from eightpost.signals import TimeSeries

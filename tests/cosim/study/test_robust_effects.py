@@ -11,9 +11,8 @@ from cosim.study.certainty.assess import Knowledge
 from cosim.study.certainty.certainty import Effect, VehicleSource
 from cosim.study.certainty.effects import UncertainParameter
 from cosim.study.certainty.sources import error_sources
-from cosim.study.choice import uncertain_effects
-from cosim.study.choice.robust import Draws, Spread, Uncertain
-from cosim.study.choice.uncertain_effects import knowledge_of, linearity_check
+from cosim.study.choice import robust
+from cosim.study.choice.robust import Draws, Spread, Uncertain, knowledge_of, linearity_check
 from eightpost.errors import InputError
 from eightpost.model_uncertainty import ParameterUncertainty
 
@@ -42,9 +41,9 @@ def known(monkeypatch):
     def values(_fmu, _parameters, names):
         return {name: VALUES[name] for name in names if name in VALUES}
 
-    monkeypatch.setattr(uncertain_effects, "stated_parameters", lambda _: (stated, ("C/C",), ("a note",)))
-    monkeypatch.setattr(uncertain_effects, "effects_of", effects_of)
-    monkeypatch.setattr(uncertain_effects, "parameter_values", values)
+    monkeypatch.setattr(robust, "stated_parameters", lambda _: (stated, ("C/C",), ("a note",)))
+    monkeypatch.setattr(robust, "effects_of", effects_of)
+    monkeypatch.setattr(robust, "parameter_values", values)
     return lambda *parts, vehicles=(): knowledge_of(STUDY, Draws(parts, vehicles=vehicles), {"a": 0.5}, "", None)
 
 

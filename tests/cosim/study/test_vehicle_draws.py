@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from cosim.study.certainty.assess import Knowledge, posterior_of
 from cosim.study.certainty.certainty import ConfirmedRun
-from cosim.study.certainty.choice import Limits
-from cosim.study.certainty.vehicle_draws import DrawnCar, VehicleDraws
+from cosim.study.certainty.choice import DrawnCar, Limits, VehicleDraws
 
 from .assessed import assessed
 

@@ -16,7 +16,7 @@ from cosim.study.batch.library import Library, compiled
 from cosim.study.batch.plan import Plan
 from cosim.study.batch.shocks import read_shock
 from cosim.study.running.evaluator import Coupling, Evaluator
-from cosim.study.setup import Setup
+from cosim.study.study import Setup
 from eightpost.corners import CORNERS
 
 TRACK = Path(__file__).resolve().parents[4] / "examples" / "data" / "track.parquet"

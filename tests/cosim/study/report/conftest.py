@@ -14,11 +14,10 @@ from cosim.study.certainty import (
     Status,
     TradeOff,
 )
-from cosim.study.columns import result_table, study_schema
 from cosim.study.measures import Measure
-from cosim.study.provenance import Provenance
 from cosim.study.result import StudyResult
 from cosim.study.study import Build, Constraint, Drive, Study, Term, Vehicle
+from cosim.study.table import Provenance, result_table, study_schema
 from eightpost.corners import CORNERS
 from eightpost.signals import TimeSeries
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cosim.study.report.shock_pages import VELOCITIES, copy_shock_pages, shock_curve, shock_curves
+from cosim.study.report.sheet import VELOCITIES, copy_shock_pages, shock_curve, shock_curves
 from cosim.study.study import Build
 
 from ..coupled import SCALES, study
