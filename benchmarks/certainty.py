@@ -45,10 +45,9 @@ from cosim.study.study import Build, Drive, Study, Vehicle
 from cosim.study.table import Provenance, result_table, study_schema
 from eightpost.corners import CORNERS
 from eightpost.errors import StepError
-from eightpost.measure_uncertainty import TOTAL, MeasureUncertainty
-from eightpost.model_uncertainty import ModelUncertainty
 from eightpost.rig import BUILDS
-from eightpost.validity import Validity
+from eightpost.uncertainty import TOTAL, MeasureUncertainty
+from eightpost.validity import ModelUncertainty, Validity
 from eightpost.verdict import Verdict
 
 if TYPE_CHECKING:

@@ -18,11 +18,11 @@ from cosim.study.certainty.certainty import Effect
 from cosim.study.certainty.effects import correlated
 from eightpost.corners import CORNERS
 from eightpost.ident.vehicle.many_setups import ManySetups
-from eightpost.left_out_blocks import LeftOutBlocks
 from eightpost.rig import BUILDS
 from eightpost.rig.post import Actuators, track_drive
 from eightpost.rig.post.drivefiles import STEPS
 from eightpost.shock.fit_uncertainty import fitted_parameters
+from eightpost.uncertainty import LeftOutBlocks
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

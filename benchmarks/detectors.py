@@ -28,7 +28,7 @@ from benchmarks.shock_records import measured_runs
 from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.rig import read_dyno_test
-from eightpost.rig.excitations import random_multisine
+from eightpost.rig.dynamometer import random_multisine
 from eightpost.rig.plausibility_rules import RULES
 from eightpost.rig.track import track_drivefile
 from eightpost.units import convert

@@ -19,7 +19,7 @@ from benchmarks.shock_records import configurations
 from benchmarks.shock_tables import grid
 from eightpost.ident import fit_shock
 from eightpost.rig import configuration
-from eightpost.rig.damper.body import ATMOSPHERE
+from eightpost.rig.damper.valves import ATMOSPHERE
 from eightpost.shock import law_title
 
 #: Laws of the columns.

@@ -46,7 +46,7 @@ from benchmarks.identification_seeds import over_seeds
 from eightpost.errors import EightpostError
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.many_setups import ManySetups
-from eightpost.ident.vehicle.rational_fit import RationalFit
+from eightpost.ident.vehicle.siso_models import RationalFit
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.signals import TimeSeries
 from eightpost.units import convert

@@ -17,7 +17,7 @@ from benchmarks.identification_shocks import bank, close_bank, fitted_bank, phys
 from eightpost.ident.preparation import Preparation, prepare
 from eightpost.ident.vehicle.experiment import Experiment, experiment_of, find_baseline
 from eightpost.rig import shim_build
-from eightpost.rig.excitations import random_multisine
+from eightpost.rig.dynamometer import random_multisine
 from eightpost.rig.post import (
     NO_DRIFT,
     Actuators,

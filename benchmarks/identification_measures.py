@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.stats import kendalltau, spearmanr
 
-from eightpost.rig.post.modes import displacement_modes, ride_heights
+from eightpost.rig.post.car import displacement_modes, ride_heights
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -18,8 +18,7 @@ import numpy as np
 from benchmarks.random_shocks import BoucWenDamper
 from benchmarks.settings import MOST, RandomShock
 from eightpost.array_types import Array
-from eightpost.rig.dynamometer import Actuator, Damper, measure, read_out
-from eightpost.rig.excitations import random_multisine, sine_test
+from eightpost.rig.dynamometer import Actuator, Damper, measure, random_multisine, read_out, sine_test
 from eightpost.rig.motion import Lag, force_lag
 from eightpost.signals import TimeSeries
 

@@ -26,9 +26,8 @@ from eightpost.array_types import Array
 from eightpost.ident import evaluate, fit_shock
 from eightpost.rig import Actuator, DynoTest, random_multisine, read_out, shim_build
 from eightpost.rig.damper import PhysicalDamper
-from eightpost.rig.damper.body import GasChamber
-from eightpost.rig.damper.valves import ShimStack
-from eightpost.rig.excitations import sine_test
+from eightpost.rig.damper.valves import GasChamber, ShimStack
+from eightpost.rig.dynamometer import sine_test
 from eightpost.shock import LAWS, law_title
 from eightpost.signals import TimeSeries
 from eightpost.units import convert

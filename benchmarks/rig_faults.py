@@ -24,7 +24,8 @@ import numpy as np
 from eightpost.corners import CORNERS
 from eightpost.ident.preparation import plausibility_rules
 from eightpost.ident.preparation.mechanics import Spectra, spectra_of
-from eightpost.ident.preparation.plausibility import Finding, checked_channels, law_findings, record_findings
+from eightpost.ident.preparation.plausibility import checked_channels, law_findings, record_findings
+from eightpost.ident.preparation.plausibility_rules import Finding
 from eightpost.rig.post import RigTest, flexible_truth, random_drive, run_test, stand_in_truth, track_drive
 from eightpost.rig.post.shocks import shocks_named
 from eightpost.signals import TimeSeries

@@ -28,9 +28,8 @@ from eightpost.ident.shock.settings.result import SettingsFit, fit_settings, hel
 from eightpost.ident.shock.settings.table import SettingsTable
 from eightpost.rig.damper import PhysicalDamper, configuration, shim_build
 from eightpost.rig.damper.valves import SHIM_SETS, Bleed, MainPiston
-from eightpost.rig.dynamometer import Actuator, measure
+from eightpost.rig.dynamometer import Actuator, measure, random_multisine
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.rig.excitations import random_multisine
 from eightpost.shock import LAWS, Axis, Shock
 from eightpost.shock.settings import node_weights
 

@@ -26,7 +26,7 @@ from cosim.study.study import Study
 from eightpost import units
 from eightpost.corners import CORNERS
 from eightpost.rig.damper import shim_build
-from eightpost.rig.damper.valving import Valving
+from eightpost.rig.damper.builds import Valving
 from eightpost.rig.post import Shock
 from eightpost.rig.post.drivefiles import RATE
 from eightpost.rig.post.simulate import Run, simulate

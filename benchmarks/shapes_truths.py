@@ -43,8 +43,8 @@ from eightpost import units
 from eightpost.app.shape_search import Curves, Request, find_curves
 from eightpost.corners import CORNERS
 from eightpost.ident.vehicle.vehicle_fit import with_validity
+from eightpost.rig.damper.builds import JETS, Valving
 from eightpost.rig.damper.valves import SHIM_SETS
-from eightpost.rig.damper.valving import JETS, Valving
 from eightpost.rig.post import Actuators, track_drive
 from eightpost.rig.post import Shock as RigShock
 from eightpost.shock import Shock, write_shock

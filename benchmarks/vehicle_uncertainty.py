@@ -29,7 +29,7 @@ import numpy as np
 from benchmarks.identification import markdown
 from benchmarks.vehicle_uncertainty_truths import KINDS, REPORT, Outcome, outcome
 from eightpost.ident.vehicle.trust import UNUSABLE
-from eightpost.measure_uncertainty import MeasureUncertainty, setup_distance
+from eightpost.uncertainty import MeasureUncertainty, setup_distance
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

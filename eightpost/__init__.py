@@ -10,10 +10,8 @@ __version__ = "0.2.0"
 #: (pyproject.toml), so that they are named, not imported: no module below loads them by loading this package.
 _HOMES = {
     "eightpost.api.reading": ("read", "examples"),
-    "eightpost.api.shocks": ("fit", "simulate", "build"),
-    "eightpost.api.vehicles": ("identify",),
-    "eightpost.api.runs": ("run", "sweep", "compare"),
-    "eightpost.api.studies": ("study",),
+    "eightpost.api.models": ("fit", "simulate", "build", "identify"),
+    "eightpost.api.runs": ("run", "sweep", "compare", "study"),
     "eightpost.errors": ("EightpostError",),
     "eightpost.signals": ("Drivefile", "TimeSeries"),
     "cosim": ("Bond", "Scenario", "System"),

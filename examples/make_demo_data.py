@@ -7,8 +7,7 @@ All data are computed; they contain no measurements and no data of third parties
 
 from pathlib import Path
 
-from eightpost.rig.dynamometer import measure
-from eightpost.rig.excitations import random_multisine
+from eightpost.rig.dynamometer import measure, random_multisine
 from eightpost.rig.track import track_drivefile
 from eightpost.rig.truth_damper import demo_damper
 from eightpost.signals import write_csv, write_parquet

@@ -18,7 +18,7 @@ from eightpost.ident.vehicle.experiment import find_baseline
 from eightpost.ident.vehicle.recipes import recipe
 from eightpost.ident.vehicle.vehicle_fit import with_validity, write_fit
 from eightpost.rig.post import program
-from eightpost.rig.post.bench import Bench
+from eightpost.rig.post.program import Bench
 from eightpost.signals import TimeSeries, write_parquet
 from eightpost.signals.filters import lowpass
 

@@ -10,8 +10,7 @@ from pathlib import Path
 
 from eightpost.rig.damper import PhysicalDamper, configuration
 from eightpost.rig.damper.valves import Bleed
-from eightpost.rig.dynamometer import Actuator, measure
-from eightpost.rig.excitations import random_multisine
+from eightpost.rig.dynamometer import Actuator, measure, random_multisine
 from eightpost.signals import write_csv
 
 FOLDER = Path(__file__).parent / "settings"

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eightpost.files import plain_cell, quoted_cell, safe_cell, safe_line
-from eightpost.ident.linearity import plots
+from eightpost.ident import linearity_plots
 from eightpost.signals import TimeSeries, read_series, write_csv, write_series
 
 FORMULA = "=cmd|' /C calc'!A0"
@@ -62,7 +62,9 @@ def test_a_preamble_is_safe(tmp_path):
 
 
 def test_the_judgement_of_linearity_is_safe(tmp_path):
-    plots._write(tmp_path / "paths.csv", ["# note"], ("input", "output"), [(FORMULA, "-1.5"), ("a,b", 'say "x"')])
+    linearity_plots._write(
+        tmp_path / "paths.csv", ["# note"], ("input", "output"), [(FORMULA, "-1.5"), ("a,b", 'say "x"')]
+    )
     assert cells(tmp_path / "paths.csv")[3:] == [f"'{FORMULA}", "-1.5", "a,b", 'say "x"']
 
 

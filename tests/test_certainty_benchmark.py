@@ -10,10 +10,10 @@ import pytest
 
 from benchmarks.certainty_levels import Shocks, changed_law, shock_effects, simulated_levels
 from eightpost.corners import CORNERS
-from eightpost.measure_uncertainty import TOTAL
 from eightpost.rig import BUILDS
 from eightpost.rig.post import Actuators, track_drive, truth_named
 from eightpost.shock import read_shock
+from eightpost.uncertainty import TOTAL
 from eightpost.vehicle import IdentifiedVehicle, add_port_damping, read_vehicle, shipped
 
 pytestmark = pytest.mark.nightly

@@ -20,7 +20,7 @@ from builder.documents.archive import combined_member, validity_member
 from builder.native.native_fmu import without_binaries
 from eightpost.errors import InputError
 from eightpost.ident.dyno_report.entry import entry_of_shock
-from eightpost.ident.dyno_report.verdict import report_verdict
+from eightpost.ident.dyno_report.page import report_verdict
 from eightpost.ident.exports.export import export
 from eightpost.ident.exports.shock_table import shock_table
 from eightpost.ident.validation.shocks import ShockValidation, shock_verdict

@@ -12,11 +12,9 @@ import pytest
 
 from builder.documents.archive import validity_of
 from eightpost.errors import InputError
-from eightpost.left_out_blocks import LeftOutBlocks
-from eightpost.measure_uncertainty import MeasureUncertainty
-from eightpost.model_uncertainty import ModelUncertainty, ParameterUncertainty
 from eightpost.shock import read_shock
-from eightpost.validity import Validity, judged
+from eightpost.uncertainty import LeftOutBlocks, MeasureUncertainty
+from eightpost.validity import ModelUncertainty, ParameterUncertainty, Validity, judged
 from eightpost.verdict import Verdict
 
 BANK = Path(__file__).resolve().parents[1] / "examples" / "bank"

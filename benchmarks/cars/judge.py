@@ -24,16 +24,16 @@ from benchmarks.cars.rig import RATE
 from benchmarks.cars.shocks import dyno_record
 from benchmarks.cars.truth import NAMES, SETTLING, TOTAL, truth
 from cosim.study.measures import shares_of
-from eightpost.api.vehicles import identify
+from eightpost.api.models import identify
 from eightpost.errors import EightpostError
 from eightpost.ident import fit_shock
 from eightpost.ident.vehicle.many_setups import ManySetups
 from eightpost.ident.vehicle.port_search import about_loads
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
-from eightpost.measure_uncertainty import MeasureUncertainty
 from eightpost.rig import DynoTest
 from eightpost.shock import ShockLaw
 from eightpost.signals import TimeSeries
+from eightpost.uncertainty import MeasureUncertainty
 
 #: Dry friction of the seals of shocks that are fitted, which no law has [N]; duration of a lap [s]; number of setups.
 SEAL, LAP, SETUPS = 15.0, 30.0, 24

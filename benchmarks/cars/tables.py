@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from benchmarks.cars.truth import NAMES, RIDE, TOTAL
-from eightpost.measure_uncertainty import MeasureUncertainty, setup_distance
+from eightpost.uncertainty import MeasureUncertainty, setup_distance
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]

@@ -196,19 +196,19 @@ def _run_list(path: Path) -> Any:
 
 
 def _uncertainty(path: Path) -> Any:
-    from cosim.study.choice.robust_file import read_uncertainty  # noqa: PLC0415
+    from cosim.study.choice.files import read_uncertainty  # noqa: PLC0415
 
     return read_uncertainty(path, _sound_result(path))
 
 
 def _comparison(path: Path) -> Any:
-    from cosim.study.choice.compare_file import read_run_to_run  # noqa: PLC0415
+    from cosim.study.choice.files import read_run_to_run  # noqa: PLC0415
 
     return read_run_to_run(path)
 
 
 def _spreads(path: Path) -> Any:
-    from cosim.study.choice.robust_file import read_spreads  # noqa: PLC0415
+    from cosim.study.choice.files import read_spreads  # noqa: PLC0415
 
     return read_spreads(path, digest="0" * 64)
 

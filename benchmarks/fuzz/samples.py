@@ -14,9 +14,8 @@ import pyarrow.parquet
 from benchmarks.fuzz import archives
 from builder.build import build
 from cosim.study.choice.compare import Comparison
-from cosim.study.choice.compare_file import write_comparisons
+from cosim.study.choice.files import write_comparisons, write_spreads
 from cosim.study.choice.robust import Spread
-from cosim.study.choice.robust_file import write_spreads
 from cosim.study.choice.selection import select, write_selection
 from cosim.study.measures import Measure
 from cosim.study.result import StudyResult

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cosim.study.certainty import Certainty, read_certainty
+from cosim.study.choice.files import read_spreads
 from cosim.study.choice.robust import Spread
-from cosim.study.choice.robust_file import read_spreads
 from cosim.study.choice.selection import Selection, read_selection
 from cosim.study.report import write_study_report
 from cosim.study.report.sheet import AimPage, copy_shock_pages, shock_curves

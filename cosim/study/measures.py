@@ -15,8 +15,8 @@ from cosim.study.statistics import Filtered, Response, options_for, statistic
 from eightpost.array_types import Array
 from eightpost.corners import CORNERS
 from eightpost.errors import EightpostError, InputError
-from eightpost.measure_uncertainty import band_shares
 from eightpost.signals import TimeSeries
+from eightpost.uncertainty import band_shares
 from eightpost.units import convert, us_customary
 from eightpost.validity import Validity
 
@@ -371,7 +371,7 @@ class AboveBand(NamedTuple):
 
     high: float  #: Upper end of the band in which the vehicle was identified [Hz].
     share: float  #: Share of the power of the measure's signals above it [1].
-    #: Shares of the power in the bands of `eightpost.measure_uncertainty`; empty in files of earlier versions.
+    #: Shares of the power in the bands of `eightpost.uncertainty`; empty in files of earlier versions.
     bands: tuple[float, ...] = ()
 
 

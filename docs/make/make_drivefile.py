@@ -24,7 +24,7 @@ from page_parts import call, placed  # beside this file
 
 from eightpost import units
 from eightpost.corners import CORNERS
-from eightpost.rig.post.bench import Bench
+from eightpost.rig.post.program import Bench
 from eightpost.signals import Drivefile, read_series
 from eightpost.signals.formats import write_series
 

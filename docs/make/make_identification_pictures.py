@@ -30,8 +30,8 @@ from docs.make.identification_pictures import (
 )
 from eightpost.ident.response import H1, Blocks, LocalPolynomial, SameDrive, estimate_response
 from eightpost.ident.vehicle.many_setups import ManySetups
-from eightpost.ident.vehicle.rational_fit import RationalFit
 from eightpost.ident.vehicle.recipes import recipe
+from eightpost.ident.vehicle.siso_models import RationalFit
 from eightpost.rig.post import simulate_setups
 from eightpost.rig.post.drivefiles import RATE
 from eightpost.units import convert

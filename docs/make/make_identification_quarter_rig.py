@@ -13,8 +13,8 @@ from docs.make.identification_pictures import GRAVITY, INCH, POUND, draw_pairs, 
 from eightpost.ident.preparation import Preparation, prepare
 from eightpost.ident.vehicle.experiment import experiment_of, find_baseline
 from eightpost.ident.vehicle.many_setups import ManySetups
-from eightpost.ident.vehicle.rational_fit import BandWeights, RationalFit
 from eightpost.ident.vehicle.recipes.boggs import CHAPTER_4, Boggs
+from eightpost.ident.vehicle.siso_models import BandWeights, RationalFit
 from eightpost.rig import configuration
 from eightpost.rig.post import NO_DRIFT, Actuators, RigSensors, quarter_random, quarter_truth, run_test
 from eightpost.vehicle import add_port_damping, read_vehicle, shipped

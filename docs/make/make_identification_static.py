@@ -9,7 +9,7 @@ import numpy as np
 
 from docs.make.identification_pictures import CORNERS, DAMPING, INCH, POUND, figure_of, save
 from eightpost.rig.post import NO_DRIFT, LinearDamper, RigSensors, Tires, run_test, stand_in_truth, static_drive
-from eightpost.rig.post.modes import displacement_modes, force_modes
+from eightpost.rig.post.car import displacement_modes, force_modes
 from eightpost.units import convert
 
 #: Duration of a level [s], of its hold after a ramp of 1 s, and of the end of the hold that is used (6.4.4 uses all).

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from eightpost.ident.linearity import Condition, Linearity, judge_linearity
-from eightpost.ident.linearity.plots import plot_conditions, plot_output
+from eightpost.ident.linearity_plots import plot_conditions, plot_output
 from eightpost.ident.preparation import prepare
 from eightpost.rig.post import Car, LinearDamper, RigTest, random_drive, run_test, stand_in_truth
 from eightpost.units import convert

@@ -32,9 +32,8 @@ from cosim.study.result import StudyResult
 from cosim.study.study import Build, Drive, Study, Term, Vehicle
 from cosim.study.table import Provenance, result_table, study_schema
 from eightpost.corners import CORNERS
-from eightpost.measure_uncertainty import MeasureUncertainty
-from eightpost.model_uncertainty import ModelUncertainty
-from eightpost.validity import Validity
+from eightpost.uncertainty import MeasureUncertainty
+from eightpost.validity import ModelUncertainty, Validity
 from eightpost.verdict import Verdict
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -43,7 +43,7 @@ def assemble_with_progress(console: Console, source: Path, output: Path, *, fmi:
     from builder.assembly import assemble
     from builder.build import fmu_identifier
     from cosim.system_file import read_case
-    from eightpost.api.arguments import existing_toml
+    from eightpost.api.reading import existing_toml
 
     existing_toml(source, "system")
     path = output if output.suffix == ".fmu" else output / f"{fmu_identifier(source.stem)}.fmu"

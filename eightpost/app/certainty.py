@@ -47,7 +47,7 @@ def assess(
 
 def measured_noise(folder: Path) -> Mapping[str, float]:
     """Return the run-to-run deviations [SI] that `eightpost compare --measured` found; empty without a comparison."""
-    from cosim.study.choice.compare_file import read_run_to_run
+    from cosim.study.choice.files import read_run_to_run
 
     path = folder / "compared" / "comparison.json"
     try:

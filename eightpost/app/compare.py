@@ -112,7 +112,7 @@ def _compare_with_rig(
 ) -> Verdict:
     """Compare a study with measured runs; print and write the comparison."""
     from cosim.study.choice.compare import comparison_verdict
-    from cosim.study.choice.compare_file import write_and_plot
+    from cosim.study.choice.files import write_and_plot
     from cosim.study.choice.rig_runs import compare_with_rig
     from cosim.study.choice.selection import read_selection
     from cosim.study.folder import RESULTS, SELECTION

@@ -236,8 +236,8 @@ def simulate(
     """
     from eightpost.app.progress import bar
     from eightpost.drivefile import IterationFolder, Status
-    from eightpost.drivefile.virtual_rig import iterate
-    from eightpost.rig.post.bench import Bench
+    from eightpost.drivefile.folder import iterate
+    from eightpost.rig.post.program import Bench
 
     console = Console(soft_wrap=True, highlight=False)
     iteration = IterationFolder.read(folder)

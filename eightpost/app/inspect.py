@@ -16,7 +16,7 @@ from eightpost.report.console import Table, console_table
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from eightpost.ident.preparation.plausibility import Finding
+    from eightpost.ident.preparation.plausibility_rules import Finding
     from eightpost.rig import DynoTest, PeakVelocityTable
     from eightpost.rig.post import RigTest
     from eightpost.signals import ChannelMap, TimeSeries
@@ -127,7 +127,7 @@ def show_test(console: Console, test: DynoTest) -> None:
 
 
 def _conditions(test: DynoTest) -> list[str]:
-    from eightpost.rig.runs import temperature_drift
+    from eightpost.rig.dyno_test import temperature_drift
 
     known = test.conditions
     values = {
@@ -148,7 +148,7 @@ def _conditions(test: DynoTest) -> list[str]:
 def show_runs(console: Console, runs: list[DynoTest]) -> None:
     """Print the runs, and the effect of temperature over repeated runs."""
     from eightpost.rig import temperature_effect
-    from eightpost.rig.runs import temperature_drift
+    from eightpost.rig.dyno_test import temperature_drift
 
     rows = []
     for i, run in enumerate(runs, 1):

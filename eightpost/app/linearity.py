@@ -65,7 +65,7 @@ def linearity(
       eightpost linearity rig/*.parquet -o linearity/
     """
     from eightpost.ident.linearity import Condition, Thresholds, judge_linearity
-    from eightpost.ident.linearity.plots import plot_conditions, plot_output, write_effects, write_paths
+    from eightpost.ident.linearity_plots import plot_conditions, plot_output, write_effects, write_paths
     from eightpost.ident.preparation import prepare, read_preparation
     from eightpost.ident.response import LocalPolynomial
 

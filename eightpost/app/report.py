@@ -113,8 +113,7 @@ def report(  # one parameter per option
     """
     from eightpost.app.show import show_verdict
     from eightpost.ident.dyno_report.builds import Reading, dyno_report, read_limits
-    from eightpost.ident.dyno_report.page import write_report
-    from eightpost.ident.dyno_report.verdict import report_verdict
+    from eightpost.ident.dyno_report.page import report_verdict, write_report
     from eightpost.rig.columns import with_channels
 
     console = Console(soft_wrap=True, highlight=False)

@@ -105,7 +105,7 @@ def rig(  # one parameter per option
       eightpost rig --test static --mode warp -o warp.csv
     """
     from eightpost.rig.post import program
-    from eightpost.rig.post.bench import Bench
+    from eightpost.rig.post.program import Bench
     from eightpost.rig.post.shocks import shocks_named
 
     bench = Bench.of(truth, car_seed=car_seed, friction=friction == "on", noise=noise == "rig", run=run_seed, seed=seed)

@@ -17,8 +17,8 @@ from eightpost.outputs import replacing
 from eightpost.workers.process import usable_processors
 
 if TYPE_CHECKING:
+    from cosim.study.choice.files import Uncertainty
     from cosim.study.choice.robust import Draws
-    from cosim.study.choice.robust_file import Uncertainty
     from cosim.study.result import StudyResult
     from cosim.study.running.workers import Workers
 
@@ -53,8 +53,8 @@ def robust(
     """
     from cosim.study.certainty import write_certainty
     from cosim.study.certainty.assess import certainty_of
+    from cosim.study.choice.files import read_uncertainty, write_spreads
     from cosim.study.choice.robust import knowledge_of, leading, linearity_check, spreads_of
-    from cosim.study.choice.robust_file import read_uncertainty, write_spreads
     from cosim.study.folder import CERTAINTY, RESULTS, SPREADS
     from cosim.study.result import StudyResult
     from cosim.study.running.workers import ProcessWorkers

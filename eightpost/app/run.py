@@ -103,7 +103,7 @@ def run(
     import cosim
     from cosim.ssp import Given
     from cosim.system_file import read_case
-    from eightpost.api.arguments import existing_toml
+    from eightpost.api.reading import existing_toml
     from eightpost.app.show import show_result, show_verification
 
     if report:

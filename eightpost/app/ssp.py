@@ -29,7 +29,7 @@ def ssp(system: Path, output: Path) -> None:
     """
     from builder.ssp import write_ssp
     from cosim.system_file import read_case
-    from eightpost.api.arguments import existing_toml
+    from eightpost.api.reading import existing_toml
 
     existing_toml(system, "system")
     case = read_case(system)

@@ -155,10 +155,10 @@ def _assessed(console: Console, result: StudyResult, output: Path, pool: Workers
 
 def read_with_fmus(console: Console, path: Path, output: Path) -> Study:
     """Read a study; build the FMUs of its shock and vehicle files first."""
-    from eightpost.api import studies
+    from eightpost.api import runs
 
     folder = output / "fmus"
-    study, built = studies.read_with_fmus(path, folder, partial(build_with_progress, console))
+    study, built = runs.read_with_fmus(path, folder, partial(build_with_progress, console))
     if built:
         console.print(f"built {len(built)} FMUs in {folder}/", highlight=False)
     return study

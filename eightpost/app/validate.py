@@ -195,8 +195,13 @@ def _validate_shocks(
 ) -> Verdict:
     """Validate shocks, print the tables, write the report, and return the verdict."""
     from eightpost.ident.validation.records import KINDS, dyno_record
-    from eightpost.ident.validation.shock_tables import terminal_tables
-    from eightpost.ident.validation.shocks import keep_verdicts, notes_on, shock_verdict, validate_shocks
+    from eightpost.ident.validation.shocks import (
+        keep_verdicts,
+        notes_on,
+        shock_verdict,
+        terminal_tables,
+        validate_shocks,
+    )
     from eightpost.rig import read_dyno_test
     from eightpost.shock import read_shock
 
@@ -225,7 +230,7 @@ def _validate_vehicle(
     settling: float,
 ) -> Verdict:  # fmt: skip
     """Validate a vehicle, print the tables, write the report, and return the verdict."""
-    from eightpost.ident.validation.rig_record import rig_record
+    from eightpost.ident.validation.comparison import rig_record
     from eightpost.ident.validation.vehicle_tables import terminal_tables
     from eightpost.ident.validation.vehicles import Limits, keep_verdict, validate_vehicle, vehicle_verdict
     from eightpost.ident.vehicle import read_fit

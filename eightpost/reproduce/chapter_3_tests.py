@@ -14,7 +14,7 @@ from eightpost.reproduce.effort import Effort
 from eightpost.reproduce.findings import Findings
 from eightpost.reproduce.plots import TIME, TRUTH, Line, Plot, figure_of
 from eightpost.rig import CONFIGURATIONS, bump, random_multisine, sine_tests, static_steps
-from eightpost.rig.excitations import OFFSET, SPACING, crest_factor, multisine_spectrum
+from eightpost.rig.dynamometer import OFFSET, SPACING, crest_factor, multisine_spectrum
 from eightpost.shock.curve import StaticCurve
 from eightpost.signals import derivative, lowpass
 from eightpost.units import si_factor

@@ -14,7 +14,7 @@ from eightpost.reproduce.effort import Effort
 from eightpost.reproduce.findings import Findings
 from eightpost.reproduce.plots import Line, Plot, figure_of
 from eightpost.rig import demo_damper, random_multisine
-from eightpost.rig.excitations import multisine_spectrum
+from eightpost.rig.dynamometer import multisine_spectrum
 from eightpost.shock import Lpf1, Lpnl2, StaticCurve
 from eightpost.shock.curve import INNER_ORDER
 from eightpost.units import si_factor

@@ -12,8 +12,8 @@ from eightpost.array_types import Array
 from eightpost.ident.response import H1, Blocks, FrequencyResponse, SameDrive, estimate_response
 from eightpost.ident.vehicle.experiment import Experiment, experiment_of
 from eightpost.ident.vehicle.many_setups import ManySetups
-from eightpost.ident.vehicle.rational_fit import QUARTER_CAR, RationalFit, TransferFunction
 from eightpost.ident.vehicle.recipes.boggs import CHAPTER_4, Boggs
+from eightpost.ident.vehicle.siso_models import QUARTER_CAR, RationalFit, TransferFunction
 from eightpost.report.charts import Axis
 from eightpost.reproduce.chapter_4_model import parameters, printed_ideal
 from eightpost.reproduce.checks import response

@@ -10,7 +10,7 @@ from scipy.constants import g
 from scipy.signal import bilinear
 
 from eightpost.array_types import Array, Complex
-from eightpost.ident.vehicle.rational_fit import QUARTER_CAR, RationalFit
+from eightpost.ident.vehicle.siso_models import QUARTER_CAR, RationalFit
 from eightpost.report.charts import Figure
 from eightpost.reproduce.checks import difference, difference_by_output, falls, holds, response, shown
 from eightpost.reproduce.effort import Effort

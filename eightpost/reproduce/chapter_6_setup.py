@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from eightpost.array_types import Array, Complex
 from eightpost.ident.response.conditioning import feedback_paths
-from eightpost.ident.vehicle.rational_fit import AEROLOADERS, WHEELLOADERS
+from eightpost.ident.vehicle.siso_models import AEROLOADERS, WHEELLOADERS
 from eightpost.report.charts import Axis
 from eightpost.report.tables import ResultTable
 from eightpost.reproduce.chapter_5_model import baseline_car
@@ -22,8 +22,8 @@ from eightpost.reproduce.plots import TIME, Line, Plot, figure_of
 from eightpost.reproduce.rig_bench import EIGHT_POST, tests
 from eightpost.rig import shim_build
 from eightpost.rig.post import random_drive, static_drive
+from eightpost.rig.post.car import displacement_modes, force_modes
 from eightpost.rig.post.drivefiles import HEAVE_SINES, TILT_SINES
-from eightpost.rig.post.modes import displacement_modes, force_modes
 from eightpost.rig.track import AEROLOADER, WHEELLOADER
 from eightpost.units import si_factor
 from eightpost.vehicle import CORNERS

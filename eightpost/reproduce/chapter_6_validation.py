@@ -42,8 +42,8 @@ from eightpost.rig.post import (
     sine_drive,
     static_drive,
 )
+from eightpost.rig.post.car import displacement_modes, force_modes
 from eightpost.rig.post.drivefiles import HEAVE_SINES, RATE
-from eightpost.rig.post.modes import displacement_modes, force_modes
 from eightpost.signals import Drivefile
 from eightpost.units import si_factor
 from eightpost.vehicle import CORNERS

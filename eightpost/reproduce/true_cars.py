@@ -8,8 +8,8 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.rig.post import AnyCar, Motion, Run, Shock, simulate
+from eightpost.rig.post.car import displacement_modes, ride_heights
 from eightpost.rig.post.drivefiles import RATE
-from eightpost.rig.post.modes import displacement_modes, ride_heights
 from eightpost.signals import TimeSeries
 
 #: Time at the start of a simulation that is left out of the measures [s].

@@ -1,12 +1,30 @@
 """Rigs: dynamometer tests, generators of drive files, and a virtual dynamometer."""
 
 from eightpost.rig.damper import BUILDS, CONFIGURATIONS, PhysicalDamper, cavitation, configuration, shim_build
-from eightpost.rig.dynamometer import Actuator, Damper, Sensor, Sensors, measure, read_out
+from eightpost.rig.dynamometer import (
+    Actuator,
+    Damper,
+    Sensor,
+    Sensors,
+    SineTest,
+    bump,
+    measure,
+    random_multisine,
+    read_out,
+    sine_test,
+    sine_tests,
+    static_steps,
+)
 from eightpost.rig.dyno_conditions import DynoConditions
-from eightpost.rig.dyno_test import DynoTest, read_dyno_test, read_dyno_tests
-from eightpost.rig.excitations import SineTest, bump, random_multisine, sine_test, sine_tests, static_steps
+from eightpost.rig.dyno_test import (
+    DynoTest,
+    TemperatureEffect,
+    read_dyno_test,
+    read_dyno_tests,
+    split_runs,
+    temperature_effect,
+)
 from eightpost.rig.peak_velocity import PeakVelocityTable, read_peak_velocity
-from eightpost.rig.runs import TemperatureEffect, split_runs, temperature_effect
 from eightpost.rig.track import Track, track_drivefile
 from eightpost.rig.truth_damper import TruthDamper, ValveSide, demo_damper
 

@@ -19,7 +19,7 @@ from eightpost.array_types import Array
 from eightpost.corners import CORNERS
 from eightpost.errors import DataError, FileFormatError, UnknownUnitError
 from eightpost.rig.plausibility_rules import CHANGED_COLUMN, CHOSEN_COLUMN, COMMANDED, DEAD, LEFT_OUT
-from eightpost.signals.channel_map import TIME_NAMES, ChannelMap, MappedChannel
+from eightpost.signals.raw_record import TIME_NAMES, ChannelMap, MappedChannel
 from eightpost.signals.table_text import is_number, letters_of
 from eightpost.units import compatible, convert, is_unit
 

@@ -21,8 +21,7 @@ from eightpost.signals.formats import read_records
 if TYPE_CHECKING:
     import pandas as pd
 
-    from eightpost.signals.channel_map import ChannelMap
-    from eightpost.signals.raw_record import RawRecord
+    from eightpost.signals.raw_record import ChannelMap, RawRecord
 
 
 # ---- The table ------------------------------------------------------------------------------------------------------

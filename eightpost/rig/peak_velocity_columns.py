@@ -22,8 +22,7 @@ from eightpost.units import compatible, convert, is_unit
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from eightpost.signals.channel_map import ChannelMap, MappedChannel
-    from eightpost.signals.raw_record import RawRecord
+    from eightpost.signals.raw_record import ChannelMap, MappedChannel, RawRecord
 
 
 # ==== Columns named by the caller, a column per speed, damping rates and a knee ======================================

@@ -12,10 +12,10 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.files import MALFORMED
-from eightpost.left_out_blocks import LeftOutBlocks, left_out_of
-from eightpost.model_uncertainty import ModelUncertainty, ParameterUncertainty
 from eightpost.shock.file import Shock
 from eightpost.shock.laws import own_parameters
+from eightpost.uncertainty import LeftOutBlocks, left_out_of
+from eightpost.validity import ModelUncertainty, ParameterUncertainty
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
 from eightpost.extras import is_installed, requirement
-from eightpost.signals.channel_map import TIME_NAMES
 from eightpost.signals.csv_file import text_records
 from eightpost.signals.faults import Origin
-from eightpost.signals.raw_record import RawRecord, by_time, temperatures_at
+from eightpost.signals.raw_record import TIME_NAMES, RawRecord, by_time, temperatures_at
 from eightpost.signals.table_text import split_header
 
 if TYPE_CHECKING:

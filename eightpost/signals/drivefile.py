@@ -17,7 +17,7 @@ from eightpost.signals.timeseries import Recording
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from eightpost.signals.channel_map import ChannelMap
+    from eightpost.signals.raw_record import ChannelMap
     from eightpost.signals.timeseries import TimeSeries
 
 

@@ -18,7 +18,7 @@ from eightpost.signals.raw_record import RawRecord, find_time, identity_map, map
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from eightpost.signals.channel_map import ChannelMap
+    from eightpost.signals.raw_record import ChannelMap
     from eightpost.signals.timeseries import TimeSeries
 
 # ---- Reading --------------------------------------------------------------------------------------------------------

@@ -13,10 +13,9 @@ import numpy as np
 from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path, json_content, reading
-from eightpost.signals.channel_map import TIME_NAMES
 from eightpost.signals.faults import Origin
 from eightpost.signals.parquet_file import parse_header, time_series_header
-from eightpost.signals.raw_record import RawRecord
+from eightpost.signals.raw_record import TIME_NAMES, RawRecord
 from eightpost.signals.table_text import decoded, split_header
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 from eightpost.corners import CORNERS
 from eightpost.units import convert
-from eightpost.vehicle.quantities import Corners
 from eightpost.vehicle.quarter_car import QuarterCar
 from eightpost.vehicle.seven_dof import SevenDof
+from eightpost.vehicle.structural import Corners
 
 Parameters = QuarterCar | SevenDof
 

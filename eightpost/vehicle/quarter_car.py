@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eightpost.vehicle.assembly import Outputs, state_matrices
-from eightpost.vehicle.quantities import check_ranges, not_negative, positive
 from eightpost.vehicle.statespace import Channel, StateSpace
+from eightpost.vehicle.structural import Outputs, check_ranges, not_negative, positive, state_matrices
 
 INPUTS = (Channel("road", "m"), Channel("aero_force", "N"), Channel("force", "N"))
 

@@ -13,9 +13,16 @@ import numpy as np
 from eightpost.array_types import Array
 from eightpost.corners import CORNERS
 from eightpost.errors import ParameterError
-from eightpost.vehicle.assembly import Outputs, state_matrices
-from eightpost.vehicle.quantities import Corners, anywhere, check_ranges, not_negative, positive
 from eightpost.vehicle.statespace import Channel, StateSpace
+from eightpost.vehicle.structural import (
+    Corners,
+    Outputs,
+    anywhere,
+    check_ranges,
+    not_negative,
+    positive,
+    state_matrices,
+)
 
 #: Distance from axle to nose and from axle to spoiler [m]. The dissertation does not give them; with 45 in, a car with
 #: a wheelbase of 110 in is 200 in long.

@@ -18,10 +18,10 @@ from eightpost.files import MALFORMED, atomic_path, check_schema, json_content, 
 from eightpost.units import compatible, convert
 from eightpost.validity import Validity
 from eightpost.vehicle.bristle import Bristle
-from eightpost.vehicle.quantities import Corners
 from eightpost.vehicle.quarter_car import QuarterCar
 from eightpost.vehicle.seven_dof import SevenDof
 from eightpost.vehicle.statespace import Channel, StateSpace
+from eightpost.vehicle.structural import Corners
 from eightpost.vehicle.vehicles import Friction, IdentifiedVehicle, StructuralVehicle, Vehicle
 
 # ==== Parameters in TOML: `track_width = "70 in"` ====================================================================

@@ -15,10 +15,10 @@ from eightpost.errors import ParameterError
 from eightpost.validity import Validity
 from eightpost.vehicle import quarter_car, seven_dof
 from eightpost.vehicle.bristle import Bristle
-from eightpost.vehicle.quantities import check_static
 from eightpost.vehicle.quarter_car import QuarterCar
 from eightpost.vehicle.seven_dof import SevenDof
 from eightpost.vehicle.statespace import StateSpace, add_port_damping, add_port_stiffness
+from eightpost.vehicle.structural import check_static
 
 Model = Literal["quarter_car", "seven_dof", "state_space"]
 

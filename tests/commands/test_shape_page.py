@@ -24,7 +24,7 @@ from eightpost.app.shape_page import (
     write_aim,
 )
 from eightpost.app.shape_search import Aim, Curves, Neighbour, Request, Target
-from eightpost.rig.damper.valving import NearestValving, Valving
+from eightpost.rig.damper.builds import NearestValving, Valving
 from eightpost.shock.shape import Shape, ShapeFit, Side
 from eightpost.verdict import is_intact
 

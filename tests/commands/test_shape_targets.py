@@ -12,7 +12,7 @@ from cosim.study.choice.continuous import Band, Range, ShockSpace
 from cosim.study.study import Build
 from eightpost.app import shape_search
 from eightpost.app.shape_search import targets_of
-from eightpost.rig.damper.valving import NearestValving, Valving
+from eightpost.rig.damper.builds import NearestValving, Valving
 from eightpost.shock import Shock, write_shock
 from eightpost.shock.shape import Shape, Side
 

@@ -10,8 +10,8 @@ import pytest
 from eightpost.ident.shock.curve import CurveBasis
 from eightpost.ident.shock.lag import lag
 from eightpost.ident.shock.simulation import simulate
+from eightpost.rig.dynamometer import random_multisine
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.rig.excitations import random_multisine
 from eightpost.shock import Port, StaticCurve
 from eightpost.signals import TimeSeries
 

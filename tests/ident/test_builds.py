@@ -14,9 +14,9 @@ from eightpost.ident import fit_shock
 from eightpost.ident.shock.cross_validation import _left_out_builds
 from eightpost.ident.shock.runs import prepare_runs
 from eightpost.ident.shock.simulation import simulate
+from eightpost.rig.dynamometer import random_multisine
 from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.rig.excitations import random_multisine
 from eightpost.shock import Lpf1, Port, StaticCurve, read_shock
 from eightpost.signals import TimeSeries
 

@@ -7,8 +7,8 @@ import pytest
 
 from eightpost.ident import fit_shock, simulate
 from eightpost.ident.shock.curve import KnotBasis, curve_forces
+from eightpost.rig.dynamometer import random_multisine
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.rig.excitations import random_multisine
 from eightpost.shock import Lpf1, Lpnl2, Port, law_name, own_parameters
 from eightpost.signals import TimeSeries
 

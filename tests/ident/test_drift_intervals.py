@@ -8,8 +8,8 @@ import pytest
 from eightpost.ident import fit_shock
 from eightpost.ident.shock.runs import prepare_runs
 from eightpost.ident.shock.simulation import simulate
+from eightpost.rig.dynamometer import random_multisine
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.rig.excitations import random_multisine
 from eightpost.shock import Lpf1, StaticCurve
 from eightpost.signals import TimeSeries
 

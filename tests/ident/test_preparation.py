@@ -7,7 +7,7 @@ import pytest
 
 from eightpost.errors import ParameterError, TooShortError
 from eightpost.ident import fit_shock
-from eightpost.ident.shock import boggs
+from eightpost.ident.shock import fit as fits
 from eightpost.ident.shock.force import limits_for
 from eightpost.ident.shock.runs import prepare, single_frequency
 from eightpost.rig.dyno_test import DynoTest
@@ -51,8 +51,8 @@ def test_a_slow_record_moves_the_transition(curve, law_record):
 
 def test_a_side_without_data_beyond_the_transition_continues_straight_at_no_cost(record, monkeypatch):
     with_cubics = fit_shock(record, "polylinear", recipe="boggs").percent
-    monkeypatch.setattr(boggs, "TRANSITION_SPEED", 1.5)
-    monkeypatch.setattr(boggs, "_SLOW", 0.0)
+    monkeypatch.setattr(fits, "TRANSITION_SPEED", 1.5)
+    monkeypatch.setattr(fits, "_SLOW", 0.0)
     fit = fit_shock(record, "polylinear", recipe="boggs")
     assert reported(fit.changes, "straight line", "compression: 0 samples")
     assert reported(fit.changes, "straight line", "rebound")

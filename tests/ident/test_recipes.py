@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 
 from eightpost.ident import evaluate, fit_shock
-from eightpost.rig.dynamometer import measure
+from eightpost.rig.dynamometer import measure, random_multisine
 from eightpost.rig.dyno_test import DynoTest, read_dyno_test
-from eightpost.rig.excitations import random_multisine
 from eightpost.rig.truth_damper import demo_damper
 
 pytestmark = pytest.mark.nightly

@@ -28,8 +28,8 @@ from eightpost.ident.vehicle.vehicle_fit import (
     with_validity,
     write_fit,
 )
-from eightpost.measure_uncertainty import MeasureUncertainty
 from eightpost.progress import reported_to
+from eightpost.uncertainty import MeasureUncertainty
 from eightpost.vehicle import IdentifiedVehicle
 from eightpost.verdict import Grade, Reason, sealed
 

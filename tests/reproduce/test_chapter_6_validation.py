@@ -12,7 +12,7 @@ from eightpost.reproduce import QUICK
 from eightpost.reproduce import chapter_6_validation as chapter
 from eightpost.reproduce.rig_bench import EIGHT_POST
 from eightpost.reproduce.true_cars import TOTAL
-from eightpost.rig.post.modes import displacement_modes, force_modes
+from eightpost.rig.post.car import displacement_modes, force_modes
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import CORNERS
 

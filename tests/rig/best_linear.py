@@ -14,8 +14,8 @@ from scipy.signal import decimate
 
 from eightpost.ident.response import LocalPolynomial, estimate_response
 from eightpost.rig.post import Actuators, LinearDamper, Run, random_drive, simulate, simulate_setups, track_drive
+from eightpost.rig.post.car import ride_heights
 from eightpost.rig.post.drivefiles import RATE
-from eightpost.rig.post.modes import ride_heights
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eightpost.rig.excitations import TABLE_3_2, crest_factor, multisine_spectrum, random_multisine
+from eightpost.rig.dynamometer import TABLE_3_2, crest_factor, multisine_spectrum, random_multisine
 
 
 def test_the_spectrum_has_the_lines_of_table_3_2_every_tenth_of_a_hertz():

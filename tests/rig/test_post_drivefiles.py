@@ -22,7 +22,7 @@ from eightpost.rig.post import (
     static_drive,
     track_drive,
 )
-from eightpost.rig.post.modes import displacement_modes, force_modes
+from eightpost.rig.post.car import displacement_modes, force_modes
 from eightpost.rig.track import WHEELLOADER
 from eightpost.units import convert
 

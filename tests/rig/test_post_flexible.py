@@ -18,8 +18,7 @@ from eightpost.rig.post import LinearDamper, Run, flexible_truth, simulate, trut
 from eightpost.rig.post.drivefiles import RATE
 from eightpost.rig.post.flexible import base_car
 from eightpost.rig.post.flexible.car import Sliders
-from eightpost.rig.post.flexible.kernel import slide
-from eightpost.rig.post.flexible.motion import numbers_of
+from eightpost.rig.post.flexible.motion import numbers_of, slide
 from eightpost.rig.post.truths import TRUTHS
 from eightpost.signals import TimeSeries
 

@@ -29,7 +29,7 @@ from eightpost.shock import LAWS
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
 from eightpost.vehicle import quarter_car, seven_dof
-from eightpost.vehicle.quantities import Corners
+from eightpost.vehicle.structural import Corners
 
 
 def _beside(name):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from eightpost.ident.shock.simulation import simulate
+from eightpost.rig.dynamometer import random_multisine
 from eightpost.rig.dyno_test import DynoConditions, DynoTest
-from eightpost.rig.excitations import random_multisine
 from eightpost.shock import Lpf1, Polylinear, Port, Shock, StaticCurve
 from eightpost.signals import TimeSeries
 

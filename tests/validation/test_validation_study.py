@@ -7,11 +7,14 @@ import pytest
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.result import digest_of
 from eightpost.ident.validation.records import dyno_record
-from eightpost.ident.validation.shock_tables import (
+from eightpost.ident.validation.shocks import (
+    keep_verdicts,
+    notes_on,
     random_table,
+    shock_verdict,
     static_table,
+    validate_shocks,
 )
-from eightpost.ident.validation.shocks import keep_verdicts, notes_on, shock_verdict, validate_shocks
 from eightpost.rig.dyno_test import DynoConditions
 from eightpost.shock import read_shock
 from eightpost.verdict import Grade

@@ -16,7 +16,7 @@ from cosim.study.certainty.sources import UNKNOWN, Axes, Variables
 from cosim.study.result import StudyResult
 from eightpost import units
 from eightpost.array_types import Array, Flags, Integers
-from eightpost.measure_uncertainty import DEGREES
+from eightpost.uncertainty import DEGREES
 
 # ==== Choice =========================================================================================================
 

@@ -17,9 +17,9 @@ from cosim.study.running.evaluator import coupling_of
 from cosim.study.running.sweep import Requested
 from cosim.study.running.workers import Workers
 from cosim.study.study import Study
-from eightpost.left_out_blocks import FittedParameter, LeftOutBlocks, correlation_of
-from eightpost.model_uncertainty import ModelUncertainty, ParameterUncertainty
 from eightpost.progress import Progress
+from eightpost.uncertainty import FittedParameter, LeftOutBlocks, correlation_of
+from eightpost.validity import ModelUncertainty, ParameterUncertainty
 
 #: Decimal places of correlations.
 _PLACES = 4

@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 from cosim.study.certainty.mixture import half_width, inverse_gamma, middle_probabilities
 from cosim.study.certainty.sources import ErrorSources, Scales, Variables
 from eightpost.array_types import Array, Integers
-from eightpost.measure_uncertainty import DEGREES
+from eightpost.uncertainty import DEGREES
 
 #: Number of pairs of scales whose likelihood is compared, and the limits of the degrees of freedom that follow.
 _PAIRS, _DEGREES = 512, (DEGREES, 200.0)

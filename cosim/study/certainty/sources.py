@@ -15,10 +15,8 @@ from cosim.study.result import StudyResult
 from cosim.study.table import error_column
 from eightpost.array_types import Array, Flags, Integers
 from eightpost.errors import InputError
-from eightpost.left_out_blocks import square_root
-from eightpost.measure_uncertainty import TOTAL, MeasureUncertainty, local_features
-from eightpost.model_uncertainty import ModelUncertainty
-from eightpost.validity import Validity
+from eightpost.uncertainty import TOTAL, MeasureUncertainty, local_features, square_root
+from eightpost.validity import ModelUncertainty, Validity
 
 # ---- Uncertainty that the vehicle states, for each measure ----------------------------------------------------------
 

@@ -23,9 +23,9 @@ from cosim.study.study import Parameters, Study
 from eightpost import units
 from eightpost.array_types import Array, Flags, Integers
 from eightpost.errors import InputError
-from eightpost.left_out_blocks import FittedParameter, LeftOutBlocks, correlation_of, square_root
-from eightpost.model_uncertainty import ParameterUncertainty
 from eightpost.progress import Progress
+from eightpost.uncertainty import FittedParameter, LeftOutBlocks, correlation_of, square_root
+from eightpost.validity import ParameterUncertainty
 
 # ==== Draws, each of them simulated ==================================================================================
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.report.origin import versions
+from cosim.report.page import versions
 from cosim.study.choice.optimise import pareto_front
 from cosim.study.choice.selection import Selected
 from cosim.study.choice.sensitivity import Sensitivity

@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from cosim.components.fmu_component import FmuComponent
-from cosim.report.origin import Origin
+from cosim.report.page import Origin
 from cosim.session.master import run
 from cosim.study.certainty import Certainty
 from cosim.study.choice.selection import Selected

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute
 
-from cosim.report.origin import Origin
+from cosim.report.page import Origin
 from cosim.study.certainty import OBJECTIVE, Certainty, Levels
 from cosim.study.choice.selection import Selection
 from cosim.study.choice.sensitivity import available_sensitivities

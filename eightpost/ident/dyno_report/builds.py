@@ -27,10 +27,9 @@ from eightpost.ident.dyno_report.entry import (
 )
 from eightpost.rig import read_dyno_tests, split_runs
 from eightpost.rig.dyno_conditions import DynoConditions
-from eightpost.rig.dyno_test import FEWEST, SHORTEST
+from eightpost.rig.dyno_test import FEWEST, SHORTEST, TemperatureEffect, temperature_effect
 from eightpost.rig.peak_velocity import peak_velocity_tables
 from eightpost.rig.plausibility import PLAUSIBLE
-from eightpost.rig.runs import TemperatureEffect, temperature_effect
 from eightpost.shock import read_shock
 from eightpost.signals import ChannelMap, MappedChannel, faults, read_record, read_records
 from eightpost.signals.filters import velocity_from_displacement

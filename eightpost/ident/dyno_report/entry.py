@@ -35,10 +35,9 @@ from eightpost.ident.dyno_report.cycles import (
     force_at_rest,
     slow_figures,
 )
-from eightpost.rig.dyno_test import DynoTest
+from eightpost.rig.dyno_test import DynoTest, temperature_drift
 from eightpost.rig.motion import force_lag
 from eightpost.rig.peak_velocity import PeakVelocityTable
-from eightpost.rig.runs import temperature_drift
 from eightpost.shock import Shock, law_title
 from eightpost.signals import TimeSeries
 

@@ -1,18 +1,386 @@
-"""Page of a report: its sections in one HTML file, for the screen and for print."""
+"""Page of a report: its sections in one HTML file, its tables and its verdict."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from markupsafe import Markup
 
-from eightpost.ident.dyno_report import figures, tables
-from eightpost.ident.dyno_report.builds import DynoReport
-from eightpost.ident.dyno_report.curve import BEND
-from eightpost.ident.dyno_report.verdict import report_verdict
-from eightpost.report.page import Block, Section, document, soft, write_page
-from eightpost.report.tables import ResultTable
+from eightpost.ident.dyno_report import figures
+from eightpost.ident.dyno_report.builds import (
+    CarCorner,
+    DynoReport,
+    Variant,
+    deviation_of,
+    heat_effect,
+    mean_force,
+    repeated_runs,
+)
+from eightpost.ident.dyno_report.curve import BEND, STROKES, Branches, Stroke, ratio_at
+from eightpost.ident.dyno_report.cycles import Cycles, Found, Unknown, mean_of
+from eightpost.ident.dyno_report.entry import Entry
+from eightpost.report.numbers import plain
+from eightpost.report.page import Block, Section, digest, document, soft, write_page
+from eightpost.report.tables import NONE, Amount, Cell, ResultTable, cell_html, unit_html
+from eightpost.verdict import Grade, Reason, Rules, Verdict
+
+# ==== Verdict: the findings about the records, and the verdicts of the shock files ===================================
+
+RULES = Rules()
+
+PLAUSIBLE = RULES.add("plausible record", "dynamometer record", Grade.USABLE,
+    condition="none of the rules about implausible records applies",
+    why="the rules find wrong units, reversed signs, changed settings and machines that run down",
+)  # fmt: skip
+TABLE = RULES.add("table without time", "dynamometer record", Grade.LIMITED,
+    condition="a file is a peak-velocity table",
+    why="it has no lag, energy, hysteresis or friction, and its plausibility cannot be checked",
+    remedy="report the record over time for these figures",
+)  # fmt: skip
+NO_VERDICT = RULES.add("shock without verdict", "shock", Grade.UNKNOWN,
+    condition="a shock file has no section `validity`",
+    why="nothing is known about its fit",
+    remedy="fit the shock again with this version of eightpost",
+)  # fmt: skip
+
+
+def report_verdict(entries: Iterable[Entry]) -> Verdict:
+    """Return the verdict of a report; the origin of each reason begins with the name of its entry."""
+    return Verdict(reason for entry in entries for reason in _reasons(entry))
+
+
+def _reasons(entry: Entry) -> Iterator[Reason]:
+    if entry.kind == "table":
+        yield TABLE.reason("the file is a peak-velocity table", figure="no time", origin=entry.name)
+    elif entry.test is not None:
+        yield from (replace(reason, origin=entry.name) for reason in entry.test.reasons)
+        if not entry.test.reasons:
+            yield PLAUSIBLE.reason("the record is plausible", figure="no finding", origin=entry.name)
+    elif entry.shock is not None and entry.shock.validity is None:
+        yield NO_VERDICT.reason("the shock file states no verdict", figure="no validity", origin=entry.name)
+    elif entry.shock is not None and entry.shock.validity is not None:
+        for reason in entry.shock.validity.verdict.reasons:
+            yield replace(reason, origin=f"shock {entry.name}")
+
+
+# ==== Tables; an unknown figure is a dash with the number of its reason below the table ==============================
+
+Row = Sequence[Cell | Found | None]
+
+BASES = ("measured", "law")
+#: Columns that are left out if all rows have the usual text.
+_USUAL = {"basis": "measured", "kind": "run"}
+#: Peaks of both strokes belong together if their speeds agree within this share.
+SAME_SPEED = 0.1
+
+
+def explained(title: str, columns: Sequence[str | Amount], rows: Iterable[Row], unit: str = "N") -> list[Block]:
+    """Return a table without its empty columns and the reasons below it; nothing if there is no row.
+
+    A column without any figure is left out; one line names it with its reason. A column may be a speed, of figures in
+    a unit.
+    """
+    rows = [tuple(row) for row in rows]
+    empty = [
+        k for k in range(len(columns)) if all(row[k] in (None, NONE) or isinstance(row[k], Unknown) for row in rows)
+    ]
+    same = [k for k in range(len(columns)) if all(row[k] == _USUAL.get(str(columns[k])) for row in rows)]
+    kept = [k for k in range(len(columns)) if k not in (*empty, *same)]
+    if not rows or not kept:
+        return []
+    reasons: dict[str, int] = {}
+
+    def shown(value: Cell | Found | None) -> Cell | float | None:
+        if not isinstance(value, Unknown):
+            return value
+        return f"{NONE}\N{NO-BREAK SPACE}[{reasons.setdefault(value.reason, len(reasons) + 1)}]"
+
+    cells = [[shown(row[k]) for k in kept] for row in rows]
+    names = [f"at [{unit}]" if isinstance(column, Amount) else column for column in columns]
+    table = ResultTable.of(title, [names[k] for k in kept], cells)
+    heads = [
+        (Markup("{} {}").format(cell_html(speed), unit_html(speed.unit)), head[1])
+        if isinstance(speed, Amount)
+        else head
+        for head, speed in zip(table.heads, (columns[k] for k in kept), strict=True)
+    ]
+    causes: dict[str, list[str]] = {}
+    for k in empty:
+        for reason in dict.fromkeys(cell.reason for row in rows if isinstance(cell := row[k], Unknown)):
+            causes.setdefault(reason, []).append(names[k].partition(" [")[0])
+    lines = [f"[{number}] {reason}." for reason, number in reasons.items()]
+    lines += [f"Not known: {', '.join(found)}; {reason}." for reason, found in causes.items()]
+    return [replace(table, heads=tuple(heads)), *([tuple(lines)] if lines else [])]
+
+
+def at_speeds(
+    report: DynoReport,
+    heads: Sequence[str],
+    rows: Iterable[tuple[Sequence[Cell], Sequence[Found | Cell]]],
+    *,
+    title: str = "",
+    unit: str = "N",
+) -> list[Block]:
+    """Return a table with a column for each speed; figures at speeds that a curve does not reach are dashes."""
+    columns: list[str | Amount] = [*heads, *(Amount(speed, "m/s") for speed in report.speeds)]
+    shown = ((*texts, *(None if isinstance(v, Unknown) else v for v in found)) for texts, found in rows)
+    return explained(title, columns, shown, unit)
+
+
+def _labelled(report: DynoReport) -> Iterator[tuple[Variant, Entry]]:
+    return ((variant, entry) for variant in report.variants for entry in variant.entries)
+
+
+# ---- Forces ---------------------------------------------------------------------------------------------------------
+
+
+def force_table(report: DynoReport) -> list[Block]:
+    """Return the forces of every build at the report's speeds, and the ratio of rebound to compression."""
+    rows: list[tuple[Sequence[Cell], Sequence[Found | Cell]]] = []
+    for variant in report.variants:
+        for basis in BASES:
+            if entries := variant.representatives(basis):
+                label = (*_fitted(report, variant), variant.label, basis)
+                rows += [
+                    ((*label, stroke), [mean_force(entries, v, stroke) for v in report.speeds]) for stroke in STROKES
+                ]
+                ratios = [mean_of(ratio_at(entry.curve, speed) for entry in entries) for speed in report.speeds]
+                rows.append(((*label, "reb/comp"), [_plain(ratio) for ratio in ratios]))
+    corner = ("corner",) if report.fitted_to else ()
+    return at_speeds(report, (*corner, "build", "basis", "stroke"), rows)
+
+
+def _plain(value: Found) -> Found | Cell:
+    """Return a plain number in a column of forces."""
+    return value if isinstance(value, Unknown) else Amount(value, "1")
+
+
+def _fitted(report: DynoReport, variant: Variant) -> tuple[str, ...]:
+    if not report.fitted_to:
+        return ()
+    names = [name for name, build in report.fitted_to.items() if build in (variant.label, variant.build)]
+    return (", ".join(names) or NONE,)
+
+
+def difference_table(report: DynoReport) -> list[Block]:
+    """Return the forces of every build relative to the first one: means of measured curves, and of laws."""
+    rows: list[tuple[Sequence[Cell], Sequence[Found | Cell]]] = []
+    for variant in report.variants[1:]:
+        for basis in BASES:
+            ours, base = variant.representatives(basis), report.variants[0].representatives(basis)
+            for stroke in STROKES if ours and base else ():
+                pairs = [(mean_force(ours, v, stroke), mean_force(base, v, stroke)) for v in report.speeds]
+                rows.append(((variant.label, basis, stroke), [_with_share(_minus(a, b), b) for a, b in pairs]))
+    return at_speeds(report, ("build", "basis", "stroke"), rows)
+
+
+def _minus(first: Found, second: Found) -> Found:
+    if isinstance(first, Unknown):
+        return first
+    return second if isinstance(second, Unknown) else first - second
+
+
+def _with_share(value: Found, whole: Found) -> Found | Cell:
+    """Return a force and its share of another one, as a cell."""
+    if isinstance(value, Unknown) or isinstance(whole, Unknown) or whole == 0.0:
+        return value
+    share = plain(100.0 * value / abs(whole), 2).replace("-", "−")
+    return Markup("{} ({}\N{NO-BREAK SPACE}%)").format(cell_html(Amount(value, "N")), share)
+
+
+def limit_table(report: DynoReport) -> list[Block]:
+    """Return whether each run and table is within the limits, at the speed at which it is farthest from the master."""
+    rows = [
+        ("pass" if one.passed else Markup('<strong class="fail">FAIL</strong>'), one.entry.name, one.stroke,
+         str(one.count), one.speed, one.force, one.master, one.deviation, one.tolerance)
+        for one in report.judgements
+    ]  # fmt: skip
+    columns = ("result", "entry", "stroke", "speeds", "farthest at [m/s]", "force [N]", "master [N]", "deviation [N]",
+               "tolerance [N]")  # fmt: skip
+    return explained("", columns, rows)
+
+
+def repeat_table(report: DynoReport) -> list[Block]:
+    """Return the standard deviation of the forces of repeated runs."""
+    rows: list[tuple[Sequence[Cell], Sequence[Found | Cell]]] = []
+    for variant in report.variants:
+        for group in repeated_runs(variant):
+            for stroke in STROKES:
+                found = [
+                    _with_share(deviation_of(group, v, stroke), mean_force(group, v, stroke)) for v in report.speeds
+                ]
+                rows.append(((variant.label, str(len(group)), stroke), found))
+    return at_speeds(report, ("build", "runs", "stroke"), rows)
+
+
+def heat_lines(report: DynoReport) -> tuple[str, ...]:
+    """Return a sentence on the effect of temperature for each build that has repeated runs at two temperatures."""
+    found = ((variant.label, heat_effect(variant)) for variant in report.variants)
+    return tuple(f"{label}: {effect}." for label, effect in found if effect)
+
+
+def track_table(report: DynoReport) -> list[Block]:
+    """Return the share of time of each track that the shaft spends in each stroke below the report's speeds."""
+    rows: list[tuple[Sequence[Cell], Sequence[Found | Cell]]] = []
+    for name, velocity in report.track.items():
+        for stroke, sign in zip(STROKES, (1.0, -1.0), strict=True):
+            speed = sign * velocity[sign * velocity > 0.0]
+            rows.append(((name, stroke), [100.0 * float(np.mean(speed <= v)) for v in report.speeds]))
+    return at_speeds(report, ("track", "time in the stroke below"), rows, unit="%")
+
+
+# ---- Knees and damping ----------------------------------------------------------------------------------------------
+
+
+def knee_table(report: DynoReport) -> list[Block]:
+    """Return knees and slopes of every entry."""
+    rows = [
+        (entry.name, entry.title, stroke, one.knee, one.knee_force, one.low, one.high, one.highest or None)
+        for _, entry in _labelled(report) for stroke, one in entry.strokes.items()
+    ]  # fmt: skip
+    columns = ("entry", "kind", "stroke", "knee at [m/s]", "force there [N]", "slope below [N.s/m]",
+               "slope above [N.s/m]", "highest speed [m/s]")  # fmt: skip
+    return explained("", columns, rows)
+
+
+def damping_tables(report: DynoReport) -> list[Block]:
+    """Return the damping ratio of every build at every corner: below and above the knee, and of both strokes."""
+    rows = []
+    for corner in report.corners:
+        for variant in report.variants:
+            if report.fitted_to.get(corner.name) in (None, variant.label, variant.build):
+                rows += [(corner.name, entry.name, entry.title, *_ratios(corner, entry)) for entry in variant.entries]
+    columns = ("corner", "entry", "kind", "comp. below knee [%]", "reb. below knee [%]", "mean below knee [%]",
+               "comp. above knee [%]", "reb. above knee [%]", "mean above knee [%]")  # fmt: skip
+    corners = [(corner.name, corner.mass, corner.wheel_rate, corner.motion_ratio) for corner in report.corners]
+    heads = ("corner", "sprung mass [kg]", "wheel rate [N/m]", "motion ratio")
+    return [*explained("", heads, corners), *explained("", columns, rows)]
+
+
+def _ratios(corner: CarCorner, entry: Entry) -> Iterator[Found]:
+    """Yield the damping ratios [%] of compression, rebound and their mean, below and then above the knee."""
+    for side in ("low", "high"):
+        rates: list[Found] = [getattr(entry.strokes[stroke], side) for stroke in STROKES]
+        unknown = next((rate for rate in rates if isinstance(rate, Unknown)), None)
+        for rate in (*rates, unknown or mean_of(rates)):
+            ratio = corner.damping_ratio(rate)
+            yield ratio if isinstance(ratio, Unknown) else 100.0 * ratio
+
+
+# ---- Runs -----------------------------------------------------------------------------------------------------------
+
+
+def run_table(report: DynoReport) -> list[Block]:
+    """Return conditions and motion of the runs and tables, and the temperature and power of the runs."""
+    rows: list[Row] = []
+    for variant, entry in _labelled(report):
+        test, cycles, warming = entry.test, entry.cycles, entry.warming
+        build = None if entry.name == variant.label else variant.label
+        first = (
+            entry.name,
+            build,
+            entry.title,
+            entry.setting.clicks,
+            entry.setting.gas_pressure,
+            entry.highest or None,
+        )
+        if test is not None and isinstance(cycles, Cycles):
+            rows.append((*first, test.stroke, cycles.frequency, str(cycles.count), _celsius(warming.start),
+                         _kelvin(warming.drift), warming.power))  # fmt: skip
+        elif entry.kind == "table":
+            rows.append((*first, *(None,) * 6))
+    columns = ("entry", "build", "kind", "clicks", "gas pressure [Pa]", "highest speed [m/s]", "stroke [m]",
+               "frequency [Hz]", "cycles", "temperature", "warming", "mean power [W]")  # fmt: skip
+    return explained("", columns, rows)
+
+
+def _celsius(temperature: Found) -> Cell | Unknown:
+    if isinstance(temperature, Unknown):
+        return temperature
+    celsius = temperature - 273.15
+    return _both(f"{1.8 * celsius + 32.0:.0f} °F", f"{celsius:.1f} °C")
+
+
+def _kelvin(drift: Found) -> Cell | Unknown:
+    if isinstance(drift, Unknown):
+        return drift
+    return _both(*(text.replace("-", "−") for text in (f"{1.8 * drift:+.1f} °F", f"{drift:+.2f} K")))
+
+
+def _both(us: str, si: str) -> Markup:
+    return Markup('<span class="us">{}</span><span class="si">{}</span>').format(us, si)
+
+
+def loop_table(report: DynoReport) -> list[Block]:
+    """Return energy, width and lag of the loops, gas force, gas stiffness and friction."""
+    rows = []
+    for _, entry in _labelled(report):
+        cycles, lag = entry.cycles, entry.lag
+        loop: tuple[Found | None, ...] = (None, None, None)
+        if isinstance(cycles, Cycles):
+            loop = (cycles.energy, cycles.energy_scatter, cycles.width)
+        rows.append((entry.name, entry.title, *loop, entry.offset if entry.kind == "run" else None,
+                     lag if isinstance(lag, Unknown) else 1e3 * lag, entry.slow.gas_force, entry.slow.stiffness,
+                     entry.slow.friction, _fit_error(entry)))  # fmt: skip
+    columns = ("entry", "kind", "energy per cycle [J]", "its deviation [J]", "width at v = 0 [N]", "force at v = 0 [N]",
+               "lag (ms)", "gas force [N]", "gas stiffness [N/m]", "friction [N]", "fit error [%] .2")  # fmt: skip
+    return explained("", columns, rows)
+
+
+def _fit_error(entry: Entry) -> float | None:
+    value = entry.shock.fit.get("percent") if entry.shock else None
+    return float(value) if isinstance(value, int | float) else None
+
+
+def branch_table(report: DynoReport) -> list[Block]:
+    """Return the forces on the open and the closed branch of the loop of every run."""
+    rows = [
+        ((entry.name, stroke), [_branch_cell(entry.branches, v, stroke) for v in report.speeds])
+        for entry in report.runs if entry.branches is not None for stroke in STROKES
+    ]  # fmt: skip
+    return at_speeds(report, ("run", "stroke"), rows, title="Branches of the loop (CVP), open / closed")
+
+
+def _branch_cell(branches: Branches, speed: float, stroke: Stroke) -> Found | Cell:
+    opening, closing = (branches.force_at(speed, stroke, branch) for branch in ("open", "closed"))
+    if isinstance(opening, Unknown) or isinstance(closing, Unknown):
+        return Unknown("the loop does not reach this speed")
+    return Markup(" / ").join(cell_html(Amount(force, "N")) for force in (opening, closing))
+
+
+def peak_table(report: DynoReport) -> list[Block]:
+    """Return the forces at the centre of the stroke (PVP) of the runs, with their scatter from cycle to cycle."""
+    rows: list[Row] = []
+    for entry in report.runs:
+        level = 0.0 if isinstance(entry.level, Unknown) else entry.level
+        compression, rebound = (
+            entry.cycles.peaks(sign) if isinstance(entry.cycles, Cycles) else () for sign in (1.0, -1.0)
+        )
+        for down in rebound:
+            up = next((one for one in compression if abs(one.speed / down.speed - 1.0) <= SAME_SPEED), None)
+            force = down.force + level
+            above = (None,) * 3 if up is None else (up.speed, up.force - level, up.scatter)
+            ratio = None if up is None else force / (up.force - level)
+            rows.append((entry.name, *above, down.speed, force, down.scatter, ratio, str(down.count)))
+    columns = ("run", "compression at [m/s]", "force [N]", "deviation [N] .2", "rebound at [m/s]", "force [N]",
+               "deviation [N] .2", "reb/comp", "peaks")  # fmt: skip
+    return explained("Peaks at the centre of the stroke (PVP)", columns, rows)
+
+
+def file_table(report: DynoReport) -> list[Block]:
+    """Return the files of the entries, with their full names and digests."""
+    rows = [
+        (entry.name, None if entry.source and entry.setting.build == entry.source.stem else entry.setting.build,
+         entry.source.name if entry.source else None, digest(entry.sha256) if entry.sha256 else None)
+        for entry in report.entries
+    ]  # fmt: skip
+    return explained("Files", ("entry", "build", "file", "SHA-256"), rows)
+
+
+# ==== The page =======================================================================================================
 
 _SIGNS = (
     "Velocity, displacement and force are positive in compression. Forces in tables are magnitudes without the gas."
@@ -69,28 +437,28 @@ def _count(report: DynoReport) -> str:
 def sections_of(report: DynoReport) -> Iterator[Section]:
     """Yield the sections of a report; sections without content are left out."""
     yield Section("curves", "Force over velocity", [
-        figures.curves_figure(report), *tables.force_table(report), *tables.track_table(report)
+        figures.curves_figure(report), *force_table(report), *track_table(report)
     ])  # fmt: skip
     if report.limits is not None:
         none: list[Block] = [soft("No run or table reaches a speed of the master curve.")]
         heading = f"Limits: {report.limits.name}"
-        yield Section("limits", heading, tables.limit_table(report) or none)
+        yield Section("limits", heading, limit_table(report) or none)
     if len(report.variants) > 1:
         none = [soft("No build has a curve of the same kind as the first: one is measured, one a law.")]
         heading = f"Differences from {report.variants[0].label}"
-        yield Section("differences", heading, tables.difference_table(report) or none)
+        yield Section("differences", heading, difference_table(report) or none)
     if report.runs:
         yield Section("branches", "Branches and peaks", [
-            figures.branches_figure(report), *tables.peak_table(report), *tables.branch_table(report)
+            figures.branches_figure(report), *peak_table(report), *branch_table(report)
         ])  # fmt: skip
-    yield Section("knees", "Knees and slopes", tables.knee_table(report))
+    yield Section("knees", "Knees and slopes", knee_table(report))
     if report.corners:
-        yield Section("damping", "Damping ratio", tables.damping_tables(report))
+        yield Section("damping", "Damping ratio", damping_tables(report))
     loops: list[Block] = [figures.loops_figure(report)] if report.runs else []
-    yield Section("runs", "Runs, loops and gas", [*loops, *tables.run_table(report), *tables.loop_table(report)])
-    if repeats := [*tables.repeat_table(report), *([lines] if (lines := tables.heat_lines(report)) else [])]:
+    yield Section("runs", "Runs, loops and gas", [*loops, *run_table(report), *loop_table(report)])
+    if repeats := [*repeat_table(report), *([lines] if (lines := heat_lines(report)) else [])]:
         yield Section("repeatability", "Repeatability", repeats)
-    yield Section("notes", "Notes", [*_notes(report), *tables.file_table(report), _DEFINITIONS])
+    yield Section("notes", "Notes", [*_notes(report), *file_table(report), _DEFINITIONS])
 
 
 def _notes(report: DynoReport) -> list[Block]:

@@ -24,11 +24,10 @@ from eightpost.ident.preparation.lags import (
     drive_lag,
     record_lags,
 )
-from eightpost.ident.preparation.plausibility import Finding, record_findings
-from eightpost.ident.preparation.plausibility_rules import WRONG_DELAY
+from eightpost.ident.preparation.plausibility import record_findings
+from eightpost.ident.preparation.plausibility_rules import WRONG_DELAY, Finding
 from eightpost.ident.threads import for_each
-from eightpost.rig.post.car import Geometry
-from eightpost.rig.post.modes import MODES, displacement_modes, force_modes, ride_heights
+from eightpost.rig.post.car import MODES, Geometry, displacement_modes, force_modes, ride_heights
 from eightpost.rig.post.rig_test import CHANNEL_UNITS, RigTest
 from eightpost.signals.filters import velocity_from_displacement
 from eightpost.signals.timeseries import TimeSeries

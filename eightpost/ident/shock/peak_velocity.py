@@ -13,10 +13,9 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.errors import DataError, InputError
-from eightpost.ident.shock.between_builds import POINTS, BuildSpread, side_scales
 from eightpost.ident.shock.curve import MOST_POINTS, curve_forces, curve_through, held
 from eightpost.ident.shock.force import GasTreatment
-from eightpost.ident.shock.verdict import peak_velocity_validity
+from eightpost.ident.shock.verdict import POINTS, BuildSpread, peak_velocity_validity, side_scales
 from eightpost.rig.peak_velocity import GAS_SHARE, PeakVelocityTable, peak_velocity_tables
 from eightpost.shock import Polylinear, Port, Shock, write_shock
 from eightpost.shock.curve import KNOTS

@@ -14,20 +14,26 @@ import numpy as np
 from eightpost.array_types import Array
 from eightpost.display import Summarized, Summary
 from eightpost.errors import ParameterError, suggestion
-from eightpost.ident.shock.between_builds import BuildSpread
 from eightpost.ident.shock.cross_validation import HeldOutErrors
 from eightpost.ident.shock.curve import fitted_curve
 from eightpost.ident.shock.force import GasColumns
 from eightpost.ident.shock.problem import LEVEL, CurveBand, Solution, blocks_of, curve_band, factor_rows, quantile
 from eightpost.ident.shock.runs import Prepared, Runs
 from eightpost.ident.shock.simulation import simulate
-from eightpost.ident.shock.verdict import Parameter, findings, in_field_units, parameters_of, shock_validity
+from eightpost.ident.shock.verdict import (
+    BuildSpread,
+    Parameter,
+    findings,
+    in_field_units,
+    parameters_of,
+    shock_validity,
+)
 from eightpost.labelled import data_frame, dataset
-from eightpost.left_out_blocks import LeftOutBlocks
 from eightpost.report.console import Table, console_table, right, unbroken
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Polylinear, Port, Shock, ShockLaw, law_title, write_shock
 from eightpost.signals import TimeSeries
+from eightpost.uncertainty import LeftOutBlocks
 from eightpost.units import convert
 from eightpost.validity import judged
 from eightpost.verdict import Verdict

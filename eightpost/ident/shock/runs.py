@@ -15,9 +15,8 @@ from scipy.optimize import minimize_scalar
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError, TooShortError
 from eightpost.ident.shock.lag import RowFilter
-from eightpost.rig.dyno_test import DynoTest
+from eightpost.rig.dyno_test import SMALLEST_SPREAD, DynoTest
 from eightpost.rig.plausibility import SEGMENT
-from eightpost.rig.runs import SMALLEST_SPREAD
 from eightpost.signals import TimeSeries, lowpass
 
 # ==== Records: choice of the segment, filters, thinning ==============================================================

@@ -10,7 +10,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
-from eightpost.ident.validation import shock_tables as tables
+from eightpost.ident.validation import shocks as tables
 from eightpost.ident.validation.evaluation import RandomValidation
 from eightpost.ident.validation.records import DynoRecord
 from eightpost.ident.validation.shock_tests import BumpEvent, BumpValidation, Hold, Loop, StaticValidation

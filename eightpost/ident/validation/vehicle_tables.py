@@ -10,8 +10,8 @@ from eightpost.ident.validation.comparison import Comparison
 from eightpost.ident.validation.vehicles import VehicleCase, VehicleValidation
 from eightpost.ident.vehicle import VehicleFit
 from eightpost.ident.vehicle.vehicle_fit import TENTH
-from eightpost.measure_uncertainty import MeasureUncertainty
 from eightpost.report.tables import NONE, Amount, Cell, ResultTable
+from eightpost.uncertainty import MeasureUncertainty
 
 # ---- Self-assessment of the fit -------------------------------------------------------------------------------------
 

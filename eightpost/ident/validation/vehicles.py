@@ -15,6 +15,7 @@ from eightpost.ident.validation.comparison import (
     Comparison,
     Judging,
     Response,
+    RigRecord,
     SineOutput,
     StaticOutput,
     Trend,
@@ -28,17 +29,15 @@ from eightpost.ident.validation.comparison import (
     with_total,
 )
 from eightpost.ident.validation.evaluation import ErrorSpectrum
-from eightpost.ident.validation.rig_record import RigRecord
 from eightpost.ident.vehicle import VehicleFit, write_fit
 from eightpost.ident.vehicle.experiment import Ranges, lifted_tires, quantity
 from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.simulation import closed_at_ports, open_at_ports, ports_of
 from eightpost.ident.vehicle.vehicle_fit import fit_files
-from eightpost.model_uncertainty import ModelUncertainty
 from eightpost.outputs import replacing
 from eightpost.shock import ShockLaw
 from eightpost.signals import TimeSeries
-from eightpost.validity import Validity, judged
+from eightpost.validity import ModelUncertainty, Validity, judged
 from eightpost.vehicle import IdentifiedVehicle, StateSpace, Vehicle, add_port_damping
 from eightpost.verdict import Grade, Reason, Rules, Verdict, listed
 

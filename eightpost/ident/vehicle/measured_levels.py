@@ -13,10 +13,10 @@ from eightpost.array_types import Array
 from eightpost.corners import channel
 from eightpost.errors import StepError
 from eightpost.ident.vehicle.experiment import Experiment, quantity
-from eightpost.ident.vehicle.free_running import ClosedLoop, port_slope
-from eightpost.measure_uncertainty import TOTAL, MeasuredLevel, MeasureUncertainty, band_shares, separation
+from eightpost.ident.vehicle.many_setups import ClosedLoop, port_slope
 from eightpost.progress import parts
 from eightpost.signals import TimeSeries
+from eightpost.uncertainty import TOTAL, MeasuredLevel, MeasureUncertainty, band_shares, separation
 from eightpost.vehicle import IdentifiedVehicle, StateSpace
 from eightpost.verdict import listed
 

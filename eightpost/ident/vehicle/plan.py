@@ -14,7 +14,7 @@ from eightpost.array_types import Array
 from eightpost.corners import CORNERS, channel
 from eightpost.ident.preparation import Prepared
 from eightpost.ident.vehicle.experiment import Baseline, Experiment, find_baseline, quantity
-from eightpost.ident.vehicle.free_running import port_slope
+from eightpost.ident.vehicle.many_setups import port_slope
 from eightpost.ident.vehicle.port_search import about_tests
 from eightpost.ident.vehicle.recipes import recipe
 from eightpost.ident.vehicle.static_rating import StaticRating, rate_tests

@@ -20,7 +20,7 @@ from eightpost.corners import CORNERS
 from eightpost.errors import InputError
 from eightpost.ident.preparation import Decimation, Preparation, prepare
 from eightpost.rig.post import RigTest
-from eightpost.rig.post.modes import MODES
+from eightpost.rig.post.car import MODES
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from pydantic import TypeAdapter
 
-from eightpost.measure_uncertainty import MeasureUncertainty
+from eightpost.uncertainty import MeasureUncertainty
 
 #: Flag of a vehicle that cannot be simulated, so that no setup can be predicted.
 UNUSABLE = "unusable"

@@ -20,10 +20,9 @@ from eightpost.ident.response import FrequencyResponse, read_response, response_
 from eightpost.ident.vehicle.measured_levels import level_errors
 from eightpost.ident.vehicle.trust import UNUSABLE, OutputTrust, Trust
 from eightpost.labelled import Labelled, data_frame, dataset
-from eightpost.measure_uncertainty import TOTAL, MeasureUncertainty, separation
-from eightpost.model_uncertainty import ModelUncertainty
 from eightpost.report.console import Table, console_table, right
-from eightpost.validity import Range, Validity, judged
+from eightpost.uncertainty import TOTAL, MeasureUncertainty, separation
+from eightpost.validity import ModelUncertainty, Range, Validity, judged
 from eightpost.vehicle import Friction, IdentifiedVehicle, read_vehicle, write_vehicle
 from eightpost.vehicle.statespace import StateSpace
 from eightpost.verdict import Grade, Reason, Rules, Verdict, edited, is_intact, listed, sealed

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from eightpost.array_types import Array
-from eightpost.rig.damper.body import ATMOSPHERE
-from eightpost.rig.damper.valves import Passage, passage_flow, passage_slope
+from eightpost.rig.damper.valves import ATMOSPHERE, Passage, passage_flow, passage_slope
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from eightpost.rig.damper.body import Cylinder, Fluid, GasChamber
+    from eightpost.rig.damper.valves import Cylinder, Fluid, GasChamber
 
     Motion = Callable[[float], tuple[float, float]]
 

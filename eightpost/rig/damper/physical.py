@@ -15,9 +15,18 @@ from scipy.optimize import brentq
 
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError, StepError
-from eightpost.rig.damper.body import Cylinder, Fluid, GasChamber, Seals
 from eightpost.rig.damper.kernel import Plant, Valve
-from eightpost.rig.damper.valves import HeadValve, MainPiston, Orifices, Passage, ShimValve
+from eightpost.rig.damper.valves import (
+    Cylinder,
+    Fluid,
+    GasChamber,
+    HeadValve,
+    MainPiston,
+    Orifices,
+    Passage,
+    Seals,
+    ShimValve,
+)
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
 

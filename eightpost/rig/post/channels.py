@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eightpost.array_types import Array
+from eightpost.rig.post.car import MODES, displacement_modes, force_modes, ride_heights
 from eightpost.rig.post.drivefiles import RATE
-from eightpost.rig.post.modes import MODES, displacement_modes, force_modes, ride_heights
 from eightpost.signals.filters import velocity_from_displacement
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert

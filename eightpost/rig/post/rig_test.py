@@ -1,4 +1,4 @@
-"""Rig tests: a car's records on the shaker rig."""
+"""Rig tests: a car's records on the shaker rig, and their units."""
 
 from __future__ import annotations
 
@@ -10,24 +10,65 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from eightpost.corners import CORNERS, channel
 from eightpost.display import Summary
-from eightpost.errors import FileFormatError, MissingChannelError, TooShortError
+from eightpost.errors import FileFormatError, MissingChannelError, TooShortError, UnknownUnitError
 from eightpost.files import MALFORMED, sha256_of
+from eightpost.rig.motion import cause_of, slope_ratio
+from eightpost.rig.plausibility import LOWEST_SAMPLING
 from eightpost.rig.post.rig_faults import check_rig_record, unchecked
-from eightpost.rig.post.rig_units import check_rig_units
-from eightpost.signals.channel_map import ChannelMap, MappedChannel
 from eightpost.signals.csv_file import write_csv
+from eightpost.signals.faults import Origin
 from eightpost.signals.filters import velocity_from_displacement
 from eightpost.signals.formats import read_record
 from eightpost.signals.parquet_file import parquet_header, write_parquet
-from eightpost.signals.raw_record import find_time, map_beside, mapped_series
-from eightpost.signals.timeseries import Recording
+from eightpost.signals.raw_record import ChannelMap, MappedChannel, find_time, map_beside, mapped_series
+from eightpost.signals.timeseries import Recording, TimeSeries
 
 if TYPE_CHECKING:
     from eightpost.signals.raw_record import RawRecord
-    from eightpost.signals.timeseries import TimeSeries
 
+
+# ==== Units that contradict each other: a wrong label of displacement, velocity or time ==============================
+
+#: Minimum correlation of the slope of displacement with velocity, below which their sizes are not compared.
+SAME = 0.8
+
+
+def check_rig_units(series: TimeSeries, corners: tuple[str, ...], *, origin: Origin) -> None:
+    """Check the sample rate, and the slope of each shock's displacement against its measured velocity.
+
+    Args:
+        series: Rig record with its measured channels.
+        corners: Corners of the record, or an empty text for a rig with one corner.
+        origin: File of the record.
+
+    Raises:
+        UnknownUnitError: The sample rate is below 20 Hz, or slope and velocity differ by the ratio of two units.
+    """
+    if series.sample_rate < LOWEST_SAMPLING:
+        what = (
+            f"the file has {series.sample_rate:.4g} samples per second, and a rig records {LOWEST_SAMPLING:g} or more: "
+            "time is probably in ms but labelled s; correct its unit, or set it in a channel map"
+        )
+        raise origin.header_fault(UnknownUnitError, what, channel="time")
+    for corner in corners:
+        names = [channel(corner, name) for name in ("displacement", "velocity")]
+        if any(name not in series for name in names):
+            continue
+        pair = TimeSeries(series.time, series.select(names).values, ("displacement", "velocity"), ("m", "m/s"))
+        cause = cause_of(ratio := slope_ratio(pair))
+        if cause and np.corrcoef(np.gradient(pair["displacement"]), pair["velocity"])[0, 1] > SAME:
+            what = (
+                f"its slope is {ratio:.4g} times {names[1]}, the ratio of two units: {cause}; correct the unit in the "
+                "header, or set it in a channel map"
+            )
+            raise origin.header_fault(UnknownUnitError, what, channel=names[0])
+
+
+# ==== Rig tests ======================================================================================================
 
 # ---- Names and units of the rig's channels (Table 6.1; docs/explanation/rig.md) --------------------------------------
 

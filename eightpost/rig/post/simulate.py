@@ -17,7 +17,7 @@ from eightpost.rig.damper import PhysicalDamper
 from eightpost.rig.post import kernel
 from eightpost.rig.post.drivefiles import LEAD, RATE, STEPS
 from eightpost.rig.post.flexible import FlexibleCar
-from eightpost.rig.post.flexible import kernel as flexible_kernel
+from eightpost.rig.post.flexible import motion as flexible_kernel
 from eightpost.rig.post.flexible import motion as flexible_motion
 from eightpost.rig.post.shocks import LinearDamper, Shock
 from eightpost.rig.truth_damper import TruthDamper

@@ -15,8 +15,7 @@ from fmpy.model_description import read_model_description
 
 from builder.assembly import assemble
 from builder.live_page import write_live_page
-from builder.live_page.controls import Control, shock_controls
-from builder.live_page.models import CAR, SHOCK, read_models
+from builder.live_page.live_page import CAR, SHOCK, Control, read_models, shock_controls
 from builder.native import toolchain
 from eightpost.__main__ import main
 from eightpost.errors import FmuError

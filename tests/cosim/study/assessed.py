@@ -9,9 +9,8 @@ import numpy as np
 from cosim.study.certainty import ConfirmedRun, Effect
 from cosim.study.measures import Measure
 from cosim.study.result import StudyResult
-from eightpost.measure_uncertainty import MeasureUncertainty
-from eightpost.model_uncertainty import ModelUncertainty
-from eightpost.validity import Validity
+from eightpost.uncertainty import MeasureUncertainty
+from eightpost.validity import ModelUncertainty, Validity
 from eightpost.verdict import Verdict
 
 from .constructed import Response, result

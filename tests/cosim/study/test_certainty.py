@@ -26,9 +26,8 @@ from cosim.study.certainty.mixture import half_width, probability_below
 from cosim.study.certainty.sources import Scales, error_sources
 from cosim.study.study import Constraint, Term
 from eightpost.errors import InputError
-from eightpost.measure_uncertainty import MeasureUncertainty, separation
-from eightpost.model_uncertainty import ModelUncertainty
-from eightpost.validity import Validity
+from eightpost.uncertainty import MeasureUncertainty, separation
+from eightpost.validity import ModelUncertainty, Validity
 from eightpost.verdict import Grade, Verdict
 
 from .assessed import NOISE, assessed, lag, paired, run, stating, two_setups

@@ -14,9 +14,8 @@ from cosim.study.certainty.sources import error_sources
 from cosim.study.choice.robust import Draws, Uncertain, knowledge_of
 from cosim.study.running.evaluator import coupling_of
 from cosim.study.running.sweep import Requested, run_study
-from eightpost.left_out_blocks import LeftOutBlocks
-from eightpost.model_uncertainty import ModelUncertainty, ParameterUncertainty
-from eightpost.validity import Validity
+from eightpost.uncertainty import LeftOutBlocks
+from eightpost.validity import ModelUncertainty, ParameterUncertainty, Validity
 from eightpost.verdict import Verdict
 
 from .coupled import InProcess, study

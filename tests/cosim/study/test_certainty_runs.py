@@ -28,8 +28,8 @@ from cosim.study.choice.rig_runs import MeasuredRun, with_rig_runs
 from cosim.study.study import Term
 from eightpost.corners import CORNERS
 from eightpost.errors import FileFormatError
-from eightpost.measure_uncertainty import local_features, separation
 from eightpost.signals import TimeSeries
+from eightpost.uncertainty import local_features, separation
 
 from .assessed import NOISE, assessed, lag, paired, run, two_setups
 

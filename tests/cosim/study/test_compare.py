@@ -11,9 +11,9 @@ import pytest
 from scipy import stats
 
 from cosim.study.certainty.certainty import Levels
-from cosim.study.choice import compare_file
+from cosim.study.choice import files
 from cosim.study.choice.compare import Comparison, RunComparison, comparison_verdict, percent_change, verdict_of_runs
-from cosim.study.choice.compare_file import read_run_to_run, write_and_plot
+from cosim.study.choice.files import read_run_to_run, write_and_plot
 from cosim.study.choice.rig_runs import Measured, comparisons, measured_runs, read_run_list
 from cosim.study.choice.selection import BASELINE_RUNS, read_selection, select, write_selection
 from cosim.study.measures import Measure
@@ -328,7 +328,7 @@ def test_the_interval_of_a_setup_is_unknown_once_the_certainty_contains_its_rig_
 def drawn(monkeypatch):
     """List of the figures that are saved."""
     figures = []
-    monkeypatch.setattr(compare_file, "save", lambda figure, path: figures.append(figure))
+    monkeypatch.setattr(files, "save", lambda figure, path: figures.append(figure))
     return figures
 
 

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from cosim.study.certainty import Effect, read_certainty, write_certainty
 from cosim.study.certainty.assess import Knowledge, certainty_of
-from cosim.study.choice.compare_file import read_run_to_run
+from cosim.study.choice.files import read_run_to_run
 from cosim.study.choice.rig_runs import read_run_list
 from cosim.study.choice.selection import select, write_selection
 from cosim.study.result import StudyResult
@@ -23,8 +23,6 @@ from eightpost.__main__ import main
 from eightpost.app.certainty import measured_noise, with_runs
 from eightpost.corners import CORNERS
 from eightpost.errors import FileFormatError
-from eightpost.measure_uncertainty import TOTAL, MeasureUncertainty
-from eightpost.model_uncertainty import ModelUncertainty
 from eightpost.rig.post import (
     NO_DRIFT,
     Actuators,
@@ -36,7 +34,8 @@ from eightpost.rig.post import (
 )
 from eightpost.shock import Port
 from eightpost.signals import Drivefile
-from eightpost.validity import Validity
+from eightpost.uncertainty import TOTAL, MeasureUncertainty
+from eightpost.validity import ModelUncertainty, Validity
 from eightpost.verdict import Verdict
 
 from .coupled import SCALES, TRACK, InProcess, study

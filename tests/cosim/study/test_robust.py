@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cosim.study.choice.files import read_spreads, write_spreads
 from cosim.study.choice.robust import Spread, Uncertain, drawn_studies, spreads_of
-from cosim.study.choice.robust_file import read_spreads, write_spreads
 from cosim.study.study import Term
 from eightpost.errors import FileFormatError, InputError
-from eightpost.left_out_blocks import LeftOutBlocks
+from eightpost.uncertainty import LeftOutBlocks
 
 from .constructed import independent, result, study
 

@@ -14,7 +14,7 @@ from cosim.study.certainty.sources import error_sources
 from cosim.study.choice import robust
 from cosim.study.choice.robust import Draws, Spread, Uncertain, knowledge_of, linearity_check
 from eightpost.errors import InputError
-from eightpost.model_uncertainty import ParameterUncertainty
+from eightpost.validity import ParameterUncertainty
 
 from .constructed import independent, result
 

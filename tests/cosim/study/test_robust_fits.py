@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from cosim.study.choice.files import Uncertainty
 from cosim.study.choice.robust import Uncertain
-from cosim.study.choice.robust_file import Uncertainty
 from eightpost.app.robust import _plan
 from eightpost.errors import FileFormatError
-from eightpost.left_out_blocks import LeftOutBlocks
 from eightpost.shock import Hysteresis, read_shock, write_shock
 from eightpost.shock.fit_uncertainty import fitted_parameters
+from eightpost.uncertainty import LeftOutBlocks
 from eightpost.validity import judged
 from tests.shock.example_curve import knot_curve
 

@@ -11,10 +11,9 @@ import pytest
 
 from cosim.study.certainty import OBJECTIVE
 from cosim.study.choice.compare import usable_deviation
-from cosim.study.choice.compare_file import write_comparisons
+from cosim.study.choice.files import read_uncertainty, write_comparisons
 from cosim.study.choice.rig_runs import Measured, comparisons
 from cosim.study.choice.robust import Draws, drawn_studies, leading, run_draws, spreads_of
-from cosim.study.choice.robust_file import read_uncertainty
 from cosim.study.running.sweep import run_study
 from cosim.study.study import Term
 from eightpost.errors import FileFormatError

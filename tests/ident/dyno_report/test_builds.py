@@ -27,8 +27,17 @@ from eightpost.ident.dyno_report.builds import (
 from eightpost.ident.dyno_report.curve import STROKES
 from eightpost.ident.dyno_report.cycles import Cycles, Unknown
 from eightpost.ident.dyno_report.entry import entry_of_shock, entry_of_table, entry_of_test
-from eightpost.ident.dyno_report.tables import difference_table, loop_table, peak_table, repeat_table
-from eightpost.ident.dyno_report.verdict import NO_VERDICT, PLAUSIBLE, RULES, TABLE, report_verdict
+from eightpost.ident.dyno_report.page import (
+    NO_VERDICT,
+    PLAUSIBLE,
+    RULES,
+    TABLE,
+    difference_table,
+    loop_table,
+    peak_table,
+    repeat_table,
+    report_verdict,
+)
 from eightpost.rig import PeakVelocityTable, read_dyno_test
 from eightpost.shock import Hysteresis, Polylinear, Port, Shock, read_shock, write_shock
 from eightpost.units import convert

@@ -13,10 +13,9 @@ from eightpost.ident.dyno_report.curve import STROKES
 from eightpost.ident.dyno_report.cycles import Unknown
 from eightpost.ident.dyno_report.entry import Setting, entry_of_test
 from eightpost.ident.dyno_report.figures import branches_figure, curves_figure, loops_figure
-from eightpost.ident.dyno_report.page import sections_of
-from eightpost.ident.dyno_report.tables import branch_table, damping_tables, force_table, peak_table
+from eightpost.ident.dyno_report.page import branch_table, damping_tables, force_table, peak_table, sections_of
 from eightpost.report.tables import Amount
-from eightpost.rig.excitations import random_multisine
+from eightpost.rig.dynamometer import random_multisine
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from eightpost.ident.validation.rig_record import rig_record
+from eightpost.ident.validation.comparison import rig_record
 from eightpost.ident.validation.vehicles import validate_vehicle
 from eightpost.ident.vehicle import VehicleFit
 from eightpost.ident.vehicle.experiment import Experiment

@@ -11,15 +11,13 @@ from scipy.signal import resample
 
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError, ParameterError, TooShortError
-from eightpost.ident.grey_box.family import bristle_of, declared, linear_model
+from eightpost.ident.grey_box.family import GreyBoxCar, bristle_of, declared, linear_model, start_values
 from eightpost.ident.grey_box.recipe import GreyBox, _misfit, _notes, _record, _springs, _unused, sampled_cars
-from eightpost.ident.grey_box.simulation import GreyBoxCar
-from eightpost.ident.grey_box.start import start_values
 from eightpost.ident.response import response_of
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.vehicle_fit import read_fit, write_fit
-from eightpost.measure_uncertainty import TOTAL
 from eightpost.signals import TimeSeries
+from eightpost.uncertainty import TOTAL
 from eightpost.vehicle import LinearStepper, SevenDof, add_port_damping, read_vehicle, shipped
 from eightpost.vehicle.friction import PortFriction, advance, named_ports, output
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import cont2discrete, lfilter
 
 from eightpost.errors import ParameterError
-from eightpost.ident.grey_box.gate import OutputGate, failures, residual_gate
 from eightpost.ident.grey_box.output_error import Band, OutputErrorMethod, Parameter, ParameterTable, Record
+from eightpost.ident.grey_box.recipe import OutputGate, failures, residual_gate
 
 RATE = 50.0
 SECOND = ("w2", "zeta2", "gain2")

@@ -11,8 +11,14 @@ from click.testing import CliRunner
 
 from eightpost.__main__ import main
 from eightpost.errors import InputError, ParameterError, TooShortError
-from eightpost.ident.linearity import Condition, Linearity, Thresholds, judge_linearity
-from eightpost.ident.linearity.excitations import _shock_change, _shock_excitation
+from eightpost.ident.linearity import (
+    Condition,
+    Linearity,
+    Thresholds,
+    _shock_change,
+    _shock_excitation,
+    judge_linearity,
+)
 from eightpost.ident.preparation import prepare
 from eightpost.ident.response import LocalPolynomial
 from eightpost.rig.post import RigTest

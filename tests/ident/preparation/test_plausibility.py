@@ -14,7 +14,7 @@ from scipy.stats import norm, t
 from eightpost.corners import CORNERS
 from eightpost.ident.preparation import Preparation, advance_channels, prepare
 from eightpost.ident.preparation.mechanics import SIGNIFICANT, Comparison, Kind, few_blocks_factor
-from eightpost.ident.preparation.plausibility import Finding, findings_of, record_findings
+from eightpost.ident.preparation.plausibility import findings_of, record_findings
 from eightpost.ident.preparation.plausibility_rules import (
     CLIPPED,
     DISCONNECTED,
@@ -23,6 +23,7 @@ from eightpost.ident.preparation.plausibility_rules import (
     WRONG_DELAY,
     WRONG_SCALE,
     WRONG_SIGN,
+    Finding,
     clipped,
     spikes,
 )

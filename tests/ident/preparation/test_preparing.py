@@ -25,7 +25,7 @@ from eightpost.ident.preparation import (
 )
 from eightpost.ident.response import LocalPolynomial, contribution_error, estimate_response, response_of
 from eightpost.rig.post import LinearDamper, RigTest, quarter_truth, run_test, sine_drive, stand_in_truth
-from eightpost.rig.post.modes import displacement_modes, force_modes
+from eightpost.rig.post.car import displacement_modes, force_modes
 from eightpost.signals import TimeSeries
 
 from ..linear_rig import RATE, car, record, spectrum

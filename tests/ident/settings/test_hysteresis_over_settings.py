@@ -14,8 +14,8 @@ from eightpost.ident.shock.settings.joint import JointProjection
 from eightpost.ident.shock.settings.result import fit_settings, held_out_percent
 from eightpost.ident.shock.settings.table import SettingsTable
 from eightpost.ident.shock.simulation import simulate
+from eightpost.rig.dynamometer import random_multisine
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.rig.excitations import random_multisine
 from eightpost.shock import Axis, Hysteresis, Port, StaticCurve, read_shock, write_shock
 from eightpost.signals import TimeSeries
 

@@ -13,7 +13,7 @@ from scipy.stats import t as student
 
 from eightpost.errors import ParameterError
 from eightpost.ident.vehicle.trust import OutputTrust, Trust
-from eightpost.measure_uncertainty import (
+from eightpost.uncertainty import (
     DEGREES,
     LOCAL,
     REACH,
@@ -27,7 +27,7 @@ from eightpost.measure_uncertainty import (
     student_probability,
     student_quantile,
 )
-from eightpost.model_uncertainty import ModelUncertainty
+from eightpost.validity import ModelUncertainty
 
 sizes = st.floats(1e-4, 0.3)
 values = st.floats(1e-3, 1e3)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.free_running import ClosedLoop, port_slope
+from eightpost.ident.vehicle.many_setups import ClosedLoop, port_slope
 from eightpost.ident.vehicle.measured_levels import (
     MeasuredLevels,
     Powers,
@@ -17,8 +17,8 @@ from eightpost.ident.vehicle.measured_levels import (
     measure_names,
     removable_tests,
 )
-from eightpost.measure_uncertainty import MeasureUncertainty, separation, setup_distance
 from eightpost.signals import TimeSeries
+from eightpost.uncertainty import MeasureUncertainty, separation, setup_distance
 from eightpost.vehicle import IdentifiedVehicle, add_port_damping, read_vehicle, shipped
 from eightpost.vehicle.kernel import discretise
 

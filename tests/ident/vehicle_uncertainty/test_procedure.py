@@ -13,7 +13,7 @@ from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.plan import reasons_of_tests
 from eightpost.ident.vehicle.trust import UNUSABLE, Trust
 from eightpost.ident.vehicle.vehicle_fit import fit_verdict
-from eightpost.measure_uncertainty import TOTAL, MeasuredLevel, MeasureUncertainty
+from eightpost.uncertainty import TOTAL, MeasuredLevel, MeasureUncertainty
 from eightpost.verdict import Grade
 from tests.ident.vehicle_uncertainty.test_agreement import BAR, MEANS, SPRING, WEIGHT, of_all, record
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from eightpost.ident.response import FrequencyResponse, response_of
-from eightpost.ident.validation.rig_record import RigRecord, rig_record
+from eightpost.ident.validation.comparison import RigRecord, rig_record
 from eightpost.ident.vehicle import VehicleFit
 from eightpost.rig.post import (
     NO_DRIFT,

@@ -15,7 +15,7 @@ from eightpost.ident.validation.vehicles import validate_vehicle, vehicle_verdic
 from eightpost.ident.vehicle import read_fit, write_fit
 from eightpost.ident.vehicle.trust import ForceEstimate, OrderCandidate, Orders, OutputTrust, PolePair, Trust
 from eightpost.ident.vehicle.vehicle_fit import with_validity
-from eightpost.measure_uncertainty import MeasureUncertainty
+from eightpost.uncertainty import MeasureUncertainty
 from eightpost.verdict import Grade
 
 from .conftest import records_of

@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 
 from eightpost.errors import TooShortError
-from eightpost.ident.validation.comparison import Comparison, Judging, Trend, modes_of, sine_output, static_outputs
-from eightpost.ident.validation.rig_record import recognise_drive
+from eightpost.ident.validation.comparison import (
+    Comparison,
+    Judging,
+    Trend,
+    modes_of,
+    recognise_drive,
+    sine_output,
+    static_outputs,
+)
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel, StateSpace
 

@@ -16,10 +16,20 @@ from eightpost.ident.response.conditioning import Preconditioning
 from eightpost.ident.response.estimators import input_noise, input_power
 from eightpost.ident.response.records import Records, gather
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.free_running import ClosedLoop
+from eightpost.ident.vehicle.many_setups import ClosedLoop
 from eightpost.ident.vehicle.measured_levels import MeasuredLevels
-from eightpost.ident.vehicle.rational_fit import AEROLOADERS, QUARTER_CAR, SEVEN_DOF, WHEELLOADERS, BandWeights
-from eightpost.ident.vehicle.siso_models import SisoFits, SisoModels, balance, has_direct_term, may_have_direct_term
+from eightpost.ident.vehicle.siso_models import (
+    AEROLOADERS,
+    QUARTER_CAR,
+    SEVEN_DOF,
+    WHEELLOADERS,
+    BandWeights,
+    SisoFits,
+    SisoModels,
+    balance,
+    has_direct_term,
+    may_have_direct_term,
+)
 from eightpost.ident.vehicle.stability import closed_loop_stability
 from eightpost.ident.vehicle.trust import NOT_SIMULATED, UNUSABLE, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit

@@ -19,7 +19,7 @@ from eightpost.ident.vehicle.common_poles import (
     unmodelled,
 )
 from eightpost.ident.vehicle.experiment import CoherentBand, Experiment, Ranges, SupportedBand, ranges_of
-from eightpost.ident.vehicle.free_running import fault_in_simulation
+from eightpost.ident.vehicle.many_setups import fault_in_simulation
 from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.port_laws import with_port_laws
 from eightpost.ident.vehicle.port_search import (
@@ -33,9 +33,9 @@ from eightpost.ident.vehicle.port_search import (
 from eightpost.ident.vehicle.stability import closed_loop_stability, safe_slopes
 from eightpost.ident.vehicle.trust import NOT_SIMULATED, UNUSABLE, ForceEstimate, OutputTrust, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
-from eightpost.measure_uncertainty import MeasureUncertainty
 from eightpost.progress import portion
 from eightpost.signals import TimeSeries
+from eightpost.uncertainty import MeasureUncertainty
 from eightpost.vehicle import Friction, IdentifiedVehicle
 
 #: Shares of the band that are tried one after the other, if a model cannot be used [1].

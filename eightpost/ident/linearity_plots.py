@@ -8,10 +8,10 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from eightpost.files import atomic_path, write_rows
-from eightpost.ident.linearity.linearity import Condition, Linearity, Path
+from eightpost.ident.linearity import Condition, Linearity, Path
 from eightpost.report.pictures import Axes, color_cells, new_figure, save
 
-# ---- CSV tables of linearity, with a line per path ------------------------------------------------------------------
+# ==== CSV tables of linearity, with a line per path ==================================================================
 
 _PATHS = (
     "input", "output", "test", "condition", "coherence [1]", "level [dB]",
@@ -60,7 +60,7 @@ def _write(path: FilePath, comments: Sequence[str], head: tuple[str, ...], rows:
         write_rows(stream, (head, *rows))
 
 
-# ---- Plots of linearity ---------------------------------------------------------------------------------------------
+# ==== Plots of linearity =============================================================================================
 
 #: Colors of Conditions I to IV: predicted, predicted as low, not predicted, not significant.
 _COLORS = {Condition.I: "#9bd4a5", Condition.II: "#d9eedd", Condition.III: "#f2a08e", Condition.IV: "#e6e6e6"}
