@@ -16,7 +16,7 @@ from eightpost.errors import InputError, WiringError
 # ---- Nested systems as one flat network of ports, with the conversions of its links ---------------------------------
 
 #: Names of the elements from the top system down; () is the top system.
-Path = tuple[str, ...]
+SystemPath = tuple[str, ...]
 
 #: Kinds that provide values, and kinds that receive them; in SSP 2.0 a local connector can be used as an output.
 _OUTWARD = ("output", "calculatedParameter", "local")
@@ -27,7 +27,7 @@ _INWARD = ("input", "parameter")
 class Port:
     """Connector, or variable of an FMU, of the element at `path`."""
 
-    path: Path
+    path: SystemPath
     name: str
 
     def __str__(self) -> str:
@@ -43,7 +43,7 @@ class Hop:
     target: Port
 
 
-def components(system: SystemElement, path: Path = ()) -> Iterator[tuple[Path, FmuElement]]:
+def components(system: SystemElement, path: SystemPath = ()) -> Iterator[tuple[SystemPath, FmuElement]]:
     """Yield every FMU with the names of the elements that lead to it."""
     for element in system.elements:
         here = (*path, element.name)
@@ -53,9 +53,9 @@ def components(system: SystemElement, path: Path = ()) -> Iterator[tuple[Path, F
             yield from components(element, here)
 
 
-def flat_names(paths: Sequence[Path]) -> dict[Path, str]:
+def flat_names(paths: Sequence[SystemPath]) -> dict[SystemPath, str]:
     """Return a component name without dots for each path: `inner.lf` is `inner_lf`, with a number if it is taken."""
-    names: dict[Path, str] = {}
+    names: dict[SystemPath, str] = {}
     for path in sorted(paths, key=len):  # a component of the top system keeps its name
         base = re.sub(r"[.\s]+", "_", "_".join(path))
         taken, count = set(names.values()), 2
@@ -82,13 +82,13 @@ class Network:
         WiringError: A link does not connect an output and an input, an input has two sources, or a name is unknown.
     """
 
-    def __init__(self, top: SystemElement, variables: Mapping[Path, Mapping[str, Variable]]) -> None:
+    def __init__(self, top: SystemElement, variables: Mapping[SystemPath, Mapping[str, Variable]]) -> None:
         self._variables = variables
-        self.elements: dict[Path, FmuElement | SystemElement] = {(): top}
+        self.elements: dict[SystemPath, FmuElement | SystemElement] = {(): top}
         self._sources: dict[Port, tuple[Port, Link]] = {}
         self._add(top, ())
 
-    def _add(self, system: SystemElement, path: Path) -> None:
+    def _add(self, system: SystemElement, path: SystemPath) -> None:
         for element in system.elements:
             here = (*path, element.name)
             self.elements[here] = element
@@ -103,7 +103,7 @@ class Network:
                 )
             self._sources[target] = source, link
 
-    def _directed(self, link: Link, path: Path) -> tuple[Port, Port]:
+    def _directed(self, link: Link, path: SystemPath) -> tuple[Port, Port]:
         """Return a link's source and target; the direction follows from the kinds of the connectors."""
         ends = [self._end(end, path, link) for end in link.ends]
         sources = [port for port, gives in ends if gives]
@@ -116,7 +116,7 @@ class Network:
             )
         return sources[0], targets[0]
 
-    def _end(self, end: tuple[str | None, str], path: Path, link: Link) -> tuple[Port, bool]:
+    def _end(self, end: tuple[str | None, str], path: SystemPath, link: Link) -> tuple[Port, bool]:
         """Return the port of a link's end, and whether it provides values (seen from inside the system at `path`)."""
         element, name = end
         port = Port(path if element is None else (*path, element), name)
@@ -212,7 +212,7 @@ class Network:
         """Yield all variables of FMUs at which a link ends."""
         yield from (port for port in self._sources if port.path in self._variables)
 
-    def find(self, name: str, path: Path) -> Port | None:
+    def find(self, name: str, path: SystemPath) -> Port | None:
         """Return the port with a hierarchical name relative to the element at `path`; None if it does not exist."""
         element, port = self.elements[path], Port(path, name)
         if isinstance(element, FmuElement):
@@ -238,7 +238,7 @@ def _same(first: UnitDefinition, second: UnitDefinition, what: str) -> bool:
 # ---- Conversion of the network's links between FMUs to connections and bonds of a system ----------------------------
 
 
-def connections(network: Network, names: Mapping[Path, str]) -> tuple[Connection, ...]:
+def connections(network: Network, names: Mapping[SystemPath, str]) -> tuple[Connection, ...]:
     """Return a connection for every FMU input that another FMU feeds, through any systems between them.
 
     Raises:
@@ -256,7 +256,7 @@ def connections(network: Network, names: Mapping[Path, str]) -> tuple[Connection
     return tuple(found)
 
 
-def _full(port: Port, names: Mapping[Path, str]) -> str:
+def _full(port: Port, names: Mapping[SystemPath, str]) -> str:
     return f"{names[port.path]}.{port.name}"
 
 

@@ -97,8 +97,8 @@ def _case(
 
 
 def _load(
-    elements: Mapping[flatten.Path, FmuElement],
-    names: Mapping[flatten.Path, str],
+    elements: Mapping[flatten.SystemPath, FmuElement],
+    names: Mapping[flatten.SystemPath, str],
     swaps: Mapping[str, str | Path],
     load: Callable[[Path, str], Component],
 ) -> tuple[dict[str, Component], dict[str, Path]]:
@@ -117,7 +117,7 @@ def _load(
     return components, files
 
 
-def _parameters(values: Values, names: Mapping[flatten.Path, str]) -> dict[str, dict[str, Value]]:
+def _parameters(values: Values, names: Mapping[flatten.SystemPath, str]) -> dict[str, dict[str, Value]]:
     found: dict[str, dict[str, Value]] = {}
     for port, value in values.parameters.items():
         found.setdefault(names[port.path], {})[port.name] = value
@@ -139,7 +139,7 @@ def _scenario(experiment: Experiment, given: Given, drive: Drivefile | None) -> 
     )
 
 
-def _name_notes(names: Mapping[flatten.Path, str]) -> tuple[str, ...]:
+def _name_notes(names: Mapping[flatten.SystemPath, str]) -> tuple[str, ...]:
     changed = [f"{'.'.join(path)} is {name}" for path, name in names.items() if path != (name,)]
     return (f"component names: {', '.join(changed)}",) if changed else ()
 

@@ -9,7 +9,7 @@ from functools import cached_property
 
 from cosim.components.component import DISCRETE, Variable
 from cosim.components.conversion import Conversion, convert_between, named_unit, to_si
-from cosim.ssp.flatten import Hop, Network, Path, Port, compose
+from cosim.ssp.flatten import Hop, Network, SystemPath, Port, compose
 from cosim.ssp.package import Assignment, FmuElement, SystemElement, Value, read_inside
 from cosim.systems.system import can_be_set
 from eightpost import units
@@ -82,7 +82,7 @@ def _assigned(network: Network) -> tuple[dict[Port, _Given], list[str]]:
     return found, [f"{where}: no variable matches {', '.join(names)}" for where, names in unmatched.items()]
 
 
-def _by_level(elements: Mapping[Path, FmuElement | SystemElement]) -> Iterator[tuple[Path, Assignment]]:
+def _by_level(elements: Mapping[SystemPath, FmuElement | SystemElement]) -> Iterator[tuple[SystemPath, Assignment]]:
     for path in sorted(elements, key=len, reverse=True):
         yield from ((path, value) for value in elements[path].values)
 
@@ -171,7 +171,7 @@ class OpenInputs:
     """Inputs for numbers that no other FMU feeds."""
 
     network: Network  #: Network of the package.
-    names: Mapping[Path, str]  #: Component names by path.
+    names: Mapping[SystemPath, str]  #: Component names by path.
 
     @cached_property
     def ports(self) -> tuple[Port, ...]:

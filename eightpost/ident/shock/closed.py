@@ -246,7 +246,6 @@ def dynamics_for(law: type[ShockLaw], limits: Limits) -> Dynamics:
     form = fit_form(law)
     if form in forms:
         return forms[form](limits, law)
-    # The compiler takes a second to load.
     from eightpost.ident.shock.stepped import SteppedLaw  # noqa: PLC0415
 
     return SteppedLaw(limits, law)

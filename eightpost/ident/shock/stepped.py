@@ -11,7 +11,6 @@ from eightpost.array_types import Array
 from eightpost.ident.shock.curve import KnotBasis
 from eightpost.ident.shock.force import Dynamics, ForceModel, Limits
 from eightpost.shock import CurveNumbers, FitParameter, ShockLaw, Valve, fit_parameters
-from eightpost.shock.compiled import stepped_force
 
 # ---- A law's own parameters as declared in its file, and their coordinates in the optimiser's box -------------------
 
@@ -143,6 +142,8 @@ class SteppedLaw(Dynamics):
         return self._last[0][1]
 
     def _stepped(self, model: ForceModel, b: Array, theta: Array) -> Array:
+        from eightpost.shock.compiled import stepped_force  # noqa: PLC0415 - the compiler takes a second to load
+
         valve, own = Valve(_numbers(model, b), 1.0, 1.0), tuple(self.values(theta).tolist())
         forces = []
         for prepared, part in zip(model.runs.prepared, model.runs.parts, strict=True):
