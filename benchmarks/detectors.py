@@ -30,7 +30,7 @@ from eightpost.errors import InputError
 from eightpost.rig import read_dyno_test
 from eightpost.rig.dynamometer import random_multisine
 from eightpost.rig.plausibility_rules import RULES
-from eightpost.rig.track import track_drivefile
+from eightpost.rig.synthetic import track_drivefile
 from eightpost.units import convert
 from eightpost.verdict import Grade
 

@@ -23,7 +23,7 @@ from eightpost.drivefile.iteration import Outcome
 from eightpost.drivefile.target import PassErrors, pass_errors
 from eightpost.ident.vehicle import VehicleFit, read_fit
 from eightpost.rig.post import NO_DRIFT, Car, RigSensors, run_test, stand_in_truth, track_drive
-from eightpost.rig.post.shocks import shocks_named
+from eightpost.rig.post.truths import shocks_named
 from eightpost.signals import Drivefile, TimeSeries
 
 #: Shocks on the car, those of the identification.

@@ -27,7 +27,7 @@ from eightpost.ident.preparation.mechanics import Spectra, spectra_of
 from eightpost.ident.preparation.plausibility import checked_channels, law_findings, record_findings
 from eightpost.ident.preparation.plausibility_rules import Finding
 from eightpost.rig.post import RigTest, flexible_truth, random_drive, run_test, stand_in_truth, track_drive
-from eightpost.rig.post.shocks import shocks_named
+from eightpost.rig.post.truths import shocks_named
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Rule
 

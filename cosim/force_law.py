@@ -4,16 +4,330 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from cosim.components.fmu_component import FmuComponent
-from cosim.engine import force_law as engine
-from cosim.force_ports import Corners, Parameters, PortName
-from eightpost.errors import FmuError, InputError
+import numpy as np
 
-# ---- Common part of the objects that give a host the forces ---------------------------------------------------------
+from cosim.components.conversion import Conversion, convert_between, named_unit
+from cosim.components.fmu_component import FmuComponent
+from cosim.components.functions import FunctionTable, free_states
+from cosim.engine import blocks, force_law
+from cosim.engine import force_law as engine
+from cosim.engine.compiled import bound, compiled
+from eightpost.array_types import Array
+from eightpost.errors import EightpostError, FmuError, InputError, StepError, WiringError
+
+# ==== Ports: names, units and signs, start, and errors ===============================================================
+
+# ---- Ports of one FMU -----------------------------------------------------------------------------------------------
+
+#: Unit and causality of each port.
+_PORTS = {"velocity": ("m/s", "input"), "displacement": ("m", "input"), "force": ("N", "output")}
+
+#: Name of a port's variable in the FMU; (name, gain) if the variable is `gain` times the port's quantity, for example
+#: -1 where the FMU counts rebound as positive; None for a displacement that the FMU does not need.
+PortName = str | tuple[str, float] | None
+
+#: Parameters of all corners, or by the corner's name.
+Parameters = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Port:
+    """Variable of a port, and the conversion from SI units to the variable's, signs included."""
+
+    name: str
+    conversion: Conversion
+
+
+def find_ports(component: FmuComponent, names: Mapping[str, PortName]) -> dict[str, Port]:
+    """Return the ports of an FMU.
+
+    Args:
+        component: Component of the FMU.
+        names: Names of the FMU's variables by port: velocity, displacement, force. A port that is not listed has its
+            own name. An FMU without a variable named `displacement` is one whose force does not depend on it.
+
+    Raises:
+        WiringError: The FMU has no such variable, or one of another causality, type or dimension.
+    """
+    if unknown := sorted(set(names) - set(_PORTS)):
+        raise WiringError(f"{unknown[0]!r} is not a port of a shock; its ports are {', '.join(_PORTS)}")
+    wanted: dict[str, PortName] = {port: names.get(port, port) for port in _PORTS}
+    if "displacement" not in names and "displacement" not in component.variables:
+        wanted["displacement"] = None
+    found = {}
+    for port, name in wanted.items():
+        if name is not None:
+            variable, gain = name if isinstance(name, tuple) else (name, 1.0)
+            found[port] = Port(variable, _conversion(component, port, variable, gain))
+        elif port != "displacement":
+            raise WiringError(f"{component.source}: the {port} of a shock cannot be left out; name its variable")
+    return found
+
+
+def _conversion(component: FmuComponent, port: str, name: str, gain: float) -> Conversion:
+    """Return the conversion from the SI quantity at the port to the FMU's variable."""
+    unit, causality = _PORTS[port]
+    variable = component.variables.get(name)
+    if variable is None or variable.type != "Real" or variable.causality != causality:
+        offered = [v.name for v in component.variables.values() if (v.type, v.causality) == ("Real", causality)]
+        raise WiringError(
+            f"{component.source} has no Real {causality} {name!r} for the {port}; name the variable with "
+            f"ports={{{port!r}: ...}}: its Real {causality}s are {', '.join(offered) or 'none'}"
+        )
+    if not (math.isfinite(gain) and gain != 0.0):
+        raise WiringError(f"{component.source}: the gain of {name} must be finite and not zero, not {gain!r}")
+    own = convert_between(named_unit(unit), variable.unit, f"{port} [{unit}] -> {component.source}: {name}")
+    return Conversion(own.factor * gain, own.offset)
+
+
+# ---- Ports of all corners -------------------------------------------------------------------------------------------
+
+
+def components_of(fmus: str | Path | Sequence[str | Path], corners: Sequence[str] | None) -> list[FmuComponent]:
+    """Open one FMU for each corner.
+
+    Args:
+        fmus: Path of an FMU, or one for each corner.
+        corners: Names of the corners; None for those of the files.
+
+    Raises:
+        FmuError: A file is not an FMU that this project can use.
+        InputError: The numbers of files and corners differ, or no file is given.
+    """
+    if isinstance(fmus, (str, Path)):
+        paths = [Path(fmus)] * (1 if corners is None else len(corners))
+    else:
+        paths = [Path(path) for path in fmus]
+    names = list(corners) if corners is not None else [path.stem for path in paths]
+    if corners is None and len(set(names)) < len(names):
+        names = [f"{name} {k + 1}" for k, name in enumerate(names)]
+    if len(names) != len(paths) or not paths:
+        raise InputError(f"{len(paths)} FMUs for {len(names)} corners; give one FMU for all, or one for each corner")
+    return [FmuComponent(path, name) for path, name in zip(paths, names, strict=True)]
+
+
+class Corners:
+    """Shock FMUs at the corners of a car as blocks of the engine, and errors that name the corner.
+
+    Args:
+        fmus: Path of an FMU, or one for each corner.
+        corners: Names of the corners; None for a single shock, or for the names of the files.
+        ports: Names of the FMU's variables by port.
+        parameters: Parameters of all corners, or by the corner's name.
+        engine: `auto` or `compiled`: the compiled loop; `python`: the same loop interpreted.
+    """
+
+    #: Largest time difference that counts as none [s]; and the step over which inputs jump if no time passes.
+    SHORTEST = 1e-9
+
+    def __init__(
+        self,
+        fmus: str | Path | Sequence[str | Path],
+        *,
+        corners: Sequence[str] | None,
+        ports: Mapping[str, PortName],
+        parameters: Parameters,
+        engine: str,
+    ) -> None:
+        if engine not in ("auto", "compiled", "python"):
+            raise InputError(f"engine is {engine!r}; give auto, compiled or python")
+        self.components = components_of(fmus, corners)
+        self.names = [component._name for component in self.components]
+        self.ports = [find_ports(component, ports) for component in self.components]
+        self.parameters = [_own_parameters(parameters, name, self.names) for name in self.names]
+        self._bind = bound if engine == "python" else partial(compiled, instead={})
+        self.difference = 1e-6  #: Change of an input for the Jacobian [m/s], [m]; read at the start.
+        self.motion = _blank_motion(len(self.components))
+        self._tables: list[FunctionTable] = []
+        self._keep: Any = None
+        self.operate: Any = self._not_started
+
+    def start(self, time: float, velocity: Any, displacement: Any) -> None:
+        """Start all FMUs in equilibrium at their inputs; motion.force is then the force there.
+
+        Raises:
+            StepError: An FMU cannot be loaded, or refuses a value or the start.
+            InputError: An input is not finite.
+        """
+        self.finish()
+        m = self.motion
+        m.clock[:] = time, time, math.nan
+        m.trial[:, 0], m.trial[:, 1] = velocity, displacement
+        self._check_finite()
+        m.accepted[:] = m.trial
+        for k, component in enumerate(self.components):
+            component.begin(float(time), math.inf, self.parameters[k])
+            names, values = self._inputs(k)
+            component.set(names, values)
+            component.end_initialization()
+            m.force[k] = self._force_in_si(k, component.get([self.ports[k]["force"].name])[0])
+        self._tables = [component.functions() for component in self.components]
+        plan, self._keep = _plan(self, self._tables)
+        self.operate = self._bind(force_law.operate)(plan, m)
+
+    def save(self) -> None:
+        """Save the state of every FMU as the accepted one.
+
+        Raises:
+            StepError: An FMU cannot save its state.
+        """
+        for k, table in enumerate(self._tables):
+            status = blocks.save_state(table.save, table.instance, self.motion.states, k)
+            if status > 1:
+                raise self.components[k].refused("save its state", status, self.motion.clock[0], self._named(k))
+
+    def error(self, reason: int) -> EightpostError:
+        """Return the error for an operation that failed for a reason of cosim.engine.force_law."""
+        m = self.motion
+        if reason == force_law.REFUSED:
+            status, k, call = (int(number) for number in m.failure)
+            return self.components[k].refused(_CALLS[call], status, float(m.clock[0]), self._named(k))
+        if reason == force_law.BACKWARD:
+            return InputError(
+                f"time {m.clock[1]:.9g} s is before the last accepted time, {m.clock[0]:.9g} s: a force law cannot go "
+                "back beyond it; accept a point only after the integrator's step is final"
+            )
+        try:
+            self._check_finite()
+        except InputError as error:
+            return error
+        return StepError("the force law failed for an unknown reason")
+
+    def finish(self) -> None:
+        """End the run of every FMU and free its states."""
+        self.operate = self._not_started
+        with suppress(EightpostError):
+            free_states(self._tables, self.motion.states)
+        self.motion.states.fill(0)
+        self._tables, self._keep = [], None
+        for component in self.components:
+            component.finish()
+
+    def close(self) -> None:
+        """End the run and unload the FMUs."""
+        self.finish()
+        for component in self.components:
+            component.close()
+
+    def _not_started(self, _operation: int) -> int:
+        raise StepError(f"the shocks {', '.join(self.names)} have not started; call start() first")
+
+    def _check_finite(self) -> None:
+        m = self.motion
+        if not math.isfinite(m.clock[1]):
+            raise InputError(f"time is {m.clock[1]}; give a finite time [s]")
+        for k, name in enumerate(self.names):
+            for port, value in zip(("velocity", "displacement"), m.trial[k], strict=True):
+                if not math.isfinite(value):
+                    raise InputError(
+                        f"{name}: {port} is {value} at {m.clock[1]:.9g} s; the integrator diverged, or the host "
+                        "passed a value that was not computed"
+                    )
+
+    def _inputs(self, k: int) -> tuple[list[str], list[float]]:
+        """Return names and values of corner k's inputs at its trial point, in the FMU's own units."""
+        found = zip(("velocity", "displacement"), self.motion.trial[k], strict=True)
+        known = [(self.ports[k][port], float(value)) for port, value in found if port in self.ports[k]]
+        return [port.name for port, _ in known], [port.conversion(value) for port, value in known]
+
+    def _named(self, k: int) -> dict[str, float]:
+        return dict(zip(*self._inputs(k), strict=True))
+
+    def _force_in_si(self, k: int, value: float) -> float:
+        own = self.ports[k]["force"].conversion
+        return (value - own.offset) / own.factor
+
+
+#: Descriptions of the calls, by their numbers in cosim.engine.plan.
+_CALLS = ("set inputs", "set input derivatives", "step", "give its force", "save its state", "restore its state")
+
+
+def _own_parameters(parameters: Parameters, name: str, names: Sequence[str]) -> dict[str, Any]:
+    """Return one corner's parameters from those of all corners, or from a table by corner."""
+    by_corner = [value for value in parameters.values() if isinstance(value, Mapping)]
+    if not by_corner:
+        return dict(parameters)
+    if unknown := sorted(set(parameters) - set(names)):
+        raise InputError(f"parameters name {unknown[0]!r}, which is not a corner; the corners are {', '.join(names)}")
+    return dict(parameters.get(name, {}))
+
+
+# ---- Blocks of the engine -------------------------------------------------------------------------------------------
+
+
+def _blank_motion(count: int) -> force_law.Motion:
+    def reals(*shape: int) -> Array:
+        return np.zeros(shape)
+
+    return force_law.Motion(
+        clock=reals(3),
+        accepted=reals(count, 2),
+        trial=reals(count, 2),
+        reached=reals(count, 2),
+        values=reals(count, 2),
+        slopes=reals(count, 2),
+        read=reals(count),
+        force=reals(count),
+        jacobian=reals(count, 2),
+        around=reals(4),
+        states=np.zeros(count, dtype=np.int64),
+        failure=np.zeros(3, dtype=np.int64),
+    )
+
+
+def _plan(corners: Corners, tables: Sequence[FunctionTable]) -> tuple[force_law.Ports, Any]:
+    """Return the block of functions and ports, and the arrays that must live as long as it is used."""
+    m, count = corners.motion, len(tables)
+    references = np.zeros((count, 3), dtype=np.uint32)
+    orders = np.ones(2, dtype=np.int32)
+    scale, offset = np.ones((count, 3)), np.zeros((count, 3))
+    for i, (table, ports) in enumerate(zip(tables, corners.ports, strict=True)):
+        for k, port in enumerate(("velocity", "displacement", "force")):
+            if port in ports:
+                references[i, k] = table.references[ports[port].name]
+                own = ports[port].conversion
+                scale[i, k], offset[i, k] = own.factor, own.offset
+        scale[i, 2], offset[i, 2] = 1.0 / scale[i, 2], -offset[i, 2] / scale[i, 2]
+
+    def integers(values: Any) -> Any:
+        return np.array(list(values), dtype=np.int64)
+
+    def rows(array: Any, column: int = 0) -> Any:
+        first, step = array.ctypes.data + column * array.itemsize, array.strides[0]
+        return integers(first + step * i for i in range(count))
+
+    plan = force_law.Ports(
+        set_real=integers(t.set_real for t in tables),
+        set_slopes=integers(t.set_slopes for t in tables),
+        do_step=integers(t.do_step for t in tables),
+        get_real=integers(t.get_real for t in tables),
+        save=integers(t.save for t in tables),
+        restore=integers(t.restore for t in tables),
+        instance=integers(t.instance for t in tables),
+        ramped=integers(c.capabilities.interpolates_inputs for c in corners.components),
+        inputs=rows(references),
+        orders=integers([orders.ctypes.data] * count),
+        output=rows(references, 2),
+        width=integers(2 if "displacement" in ports else 1 for ports in corners.ports),
+        values=rows(m.values),
+        slopes=rows(m.slopes),
+        read=rows(m.read),
+        scale=scale,
+        offset=offset,
+        shortest=corners.SHORTEST,
+        difference=corners.difference,
+    )
+    return plan, (references, orders)
+
+
+# ==== Common part of the objects that give a host the forces =========================================================
 
 
 class ForceLoop:
@@ -96,7 +410,7 @@ class ForceLoop:
         return self._force.item(0) if self._scalar else self._force.copy()
 
 
-# ---- Exact at any trial point, without side effects -----------------------------------------------------------------
+# ==== Exact at any trial point, without side effects =================================================================
 
 
 class ForceLaw(ForceLoop):
@@ -241,7 +555,7 @@ def _fixed_step(source: str) -> str:
     )
 
 
-# ---- For hosts that cannot repeat a step: the force is held over the host's next step (loops A and B) ---------------
+# ==== For hosts that cannot repeat a step: the force is held over the host's next step (loops A and B) ===============
 
 
 class HeldForce(ForceLoop):

@@ -8,8 +8,7 @@ All data are computed; they contain no measurements and no data of third parties
 from pathlib import Path
 
 from eightpost.rig.dynamometer import measure, random_multisine
-from eightpost.rig.track import track_drivefile
-from eightpost.rig.truth_damper import demo_damper
+from eightpost.rig.synthetic import demo_damper, track_drivefile
 from eightpost.signals import write_csv, write_parquet
 
 FOLDER = Path(__file__).parent / "data"

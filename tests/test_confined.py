@@ -12,7 +12,7 @@ from eightpost import confined
 from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
 from eightpost.signals import TimeSeries, read_series, write_series
-from eightpost.workers import child
+from eightpost.workers import process
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and limits are POSIX's")
 
@@ -88,7 +88,7 @@ def test_a_reply_is_waited_for_as_many_milliseconds_as_the_seconds_have(monkeypa
     def poll():
         return SimpleNamespace(register=lambda *_: None, poll=lambda time: waited.append(time) or waited[1:])
 
-    monkeypatch.setattr(child, "select", SimpleNamespace(poll=poll, POLLIN=select.POLLIN))
-    wait = child._waiter(SimpleNamespace(fileno=lambda: 0))
+    monkeypatch.setattr(process, "select", SimpleNamespace(poll=poll, POLLIN=select.POLLIN))
+    wait = process._waiter(SimpleNamespace(fileno=lambda: 0))
     assert (wait(2.5), wait(0.0)) == (False, True)
     assert waited == [2500.0, 0.0]

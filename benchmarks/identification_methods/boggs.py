@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from eightpost.ident.response.conditioning import Preconditioning
+from eightpost.ident.response.frequency_response import Preconditioning
 from eightpost.ident.vehicle.recipes.boggs import Boggs, chapter_of
 
 if TYPE_CHECKING:

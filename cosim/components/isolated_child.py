@@ -14,8 +14,7 @@ from typing import Any
 
 from cosim.components.fmu_component import FmuComponent
 from eightpost.errors import EightpostError
-from eightpost.workers.child import ParentChannel
-from eightpost.workers.process import leave
+from eightpost.workers.process import ParentChannel, leave
 
 _LINE_BUFFERED = 1  # glibc's _IOLBF
 

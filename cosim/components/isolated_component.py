@@ -18,7 +18,7 @@ from cosim.components.fmu_file import FmuFile, OpenedFmu
 from cosim.components.fmu_log import ComponentLog
 from cosim.components.functions import FunctionTable, StateCallbacks
 from eightpost.errors import EightpostError, FmuError, InputError, StepError, TerminatedError
-from eightpost.workers.child import Child, EndedError
+from eightpost.workers.process import Child, EndedError
 from eightpost.workers.supervision import TIME_LIMIT
 
 _STARTING = 60.0  # s: for Python and fmpy, without the FMU

@@ -21,7 +21,7 @@ from docs.make.identification_pictures import (
     numbers,
     save,
 )
-from eightpost.ident.response.conditioning import Preconditioning, feedback_paths
+from eightpost.ident.response.frequency_response import Preconditioning, feedback_paths
 from eightpost.ident.vehicle.many_setups import ManySetups
 from eightpost.ident.vehicle.recipes.boggs import CHAPTER_6, Boggs
 from eightpost.rig.post import Actuators, bump_drive, simulate_setups, sine_drive

@@ -19,8 +19,7 @@ from eightpost.verdict import Verdict
 if TYPE_CHECKING:
     from eightpost.ident import ShockFit
     from eightpost.ident.shock.force import GasTreatment
-    from eightpost.ident.shock.law_fit import RecipeName
-    from eightpost.ident.shock.robust import Robust
+    from eightpost.ident.shock.law_fit import RecipeName, Robust
     from eightpost.rig import DynoTest, PeakVelocityTable
     from eightpost.signals import ChannelMap
 

@@ -106,7 +106,7 @@ def rig(  # one parameter per option
     """
     from eightpost.rig.post import program
     from eightpost.rig.post.program import Bench
-    from eightpost.rig.post.shocks import shocks_named
+    from eightpost.rig.post.truths import shocks_named
 
     bench = Bench.of(truth, car_seed=car_seed, friction=friction == "on", noise=noise == "rig", run=run_seed, seed=seed)
     names = bench.shocks(shocks or ("demo:A",))

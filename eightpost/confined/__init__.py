@@ -14,7 +14,7 @@ from typing import Any
 
 from eightpost.errors import FileFormatError
 from eightpost.files import reading
-from eightpost.workers.child import Child, EndedError
+from eightpost.workers.process import Child, EndedError
 
 #: Memory that the child may use in addition to its libraries [bytes]: a minimum, and a multiple of the file size.
 MEMORY, _MEMORY_PER_BYTE = 2 * 2**30, 8

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from eightpost.errors import EightpostError
-from eightpost.workers.child import ParentChannel
+from eightpost.workers.process import ParentChannel
 
 
 def _answer(request: tuple[str, str, tuple[Any, ...], int]) -> tuple[str, Any]:

@@ -1,10 +1,18 @@
 """Drive file iteration (Eq 2.7): commands with which the rig reproduces channels measured on the track."""
 
 from eightpost.drivefile.folder import IterationFolder
-from eightpost.drivefile.iteration import Outcome, Pass, Problem, Settings, Status, advance
-from eightpost.drivefile.limits import Limits
-from eightpost.drivefile.response import ActuatorBands, StartResponse, start_response
-from eightpost.drivefile.target import Target, read_channels, target_names
+from eightpost.drivefile.iteration import (
+    ActuatorBands,
+    Outcome,
+    Pass,
+    Problem,
+    Settings,
+    StartResponse,
+    Status,
+    advance,
+    start_response,
+)
+from eightpost.drivefile.target import Limits, Target, read_channels, target_names
 
 __all__ = [
     "ActuatorBands",

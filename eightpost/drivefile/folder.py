@@ -14,10 +14,8 @@ from scipy.signal import correlate, correlation_lags
 
 import eightpost
 from eightpost.array_types import Array, Complex
-from eightpost.drivefile.iteration import Outcome, Pass, Problem, Settings, Status, advance
-from eightpost.drivefile.limits import LimitHit, Limits
-from eightpost.drivefile.response import StartResponse
-from eightpost.drivefile.target import Target, at_rate, read_channels
+from eightpost.drivefile.iteration import Outcome, Pass, Problem, Settings, StartResponse, Status, advance
+from eightpost.drivefile.target import LimitHit, Limits, Target, at_rate, read_channels
 from eightpost.errors import DataError, FileFormatError, InputError, TooShortError, WrongSignError
 from eightpost.files import MALFORMED, atomic_path, check_schema, json_content, sha256_of
 from eightpost.ident.response import read_response, write_response

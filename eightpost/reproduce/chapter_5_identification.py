@@ -12,7 +12,7 @@ from scipy.stats import spearmanr
 
 from eightpost.array_types import Array
 from eightpost.ident.response import FrequencyResponse, ZeroPhaseSmoothing, response_of
-from eightpost.ident.response.conditioning import SMOOTHING_WIDTH
+from eightpost.ident.response.frequency_response import SMOOTHING_WIDTH
 from eightpost.report.charts import Axis, Figure
 from eightpost.reproduce.chapter_5_model import baseline_car
 from eightpost.reproduce.effort import Effort

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array, Complex
-from eightpost.ident.response.conditioning import feedback_paths
+from eightpost.ident.response.frequency_response import feedback_paths
 from eightpost.ident.vehicle.siso_models import AEROLOADERS, WHEELLOADERS
 from eightpost.report.charts import Axis
 from eightpost.report.tables import ResultTable
@@ -24,7 +24,7 @@ from eightpost.rig import shim_build
 from eightpost.rig.post import random_drive, static_drive
 from eightpost.rig.post.car import displacement_modes, force_modes
 from eightpost.rig.post.drivefiles import HEAVE_SINES, TILT_SINES
-from eightpost.rig.track import AEROLOADER, WHEELLOADER
+from eightpost.rig.synthetic import AEROLOADER, WHEELLOADER
 from eightpost.units import si_factor
 from eightpost.vehicle import CORNERS
 

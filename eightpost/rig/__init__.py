@@ -25,8 +25,7 @@ from eightpost.rig.dyno_test import (
     temperature_effect,
 )
 from eightpost.rig.peak_velocity import PeakVelocityTable, read_peak_velocity
-from eightpost.rig.track import Track, track_drivefile
-from eightpost.rig.truth_damper import TruthDamper, ValveSide, demo_damper
+from eightpost.rig.synthetic import Track, TruthDamper, ValveSide, demo_damper, track_drivefile
 
 __all__ = [
     "BUILDS",

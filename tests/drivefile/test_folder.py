@@ -13,7 +13,7 @@ from eightpost.__main__ import main
 from eightpost.drivefile import IterationFolder
 from eightpost.drivefile.page import verdict_of
 from eightpost.rig.post import RigSensors, quarter_truth, run_test
-from eightpost.rig.post.shocks import LinearDamper
+from eightpost.rig.post.truths import LinearDamper
 from eightpost.signals import Drivefile, TimeSeries, read_series
 from eightpost.signals.formats import write_series
 from eightpost.units import convert

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from eightpost.drivefile import Limits
 from eightpost.drivefile.iteration import TYPICAL, PassSpectra, correction, gains, regularised_inverse, start_gains
-from eightpost.drivefile.limits import within_limits
-from eightpost.drivefile.target import Lines, pass_errors
+from eightpost.drivefile.target import Lines, pass_errors, within_limits
 from eightpost.errors import ParameterError
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from eightpost.errors import InputError
 from eightpost.ident import fit_shock
-from eightpost.ident.shock.robust import _huber, _spikes_of, _tukey, downweighted_rows
+from eightpost.ident.shock.law_fit import _huber, _spikes_of, _tukey, downweighted_rows
 from eightpost.shock import Lpf1
 
 few = settings(max_examples=3, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True)

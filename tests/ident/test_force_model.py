@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eightpost.ident.shock.closed import dynamics_for
 from eightpost.ident.shock.curve import knot_basis
+from eightpost.ident.shock.dynamics import SteppedLaw, dynamics_for
 from eightpost.ident.shock.force import ForceModel, gas_columns, limits_for, linear_solution
 from eightpost.ident.shock.problem import Problem
 from eightpost.ident.shock.runs import prepare_runs
-from eightpost.ident.shock.stepped import SteppedLaw
 from eightpost.shock import LAWS, Lpf1, Lpnl2
 
 THETA = {"polylinear": [], "lpf1": [1.4e-3], "lpnl2": [1.4e-3, 500.0, 0.3]}

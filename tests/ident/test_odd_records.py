@@ -5,7 +5,7 @@ import pytest
 
 from eightpost.errors import ParameterError
 from eightpost.ident import fit_shock
-from eightpost.ident.shock.closed import NoLag
+from eightpost.ident.shock.dynamics import NoLag
 from eightpost.ident.shock.force import limits_for
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Lpf1, Port, StaticCurve

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from eightpost.ident.shock.dynamics import SteppedLaw, _OwnParameters
 from eightpost.ident.shock.force import Limits
-from eightpost.ident.shock.stepped import SteppedLaw, _OwnParameters
 from eightpost.shock import FitParameter, Lpnl2, Port, fit_parameters
 
 CHAIN = (

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from eightpost.ident import fit_shock
-from eightpost.ident.shock.closed import FadingLag, dynamics_for
 from eightpost.ident.shock.curve import knot_basis
+from eightpost.ident.shock.dynamics import FadingLag, dynamics_for
 from eightpost.ident.shock.force import ForceModel, gas_columns, limits_for
 from eightpost.ident.shock.law_fit import _sketched
 from eightpost.ident.shock.runs import prepare_runs

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eightpost.drivefile.response import _added_damping
+from eightpost.drivefile.iteration import _added_damping
 from eightpost.errors import InputError
 from eightpost.ident.vehicle.many_setups import ManySetups
 from eightpost.ident.vehicle.simulation import open_at_ports, port_by_port, simulate_with_shocks

@@ -10,7 +10,7 @@ import pytest
 
 from eightpost.errors import InputError, ParameterError
 from eightpost.ident.response import FrequencyResponse, response_of
-from eightpost.ident.response.conditioning import Preconditioning
+from eightpost.ident.response.frequency_response import Preconditioning
 from eightpost.ident.vehicle import parallel_model, simulate_with_shocks
 from eightpost.ident.vehicle.many_setups import ManySetups
 from eightpost.ident.vehicle.siso_models import TransferFunction, balance

@@ -13,7 +13,7 @@ from eightpost.rig.damper import PhysicalDamper
 from eightpost.rig.post import Car, Friction, LinearDamper, Motion, Run, Shock, Springs, Tires
 from eightpost.rig.post.drivefiles import LEAD, RATE, STEPS
 from eightpost.rig.post.simulate import Drives, _inputs, _motion
-from eightpost.rig.truth_damper import TruthDamper, ValveSide
+from eightpost.rig.synthetic import TruthDamper, ValveSide
 from eightpost.shock import ShockLaw
 
 # ---- Shocks ---------------------------------------------------------------------------------------------------------

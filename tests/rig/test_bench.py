@@ -14,7 +14,7 @@ from eightpost.rig.dynamometer import Specimen, drivefile_of
 from eightpost.rig.motion import run_down
 from eightpost.rig.post import LinearDamper
 from eightpost.rig.post.program import Bench
-from eightpost.rig.post.shocks import shocks_named
+from eightpost.rig.post.truths import shocks_named
 from eightpost.signals import read_series
 
 

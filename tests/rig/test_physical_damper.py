@@ -10,7 +10,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from eightpost.errors import ParameterError
 from eightpost.rig import BUILDS, CONFIGURATIONS, cavitation, configuration, random_multisine, shim_build
-from eightpost.rig.damper.kernel import _filling
+from eightpost.rig.damper.physical import _filling
 from eightpost.rig.damper.valves import SHIM_SETS, Bleed, Fluid, Seals, ShimStack
 from eightpost.signals import TimeSeries
 from eightpost.units import convert

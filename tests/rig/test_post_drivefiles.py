@@ -23,7 +23,7 @@ from eightpost.rig.post import (
     track_drive,
 )
 from eightpost.rig.post.car import displacement_modes, force_modes
-from eightpost.rig.track import WHEELLOADER
+from eightpost.rig.synthetic import WHEELLOADER
 from eightpost.units import convert
 
 INCH, POUND = convert(1.0, "in", "m"), convert(1.0, "lbf", "N")

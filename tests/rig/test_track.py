@@ -6,7 +6,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import csd, welch
 
 from eightpost.corners import CORNERS
-from eightpost.rig.track import AEROLOADER, WHEELLOADER, Track, track_drivefile
+from eightpost.rig.synthetic import AEROLOADER, WHEELLOADER, Track, track_drivefile
 from eightpost.units import convert
 
 TRACK = Track()

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import cumulative_trapezoid
 
 from eightpost.rig.dynamometer import Sensors, measure, random_multisine
-from eightpost.rig.truth_damper import TruthDamper, demo_damper
+from eightpost.rig.synthetic import TruthDamper, demo_damper
 from eightpost.signals import Drivefile, TimeSeries
 from eightpost.units import convert
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from eightpost.errors import MissingChannelError, ParameterError, TooShortError
-from eightpost.ident.validation.evaluation import evaluate, residual_of, validate_random
-from eightpost.ident.validation.records import dyno_record
+from eightpost.ident.validation.records import dyno_record, evaluate, residual_of, validate_random
 from eightpost.ident.validation.shock_tests import loop_of, validate_bump, validate_sine, validate_static
 from eightpost.rig.dyno_test import DynoTest
 

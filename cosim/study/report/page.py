@@ -14,8 +14,19 @@ from cosim.report.page import versions
 from cosim.study.choice.optimise import pareto_front
 from cosim.study.choice.selection import Selected
 from cosim.study.choice.sensitivity import Sensitivity
-from cosim.study.report.answer import answer_of, chance, tied
-from cosim.study.report.sheet import Column, Extras, Scale, Sheet, ShockCurve, Uncertainty, build_colors, shown_columns
+from cosim.study.report.sheet import (
+    Column,
+    Extras,
+    Scale,
+    Sheet,
+    ShockCurve,
+    Uncertainty,
+    answer_of,
+    build_colors,
+    chance,
+    shown_columns,
+    tied,
+)
 from eightpost.array_types import Array, Integers
 from eightpost.report import page as html
 from eightpost.report.numbers import Display, fixed, percent

@@ -17,7 +17,6 @@ from cosim.study.certainty import OBJECTIVE, Certainty, Levels
 from cosim.study.choice.selection import Selection
 from cosim.study.choice.sensitivity import available_sensitivities
 from cosim.study.measures import Measure
-from cosim.study.report.answer import tied_rows
 from cosim.study.report.page import page, write_figures
 from cosim.study.report.sheet import (
     AimPage,
@@ -30,6 +29,7 @@ from cosim.study.report.sheet import (
     ShockCurve,
     Uncertainty,
     Weighted,
+    tied_rows,
 )
 from cosim.study.report.tables import write_ranking, write_traces, write_workbook
 from cosim.study.result import StudyResult

@@ -1,6 +1,6 @@
 """Export of models, frequency responses and shock curves to other tools."""
 
-from eightpost.ident.exports.model_formats import to_frd, write_response_mat, write_response_uff, write_vehicle_mat
+from eightpost.ident.exports.export import to_frd, write_response_mat, write_response_uff, write_vehicle_mat
 from eightpost.ident.exports.shock_table import ShockTable, shock_table, write_shock_table
 
 __all__ = [

@@ -1,17 +1,15 @@
 """Estimation of frequency responses from records, and their preconditioning before a model is fitted."""
 
-from eightpost.ident.response.conditioning import (
+from eightpost.ident.response.estimators import H1, LocalPolynomial, Recipe, SameDrive, estimate_response
+from eightpost.ident.response.frequency_response import (
+    FrequencyResponse,
     HighResidual,
     LowResidual,
     Zeroed,
     ZeroPhaseSmoothing,
     condition,
-    feedback_paths,
-)
-from eightpost.ident.response.estimators import H1, LocalPolynomial, Recipe, SameDrive, estimate_response
-from eightpost.ident.response.frequency_response import (
-    FrequencyResponse,
     contribution_error,
+    feedback_paths,
     read_response,
     response_of,
     write_response,

@@ -12,9 +12,8 @@ from eightpost.ident.shock.cross_validation import WORTHWHILE, CrossValidation
 from eightpost.ident.shock.curve import knot_basis
 from eightpost.ident.shock.force import ForceModel, gas_columns, limits_for
 from eightpost.ident.shock.hysteresis import NODES, Found, LaggedVelocity, Projected, Projection, minimum_from
-from eightpost.ident.shock.law_fit import Choices, FittedLaw
+from eightpost.ident.shock.law_fit import Choices, FittedLaw, nearly_equal, weights_for
 from eightpost.ident.shock.problem import Solution, block_changes, covariances
-from eightpost.ident.shock.robust import nearly_equal, weights_for
 from eightpost.ident.shock.runs import Runs
 from eightpost.shock import LAWS
 from eightpost.shock.curve import KNOTS

@@ -12,8 +12,19 @@ from eightpost.array_types import Array
 from eightpost.errors import MissingChannelError, ParameterError, TooShortError
 from eightpost.ident.shock.runs import CUTOFF, FILTER_EDGE, LARGEST_SHARE
 from eightpost.ident.shock.simulation import simulate
-from eightpost.ident.validation.evaluation import Predicted, Validation, as_measured, evaluate, reference_of
-from eightpost.ident.validation.records import DynoRecord, block_means, frequency_of, moving_part, standing, stretches
+from eightpost.ident.validation.records import (
+    DynoRecord,
+    Predicted,
+    Validation,
+    as_measured,
+    block_means,
+    evaluate,
+    frequency_of,
+    moving_part,
+    reference_of,
+    standing,
+    stretches,
+)
 from eightpost.rig.motion import displacement_of
 from eightpost.shock import Shock
 from eightpost.signals import TimeSeries

@@ -10,8 +10,7 @@ from typing import Any, TypeVar
 
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.verdict import POOR
-from eightpost.ident.validation.evaluation import RandomValidation, Validation, validate_random
-from eightpost.ident.validation.records import DynoRecord
+from eightpost.ident.validation.records import DynoRecord, RandomValidation, Validation, validate_random
 from eightpost.ident.validation.shock_tests import (
     SETTLING,
     BumpValidation,

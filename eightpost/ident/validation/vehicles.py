@@ -28,7 +28,7 @@ from eightpost.ident.validation.comparison import (
     trends_of,
     with_total,
 )
-from eightpost.ident.validation.evaluation import ErrorSpectrum
+from eightpost.ident.validation.records import ErrorSpectrum
 from eightpost.ident.vehicle import VehicleFit, write_fit
 from eightpost.ident.vehicle.experiment import Ranges, lifted_tires, quantity
 from eightpost.ident.vehicle.measured_levels import MeasuredLevels

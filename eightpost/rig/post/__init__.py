@@ -1,7 +1,6 @@
 """Virtual rig: a quarter-car rig and an 8-post rig with known true cars (dissertation 4.5, 6.1)."""
 
 from eightpost.rig.post.car import Car, Friction, Geometry, RigCar, Springs, Tires
-from eightpost.rig.post.channels import RigSensors
 from eightpost.rig.post.drivefiles import (
     bump_drive,
     quarter_random,
@@ -25,9 +24,17 @@ from eightpost.rig.post.program import (
 )
 from eightpost.rig.post.rig_faults import MismatchedRateError, SwappedCornersError
 from eightpost.rig.post.rig_test import RigConditions, RigTest, read_rig_test
-from eightpost.rig.post.shocks import LinearDamper, Shock
-from eightpost.rig.post.simulate import Motion, Run, simulate, simulate_setups
-from eightpost.rig.post.truths import TRUTHS, AnyCar, quarter_truth, seven_dof_truth, stand_in_truth, truth_named
+from eightpost.rig.post.simulate import Motion, RigSensors, Run, simulate, simulate_setups
+from eightpost.rig.post.truths import (
+    TRUTHS,
+    AnyCar,
+    LinearDamper,
+    Shock,
+    quarter_truth,
+    seven_dof_truth,
+    stand_in_truth,
+    truth_named,
+)
 
 __all__ = [
     "NO_DRIFT",

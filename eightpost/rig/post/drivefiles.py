@@ -13,7 +13,7 @@ from scipy.signal import fftconvolve, firwin2
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.rig.post.car import aeroloader_forces
-from eightpost.rig.track import AEROLOADER, WHEELLOADER, Track, track_drivefile
+from eightpost.rig.synthetic import AEROLOADER, WHEELLOADER, Track, track_drivefile
 from eightpost.signals.drivefile import Drivefile
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert

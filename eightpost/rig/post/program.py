@@ -13,7 +13,6 @@ from scipy.signal import butter, lfilter, lfilter_zi
 from eightpost import __version__, units
 from eightpost.array_types import Array
 from eightpost.errors import InputError, ParameterError
-from eightpost.rig.post.channels import RigSensors, commands, sensor_channels, with_math
 from eightpost.rig.post.drivefiles import (
     HEAVE_SINES,
     LEAD,
@@ -30,15 +29,14 @@ from eightpost.rig.post.drivefiles import (
     track_drive,
 )
 from eightpost.rig.post.rig_test import RigConditions, RigTest
-from eightpost.rig.post.shocks import shocks_named
-from eightpost.rig.post.simulate import Run, simulate
-from eightpost.rig.post.truths import AnyCar, truth_named
+from eightpost.rig.post.simulate import RigSensors, Run, commands, sensor_channels, simulate, with_math
+from eightpost.rig.post.truths import AnyCar, shocks_named, truth_named
 from eightpost.signals.drivefile import Drivefile
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
 
 if TYPE_CHECKING:
-    from eightpost.rig.post.shocks import Shock
+    from eightpost.rig.post.truths import Shock
 
 
 # ==== Programs =======================================================================================================

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from eightpost.__main__ import main
 from eightpost.errors import FileFormatError, InputError, ParameterError
-from eightpost.ident.shock.closed import dynamics_for
+from eightpost.ident.shock.dynamics import dynamics_for
 from eightpost.ident.shock.force import gas_columns, limits_for
 from eightpost.ident.shock.runs import Runs, prepare_runs
 from eightpost.ident.shock.settings.clicks import TargetCurve, best_clicks, read_target
@@ -30,7 +30,7 @@ from eightpost.ident.shock.settings.result import (
 )
 from eightpost.ident.shock.settings.table import SettingsTable, joined_temperatures, read_settings_table
 from eightpost.ident.shock.simulation import simulate
-from eightpost.ident.validation.evaluation import evaluate
+from eightpost.ident.validation.records import evaluate
 from eightpost.rig.dynamometer import random_multisine
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Axis, Lpf1, Polylinear, Port, Settings, Shock, StaticCurve, Term, read_shock, write_shock

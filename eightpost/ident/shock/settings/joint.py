@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError
-from eightpost.ident.shock.closed import projected
 from eightpost.ident.shock.curve import CELLS, KnotBasis, basis_on
+from eightpost.ident.shock.dynamics import projected
 from eightpost.ident.shock.fit import fit_of
 from eightpost.ident.shock.force import Dynamics, ForceModel, GasColumns, gas_columns
 from eightpost.ident.shock.hysteresis import Found, Projected, Projection, minimum_from, non_negative
 from eightpost.ident.shock.hysteresis_fit import HysteresisFit, search_coordinates
-from eightpost.ident.shock.law_fit import Choices, FittedLaw, LawFit, has_own_recipe
+from eightpost.ident.shock.law_fit import Choices, FittedLaw, LawFit, Robust, has_own_recipe, nearly_equal, weights_for
 from eightpost.ident.shock.problem import (
     CLEAR_SLOPE,
     TOLERANCE,
@@ -28,7 +28,6 @@ from eightpost.ident.shock.problem import (
     quantile,
     standard_error,
 )
-from eightpost.ident.shock.robust import Robust, nearly_equal, weights_for
 from eightpost.ident.shock.runs import Runs
 from eightpost.shock import LAWS, Port, ShockLaw, fit_parameters, own_parameters
 from eightpost.shock.curve import KNOTS

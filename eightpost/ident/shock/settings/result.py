@@ -13,9 +13,8 @@ from threadpoolctl import threadpool_limits
 
 from eightpost.array_types import Array
 from eightpost.errors import InputError
-from eightpost.ident.shock.law_fit import Choices
+from eightpost.ident.shock.law_fit import Choices, screened_runs
 from eightpost.ident.shock.result import ShockFit, Story, result_of
-from eightpost.ident.shock.robust import screened_runs
 from eightpost.ident.shock.runs import Runs, prepare_runs
 from eightpost.ident.shock.settings.joint import JointFit, fit_jointly
 from eightpost.ident.shock.settings.table import SettingsTable

@@ -12,8 +12,8 @@ import numpy as np
 from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.ident.response import H1, Blocks, FrequencyResponse, Recipe, SameDrive, contribution_error, response_of
-from eightpost.ident.response.conditioning import Preconditioning
 from eightpost.ident.response.estimators import input_noise, input_power
+from eightpost.ident.response.frequency_response import Preconditioning
 from eightpost.ident.response.records import Records, gather
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.many_setups import ClosedLoop

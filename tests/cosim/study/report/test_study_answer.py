@@ -9,9 +9,8 @@ import pytest
 
 from cosim.study.certainty import Contradiction, Contribution, Status, TradeOff
 from cosim.study.folder import aim_so_far
-from cosim.study.report.answer import answer_of, tied_rows
 from cosim.study.report.page import page
-from cosim.study.report.sheet import AimPage, Extras
+from cosim.study.report.sheet import AimPage, Extras, answer_of, tied_rows
 from cosim.study.report.write import sheet_of
 from eightpost.verdict import Grade, sealed
 
