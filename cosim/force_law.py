@@ -13,7 +13,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from cosim.components.conversion import Conversion, convert_between, named_unit
+from cosim.components.component import Conversion, convert_between, named_unit
 from cosim.components.fmu_component import FmuComponent
 from cosim.components.functions import FunctionTable, free_states
 from cosim.engine import blocks, force_law

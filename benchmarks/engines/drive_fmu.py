@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.engines.job import DRIVEN
 from builder.native.toolchain import fmi_headers, this_platform
-from cosim.components.rebuild import find_compiler
+from cosim.components.fmu_file import find_compiler
 from eightpost.archive import write_archive
 from eightpost.signals import Drivefile
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
+import importlib.util
 import json
 import os
 import shutil
+import subprocess
+import sys
 import tempfile
 import weakref
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -21,12 +25,14 @@ from cosim.components.fmi3_functions import fmi3_name
 from cosim.components.fmi3_variables import Fmi3Table
 from cosim.components.fmu_description import read_description, table_of, variables_of, variables_of_table
 from cosim.components.fmu_log import Messages, Place, failure_text
-from cosim.components.rebuild import compile_sources
 from eightpost.archive import extract_archive
+from eightpost.cache import keep, recall
 from eightpost.errors import FmuError, StepError
+from eightpost.extras import install_command
+from eightpost.files import sha256_of, writing
 from eightpost.validity import MEMBER, Validity
 
-# ---- FMU file unpacked into a folder, and the contents of its modelDescription.xml ----------------------------------
+# ==== FMU file unpacked into a folder, and the contents of its modelDescription.xml ==================================
 
 #: Letter for each type in "#r12#", with which a log message may name a variable (FMI 2.0.4, 2.1.5).
 _LETTERS = {"Real": "r", "Integer": "i", "Enumeration": "i", "Boolean": "b", "String": "s"}
@@ -298,7 +304,7 @@ def _remove_own(folder: Path, owner: int) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-# ---- Common part of components that are FMUs, in this process or another --------------------------------------------
+# ==== Common part of components that are FMUs, in this process or another ============================================
 
 
 class OpenedFmu:
@@ -374,3 +380,107 @@ class OpenedFmu:
         place = Place(self._name, self.source, self._time, self._inputs)
         messages = self._messages.last
         return StepError(failure_text(place, self.variables, failed=failed, why=why, messages=messages, to_do=to_do))
+
+
+# ==== Compilation of an FMU's own sources for a platform that it has no binary for ===================================
+
+#: Strict double arithmetic without fused operations; warnings of foreign sources are suppressed.
+_FLAGS = ("-O2", "-w", "-ffp-contract=off", "-shared")
+_TIMEOUT = 600.0  # s
+#: Cache folder of the libraries.
+_KEPT_IN = "rebuilt"
+_CPP = {".cc", ".cpp", ".cxx"}
+
+
+def compile_sources(
+    path: Path, target: Path, files: Sequence[str], options: Sequence[str] = (), *, version: int = 2
+) -> None:
+    """Compile an FMU's sources into the library for this platform, or read the library from the cache.
+
+    The cache is the folder `rebuilt` in EIGHTPOST_CACHE, or in the user's cache folder; its key is the digest of the
+    FMU file, the compiler and its options.
+
+    Args:
+        path: FMU file (.fmu).
+        target: Library to write, in its folder of binaries for this platform.
+        files: Source files, relative to sources/.
+        options: Options that its build description demands.
+        version: Major version of FMI.
+
+    Raises:
+        FmuError: A listed source is missing, there is no compiler, or the compilation fails.
+    """
+    sources = target.parents[2] / "sources"
+    if missing := [name for name in files if not (sources / name).is_file()]:
+        raise FmuError(f"{path}: lists the source {missing[0]!r}, which is not in its sources/; use a complete FMU")
+    if not files:
+        return  # the caller reports that there is neither a binary nor a source
+    command = [*find_compiler(), *_options(files, version), *options]
+    key = f"{_key(path, command)}{fmpy.sharedLibraryExtension}"
+    if (library := recall(_KEPT_IN, key)) is None:
+        library = _compile(path, sources, [*command, *files])
+        keep(_KEPT_IN, key, library)
+    with writing(target):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(library)
+
+
+def find_compiler() -> list[str]:
+    """Return the command of the system's C compiler, else that of zig in PyPI's ziglang.
+
+    Raises:
+        FmuError: There is neither of them.
+    """
+    for name in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
+        if name and (found := shutil.which(name)):
+            return [found]
+    if importlib.util.find_spec("ziglang"):
+        return [sys.executable, "-P", "-m", "ziglang", "cc"]  # -P: do not import files of the FMU
+    advice = install_command("build")
+    raise FmuError(f"no C compiler was found to compile the FMU's sources; install one: {advice}")
+
+
+def _options(files: Sequence[str], version: int) -> list[str]:
+    headers = Path(fmpy.__file__).with_name("c-code")
+    position = [] if os.name == "nt" else ["-fPIC"]
+    # The FMU's own headers come first, because it may contain modified ones.
+    # The definition keeps the functions' plain names (FMI 2.0.2 and later).
+    plain = f"-DFMI{version}_OVERRIDE_FUNCTION_PREFIX"
+    return [*_FLAGS, plain, *position, "-I.", "-I", str(headers), *(["-lstdc++"] if _has_cpp(files) else [])]
+
+
+def _has_cpp(files: Sequence[str]) -> bool:
+    return any(Path(name).suffix in _CPP for name in files)
+
+
+def _key(path: Path, command: Sequence[str]) -> str:
+    version = subprocess.run([*command[:1], "--version"], capture_output=True, check=False).stdout
+    parts = (sha256_of(path).encode(), fmpy.platform.encode(), version, "\0".join(command).encode())
+    return hashlib.sha256(b"\0".join(parts)).hexdigest()
+
+
+def _compile(path: Path, sources: Path, command: Sequence[str]) -> bytes:
+    with tempfile.TemporaryDirectory(prefix="fmu_build_") as build:
+        product = Path(build) / f"library{fmpy.sharedLibraryExtension}"
+        # The mathematics library comes last, because the linker resolves only symbols needed before it.
+        fault = _run([*command, "-o", str(product), *([] if os.name == "nt" else ["-lm"])], sources)
+        if fault or not product.is_file():
+            raise FmuError(
+                f"{path}: its sources do not compile with {Path(command[0]).name}: {fault or 'no library was made'}; "
+                f"ask for a binary for this platform ({fmpy.platform})"
+            )
+        return product.read_bytes()
+
+
+def _run(command: Sequence[str], folder: Path) -> str:
+    """Run a compiler; return its first error message, or an empty string."""
+    try:
+        ran = subprocess.run(
+            command, cwd=folder, capture_output=True, text=True, errors="replace", timeout=_TIMEOUT, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return str(error)
+    if ran.returncode == 0:
+        return ""
+    lines = [line.strip() for line in (ran.stderr + ran.stdout).splitlines()]
+    return next((line for line in lines if "error" in line.lower()), f"it ended with code {ran.returncode}")

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from xml.etree import ElementTree
 
-from cosim.components.conversion import named_unit
+from cosim.components.component import named_unit
 from cosim.systems.coupling import Scenario, targets_of
 from cosim.systems.system import Bond, Connection, System
 from eightpost.errors import UnknownUnitError

@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.components.component import Component
-from cosim.components.conversion import to_si
+from cosim.components.component import Component, to_si
 from cosim.components.fmu_file import OpenedFmu
 from cosim.engine.plan import ITERATIONS, LOOSE, REJECTED, STEPS, STOPPED, STUCK
 from cosim.results.error_estimate import judged_by

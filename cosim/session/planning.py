@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.components.component import DISCRETE
-from cosim.components.conversion import Conversion, to_si
+from cosim.components.component import DISCRETE, Conversion, to_si
 from cosim.components.functions import FunctionTable
 from cosim.engine.march import Tape
 from cosim.engine.plan import Bonds, Driven, Indices, Inputs, Levels, Loops, Parts, Plan, Signals, Terms, Watch

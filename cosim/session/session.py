@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.components.conversion import to_si
+from cosim.components.component import to_si
 from cosim.components.functions import Native
 from cosim.components.watch import calling_loop
 from cosim.engine.loop import loop

@@ -9,8 +9,7 @@ from typing import TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.components.component import DISCRETE, Capabilities, Component, Variable
-from cosim.components.conversion import convert_between
+from cosim.components.component import DISCRETE, Capabilities, Component, Variable, convert_between
 from cosim.session.planning import Flags, Layout, Limit, lay_out, real_names, recorded_names, recorded_steps
 from cosim.systems.algorithm import HELD_INPUTS, Accuracy, Adaptive, Algorithm
 from cosim.systems.coupling import Coupling, Scenario, targets_of

@@ -9,8 +9,7 @@ from functools import cached_property
 from math import isfinite
 from pathlib import Path
 
-from cosim.components.component import UnitDefinition
-from cosim.components.conversion import Conversion
+from cosim.components.component import Conversion, UnitDefinition
 from cosim.ssp import package
 from cosim.ssp.package import (
     Assignment,

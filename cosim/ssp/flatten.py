@@ -7,8 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import isclose
 
-from cosim.components.component import DISCRETE, UnitDefinition, Variable
-from cosim.components.conversion import Conversion, convert_between
+from cosim.components.component import DISCRETE, Conversion, UnitDefinition, Variable, convert_between
 from cosim.ssp.package import Connector, FmuElement, Link, SystemElement
 from cosim.systems.system import Bond, Connection
 from eightpost.errors import InputError, WiringError

@@ -15,8 +15,7 @@ from pathlib import Path as PathlibPath
 from urllib.parse import SplitResult, unquote, urlsplit
 from urllib.request import url2pathname
 
-from cosim.components.component import UnitDefinition
-from cosim.components.conversion import Conversion
+from cosim.components.component import Conversion, UnitDefinition
 from eightpost.archive import extract_archive, read_archive
 from eightpost.errors import FmuError, InputError
 from eightpost.files import is_file

@@ -9,8 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from weakref import WeakKeyDictionary
 
-from cosim.components.component import DISCRETE, Component, Variable
-from cosim.components.conversion import Conversion, convert_between, named_unit, to_si
+from cosim.components.component import DISCRETE, Component, Conversion, Variable, convert_between, named_unit, to_si
 from cosim.components.fmu_component import FmuComponent
 from cosim.session.master import Case
 from cosim.ssp import flatten

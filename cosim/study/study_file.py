@@ -10,8 +10,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from cosim.components.component import Variable
-from cosim.components.conversion import convert_between, named_unit, to_si
+from cosim.components.component import Variable, convert_between, named_unit, to_si
 from cosim.components.fmu_component import FmuComponent
 from cosim.study.measures import Car, Measure, family
 from cosim.study.running.drives import driving_channels

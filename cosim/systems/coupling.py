@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.components.component import Component
-from cosim.components.conversion import Conversion, convert_between, named_unit
+from cosim.components.component import Component, Conversion, convert_between, named_unit
 from cosim.systems.system import System
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import InputError, WiringError

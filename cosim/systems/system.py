@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.components.component import DISCRETE, Component, Variable
-from cosim.components.conversion import convert_between, named_unit
+from cosim.components.component import DISCRETE, Component, Variable, convert_between, named_unit
 from cosim.components.fmu_component import FmuComponent
 from eightpost import units
 from eightpost.display import Summarized, Summary, some

@@ -9,7 +9,7 @@ from math import cos, sin, sqrt
 import numpy as np
 
 import cosim
-from cosim.components.conversion import named_unit
+from cosim.components.component import named_unit
 from eightpost.array_types import Array
 
 #: A wheel on its tire, and a shock: mass [kg], stiffness [N/m], damping [N s/m], first displacement [m].

@@ -13,7 +13,7 @@ import numpy as np
 import reference
 from reference import Case, Motion
 
-from cosim.components.rebuild import find_compiler
+from cosim.components.fmu_file import find_compiler
 from eightpost.archive import extract_archive
 from eightpost.signals import Drivefile
 

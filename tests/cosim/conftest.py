@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cosim import Bond, Capabilities, FmuComponent, System, Variable
-from cosim.components.conversion import named_unit
+from cosim.components.component import named_unit
 from eightpost.corners import CORNERS
 from eightpost.errors import StepError
 from eightpost.signals import Drivefile, TimeSeries

@@ -8,7 +8,7 @@ import fmpy
 import pytest
 
 from cosim import FmuComponent
-from cosim.components.conversion import Conversion, to_si
+from cosim.components.component import Conversion, to_si
 from eightpost.archive import extract_archive, read_archive, write_archive
 from eightpost.errors import FmuError, StepError
 

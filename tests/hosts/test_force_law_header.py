@@ -9,8 +9,7 @@ import pytest
 
 from builder.native.toolchain import fmi_headers
 from cosim import ExtrapolatedForce, ForceLaw, HeldForce
-from cosim.components.fmu_file import FmuFile
-from cosim.components.rebuild import find_compiler
+from cosim.components.fmu_file import FmuFile, find_compiler
 from eightpost.archive import extract_archive
 from eightpost.errors import FmuError
 

@@ -16,7 +16,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from cosim.components.rebuild import find_compiler
+from cosim.components.fmu_file import find_compiler
 from cosim.engine.machine_code import description
 from eightpost.cache import keep, recall
 from eightpost.errors import FmuError

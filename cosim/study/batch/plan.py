@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.components.conversion import Conversion, to_si
+from cosim.components.component import Conversion, to_si
 from cosim.session.session import grid_of
 from cosim.session.setup import Setup
 from cosim.study.batch import library

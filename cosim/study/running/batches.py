@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from cosim.components.conversion import to_si
+from cosim.components.component import to_si
 from cosim.components.fmu_component import FmuComponent
 from cosim.results.error_estimate import judged_by
 from cosim.results.run_data import BondEnergy, Coupled

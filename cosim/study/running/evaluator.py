@@ -12,8 +12,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from cosim.components.component import Component
-from cosim.components.conversion import to_si
+from cosim.components.component import Component, to_si
 from cosim.components.fmu_component import FmuComponent
 from cosim.results.result import Result
 from cosim.results.rules import LARGEST_ERROR

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cosim import FmuComponent, IsolatedComponent, Scenario, System
-from cosim.components.rebuild import find_compiler
+from cosim.components.fmu_file import find_compiler
 from eightpost.archive import write_archive
 from eightpost.errors import FmuError
 from eightpost.signals import Drivefile

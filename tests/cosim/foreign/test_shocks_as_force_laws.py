@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cosim import ExtrapolatedForce, ForceLaw, HeldForce
-from cosim.components.rebuild import find_compiler
+from cosim.components.fmu_file import find_compiler
 from eightpost.archive import extract_archive, write_archive
 from eightpost.errors import FmuError, StepError
 
