@@ -16,9 +16,8 @@ from eightpost.errors import ParameterError
 from eightpost.rig import shim_build
 from eightpost.rig.post import LinearDamper, Run, flexible_truth, simulate, truth_named
 from eightpost.rig.post.drivefiles import RATE
-from eightpost.rig.post.flexible import base_car
-from eightpost.rig.post.flexible.car import Sliders
-from eightpost.rig.post.flexible.motion import numbers_of, slide
+from eightpost.rig.post.flexible import Sliders, base_car
+from eightpost.rig.post.flexible_motion import numbers_of, slide
 from eightpost.rig.post.truths import TRUTHS
 from eightpost.signals import TimeSeries
 

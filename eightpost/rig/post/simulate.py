@@ -14,12 +14,10 @@ import numpy as np
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError, StepError
 from eightpost.rig.damper import PhysicalDamper
-from eightpost.rig.post import kernel
+from eightpost.rig.post import flexible_motion, kernel
 from eightpost.rig.post.car import MODES, displacement_modes, force_modes, ride_heights
 from eightpost.rig.post.drivefiles import LEAD, RATE, STEPS
 from eightpost.rig.post.flexible import FlexibleCar
-from eightpost.rig.post.flexible import motion as flexible_kernel
-from eightpost.rig.post.flexible import motion as flexible_motion
 from eightpost.rig.post.truths import LinearDamper, Shock
 from eightpost.rig.synthetic import TruthDamper
 from eightpost.shock import ShockLaw
@@ -116,13 +114,13 @@ def _records(car: AnyCar, shocks: Sequence[Sequence[Shock]], drives: Drives) -> 
 def _march(car: AnyCar) -> Callable[..., int]:
     """Return the compiled integration of a car."""
     if isinstance(car, FlexibleCar):
-        return partial(flexible_kernel.march, flexible_motion.numbers_of(car))
+        return partial(flexible_motion.march, flexible_motion.numbers_of(car))
     return partial(kernel.march, _car_numbers(car))
 
 
 def _coordinates(car: AnyCar) -> int:
     """Return the number of coordinates of the integration."""
-    return flexible_kernel.COORDINATES if isinstance(car, FlexibleCar) else car.mass.size
+    return flexible_motion.COORDINATES if isinstance(car, FlexibleCar) else car.mass.size
 
 
 def _divergence_message(car: AnyCar, sample: int) -> str:

@@ -13,12 +13,12 @@ from eightpost.units import convert
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from eightpost.rig.post.flexible.car import FlexibleCar, Sliders
+    from eightpost.rig.post.flexible import FlexibleCar, Sliders
 
     Counts = NDArray[np.int64]
 
 
-# ---- Compiled integration -------------------------------------------------------------------------------------------
+# ==== Compiled integration ===========================================================================================
 #     q+ = q + h v + h^2/2 a,  a+ = acceleration(q+, v + h a),  v+ = v + h/2 (a + a+)
 #
 # Shocks and lead-in are those of `eightpost.rig.post.kernel`; the equations of motion are written out here.
@@ -185,7 +185,7 @@ def _tire(car: FlexibleNumbers, c: int, deflection: float, rate: float, lost: Ar
     return float(max(change, -own[0]))
 
 
-# ---- Conversion of a car to arrays, and of its records to measured coordinates --------------------------------------
+# ==== Conversion of a car to arrays, and of its records to measured coordinates ======================================
 
 _GRAVITY = convert(1.0, "g_0", "m/s2")
 

@@ -1,4 +1,4 @@
-"""Flexible car: parameters, the coordinates in which the rig measures its motion, and cars drawn at random."""
+"""Flexible car of the virtual rig: engine on mounts, elastic chassis, friction that sticks, tires that stiffen."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from eightpost.corners import CORNERS, channel
 from eightpost.rig.post.car import Geometry
 from eightpost.units import convert
 
-# ---- Parameters and coordinates -------------------------------------------------------------------------------------
+# ==== Parameters and coordinates =====================================================================================
 
 #: Coordinates in which the rig measures the motion: shock travel, wheel, chassis and aeroloader mount of every corner,
 #: then heave, pitch and roll at the centre of gravity and the height at the driver.
@@ -201,7 +201,7 @@ class FlexibleCar:
         return np.stack([heave, np.eye(5)[1], np.eye(5)[2], self.shell.row(*self.driver)])
 
 
-# ---- The car, and cars drawn at random around it --------------------------------------------------------------------
+# ==== The car, and cars drawn at random around it ====================================================================
 
 _GRAVITY = convert(1.0, "g_0", "m/s2")
 
