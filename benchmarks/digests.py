@@ -37,7 +37,8 @@ _NOT_RESULTS = {"created", "version", "workers", "sources"}
 #: What differs between two runs of the same code: dates, versions, folders, identifiers and digests, durations.
 _OF_THIS_RUN = re.compile(
     r"\d{4}-\d\d-\d\d([T ][\d:.]+(Z|[+-]\d\d:\d\d)?)?|\b\d+\.\d+\.\d+\b"
-    r"|\{?[0-9a-f]{8}(-?[0-9a-f]{4}){3}-?[0-9a-f]{12}\}?|\b[0-9a-f]{12,64}\b|\b\d+(\.\d+)? (s|ms|min)\b|(?<![<\w])/([\w.+-]+/)+"
+    r"|\{?[0-9a-f]{8}(-?[0-9a-f]{4}){3}-?[0-9a-f]{12}\}?|\b[0-9a-f]{12,64}\b|\b\d+(\.\d+)? (s|ms|min)\b"
+    r"|(?<![<\w])/([\w.+-]+/)+"
 )
 
 _ROOT = Path(__file__).resolve().parents[1]
