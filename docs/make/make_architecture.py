@@ -218,10 +218,10 @@ def traced_run() -> Trace:
 
 #: Program that builds FMUs for this platform alone: a sixth of the work, and only their run is traced.
 _BUILD = """
-from builder.native import platforms, toolchain
+from builder.native import toolchain
 from eightpost.__main__ import main
-here = platforms.this_platform()
-if here.name in platforms.PLATFORMS:
+here = toolchain.this_platform()
+if here.name in toolchain.PLATFORMS:
     toolchain.Zig.platforms = (here,)
 main()
 """
