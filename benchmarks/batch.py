@@ -29,7 +29,7 @@ import numpy as np
 
 from benchmarks.study import ended_processes, shipped_study
 from cosim.study import Build, Study, Vehicle
-from cosim.study.batch import library
+from cosim.study.machine import library
 from cosim.study.running.batches import EXACT, FAST
 from cosim.study.running.evaluator import Coupling, Evaluator
 from cosim.study.running.sweep import run_study

@@ -51,6 +51,7 @@ VEHICLE = (
     "factors.h",
     "modal.h",
     "phi.h",
+    "friction.h",
     "port_forces.h",
     "rates.c",
     "steady_state.h",

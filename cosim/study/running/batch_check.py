@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from cosim.study.batch.library import instruction_set
-from cosim.study.batch.reasons import NotInBatchError
+from cosim.study.machine.library import instruction_set
+from cosim.study.machine.reasons import NotInBatchError
 from cosim.study.measures import Measure
 from cosim.study.running.batches import EXACT, Batches, BatchRun
 from cosim.study.running.evaluator import Coupling, Evaluator

@@ -19,13 +19,12 @@ from cosim.results.run_data import BondEnergy, Coupled
 from cosim.session.automatic import default_scheme
 from cosim.session.planning import Limit
 from cosim.session.setup import Setup as SessionSetup
-from cosim.study.batch.batch import Batch, BatchResult, joined
-from cosim.study.batch.car import CarData, read_car
-from cosim.study.batch.library import Library, compiled
-from cosim.study.batch.measures import BatchMeasures, ChannelBand
-from cosim.study.batch.plan import Plan
-from cosim.study.batch.reasons import NotInBatchError
-from cosim.study.batch.shocks import ShockData, read_shock
+from cosim.study.machine.lanes import Batch, BatchResult, joined
+from cosim.study.machine.car import Vehicle, read_vehicle
+from cosim.study.machine.measures import BatchMeasures, ChannelBand
+from cosim.study.machine.plan import Plan
+from cosim.study.machine.reasons import NotInBatchError
+from cosim.study.machine.shocks import ShockData, read_shock
 from cosim.study.setup import Setup
 from cosim.study.statistics import Filtered
 from cosim.study.study import Build, Drive, Study
@@ -36,9 +35,11 @@ from eightpost.errors import EightpostError, FmuError
 from eightpost.signals import TimeSeries
 from eightpost.workers.pool import heartbeat
 
-#: Modes of a batch: the operations of the FMUs, or fused ones, which change the last bits.
-EXACT, FAST = "exact", "fast"
+#: Velocity up to which the mean slope of the shocks' curves is the damping around which their ports are solved [m/s].
+_USUAL_VELOCITY = 0.2
 
+#: Scheme in whose form a run is planned; the machine has its own.
+GAUSS_SEIDEL = "gauss-seidel"
 
 #: Number of batches that are evaluated together, which takes less time than one after the other.
 _GROUP = 8
@@ -86,15 +87,17 @@ class BatchRun:
 class _DriveBatch:
     """Batches of one drive."""
 
-    def __init__(self, models: Models, drive: Drive, scheme: str, step: float, car: CarData, found: Library) -> None:
+    def __init__(self, models: Models, drive: Drive, step: float, vehicle: Vehicle, damping: Array) -> None:
         study = models.study
         first = study.space.setup(0)  # any setup: all have the same wiring, and a large space is not enumerated
-        setup = SessionSetup.of(models.system(first), models.scenario(drive), default_scheme(scheme), step)
+        setup = SessionSetup.of(models.system(first), models.scenario(drive), default_scheme(GAUSS_SEIDEL), step)
         times = setup.times[setup.recorded == 1]
         self._measures = BatchMeasures(study.measures_of(drive), times, study.settling)
-        self._plan = Plan(setup, study.vehicle.name, car, self._measures.quantities, self._measures.series)
+        self._plan = Plan(
+            setup, study.vehicle.name, vehicle, damping, self._measures.quantities, self._measures.series
+        )
         self._units = tuple(to_si(setup.system.output(name))[1] for name in self._measures.series)
-        self._batch, self._setup, self._study = Batch(found, self._plan), setup, study
+        self._batch, self._setup, self._study = Batch(self._plan.library, self._plan), setup, study
         self.lanes = self._batch.lanes
         self._ends_units = {
             (corner, way): unit for corner in self._plan.corners for way, unit in enumerate(("m/s", "N"))
@@ -140,7 +143,7 @@ class _DriveBatch:
     ) -> dict[str, float] | None:
         if not self._measures.others:
             return {}
-        series = np.ascontiguousarray(result.series[:, :, k].T)
+        series = np.ascontiguousarray(result.values[:, :, k].T)
         try:
             run = Filtered(TimeSeries(self._plan.rows, series, self._measures.series, self._units))
             for (name, band), several in filtered.items():
@@ -150,19 +153,17 @@ class _DriveBatch:
             return None
 
     def _ends(self, result: BatchResult) -> dict[str, Any]:
-        """Return, as lists, local errors and spreads of both directions of every bond (2, C, n), as
-        cosim.session.outcome does; energies of the bonds (C, n) and times beyond the limits (W, n).
+        """Return, as lists, local errors and spreads of both directions of every bond (2, C, n), work through the bonds
+        (C, n), and shares of the records beyond the limits (W, n).
         """
-        time = result.duration or 1.0
-        share = self._setup.algorithm.accuracy.share
-        variance = result.squares / time - (result.total / time) ** 2
+        steps, settled = self._plan.run.steps, max(1, self._plan.rows.size - self._plan.run.settling)
+        variance = result.squares / steps - (result.total / steps) ** 2
         return {
-            "error": (share * np.sqrt(result.defect / time)).tolist(),
+            "error": np.sqrt(result.defect / steps).tolist(),
             "spread": np.sqrt(np.maximum(variance, 0.0)).tolist(),
             "residual": result.residual.tolist(),
             "transferred": result.transferred.tolist(),
-            "beyond": [getattr(result, name)[place].tolist() for name, place in self._watched],
-            "settled": result.settled,
+            "beyond": [(getattr(result, name)[place] / settled).tolist() for name, place in self._watched],
         }
 
     def _summary(self, ends: Mapping[str, Any], k: int) -> RunSummary:
@@ -177,7 +178,7 @@ class _DriveBatch:
             )
             for c, corner in enumerate(corners)
         }
-        shares = self._setup.limits.shares([*(times[k] for times in ends["beyond"]), ends["settled"]])
+        shares = self._setup.limits.shares([*(several[k] for several in ends["beyond"]), 1.0])
         return RunSummary(
             share_beyond_fit=shares["share_beyond_fit"],
             share_tire_off=shares["share_tire_off"],
@@ -191,13 +192,11 @@ class _DriveBatch:
 
 
 class Batches:
-    """Batches of a study at one coupling step.
+    """Batches of a study at one step.
 
     Args:
         models: FMUs and scenarios of the study.
-        scheme: Coupling scheme.
-        step: Coupling step [s].
-        mode: EXACT or FAST.
+        step: Step [s].
 
     Attributes:
         left_out: Builds whose setups run through the FMUs, each with the reason.
@@ -206,17 +205,18 @@ class Batches:
         NotInBatchError: The study cannot run as a batch; the message is the reason.
     """
 
-    def __init__(self, models: Models, scheme: str, step: float, mode: str = EXACT) -> None:
+    def __init__(self, models: Models, step: float) -> None:
         self._study = study = models.study
         self._shocks, self.left_out = _shocks(models)
         self._wiring = _wiring(models)
-        fmus, vehicle = models.fmus, study.vehicle
-        car = read_car(fmus[str(vehicle.fmu)], vehicle.fmu, vehicle.parameters, len(study.corners))
+        fmus, own = models.fmus, study.vehicle
+        vehicle = read_vehicle(fmus[str(own.fmu)], own.fmu, own.parameters)
+        slopes = [shock.mean_slope(_USUAL_VELOCITY) for shock in self._shocks.values() if shock is not None]
+        damping = np.full(len(study.corners), float(np.mean(slopes)))
         try:
-            found = Library(compiled(car.sizes, fast=mode == FAST))
+            self._drives = {drive.name: _DriveBatch(models, drive, step, vehicle, damping) for drive in study.drives}
         except (FmuError, OSError) as error:
             raise NotInBatchError(str(error)) from error
-        self._drives = {drive.name: _DriveBatch(models, drive, scheme, step, car, found) for drive in study.drives}
 
     def for_shocks(self, models: Models) -> Batches | None:
         """Return batches of a study that differs only in its shocks, with the same library and memory.

@@ -20,11 +20,11 @@ from cosim.results.rules import LARGEST_ERROR
 from cosim.session.automatic import default_scheme
 from cosim.session.session import Session
 from cosim.study.above_band import AboveBand, above_band, band_ends
-from cosim.study.batch.reasons import NotInBatchError
+from cosim.study.machine.reasons import NotInBatchError
 from cosim.study.columns import DONE, FAILED, error_column
 from cosim.study.ports import bond_at, check_corners
 from cosim.study.result import StudyResult
-from cosim.study.running.batches import FAST, Batches, BatchRun, RunSummary
+from cosim.study.running.batches import Batches, BatchRun, RunSummary
 from cosim.study.running.drives import read_drive
 from cosim.study.running.error_model import ErrorModel
 from cosim.study.setup import Setup
@@ -52,15 +52,11 @@ class Coupling:
     errors: ErrorModel | None = None
     stated_error: float = 0.0  #: Largest coupling error of the setups on which the coupling was chosen [%].
     notes: tuple[str, ...] = ()  #: Description of the steps that were compared, and of how the setups are run.
-    #: `exact` or `fast` if setups are run in batches (cosim.study.running.batches); empty: through the FMUs.
-    batch: str = ""
-    #: Largest difference of a measure between batch and FMUs that was found, relative to the measure's scale; None if
-    #: none was compared.
-    batch_difference: float | None = None
-
-    def in_fast_batches(self) -> Coupling:
-        """Return the coupling with fast batches if it has batches: for values of which the last bits do not matter."""
-        return replace(self, batch=FAST) if self.batch else self
+    #: Step of the machine that runs the setups [s] (cosim.study.machine); None: they run through the FMUs.
+    machine_step: float | None = None
+    #: Largest difference of a measure between machine and FMUs that was found, in percent of its value; None if none
+    #: was compared.
+    machine_difference: float | None = None
 
     @classmethod
     def from_json(cls, found: object) -> Coupling:
@@ -94,8 +90,8 @@ class Evaluator:
         check_corners(study.corners, self._vehicle, vehicle.fmu)
         self._shocks: dict[tuple[str, Path], FmuComponent] = {}
         self._scenarios = {drive.name: self._scenario(drive) for drive in study.drives}
-        self._batches: dict[tuple[str, float, str], Batches | str] = {}
-        self._earlier: Mapping[tuple[str, float, str], Batches | str] = {}
+        self._batches: dict[float, Batches | str] = {}
+        self._earlier: Mapping[float, Batches | str] = {}
 
     def for_study(self, study: Study) -> Evaluator | None:
         """Return an evaluator of a study that differs only in its shocks, with the same instances; None if it does not.
@@ -163,7 +159,7 @@ class Evaluator:
 
         A setup that a batch does not finish regularly is run through the FMUs, which say why.
         """
-        batches = self.batches(coupling) if coupling.batch else None
+        batches = self.batches(coupling)
         if batches is None:
             return [self._row_alive(setup, coupling) for setup in setups]
         return [
@@ -172,26 +168,28 @@ class Evaluator:
         ]
 
     def batches(self, coupling: Coupling) -> Batches | None:
-        """Return the batches of the study at a coupling; None if it cannot run as a batch."""
+        """Return the batches of the study at a coupling; None if its setups run through the FMUs."""
         found = self._batches_or_reason(coupling)
         return None if isinstance(found, str) else found
 
     def batch_refusal(self, coupling: Coupling) -> str:
-        """Return why setups run through the FMUs although the coupling asks for batches; empty if they do not."""
-        found = self._batches_or_reason(coupling) if coupling.batch else ""
+        """Return why setups run through the FMUs although the coupling asks for the machine; empty if they do not."""
+        found = self._batches_or_reason(coupling)
         return found if isinstance(found, str) else ""
 
     def _batches_or_reason(self, coupling: Coupling) -> Batches | str:
-        key = (coupling.scheme, coupling.step, coupling.batch)
-        if key not in self._batches:
-            earlier = self._earlier.get(key)
+        step = coupling.machine_step
+        if step is None:
+            return ""
+        if step not in self._batches:
+            earlier = self._earlier.get(step)
             try:
-                self._batches[key] = (earlier.for_shocks(self) if isinstance(earlier, Batches) else None) or Batches(
-                    self, *key
-                )
+                self._batches[step] = (
+                    earlier.for_shocks(self) if isinstance(earlier, Batches) else None
+                ) or Batches(self, step)
             except (NotInBatchError, EightpostError) as reason:
-                self._batches[key] = str(reason) or type(reason).__name__
-        return self._batches[key]
+                self._batches[step] = str(reason) or type(reason).__name__
+        return self._batches[step]
 
     def _row_alive(self, setup: Setup, coupling: Coupling) -> Row:
         heartbeat()

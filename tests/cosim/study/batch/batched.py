@@ -10,11 +10,11 @@ import numpy as np
 from cosim.session.automatic import default_scheme
 from cosim.session.setup import Setup as SessionSetup
 from cosim.study import Build, Drive, Measure, Study, Vehicle
-from cosim.study.batch.batch import Batch, BatchResult
-from cosim.study.batch.car import read_car
-from cosim.study.batch.library import Library, compiled
-from cosim.study.batch.plan import Plan
-from cosim.study.batch.shocks import read_shock
+from cosim.study.machine.lanes import Batch, BatchResult
+from cosim.study.machine.car import read_car
+from cosim.study.machine.library import Library, compiled
+from cosim.study.machine.plan import Plan
+from cosim.study.machine.shocks import read_shock
 from cosim.study.running.evaluator import Coupling, Evaluator
 from cosim.study.setup import Setup
 from eightpost.corners import CORNERS

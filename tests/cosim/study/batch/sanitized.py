@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from cosim.study import Measure, Vehicle
-from cosim.study.batch import library
+from cosim.study.machine import library
 from cosim.study.running.batches import Batches
 from cosim.study.running.evaluator import Evaluator
 from eightpost.corners import CORNERS

@@ -10,7 +10,7 @@ import pytest
 from builder.build import build
 from cosim.components.fmu_component import FmuComponent
 from cosim.study import Build, Drive, Measure, Vehicle
-from cosim.study.batch.library import instruction_set
+from cosim.study.machine.library import instruction_set
 from eightpost.corners import CORNERS
 
 from .batched import (

@@ -28,7 +28,7 @@ def test_batches_cause_no_sanitizer_finding(fmus, tmp_path):
         "PYTHONPATH": str(ROOT),
         "EIGHTPOST_CACHE": str(tmp_path),
     }
-    module = "tests.cosim.study.batch.sanitized"
+    module = "tests.cosim.study.machine.sanitized"
     ran = subprocess.run(
         [sys.executable, "-m", module, str(folder), *options],
         cwd=ROOT,

@@ -1,4 +1,4 @@
-"""The library of a batch: compiled once per size of a vehicle and per processor, from the sources of the FMUs."""
+"""The library of a machine: compiled once per number of modes and corners and per processor, from sources of the FMUs."""
 
 from __future__ import annotations
 
@@ -23,10 +23,9 @@ from eightpost.errors import FmuError
 
 # ---- Sources --------------------------------------------------------------------------------------------------------
 
-_FLAGS = ("-std=gnu11", "-O3", "-w", "-shared", "-fPIC", "-fvisibility=hidden", "-fno-math-errno")
-
-#: Exact: the operations of the FMUs. Fast: fused multiply-add.
-_EXACT, _FAST = ("-ffp-contract=off",), ("-ffp-contract=fast", "-DEIGHTPOST_FAST")
+_FLAGS = (
+    "-std=gnu11", "-O3", "-w", "-shared", "-fPIC", "-fvisibility=hidden", "-fno-math-errno", "-ffp-contract=fast",
+)  # fmt: skip
 
 #: Compiler options of the instruction sets by the processor features that they need, widest first.
 _WIDTHS: Mapping[str, tuple[str, ...]] = {
@@ -37,15 +36,14 @@ _WIDTHS: Mapping[str, tuple[str, ...]] = {
 #: Processors of zig by instruction set.
 _ZIG = {"avx512dq": "x86_64_v4", "avx2": "x86_64_v3", "": "baseline"}
 
-#: Numbers of setups in a batch with gcc, which handles vectors badly that are wider than those of the processor.
+#: Numbers of setups in lanes with gcc, which handles vectors badly that are wider than those of the processor.
 _SETUPS_OF_GCC = {"avx512dq": 8, "avx2": 4, "": 2}
 
 #: Sources from the folders of the FMUs: name in the compiler's folder, and path in fmus/.
 _SHARED = {
     **{name: f"common/{name}" for name in ("curve.h", "elementary.c", "elementary.h", "fresh.h", "lag.h", "real.h",
                                            "shock.h")},
-    **{name: f"vehicle_ss/{name}" for name in ("advance.h", "factors.h", "modal.h", "phi.h", "port_forces.h",
-                                               "steady_state.h", "sub_steps.h")},
+    "friction.h": "vehicle_ss/friction.h",
     "hysteresis.c.inc": "shock_hysteresis/model.c",
 }  # fmt: skip
 
@@ -59,21 +57,21 @@ def source_folder() -> Path:
         FmuError: The folder does not exist; the installation is broken.
     """
     for folder in (_PACKAGE / "fmus", _PACKAGE / "builder" / "fmus"):
-        if (folder / "batch" / "march.c").is_file():
+        if (folder / "machine" / "machine.c").is_file():
             return folder
     raise FmuError(f"there is no fmus/ folder in {_PACKAGE}; reinstall eightpost")
 
 
 @cache
 def sources() -> Mapping[str, bytes]:
-    """Return the sources of a batch by file name, without the sizes of a vehicle."""
+    """Return the sources of a machine by file name, without the size of a car."""
     folder = source_folder()
-    own = {path.name: path.read_bytes() for path in sorted((folder / "batch").iterdir()) if path.suffix in (".c", ".h")}
+    own = {path.name: path.read_bytes() for path in sorted((folder / "machine").iterdir()) if path.suffix in (".c", ".h")}
     return {name: (folder / path).read_bytes() for name, path in _SHARED.items()} | own
 
 
 def instruction_set() -> str:
-    """Return the widest instruction set of this processor that a batch uses; empty: that of every processor."""
+    """Return the widest instruction set of this processor that a machine uses; empty: that of every processor."""
     features = description()[2].split(",")
     return next((name for name in _WIDTHS if f"+{name}" in features), "")
 
@@ -81,21 +79,22 @@ def instruction_set() -> str:
 # ---- Compilation ----------------------------------------------------------------------------------------------------
 
 
-def compiled(sizes: str, *, fast: bool = False, width: str | None = None) -> bytes:
-    """Return the library for the sizes of a vehicle, from the cache or from the compiler.
+def compiled(pairs: int, corners: int, *, sweeps: int = 2, width: str | None = None) -> bytes:
+    """Return the library for the size of a car, from the cache or from the compiler.
 
     Args:
-        sizes: Content of sizes.h.
-        fast: Whether operations may be fused, which changes the last bits.
+        pairs: Number of modes.
+        corners: Number of shocks.
+        sweeps: Number of times that the ports are evaluated in a step.
         width: Instruction set; None: the widest of this processor.
 
     Raises:
         FmuError: There is no compiler, or it fails.
     """
-    files = {**sources(), "sizes.h": sizes.encode()}
+    files = {**sources(), "sizes.h": f"enum {{ PAIRS = {pairs}, CORNERS = {corners} }};\n".encode()}
     chosen = instruction_set() if width is None else width
     compiler = _compiler()
-    options = [*_FLAGS, *(_FAST if fast else _EXACT), *_WIDTHS.get(chosen, ())]
+    options = [*_FLAGS, f"-DSWEEPS={sweeps}", *_WIDTHS.get(chosen, ())]
     if _is_gcc(compiler[0]):
         options.append(f"-DEIGHTPOST_SETUPS={_SETUPS_OF_GCC[chosen]}")
     else:
@@ -103,10 +102,10 @@ def compiled(sizes: str, *, fast: bool = False, width: str | None = None) -> byt
     if "ziglang" in compiler:  # which compiles for this processor, and checks, if it is not told otherwise
         options += ["-fno-sanitize=undefined", f"-mcpu={_ZIG[chosen]}"]
     key = _key(files, [*compiler, *options])
-    library = recall("batch", key)
+    library = recall("machine", key)
     if library is None:
         library = _compile(files, compiler, options)
-        keep("batch", key, library)
+        keep("machine", key, library)
     return library
 
 
@@ -138,11 +137,11 @@ def _key(files: Mapping[str, bytes], command: Sequence[str]) -> str:
 
 
 def _compile(files: Mapping[str, bytes], compiler: Sequence[str], options: Sequence[str]) -> bytes:
-    with tempfile.TemporaryDirectory(prefix="batch_") as name:
+    with tempfile.TemporaryDirectory(prefix="machine_") as name:
         folder = Path(name)
         for file, content in files.items():
             (folder / file).write_bytes(content)
-        product = folder / "batch.so"
+        product = folder / "machine.so"
         units = sorted(file for file in files if file.endswith(".c"))
         ran = subprocess.run(
             [*compiler, *options, "-I.", *units, "-o", str(product)],
@@ -150,11 +149,11 @@ def _compile(files: Mapping[str, bytes], compiler: Sequence[str], options: Seque
         )  # fmt: skip
         if ran.returncode != 0 or not product.is_file():
             lines = [line for line in (ran.stderr + ran.stdout).splitlines() if "error" in line.lower()]
-            raise FmuError(f"the batch library does not compile with {Path(compiler[0]).name}: {(lines or ['?'])[0]}")
+            raise FmuError(f"the machine does not compile with {Path(compiler[0]).name}: {(lines or ['?'])[0]}")
         return product.read_bytes()
 
 
-# ---- Structures of fmus/batch/batch.h -------------------------------------------------------------------------------
+# ---- Structures of fmus/machine/machine.h ---------------------------------------------------------------------------
 
 _INT, _LONG, _REAL, _POINTER = ctypes.c_int, ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
 
@@ -168,21 +167,19 @@ Quantity = _structure(
     "Quantity", first=_INT, count=_INT, is_product=_INT, begin=_INT, end=_INT, has_limits=_INT, low=_REAL, high=_REAL
 )
 Filter = _structure("Filter", rows=_POINTER, rest=_POINTER, sections=_LONG, pad=_LONG)
-Input = _structure("Input", constant=_REAL, factor=_REAL, offset=_REAL, corner=_INT, channel=_INT)
 Limit = _structure("Limit", sign=_REAL, limit=_REAL, output=_INT)
-_RUN_POINTERS = (
-    "car", "inputs", "velocity_output", "displacement_output", "times", "steps", "recorded", "begins", "drive_times",
-    "samples", "starts", "first_drive", "recorded_channels", "quantities", "terms", "weights", "limits",
-    "series_channels",
+_POINTERS = (
+    "car", "velocities", "travels", "outputs", "output_rows", "direct", "channels", "quantities", "terms", "weights",
+    "limits", "series",
 )  # fmt: skip
-_RUN_COUNTS = (
-    "steps_count", "drive_channels", "follows", "channel_count", "quantity_count", "limit_count", "series_count",
+_COUNTS = (
+    "steps", "every", "settling", "at_rest", "output_count", "channel_count", "quantity_count", "limit_count",
+    "series_count",
 )  # fmt: skip
-Run = _structure("Run", **dict.fromkeys(_RUN_POINTERS, _POINTER), settling=_REAL, **dict.fromkeys(_RUN_COUNTS, _LONG))
+Run = _structure("Run", **dict.fromkeys(_POINTERS, _POINTER), step=_REAL, **dict.fromkeys(_COUNTS, _LONG))
 #: Names of the arrays of Sums, in their order.
 SUMS = (
-    "residual", "transferred", "defect", "total", "squares", "beyond", "watched", "statistics", "series", "ended",
-    "sweeps", "duration", "settled", "rows",
+    "transferred", "residual", "defect", "total", "squares", "beyond", "watched", "statistics", "values", "ended",
 )  # fmt: skip
 Sums = _structure("Sums", **dict.fromkeys(SUMS, _POINTER))
 
@@ -195,19 +192,19 @@ class Library:
     """
 
     def __init__(self, content: bytes) -> None:
-        with tempfile.TemporaryDirectory(prefix="batch_", ignore_cleanup_errors=True) as folder:
-            path = Path(folder) / "batch.so"
+        with tempfile.TemporaryDirectory(prefix="machine_", ignore_cleanup_errors=True) as folder:
+            path = Path(folder) / "machine.so"
             path.write_bytes(content)
             self._library = ctypes.CDLL(str(path))
-        for name in ("size_of_batch", "number_of_parameters", "number_of_setups", "size_of_car"):
+        for name in ("size_of_march", "number_of_parameters", "number_of_setups", "size_of_car"):
             getattr(self._library, name).restype = ctypes.c_int64
-        self.size = int(self._library.size_of_batch())
+        self.size = int(self._library.size_of_march())
         self.parameters = int(self._library.number_of_parameters())
         self.setups = int(self._library.number_of_setups())
         self.size_of_car = int(self._library.size_of_car())
 
     def filter(self, given: Any, series: int, columns: int, column: int, count: int, space: int) -> None:
-        """Filter a column of a batch's series; the arguments are those of filter_series in fmus/batch/filter.c."""
+        """Filter a column of the series; the arguments are those of filter_series in fmus/machine/filter.c."""
         function = self._library.filter_series
         function.restype, function.argtypes = None, [_POINTER, _POINTER, _LONG, _LONG, _LONG, _POINTER]
         function(ctypes.addressof(given), series, columns, column, count, space)
@@ -218,8 +215,14 @@ class Library:
         function.restype, function.argtypes = None, [_POINTER] * 4
         function(ctypes.addressof(quantity), columns, weights, statistics)
 
+    def accumulate(self, first: Any, factors: Any, kinds: Any, loads: Any) -> None:
+        """Replace the loads of complex modes by their states; the arguments are those of fmus/machine/drive.c."""
+        function = self._library.accumulate
+        function.restype, function.argtypes = None, [_POINTER, _POINTER, _POINTER, _LONG, _POINTER]
+        function(first.ctypes.data, factors.ctypes.data, kinds.ctypes.data, len(kinds), loads.ctypes.data)
+
     def run(self, run: Any, parameters: int, laws: int, space: int, sums: Any) -> None:
-        """Run a batch; the arguments are addresses and structures of fmus/batch/batch.h."""
-        function = self._library.run_batch
+        """Run several setups; the arguments are addresses and structures of fmus/machine/machine.h."""
+        function = self._library.run_machine
         function.restype, function.argtypes = None, [_POINTER] * 5
         function(ctypes.addressof(run), parameters, laws, space, ctypes.addressof(sums))

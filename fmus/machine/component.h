@@ -1,4 +1,4 @@
-/* In place of common/component.h: the parameters of a shock with any law. Python fills them in this order (cosim/study/batch). */
+/* In place of common/component.h: the parameters of a shock with any law. Python fills them in this order (cosim/study/machine). */
 #ifndef EIGHTPOST_COMPONENT_H
 #define EIGHTPOST_COMPONENT_H
 
@@ -19,9 +19,13 @@ typedef struct {
     real curve_knot_velocity[25], curve_knot_force[25], curve_knot_slope[25];
     real time_constant, lag_full_force, lag_zero_force; /* the limits also distinguish laws without and with lag only */
     real time_constants[3], stop_stiffness, stop_yield, stop_time, curve_lagged_slope[25]; /* of Hysteresis */
+    /* from here on derived from the numbers above (port.c) */
+    real per_curve_transition_speed, per_curve_transition_width, per_lag_range;
+    real growth[2]; /* ln of the ratio of tau at high speed to that at rest: rebound, compression */
 } Parameters;
 
-enum { PARAMETERS = sizeof(Parameters) / sizeof(real) };
+/* Those that Python fills. */
+enum { PARAMETERS = offsetof(Parameters, per_curve_transition_speed) / sizeof(real) };
 
 /* Signals of a port, which only functions for model exchange use. */
 typedef struct {

@@ -1,7 +1,7 @@
 /* The band-pass of cosim/study/statistics.py for several setups at once: second-order sections, forward and backward. */
 #include "lanes.h"
 
-#include "batch.h"
+#include "machine.h"
 
 enum { MOST_SECTIONS = 16 };
 

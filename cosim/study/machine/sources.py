@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from cosim.components.fmu_component import FmuComponent
-from cosim.study.batch.reasons import NotInBatchError
+from cosim.study.machine.reasons import NotInBatchError
 from eightpost.array_types import Array, Integers
 
 _KIND = re.compile(r"/\* (\w+) [\d.]+: generated from interface\.toml")

@@ -1,4 +1,4 @@
-"""Runs of setups in batches, one setup per lane."""
+"""Runs of several setups at once, one in each lane."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.study.batch import library
-from cosim.study.batch.library import Library
-from cosim.study.batch.plan import Plan, Quantity
-from cosim.study.batch.shocks import ShockData
+from cosim.study.machine import library
+from cosim.study.machine.library import Library
+from cosim.study.machine.plan import Plan, Quantity
+from cosim.study.machine.shocks import ShockData
 from cosim.study.statistics import Sections
 from eightpost.array_types import Array, Integers
 
-#: Names of the statistics of a quantity, in the order of fmus/batch/batch.h.
+#: Names of the statistics of a quantity, in the order of fmus/machine/machine.h.
 STATISTICS = ("shift", "sum", "squares", "least", "largest", "inside", "first", "last")
 
 
@@ -25,39 +25,33 @@ STATISTICS = ("shift", "sum", "squares", "least", "largest", "inside", "first", 
 class BatchResult:
     """Sums of one batch of n setups. C corners, W limits, Q quantities, S channels, R rows."""
 
-    residual: Array  #: Energy that the coupling added at each corner [J] (C, n).
-    transferred: Array  #: Energy through each bond [J] (C, n).
-    defect: Array  #: Squared differences of assumed and actual velocities and forces, over time (2, C, n).
-    total: Array  #: Velocities and forces over time (2, C, n).
-    squares: Array  #: Squares of velocities and forces over time (2, C, n).
-    beyond: Array  #: Time beyond the fit of each shock [s] (C, n).
-    watched: Array  #: Time beyond each limit [s] (W, n).
+    transferred: Array  #: Work through each bond, without its sign [J] (C, n).
+    residual: Array  #: Work that the coupling added at each corner [J] (C, n).
+    defect: Array  #: Squared defects of velocities and forces, over the steps (2, C, n).
+    total: Array  #: Velocities and forces, over the steps (2, C, n).
+    squares: Array  #: Squares of velocities and forces, over the steps (2, C, n).
+    beyond: Array  #: Records beyond the fit of each shock (C, n).
+    watched: Array  #: Records beyond each limit (W, n).
     statistics: Array  #: Statistics of each quantity (Q, 8, n).
-    series: Array  #: Recorded channels (R, S, n).
+    values: Array  #: Recorded channels (R, S, n).
     ended: Integers  #: Step at which a setup was retired; -1 for none (n,).
-    sweeps: Integers  #: Number of evaluations of the equilibrium start (n,).
-    duration: float  #: Duration of the run [s].
-    settled: float  #: Duration of the part after settling [s].
 
     def kept(self, statistics: Sequence[Array]) -> BatchResult:
         """Return a copy that the next run does not overwrite, without series and with further statistics."""
         arrays = {name: array.copy() for name, array in self._arrays().items()}
-        more = {"statistics": np.array([*self.statistics, *statistics]), "series": self.series[:0].copy()}
+        more = {"statistics": np.array([*self.statistics, *statistics]), "values": self.values[:0].copy()}
         return replace(self, **(arrays | more))
 
     def _arrays(self) -> dict[str, Array]:
         values = {f.name: getattr(self, f.name) for f in fields(self)}
-        return {name: value for name, value in values.items() if isinstance(value, np.ndarray) and name != "series"}
+        return {name: value for name, value in values.items() if isinstance(value, np.ndarray) and name != "values"}
 
 
 def joined(results: Sequence[BatchResult]) -> BatchResult:
-    """Return the sums of several batches of a plan as those of one, without series.
-
-    A batch ends early if none of its setups goes on, so the duration is that of the longest one.
-    """
+    """Return the sums of several batches of a plan as those of one, without series."""
     arrays = [result._arrays() for result in results]
     together: dict[str, Any] = {name: np.concatenate([own[name] for own in arrays], axis=-1) for name in arrays[0]}
-    return replace(max(results, key=lambda one: one.duration), **together)
+    return replace(results[0], **together)
 
 
 class Batch:
@@ -75,19 +69,18 @@ class Batch:
         self._parameters = _aligned(corners * found.parameters * self.lanes)
         self._laws = np.zeros((corners, self.lanes), np.int64)
         shapes: Mapping[str, tuple[int, ...]] = {
-            "residual": (corners,),
             "transferred": (corners,),
+            "residual": (corners,),
             "defect": (2, corners),
             "total": (2, corners),
             "squares": (2, corners),
             "beyond": (corners,),
             "watched": (len(plan.limits),),
             "statistics": (len(plan.quantities), len(STATISTICS)),
-            "series": (plan.rows.size, len(plan.series)),
+            "values": (plan.rows.size, len(plan.series)),
         }
         self._sums = {name: _aligned_lanes(shape, self.lanes) for name, shape in shapes.items()}
-        self._ended, self._sweeps = np.zeros(self.lanes, np.int64), np.zeros(self.lanes, np.int64)
-        self._times, self._rows = np.zeros(2), np.zeros(1, np.int64)
+        self._ended = np.zeros(self.lanes, np.int64)
         self._filtered: dict[tuple[str, Sections], Array] = {}
 
     def filtered(self, name: str, sections: Sections) -> Array:
@@ -97,7 +90,7 @@ class Batch:
         """
         rows, rest = np.ascontiguousarray(sections.rows), np.ascontiguousarray(sections.rest)
         given = library.Filter(rows.ctypes.data, rest.ctypes.data, len(rows), sections.pad)
-        series, count = self._sums["series"], self._plan.rows.size
+        series, count = self._sums["values"], self._plan.rows.size
         if (name, sections) not in self._filtered:
             self._filtered[name, sections] = _aligned_lanes((count + 2 * sections.pad,), self.lanes)
         space = self._filtered[name, sections]
@@ -125,22 +118,11 @@ class Batch:
             for corner, shock in enumerate(shocks):
                 parameters[corner, :, lane] = shock.parameters
                 self._laws[corner, lane] = shock.law
-        sums = library.Sums(
-            **{name: array.ctypes.data for name, array in self._sums.items()},
-            ended=self._ended.ctypes.data,
-            sweeps=self._sweeps.ctypes.data,
-            duration=self._times.ctypes.data,
-            settled=self._times.ctypes.data + ctypes.sizeof(ctypes.c_double),
-            rows=self._rows.ctypes.data,
-        )
+        addresses = {name: array.ctypes.data for name, array in self._sums.items()}
+        sums = library.Sums(**addresses, ended=self._ended.ctypes.data)
         self._library.run(self._plan.run, parameters.ctypes.data, self._laws.ctypes.data, self._space.ctypes.data, sums)
-        return BatchResult(
-            **{name: array[..., :count] for name, array in self._sums.items()},
-            ended=self._ended[:count],
-            sweeps=self._sweeps[:count],
-            duration=float(self._times[0]),
-            settled=float(self._times[1]),
-        )
+        own = {name: array[..., :count] for name, array in self._sums.items()}
+        return BatchResult(**own, ended=self._ended[:count])
 
 
 def _aligned(count: int) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cosim.study.batch.plan import Quantity
+from cosim.study.machine.plan import Quantity
 from cosim.study.measures import Measure
 from cosim.study.statistics import Sections, sections_of
 from eightpost.array_types import Array
@@ -79,7 +79,7 @@ _WITH_LIMITS = ("peak", "range", "maximum", "minimum", "share")
 #: A channel and the band to which it is filtered [Hz].
 ChannelBand = tuple[str, tuple[float, float]]
 
-#: Largest number of sections of a filter of fmus/batch/filter.c.
+#: Largest number of sections of a filter of fmus/machine/filter.c.
 _MOST_SECTIONS = 16
 
 

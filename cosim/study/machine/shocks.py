@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 
 from cosim.components.fmu_component import FmuComponent
-from cosim.study.batch.reasons import NotInBatchError
-from cosim.study.batch.sources import Sources
+from cosim.study.machine.reasons import NotInBatchError
+from cosim.study.machine.sources import Sources
 from cosim.study.study import Parameters
 from eightpost.array_types import Array
 
-#: Laws of fmus/batch/port.h by interface.
+#: Laws of fmus/machine/port.h by interface.
 _LAWS = {"shock_polylinear": 0, "shock_lpf1": 1, "shock_lpnl2": 1, "shock_hysteresis": 2}
 
 #: Limits of the lagged force with which the weight of the lag is always 0, or always 1 [N].
 _NO_LAG, _ONLY_LAG = (-2.0, -1.0), (0.0, 1e300)
 
-#: Parameters in the order of fmus/batch/component.h, with their number; the last ones are those of single laws.
+#: Parameters in the order of fmus/machine/component.h, with their number; the last ones are those of single laws.
 _COMMON = {
     "motion_ratio": 1, "compression_scale": 1, "rebound_scale": 1, "gas_stiffness": 1, "gas_preload": 1,
     "seal_friction": 1, "friction_velocity": 1, "curve.transition_speed": 1, "curve.transition_width": 1,
@@ -34,8 +34,20 @@ _HYSTERESIS = {"time_constant": 3, "stop_stiffness": 1, "stop_yield": 1, "stop_t
 class ShockData:
     """A shock of a batch."""
 
-    law: int  #: Number of its law in fmus/batch/port.h.
-    parameters: Array  #: Parameters in the order of fmus/batch/component.h (P,).
+    law: int  #: Number of its law in fmus/machine/port.h.
+    parameters: Array  #: Parameters in the order of fmus/machine/component.h (P,).
+
+    def mean_slope(self, velocity: float) -> float:
+        """Return about the mean slope of the static curve at the port, up to a velocity [N.s/m]."""
+        own = dict(zip(_COMMON, np.split(self.parameters, np.cumsum([*_COMMON.values()])), strict=False))
+        ratio, speed = own["motion_ratio"].item(), own["curve.transition_speed"].item()
+        v = ratio * velocity
+        if own["curve.knot_velocity"][-1] > 0.0:
+            force = np.interp([-v, v], own["curve.knot_velocity"], own["curve.knot_force"])
+        else:
+            force = np.polyval([*own["curve.inner"][::-1], 0.0], np.clip([-v / speed, v / speed], -1.0, 1.0))
+        scaled = own["compression_scale"] * force[1] - own["rebound_scale"] * force[0]
+        return float(ratio * scaled.item() / (2.0 * velocity))
 
 
 def read_shock(component: FmuComponent, path: Path, given: Parameters) -> ShockData:
