@@ -46,7 +46,6 @@ from cosim.study.result import StudyResult
 from cosim.study.study import Build, Drive, Study, Vehicle
 from eightpost.corners import CORNERS
 from eightpost.errors import StepError
-from eightpost.ident.vehicle.model_form import ModelForm
 from eightpost.measure_uncertainty import TOTAL, MeasureUncertainty
 from eightpost.model_uncertainty import ModelUncertainty
 from eightpost.rig import BUILDS
@@ -136,7 +135,7 @@ def study_of(levels: Levels, uncertainties: dict[str, MeasureUncertainty]) -> St
 
 def add_truth(one: Outcome, levels: Levels, before: Tally, after: Tally) -> None:
     """Add the studies of one truth, each measure once as the criterion."""
-    result = study_of(levels, stated(one, ModelForm()))
+    result = study_of(levels, stated(one))
     noise = {name: NOISE * float(np.mean(column)) for name, column in zip(levels.names, levels.true.T, strict=True)}
     sources = error_sources(result, levels.effects, noise)
     prior = Posterior(sources, Observations.none())

@@ -32,7 +32,6 @@ import numpy as np
 from benchmarks.identification import markdown
 from benchmarks.identification_cases import truths_of
 from benchmarks.identification_measures import SETTLING, TOTAL
-from benchmarks.vehicle_uncertainty import parts
 from benchmarks.vehicle_uncertainty_truths import KINDS, REPORT, Outcome, outcome, truth
 from builder.build import build
 from builder.native.platforms import this_platform
@@ -46,7 +45,6 @@ from eightpost.app.shape_request import Request
 from eightpost.app.shape_search import Curves, find_curves
 from eightpost.corners import CORNERS
 from eightpost.ident.vehicle.fit_validity import with_validity
-from eightpost.ident.vehicle.model_form import ModelForm
 from eightpost.rig.damper.valves import SHIM_SETS
 from eightpost.rig.damper.valving import JETS, Valving
 from eightpost.rig.post import Actuators, track_drive
@@ -178,11 +176,7 @@ def shape_of(valving: Valving) -> Shape:
 
 def _study(one: Outcome, lap: TimeSeries, shapes: dict[str, Shape], folder: Path, any_shock: Path) -> Study:
     """Return the study of the identified car, which states its uncertainty as shipped."""
-    trust = one.fit.trust
-    assert trust is not None
-    form = ModelForm()
-    stated = {name: form.of_residual(p.inside, p.above, p.share, p.noise) for name, p in parts(one).items()}
-    fit = with_validity(replace(one.fit, trust=replace(trust, measures=stated)))
+    fit = with_validity(one.fit)
     write_vehicle(folder / "car.json", fit.vehicle)
     write_parquet(lap, folder / "lap.parquet", note="SYNTHETIC lap")
     car, shock = build([folder / "car.json", any_shock], folder / "fmus")

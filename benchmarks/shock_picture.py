@@ -9,9 +9,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter, ScalarFormatter
 
+from benchmarks.printed_shocks import CONFIGURATIONS
 from benchmarks.shock_rows import Result
 from benchmarks.shock_tables import virtual
-from eightpost.ident.validation.printed import CONFIGURATIONS
 from eightpost.shock import law_title
 
 #: Colours of Okabe and Ito, which colour-blind readers can distinguish.

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.printed_shocks import CONFIGURATIONS, TABLE_3_4, TABLE_3_4_CONFIGURATION, printed_configuration
 from benchmarks.shock_records import LAWS
 from benchmarks.shock_rows import FailedFit, FitErrors, Result
 from benchmarks.table import number
-from eightpost.ident.validation.printed import CONFIGURATIONS, TABLE_3_4, TABLE_3_4_CONFIGURATION, printed_configuration
 from eightpost.shock import law_title
 from eightpost.units import convert
 
@@ -155,7 +155,7 @@ def summary(errors: Sequence[Errors]) -> Iterator[str]:
         )
 
 
-def less(errors: dict[str, float], law: str) -> float | None:
+def less(errors: Mapping[str, float], law: str) -> float | None:
     """Return the reduction of a law's error relative to the static law [%]; None for the static law itself."""
     if law == "polylinear" or not {law, "polylinear"} <= set(errors):
         return None

@@ -18,13 +18,11 @@ import numpy as np
 from benchmarks.identification_cases import truths_of
 from benchmarks.identification_measures import QUANTITIES, SETTLING, TOTAL, measures_of
 from benchmarks.identification_shocks import bank, close_bank
-from cosim.study.above_band import power_above
+from cosim.study.above_band import shares_of
 from eightpost.errors import StepError
 from eightpost.ident.preparation import Preparation, prepare
 from eightpost.ident.vehicle.experiment import Experiment, experiment_of, find_baseline
-from eightpost.ident.vehicle.friction_search import FrictionSearch
 from eightpost.ident.vehicle.many_setups import ManySetups
-from eightpost.ident.vehicle.model_form import ModelForm, Shares
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
 from eightpost.rig import BUILDS
 from eightpost.rig.post import (
@@ -56,8 +54,8 @@ if TYPE_CHECKING:
 Kind = Literal["stand-in", "flexible"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
-#: Seeds with which settings were chosen, and seeds of the reported results.
-TUNING, REPORT = tuple(range(1, 4)), tuple(range(1000, 1010))
+#: Seeds of the reported results.
+REPORT = tuple(range(1000, 1010))
 
 #: Durations of a rig test and of the lap [s]; relative noise of every channel [1]; dampers of the tests [N.s/m].
 TEST, LAP, NOISE = 80.0, 18.0, 0.01
@@ -65,16 +63,6 @@ BASELINE, ALTERNATE = convert(20.74, "lbf.s/in", "N.s/m"), convert(9.0, "lbf.s/i
 
 #: Numbers of setups from the builds of Table 7.3 and from similar laws.
 WIDE, CLOSE = 8, 6
-
-#: Settings with which the parts of an uncertainty are the residuals in and above the model's band.
-RESIDUALS = ModelForm(inside=Shares(1.0, 0.0), above=Shares(0.0, 1.0), noise=Shares(0.0, 0.0), least=Shares(0.0, 0.0))
-
-#: Recipes by name. The poorer one has friction that creeps, linear springs and a band to 16 Hz, so that both kinds of
-#: cars have errors of the model's form in the tuning.
-RECIPES = {
-    "shipped": CommonPoles(model_form=RESIDUALS),
-    "poorer": CommonPoles(model_form=RESIDUALS, band=None, friction=FrictionSearch().creeping, springs=None),
-}
 
 #: Outputs are kept at every fifth sample of 1250 Hz.
 _EVERY, _RATE = 5, 1250.0
@@ -88,12 +76,12 @@ class Outcome:
     seed: int  #: Seed of its parameters, drive, noise, lap and setups.
     records: tuple[TimeSeries, ...]  #: Prepared records of the tests.
     experiment: Experiment  #: Experiment of the identification.
-    fit: VehicleFit  #: Identified vehicle with `RESIDUALS` as the uncertainty of its measures.
+    fit: VehicleFit  #: Identified vehicle.
     #: Bank indices (S, 4) of the shocks; the builds of Table 7.3, then similar laws.
     setups: tuple[tuple[int, ...], ...]
     true: list[dict[str, float]]  #: True measures of each setup.
     predicted: list[dict[str, float]]  #: Predicted measures of each setup; empty if a setup cannot be simulated.
-    shares: dict[str, float]  #: Share of the predicted power above the model's band, of the first setup, by measure.
+    shares: dict[str, Array]  #: Shares of the predicted power in the bands, of the first setup, by measure.
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -114,28 +102,27 @@ class Outcome:
         return np.asarray(np.log([[row[name] for name in self.names] for row in rows]))
 
 
-def outcome(kind: Kind, seed: int, folder: Path | None = None, recipe: str = "shipped") -> Outcome:
-    """Identify a truth by one of `RECIPES`, or read it from a folder where it was kept."""
-    name = f"{kind}_{seed}" if recipe == "shipped" else f"{kind}_{seed}_{recipe}"
-    kept = None if folder is None else folder / f"{name}.pickle"
+def outcome(kind: Kind, seed: int, folder: Path | None = None) -> Outcome:
+    """Identify a truth, or read it from a folder where it was kept."""
+    kept = None if folder is None else folder / f"{kind}_{seed}.pickle"
     if kept is not None and kept.exists():
         found: Outcome = pickle.loads(kept.read_bytes())
         return found
-    made = _identified(kind, seed, RECIPES[recipe])
+    made = _identified(kind, seed)
     if kept is not None:
         kept.parent.mkdir(parents=True, exist_ok=True)
         kept.write_bytes(pickle.dumps(made))
     return made
 
 
-def _identified(kind: Kind, seed: int, recipe: CommonPoles) -> Outcome:
+def _identified(kind: Kind, seed: int) -> Outcome:
     car, laws = truth(kind, seed), (*bank(), *close_bank())
     prepared = prepare(rig_tests(car, seed), Preparation())
     baseline = find_baseline(prepared.records, prepared.corners, test=0)
     experiment = experiment_of(prepared.channels, baseline.damping, name=f"{kind}_{seed}")
     experiment = replace(experiment, means=prepared.means[0])
     experiment = experiment.of(*[n for n in experiment.outputs if n.endswith((*QUANTITIES, "displacement"))])
-    fit = recipe.identify(prepared.records, experiment)
+    fit = CommonPoles().identify(prepared.records, experiment)
     lap = Actuators().follow(track_drive(car, 40000 + seed, duration=LAP).series, car)
     setups = draw_setups(seed, len(bank()), len(close_bank()))
     true = list(truths_of(car, lap, [tuple(laws[i] for i in setup) for setup in setups]))
@@ -145,8 +132,8 @@ def _identified(kind: Kind, seed: int, recipe: CommonPoles) -> Outcome:
 
 def predictions(
     fit: VehicleFit, lap: TimeSeries, setups: Sequence[Sequence[int]]
-) -> tuple[list[dict[str, float]], dict[str, float]]:
-    """Return the predicted measures of setups, and the shares of the first setup's power above the model's band.
+) -> tuple[list[dict[str, float]], dict[str, Array]]:
+    """Return the predicted measures of setups, and the shares of the first setup's power in the bands.
 
     Both are empty if a setup cannot be simulated.
     """
@@ -158,8 +145,7 @@ def predictions(
     measures = [measures_of(names, y, rate) for y in outputs]
     rows = dict(zip(names, outputs[0][:, round(SETTLING * rate) :], strict=True))
     rows[TOTAL] = np.sum([row for name, row in rows.items() if name.endswith("tire_force")], axis=0)
-    high = fit.ranges["frequency"][1]
-    return measures, {name: power_above(rows[name][None], rate, high) for name in measures[0]}
+    return measures, {name: shares_of(rows[name][None], rate) for name in measures[0]}
 
 
 def truth(kind: Kind, seed: int) -> AnyCar:

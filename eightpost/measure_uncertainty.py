@@ -1,14 +1,14 @@
 """Uncertainty of a response measure of an identified vehicle: what all setups share, and what belongs to one setup.
 
-A study reads `MeasureUncertainty` of every measure from its car, and draws possible errors of all its setups with
-`SetupErrors` (docs/explanation/vehicle_uncertainty.md).
+A study reads `MeasureUncertainty` of every measure from its car (docs/explanation/vehicle_uncertainty.md).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -27,46 +27,85 @@ _FREQUENCIES = 32
 #: Measure of the sum of the tire forces of all wheels.
 TOTAL = "total_tire_force"
 
+#: Limits between the bands by which spectra are compared [Hz].
+LIMITS = (0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 17.0, 23.0, 30.0)
+
+#: Share of power that a band without any counts as having [1].
+_EMPTY = 0.005
+
+#: Scales of the common and of the own error on a drive at `drive_distance` 1 of the records, relative to the spread of
+#: their errors over the bands, and per share of the drive's power above all bands that are not empty in the records:
+#: the error there is as large as the output (docs/explanation/vehicle_uncertainty.md).
+_BEYOND, _BEYOND_OWN, _UNSEEN = 1.6, 1.5, 0.5
+
+#: Number of standard deviations from which predictions are corrected by a common error.
+_SIGNIFICANT = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredLevel:
+    """Error of a predicted RMS that records with one drive show."""
+
+    error: float  #: ln(predicted / measured), mean over the records [1].
+    deviation: float  #: Standard deviation of this mean as the common error of all setups on that drive [1].
+    spread: float  #: Standard deviation of the error over the bands, weighted by power, partly that of all measures.
+    shares: tuple[float, ...]  #: Shares of the measured power in the bands (`len(LIMITS) + 1`).
+
 
 @dataclass(frozen=True, slots=True)
 class MeasureUncertainty:
     """Uncertainty of the RMS of an output on a drive, for setups that the vehicle was not tested with.
 
-        ln(predicted / true) = common + own(setup)
+        ln(predicted / true) = bias + common + own(setup)
 
-    All setups on one drive share the common error, so it says nothing on which of them is better. The own errors of two
-    setups differ the more, the more the setups differ: the scale of the difference is `own` times their `separation`.
-    Errors have Student's t distribution with `DEGREES` degrees of freedom.
+    All setups on one drive share bias and common error, so they say nothing on which of them is better. The own errors
+    of two setups differ the more, the more the setups differ: the scale of the difference is `own` times their
+    `separation`. Errors have Student's t distribution with `DEGREES` degrees of freedom.
 
-    Both scales contain the error of the part of the output above the band of the model, for the share of the output's
-    power that the tests have there. `at_share` returns the uncertainty for another share.
+    `common`, `own` and `bias` are for the drive of the tests; `on_drive` returns the uncertainty on another one.
     """
 
     common: float  #: Scale of the relative error that all setups share [1].
-    own: float  #: Scale of the relative error between two setups per unit of their distance [1].
-    common_above: float = 0.0  #: Part of `common` from above the band, per square root of the share of power there [1].
-    own_above: float = 0.0  #: Part of `own` from above the band, per square root of the share of power there [1].
-    share_above: float = 0.0  #: Share of the output's power above the band that `common` and `own` are for [1].
+    own: float  #: Scale of the relative error between two setups per unit of their separation [1].
+    bias: float = 0.0  #: Common error by which predictions are corrected [1].
+    levels: tuple[MeasuredLevel, ...] = ()  #: Measured errors; empty in files of earlier versions.
+    #: Entries of a file of an earlier version that this one does not use; the digest of the file covers them.
+    earlier: tuple[tuple[str, float], ...] = field(default=(), compare=False)
 
-    def at_share(self, share: float) -> MeasureUncertainty:
-        """Return the uncertainty of a measure with another share of its power above the band.
+    def to_json(self) -> dict[str, Any]:
+        """Return the uncertainty as a JSON document, as the version wrote it that found it."""
+        own = asdict(self)
+        del own["earlier"]
+        if self.earlier:
+            own = {"common": self.common, "own": self.own, **dict(self.earlier)}
+        return own
 
-            common^2 = common_in_band^2 + common_above^2 share
+    @classmethod
+    def of_levels(cls, levels: Sequence[MeasuredLevel], own: float) -> MeasureUncertainty:
+        """Return the uncertainty that measured errors show, for the drive of the first of them, that of the tests."""
+        found = cls(0.0, own, 0.0, tuple(levels))
+        return replace(found.on_drive(levels[0].shares), levels=found.levels)
 
-        Args:
-            share: Share of the measure's power above the upper end of the band [1].
+    def on_drive(self, shares: Sequence[float]) -> MeasureUncertainty:
+        """Return the uncertainty on a drive on which the measure has given shares of its power in the bands.
 
-        Raises:
-            ParameterError: The share is not between 0 and 1.
+        Records count the less, the more their spectra differ from the drive's. A common error that is significant
+        becomes the bias. The result is final: it has no measured errors. It is `self` if these or the shares are not
+        known.
         """
-        if not 0.0 <= share <= 1.0:
-            raise ParameterError(f"the share of power above the band is {share!r}; it must be between 0 and 1")
-        change = share - self.share_above
-        common, own = (
-            math.sqrt(max(scale**2 + above**2 * change, 0.0))
-            for scale, above in ((self.common, self.common_above), (self.own, self.own_above))
-        )
-        return replace(self, common=common, own=own, share_above=share)
+        if not self.levels or not len(shares):
+            return self
+        moved = [(one.spread * drive_distance(shares, one.shares), _UNSEEN * unseen(shares, one.shares))
+                 for one in self.levels]  # fmt: skip
+        scales = [math.hypot(one.deviation, _BEYOND * far, empty)
+                  for one, (far, empty) in zip(self.levels, moved, strict=True)]  # fmt: skip
+        weights = np.array(scales) ** -2.0
+        error = float(weights @ [one.error for one in self.levels] / weights.sum())
+        deviation = float(weights.sum() ** -0.5)
+        own = math.hypot(self.own, _BEYOND_OWN * moved[0][0], moved[0][1])
+        if abs(error) > _SIGNIFICANT * deviation:
+            return MeasureUncertainty(deviation, own, error)
+        return MeasureUncertainty(math.hypot(deviation, error), own)
 
     def interval(
         self, predicted: float, level: float = 0.95, *, distance: float = 0.0, change: float = 0.0
@@ -82,8 +121,8 @@ class MeasureUncertainty:
         Raises:
             ParameterError: The level is not between 0 and 1.
         """
-        factor = 1.0 + self.half_width(separation(distance, change), level)
-        return predicted / factor, predicted * factor
+        factor, middle = 1.0 + self.half_width(separation(distance, change), level), predicted * math.exp(-self.bias)
+        return middle / factor, middle * factor
 
     def half_width(self, apart: float, level: float = 0.95) -> float:
         """Return the relative half width of an interval [1]; see `interval`.
@@ -164,6 +203,31 @@ def separation(distance: float, change: float) -> float:
     return math.hypot(distance, change, math.sqrt(local))
 
 
+def band_shares(power: Array, frequency: Array) -> Array:
+    """Return the sums of spectral lines (..., K) at given frequencies [Hz] in the bands (..., bands)."""
+    places = np.digitize(frequency, LIMITS)
+    return np.stack([power[..., places == band].sum(axis=-1) for band in range(len(LIMITS) + 1)], axis=-1)
+
+
+def drive_distance(first: Sequence[float], second: Sequence[float]) -> float:
+    """Return how far the spectrum of a measure on a drive is from that of records.
+
+        sqrt(sum (v - w)^2 / (w + 0.005)),    v, w: shares of the power in the bands on the drive and in the records
+
+    Args:
+        first: Shares v on the drive.
+        second: Shares w in the records.
+    """
+    v, w = np.asarray(first), np.asarray(second)
+    return float(np.sqrt(np.sum((v - w) ** 2 / (w + _EMPTY))))
+
+
+def unseen(first: Sequence[float], second: Sequence[float]) -> float:
+    """Return the share of the power on a drive that lies above all bands that are not empty in records."""
+    highest = max(k for k, share in enumerate(second) if share >= _EMPTY)
+    return sum(first[highest + 1 :])
+
+
 def local_features(positions: Array) -> Array:
     """Return features (S, F) of setups at positions (S, M): their products are those of the local part of the error.
 
@@ -196,81 +260,3 @@ def setup_distance(first: Mapping[str, float], second: Mapping[str, float]) -> f
         raise ParameterError(f"both setups need the same measures; {missing} are missing from one of them")
     changes = [math.log(first[name] / second[name]) for name in first]
     return math.sqrt(sum(change * change for change in changes) / len(changes))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SetupErrors:
-    """Joint distribution of the errors of M measures of S setups on one drive, which is drawn from.
-
-        ln(predicted / true) = common + (x - x_mean) g + (y - y_mean) h + phi(x) f,    x = ln(measures) / sqrt(M)
-
-    `common` is the same for all setups, `y` is the logarithm of the measure itself, and `phi` are `local_features`. The
-    gradients `g` and `f` and the slope `h` are normal, the same for all setups too, and their scale is `own`. So the
-    difference of two setups has the scale that `MeasureUncertainty` states for every pair, and a setup has the
-    difference from the geometric mean of the table as its own error. All are divided by the root of a gamma variable,
-    which gives Student's t distribution. Different measures are independent.
-    """
-
-    names: tuple[str, ...]  #: Names of the M measures.
-    uncertainties: Mapping[str, MeasureUncertainty]  #: Uncertainty by measure.
-    positions: Array  #: Position x - x_mean of each setup (S, M); NaN for a setup without measures.
-
-    @classmethod
-    def of(cls, table: Mapping[str, Array], uncertainties: Mapping[str, MeasureUncertainty]) -> SetupErrors:
-        """Return the distribution for a table of predicted measures.
-
-        Args:
-            table: Predicted measures of S setups (S,), by name, positive; NaN if a setup failed. The distance of setups
-                comes from all of them.
-            uncertainties: Uncertainty of the measures to draw, which are in the table, for their share of power above
-                the band.
-
-        Raises:
-            ParameterError: There is no measure, the measures have different numbers of setups, or one is not positive.
-        """
-        rows = {name: np.asarray(values, dtype=np.float64) for name, values in table.items()}
-        if not rows or len({row.shape for row in rows.values()}) != 1:
-            raise ParameterError("a table of measures needs at least one measure, and one value of each per setup")
-        for name, row in rows.items():
-            if np.any(row <= 0.0):
-                raise ParameterError(
-                    f"{name!r} is {float(np.nanmin(row)):g} for a setup; errors are relative, so leave out measures "
-                    "that are not positive, such as means"
-                )
-        logarithms = np.log(np.stack(list(rows.values()), axis=1)) / math.sqrt(len(rows))
-        done = np.asarray(np.isfinite(logarithms).all(axis=1), dtype=np.bool_)
-        middle = logarithms[done].mean(axis=0) if done.any() else 0.0
-        return cls(tuple(rows), uncertainties, np.where(done[:, None], logarithms - middle, np.nan))
-
-    def draw(self, name: str, count: int, generator: np.random.Generator) -> Array:
-        """Return drawn errors ln(predicted / true) of one measure (count, S): common plus own.
-
-        The true values are the predicted ones times `exp(-error)`.
-
-        Args:
-            name: Measure.
-            count: Number of draws.
-            generator: Random number generator.
-        """
-        common = self.draw_common(name, count, generator)
-        return common[:, None] + self.draw_own(name, count, generator)
-
-    def draw_common(self, name: str, count: int, generator: np.random.Generator) -> Array:
-        """Return drawn errors that all setups share (count,)."""
-        return np.asarray(self._of(name).common * generator.standard_t(DEGREES, count))
-
-    def draw_own(self, name: str, count: int, generator: np.random.Generator) -> Array:
-        """Return drawn errors of the setups themselves (count, S), which decide which setup is better."""
-        own = self._of(name).own
-        level = self.names.index(name)
-        features = local_features(self.positions)
-        gradient = generator.standard_normal((count, len(self.names)))
-        gradient[:, level] += math.sqrt(len(self.names)) * generator.standard_normal(count)
-        drawn = gradient @ self.positions.T + generator.standard_normal((count, features.shape[1])) @ features.T
-        return np.asarray(own * drawn / np.sqrt(generator.chisquare(DEGREES, (count, 1)) / DEGREES))
-
-    def _of(self, name: str) -> MeasureUncertainty:
-        if name not in self.uncertainties or name not in self.names:
-            known = ", ".join(one for one in self.uncertainties if one in self.names) or "none"
-            raise ParameterError(f"the uncertainty of {name!r} is not known; it is known for: {known}")
-        return self.uncertainties[name]

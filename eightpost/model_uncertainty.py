@@ -54,7 +54,7 @@ class ModelUncertainty:
     def to_json(self) -> dict[str, Any]:
         """Return the uncertainty as a JSON document; open limits are omitted."""
         return {
-            "measures": {name: asdict(one) for name, one in self.measures.items()},
+            "measures": {name: one.to_json() for name, one in self.measures.items()},
             "parameters": [_finite(asdict(one)) for one in self.parameters],
             "held": list(self.held),
             **(self.left_out.section() if self.left_out else {}),
@@ -84,12 +84,22 @@ def _finite(entry: dict[str, Any]) -> dict[str, Any]:
 
 
 def _measure(entry: Mapping[str, Any]) -> MeasureUncertainty:
-    from eightpost.measure_uncertainty import MeasureUncertainty  # noqa: PLC0415 -- loads scipy, which shocks do not need
+    """Return the uncertainty of a measure; entries of earlier versions are kept for the file's digest."""
+    from eightpost.measure_uncertainty import (  # noqa: PLC0415 -- loads numpy, which shocks do not need
+        MeasuredLevel,
+        MeasureUncertainty,
+    )
 
-    found = {name: float(value) for name, value in entry.items()}
-    if not all(isfinite(value) and value >= 0.0 for value in found.values()):
+    levels = tuple(
+        MeasuredLevel(float(one["error"]), float(one["deviation"]), float(one["spread"]), tuple(one["shares"]))
+        for one in entry.get("levels", [])
+    )
+    common, own, bias = float(entry["common"]), float(entry["own"]), float(entry.get("bias", 0.0))
+    if not (isfinite(bias) and all(isfinite(value) and value >= 0.0 for value in (common, own))):
         raise InputError(f"the uncertainty of a measure must be numbers of 0 or more, not {dict(entry)!r}")
-    return MeasureUncertainty(**found)
+    known = ("common", "own", "bias", "levels")
+    earlier = tuple((str(name), float(value)) for name, value in entry.items() if name not in known)
+    return MeasureUncertainty(common, own, bias, levels, earlier)
 
 
 def _left_out(document: Mapping[str, Any]) -> LeftOutBlocks | None:

@@ -34,7 +34,6 @@ def make(build: str, seed: int, folder: Path = FOLDER) -> Path:
     command = random_multisine(seed, duration=DURATION, peak=PEAK).series
     truth = shim_build(build).respond(Actuator().follow(command), rate=2000.0)
     write_parquet(read_out(truth, seed=seed), record, note=f"SYNTHETIC: build {build}, seed {seed}")
-    # The shipped files have curves of polynomials, of an earlier version; these go through knots.
     # The car's static loads and ride heights already include the gas force.
     title = f"build {build} (synthetic data)"
     fit = fit_shock(read_dyno_test(record), "lpnl2", gas="included", name=title)

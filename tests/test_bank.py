@@ -1,4 +1,4 @@
-"""The shipped bank is that of its script, apart from its curves, which are polynomials of an earlier version."""
+"""The shipped bank is the output of its script."""
 
 import importlib.util
 import json
@@ -27,5 +27,6 @@ def test_a_build_of_the_bank_is_reproduced_by_its_script(tmp_path):
     shipped = EXAMPLES / "bank" / "B_B.json"
     velocities = np.linspace(-1.0, 1.0, 81)
     found, expected = (np.array([read_shock(path).law.curve.force(v) for v in velocities]) for path in (made, shipped))
-    assert np.abs(found - expected).max() < 5e-3 * np.ptp(expected)
+    # Bits may differ between versions of numpy and scipy; the curve may not.
+    assert np.abs(found - expected).max() < 5e-4 * np.ptp(expected)
     assert json.loads(shipped.read_text())["law"] == "lpnl2"

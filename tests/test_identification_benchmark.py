@@ -10,7 +10,6 @@ import pytest
 
 from benchmarks import identification
 from benchmarks.identification import markdown
-from benchmarks.identification_ablation import ABLATIONS
 from benchmarks.identification_cases import CASES, DRIVE, LAP, NOISE, noise_seeds
 from benchmarks.identification_measures import TOTAL, agreement, measures_of
 from benchmarks.identification_methods import methods
@@ -111,14 +110,6 @@ def test_no_two_rig_tests_share_a_noise_seed() -> None:
     seeds = noise_seeds(20)
     assert seeds[0] == NOISE
     assert len({seed + test for seed in seeds for test in range(5)}) == 100
-
-
-def test_the_stand_in_without_all_that_is_ablated_is_linear() -> None:
-    car = replace(CASES["eight_post_known"], changes=ABLATIONS["all"]).car
-    assert not car.springs.progression.any()
-    assert (car.springs.stop_gap > 0.08).all()
-    assert (car.tires.static_load > 1e4).all()
-    assert not car.friction.coulomb.any()
 
 
 def test_a_bristle_bends_over_its_reach_and_slides_from_there() -> None:

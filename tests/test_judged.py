@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
+from scipy.io import loadmat
 
 from builder.build import product_of
 from builder.documents import Disclosure
@@ -21,7 +22,6 @@ from eightpost.errors import InputError
 from eightpost.ident.dyno_report.entry import entry_of_shock
 from eightpost.ident.dyno_report.verdict import report_verdict
 from eightpost.ident.exports.export import export
-from eightpost.ident.exports.matlab import read_vehicle_mat
 from eightpost.ident.exports.shock_table import shock_table
 from eightpost.ident.validation.shock_verdict import shock_verdict
 from eightpost.ident.validation.shocks import ShockValidation
@@ -31,6 +31,7 @@ from eightpost.shock.fit_uncertainty import fitted_parameters
 from eightpost.validity import MEMBER, Range, Validity, judged
 from eightpost.vehicle import Friction, IdentifiedVehicle, add_port_damping, read_vehicle, shipped, write_vehicle
 from eightpost.vehicle.bristle import Bristle
+from eightpost.vehicle.storage import from_document
 from eightpost.verdict import Grade, Reason, Verdict
 
 SHIPPED = Path(__file__).parents[1] / "examples"
@@ -292,7 +293,9 @@ def test_a_validation_and_a_report_of_an_edited_shock_say_that_it_is_unknown(fil
 
 def test_an_exported_car_keeps_its_verdict_although_its_inputs_have_another_meaning(folder: Path) -> None:
     export(folder / "car.json", folder / "car.mat", ports="whole")
-    exported = read_vehicle_mat(folder / "car.mat")
+    content = loadmat(folder / "car.mat")
+    matrices = {name: content[name].tolist() for name in "ABCD"}
+    exported = from_document(folder / "car.mat", json.loads(str(content["eightpost"][0])) | matrices)
     assert is_usable(exported)
     assert exported.validity.judged not in (None, identified().validity.judged)
 

@@ -14,6 +14,7 @@ from benchmarks.bouc_wen import BoucWen, fit_bouc_wen, hysteresis, predict
 from benchmarks.measured_laws import REST, RUN, SPEED, TIME, regrets, rests
 from benchmarks.measured_laws import summary as regret_summary
 from benchmarks.measured_tables import lag_table
+from benchmarks.printed_shocks import CONFIGURATIONS, TABLE_3_4
 from benchmarks.shock_records import BOUC_WEN, Case
 from benchmarks.shock_rows import FIGURES, Bench, FailedFit, FitErrors
 from benchmarks.shock_tables import gains_table, less, markdown, summary, table_3_5, virtual
@@ -144,3 +145,17 @@ def test_a_part_has_a_rest_if_the_shock_stands_still_for_more_than_moments():
     test = DynoTest(still.with_channel("force", "N", still["velocity"]))
     parts = ((0.0, 1.9), (1.0, 2.1), (1.0, 2.0), (0.0, 4.0))
     assert [rests(test, ends) for ends in parts] == [False, True, False, True]
+
+
+def test_the_printed_tables_agree_with_the_text():
+    """3.4.1: dynamic laws 45 to 75 % better, LPNL2 never worse than LPF1; 3.3.4: reductions of Table 3.4."""
+    assert [c.number for c in CONFIGURATIONS] == list(range(1, 13))
+    less = [1.0 - c.rms_lbf[law] / c.rms_lbf["polylinear"] for c in CONFIGURATIONS for law in ("lpf1", "lpnl2")]
+    assert np.round(min(less), 2) >= 0.45
+    assert np.round(max(less), 2) <= 0.75
+    assert all(c.rms_lbf["lpnl2"] <= c.rms_lbf["lpf1"] for c in CONFIGURATIONS)
+    for law, row in TABLE_3_4.items():
+        if law != "polylinear":
+            reduction = 100.0 * (1.0 - row.rms_lbf / TABLE_3_4["polylinear"].rms_lbf)
+            assert reduction == pytest.approx(row.percent_less_than_static, abs=0.2)
+        assert row.percent_of_deviation == pytest.approx(100.0 * row.rms_lbf / 366.5, abs=0.05)

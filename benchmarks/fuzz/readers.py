@@ -73,10 +73,8 @@ def _peaks(path: Path) -> Any:
 
 
 def _rig(path: Path) -> Any:
-    from eightpost.ident.validation.printed import configuration_of_file  # noqa: PLC0415
     from eightpost.rig.post.rig_test import read_rig_test  # noqa: PLC0415
 
-    configuration_of_file(path)
     return read_rig_test(path)
 
 
@@ -131,24 +129,6 @@ def _response(path: Path) -> Any:
     from eightpost.ident.response import read_response  # noqa: PLC0415
 
     return read_response(path)
-
-
-def _response_mat(path: Path) -> Any:
-    from eightpost.ident.exports.matlab import read_response_mat  # noqa: PLC0415
-
-    return read_response_mat(path)
-
-
-def _vehicle_mat(path: Path) -> Any:
-    from eightpost.ident.exports.matlab import read_vehicle_mat  # noqa: PLC0415
-
-    return read_vehicle_mat(path)
-
-
-def _uff(path: Path) -> Any:
-    from eightpost.ident.exports.universal_file import read_response_uff  # noqa: PLC0415
-
-    return read_response_uff(path)
 
 
 def _fmu(path: Path) -> Any:
@@ -274,13 +254,10 @@ def _models() -> Iterator[Reader]:
     yield Reader("shock file, built", "shock.json", _shock_origin, _JSON)
     yield Reader("vehicle .toml", "seven_dof.toml", _vehicle, _TOML)
     yield Reader("vehicle .json", "vehicle.json", _vehicle, _JSON)
-    yield Reader("vehicle .mat", "vehicle.mat", _vehicle_mat, _BINARY)
     yield Reader("fit of a vehicle", "fitted.fit.json", _fit, _JSON, 0.5)
     yield Reader("preparation", "preparation.toml", _preparation, _TOML)
     npz = (*_in_archive(".npy"), columns.change_npz, columns.change_npz, columns.change_npz)
     yield Reader("response .npz", "response.npz", _response, npz, 1.5)
-    yield Reader("response .mat", "response.mat", _response_mat, _BINARY)
-    yield Reader("response .uff", "response.uff", _uff, _TEXT)
 
 
 def _fmus() -> Iterator[Reader]:

@@ -24,8 +24,6 @@ from cosim.study.provenance import Provenance
 from cosim.study.result import StudyResult
 from cosim.study.study import Build, Drive, Study, Vehicle
 from eightpost.corners import CORNERS
-from eightpost.ident.exports.matlab import write_response_mat, write_vehicle_mat
-from eightpost.ident.exports.universal_file import write_response_uff
 from eightpost.ident.response import FrequencyResponse, response_of, write_response
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, write_fit
 from eightpost.shock import Lpnl2, Port, Shock, StaticCurve, write_shock
@@ -119,15 +117,11 @@ def _models(folder: Path) -> None:
     friction = {"": Friction(20.0, 0.01)}
     identified = IdentifiedVehicle("car", model, damping, {}, {"rig.parquet": "0" * 64}, friction)
     write_vehicle(folder / "vehicle.json", identified)
-    write_vehicle_mat(folder / "vehicle.mat", identified)
     exact = response_of(model, np.linspace(0.5, 20.0, 40))
     response = FrequencyResponse(exact.frequency, exact.H, exact.inputs, exact.outputs,
                                  np.full((len(exact.outputs), 40), 0.99), variance=np.abs(exact.H) * 1e-4)  # fmt: skip
     write_response(folder / "response.npz", response)
     write_fit(folder / "fitted.json", VehicleFit(identified, "boggs", response, {"lf.force": 0.02}, ("a note",), 1.5))
-    write_response_mat(folder / "response.mat", response)
-    if importlib.util.find_spec("pyuff"):
-        write_response_uff(folder / "response.uff", response)
 
 
 def _fmus(folder: Path) -> None:

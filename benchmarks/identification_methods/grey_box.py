@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from eightpost.ident.vehicle.recipes.grey_box import GreyBox
+from eightpost.ident.grey_box.recipe import GreyBox
 
 if TYPE_CHECKING:
     from eightpost.ident.vehicle.recipes import VehicleRecipe

@@ -115,12 +115,16 @@ class _Data:
 
     def state_space(self, inputs: int, outputs: int) -> tuple[Array, Array, Array, Array]:
         """Return A (n, n), B (n, m), C (p, n), D (p, m); the state is all real parts, then the imaginary parts."""
-        modes, pairs, room = (self._counts[name] for name in ("MODE_COUNT", "PAIR_COUNT", "MODES"))
+        modes, pairs, room, coupled = (
+            self._counts[name] for name in ("MODE_COUNT", "PAIR_COUNT", "MODES", "COUPLED_COUNT")
+        )
         used = np.concatenate([np.arange(modes), room + np.arange(pairs)])
         sigma, omega = (np.array(self._arrays[name])[:modes] for name in ("SIGMA", "OMEGA"))
         A = np.diag(np.concatenate([sigma, sigma[:pairs]]))
         for k in range(pairs):
             A[k, modes + k], A[modes + k, k] = -omega[k], omega[k]
+        first = modes - coupled
+        A[first:modes, first:modes] += np.array(self._arrays["COUPLING"])[: coupled**2].reshape(coupled, coupled)
         blocks = np.array(self._arrays["B"]).reshape(-1, inputs, self._counts["BLOCK"])
         B = blocks.transpose(0, 2, 1).reshape(-1, inputs)[used]
         C = np.array(self._arrays["C"]).reshape(outputs, -1)[:, used]

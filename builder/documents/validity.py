@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import fields, replace
 
 from builder.documents.reference import Disclosure
@@ -12,7 +12,8 @@ from eightpost.shock import Shock
 from eightpost.shock.fit_uncertainty import shock_uncertainty
 from eightpost.validity import MEMBER, Range, Validity
 from eightpost.vehicle import StructuralVehicle, Vehicle
-from eightpost.verdict import Grade, Rule, Rules, Verdict
+from eightpost.vehicle.plausibility import doubts
+from eightpost.verdict import Grade, Reason, Rule, Rules, Verdict
 
 RULES = Rules()
 
@@ -31,6 +32,18 @@ PARAMETERS_STATED = RULES.add("vehicle of stated parameters", "fit of the vehicl
     why="the model represents these parameters; whether they match the real car was not examined",
     remedy="compare it with rig records (eightpost validate --against), or identify the car (eightpost identify)",
 )  # fmt: skip
+_WHY = "the usual ranges cover karts, sedans, GT and formula cars (eightpost/vehicle/plausibility.py)"
+_CHECK = "check the values and their units in the vehicle file"
+PARAMETERS_IMPLAUSIBLE = RULES.add("implausible parameters", "fit of the vehicle", Grade.LIMITED,
+    condition="a frequency, ratio, mass, stiffness or distance of the stated parameters is outside its usual range",
+    why=_WHY,
+    remedy=_CHECK,
+)  # fmt: skip
+PARAMETERS_IMPOSSIBLE = RULES.add("impossible parameters", "fit of the vehicle", Grade.NOT_USABLE,
+    condition="one of them, but not a damping ratio, is more than 1.5 times beyond it",
+    why=_WHY,
+    remedy=_CHECK,
+)  # fmt: skip
 
 
 def validity_of(source: Shock | Vehicle) -> Validity:
@@ -41,10 +54,18 @@ def validity_of(source: Shock | Vehicle) -> Validity:
     if isinstance(source, StructuralVehicle):
         figure = f"{len(fields(source.parameters))} parameters"
         summary = "the car's parameters were stated, not identified"
-        return Validity(Verdict([PARAMETERS_STATED.reason(summary, figure=figure, origin=source.name)]))
+        stated = PARAMETERS_STATED.reason(summary, figure=figure, origin=source.name)
+        return Validity(Verdict([stated, *_doubtful(source)]))
     if source.validity is not None:
         return replace(source.validity, judged=None)
     return _unknown(VEHICLE_UNKNOWN, source.name)
+
+
+def _doubtful(source: StructuralVehicle) -> Iterator[Reason]:
+    for doubt in doubts(source.parameters):
+        rule = PARAMETERS_IMPOSSIBLE if doubt.is_gross else PARAMETERS_IMPLAUSIBLE
+        statement = "the parameters are those of no car" if doubt.is_gross else "the parameters are unusual"
+        yield rule.reason(statement, figure=doubt.summary, origin=source.name, remedy=doubt.remedy)
 
 
 def validity_member(source: Shock | Vehicle, identifier: str, disclosure: Disclosure) -> dict[str, bytes]:

@@ -20,7 +20,6 @@ from builder.fmu.interface import (
 from builder.fmu.port_springs import springs_of, with_springs
 from eightpost.array_types import Array
 from eightpost.corners import CORNERS
-from eightpost.errors import ParameterError
 from eightpost.vehicle import StateSpace
 from eightpost.vehicle.modal import ModalForm, modal_form
 
@@ -36,8 +35,7 @@ _KEY = "<mode>"
 def with_modes(interface: Interface, model: StateSpace) -> Interface:
     """Return the interface of a vehicle with its modes, and the bristles of its ports, as continuous states.
 
-    A model without modal form, or with more modes than there are value references for, has none: its FMU offers
-    co-simulation only.
+    A model with more modes than there are value references for has none: its FMU offers co-simulation only.
 
     Args:
         interface: Variables of the vehicle.
@@ -45,10 +43,7 @@ def with_modes(interface: Interface, model: StateSpace) -> Interface:
     """
     table = read_table("vehicle_ss")["variable"]
     rows = [row for row in table if _KEY in row["name"]]
-    try:
-        form = modal_form(model)
-    except ParameterError:
-        return interface
+    form = modal_form(model)
     if form.sigma.size > min(row["size"] for row in rows):
         return interface
     bristles = _bristles([row for row in table if "bristle_deflection" in row["name"]], friction_ports(interface))
@@ -112,12 +107,14 @@ class _Dependencies:
         self.into = self._with_rows(_terms(_states_of(form, form.B_re, form.B_im)))  # (n + P, m)
         out = _terms(_states_of(form, form.C_re.T, form.C_im.T)).T
         self.out = self._with_rows(out.T).T  # (p, n + P)
-        at_rest = -(form.B_re + 1j * form.B_im) / form.eigenvalues[:, None] if form.steady else 0j * form.B_re
+        at_rest = form.at_rest() if form.steady else 0j * form.B_re
         rest = _states_of(form, np.asarray(at_rest.real), np.asarray(at_rest.imag))
         self.rest = self._with_rows(_terms(rest))  # (n + P, m): the steady state of constant inputs
         count, pairs = form.sigma.size, np.arange(form.pairs)
         self.own = np.eye(len(self.into), dtype=bool)  # (n + P, n + P): a pair's parts depend on each other
         self.own[pairs, count + pairs] = self.own[count + pairs, pairs] = True
+        coupled = slice(form.uncoupled, count)
+        self.own[coupled, coupled] |= form.coupling != 0.0
         self.own[len(rest) :] |= self.out[self._outputs("velocity", self.ports)]
 
     def _with_rows(self, terms: Any) -> Any:

@@ -51,12 +51,17 @@ def vehicle_product(vehicle: Vehicle, identifier: str) -> Product:
     """Return the product for a vehicle: its model without dampers at the ports, and its static state.
 
     Raises:
-        FmuError: The model is discrete, has feedthrough to a shock velocity, or has a channel that vehicle_ss does
-            not have.
+        FmuError: The model is discrete or not stable, has feedthrough to a shock velocity, or has a channel that
+            vehicle_ss does not have.
     """
     model = vehicle.coupled()
     if model.dt is not None:
         raise FmuError(f"vehicle {vehicle.name!r} is a discrete model; convert it to continuous time first")
+    if isinstance(vehicle, IdentifiedVehicle) and (growing := vehicle.instability()) is not None:
+        raise FmuError(
+            f"vehicle {vehicle.name!r} is not stable: {growing}, so that runs with it diverge; identify it with more "
+            "or longer tests, or without the channels that fit worst (--output-channels)"
+        )
     _refuse_direct_velocity(model)
     interface = with_modes(vehicle_interface(model), model)
     starts = {v.offset: vehicle.static.get(v.name, 0.0) for v in interface.variables if v.offset}

@@ -48,6 +48,7 @@ SHOCK = ("curve.h", "lag.h", "settings.h", "shock.c", "shock.h")
 #: Files of fmus/vehicle_ss besides model.c.
 VEHICLE = (
     "advance.h",
+    "coupled.h",
     "factors.h",
     "modal.h",
     "phi.h",
@@ -60,11 +61,7 @@ VEHICLE = (
 
 
 def c_sources(product: Product, visible: Interface, guid: str) -> dict[str, bytes]:
-    """Return the sources that both FMI versions have: file name -> content; a host can see the variables of `visible`.
-
-    Raises:
-        FmuError: The vehicle has no modal form.
-    """
+    """Return the sources that both FMI versions have, by file name; a host can see the variables of `visible`."""
     folder = source_folder()
     model = {"model.c": (folder / product.sources / "model.c").read_bytes()}
     states = 0
@@ -140,7 +137,7 @@ def native_fmus(
         progress: Callback that receives the number of finished binaries and the total number.
 
     Raises:
-        FmuError: A vehicle has no modal form, or the compiler fails.
+        FmuError: The compiler fails.
     """
     return compiled(
         [without_binaries(product, disclosure, fmi) for product, fmi in products],
@@ -159,11 +156,7 @@ def compiled(
 
 
 def without_binaries(product: Product, disclosure: Disclosure = Disclosure.FULL, fmi: int = 2) -> Source:
-    """Return a product's FMU of an FMI version, 2 or 3, without its binaries.
-
-    Raises:
-        FmuError: A vehicle has no modal form.
-    """
+    """Return a product's FMU of an FMI version, 2 or 3, without its binaries."""
     visible = _visible(product.interface, disclosure)
     # By default, a shock has the name of its record, which is confidential.
     text = product.text if disclosure is Disclosure.FULL else visible.description

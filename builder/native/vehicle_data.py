@@ -75,8 +75,10 @@ def _whole(count: int) -> int:
 
 
 def _modes(form: ModalForm, room: _Room) -> str:
-    fastest = float(np.max(np.hypot(form.sigma, form.omega), initial=0.0))
+    fastest, coupled = float(np.abs(form.eigenvalues).max(initial=0.0)), len(form.coupling)
+    at_rest = -np.linalg.inv(form.coupling) if form.steady else np.zeros((coupled, coupled))
     sizes = {"MODE_COUNT": form.sigma.size, "MODES": room.modes, "PAIR_COUNT": room.used, "PAIRS": room.pairs}
+    sizes |= {"COUPLED_COUNT": coupled, "COUPLED": max(1, coupled), "COUPLED_CELLS": max(1, coupled**2)}
     sizes |= {"LANES": _LANES, "STATE_COUNT": room.modes + room.pairs}
     return "\n".join(
         (
@@ -85,6 +87,9 @@ def _modes(form: ModalForm, room: _Room) -> str:
             f"static const double SIGMA[MODES] = {c_array(form.sigma)}; /* 1/s */",
             f"static const double OMEGA[MODES] = {c_array(form.omega)}; /* rad/s */",
             f"static const double FASTEST = {c_number(fastest)}; /* 1/s */",
+            f"static const double COUPLING[COUPLED_CELLS] = {c_array(form.coupling.ravel())}; /* 1/s */",
+            f"static const double COUPLED_AT_REST[COUPLED_CELLS] = {c_array(at_rest.ravel())}; /* s */",
+            f"static const double FASTEST_COUPLED = {c_number(np.abs(form.coupling).sum(axis=1).max(initial=0.0))};",
         )
     )
 

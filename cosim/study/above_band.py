@@ -1,4 +1,4 @@
-"""Share of a measure's power that lies above the frequencies for which its vehicle was identified."""
+"""Spectra of measures: the share of power above the band of the vehicle, and the shares in bands."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from cosim.study.measures import Measure
 from cosim.study.statistics import Filtered
 from eightpost.array_types import Array
 from eightpost.errors import EightpostError
+from eightpost.measure_uncertainty import band_shares
 from eightpost.validity import Validity
 
 #: Statistics without a power: shares of time, and means.
@@ -22,6 +23,8 @@ class AboveBand(NamedTuple):
 
     high: float  #: Upper end of the band in which the vehicle was identified [Hz].
     share: float  #: Share of the power of the measure's signals above it [1].
+    #: Shares of the power in the bands of `eightpost.measure_uncertainty`; empty in files of earlier versions.
+    bands: tuple[float, ...] = ()
 
 
 def band_ends(document: Any, vehicle: str) -> dict[str, float]:
@@ -53,8 +56,9 @@ def above_band(
     for measure in measures:
         known = [ends[name] for name in measure.channels if name in ends]
         if known and measure.statistic not in _NO_POWER:
-            share = power_above(measure.signals(run, start=start), run.series.sample_rate, min(known))
-            found[measure.name] = AboveBand(min(known), share)
+            signals, rate, high = measure.signals(run, start=start), run.series.sample_rate, min(known)
+            shares = tuple(shares_of(signals, rate).tolist())
+            found[measure.name] = AboveBand(high, power_above(signals, rate, high), shares)
     return found
 
 
@@ -66,7 +70,18 @@ def power_above(signals: Array, rate: float, high: float) -> float:
         rate: Samples per second [Hz].
         high: Frequency [Hz].
     """
+    power, frequency = _spectrum(signals, rate)
+    return float(power[frequency > high].sum())
+
+
+def shares_of(signals: Array, rate: float) -> Array:
+    """Return the shares of the power of signals (C, N) about their means in the bands of `MeasuredLevel.shares`."""
+    return band_shares(*_spectrum(signals, rate))
+
+
+def _spectrum(signals: Array, rate: float) -> tuple[Array, Array]:
+    """Return the power of the lines of signals (C, N) about their means, with a sum of 1 or 0, and frequencies [Hz]."""
     windowed = (signals - signals.mean(axis=1, keepdims=True)) * np.hanning(signals.shape[1])
     power = np.sum(np.abs(np.fft.rfft(windowed, axis=1)) ** 2, axis=0)
-    lines, whole = np.fft.rfftfreq(signals.shape[1], 1.0 / rate), float(power.sum())
-    return float(power[lines > high].sum()) / whole if whole else 0.0
+    frequency, whole = np.asarray(np.fft.rfftfreq(signals.shape[1], 1.0 / rate)), float(power.sum())
+    return np.asarray(power / whole if whole else power), frequency.astype(np.float64)

@@ -16,12 +16,15 @@ from cosim.components.fmu_component import FmuComponent
 from cosim.study.families import Car, family
 from cosim.study.measures import Measure
 from cosim.study.ports import bond_at, check_corners, ports
+from cosim.study.running.drives import driving_channels
 from cosim.study.study import Build, Constraint, Drive, Study, Term, Vehicle
 from cosim.systems.system import System
 from eightpost import units
+from eightpost.display import some
 from eightpost.errors import FileFormatError, InputError, WiringError
 from eightpost.files import read_text
-from eightpost.signals import ChannelMap, Drivefile
+from eightpost.signals import ChannelMap, read_record
+from eightpost.signals.raw_record import RawRecord, map_beside
 from eightpost.toml_document import line_with, parse_model
 
 SCHEMA = 1
@@ -173,7 +176,7 @@ class _Reader:
         corners = content.corners or dict.fromkeys(ports(car), tuple(bank))
         check_corners(corners, car, self._folder / content.vehicle.fmu)
         self._check_shocks(bank, vehicle, car, corners)
-        drives = tuple(self._drive(drive) for drive in content.drive)
+        drives = tuple(self._drive(drive, vehicle, car) for drive in content.drive)
         measures = self._measures(vehicle, car, tuple(corners), bank, drives)
         baseline = content.baseline
         return Study(
@@ -232,15 +235,17 @@ class _Reader:
         shock = FmuComponent(fmu, name)
         return Build(fmu, {key: _own(shock, key, value) for key, value in given.parameters.items()})
 
-    def _drive(self, drive: _Drive) -> Drive:
-        file, mapping = self._folder / drive.file, self._folder / drive.channel_map if drive.channel_map else None
+    def _drive(self, drive: _Drive, vehicle: Vehicle, car: FmuComponent) -> Drive:
+        file = self._folder / drive.file
+        record = read_record(file)
+        mapping = ChannelMap.read(self._folder / drive.channel_map) if drive.channel_map else map_beside(record)
         start = _si(drive.start, "drive.start", "s")
-        if drive.stop is None:
-            read = Drivefile.read(file, channel_map=ChannelMap.read(mapping) if mapping else None, units=drive.units)
-            stop = float(read.series.time[-1]) - start
-        else:
-            stop = _si(drive.stop, "drive.stop", "s")
-        return Drive(drive.name or file.stem, file, stop, start, drive.units, mapping, drive.targets)
+        stop = inf if drive.stop is None else _si(drive.stop, "drive.stop", "s")
+        targets = drive.targets or _driven_by(record, mapping, vehicle, car)
+        found = Drive(
+            drive.name or file.stem, file, stop, start, drive.units, mapping.path if mapping else None, targets
+        )
+        return found if stop < inf else replace(found, stop=float(driving_channels(found).series.time[-1]) - start)
 
     def _measures(
         self,
@@ -290,6 +295,33 @@ class _Reader:
         if option == "percent":
             return "%"
         return self._units.get(given.channels[0], "") if given.statistic == "share" and given.channels else ""
+
+
+def _driven_by(record: RawRecord, mapping: ChannelMap | None, vehicle: Vehicle, car: FmuComponent) -> dict[str, str]:
+    """Return the input that each channel of a rig record drives; empty if the file has no measured channel.
+
+    Outputs of the vehicle and the forces of its shocks are measured channels.
+    """
+    mapped = {name: pick.source for name, pick in mapping.channels.items()} if mapping else {}
+    columns = {name: name for name in record.names if name not in mapped.values()} | mapped
+    known = {name: variable for name, variable in car.variables.items() if name in columns}
+    measured = {"force", *(f"{corner}.force" for corner in ports(car))}
+    measured |= {name for name, variable in known.items() if variable.causality == "output"}
+    if not measured & set(known):
+        return {}
+    inputs = [
+        v for v in car.variables.values() if v.causality == "input" and v.name not in measured | {*vehicle.inputs}
+    ]
+    if missing := [v.name for v in inputs if v.name not in columns and v.type == "Real"]:
+        raise InputError(
+            f"drive: {record.origin.path} has no channel for {some(missing)}, inputs of the vehicle; name their "
+            "columns in the channel map, or give constants in inputs of [vehicle]. The file has: "
+            f"{', '.join(record.names)}"
+        )
+    driving = [v.name for v in inputs if v.name in columns]
+    for name in driving:
+        record.check_unique(columns[name], channel=name)
+    return {name: f"{vehicle.name}.{name}" for name in driving}
 
 
 def _not_a_shock(component: FmuComponent) -> str:

@@ -221,8 +221,8 @@ def _only_input(system: System, channel: str) -> str:
     if len(homes) != 1:
         found = " and ".join(homes) or "no input"
         raise WiringError(
-            f"drive file channel {channel!r} matches {found}; name its input: under [scenario.targets] of a system "
-            f'file, "{channel}" = "COMPONENT.INPUT"; in Python, Scenario(targets={{"{channel}": "COMPONENT.INPUT"}})'
+            f"drive file channel {channel!r} matches {found}; name its input in the targets of [scenario] or "
+            f'[[drive]], "{channel}" = "COMPONENT.INPUT"; in Python, Scenario(targets=...)'
         )
     return homes[0]
 

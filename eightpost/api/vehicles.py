@@ -36,7 +36,7 @@ def identify(
 
     Args:
         tests: Tests or their files.
-        recipe: `common-poles`, `grey-box`, `boggs` or `auto`.
+        recipe: `common-poles`, `grey-box` or `boggs`.
         name: Name of the vehicle.
         baseline: Index of the baseline test in `tests`; default: found from the damping of the shocks.
         damping: Damping about which the vehicle is identified [N.s/m]; default: the slope of each baseline shock.
@@ -82,7 +82,7 @@ def identify(
         raise InputError(f"baseline is {baseline}, but the {len(tests)} tests have the indices 0 to {len(tests) - 1}")
     how = preparation or Preparation(Decimation(rate), settling=settling)
     with reported_to(progress):
-        with portion(0.0, 0.2):
+        with portion(0.0, 0.15):
             prepared = prepare(_tests(tests, mapped), how)
         plan = plan_identification(
             prepared,
@@ -92,7 +92,7 @@ def identify(
             outputs=outputs,
             static=_tests(static, mapped),
         )
-        with portion(0.2, 1.0):
+        with portion(0.15, 1.0):
             return plan.identify(recipe)
 
 

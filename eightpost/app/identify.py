@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pkgutil
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -12,10 +11,10 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.options import FilePath, OutputFile, Quantity, Verb, flip_option, map_option
-from eightpost.app.progress import bar, each
+from eightpost.app.progress import bar
 from eightpost.errors import FileFormatError, InputError, missing_file
 from eightpost.outputs import VEHICLE
-from eightpost.progress import reported_to
+from eightpost.progress import advance, portion, reported_to
 from eightpost.report.console import console_table, right
 
 if TYPE_CHECKING:
@@ -26,12 +25,8 @@ if TYPE_CHECKING:
     from eightpost.signals import ChannelMap
     from eightpost.verdict import Verdict
 
-#: Folder of the recipes, one file each. Their names are listed without importing them.
-_FOLDER = Path(__file__).parents[1] / "ident" / "vehicle" / "recipes"
-
-
-def _recipes() -> list[str]:
-    return sorted(module.name.replace("_", "-") for module in pkgutil.iter_modules([str(_FOLDER)]))
+#: Names of `eightpost.ident.vehicle.recipes.RECIPES`, whose import would delay every help text.
+RECIPES = ("boggs", "common-poles", "grey-box")
 
 
 @click.command(cls=Verb, renamed={"--plots": "--plot"})
@@ -40,7 +35,7 @@ def _recipes() -> list[str]:
               show_default=True,
               help="Output vehicle file; its frequency response and its summary are written to the same "
               "folder.")  # fmt: skip
-@click.option("--recipe", "recipe_name", type=click.Choice(_recipes()), default="common-poles", show_default=True,
+@click.option("--recipe", "recipe_name", type=click.Choice(RECIPES), default="common-poles", show_default=True,
               help="Identification method: docs/explanation/common_poles.md, docs/explanation/identification.md, "
               "docs/explanation/output_error.md.")  # fmt: skip
 @click.option("--baseline", type=FilePath(), metavar="RIG",
@@ -87,7 +82,7 @@ def identify(  # one parameter per option
 
     RIG is a .parquet, .csv, .mat or .mf4 file with the channels of docs/explanation/rig.md, or with a channel map. Use
     `eightpost build` to build an FMU of the vehicle. The exit code is 1 if the vehicle is not usable
-    (docs/reference/verdict.md): it is not stable with other shocks, or it is far from the data.
+    (docs/reference/verdict.md): e.g. it is not stable with other shocks, or the car changed between the tests.
 
     \b
     Examples:
@@ -106,27 +101,33 @@ def identify(  # one parameter per option
     _check(rig_files, baseline)
 
     def read(files: Sequence[Path]) -> Iterator[RigTest]:
-        return each(console, read_rig_tests(files, channel_map=channel_map, flip=flip), "reading", len(files))
+        for done, test in enumerate(read_rig_tests(files, channel_map=channel_map, flip=flip), start=1):
+            yield test
+            advance(done, len(files))
 
     how = read_preparation(preparation) if preparation else Preparation(Decimation(rate), settling=settling)
-    prepared = prepare(read(rig_files), how)
-    for line in prepared.summary():
-        console.print(escape(line), highlight=False, soft_wrap=True)
-    plan = plan_identification(
-        prepared,
-        name=name or output.stem,
-        baseline=rig_files.index(baseline) if baseline else None,
-        damping=damping,
-        outputs=output_channels.replace(" ", "").split(",") if output_channels else (),
-        static=read(static_files) if static_files else (),
-    )
-    _show_baseline(console, rig_files, plan.baseline)
-    if plan.rating is not None:
-        _show_rating(console, plan.rating, plan.experiment.outputs)
-    inputs, outputs = plan.experiment.inputs, plan.experiment.outputs
-    title = f"identifying {len(outputs)} outputs from {len(inputs)} inputs"
-    with bar(console, title, 1.0) as advance, reported_to(advance):
-        fit = plan.identify(recipe_name)
+    with bar(console, "identifying", 1.0) as show, reported_to(show):
+        with portion(0.0, 0.15):
+            prepared = prepare(read(rig_files), how)
+        for line in prepared.summary():
+            console.print(escape(line), highlight=False, soft_wrap=True)
+        plan = plan_identification(
+            prepared,
+            name=name or output.stem,
+            baseline=rig_files.index(baseline) if baseline else None,
+            damping=damping,
+            outputs=output_channels.replace(" ", "").split(",") if output_channels else (),
+            static=read(static_files) if static_files else (),
+        )
+        _show_baseline(console, rig_files, plan.baseline)
+        if plan.rating is not None:
+            _show_rating(console, plan.rating, plan.experiment.outputs)
+        console.print(
+            f"identifying {len(plan.experiment.outputs)} outputs from {len(plan.experiment.inputs)} inputs",
+            highlight=False,
+        )
+        with portion(0.15, 1.0):
+            fit = plan.identify(recipe_name)
     _show_fit(console, fit, fit.verdict)
     written = [*write_fit(output, fit), *plot_identification(fit, output.with_name(f"{output.stem}_plots"), plots)]
     console.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, highlight=False)

@@ -47,21 +47,24 @@ def inspect(
     First, columns, units and preamble are shown as they are in the file. Then a dynamometer file is read as `fit` reads
     it: channels, ranges, runs, temperature and notes. A rig file is read as `identify` reads it: channels, ranges,
     channels that are late, and channels that contradict mechanics. A rig file is recognized by its wheelloaders
-    (`lf.road` or `road`, in the file or in the map). FILE is a text file, a spreadsheet, a .parquet, .mat, .mf4, .tdms
-    or .lvm file (docs/reference/dyno_files.md), or a peak-velocity table. The exit code is 0 if nothing is suspicious,
-    1 if something is suspicious, and 2 if the file cannot be used as it is.
+    (`lf.road` or `road`, in the file or in the map); for one without these names, a channel map is proposed. FILE is a
+    text file, a spreadsheet, a .parquet, .mat, .mf4, .tdms or .lvm file (docs/reference/dyno_files.md), or a
+    peak-velocity table. The exit code is 0 if nothing is suspicious, 1 if something is suspicious, and 2 if the file
+    cannot be used as it is.
 
     \b
     Examples:
       eightpost inspect run7.csv
       eightpost inspect run7.mf4 --units force=lbf --flip force
-      eightpost inspect rig.csv --map rig_map.toml --mass '3400 lbm'
+      eightpost inspect rig.csv --map my_map.toml --mass '3400 lbm'
     """
     from eightpost.rig import read_dyno_tests, split_runs
     from eightpost.rig.dyno_columns import with_channels
     from eightpost.rig.peak_velocity import read_peak_velocity
     from eightpost.rig.peak_velocity_columns import holds_peak_velocities
     from eightpost.rig.post import read_rig_test
+    from eightpost.rig.post.rig_test import rig_map
+    from eightpost.rig.rig_columns import propose_map
     from eightpost.signals import read_records
 
     console = Console(soft_wrap=True, highlight=False)
@@ -70,8 +73,14 @@ def inspect(
     for record in records:
         show_record(console, record)
     if _is_rig(records[0], channel_map):
+        _show_map(console, records[0], rig_map(records[0], channel_map).flipped(flip))
         rig_test = read_rig_test(path, channel_map=channel_map, units=dict(units), flip=flip)
         ctx.exit(int(_show_rig_test(console, rig_test, mass)))
+    if proposed := propose_map(records[0]):
+        console.print("proposed channel map; check its columns, and the signs (docs/reference/signs_and_units.md):")
+        console.print(f"\n{escape(proposed.toml())}\n")
+        raise InputError(f"{path} {proposed.finding}; save its channel map as rig_map.toml in its folder, or pass the "
+                         "map by --map")  # fmt: skip
     if mass is not None:
         raise InputError(f"{path} is not a rig file, and --mass is an option of rig files; omit it")
     if holds_peak_velocities(records, channel_map):
@@ -175,8 +184,23 @@ def show_table(console: Console, table: PeakVelocityTable) -> None:
 
 def _is_rig(record: RawRecord, channel_map: ChannelMap | None) -> bool:
     """Return whether a file is a rig file: it has wheelloaders, by its own names or by a map."""
-    names = {*record.names, *(channel_map.channels if channel_map else ())}
+    from eightpost.signals.raw_record import map_beside
+
+    given = channel_map or map_beside(record)
+    names = {*record.names, *(given.channels if given else ())}
     return bool(names & {"road", "lf.road", "rf.road", "lr.road", "rr.road"})
+
+
+def _show_map(console: Console, record: RawRecord, mapping: ChannelMap) -> None:
+    """Print the column of each channel, with the sign of the map, and the columns that are not read."""
+    picks = mapping.channels
+    named = [f"{name} {'-' * (pick.gain < 0.0)}{pick.source}" for name, pick in picks.items() if name != pick.source]
+    if named:
+        path = f" ({mapping.path})" if mapping.path else ""
+        console.print(f"channel map{escape(path)}: {escape(', '.join(named))}")
+    read = {pick.source for pick in picks.values()} | {mapping.time.source if mapping.time else ""}
+    if left := [name for name in record.names if name not in read]:
+        console.print(f"columns that are not read: {escape(', '.join(left))}")
 
 
 def _show_rig_test(console: Console, test: RigTest, mass: float | None) -> bool:
@@ -196,7 +220,7 @@ def _show_rig_test(console: Console, test: RigTest, mass: float | None) -> bool:
     for line in (known.synthetic, known.truth, known.drivefile, ", ".join(known.shocks)):
         if line:
             console.print(escape(line))
-    for note in test.derived:
+    for note in (*test.notes, *test.derived):
         console.print(f"[yellow]note[/] {escape(note)}")
     findings = record_findings(series, test.corners, mass=mass)
     is_late = _show_lags(console, test, findings)

@@ -198,9 +198,10 @@ def show_study(console: Console, sweep: Sweep, plan: str = "") -> None:
     for group in read.alike:
         console.print(f"alike: {', '.join(group)}", highlight=False)
     for drive in read.drives:
+        by = f" by its {', '.join(drive.targets)}" if drive.targets else ""
         console.print(
-            f"drive {escape(drive.name)}: {drive.file}, {drive.start:g} to {drive.start + drive.stop:g} s; the first "
-            f"{read.settling:g} s are left out of every measure",
+            f"drive {escape(drive.name)}: {drive.file}{by}, {drive.start:g} to {drive.start + drive.stop:g} s; the "
+            f"first {read.settling:g} s are left out of every measure",
             highlight=False,
             soft_wrap=True,
         )

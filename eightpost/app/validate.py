@@ -40,8 +40,6 @@ SETTLING = 4.0
 @click.option("--kind", "kinds", metavar="[FILE=]KIND", multiple=True,
               help="Kind of a record, or of all: random, sine, static or bump. Default: recognized from the "
               "motion.")  # fmt: skip
-@click.option("--configuration", "configurations", metavar="[FILE=]N", multiple=True,
-              help="Shocks: configuration of a record, or of all: 1 to 12 of Table 3.1. Default: none.")  # fmt: skip
 @click.option("--limit", metavar="PERCENT", type=Number(min=0.0, min_open=True),
               help="Maximum error [% of the measured standard deviation]; the exit code is 1 above it. Default: "
               "vehicles 25, shocks 30.")  # fmt: skip
@@ -60,8 +58,9 @@ SETTLING = 4.0
 @click.option("--report", type=OutputFile(PAGE), metavar="FILE.HTML",
               help="Interactive, printable page to write (docs/how_to/validation.md); default: none.")  # fmt: skip
 @click.option("--keep", is_flag=True,
-              help="Write the verdict into the shock or vehicle files and replace an earlier one. FMUs built from "
-              "these files carry the verdict into every run.")  # fmt: skip
+              help="Write the verdict into the shock or vehicle files and replace an earlier one, and the level errors "
+              "of independent random records, such as laps, into the vehicle file. FMUs built from these files carry "
+              "both into every run and study.")  # fmt: skip
 @click.option("--cutoff", type=Quantity("Hz", bare=True), metavar="FREQUENCY",
               help="Shocks: cut-off frequency of the low-pass; default '50 Hz', for bumps '200 Hz'.")  # fmt: skip
 @click.option("--segment", nargs=2, type=Quantity("s", bare=True), metavar="START STOP",
@@ -75,7 +74,6 @@ def validate(  # one parameter per option
     ctx: click.Context,
     paths: tuple[Path, ...],
     kinds: tuple[str, ...],
-    configurations: tuple[str, ...],
     limit: float | None,
     level: float | None,
     shocks: tuple[tuple[str, str], ...],
@@ -117,12 +115,12 @@ def validate(  # one parameter per option
     reading = {"channel_map": channel_map, "units": dict(units), "flip": flip}
     given = _Given(console, records, kinds, reading, report, keep)
     if is_vehicle(models):
-        _refuse("vehicle", {"--configuration": configurations, "--cutoff": cutoff, "--segment": segment})
+        _refuse("vehicle", {"--cutoff": cutoff, "--segment": segment})
         settled = SETTLING if settling is None else settling
         verdict = _validate_vehicle(given, models[0], dict(shocks), against, level, limit, settled)
     else:
         _refuse("shock", {"--level": level, "--shock": shocks, "--against": against, "--settling": settling})
-        verdict = _validate_shocks(given, models, configurations, limit, cutoff, segment)
+        verdict = _validate_shocks(given, models, limit, cutoff, segment)
     ctx.exit(0 if verdict.is_acceptable else 1)
 
 
@@ -145,23 +143,18 @@ class _Given:
     keep: bool  #: Whether to write the verdict into the files of the models.
 
     def kind_of(self, kinds: Sequence[str]) -> dict[Path, Any]:
-        """Return the kind of each record for which one is given."""
-        found = self.by_record(self.kinds, "--kind")
-        for word in found.values():
-            if word not in kinds:
-                raise click.BadParameter(f"{word!r}: the kind must be one of {', '.join(kinds)}", param_hint="--kind")
-        return found
-
-    def by_record(self, words: Iterable[str], option: str) -> dict[Path, str]:
-        """Return a value for each record from `VALUE` (for all) and `FILE=VALUE`; the value of a file has priority."""
+        """Return the kind of each record for which `KIND` (for all) or `FILE=KIND`, which has priority, is given."""
         chosen: dict[Path, str] = {}
-        for word in sorted(words, key=lambda word: "=" in word):
-            name, equals, value = word.rpartition("=")
+        for word in sorted(self.kinds, key=lambda word: "=" in word):
+            name, equals, kind = word.rpartition("=")
             matching = [path for path in self.records if not equals or name in (str(path), path.name, path.stem)]
             if not matching:
                 known = ", ".join(path.name for path in self.records)
-                raise click.BadParameter(f"{name!r} is not one of the records: {known}", param_hint=option)
-            chosen |= dict.fromkeys(matching, value)
+                raise click.BadParameter(f"{name!r} is not one of the records: {known}", param_hint="--kind")
+            chosen |= dict.fromkeys(matching, kind)
+        for kind in chosen.values():
+            if kind not in kinds:
+                raise click.BadParameter(f"{kind!r}: the kind must be one of {', '.join(kinds)}", param_hint="--kind")
         return chosen
 
     def each_record(self) -> Iterable[Path]:
@@ -196,7 +189,6 @@ class _Given:
 def _validate_shocks(
     given: _Given,
     paths: list[Path],
-    configurations: tuple[str, ...],
     limit: float | None,
     cutoff: float | None,
     segment: tuple[float, float] | None,
@@ -210,18 +202,10 @@ def _validate_shocks(
     from eightpost.rig import read_dyno_test
     from eightpost.shock import read_shock
 
-    kind_of, number_of = given.kind_of(KINDS), given.by_record(configurations, "--configuration")
-    for word in number_of.values():
-        if not word.isdigit():
-            text = f"{word!r}: write it as a number from 1 to 12"
-            raise click.BadParameter(text, param_hint="--configuration")
+    kind_of = given.kind_of(KINDS)
     shocks = [read_shock(path) for path in paths]
     records = [
-        dyno_record(
-            read_dyno_test(path, cutoff=cutoff, **given.reading),
-            kind=kind_of.get(path),
-            configuration=int(number_of[path]) if path in number_of else None,
-        )
+        dyno_record(read_dyno_test(path, cutoff=cutoff, **given.reading), kind=kind_of.get(path))
         for path in given.each_record()
     ]
     study = validate_shocks(shocks, records, cutoff=cutoff, segment=segment)
@@ -248,7 +232,7 @@ def _validate_vehicle(
     from eightpost.ident.validation.vehicle_verdict import Limits, keep_verdict, vehicle_verdict
     from eightpost.ident.validation.vehicles import validate_vehicle
     from eightpost.ident.vehicle import read_fit
-    from eightpost.ident.vehicle.fit_tables import measure_table, trust_table
+    from eightpost.ident.vehicle.fit_tables import friction_table, measure_table, trust_table
     from eightpost.rig.post import read_rig_test
     from eightpost.shock import read_shock
     from eightpost.vehicle import read_vehicle
@@ -269,6 +253,8 @@ def _validate_vehicle(
         given.console.print(trust_table(fit.trust))
     if fit.trust is not None and fit.trust.measures:
         given.console.print(measure_table(fit.trust))
+    if fit.trust is not None and fit.trust.friction:
+        given.console.print(friction_table(fit, fit.trust))
     given.show_verdict(study.notes, verdict)
     given.show_line(limits.summary())
     if given.report:
@@ -277,6 +263,6 @@ def _validate_vehicle(
         title = f"Validation of {fit.vehicle.name}"
         given.show_line(f"wrote {write_vehicle_page(given.report, study, limits=limits, title=title)}")
     if given.keep:
-        keep_verdict(path, fit, verdict)
-        given.show_line(f"wrote the verdict into {path}")
+        keep_verdict(path, study, verdict)
+        given.show_line(f"wrote the verdict, and how far the levels of independent records are off, into {path}")
     return verdict

@@ -10,7 +10,7 @@ import click
 from rich.console import Console
 
 from eightpost import completion
-from eightpost.app.options import FilePath, OutputFolder, Quantity, Verb
+from eightpost.app.options import FilePath, OutputFolder, Quantity, Verb, warn
 from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table, unbroken
 
@@ -46,12 +46,15 @@ def vehicle(path: Path, parameter: str | None, factors: str, names: tuple[str, .
     from eightpost.ident.response import response_of, write_response
     from eightpost.ident.vehicle.magnitude_plots import plot_magnitudes
     from eightpost.ident.vehicle.parameter_study import frequencies_to, variants_of
-    from eightpost.vehicle import read_vehicle
+    from eightpost.vehicle import StructuralVehicle, read_vehicle
+    from eightpost.vehicle.plausibility import doubts
 
     frequency = frequencies_to(high)
     car = read_vehicle(path)
     console = Console()
     console.print(f"read {path}: {car.name} ({car.model}), with its dampers", highlight=False, soft_wrap=True)
+    for doubt in doubts(car.parameters) if isinstance(car, StructuralVehicle) else ():
+        warn(f"{doubt.summary}; {doubt.remedy}")
     completion.begin(folder)
     variants = variants_of(car, parameter, _numbers(factors), frequency)
     responses = {label: variant.response for label, variant in variants.items()}

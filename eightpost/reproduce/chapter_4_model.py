@@ -17,6 +17,8 @@ from eightpost.reproduce.effort import Effort
 from eightpost.reproduce.findings import Findings
 from eightpost.reproduce.plots import FREQUENCY, Line, Plot, decibel_axis, decibels, figure_of
 from eightpost.rig import CONFIGURATIONS
+from eightpost.rig.damper import SHIMS_OF_BUILD
+from eightpost.rig.damper.valves import SHIM_SETS
 from eightpost.rig.post.drivefiles import RATE, TABLE_4_4, quarter_random
 from eightpost.units import si_factor
 from eightpost.vehicle import QuarterCar, StructuralVehicle, quarter_car, read_vehicle, shipped
@@ -241,15 +243,25 @@ def table_4_4(_: Effort) -> Findings:
 
 def table_4_5(_: Effort) -> Findings:
     """Settings of the six configurations of the virtual rig."""
+    settings = [CONFIGURATIONS[number] for number in (1, 2, 5, 6, 9, 10)]
     found: dict[str, float] = {}
-    for k, number in enumerate((1, 2, 5, 6, 9, 10), start=1):
-        setting = CONFIGURATIONS[number]
+    for k, setting in enumerate(settings, start=1):
         found |= {
             f"configuration {k}/build": setting.build,
-            f"configuration {k}/clicks": setting.clicks,
             f"configuration {k}/gas": setting.gas_pressure / si_factor("psi"),
         }
-    return Findings(found)
+    clicks = [setting.clicks for setting in settings]
+    first, second, last = (SHIMS_OF_BUILD[build] for build in (1, 2, 4))
+    hardness = list(SHIM_SETS).index
+    others = max(hardness(first.compression), hardness(second.compression))
+    stacks = f"shims {first.compression}, {second.compression} and {last.compression} (Table 7.2)"
+    claims = {
+        "bleed": (clicks == [1, 14] * 3, "1 and 14 clicks from fully open"),
+        "head": (hardness(first.head) > hardness(second.head), f"shims {first.head} and {second.head} (Table 7.2)"),
+        "compression": (hardness(last.compression) > others, stacks),
+    }
+    note = "3.2.2 and 3.4.1 give build 4 the softer compression shims, as here. Its HV is printed as 0."
+    return Findings(found, claims, note=note)
 
 
 # ---- Equations ------------------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from eightpost.ident.linearity import Condition, Linearity, judge_linearity
-from eightpost.ident.linearity.path import Path
+from eightpost.ident.linearity.linearity import Path
 from eightpost.ident.preparation import prepare
 from eightpost.report.charts import Axis, Figure
 from eightpost.report.tables import ResultTable

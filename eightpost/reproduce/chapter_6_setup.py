@@ -64,7 +64,7 @@ def figure_6_8(_: Effort) -> Findings:
     ratio = rates["alternate"] / rates["baseline"]
     plot = Plot("", Axis("velocity", "m/s"), Axis("force", "N"), lines)
     return Findings(
-        rates,
+        {**rates, "removed": rates["baseline"]},
         {"half": (ratio < 0.7, f"{ratio:.2g} of the baseline's damping")},
         [figure_of("Force at constant velocity.", [plot], columns=1)],
         "Damping is the slope of the best line through the origin up to 24 in/s. The rig tests here have linear "

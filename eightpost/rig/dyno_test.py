@@ -19,6 +19,7 @@ from eightpost.rig.optional_columns import check_one_time, with_readable_columns
 from eightpost.rig.other_columns import column_reasons
 from eightpost.rig.plausibility import SEGMENT, part_reasons, record_reasons, rectified_force
 from eightpost.rig.plausibility_rules import NEGATIVE_REST, PART_RULES
+from eightpost.rig.rig_columns import propose_map
 from eightpost.rig.stated_conventions import reversed_channels, stated_units
 from eightpost.signals import faults
 from eightpost.signals.channel_map import ChannelMap
@@ -295,6 +296,9 @@ def _check_channels(record: RawRecord, mapping: ChannelMap) -> None:
         )
         if not is_there
     ]
+    if missing and (proposed := propose_map(record)):
+        what = f"the file {proposed.finding}, not a dynamometer's; `eightpost inspect` proposes its channel map"
+        raise record.origin.header_fault(MissingChannelError, what, channel=missing[0])
     if missing:
         named = ", ".join(missing).replace("displacement", "displacement or velocity")
         advice = " ".join(f"--channel {name}=COLUMN" for name in missing)

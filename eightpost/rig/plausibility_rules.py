@@ -116,7 +116,7 @@ SMOOTHED = RULES.add("smoothed force", ABOUT, Grade.LIMITED,
     why="an average over T rounds the corners of the curve, and takes away a third of the force at 0.7 / T",
     remedy="export the force without smoothing",
 )  # fmt: skip
-UNRELATED = RULES.add("force without velocity", ABOUT, Grade.LIMITED,
+UNRELATED = RULES.add("force without velocity", ABOUT, Grade.NOT_USABLE,
     condition="the correlation of force and velocity is below 0.3",
     why="a wrong column, a spring on the dynamometer, or channels sampled at different times",
     remedy="check the columns (--channel), and take the spring off",

@@ -21,6 +21,10 @@ TIME_NAMES = (
 )  # fmt: skip
 
 
+#: Name of the channel map that applies to all rig records in its folder, if no other is given.
+MAP_BESIDE = "rig_map.toml"
+
+
 @dataclass(frozen=True, slots=True)
 class MappedChannel:
     """A channel, computed as `gain * column + offset` in the column's unit, then converted to SI."""

@@ -20,7 +20,7 @@ from eightpost.errors import (
     TooShortError,
     UnknownUnitError,
 )
-from eightpost.signals.channel_map import TIME_NAMES, ChannelMap, MappedChannel
+from eightpost.signals.channel_map import MAP_BESIDE, TIME_NAMES, ChannelMap, MappedChannel
 from eightpost.signals.column_headers import is_number, split_header
 from eightpost.signals.faults import check_finite, check_time
 from eightpost.signals.text_cleaning import seconds_of, times_of
@@ -288,6 +288,16 @@ def find_time(record: RawRecord) -> MappedChannel:
             if name.lower() == time_name and (name != "T" or unit in ("s", "ms", "sec")):
                 return MappedChannel(name)
     return MappedChannel(record.names[record.index("time", channel="time")])
+
+
+def map_beside(record: RawRecord) -> ChannelMap | None:
+    """Return the map `rig_map.toml` in the record's folder; None without one that names a column of the record."""
+    path = record.origin.path and record.origin.path.parent / MAP_BESIDE
+    if not (path and path.is_file()):
+        return None
+    found = ChannelMap.read(path)
+    sources = {name for pick in found.channels.values() for name in (pick.source, split_header(pick.source)[0])}
+    return found if sources & set(record.names) else None
 
 
 def identity_map(record: RawRecord, time: MappedChannel) -> ChannelMap:

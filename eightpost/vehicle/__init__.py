@@ -2,7 +2,7 @@
 
 from eightpost.corners import CORNERS
 from eightpost.vehicle.bristle import Bristle
-from eightpost.vehicle.conversions import add_port_damping, discretise
+from eightpost.vehicle.conversions import add_port_damping, add_port_stiffness, discretise
 from eightpost.vehicle.kernel import LinearStepper
 from eightpost.vehicle.quantities import Corners
 from eightpost.vehicle.quarter_car import QuarterCar
@@ -26,6 +26,7 @@ __all__ = [
     "StructuralVehicle",
     "Vehicle",
     "add_port_damping",
+    "add_port_stiffness",
     "discretise",
     "read_vehicle",
     "shipped",

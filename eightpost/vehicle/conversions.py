@@ -1,4 +1,4 @@
-"""Exact conversions of a linear model: to discrete time, and with or without linear dampers at its shock ports."""
+"""Exact conversions of a linear model: to discrete time, and with linear dampers or springs at its shock ports."""
 
 from __future__ import annotations
 
@@ -70,17 +70,35 @@ def add_port_damping(model: StateSpace, damping: Mapping[str, float]) -> StateSp
     Raises:
         ParameterError: The model is discrete, a port does not exist, or a velocity has a direct term.
     """
+    return _fed_back(model, damping, "velocity")
+
+
+def add_port_stiffness(model: StateSpace, stiffness: Mapping[str, float]) -> StateSpace:
+    """Return the model with linear springs at its shock ports, as `add_port_damping` adds dampers.
+
+    Args:
+        model: Continuous model with `force` and `displacement` channels per port.
+        stiffness: Spring rate by port [N/m]: "lf", "rf", ...; "" is the port of a quarter car.
+
+    Raises:
+        ParameterError: The model is discrete, a port does not exist, or a displacement has a direct term.
+    """
+    return _fed_back(model, stiffness, "displacement")
+
+
+def _fed_back(model: StateSpace, rates: Mapping[str, float], motion: str) -> StateSpace:
+    """Return the model with forces at its ports that are proportional to their velocity or displacement."""
     if model.dt is not None:
-        raise ParameterError(f"{model.name}: port damping can be added to a continuous model only")
-    ports = [f"{corner}." if corner else "" for corner in damping]
-    chosen = model.select(inputs=[f"{port}force" for port in ports], outputs=[f"{port}velocity" for port in ports])
+        raise ParameterError(f"{model.name}: dampers and springs of ports can be added to a continuous model only")
+    ports = [f"{corner}." if corner else "" for corner in rates]
+    chosen = model.select(inputs=[f"{port}force" for port in ports], outputs=[f"{port}{motion}" for port in ports])
     direct = model.select(outputs=chosen.output_names).direct_terms()
     if direct.any():
         row, column = (int(i) for i in np.argwhere(direct)[0])
         raise ParameterError(
             f"{model.name}: {chosen.output_names[row]} has a direct term in {model.input_names[column]}; "
-            "a shock velocity must depend on the state alone (use the continuous model)"
+            f"a shock {motion} must depend on the state alone (use the continuous model)"
         )
-    feedback = np.array(list(damping.values()), dtype=np.float64)[:, None] * chosen.C
+    feedback = np.array(list(rates.values()), dtype=np.float64)[:, None] * chosen.C
     forces = [model.input_names.index(name) for name in chosen.input_names]
     return replace(model, A=model.A + model.B[:, forces] @ feedback, C=model.C + model.D[:, forces] @ feedback)

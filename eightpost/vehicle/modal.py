@@ -1,15 +1,17 @@
 """Modal form of a linear model: one complex state per pair of eigenvalues, one real state per real eigenvalue.
 
-Each mode is an independent scalar equation, so a step of any size needs scalar exponentials only and no matrix
-exponential. The native FMU of a vehicle is written from this form.
+Each mode is an independent scalar equation, so a step of any size needs scalar exponentials only. Modes whose
+eigenvectors are nearly dependent, such as two equal modes that share an eigenvector, have no accurate form of their
+own: their states remain coupled in a block. The native FMU of a vehicle is written from this form.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag, lapack, schur, svd
 from scipy.sparse.csgraph import connected_components
 
 from eightpost.array_types import Array, Complex
@@ -24,11 +26,11 @@ if TYPE_CHECKING:
     from eightpost.vehicle.statespace import StateSpace
 
 
-#: Relative accuracy of outputs that a modal form must reach; otherwise it is rejected.
+#: Relative accuracy of outputs that a modal form must reach.
 ACCURACY = 1e-10
 
-#: Largest condition number of the eigenvectors. The rounding error of the sum over the modes is up to twice this number
-#: (measured: 1.9 times, on random models with nearly equal eigenvalues).
+#: Largest condition number of the eigenvectors; beyond it, some states remain coupled. The rounding error of the sum
+#: over the modes is up to twice this number (measured: 1.9 times, on random models with nearly equal eigenvalues).
 WORST_CONDITION = ACCURACY / (2.0 * float(np.finfo(np.float64).eps))
 
 _TIE = 1.0 - 1e-6
@@ -42,7 +44,8 @@ class ModalForm:
         y = sum_k (C_re_k Re z_k + C_im_k Im z_k) + D u
 
     The pairs come first, then the real modes (omega = 0, B_im = 0, C_im = 0, so that z is real). Each group is in
-    increasing order of |lambda|. In each mode the largest entries of B and C have about the same size.
+    increasing order of |lambda|. In each mode the largest entries of B and C have about the same size. The last of the
+    real states may be coupled states, which are no modes: sigma is zero there, and `z' = coupling z + B_re u`.
     """
 
     sigma: Array  #: Real parts (K,) [1/s].
@@ -52,11 +55,12 @@ class ModalForm:
     C_re: Array  #: Outputs per Re z (p, K).
     C_im: Array  #: Outputs per Im z (p, K).
     D: Array  #: Direct terms (p, m).
+    coupling: Array  #: State matrix of the last d states, which are coupled (d, d) [1/s].
     steady: bool  #: Whether constant inputs have a unique steady state, according to `kernel.equilibrium`.
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""
-        for name in ("sigma", "omega", "B_re", "B_im", "C_re", "C_im", "D"):
+        for name in ("sigma", "omega", "B_re", "B_im", "C_re", "C_im", "D", "coupling"):
             array = np.array(getattr(self, name), dtype=np.float64, order="C") + 0.0  # no negative zeros
             array.setflags(write=False)
             object.__setattr__(self, name, array)
@@ -67,9 +71,20 @@ class ModalForm:
         return int(np.count_nonzero(self.omega))
 
     @property
+    def uncoupled(self) -> int:
+        """Number of modes; they come before the coupled states."""
+        return self.sigma.size - len(self.coupling)
+
+    @property
     def eigenvalues(self) -> Complex:
-        """Eigenvalues, one per mode (K,) [1/s]; for a pair the one with positive imaginary part."""
-        return np.asarray(self.sigma + 1j * self.omega)
+        """Eigenvalues, one per mode [1/s]; for a pair the one with positive imaginary part."""
+        return np.asarray(self.sigma + 1j * self.omega)[: self.uncoupled]
+
+    def at_rest(self) -> Complex:
+        """Return z (K, m) in the steady states of the inputs, each of them 1; there must be one (`steady`)."""
+        modes, b = self.uncoupled, self.B_re + 1j * self.B_im
+        coupled = np.linalg.solve(self.coupling, b[modes:])
+        return np.asarray(-np.concatenate([b[:modes] / self.eigenvalues[:, None], coupled]))
 
 
 def modal_form(model: StateSpace) -> ModalForm:
@@ -79,18 +94,25 @@ def modal_form(model: StateSpace) -> ModalForm:
     have equal eigenvalues. Each part is balanced, `A V = V Lambda` gives its modes, and `V^-1 B`, `C V` its inputs
     and outputs. The phase of an eigenvector is chosen so that its largest entry is real and positive.
 
+    If V is ill-conditioned, the invariant subspaces of the eigenvalues have orthonormal bases from ordered real Schur
+    forms. Subspaces that are nearly dependent are joined until the bases together are well-conditioned; joined ones
+    remain coupled.
+
     Raises:
-        ParameterError: The model is discrete, or eigenvalues (nearly) coincide and share an eigenvector, so that
-            outputs would not have the accuracy `ACCURACY`.
+        ParameterError: The model is discrete.
 
     Source: G. H. Golub, C. F. Van Loan, "Matrix Computations", 4th ed., 2013, chapter 7 (diagonal form, condition of
-    eigenvectors, balancing).
+    eigenvectors, balancing, ordered Schur form, block diagonal form).
     """
     if model.dt is not None:
         raise ParameterError(f"{model.name}: a discrete model has no modal form; convert it to continuous time first")
-    modes = [mode for states in _separate_parts(model.A) for mode in _part_modes(model, _diagonalise(model, states))]
+    modes, groups = [], []
+    for states in _separate_parts(model.A):
+        own, joined = _resolved(model, _decomposed(model, states))
+        modes += own
+        groups += joined
     modes.sort(key=lambda mode: (mode.eigenvalue.imag == 0.0, abs(mode.eigenvalue)))
-    return _collected(model, modes)
+    return _collected(model, modes, groups)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,14 +124,36 @@ class _Mode:
     c: Complex
 
 
+class _Group(NamedTuple):
+    """Scaled states that are coupled: `z' = matrix z + b u`, with the contribution `c z` to the outputs."""
+
+    matrix: Array
+    b: Complex
+    c: Complex
+
+
+class _Subspace(NamedTuple):
+    """Invariant subspace of a state matrix A: the places of its eigenvalues, and `A basis = basis matrix`."""
+
+    places: tuple[int, ...]
+    basis: Array
+    matrix: Array
+
+    @property
+    def is_mode(self) -> bool:
+        """Whether it belongs to one real eigenvalue or to one pair."""
+        return len(self.matrix) == 1 or (len(self.matrix) == 2 and self.matrix[1, 0] != 0.0)
+
+
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """Uncoupled part of a model: its states, and eigenvalues and eigenvectors of its balanced state matrix."""
+    """Uncoupled part of a model: its states, and modes and coupled subspaces of its balanced state matrix."""
 
     states: NDArray[np.intp]
     scaling: Array
     eigenvalues: Complex
     vectors: Complex
+    coupled: Sequence[_Subspace]
 
 
 def _separate_parts(A: Array) -> list[NDArray[np.intp]]:
@@ -120,40 +164,77 @@ def _separate_parts(A: Array) -> list[NDArray[np.intp]]:
     return [np.flatnonzero(label == k) for k in range(count)]
 
 
-def _diagonalise(model: StateSpace, states: NDArray[np.intp]) -> _Part:
+def _decomposed(model: StateSpace, states: NDArray[np.intp]) -> _Part:
     balanced, scaling = kernel.balance(model.A[np.ix_(states, states)])
     eigenvalues, vectors = np.linalg.eig(balanced)
-    eigenvalues, vectors = eigenvalues.astype(np.complex128), vectors.astype(np.complex128)
-    condition = float(np.linalg.cond(vectors))
-    if not condition <= WORST_CONDITION:
-        raise ParameterError(_why_defective(model.name, eigenvalues, vectors, condition))
-    return _Part(states, scaling, eigenvalues, vectors)
+    coupled: list[_Subspace] = []
+    if not np.linalg.cond(vectors) <= WORST_CONDITION:
+        subspaces = _subspaces(balanced)
+        coupled = [space for space in subspaces if not space.is_mode]
+        own = [_eigenpair(space) for space in subspaces if space.is_mode]
+        eigenvalues = np.array([eigenvalue for eigenvalue, _ in own], dtype=np.complex128)
+        vectors = np.array([vector for _, vector in own], dtype=np.complex128).reshape(len(own), len(states)).T
+    upper = eigenvalues.imag >= 0.0
+    found = vectors.astype(np.complex128)[:, upper]
+    return _Part(states, scaling, eigenvalues.astype(np.complex128)[upper], _phased(found), coupled)
 
 
-def _why_defective(name: str, eigenvalues: Complex, vectors: Complex, condition: float) -> str:
-    similarity = np.triu(np.abs(vectors.conj().T @ vectors), 1)
-    first, second = (int(k) for k in np.unravel_index(int(np.argmax(similarity)), similarity.shape))
-    return (
-        f"{name}: the eigenvalues {_text(eigenvalues[first])} and {_text(eigenvalues[second])} 1/s nearly coincide and "
-        f"share an eigenvector (condition {condition:.2g}, above {WORST_CONDITION:.2g}), so the model has no modal "
-        f"form with an accuracy of {ACCURACY:g}; build it with --target python, which needs no modes, or change a "
-        "parameter slightly"
-    )
+def _subspaces(A: Array) -> list[_Subspace]:
+    """Return invariant subspaces of A whose orthonormal bases together have a condition of at most `WORST_CONDITION`.
+
+    The right singular vector of the smallest singular value tells which of them are nearly dependent.
+    """
+    T, Q = schur(A, output="real")
+    blocks = np.split(np.arange(len(A)), np.flatnonzero(np.append(1.0, np.diag(T, -1)) == 0.0))
+    found = [_subspace(T, Q, tuple(block.tolist())) for block in blocks]
+    while True:
+        if whole := [space for space in found if len(space.matrix) == len(A)]:
+            return whole[:1]
+        _, singular, right = svd(np.concatenate([space.basis for space in found], axis=1))
+        if singular[0] <= WORST_CONDITION * singular[-1]:
+            return found
+        ends = np.cumsum([len(space.matrix) for space in found])[:-1]
+        shares = [float(np.linalg.norm(part)) for part in np.split(right[-1], ends)]
+        first, second = sorted(np.argsort(shares)[-2:].tolist())
+        joined = _subspace(T, Q, (*found[first].places, *found[second].places))
+        found = [joined if k == first else space for k, space in enumerate(found) if k != second]
 
 
-def _text(value: complex) -> str:
-    return f"{value.real:.6g}" if value.imag == 0.0 else f"{value.real:.6g}{value.imag:+.6g}j"
+def _subspace(T: Array, Q: Array, places: tuple[int, ...]) -> _Subspace:
+    """Return the invariant subspace of the eigenvalues at some places of a real Schur form.
+
+    It is that of all eigenvalues if they are too close to be exchanged.
+    """
+    chosen = np.zeros(len(T), dtype=np.int32)
+    chosen[list(places)] = 1
+    ordered, basis, *_, fault = lapack.dtrsen(chosen, T, Q, job="N")
+    count = len(T) if fault else len(places)
+    return _Subspace(places, basis[:, :count], ordered[:count, :count])
 
 
-def _part_modes(model: StateSpace, part: _Part) -> list[_Mode]:
-    """Return the modes of one part; a pair has its upper eigenvalue, which contributes `Re(2 C v z)` to the outputs."""
-    upper = part.eigenvalues.imag >= 0.0
-    vectors = _phased(part.vectors[:, upper])
-    pair = part.eigenvalues[upper].imag > 0.0
-    B = _modal_inputs(vectors, pair, model.B[part.states] / part.scaling[:, None])
+def _eigenpair(mode: _Subspace) -> tuple[complex, Complex]:
+    """Return the upper eigenvalue a + i w of [[a, b], [c, a]], or the only one, and its eigenvector (n,)."""
+    basis, T = mode.basis, mode.matrix
+    if len(T) == 1:
+        return complex(T[0, 0]), basis[:, 0].astype(np.complex128)
+    omega = float(np.sqrt(-T[0, 1] * T[1, 0]))
+    return complex(T[0, 0], omega), basis[:, 0] + 1j * omega / T[0, 1] * basis[:, 1]
+
+
+def _resolved(model: StateSpace, part: _Part) -> tuple[list[_Mode], list[_Group]]:
+    """Return modes and groups of one part; a pair has its upper eigenvalue, which adds `Re(2 C v z)` to the outputs."""
+    vectors, pair = part.vectors, part.eigenvalues.imag > 0.0
+    bases = [space.basis for space in part.coupled]
+    B, *others = _inputs(vectors, pair, bases, model.B[part.states] / part.scaling[:, None])
     shares = np.where(pair, 2.0 * vectors, vectors.real)
-    C = np.asarray((model.C[:, part.states] * part.scaling) @ shares, dtype=np.complex128)
-    return [_scaled(complex(e), B[k], C[:, k]) for k, e in enumerate(part.eigenvalues[upper])]
+    out = model.C[:, part.states] * part.scaling
+    C = np.asarray(out @ shares, dtype=np.complex128)
+    modes = [_Mode(complex(e), *_scaled(B[k], C[:, k])) for k, e in enumerate(part.eigenvalues)]
+    groups = [
+        _Group(space.matrix, *_scaled(b, np.asarray(out @ space.basis, dtype=np.complex128)))
+        for space, b in zip(part.coupled, others, strict=True)
+    ]
+    return modes, groups
 
 
 def _phased(vectors: Complex) -> Complex:
@@ -164,28 +245,35 @@ def _phased(vectors: Complex) -> Complex:
     return np.asarray(vectors * (leading.conj() / np.abs(leading)))
 
 
-def _modal_inputs(vectors: Complex, pair: NDArray[np.bool_], B: Array) -> Complex:
-    """Return `V^-1 B` (K, m) with real arithmetic; a pair adds 2 Re v Re z - 2 Im v Im z to x, a real mode adds v z."""
-    basis = np.concatenate([np.where(pair, 2.0, 1.0) * vectors.real, -2.0 * vectors.imag[:, pair]], axis=1)
-    solved = np.linalg.solve(basis, B)
-    modal = solved[: len(pair)].astype(np.complex128)
-    modal[pair] += 1j * solved[len(pair) :]
-    return modal
+def _inputs(vectors: Complex, pair: NDArray[np.bool_], bases: Sequence[Array], B: Array) -> list[Complex]:
+    """Return `V^-1 B` of the modes (K, m), then of every basis, with real arithmetic.
+
+    A pair adds 2 Re v Re z - 2 Im v Im z to x, a real mode adds v z.
+    """
+    real = [np.where(pair, 2.0, 1.0) * vectors.real, -2.0 * vectors.imag[:, pair]]
+    solved = np.linalg.solve(np.concatenate([*real, *bases], axis=1), B)
+    sizes = [columns.shape[1] for columns in (*real, *bases)]
+    own, imaginary, *others = np.split(solved, np.cumsum(sizes)[:-1])
+    modal = own.astype(np.complex128)
+    modal[pair] += 1j * imaginary
+    return [modal, *(other.astype(np.complex128) for other in others)]
 
 
-def _scaled(eigenvalue: complex, b: Complex, c: Complex) -> _Mode:
-    """Scale z by a power of two so that the largest entries of b and c have about the same size."""
+def _scaled(b: Complex, c: Complex) -> tuple[Complex, Complex]:
+    """Scale states by a power of two so that the largest entries of b and c have about the same size."""
     largest_b, largest_c = float(np.abs(b).max(initial=0.0)), float(np.abs(c).max(initial=0.0))
     if largest_b == 0.0 or largest_c == 0.0:
-        return _Mode(eigenvalue, b, c)
+        return b, c
     factor = 2.0 ** round(0.5 * np.log2(largest_c / largest_b))
-    return _Mode(eigenvalue, b * factor, c / factor)
+    return b * factor, c / factor
 
 
-def _collected(model: StateSpace, modes: Sequence[_Mode]) -> ModalForm:
-    eigenvalues = np.array([mode.eigenvalue for mode in modes], dtype=np.complex128)
-    b = np.array([mode.b for mode in modes], dtype=np.complex128).reshape(len(modes), len(model.inputs))
-    c = np.array([mode.c for mode in modes], dtype=np.complex128).reshape(len(modes), len(model.outputs)).T
+def _collected(model: StateSpace, modes: Sequence[_Mode], groups: Sequence[_Group]) -> ModalForm:
+    m, p, count = len(model.inputs), len(model.outputs), sum(len(group.matrix) for group in groups)
+    eigenvalues = np.array([*(mode.eigenvalue for mode in modes), *[0.0] * count], dtype=np.complex128)
+    b = np.concatenate([np.zeros((0, m)), *(mode.b[None, :] for mode in modes), *(group.b for group in groups)])
+    c = np.concatenate([np.zeros((p, 0)), *(mode.c[:, None] for mode in modes), *(group.c for group in groups)], axis=1)
+    coupling = block_diag(*(group.matrix for group in groups)) if groups else np.zeros((0, 0))
     return ModalForm(
         eigenvalues.real,
         eigenvalues.imag,
@@ -194,6 +282,7 @@ def _collected(model: StateSpace, modes: Sequence[_Mode]) -> ModalForm:
         c.real,
         -c.imag,
         model.D,
+        coupling,
         steady=_has_steady_state(model),
     )
 

@@ -66,8 +66,9 @@ def shipped(model: Literal["quarter_car", "seven_dof"]) -> Path:
 
 # ---- JSON files of identified vehicles ------------------------------------------------------------------------------
 
-#: Newest schema of these files that can be read: 2 has bristles and port springs. A file without them is written as 1.
-SCHEMA = 2
+#: Newest schema of these files that can be read: 2 has bristles and port springs, 3 their mean travel. A file has the
+#: oldest schema that is sufficient.
+SCHEMA = 3
 
 _NEEDED = ("name", "inputs", "outputs", "A", "B", "C", "D")
 _OPTIONAL = ("schema", "kind", "tool", "model", "dt", "baseline_damping", "static", "sources", "friction", "validity")
@@ -107,7 +108,7 @@ def document(vehicle: IdentifiedVehicle) -> dict[str, Any]:
     """Return the content of a vehicle file: texts, numbers, lists and tables."""
     model = vehicle.state_space
     return {
-        "schema": SCHEMA if any(_is_new(law) for law in vehicle.friction.values()) else 1,
+        "schema": max((_schema(law) for law in vehicle.friction.values()), default=1),
         "kind": "vehicle",
         "tool": f"eightpost {eightpost.__version__}",
         "model": vehicle.model,
@@ -125,23 +126,25 @@ def document(vehicle: IdentifiedVehicle) -> dict[str, Any]:
     }
 
 
-def _is_new(law: Friction) -> bool:
-    """Return whether a law needs the schema 2."""
-    return law[2:] != Friction()[2:]
+def _schema(law: Friction) -> int:
+    """Return the oldest schema that has all of a law."""
+    return 3 if law.mean_travel else 2 if law[2:] != Friction()[2:] else 1
 
 
 def _friction(vehicle: IdentifiedVehicle) -> dict[str, Any]:
     """Return the entry of the friction; empty without friction, so that older versions can read the file."""
     entries = {
         port: {"force": law.force, "velocity": law.velocity}
-        | ({"bristle": asdict(law.bristle), "spring": law.spring} if _is_new(law) else {})
+        | ({"bristle": asdict(law.bristle), "spring": law.spring} if _schema(law) > 1 else {})
+        | ({"mean_travel": law.mean_travel} if law.mean_travel else {})
         for port, law in vehicle.friction.items()
     }
     return {"friction": entries} if entries else {}
 
 
 def _law(entry: dict[str, Any]) -> Friction:
-    return Friction(entry["force"], entry["velocity"], Bristle(**entry.get("bristle", {})), entry.get("spring", 0.0))
+    springs = (entry.get(name, 0.0) for name in ("spring", "mean_travel"))
+    return Friction(entry["force"], entry["velocity"], Bristle(**entry.get("bristle", {})), *springs)
 
 
 def _rows_on_lines(content: dict[str, Any]) -> str:

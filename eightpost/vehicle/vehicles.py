@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, astuple, dataclass, field
+from dataclasses import asdict, astuple, dataclass, field, replace
 from math import isfinite
 from typing import Any, Literal, NamedTuple
+
+import numpy as np
 
 from eightpost.corners import channel
 from eightpost.display import Summarized, Summary, some
@@ -13,13 +15,17 @@ from eightpost.errors import ParameterError
 from eightpost.validity import Validity
 from eightpost.vehicle import quarter_car, seven_dof
 from eightpost.vehicle.bristle import Bristle
-from eightpost.vehicle.conversions import add_port_damping
+from eightpost.vehicle.conversions import add_port_damping, add_port_stiffness
 from eightpost.vehicle.quantities import check_static
 from eightpost.vehicle.quarter_car import QuarterCar
 from eightpost.vehicle.seven_dof import SevenDof
 from eightpost.vehicle.statespace import StateSpace
 
 Model = Literal["quarter_car", "seven_dof", "state_space"]
+
+#: Largest rates of growth of a motion [1/s]: with the baseline dampers it grows by half in a minute at most, and
+#: without any, shocks in a loop with a delay of a millisecond still hold it.
+GROWTH_WITH_DAMPERS, GROWTH_WITHOUT = 0.007, 100.0
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -72,7 +78,10 @@ class Friction(NamedTuple):
 
         F_f tanh(v / v_f) + F_s z / z_s + k2 d^2
 
-    with the velocity v and the displacement d of the port from the static state, and the bristle's deflection z.
+    with the velocity v and the displacement d of the port, and the bristle's deflection z. The identified model is the
+    car about the mean loads of its tests, and d is zero there. Without loads, d is `-mean_travel`; the car about that
+    state (`IdentifiedVehicle.unloaded`) has the same spring k2 d^2 with its own d, and a stiffness that is lower by
+    `2 k2 mean_travel`.
     """
 
     force: float = 0.0  #: Friction force F_f of the part that creeps [N], not below zero.
@@ -80,6 +89,8 @@ class Friction(NamedTuple):
     bristle: Bristle = Bristle()  #: The part that sticks; its default has no force.
     #: Coefficient k2 of the port spring [N/m2]: a spring that is stiffer in compression has a positive one.
     spring: float = 0.0
+    #: Displacement from the state without loads to the mean of the tests [m]; it matters for a spring only.
+    mean_travel: float = 0.0
 
     @property
     def acts(self) -> bool:
@@ -102,6 +113,7 @@ class Friction(NamedTuple):
             ("bristle.static_ratio", own.static_ratio, own.static_ratio >= 1.0, "at least 1"),
             ("bristle.stribeck_velocity", own.stribeck_velocity, own.stribeck_velocity > 0.0, "m/s, above zero"),
             ("spring", self.spring, True, "N/m2"),
+            ("mean_travel", self.mean_travel, True, "m"),
         ):
             if not (isfinite(value) and is_in_range):
                 return f"{name} is {value!r}; give a finite number [{range_}]"
@@ -118,7 +130,7 @@ def _stated(law: Friction) -> dict[str, Any]:
 def _plain(law: Friction) -> Friction:
     """Return the same law with Python's numbers."""
     own = Bristle(*(float(value) for value in astuple(law.bristle)))
-    return Friction(float(law.force), float(law.velocity), own, float(law.spring))
+    return Friction(float(law.force), float(law.velocity), own, float(law.spring), float(law.mean_travel))
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -208,18 +220,48 @@ class IdentifiedVehicle(Summarized):
         return "state_space"
 
     def coupled(self) -> StateSpace:
-        """Return the model without the baseline damping, whose inputs are the whole shock forces.
+        """Return the model without the baseline damping, whose inputs are the whole shock forces and loads.
+
+        It is the car about the state without loads; see `unloaded`.
 
         Raises:
-            ParameterError: The model is discrete, or a shock velocity has a direct term.
+            ParameterError: The model is discrete, or a shock velocity has a direct term, or the displacement of a
+                port with a spring.
         """
+        model = self.unloaded().state_space
         if not self.baseline_damping:
-            return self.state_space
-        return add_port_damping(self.state_space, {port: -c for port, c in self.baseline_damping.items()})
+            return model
+        return add_port_damping(model, {port: -c for port, c in self.baseline_damping.items()})
+
+    def unloaded(self) -> IdentifiedVehicle:
+        """Return the vehicle about the state without loads; the identified one is about the mean loads of its tests.
+
+        Raises:
+            ParameterError: The model is discrete, or the displacement of a port with a spring has a direct term.
+        """
+        softer = {p: -2.0 * law.spring * law.mean_travel for p, law in self.friction.items() if law.mean_travel}
+        if not softer:
+            return self
+        laws = {port: law._replace(mean_travel=0.0) for port, law in self.friction.items()}
+        model = add_port_stiffness(self.state_space, softer)
+        return replace(self, state_space=model, friction=laws, validity=None)
 
     def with_damper(self) -> StateSpace:
         """Return the identified model, with its baseline damping."""
         return self.state_space
+
+    def instability(self) -> str | None:
+        """Return which motion of the continuous model grows too fast to be simulated; None if none does."""
+        tried = [("without dampers", self.coupled(), GROWTH_WITHOUT)]
+        if self.baseline_damping:
+            tried.insert(0, ("with its baseline dampers", self.state_space, GROWTH_WITH_DAMPERS))
+        for dampers, model, largest in tried:
+            poles = model.poles()
+            growth = float(poles.real.max(initial=0.0))
+            if growth > largest:
+                frequency = float(np.abs(poles[np.argmax(poles.real)].imag) / (2.0 * np.pi))
+                return f"{dampers}, a motion of {frequency:.3g} Hz grows at a rate of {growth:.3g} 1/s"
+        return None
 
 
 Vehicle = StructuralVehicle | IdentifiedVehicle

@@ -22,6 +22,11 @@ static inline void advance(const Factors *restrict f, const real *restrict z, co
     for (int k = PAIR_ROWS; k < MODE_ROWS; k++) {
         end->at[k] = f->e_re[k] * x[k] + f->first_re[k] * a[k] + f->second_re[k] * c[k];
     }
+    for (int r = 0; r < COUPLED_COUNT; r++) {
+        end->at[FIRST_COUPLED + r] = coupled_row(f->coupled_e + r * COUPLED, x) +
+                                     coupled_row(f->coupled_first + r * COUPLED, a) +
+                                     coupled_row(f->coupled_second + r * COUPLED, c);
+    }
 }
 
 static inline void interpolate(const real *from, const real *to, double share, real *u)

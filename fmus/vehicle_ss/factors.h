@@ -1,7 +1,8 @@
-/* The factors of a step: of every mode, e^(lambda h) and the weights of the inputs at both ends. */
+/* The factors of a step: of every mode, e^(lambda h) and the weights of the inputs at both ends; and those of the coupled states. */
 #ifndef EIGHTPOST_FACTORS_H
 #define EIGHTPOST_FACTORS_H
 
+#include "coupled.h"
 #include "modal.h"
 #include "phi.h"
 #include "vehicle_data.h"
@@ -45,6 +46,9 @@ static void discretise(Factors *f, double h)
         const Lanes x = exponents(first, is_large ? h : part);
         const Exponentials a = is_large ? exponentials_in_closed_form(&x) : exponentials_by_series(&x, doublings);
         keep_factors(f, first, &a);
+    }
+    if (COUPLED_COUNT > 0) {
+        discretise_coupled(f);
     }
 }
 

@@ -15,6 +15,9 @@ typedef struct {
     real at[STATE_BLOCKS * BLOCK];
 } Modal;
 
+/* The last of the real states that are coupled with each other, if modes are nearly dependent; SIGMA and OMEGA are zero there. */
+enum { FIRST_COUPLED = MODE_COUNT - COUPLED_COUNT };
+
 /* Memory.state: z, the corresponding inputs including the forces of the ports, and the deflections of the bristles. Outputs are
  * computed when they are read. */
 enum { REACHED = STATE_COUNT, BENT = STATE_COUNT + INPUTS };
@@ -28,7 +31,19 @@ typedef struct {
     double e_re[MODES], e_im[MODES]; /* e^(lambda h) */
     double first_re[MODES], first_im[MODES]; /* h (phi1 - phi2) */
     double second_re[MODES], second_im[MODES]; /* h phi2 */
+    double coupled_e[COUPLED_CELLS], coupled_first[COUPLED_CELLS], coupled_second[COUPLED_CELLS]; /* by rows */
+    double product[COUPLED_CELLS];
 } Factors;
+
+/* A row of a matrix of the coupled states times these. */
+static inline real coupled_row(const double *row, const real *z)
+{
+    real sum = uniform(0.0);
+    for (int c = 0; c < COUPLED_COUNT; c++) {
+        sum += row[c] * z[FIRST_COUPLED + c];
+    }
+    return sum;
+}
 
 /* b u. B is stored in blocks of rows, column by column, so that a compiler keeps a block's sums in registers and adds in the same
  * order everywhere. Inputs that are zero are skipped. */

@@ -1,5 +1,6 @@
 /* vehicle_ss: x' = A x + B u, y = C x + D u, in real block-modal form: each mode is an independent equation z' = lambda z + b u,
- * with a complex z for a pair of eigenvalues and a real one for a real eigenvalue; y depends on the parts of all z, and on u.
+ * with a complex z for a pair of eigenvalues and a real one for a real eigenvalue; y depends on the parts of all z, and on u. Modes that
+ * are nearly dependent are replaced by real states that remain coupled (coupled.h), with matrices in place of the factors below.
  *
  * For inputs that change linearly from u0 to u1 over a step h the solution is exact at any h:
  *     z(h) = e^(lambda h) z + h (phi1 - phi2) b u0 + h phi2 b u1

@@ -15,7 +15,7 @@ static int place_of_state(int k)
     return k < MODE_COUNT ? k : MODES + k - MODE_COUNT;
 }
 
-/* z' = lambda z + b u, with b u given. */
+/* z' = lambda z + b u, or that of the coupled states, with b u given. */
 static void rates_of(const double *z, const Modal *w, double *rates)
 {
     const double *x = z, *y = z + MODES;
@@ -25,6 +25,9 @@ static void rates_of(const double *z, const Modal *w, double *rates)
     for (int k = 0; k < PAIR_COUNT; k++) {
         rates[k] -= OMEGA[k] * y[k];
         rates[MODE_COUNT + k] = SIGMA[k] * y[k] + OMEGA[k] * x[k] + w->at[MODES + k];
+    }
+    for (int r = 0; r < COUPLED_COUNT; r++) {
+        rates[FIRST_COUPLED + r] += coupled_row(COUPLING + r * COUPLED, z);
     }
 }
 

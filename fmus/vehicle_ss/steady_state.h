@@ -16,7 +16,7 @@ typedef struct {
     double row[SPRINGS][SPRINGS + 1];
 } Balance;
 
-/* The steady state z = -b u / lambda; the ports do not move then. */
+/* The steady state z = -b u / lambda, and that of the coupled states; the ports do not move then. */
 static void settle(const double *u, Modal *z)
 {
     Modal w;
@@ -26,8 +26,11 @@ static void settle(const double *u, Modal *z)
         z->at[k] = -(re * SIGMA[k] + im * OMEGA[k]) / square;
         z->at[MODES + k] = -(im * SIGMA[k] - re * OMEGA[k]) / square;
     }
-    for (int k = PAIR_COUNT; k < MODE_COUNT; k++) {
+    for (int k = PAIR_COUNT; k < FIRST_COUPLED; k++) {
         z->at[k] = -w.at[k] / SIGMA[k];
+    }
+    for (int r = 0; r < COUPLED_COUNT; r++) {
+        z->at[FIRST_COUPLED + r] = coupled_row(COUPLED_AT_REST + r * COUPLED, w.at);
     }
 }
 

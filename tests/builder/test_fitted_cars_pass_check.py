@@ -8,9 +8,8 @@ from builder.build import build
 from builder.check import check
 from builder.fmu.interface import RATES, steady_terms
 from eightpost.corners import CORNERS
+from eightpost.ident.grey_box.family import declared, linear_model, port_laws
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.grey_box.car import declared
-from eightpost.ident.vehicle.grey_box.vehicle import linear_model, port_laws
 from eightpost.vehicle import IdentifiedVehicle, read_vehicle, shipped, write_vehicle
 
 IDENTIFIED = Path(__file__).resolve().parents[2] / "examples" / "identified" / "car.json"

@@ -18,7 +18,7 @@ from cosim.study.running import workers
 from eightpost.__main__ import VERBS, main
 from eightpost.ident.shock.options import GasTreatment, RecipeName
 from eightpost.ident.shock.robust import Robust
-from eightpost.ident.vehicle.recipes import recipe_names
+from eightpost.ident.vehicle.recipes import RECIPES
 from eightpost.rig.post.program import PROGRAMS
 from eightpost.rig.post.truths import TRUTHS
 from eightpost.shock import LAWS
@@ -58,7 +58,7 @@ def option(verb: str, name: str) -> click.Parameter:
         ("fit", "--recipe", get_args(RecipeName)),
         ("fit", "--robust", get_args(Robust)),
         ("fit", "--gas", get_args(GasTreatment)),
-        ("identify", "--recipe", recipe_names()),
+        ("identify", "--recipe", tuple(RECIPES)),
         ("rig", "--car", tuple(TRUTHS)),
         ("rig", "--program", PROGRAMS),
         ("build", "--target", TARGETS),

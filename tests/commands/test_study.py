@@ -7,13 +7,18 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
+from rich.console import Console
 
 from cosim.study import StudyResult
+from cosim.study.study_file import read_study
 from eightpost.__main__ import main
+from eightpost.app.study import show_study
 
 TRACK = Path(__file__).resolve().parents[2] / "examples" / "data" / "track.parquet"
 
@@ -68,6 +73,16 @@ def test_a_study_is_run_ranked_and_written_and_the_second_call_runs_nothing(file
     assert result.done.all() and result.baseline_row == 1
     again = CliRunner().invoke(main, [*options, "--rank", "aero number"])
     assert again.exit_code == 0 and "2 setups, 0 to be run" in again.output
+
+
+def test_the_channels_that_drive_are_named_if_a_record_has_others(file, capsys):
+    study = read_study(file)
+    lap = replace(study.drives[0], name="lap", start=1.0, targets={"lf.road": "car.lf.road", "rf.road": "car.rf.road"})
+    both = replace(study, drives=(study.drives[0], lap))
+    show_study(Console(width=400), SimpleNamespace(study=both, left=0))
+    shown = capsys.readouterr().out
+    assert "track.parquet by its lf.road, rf.road, 1 to 4 s; the first 1 s are left out of every measure" in shown
+    assert "track.parquet, 0 to 3 s; the first" in shown
 
 
 @pytest.mark.parametrize("verb", ["study", "optimise", "shapes"])

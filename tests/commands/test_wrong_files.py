@@ -58,6 +58,7 @@ WRONG = {
     "build B_B.json -o ''": "'--output': the name of a file or folder is empty",
     "report cut.json -o page.html": "cut.json, line 3: cannot be read as JSON",
     "validate car.json shocks/dyno_A.csv": "car.json: needs the report of its fit, car.fit.json, in the same folder",
+    "validate left.json shocks/dyno_A.csv": "needs the responses of its tests, left.response.npz, in the same folder",
     # Numbers that no comparison finds out of range, or that would take hours and the whole memory
     "validate B_B.json shocks/dyno_A.csv --limit nan": "'nan' is not a finite number",
     "compare out --measured out --rank nan": "'nan' is not a finite number",
@@ -85,7 +86,9 @@ def starter(tmp_path_factory):
     (folder / "cut.json").write_text('{\n"kind": "shock",\n"law":', encoding="utf-8")
     (folder / "wrong.toml").write_text("components = 3\n", encoding="utf-8")
     (folder / "no_schema.toml").write_text('model = "seven_dof"\n', encoding="utf-8")
-    shutil.copy(examples_folder() / "identified" / "car.json", folder)
+    for name in ("car.json", "left.json"):
+        shutil.copy(examples_folder() / "identified" / "car.json", folder / name)
+    (folder / "left.fit.json").touch()
     for suffix in ("csv", "tdms", "toml", "json"):
         (folder / f"empty.{suffix}").touch()
     return folder

@@ -28,7 +28,7 @@ class Given:
 #: Commands that make what several pages need, in a folder that has `examples`.
 SHARED = {
     "rig": ("rig --program identification --duration '30 s' -o rig",),
-    "car.json": ("identify rig/*.parquet --recipe common-poles -o car.json",),
+    "car.json": ("identify rig/*.parquet -o car.json",),
     "shock.json": ("fit examples/data/dyno_A.csv --law lpnl2 --gas included -o shock.json",),
     "dist": (
         "fit examples/data/dyno_A.csv --law lpnl2 --gas included -o dist/dyno_A.json",
@@ -74,10 +74,9 @@ GIVEN = {
         shorter={"'100 s'": "'10 s'", "identification -o": "identification --duration '10 s' -o"}
     ),
     "docs/explanation/vehicle_uncertainty.md": Given(
-        "take('rig')\ntake('car.json')\nimport numpy as np\nfrom eightpost.ident.vehicle import read_fit\n"
-        "names = list(read_fit('car.json').trust.measures)\nshare = dict.fromkeys(names, 0.0)\n"
-        "first, second = dict.fromkeys(names, 1.0), dict.fromkeys(names, 1.05)\n"
-        "predicted = {name: np.linspace(1.0, 1.2, 20) + 0.01 * k for k, name in enumerate(names)}"
+        "take('rig')\ntake('car.json')\nfrom eightpost.ident.vehicle import read_fit\n"
+        "names = list(read_fit('car.json').trust.measures)\nshares = [1 / 11] * 11\n"
+        "first, second = dict.fromkeys(names, 1.0), dict.fromkeys(names, 1.05)"
     ),
     "docs/how_to/assembly.md": Given("take('dist')\ntake('system.toml')"),
     "docs/how_to/dyno_report.md": Given("record('dyno_A', 'A.csv')\nrecord('dyno_B', 'B.csv')"),

@@ -111,10 +111,10 @@ def _slower(series):
 
 
 @pytest.mark.nightly
-def test_whole_builds_are_left_out_and_their_scale_does_not_count(tests):
+def test_whole_builds_are_left_out_and_what_they_differ_by_counts(tests):
     held = fit_shock(tests, "lpf1").held_out
     assert held.left_out == "builds"
-    assert held.percent < 2.0
+    assert 2.0 < held.percent < 6.0
 
 
 @pytest.mark.slow

@@ -16,7 +16,6 @@ from eightpost.ident.shock.cross_validation import (
     HeldOut,
     HeldOutErrors,
     _left_out_runs,
-    _without_level,
     left_out_blocks,
 )
 from eightpost.ident.shock.record import prepare
@@ -82,14 +81,16 @@ def test_runs_are_left_out_if_each_has_another_of_its_speed_else_quarters(speeds
     assert CrossValidation(SimpleNamespace(runs=runs)).left_out == left_out
 
 
-def test_the_error_on_a_whole_run_is_that_of_the_best_offset_and_gain_of_the_samples_that_count():
-    measured = np.random.default_rng(4).standard_normal(50)
-    weights = np.ones(50)
-    weights[7], predicted = 0.0, 30.0 - 4.0 * measured
-    predicted[7] = 1e3
-    assert np.delete(_without_level(predicted, measured, weights), 7) == pytest.approx(np.zeros(49), abs=1e-12)
-    constant = _without_level(np.full(50, 3.0), measured, np.ones(50))
-    assert constant == pytest.approx(measured.mean() - measured)
+@pytest.mark.parametrize(("speeds", "gain", "offset"), [((0.3, 0.3), 4.0 / 3.0, 0.0), ((0.1, 0.3), 1.0, 50.0)])
+def test_the_error_on_whole_runs_has_their_size_and_not_their_offset_that_on_quarters_has_both(speeds, gain, offset):
+    runs = Runs.of([prepare(sine(speed=speed, duration=4.0)) for speed in speeds])
+    counted = np.ones(runs.target.size)
+    counted[7], predicted = 0.0, gain * runs.target + 50.0
+    predicted[7] = 1e6
+    fit = SimpleNamespace(runs=runs, refitted_rows=lambda _: predicted)
+    deviations = [2000.0 * speed / np.sqrt(2.0) for speed in speeds]
+    expected = 100.0 * np.mean([gain - 1.0 + offset / size for size in deviations])
+    assert CrossValidation(fit).errors(counted).percent == pytest.approx(expected, rel=0.02)
 
 
 # ---- The errors -----------------------------------------------------------------------------------------------------

@@ -14,12 +14,19 @@ from eightpost.errors import FileFormatError, InputError, ParameterError
 from eightpost.ident.response import contribution_error, response_of
 from eightpost.ident.vehicle.experiment import Experiment, experiment_of, find_baseline
 from eightpost.ident.vehicle.fit_tables import damping_sentence, residual_table
-from eightpost.ident.vehicle.recipes import recipe, recipe_names
+from eightpost.ident.vehicle.fit_validity import with_validity
+from eightpost.ident.vehicle.measured_levels import MeasuredLevels
+from eightpost.ident.vehicle.recipes import recipe
 from eightpost.ident.vehicle.recipes.boggs import CHAPTER_4, CHAPTER_5, CHAPTER_6, Boggs, chapter_of
 from eightpost.ident.vehicle.stability import closed_loop_stability
+from eightpost.ident.vehicle.trust import NOT_SIMULATED, UNUSABLE, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, fit_path, read_fit, write_fit
+from eightpost.ident.vehicle.verdict import fit_verdict
+from eightpost.judged import sealed
+from eightpost.measure_uncertainty import MeasureUncertainty
 from eightpost.progress import reported_to
 from eightpost.vehicle import IdentifiedVehicle
+from eightpost.verdict import Grade, Reason
 
 from .rig_tests import BASELINE, Rig
 
@@ -88,8 +95,7 @@ def test_an_experiment_without_a_ports_velocity_or_damping_is_rejected() -> None
 
 
 def test_an_unknown_recipe_is_rejected_with_the_known_ones() -> None:
-    assert "boggs" in recipe_names()
-    with pytest.raises(ParameterError, match="boggs"):
+    with pytest.raises(ParameterError, match="use one of boggs, common-poles, grey-box"):
         recipe("guess")
 
 
@@ -129,6 +135,55 @@ def test_a_fit_that_is_read_back_is_equal(fit: VehicleFit, tmp_path: Path) -> No
     assert found.vehicle.state_space == fit.vehicle.state_space
     assert found.sources == {"base.parquet": "0" * 64}
     np.testing.assert_array_equal(found.response.H, fit.response.H)
+
+
+def test_a_fit_states_the_levels_of_its_own_tests_and_is_judged_by_them(fit: VehicleFit) -> None:
+    assert fit.trust is not None
+    assert set(fit.trust.measures) == set(fit.vehicle.state_space.output_names)
+    assert not fit.trust.flags
+    assert [reason.about for reason in fit_verdict(fit).reasons] == ["fit of the vehicle"]
+    assert "own tests" in fit_verdict(fit).reasons[0].rule
+
+
+def test_a_car_that_cannot_be_simulated_with_its_own_shocks_is_not_usable(
+    quarter_car: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulated: list[float] = []
+
+    def diverges(levels: MeasuredLevels, *_given: object) -> dict[str, MeasureUncertainty]:
+        simulated.append(levels.loop.seconds)
+        return {}
+
+    monkeypatch.setattr(MeasuredLevels, "uncertainty", diverges)
+    found = recipe("boggs").identify(quarter_car.records, _experiment(quarter_car))
+    assert simulated == [30.0]
+    assert [reason.rule for reason in fit_verdict(found).decisive] == ["vehicle cannot be simulated"]
+
+
+def test_a_fit_is_judged_by_the_rules_of_all_recipes(fit: VehicleFit) -> None:
+    """A misfit of 30 % makes any vehicle unusable, and so does one that cannot be simulated."""
+    poor = replace(fit, residual={**fit.residual, "velocity": 0.31})
+    assert with_validity(poor).verdict == fit_verdict(poor)
+    assert fit_verdict(poor).grade is Grade.NOT_USABLE
+    unusable = Trust({}, {}, {}, {UNUSABLE: NOT_SIMULATED}, None, 0, {})
+    assert fit_verdict(replace(fit, trust=unusable)).grade is Grade.NOT_USABLE
+    assert fit_verdict(fit).grade is not Grade.NOT_USABLE
+
+
+def test_a_fit_of_the_removed_recipe_auto_is_read_with_its_verdict(fit: VehicleFit, tmp_path: Path) -> None:
+    """Version 0.2.0 wrote the choice of that recipe, which is left out, and a reason by a removed rule."""
+    gone = Reason(
+        "recipe chosen by a left-out test", "choice of the recipe", Grade.USABLE, "common-poles was chosen",
+        "common-poles 2 %, grey-box 3 %", "common-poles fit to base.parquet", "nothing",
+    )  # fmt: skip
+    old = with_validity(fit, [gone])
+    path = write_fit(tmp_path / "car.json", old)[2]
+    content = json.loads(path.read_text(encoding="utf-8"))
+    choice = {"trials": [], "reason": gone.statement, "recipe": "common-poles"}
+    path.write_text(json.dumps(sealed(content | {"choice": choice})), encoding="utf-8")
+    found = read_fit(tmp_path / "car.json")
+    assert found.verdict == old.verdict
+    assert gone in found.verdict.reasons
 
 
 def test_a_fit_of_another_vehicle_is_rejected(fit: VehicleFit, tmp_path: Path) -> None:

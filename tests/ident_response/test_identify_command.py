@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +36,9 @@ def _identify(*words: object) -> Result:
 @pytest.fixture(scope="module")
 def done(files: list[Path], tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, Path]:
     car = tmp_path_factory.mktemp("out") / "corner.json"
-    return _identify(*files, "-o", car), car
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("eightpost.app.progress.INTERVAL", 0.0)
+        return _identify(*files, "-o", car), car
 
 
 def test_two_files_give_a_vehicle_with_fit_and_plots(done: tuple[Result, Path]) -> None:
@@ -46,6 +49,16 @@ def test_two_files_give_a_vehicle_with_fit_and_plots(done: tuple[Result, Path]) 
     assert {"velocity.png", "tire_force.png", "stabilisation.png"} <= {
         path.name for path in (car.parent / "corner_plots").iterdir()
     }
+
+
+def test_the_progress_moves_from_the_first_file_on_and_has_no_long_standstill(done: tuple[Result, Path]) -> None:
+    result, _ = done
+    before, after = result.output.split("decimated to")
+    shares = [[int(share) for share in re.findall(r"identifying: (\d+)%", text)] for text in (before, after)]
+    assert 8 in shares[0] and max(shares[0]) == 15
+    assert shares[1] == sorted(shares[1]) and shares[1][-1] == 100
+    steps = np.diff(sorted({15, *shares[1]}))
+    assert steps.size > 30 and steps.max() <= 20
 
 
 def test_the_baseline_does_not_depend_on_the_order_of_the_files(done: tuple[Result, Path]) -> None:

@@ -13,8 +13,8 @@ from eightpost.ident.response import FrequencyResponse, response_of
 from eightpost.ident.response.conditioning import Preconditioning
 from eightpost.ident.vehicle import parallel_model, simulate_with_shocks
 from eightpost.ident.vehicle.many_setups import ManySetups
-from eightpost.ident.vehicle.parallel import balance
 from eightpost.ident.vehicle.rational_fit import TransferFunction
+from eightpost.ident.vehicle.siso_models import balance
 from eightpost.shock import Lpf1, Lpnl2
 from eightpost.shock.file import read_shock
 from eightpost.signals import TimeSeries

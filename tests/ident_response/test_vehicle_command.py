@@ -63,6 +63,16 @@ def test_the_command_varies_all_corners_of_the_seven_dof_car(tmp_path: Path) -> 
     assert [path.name for path in sorted(tmp_path.glob("*.png"))] == ["lf.velocity.png"]
 
 
+def test_the_command_warns_of_pounds_per_inch_typed_as_newtons_per_millimetre(tmp_path: Path) -> None:
+    text = shipped("quarter_car").read_text(encoding="utf-8")
+    (tmp_path / "car.toml").write_text(text.replace('lbf/in"', 'N/mm"'), encoding="utf-8")
+    for path, warns in ((tmp_path / "car.toml", True), (shipped("quarter_car"), False)):
+        done = _vehicle(path, "--output", "none", "-o", tmp_path)
+        shown = " ".join(done.output.split())
+        assert ("which look like lbf/in typed as N/mm: 1280 lbf/in = 224 N/mm" in shown) is warns
+        assert ("warning: wheel-hop frequency 43.8 Hz" in shown) is warns
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

@@ -25,6 +25,7 @@ from eightpost.archive import extract_archive, write_archive
 from eightpost.shock import Shock
 from eightpost.vehicle import read_vehicle, shipped
 from eightpost.wiring import Wire
+from tests.double_modes import car_with_seat
 
 STRICT = ("-std=c99", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Werror")
 #: Plain function names in programs, too.
@@ -52,6 +53,7 @@ def _source_folders(
 ) -> dict[str, Path]:
     products = [shock_product(shock, name) for name, shock in shocks.items()]
     products += [vehicle_product(read_vehicle(shipped(name)), name) for name in ("seven_dof", "quarter_car")]
+    products.append(vehicle_product(car_with_seat(), "car_with_seat"))
     found = {product.identifier: c_sources(product, product.interface, "0") for product in products}
     found["assembly"] = assembly_sources(assembly, assembly_interface(assembly), "0")
     folders = {}

@@ -8,7 +8,7 @@ from builder.native.platforms import this_platform
 from cosim import FmuComponent
 from eightpost.archive import read_archive, write_archive
 from eightpost.corners import CORNERS
-from eightpost.errors import ParameterError, StepError
+from eightpost.errors import StepError
 from eightpost.vehicle import (
     Channel,
     IdentifiedVehicle,
@@ -257,22 +257,6 @@ def test_an_identified_model_of_any_order_steps_exactly(tmp_path, states):
         expected.append(stepper.output(x, end))
     close(drive(fmu, model, moves), np.array(expected), 1e-10)
     fmu.finish()
-
-
-def test_the_error_on_a_model_without_modal_form_names_the_python_target(tmp_path):
-    model = StateSpace(
-        np.array([[0.0, 1.0], [0.0, 0.0]]),
-        np.array([[0.0], [1.0]]),
-        np.array([[0.0, 1.0]]),
-        np.zeros((1, 1)),
-        (Channel("force", "N"),),
-        (Channel("velocity", "m/s"),),
-        name="free mass",
-    )
-    write_vehicle(tmp_path / "free.json", IdentifiedVehicle("free mass", model))
-    with pytest.raises(ParameterError, match="--target python"):
-        build([tmp_path / "free.json"], tmp_path)
-    assert not (tmp_path / "free.fmu").exists()
 
 
 @pytest.mark.nightly

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eightpost.ident.linearity import Condition
-from eightpost.ident.linearity.path import Path
+from eightpost.ident.linearity.linearity import Path
 from eightpost.reproduce import QUICK
 from eightpost.reproduce import chapter_6_linearity as chapter
 from eightpost.vehicle import CORNERS

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from eightpost.__main__ import main
 from eightpost.corners import CORNERS
 from eightpost.errors import (
     ClippedChannelError,
@@ -52,6 +54,18 @@ def changed(record, tmp_path, changes, *, keep=slice(None)):
     path = tmp_path / "rig.parquet"
     RigTest(TimeSeries.from_channels(series.time[keep], channels)).write(path)
     return path
+
+
+@pytest.mark.slow
+def test_a_file_that_was_cut_off_in_its_last_sample_says_so(record, tmp_path):
+    path = tmp_path / "rig.csv"
+    record.write(path)
+    assert read_rig_test(path).notes == ()
+    path.write_text(path.read_text(encoding="utf-8")[:-200], encoding="utf-8")
+    cut = read_rig_test(path)
+    assert any("the last sample" in note and "not complete" in note for note in cut.notes)
+    assert len(cut.series) == len(record.series) - 1
+    assert "not complete" in CliRunner().invoke(main, ["inspect", str(path)]).output
 
 
 @pytest.mark.repeated
@@ -127,6 +141,19 @@ def test_a_file_of_another_program_is_read_with_a_short_channel_map(record, tmp_
     test = read_rig_test(path, channel_map=ChannelMap.read(tmp_path / "map.toml"))
     assert test.series["lf.force"] == pytest.approx(series["lf.force"], rel=1e-5)
     assert any(text.startswith("lf.velocity from lf.displacement") for text in test.derived)
+
+
+def test_the_map_beside_records_is_read_for_those_with_its_columns(record, tmp_path):
+    (tmp_path / "rig_map.toml").write_text('[channels."lf.road"]\nsource = "Left [m]"\ngain = -1.0')
+    series = record.series
+    record.write(tmp_path / "rig.parquet")
+    assert read_rig_test(tmp_path / "rig.parquet").series["lf.road"] == pytest.approx(series["lf.road"], rel=1e-5)
+    names = {name: name.replace("lf.road_command", "Left") for name in series.names if name != "lf.road"}
+    path = tmp_path / "own.parquet"
+    RigTest(TimeSeries.from_channels(series.time, {names[n]: (series.unit(n), series[n]) for n in names})).write(path)
+    test = read_rig_test(path, needs=(("tire_force",),), flip=["lf.road"])
+    assert test.series["lf.road"] == pytest.approx(series["lf.road_command"], rel=1e-5)
+    assert "lf.road" not in read_rig_test(path, channel_map=ChannelMap(), needs=(("tire_force",),)).series
 
 
 def test_the_error_lists_a_missing_channel_and_the_existing_ones(record, tmp_path):

@@ -38,8 +38,6 @@ def test_a_folder_of_records_and_two_laws_give_tables_and_a_page(run, folder):
         "lpf1.json",
         "static.json",
         "data",
-        "--configuration",
-        "random.csv=1",
         "--limit",
         "30",
         "--report",
@@ -48,8 +46,6 @@ def test_a_folder_of_records_and_two_laws_give_tables_and_a_page(run, folder):
     assert done.exit_code == 0, done.output
     for text in ("random: random", "bump: bump", "sine: sine", "Random records", "Sines of known", "Bump records"):
         assert text in done.output
-    assert "1: Build 1, 1 click, 50 psi" in done.output
-    assert "29.1" in done.output  # printed, Polylinear of configuration 1
     page = (folder / "out" / "page.html").read_text(encoding="utf-8")
     assert "known LPF1" in page
     assert "@media print" in page
@@ -82,8 +78,6 @@ def test_a_given_kind_is_used(run):
         (("lpf1.json", "data", "--kind", "fast"), "fast"),
         (("lpf1.json", "data", "--kind", "run9=sine"), "run9"),
         (("lpf1.json", "data/random.csv", "--kind", "sine"), "no single frequency"),
-        (("lpf1.json", "data", "--configuration", "13"), "1 to 12"),
-        (("lpf1.json", "data", "--configuration", "one"), "one"),
         (("lpf1.json", "data", "--report", "page.pdf"), "page.html"),
         (("lpf1.json", "data", "--units", "force"), "CHANNEL=UNIT"),
     ],

@@ -1,14 +1,10 @@
 """The kind of a record is recognised from its motion."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from eightpost.errors import ParameterError
 from eightpost.ident.validation.dyno_record import dyno_record, recognise_motion
-from eightpost.rig.dyno_test import DynoConditions, DynoTest
-from eightpost.signals import write_parquet
+from eightpost.rig.dyno_test import DynoTest
 
 from .conftest import TABLE_3_3, record, sine_path
 
@@ -42,23 +38,6 @@ def test_one_period_is_no_sine_test(truth):
     assert recognise_motion(record(truth, sine_path(0.5, 5.0, periods=1), 2000.0)).kind != "sine"
 
 
-@pytest.mark.parametrize(("note", "number"), [("SYNTHETIC, configuration 5: build 2", 5), ("run 7", None)])
-def test_the_note_in_a_file_states_its_configuration(bump_test, tmp_path, note, number):
-    (tmp_path / "text.csv").write_text(f"# {note}\ntime [s],force [N]\n")
-    write_parquet(bump_test.series, tmp_path / "binary.parquet", note=note)
-    for name in ("text.csv", "binary.parquet"):
-        assert dyno_record(replace(bump_test, source=tmp_path / name)).configuration == number
-
-
 def test_a_given_kind_takes_precedence_over_the_recognised_one(sine_test):
     record = dyno_record(sine_test(0.1, 5.0), kind="random")
     assert (record.kind, record.reason) == ("random", "given by the user")
-
-
-def test_the_configuration_follows_from_the_conditions_by_table_3_1(bump_test):
-    known = DynoConditions(build="Build 2", clicks="14 from closed", gas_pressure=1034213.6)
-    assert dyno_record(DynoTest(bump_test.series, known)).configuration == 8
-    assert dyno_record(bump_test).configuration is None
-    assert dyno_record(bump_test, configuration=12).configuration == 12
-    with pytest.raises(ParameterError, match="1 to 12"):
-        dyno_record(bump_test, configuration=13)

@@ -84,7 +84,7 @@ def car(law):
 
 
 @pytest.mark.nightly
-@given(law=st.builds(Friction, st.floats(0.0, 1e3), st.floats(1e-4, 0.1), LAWS, st.floats(-1e6, 1e6)))
+@given(law=st.builds(Friction, st.floats(0.0, 1e3), st.floats(1e-4, 0.1), LAWS, st.floats(-1e6, 1e6), st.just(0.0)))
 def test_a_bristle_and_a_spring_are_read_back_to_the_bit(law, tmp_path_factory):
     path = tmp_path_factory.mktemp("car") / "car.json"
     write_vehicle(path, car(law))
@@ -99,9 +99,19 @@ def test_a_car_without_them_is_written_as_before(tmp_path):
     assert content["friction"] == {"": {"force": 50.0, "velocity": 0.01}}
 
 
+def test_the_mean_travel_of_a_spring_is_read_back_and_absent_without_one(tmp_path):
+    for travel, schema in ((0.0213, 3), (0.0, 2)):
+        law = Friction(spring=2e5, mean_travel=travel)
+        write_vehicle(tmp_path / "car.json", car(law))
+        content = json.loads((tmp_path / "car.json").read_text())
+        assert content["schema"] == schema
+        assert ("mean_travel" in content["friction"][""]) == (travel != 0.0)
+        assert read_vehicle(tmp_path / "car.json").friction == {"": law}
+
+
 def test_a_newer_schema_is_refused(tmp_path):
     write_vehicle(tmp_path / "car.json", car(Friction(bristle=LAW)))
-    text = (tmp_path / "car.json").read_text().replace('"schema": 2', '"schema": 3')
+    text = (tmp_path / "car.json").read_text().replace('"schema": 2', '"schema": 4')
     (tmp_path / "car.json").write_text(text)
     with pytest.raises(FileFormatError, match="schema"):
         read_vehicle(tmp_path / "car.json")
@@ -115,6 +125,7 @@ def test_a_newer_schema_is_refused(tmp_path):
         (Friction(bristle=Bristle(1.0, 1e-4, 0.9)), r"bristle.static_ratio is 0.9; give a finite number \[at least 1"),
         (Friction(bristle=Bristle(1.0, 1e-4, 1.0, np.nan)), r"stribeck_velocity is nan"),
         (Friction(spring=np.inf), r"spring is inf"),
+        (Friction(spring=1e5, mean_travel=np.nan), r"mean_travel is nan; give a finite number \[m"),
     ],
 )
 def test_values_out_of_range_are_refused_with_their_name(law, message):

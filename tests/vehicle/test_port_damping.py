@@ -1,6 +1,8 @@
-"""Tests of dampers at the shock ports: exact, or rejected if the conversion would not be exact."""
+"""Tests of dampers and springs at the shock ports: exact, or rejected if the conversion would not be exact."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,9 +10,13 @@ import pytest
 from eightpost.errors import ParameterError
 from eightpost.vehicle import (
     CORNERS,
+    Friction,
     IdentifiedVehicle,
+    QuarterCar,
     add_port_damping,
+    add_port_stiffness,
     discretise,
+    quarter_car,
     read_vehicle,
     shipped,
 )
@@ -44,6 +50,41 @@ def test_the_baseline_damping_of_an_identified_vehicle_is_removed(name):
 def test_a_vehicle_without_baseline_damping_is_coupled_without_change():
     model = read_vehicle(shipped("quarter_car")).coupled()
     assert IdentifiedVehicle("found", model).coupled() is model
+
+
+def test_a_spring_at_the_port_equals_a_stiffer_spring_of_the_equations():
+    vehicle = read_vehicle(shipped("quarter_car"))
+    stiffer = replace(vehicle.parameters, suspension_stiffness=vehicle.parameters.suspension_stiffness + 7000.0)
+    names = [n for n in vehicle.coupled().output_names if n != "spring_force"]
+    found = add_port_stiffness(vehicle.coupled(), {"": 7000.0}).select(outputs=names)
+    assert_same(found, quarter_car.coupled(stiffer).select(outputs=names))
+
+
+@pytest.mark.parametrize("baseline", [{}, {"": 900.0}])
+def test_a_car_with_a_progressive_spring_is_coupled_about_the_state_without_loads(baseline):
+    """The spring is k1 d + k2 d^2; the identified model has its slope k1 + 2 k2 d at the travel d of the tests."""
+    k1, k2, travel = 30e3, 4e5, 0.02
+    tests = QuarterCar(300.0, 40.0, k1 + 2.0 * k2 * travel, 220e3, baseline.get("", 0.0))
+    law = Friction(spring=k2, mean_travel=travel)
+    names = [n for n in quarter_car.coupled(tests).output_names if n != "spring_force"]
+    identified = quarter_car.with_damper(tests).select(outputs=names)
+    car = IdentifiedVehicle("found", identified, baseline, friction={"": law})
+    expected = quarter_car.coupled(QuarterCar(300.0, 40.0, k1, 220e3))
+    assert_same(car.coupled(), expected.select(outputs=names))
+    assert car.with_damper() == identified
+    unloaded = car.unloaded()
+    assert unloaded.friction == {"": Friction(spring=k2)}
+    assert unloaded.unloaded() is unloaded
+    assert unloaded.coupled() == car.coupled()
+
+
+def test_displacements_with_direct_terms_are_rejected():
+    model = read_vehicle(shipped("quarter_car")).with_damper()
+    broken = model.D.copy()
+    broken[1, 0] = 1e-3
+    bad = type(model)(model.A, model.B, model.C, broken, model.inputs, model.outputs)
+    with pytest.raises(ParameterError, match="a shock displacement must depend on the state alone"):
+        add_port_stiffness(bad, {"": 1000.0})
 
 
 def test_velocities_with_direct_terms_are_rejected():

@@ -223,10 +223,10 @@ def _objective_levels(result: StudyResult, posterior: Posterior, criterion: Crit
 def _trade_offs(
     result: StudyResult, posterior: Posterior, chosen: Criterion, drawn: Drawn, ties: Integers, draws: int, seed: int
 ) -> Iterator[TradeOff]:
-    """Yield the levels of the other measures of the leading setup relative to the baseline."""
+    """Yield the levels of the other measures of the leading setup relative to the baseline, unless it leads itself."""
     sources = posterior.sources
     reference = _reference(result, chosen, sources)
-    if reference is None or not ties.size:
+    if reference is None or not ties.size or drawn.rows[ties[0]] == reference:
         return
     rows = np.array([int(drawn.rows[ties[0]]), reference])
     generator = np.random.default_rng(seed + 1)
@@ -267,6 +267,9 @@ def _contradictions(
 
 def _remarks(posterior: Posterior, chosen: Criterion, drawn: Drawn, left_out: float) -> Iterator[str]:
     sources = posterior.sources
+    for m in np.flatnonzero(sources.shift).tolist():
+        change = f"{100.0 * np.expm1(sources.shift[m]):+.2g} %"
+        yield f"{sources.names[m]} is corrected by {change}: its error on the vehicle's own tests is significant"
     measures = [m for m in chosen.measures.tolist() if sources.bases[m] == OUTPUT]
     if measures:
         names = ", ".join(sources.names[m] for m in measures)

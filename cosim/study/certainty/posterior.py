@@ -112,15 +112,16 @@ class Posterior:
             common, own = sources.common[m] * typical.common[m], sources.own[m] * typical.own[m]
             student += weights[:, m] ** 2 * (common**2 + own**2 * (squares @ directions[m]))
         normal = self._normal(weights, rows)
+        known = weights @ sources.shift
         if not self.observations.rows.size:
-            return np.zeros(rows.size), student, normal
+            return known, student, normal
         with_levels = self._with_levels(typical)
         shared = np.zeros((self.observations.rows.size, rows.size))
         for m in _used(weights):
             shared += weights[:, m] * sources.errors(with_levels, rows, m)
         factor = np.linalg.cholesky(self._covariance(typical))
         white = np.linalg.solve(factor, shared)
-        middle = white.T @ np.linalg.solve(factor, self.observations.changes)
+        middle = known + white.T @ np.linalg.solve(factor, self._unexplained)
         whole = student + normal
         left = np.clip(1.0 - np.sum(white**2, axis=0) / np.where(whole > 0.0, whole, 1.0), 0.0, 1.0)
         return np.asarray(middle), student * left, normal * left
@@ -144,6 +145,11 @@ class Posterior:
         weights[:, m] = 1.0
         first = (float(part[0]) for part in Posterior(kept, local).moments(weights))
         return next(first), next(first), next(first)
+
+    @property
+    def _unexplained(self) -> Array:
+        """Measured changes beyond the known shift (N,)."""
+        return np.asarray(self.observations.changes - self.sources.shift[self.observations.measures])
 
     @property
     def _deviations(self) -> Array:
@@ -236,7 +242,7 @@ class Posterior:
             own._covariance_of(m, Scales(np.array(a), np.array(b))) for a, b in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
         ]
         covariances = base[0] + sum(squares[k][:, None, None] * (base[k + 1] - base[0]) for k in range(2))
-        return squares, covariances, own.observations.changes
+        return squares, covariances, own._unexplained
 
     def _covariance_of(self, m: int, factors: Scales) -> Array:
         """Return the covariance of levels of one measure only, for factors of its scales."""

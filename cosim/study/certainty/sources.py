@@ -1,8 +1,10 @@
 """Sources of the errors of a study's measures, as one linear model of independent variables.
 
-    e[k, m] = ln(true / predicted) = common[m] + own[m] . z[k] + sum over corners of the shock there + coupling[k, m]
+    e[k, m] = ln(true / predicted)
+            = shift[m] + common[m] + own[m] . z[k] + sum over corners of the shock there + coupling[k, m]
 
-for setup k and measure m. The position `z` of a setup has three parts. The first are the outputs, `x - mean of x` with
+for setup k and measure m. The shift is known: minus the vehicle's bias. The position `z` of a setup has three parts.
+The first are the outputs, `x - mean of x` with
 `x = ln(measures) / sqrt(O)`; the second are `local_features` of the first; every measure depends on both. The third are
 `ln(measure)` minus its mean, of all M measures; only the measure itself depends on its own one: its range over the
 setups is wrong by a factor. All Z parts together give the separation that MeasureUncertainty describes. The common
@@ -40,7 +42,7 @@ class Scales(NamedTuple):
 class Variables:
     """Drawn variables of the error model: D draws."""
 
-    #: Common error of each measure (D, M), with the errors that parameters of the vehicle give all setups.
+    #: Common error of each measure (D, M), with its shift and the errors that parameters of the vehicle give all.
     common: Array
     own: Array  #: Gradient of each measure's own error (D, M, Z).
     shocks: Array  #: Error due to each build at each corner (D, C, B, M).
@@ -52,6 +54,7 @@ class ErrorSources:
 
     names: tuple[str, ...]  #: Names of the measures.
     predicted: Array  #: Predicted levels (R, M), SI; NaN if a setup failed.
+    shift: Array  #: Known common error ln(true / predicted) (M,) [1].
     common: Array  #: Scale of the common error (M,) [1]; 0 if it is not known.
     own: Array  #: Scale of the own error per distance (M,) [1]; 0 if it is not known.
     bases: tuple[str, ...]  #: Origin of both, by measure (Levels.basis).
@@ -128,7 +131,7 @@ class ErrorSources:
         corners = self.builds.shape[1]
         normal = generator.standard_normal
         fit = normal((count, self.parameters))
-        common = normal((count, len(self.names))) * (self.common * scales.common) + fit @ self.shared
+        common = self.shift + normal((count, len(self.names))) * (self.common * scales.common) + fit @ self.shared
         gradient = (self.own * scales.own)[:, None] * self.directions
         own = normal((count, *gradient.shape)) * gradient
         shocks = np.zeros((count, *self.changes.shape[1:]))
@@ -181,6 +184,7 @@ def error_sources(
     return ErrorSources(
         names=names,
         predicted=predicted,
+        shift=np.array([0.0 if one is None else -one.bias for one in found]),
         common=np.array([0.0 if one is None else one.common for one in found]),
         own=np.array([0.0 if one is None else one.own for one in found]),
         bases=tuple(bases),

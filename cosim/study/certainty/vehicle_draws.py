@@ -46,7 +46,7 @@ class VehicleDraws:
         sources = posterior.sources
         generator = np.random.default_rng(seed)
         drawn = [posterior.draw(one, _PER_GROUP, generator) for one in posterior.scales.groups(_GROUPS, generator)]
-        parts = drawn if posterior.observations.rows.size else [_balanced(one) for one in drawn]
+        parts = drawn if posterior.observations.rows.size else [_balanced(one, sources.shift) for one in drawn]
         unknown = tuple(n for n, origin in zip(sources.names, sources.bases, strict=True) if origin == UNKNOWN)
         common, own = (np.concatenate([getattr(one, part) for one in parts]) for part in ("common", "own"))
         if not np.any(common) and not np.any(own):
@@ -65,11 +65,12 @@ class VehicleDraws:
         return np.asarray(predicted[:, measures] * np.exp(errors))
 
 
-def _balanced(drawn: Variables) -> Variables:
-    """Return draws of which the second half is the first one negated, so that their mean is 0."""
+def _balanced(drawn: Variables, shift: Array) -> Variables:
+    """Return draws of which the second half is the first one negated about the shift, so that this is their mean."""
     half = len(drawn.common) // 2
-    parts = (drawn.common, drawn.own, drawn.shocks)
-    return Variables(*(np.concatenate([part[:half], -part[:half]]) for part in parts))
+    parts = (drawn.common - shift, drawn.own, drawn.shocks)
+    common, own, shocks = (np.concatenate([part[:half], -part[:half]]) for part in parts)
+    return Variables(common + shift, own, shocks)
 
 
 @dataclass(frozen=True, eq=False)

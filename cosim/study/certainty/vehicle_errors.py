@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import hypot
 
+from cosim.study.above_band import AboveBand
 from cosim.study.measures import Measure
 from cosim.study.result import StudyResult
 from eightpost.errors import InputError
@@ -39,14 +41,8 @@ def vehicle_uncertainties(result: StudyResult) -> dict[str, tuple[MeasureUncerta
     """
     found = stated_uncertainty(result, result.study.vehicle.fmu)
     stated = {} if found is None else found.measures
-    uncertainties = {measure.name: _of(measure, stated, result.study.vehicle.name) for measure in result.measures}
-    return {name: (_at_share(one, name, result), basis) for name, (one, basis) in uncertainties.items()}
-
-
-def _at_share(one: MeasureUncertainty | None, name: str, result: StudyResult) -> MeasureUncertainty | None:
-    """Return the uncertainty for the share of the measure's power above the band of the vehicle, if it is known."""
-    above = result.provenance.above_band.get(name)
-    return one if one is None or above is None else one.at_share(min(max(above.share, 0.0), 1.0))
+    spectra = result.provenance.above_band
+    return {one.name: _of(one, stated, result.study.vehicle.name, spectra.get(one.name)) for one in result.measures}
 
 
 def plain_output(measure: Measure, vehicle: str, outputs: Mapping[str, MeasureUncertainty]) -> str | None:
@@ -62,15 +58,16 @@ def plain_output(measure: Measure, vehicle: str, outputs: Mapping[str, MeasureUn
 
 
 def _of(
-    measure: Measure, stated: Mapping[str, MeasureUncertainty], vehicle: str
+    measure: Measure, stated: Mapping[str, MeasureUncertainty], vehicle: str, spectrum: AboveBand | None
 ) -> tuple[MeasureUncertainty | None, str]:
+    shares = () if spectrum is None else spectrum.bands
     name = plain_output(measure, vehicle, stated)
     if name is not None:
-        return stated[name], STATED
+        return stated[name].on_drive(shares), STATED
     names = [channel.removeprefix(f"{vehicle}.") for channel in measure.channels]
     if measure.function or measure.statistic not in _LIKE_RMS or not all(name in stated for name in names):
         return None, UNKNOWN
     if len(names) > 1 and TOTAL in stated and all(name.rpartition(".")[2] == _SUMMED for name in names):
         names.append(TOTAL)
-    parts = [stated[name] for name in names]
-    return MeasureUncertainty(max(one.common for one in parts), max(one.own for one in parts)), OUTPUT
+    parts = [stated[name].on_drive(shares) for name in names]
+    return MeasureUncertainty(max(hypot(p.common, p.bias) for p in parts), max(p.own for p in parts)), OUTPUT

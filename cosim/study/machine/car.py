@@ -22,6 +22,9 @@ _FRICTION = (
 _SPRING = "port_spring"
 _AT_EQUILIBRIUM = "start_at_equilibrium"
 
+#: Constants that FMUs of earlier versions lack, which have no coupled states.
+_NONE_COUPLED = "enum { COUPLED_COUNT = 0 };\nstatic const double COUPLING[] = {0.0};\n"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Port:
@@ -64,7 +67,7 @@ def read_vehicle(component: FmuComponent, path: Path, given: Parameters) -> Vehi
         raise NotInBatchError(f"{path.name} is not a vehicle but {sources.kind}")
     values = {v.name: v.start for v in component.variables.values() if v.causality == "parameter"} | dict(given)
     try:
-        return _vehicle(component, Constants.of(sources.files["vehicle_data.h"]), values)
+        return _vehicle(component, Constants.of(_NONE_COUPLED + sources.files["vehicle_data.h"]), values)
     except (KeyError, ValueError) as error:
         raise NotInBatchError(f"{path.name} has other constants than this version knows: {error}") from error
 
@@ -77,6 +80,8 @@ def _vehicle(component: FmuComponent, constants: Constants, values: Mapping[str,
     A = np.diag(np.r_[constants.filled("SIGMA", modes), constants.filled("SIGMA", modes)[:pairs]])
     omega = constants.filled("OMEGA", modes)[:pairs]
     A[:pairs, modes:], A[modes:, :pairs] = np.diag(-omega), np.diag(omega)
+    coupled = sizes["COUPLED_COUNT"]
+    A[modes - coupled : modes, modes - coupled : modes] += constants.filled("COUPLING", coupled**2).reshape(coupled, -1)
     shape = sizes["STATE_BLOCKS"], len(inputs), sizes["BLOCK"]
     B = constants.filled("B", int(np.prod(shape))).reshape(shape).transpose(0, 2, 1).reshape(-1, len(inputs))
     C = constants.filled("C", len(outputs) * sizes["STATE_COUNT"]).reshape(len(outputs), -1)

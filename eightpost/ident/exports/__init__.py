@@ -1,17 +1,11 @@
-"""Export of models, frequency responses and shock curves to other tools, and import of such files."""
+"""Export of models, frequency responses and shock curves to other tools."""
 
-from eightpost.ident.exports.matlab import read_response_mat, read_vehicle_mat, write_response_mat, write_vehicle_mat
-from eightpost.ident.exports.python_control import from_frd, to_frd
+from eightpost.ident.exports.model_formats import to_frd, write_response_mat, write_response_uff, write_vehicle_mat
 from eightpost.ident.exports.shock_formats import write_shock_table
 from eightpost.ident.exports.shock_table import ShockTable, shock_table
-from eightpost.ident.exports.universal_file import read_response_uff, write_response_uff
 
 __all__ = [
     "ShockTable",
-    "from_frd",
-    "read_response_mat",
-    "read_response_uff",
-    "read_vehicle_mat",
     "shock_table",
     "to_frd",
     "write_response_mat",

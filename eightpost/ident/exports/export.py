@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -10,13 +11,12 @@ import numpy as np
 
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import document_kind
-from eightpost.ident.exports.matlab import write_response_mat, write_vehicle_mat
+from eightpost.ident.exports.model_formats import write_response_mat, write_response_uff, write_vehicle_mat
 from eightpost.ident.exports.shock_formats import table_format, write_shock_table
 from eightpost.ident.exports.shock_table import shock_table
-from eightpost.ident.exports.universal_file import write_response_uff
 from eightpost.ident.response import FrequencyResponse, read_response, response_of
 from eightpost.validity import judged
-from eightpost.vehicle import IdentifiedVehicle, StateSpace, read_vehicle
+from eightpost.vehicle import IdentifiedVehicle, read_vehicle
 
 
 def export(
@@ -95,10 +95,13 @@ def export_shocks(
 def _vehicle(source: Path, ports: str) -> IdentifiedVehicle:
     """Return a vehicle as it was identified, or with shock inputs that take the whole force."""
     vehicle = read_vehicle(source)
-    model: StateSpace = vehicle.coupled() if ports == "whole" else vehicle.with_damper()
-    if not isinstance(vehicle, IdentifiedVehicle):
-        return IdentifiedVehicle(vehicle.name, model, static=vehicle.static)
-    return judged(vehicle, state_space=model, baseline_damping={}) if ports == "whole" else vehicle
+    if isinstance(vehicle, IdentifiedVehicle):
+        if ports == "difference":
+            return vehicle
+        model = replace(vehicle, friction={}, validity=None).coupled()  # about the mean loads of the tests
+        return judged(vehicle, state_space=model, baseline_damping={})
+    model = vehicle.coupled() if ports == "whole" else vehicle.with_damper()
+    return IdentifiedVehicle(vehicle.name, model, static=vehicle.static)
 
 
 def _write_model(vehicle: IdentifiedVehicle, output: Path) -> str:

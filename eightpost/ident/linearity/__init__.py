@@ -5,11 +5,12 @@ from eightpost.ident.linearity.linearity import (
     AmplitudeEffect,
     Condition,
     Linearity,
+    Path,
     Thresholds,
     Verdict,
     judge_linearity,
+    paths,
 )
-from eightpost.ident.linearity.path import Path, paths
 
 __all__ = [
     "AmplitudeEffect",

@@ -9,8 +9,7 @@ import numpy as np
 
 from eightpost.cells import write_rows
 from eightpost.files import atomic_path
-from eightpost.ident.linearity.linearity import Condition, Linearity
-from eightpost.ident.linearity.path import Path
+from eightpost.ident.linearity.linearity import Condition, Linearity, Path
 from eightpost.report.pictures import Axes, color_cells, new_figure, save
 
 # ---- CSV tables of linearity, with a line per path ------------------------------------------------------------------

@@ -40,9 +40,9 @@ def check_lost_channels(series: TimeSeries, corners: Sequence[str], *, path: Pat
     names = [f"{c}.{q}" if c else q for q in _RESPONSES for c in corners]
     there = [name for name in names if name in series]
     for name in there:
-        start, stop = _longest_hold(series[name])
+        start, stop = longest_hold(series[name])
         span = (stop - start) / series.sample_rate
-        if span < HELD or not _others_move(series, there, name, slice(start, stop)):
+        if span < HELD or not others_move(series, there, name, slice(start, stop)):
             continue
         where = f"from {series.time[start]:.4g} s to {series.time[stop]:.4g} s"
         what = (
@@ -52,7 +52,7 @@ def check_lost_channels(series: TimeSeries, corners: Sequence[str], *, path: Pat
         raise ConstantChannelError(what, path=path, channel=name)
 
 
-def _longest_hold(values: Array) -> tuple[int, int]:
+def longest_hold(values: Array) -> tuple[int, int]:
     """Return the first and the last sample of the longest run of one value."""
     edges = np.flatnonzero(np.diff(values) != 0.0) + 1
     bounds = np.concatenate(([0], edges, [values.size]))
@@ -60,7 +60,7 @@ def _longest_hold(values: Array) -> tuple[int, int]:
     return int(bounds[longest]), int(bounds[longest + 1]) - 1
 
 
-def _others_move(series: TimeSeries, names: Sequence[str], own: str, held: slice) -> bool:
+def others_move(series: TimeSeries, names: Sequence[str], own: str, held: slice) -> bool:
     """Return whether most of the other channels change in most samples of a span; a resting rig moves none."""
     moving = [np.mean(np.diff(series[name][held]) != 0.0) > MOVING for name in names if name != own]
     return bool(moving) and float(np.mean(moving)) > 0.5
@@ -80,12 +80,16 @@ BAND = 20.0
 #: Length of record that is compared [s]; longer ones take seconds and give no better result.
 SPAN = 60.0
 
-#: Longest lag that a filter in the logger explains [s].
-SAME_LAG = 2e-3
+#: Longest lag of a potentiometer in a sound record [s]: rubber in series with its shock makes it late by up to 6 ms. A
+#: single late potentiometer follows from the laws of the corners (`plausibility`).
+TRAVEL_LAG = 8e-3
 
-#: Longest lag of the sum of the tire forces that a sound record has [s]: an engine on its mounts, whose acceleration is
-#: not measured, shifts it by 5 to 6 ms. Shorter delays of tire forces follow from the law of the tire (`plausibility`).
-LOAD_LAG = 10e-3
+#: Longest lag of the sum of the tire forces in a sound record [s]: an engine on its mounts, whose acceleration is not
+#: measured, shifts it by up to 30 ms. Shorter delays of tire forces follow from the law of the tire (`plausibility`).
+LOAD_LAG = 50e-3
+
+#: Longest change of a lag within a sound record [s]; that of the tire forces may reach `LOAD_LAG`.
+DRIFT = 4e-3
 
 #: Number of its standard deviations by which a lag must exceed the threshold.
 DEVIATIONS = 5.0
@@ -237,7 +241,7 @@ def drifts(series: TimeSeries, corners: Sequence[str]) -> tuple[Lag, ...]:
         late._replace(
             seconds=late.seconds - early.seconds,
             correlation=min(early.correlation, late.correlation),
-            usual=2.0 * SAME_LAG,
+            usual=late.usual if late.channel == "tire_force" else DRIFT,
             spread=float(np.hypot(early.spread, late.spread)),
         )
         for early, late in pairs
@@ -335,7 +339,7 @@ class _Comparison:
         compared = [corner, *(other for other in across if self._there(self._accelerometers(other)))]
         relative = [self._low[hub] - self._low[chassis] for hub, chassis in map(self._accelerometers, compared)]
         bend = derivative(derivative(self._low[pot], self._rate), self._rate)
-        return self._lag(pot, "the accelerometers", bend, np.stack(relative), SAME_LAG)
+        return self._lag(pot, "the accelerometers", bend, np.stack(relative), TRAVEL_LAG)
 
     def _axle(self, corner: str) -> tuple[str, ...]:
         front = corner in self._corners[:2]

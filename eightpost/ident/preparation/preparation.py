@@ -165,6 +165,7 @@ class _Single(NamedTuple):
     sha256: str
     full: TimeSeries | None
     """Channel at full rate that other records are synchronised with."""
+    notes: tuple[str, ...]
 
 
 def _called(test: RigTest, number: int) -> str:
@@ -189,7 +190,7 @@ def _prepared(test: RigTest, how: Preparation, name: str, first: _Single | None)
         record, means = _decimated(series, computed, first_kept, how.decimation)
     except ParameterError as error:
         raise ParameterError(f"{name}: {error}") from error
-    return _Single(name, corners, record, means, tuple(lags), changes, findings, steps, test.sha256, full)
+    return _Single(name, corners, record, means, tuple(lags), changes, findings, steps, test.sha256, full, test.notes)
 
 
 def _start(series: TimeSeries, first: TimeSeries, channel: str, name: str) -> Lag:
@@ -228,7 +229,11 @@ def _decimated(
 
 
 def _together(singles: Sequence[_Single], how: Preparation) -> Prepared:
+    named: dict[str, str] = {}
     for single in singles:
+        if single.sha256 in named:
+            raise InputError(f"{single.name} is the same record as {named[single.sha256]}; give every test once")
+        named |= {single.sha256: single.name} if single.sha256 else {}
         if single.corners != singles[0].corners:
             raise InputError(f"{single.name} has other corners than {singles[0].name}; give tests of one car")
         if len(single.series) < _FEWEST:
@@ -283,6 +288,7 @@ def unexplained_lags(lags: Iterable[Lag], findings: Sequence[Finding]) -> tuple[
 def _notes(singles: Sequence[_Single], shared: Sequence[str], how: Preparation) -> tuple[str, ...]:
     notes = []
     for single in singles:
+        notes += [f"{single.name}: {note}" for note in single.notes]
         lost = [name for name in single.series.names if name not in shared]
         if lost:
             notes.append(f"{single.name}: omitted, because not all records have them: {', '.join(lost)}")

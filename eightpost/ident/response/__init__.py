@@ -1,6 +1,6 @@
 """Estimation of frequency responses from records, and their preconditioning before a model is fitted."""
 
-from eightpost.ident.response.averaged import H1, H2, Hv, Recipe, estimate_response
+from eightpost.ident.response.averaged import H1, Recipe, SameDrive, estimate_response
 from eightpost.ident.response.conditioning import (
     HighResidual,
     LowResidual,
@@ -8,7 +8,6 @@ from eightpost.ident.response.conditioning import (
     ZeroPhaseSmoothing,
     condition,
     feedback_paths,
-    zeroed_paths,
 )
 from eightpost.ident.response.frequency_response import (
     FrequencyResponse,
@@ -18,24 +17,17 @@ from eightpost.ident.response.frequency_response import (
     write_response,
 )
 from eightpost.ident.response.local_polynomial import LocalPolynomial
-from eightpost.ident.response.local_rational import LocalRational, ValidatedResponse
 from eightpost.ident.response.records import Blocks, gather
-from eightpost.ident.response.sequential import SameDrive, Sequential
 
 __all__ = [
     "H1",
-    "H2",
     "Blocks",
     "FrequencyResponse",
     "HighResidual",
-    "Hv",
     "LocalPolynomial",
-    "LocalRational",
     "LowResidual",
     "Recipe",
     "SameDrive",
-    "Sequential",
-    "ValidatedResponse",
     "ZeroPhaseSmoothing",
     "Zeroed",
     "condition",
@@ -46,5 +38,4 @@ __all__ = [
     "read_response",
     "response_of",
     "write_response",
-    "zeroed_paths",
 ]

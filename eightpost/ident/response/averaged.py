@@ -1,4 +1,4 @@
-"""Averaged frequency responses and coherence."""
+"""Averaged frequency responses and coherence, and those of tests with the same drive."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scipy.signal import welch
 from eightpost.array_types import Array, Complex
 from eightpost.errors import InputError
 from eightpost.ident.response.frequency_response import FrequencyResponse
-from eightpost.ident.response.records import Blocks, Records, Spectra, gather
+from eightpost.ident.response.records import Blocks, Record, Records, gather
 from eightpost.signals import TimeSeries
 
 # ---- Power of the inputs of records, which determines where a response is important ---------------------------------
@@ -73,7 +73,7 @@ def _response_variance(solved: _Regression, blocks: int, independent: float) -> 
 
 
 class Recipe(Protocol):
-    """Protocol of the estimators `H1`, `H2`, `Hv`, `LocalPolynomial`, `LocalRational`, `Sequential` and `SameDrive`."""
+    """Protocol of the estimators `H1`, `SameDrive` and `LocalPolynomial`."""
 
     def estimate(self, records: Records) -> FrequencyResponse:
         """Estimate the response of every output to every input."""
@@ -177,9 +177,9 @@ def _inverted(singular: Array, active: NDArray[np.bool_], names: Sequence[str]) 
     return np.asarray(1.0 / safe, dtype=np.float64)
 
 
-# ---- Estimators H1, H2 and Hv, averaged over windowed blocks --------------------------------------------------------
+# ---- Estimator H1, averaged over windowed blocks --------------------------------------------------------------------
 
-#: Amplitude of an input, relative to its largest, below which it has no power (-50 dB) [1].
+#: Amplitude of an input, relative to its largest, below which it has no power and is dropped (-50 dB) [1].
 POWER_FLOOR = 3e-3
 
 
@@ -188,88 +188,106 @@ class H1:
     """Linear regression for noise on the outputs (Eq 4.19, 5.32; the global method of Eq 6.7 for several shocks)."""
 
     blocks: Blocks  #: Division of the records into blocks.
-    #: Amplitude of an input, relative to its largest, below which it is dropped at a frequency [1].
-    power_floor: float = POWER_FLOOR
 
     def estimate(self, records: Records) -> FrequencyResponse:
         """Estimate from all records at once."""
-        spectra, solved = _regressed(self.blocks, self.power_floor, records)
-        return response_from(records, spectra, solved, solved.H)
+        spectra = self.blocks.spectra(records)
+        names = [channel.name for channel in records.inputs]
+        solved = regress(spectra.U, spectra.Y, power_floor=POWER_FLOOR, names=names)
+        return FrequencyResponse(
+            spectra.frequency,
+            solved.H,
+            records.inputs,
+            records.outputs,
+            _multiple_coherence(solved),
+            partial_coherence(solved),
+            _response_variance(solved, spectra.U.shape[1], spectra.independent),
+        )
+
+
+# ---- Tests with the same drive --------------------------------------------------------------------------------------
+
+#: Relative difference of two measured drives below which they are the same drive [1].
+_SAME_DRIVE = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class H2:
-    """Linear regression for noise on the inputs, `H2 = S_yy S_uy^-1`; it needs as many outputs as inputs.
+class SameDrive:
+    """Estimator of Eq 4.24 to 4.26 for tests with one drive file: force differences explain changes of the outputs.
 
-    The inputs are regressed on the outputs and the result is inverted. Coherence and variance are those of H1.
+    The records are the baseline and one alternate test per force, in the order of `forces`, with the same drive sample
+    by sample. With one force it is the dissertation's two-experiment method for the quarter car.
     """
 
-    blocks: Blocks  #: Division of the records into blocks.
-    power_floor: float = POWER_FLOOR  #: Relative amplitude below which an input is dropped [1]; see `H1`.
+    recipe: Recipe  #: Estimator of both steps.
+    forces: tuple[str, ...]  #: Names of the inputs that are shock-force differences.
 
     def estimate(self, records: Records) -> FrequencyResponse:
-        """Estimate from all records at once.
-
-        Raises:
-            InputError: The numbers of inputs and outputs differ.
-        """
-        if len(records.inputs) != len(records.outputs):
-            raise InputError(
-                f"H2 needs as many outputs as inputs, not {len(records.outputs)} and {len(records.inputs)}; "
-                "select channels, or use H1 or Hv"
-            )
-        spectra, solved = _regressed(self.blocks, self.power_floor, records)
-        names = [channel.name for channel in records.outputs]
-        backward = regress(spectra.Y, spectra.U, power_floor=0.0, names=names)
-        H = np.linalg.pinv(backward.H.transpose(2, 0, 1)).transpose(1, 2, 0)
-        return response_from(records, spectra, solved, np.where(solved.active[None], H, 0.0))
+        """Estimate the responses to the rig's inputs from the first record, and to each force from its own record."""
+        rig, forces = _split(records, self.forces)
+        parts = [self.recipe.estimate(records.only([0], rig))]
+        for test, force in enumerate(forces, start=1):
+            parts.append(self.recipe.estimate(_change(records, test, rig, force)))
+        return _joined(records, parts)
 
 
-@dataclass(frozen=True, slots=True)
-class Hv:
-    """Total least squares for noise on inputs and outputs that is proportional to the size of each channel.
+def _split(records: Records, forces: Sequence[str]) -> tuple[list[int], list[int]]:
+    """Return the positions of the rig's inputs and of the forces."""
+    names = [channel.name for channel in records.inputs]
+    for force in forces:
+        if force not in names:
+            raise InputError(f"the force {force!r} is not an input; the inputs are {', '.join(names)}")
+    if len(records.tests) != 1 + len(forces):
+        raise InputError(
+            f"{len(records.tests)} records given, but {len(forces)} forces need {1 + len(forces)}: the baseline and "
+            "one alternate test per force, in the order of the forces"
+        )
+    columns = [names.index(force) for force in forces]
+    for test, force in enumerate(forces, start=1):
+        sizes = [float(np.abs(records.tests[test].u[j]).max()) for j in columns]
+        if sizes[test - 1] < max(sizes):
+            other = forces[int(np.argmax(sizes))]
+            what = f"record {test + 1} changes {other} more than {force}; give the alternate tests in order"
+            raise InputError(what)
+    return [j for j in range(len(names)) if j not in columns], columns
 
-    For one input and one output it is the geometric mean of H1 and H2. Coherence and variance are those of H1.
-    """
 
-    blocks: Blocks  #: Division of the records into blocks.
-    power_floor: float = POWER_FLOOR  #: Relative amplitude below which an input is dropped [1]; see `H1`.
-
-    def estimate(self, records: Records) -> FrequencyResponse:
-        """Estimate from all records at once."""
-        spectra, solved = _regressed(self.blocks, self.power_floor, records)
-        H = solved.H.copy()
-        for k in range(len(spectra.frequency)):
-            used = solved.active[:, k]
-            for i in np.flatnonzero(solved.total[:, k] > 0.0):
-                H[i, used, k] = _total_least_squares(spectra.U[k][:, used], spectra.Y[k][:, i])
-        return response_from(records, spectra, solved, H)
+def _change(records: Records, test: int, rig: Sequence[int], force: int) -> Records:
+    """Return the change of the outputs (Eq 4.26) with one force as the input."""
+    before, after = records.tests[0], records.tests[test]
+    columns = list(rig)
+    if before.u.shape != after.u.shape or not _alike(before.u[columns], after.u[columns]):
+        raise InputError(f"the drive of record {test + 1} differs from that of the first one; use H1 for all records")
+    changed = Record(after.u[[force]] - before.u[[force]], after.y - before.y)
+    return Records((changed,), records.rate, (records.inputs[force],), records.outputs)
 
 
-def response_from(records: Records, spectra: Spectra, solved: _Regression, H: Complex) -> FrequencyResponse:
-    """Return a response with the coherences and the variance of its regression."""
+def _alike(before: Array, after: Array) -> bool:
+    """Return whether two drives (m, N) differ by no more than sensor errors."""
+    return bool((np.std(after - before, axis=1) <= _SAME_DRIVE * np.std(before, axis=1)).all())
+
+
+def _joined(records: Records, parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
+    """Return one response with the columns of all parts, in the order of the records' inputs."""
+    names = [name for part in parts for name in part.input_names]
+    order = [names.index(channel.name) for channel in records.inputs]
+    partial = [_column_coherence(part) for part in parts]
+    variance = [part.variance for part in parts if part.variance is not None]
     return FrequencyResponse(
-        spectra.frequency,
-        H,
+        parts[0].frequency,
+        np.concatenate([part.H for part in parts], axis=1)[:, order],
         records.inputs,
         records.outputs,
-        _multiple_coherence(solved),
-        partial_coherence(solved),
-        _response_variance(solved, spectra.U.shape[1], spectra.independent),
+        parts[0].coherence,
+        np.concatenate(partial, axis=1)[:, order],
+        np.concatenate(variance, axis=1)[:, order] if len(variance) == len(parts) else None,
     )
 
 
-def _regressed(blocks: Blocks, power_floor: float, records: Records) -> tuple[Spectra, _Regression]:
-    spectra = blocks.spectra(records)
-    names = [channel.name for channel in records.inputs]
-    return spectra, regress(spectra.U, spectra.Y, power_floor=power_floor, names=names)
-
-
-def _total_least_squares(U: Complex, y: Complex) -> Complex:
-    """Return h (m,) of `(U + dU) h = y + dy` with the smallest scaled disturbances dU and dy."""
-    joined = np.column_stack((U, y))
-    size = np.linalg.norm(joined, axis=0)
-    smallest = np.linalg.svd(joined / size, full_matrices=False)[2][-1].conj()
-    if smallest[-1] == 0.0:
-        return np.zeros(U.shape[1], dtype=np.complex128)
-    return np.asarray(-(smallest[:-1] / size[:-1]) / (smallest[-1] / size[-1]), dtype=np.complex128)
+def _column_coherence(part: FrequencyResponse) -> Array:
+    """Return the partial coherence (p, m, K), which for a single force is the ordinary coherence."""
+    if part.partial_coherence is not None:
+        return part.partial_coherence
+    if len(part.inputs) == 1 and part.coherence is not None:
+        return part.coherence[:, None, :]
+    return np.full(part.H.shape, np.nan)

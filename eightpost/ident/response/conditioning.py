@@ -16,8 +16,8 @@ from eightpost.ident.response.frequency_response import FrequencyResponse
 
 # ---- Treatments of estimated responses before a model is fitted (5.3.2, 6.3.2) --------------------------------------
 
-#: Width over frequency below which variations are smoothed [Hz] (5.3.2).
-SMOOTHING_WIDTH = 0.6
+#: Width over frequency below which variations are smoothed [Hz] (5.3.2), and order of the filter.
+SMOOTHING_WIDTH, _ORDER = 0.6, 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,15 +71,14 @@ class ZeroPhaseSmoothing:
     """Butterworth low-pass over frequency, forward and backward, on the magnitude in dB and the unwrapped phase."""
 
     width: float = SMOOTHING_WIDTH  #: Width over frequency below which variations are attenuated [Hz]; 0.6 in 5.3.2.
-    order: int = 4  #: Order of the filter, which is run forward and backward.
 
     def apply(self, frequency: Array, path: Complex) -> Complex:
         """Return the smoothed path (K,); a path with zeros has no magnitude in dB and does not change."""
         spacing = _even_spacing(frequency)
         if self.width <= 2.0 * spacing or not np.abs(path).all():
             return path
-        sections = butter(self.order, 2.0 * spacing / self.width, output="sos")
-        pad = min(frequency.size - 1, int(np.ceil(3.0 * self.order * self.width / spacing)))
+        sections = butter(_ORDER, 2.0 * spacing / self.width, output="sos")
+        pad = min(frequency.size - 1, int(np.ceil(3.0 * _ORDER * self.width / spacing)))
         decibels = sosfiltfilt(sections, 20.0 * np.log10(np.abs(path)), padlen=pad)
         phase = sosfiltfilt(sections, np.unwrap(np.angle(path)), padlen=pad)
         return np.asarray(10.0 ** (decibels / 20.0) * np.exp(1j * phase), dtype=np.complex128)
@@ -108,11 +107,6 @@ def condition(
     for i, j in _positions(response, paths):
         H[i, j] = treatment.apply(response.frequency, H[i, j])
     return response.with_response(H)
-
-
-def zeroed_paths(response: FrequencyResponse) -> NDArray[np.bool_]:
-    """Return the mask of paths (p, m) that are zero at all frequencies."""
-    return np.asarray(~np.abs(response.H).any(axis=2))
 
 
 def feedback_paths(active: NDArray[np.bool_], velocities: Iterable[int]) -> NDArray[np.intp]:

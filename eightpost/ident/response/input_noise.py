@@ -21,19 +21,13 @@ _BLOCK = 8.0
 #: Power over that of the noise from which an input counts as driven [1].
 _DRIVEN = 10.0
 
-#: What noise does to an estimate, by estimator.
-_ATTENUATED = "Noise of the measured inputs makes its responses too small"
+#: Estimators by type, all of them regressions on the inputs.
 _KINDS = {
-    "H1": ("H1", _ATTENUATED),
-    "H2": ("H2", "It is not biased by noise of the inputs, but noise of the outputs makes its responses too large"),
-    "Hv": ("Hv", "It assumes the same relative noise in inputs and outputs; its responses are between those of H1, "
-           "which are too small, and those of H2, which are too large"),
-    "LocalPolynomial": ("local polynomials, a regression on the inputs like H1", _ATTENUATED),
-    "LocalRational": ("local rational functions, a regression on the inputs like H1", _ATTENUATED),
-    "Sequential": ("sequential H1 (4.4.1)", _ATTENUATED),
-    "OutputError": ("output error, a simulation with the measured inputs, a regression on them like H1", _ATTENUATED),
-    "SameDrive": ("differences of two tests with the same drive, like H1", _ATTENUATED),
-}  # fmt: skip
+    "H1": "H1",
+    "LocalPolynomial": "local polynomials, a regression on the inputs like H1",
+    "OutputErrorMethod": "output error, a simulation with the measured inputs, a regression on them like H1",
+    "SameDrive": "differences of two tests with the same drive, like H1",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,16 +45,17 @@ class InputNoise:
         Args:
             estimator: Estimator of the response, or of the parameters of a simulated model.
         """
-        kind, effect = _KINDS.get(type(estimator).__name__, (type(estimator).__name__, _ATTENUATED))
-        if not self.bias or effect != _ATTENUATED:
-            return f"Estimator: {kind}. {effect}."
+        kind = type(estimator).__name__
+        sentence = f"Estimator: {_KINDS.get(kind, kind)}. Noise of the measured inputs makes its responses too small"
+        if not self.bias:
+            return f"{sentence}."
         worst: dict[str, str] = {}
         for name in sorted(self.bias, key=lambda name: -self.bias[name]):
             worst.setdefault(name.rpartition(".")[2], name)
         listed = ", ".join(f"{name} {100.0 * self.bias[name]:.2g} %" for name in worst.values())
         return (
-            f"Estimator: {kind}. {effect}: if the noise of the inputs is white and as large as their signals from "
-            f"{self.quiet[0]:.3g} to {self.quiet[1]:.3g} Hz, by (worst input of each kind) {listed}."
+            f"{sentence}: if the noise of the inputs is white and as large as their signals from {self.quiet[0]:.3g} "
+            f"to {self.quiet[1]:.3g} Hz, by (worst input of each kind) {listed}."
         )
 
 

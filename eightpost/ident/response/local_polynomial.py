@@ -24,7 +24,7 @@ from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.ident.response.averaged import POWER_FLOOR, WORST_CONDITION, powered
 from eightpost.ident.response.frequency_response import FrequencyResponse
 from eightpost.ident.response.records import Records
-from eightpost.progress import beats
+from eightpost.progress import parts
 
 #: Correlation of an input of two tests above which it is the same drive.
 _ALIKE = 0.7
@@ -42,7 +42,7 @@ class LocalPolynomial:
     spare: float = 1.5  #: Minimum number of equations per unknown.
     spacing: float = 0.05  #: Spacing of the resulting frequencies [Hz]; at least that of the bins (1 / record length).
     high: float = 30.0  #: Highest frequency [Hz].
-    power_floor: float = POWER_FLOOR  #: Relative amplitude below which an input is dropped [1]; see `H1`.
+    power_floor: float = POWER_FLOOR  #: Relative amplitude below which an input is dropped [1].
 
     @classmethod
     def of_width(cls, width: float, high: float) -> LocalPolynomial:
@@ -66,7 +66,7 @@ class LocalPolynomial:
         active = powered(band_amplitude(spectra.U, n), self.power_floor, names)
         step = max(1, round(self.spacing / spectra.frequency[0]))
         centres = np.arange(step - 1, spectra.frequency.size, step)
-        solved = [_solve(spectra, int(k), n, self.degree, active[k]) for k in beats(centres)]
+        solved = [_solve(spectra, int(k), n, self.degree, active[k]) for k in parts(centres)]
         _check_conditions([part.condition for part in solved], names)
         H, coherence, variance = (np.stack([part[i] for part in solved], axis=-1) for i in range(3))
         frequency = spectra.frequency[centres]

@@ -48,15 +48,15 @@ class LeftOut:
 
     kept: NDArray[np.bool_]  #: Whether each row (R,) is fitted.
     parts: tuple[slice, ...]  #: Rows that are predicted, each a part of one run.
-    is_whole: bool  #: Whether the parts are whole runs. The offset and the level of such a run are then unknown.
+    is_whole: bool  #: Whether the parts are whole runs. The offset of such a run is then unknown.
 
 
 @dataclass(frozen=True, slots=True)
 class HeldOut:
     """Errors of a law on what was left out."""
 
-    #: Mean square error of each piece over the variance of the force of its run [1]; without offset and level if whole
-    #: runs were left out.
+    #: Mean square error of each piece over the variance of the force of its run [1]; without the offset if whole runs
+    #: were left out.
     pieces: tuple[float, ...]
 
     @property
@@ -161,7 +161,9 @@ class CrossValidation:
                 measured, here, weights = target[rows], force[rows], counted[rows]
                 run = next(run for run in runs if run.start <= rows.start < run.stop)
                 variance = max(_deviation(target[run], counted[run]) ** 2, 1e-300)
-                error = _without_level(here, measured, weights) if part.is_whole else here - measured
+                error = here - measured
+                if part.is_whole:
+                    error = error - np.average(error, weights=weights)
                 pieces += _mean_squares(error, weights, variance)
         return HeldOut(tuple(pieces))
 
@@ -182,14 +184,6 @@ def _mean_squares(error: Array, weights: Array, variance: float) -> list[float]:
         for here in slices
         if weights[here].sum() > 0.0
     ]
-
-
-def _without_level(predicted: Array, measured: Array, weights: Array) -> Array:
-    """Return the error (R,) of a prediction with the best offset and gain."""
-    about = predicted - np.average(predicted, weights=weights)
-    size = float(np.sum(weights * about**2))
-    gain = float(np.sum(weights * about * measured)) / size if size > 0.0 else 0.0
-    return np.asarray(gain * about + np.average(measured, weights=weights) - measured)
 
 
 def _deviation(values: Array, weights: Array) -> float:

@@ -185,7 +185,8 @@ RULES = Rules()
 
 PREDICTS = RULES.add("small error", ABOUT, Grade.USABLE,
     condition=f"error at most {GOOD:g} % of the force's standard deviation: that on parts of the records that were "
-    "left out of the fit, or the residual if this is larger or the other one is not known",
+    "left out of the fit, or the residual if this is larger or the other one is not known; over settings, also the "
+    "largest error on a setting that the other ones predict",
     why="of 61 other records within the stated range, 58 then had errors under 5 %, the worst 7.1 % "
     "(docs/reference/verdict.md)",
 )  # fmt: skip
@@ -289,10 +290,21 @@ def _error(percent: float, held_out: HeldOutErrors | None, origin: str, tested: 
         error, what = held_out.percent, str(held_out)
     else:
         error, what = percent, f"residual {percent:.3g} % of the force's standard deviation"
+    return error_reason(error, "the law describes its records", figure=f"{what}; {tested}", origin=origin)
+
+
+def error_reason(error: float, statement: str, *, figure: str, origin: str) -> Reason:
+    """Return the reason of an error in percent of the force's standard deviation; figure and statement without limits.
+
+    Args:
+        error: Error on what was left out, or of the residual [%].
+        statement: Statement that `well`, `roughly` or `poorly` completes.
+        figure: Error with what it is of.
+        origin: Names of the records.
+    """
     rule = PREDICTS if error <= GOOD else PREDICTS_ROUGHLY if error <= POOR else PREDICTS_POORLY
     how = {PREDICTS.name: "well", PREDICTS_ROUGHLY.name: "roughly", PREDICTS_POORLY.name: "poorly"}[rule.name]
-    figure = f"{what}; limits {GOOD:g} and {POOR:g} %; {tested}"
-    return rule.reason(f"the law describes its records {how}", figure=figure, origin=origin)
+    return rule.reason(f"{statement} {how}", figure=f"{figure}; limits {GOOD:g} and {POOR:g} %", origin=origin)
 
 
 def _of_record(test: DynoTest, frequency: float) -> Iterator[Reason]:

@@ -1,4 +1,4 @@
-"""Dynamometer records that shocks are validated on: their motion, kind of test and configuration."""
+"""Dynamometer records that shocks are validated on: their motion and kind of test."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from scipy.ndimage import label, uniform_filter1d
 
 from eightpost.ident.shock.record import refined_frequency, single_frequency
 from eightpost.ident.shock.result import digest_of
-from eightpost.ident.validation.printed import checked, conditions_of_test, configuration_of, configuration_of_file
 from eightpost.ident.validation.record import STANDING, Kind, Recognition, Record
 from eightpost.rig.cycles import displacement_of
 from eightpost.rig.dyno_test import DynoTest
@@ -139,7 +138,7 @@ def _speed(series: TimeSeries) -> float:
     return float(np.abs(block_means(series, count)["velocity"]).max())
 
 
-# ---- A dynamometer record with its kind and its configuration -------------------------------------------------------
+# ---- A dynamometer record with its kind -----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -147,30 +146,23 @@ class DynoRecord(Record):
     """A dynamometer record."""
 
     test: DynoTest  #: Measured test.
-    configuration: int | None  #: Configuration 1 to 12 of Table 3.1; None if unknown.
 
     @property
     def conditions(self) -> Mapping[str, Any]:
         """The known conditions of the shock in the record, under the names of a shock file."""
-        stated = conditions_of_test(self.test)
-        return stated | {"configuration": self.configuration} if self.configuration else stated
+        known = self.test.conditions
+        stated = {"build": known.build, "clicks": known.clicks, "gas_pressure [Pa]": known.gas_pressure}
+        return {name: value for name, value in stated.items() if value is not None}
 
 
-def dyno_record(
-    test: DynoTest, *, name: str | None = None, kind: Kind | None = None, configuration: int | None = None
-) -> DynoRecord:
+def dyno_record(test: DynoTest, *, name: str | None = None, kind: Kind | None = None) -> DynoRecord:
     """Return a record; its kind is recognised if it is not given.
 
     Args:
         test: Measured test.
         name: Display name; default the file's name.
         kind: Kind of the test, which replaces the recognised one.
-        configuration: Configuration, which replaces that of the conditions and of a note in the file.
-
-    Raises:
-        ParameterError: The configuration is not a number from 1 to 12.
     """
-    known = _stated(test) if configuration is None else checked(configuration)
     seen = Recognition(kind, "given by the user") if kind else recognise_motion(test)
     return DynoRecord(
         name=name or (test.source.stem if test.source else "record"),
@@ -179,10 +171,4 @@ def dyno_record(
         frequency=seen.frequency,
         digest=digest_of(test),
         test=test,
-        configuration=known,
     )
-
-
-def _stated(test: DynoTest) -> int | None:
-    known = configuration_of(conditions_of_test(test))
-    return configuration_of_file(test.source) if known is None and test.source and test.source.is_file() else known

@@ -14,7 +14,6 @@ from eightpost.ident.validation import shock_tables as tables
 from eightpost.ident.validation.bump import BumpEvent, BumpValidation
 from eightpost.ident.validation.dyno_record import DynoRecord
 from eightpost.ident.validation.evaluation import RandomValidation
-from eightpost.ident.validation.printed import SOURCE
 from eightpost.ident.validation.shock_verdict import notes_on, shock_verdict
 from eightpost.ident.validation.shocks import ShockCase, ShockValidation, names_of
 from eightpost.ident.validation.sine import Loop
@@ -27,10 +26,6 @@ from eightpost.units import convert
 
 # ---- Sections -------------------------------------------------------------------------------------------------------
 
-_PRINTED = Markup(
-    "<p>Printed: {}; a Penske 7300 on a Roehrig dynamometer. “% less” is the reduction of the error from that of the "
-    "static curve.</p>"
-)
 _LOW_PASS = (
     "Errors are of forces through the record's zero-phase low-pass, the same for measurement and prediction (3.3); 50 "
     "Hz, for bumps 200 Hz, unless another cutoff frequency was given."
@@ -71,11 +66,8 @@ def _shock_sections(study: ShockValidation) -> Iterator[Section]:
     if bump:
         drawn = [_bump_figure(*found) for found in bump]
         yield Section("bump", "Bump records", [tables.bump_table(study), *drawn])
-    if (printed := tables.beside_printed(study)).rows:
-        yield Section("dissertation", "Table 3.5 next to ours", [_PRINTED.format(SOURCE), printed])
     records = (
-        (one.name, one.kind, one.reason, str(one.configuration or NONE),
-         one.test.source.name if one.test.source else NONE, digest(one.digest))
+        (one.name, one.kind, one.reason, one.test.source.name if one.test.source else NONE, digest(one.digest))
         for one in study.records
     )  # fmt: skip
     shocks = (
@@ -85,7 +77,7 @@ def _shock_sections(study: ShockValidation) -> Iterator[Section]:
         for label, shock in study.shocks.items()
     )  # fmt: skip
     blocks = [
-        ResultTable.of("", ("record", "kind", "reason", "configuration", "file", "SHA-256"), records),
+        ResultTable.of("", ("record", "kind", "reason", "file", "SHA-256"), records),
         ResultTable.of("", ("shock", "law", "recipe", "fitted to", "SHA-256 of that record"), shocks),
         soft(_LOW_PASS),
     ]

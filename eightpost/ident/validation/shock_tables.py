@@ -7,16 +7,11 @@ from typing import TypeVar
 
 from eightpost.ident.validation.bump import BumpValidation
 from eightpost.ident.validation.evaluation import RandomValidation
-from eightpost.ident.validation.printed import printed_configuration
 from eightpost.ident.validation.shocks import ShockCase, ShockValidation, names_of
 from eightpost.ident.validation.static import StaticValidation
 from eightpost.report.tables import ResultTable
-from eightpost.shock import law_title
-from eightpost.units import convert
 
 _Outcome = TypeVar("_Outcome", RandomValidation, StaticValidation, BumpValidation)
-
-# ---- Our errors -----------------------------------------------------------------------------------------------------
 
 
 def random_table(study: ShockValidation) -> ResultTable:
@@ -34,14 +29,14 @@ def random_table(study: ShockValidation) -> ResultTable:
 def terminal_tables(study: ShockValidation) -> tuple[ResultTable, ...]:
     """Return the tables for a terminal; tables of kinds that have no record are empty."""
     sines = (sine_table(rows) for rows in sine_groups(study))
-    return random_table(study), *sines, static_table(study), bump_table(study), beside_printed(study)
+    return random_table(study), *sines, static_table(study), bump_table(study)
 
 
 def sine_groups(study: ShockValidation) -> tuple[list[tuple[ShockCase, ...]], ...]:
-    """Return the cases of each sine record by configuration and shocks; the largest first, then the slowest."""
-    groups: dict[tuple[int | None, tuple[str, ...]], list[tuple[ShockCase, ...]]] = {}
-    for record, cases in study.of_kind("sine"):
-        groups.setdefault((record.configuration, tuple(case.label for case in cases)), []).append(cases)
+    """Return the cases of each sine record by its shocks; the largest first, then the slowest."""
+    groups: dict[tuple[str, ...], list[tuple[ShockCase, ...]]] = {}
+    for _, cases in study.of_kind("sine"):
+        groups.setdefault(tuple(case.label for case in cases), []).append(cases)
     for rows in groups.values():
         rows.sort(key=lambda cases: (-round(cases[0].sine.amplitude, 4), cases[0].sine.speed))
     return tuple(groups.values())
@@ -106,45 +101,9 @@ def _dampers(rows: list[tuple[ShockCase, ...]]) -> str:
     return ", ".join(dict.fromkeys(case.shock.name for case in rows[0]))
 
 
-# ---- Our errors next to the printed ones ----------------------------------------------------------------------------
-
-
-def beside_printed(study: ShockValidation) -> ResultTable:
-    """Return our errors next to those of Table 3.5: a row for each configuration and law that was validated."""
-    columns = ("configuration", "law", "printed [N]", "ours [N]", "% less: printed", "ours")
-    rows = []
-    for number, mine in sorted(_by_configuration(study).items()):
-        printed = _printed(number)
-        for law, rms in mine.items():
-            less = (None, None) if law == "polylinear" else (_less(printed, law), _less(mine, law))
-            title = f"{number}: {printed_configuration(number).title}"
-            rows.append((title, law_title(law), printed.get(law), rms, *less))
-    return ResultTable.of("Random records compared with Table 3.5", columns, rows)
-
-
 def _reduction(case: ShockCase, cases: tuple[ShockCase, ...]) -> float | None:
     """Return the reduction of a case's error from that of the static curve of the same shock [percent]."""
     static = [c for c in cases if c.shock.law_name == "polylinear" and c.shock.name == case.shock.name]
     if not static or case.shock.law_name == "polylinear":
         return None
     return 100.0 * (1.0 - case.outcome.rms / static[0].outcome.rms)
-
-
-def _printed(number: int) -> dict[str, float]:
-    """Return the printed errors [N] of a configuration by law."""
-    return {law: convert(error, "lbf", "N") for law, error in printed_configuration(number).rms_lbf.items()}
-
-
-def _by_configuration(study: ShockValidation) -> dict[int, dict[str, float]]:
-    """Return RMS errors [N] by configuration and law, on the first record that the law was not fitted to."""
-    found: dict[int, dict[str, float]] = {}
-    for case, outcome in _outcomes(study, RandomValidation):
-        if case.record.configuration is not None and not case.is_fit_record:
-            found.setdefault(case.record.configuration, {}).setdefault(case.shock.law_name, outcome.rms)
-    return found
-
-
-def _less(errors: dict[str, float], law: str) -> float | None:
-    if law not in errors or "polylinear" not in errors:
-        return None
-    return 100.0 * (1.0 - errors[law] / errors["polylinear"])

@@ -11,7 +11,6 @@ from eightpost.errors import ParameterError
 from eightpost.ident.validation.bump import BumpValidation, validate_bump
 from eightpost.ident.validation.dyno_record import DynoRecord
 from eightpost.ident.validation.evaluation import RandomValidation, Validation, validate_random
-from eightpost.ident.validation.printed import configuration_of
 from eightpost.ident.validation.sine import SineValidation, validate_sine
 from eightpost.ident.validation.static import StaticValidation, validate_static
 from eightpost.shock import Shock, law_title
@@ -88,8 +87,8 @@ def validate_shocks(
 ) -> ShockValidation:
     """Validate shocks on records (3.4).
 
-    A shock is compared with a record unless both state a condition (configuration, build, clicks, gas pressure) and
-    the values differ.
+    A shock is compared with a record unless both state a condition (build, clicks, gas pressure) and the values
+    differ.
 
     Args:
         shocks: Shocks of one damper with several laws, or of several dampers.
@@ -145,12 +144,7 @@ def _outcome(shock: Shock, record: DynoRecord, cutoff: float | None, segment: tu
 
 def _mismatch(shock: Shock, record: DynoRecord) -> str | None:
     """Return the condition that differs between a shock and a record, or None; both must state it to differ."""
-    mine, other = dict(shock.conditions), record.conditions
-    number = configuration_of(mine)
-    if number is not None and record.configuration is not None:
-        if number == record.configuration:
-            return None
-        return f"configuration {number} is not {record.configuration}"
+    mine, other = shock.conditions, record.conditions
     for name in ("build", "clicks", "gas_pressure [Pa]"):
         if mine.get(name) is not None and other.get(name) is not None and not _alike(mine[name], other[name]):
             return f"{name} {mine[name]!r} is not {other[name]!r}"

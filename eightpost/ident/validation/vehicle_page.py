@@ -86,10 +86,12 @@ def _vehicle_sections(study: VehicleValidation, limits: Limits) -> Iterator[Sect
     yield Section("responses", "Responses", [tables.path_table(study), *_response_figures(study.paths)])
     yield Section("modes", "Modes", [_MODES, tables.mode_table(study)])
     if trust := fit.trust:
-        blocks: list[Block] = [" ".join(trust.flags.values()) or "The fit found no nonlinear effect in the car."]
-        blocks += [tables.certainty_table(fit)] if trust.outputs else []
+        blocks: list[Block] = [" ".join(trust.flags.values())] if trust.flags else []
+        if trust.outputs:
+            blocks += [] if blocks else ["The fit found no nonlinear effect in the car."]
+            blocks += [tables.certainty_table(fit)]
         blocks += [_MEASURES, tables.measure_table(fit)] if trust.measures else []
-        blocks += [] if friction.rows else [tables.port_table(fit)]
+        blocks += [tables.port_table(fit)] if trust.friction and not friction.rows else []
         blocks += [] if trust.orders is None else [_order_figure(trust.orders)]
         yield Section("fit", "Self-assessment of the fit", blocks)
 

@@ -66,7 +66,7 @@ def port_table(fit: VehicleFit) -> ResultTable:
 
 def terminal_tables(study: VehicleValidation) -> tuple[ResultTable, ...]:
     """Return the tables for a terminal; some may be empty."""
-    return overview(study), trend_table(study), friction_table(study), port_table(study.fit), mode_table(study)
+    return overview(study), trend_table(study), friction_table(study), mode_table(study)
 
 
 def overview(study: VehicleValidation) -> ResultTable:

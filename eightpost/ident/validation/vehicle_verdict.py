@@ -11,8 +11,10 @@ import numpy as np
 from eightpost.errors import ParameterError
 from eightpost.ident.validation.comparison import Comparison, Trend
 from eightpost.ident.validation.vehicles import VehicleCase, VehicleValidation
-from eightpost.ident.vehicle import VehicleFit, write_fit
+from eightpost.ident.vehicle import write_fit
+from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.vehicle_fit import fit_files
+from eightpost.model_uncertainty import ModelUncertainty
 from eightpost.outputs import replacing
 from eightpost.validity import Validity, judged
 from eightpost.verdict import Grade, Reason, Rules, Verdict, listed
@@ -29,13 +31,6 @@ _RANKED = 4
 #: Largest level error that may be common to all records, in units of the level limit, and largest part of it by which
 #: records may differ from each other [1].
 _COMMON, _ALIKE = 3.0, 0.5
-
-#: Display names of the nonlinear effects that a fit may flag and its model lacks.
-_FLAGS = {
-    "springs": "nonlinear springs",
-    "lift-off": "tires that leave the ground",
-    "misfit": "a misfit beyond noise",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,20 +126,15 @@ LINEAR_ERROR = RULES.add("error linear in the prediction", ABOUT, Grade.LIMITED,
     remedy="identify again with more tests, or with another recipe",
 )  # fmt: skip
 BEYOND = RULES.add("records beyond the fit's tests", ABOUT, Grade.LIMITED,
-    condition="a record exceeds the amplitudes of the fit's tests by more than 10 %, or has more than 10 % of an RMS "
-    "above the fit's band",
+    condition="a record exceeds the amplitudes of the fit's tests by more than 10 %, or has more than 10 % of "
+    "the power of a velocity or tire force above the fit's band",
     why="the model extrapolates there",
-    remedy="identify from tests with the amplitudes of these records",
+    remedy="identify from tests with the amplitudes and frequencies of these records",
 )  # fmt: skip
 DOUBT = RULES.add("doubt of a record", ABOUT, Grade.LIMITED,
     condition="any other doubtful property of a record",
     why="it may be harmless; the reason names it",
     remedy="check the record",
-)  # fmt: skip
-FLAGGED = RULES.add("flag of the fit", ABOUT, Grade.LIMITED,
-    condition="the fit found an effect in the car that its model lacks",
-    why="the model is valid near the tests' amplitudes only",
-    remedy="read the fit's self-assessment in the report",
 )  # fmt: skip
 NO_LEVELS = RULES.add("levels not validated", ABOUT, Grade.LIMITED,
     condition="there is no random or track record",
@@ -164,9 +154,17 @@ def vehicle_verdict(study: VehicleValidation, limits: Limits | None = None) -> V
     return Verdict(reasons)
 
 
-def keep_verdict(path: Path, fit: VehicleFit, verdict: Verdict) -> None:
-    """Write a verdict into the file of a vehicle, in place of an earlier one."""
-    validity = Validity.with_verdict(fit.vehicle.validity, verdict)
+def keep_verdict(path: Path, study: VehicleValidation, verdict: Verdict) -> None:
+    """Write a verdict, and the level errors of independent random records, into the file of a vehicle.
+
+    The verdict replaces an earlier one.
+    """
+    fit, validity = study.fit, Validity.with_verdict(study.fit.vehicle.validity, verdict)
+    if fit.trust is not None and fit.trust.measures:
+        records = [case.record.series for case in study.independent if case.record.kind == "random"]
+        measures = MeasuredLevels().with_records(fit.trust.measures, fit.vehicle, records)
+        fit = replace(fit, trust=replace(fit.trust, measures=measures))
+        validity = replace(validity, uncertainty=ModelUncertainty(measures=measures))
     with replacing(*fit_files(path)):
         write_fit(path, replace(fit, vehicle=judged(fit.vehicle, validity=validity)))
 
@@ -265,9 +263,6 @@ def _doubts(study: VehicleValidation) -> Iterator[Reason]:
     for case in cases:
         for note in case.notes:
             yield DOUBT.reason("a record is doubtful", figure=note.rstrip("."), origin=case.record.name)
-    for name in {} if study.fit.trust is None else study.fit.trust.flags:
-        if name in _FLAGS:
-            yield FLAGGED.reason(f"the fit flags {_FLAGS[name]}", figure="1 flag", origin=study.fit.vehicle.name)
     if not study.of_kind("random"):
         figure = f"0 of {len(cases)} records are random"
         yield NO_LEVELS.reason("levels of setups were not validated", figure=figure, origin="the records")

@@ -1,7 +1,6 @@
 """Identification of vehicle models from frequency responses, and simulation with these models."""
 
 from eightpost.ident.vehicle.experiment import Experiment, experiment_of
-from eightpost.ident.vehicle.parallel import parallel_model
 from eightpost.ident.vehicle.rational_fit import (
     AEROLOADERS,
     QUARTER_CAR,
@@ -12,7 +11,7 @@ from eightpost.ident.vehicle.rational_fit import (
     TransferFunction,
 )
 from eightpost.ident.vehicle.simulation import simulate_with_shocks
-from eightpost.ident.vehicle.siso_models import PathFit, SisoFits, SisoModels, has_direct_term
+from eightpost.ident.vehicle.siso_models import PathFit, SisoFits, SisoModels, has_direct_term, parallel_model
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, read_fit, write_fit
 
 __all__ = [

@@ -14,6 +14,16 @@ from eightpost.errors import ParameterError
 from eightpost.ident.response import FrequencyResponse
 from eightpost.ident.vehicle.experiment import quantity
 
+#: Share of the outputs that must be supported [1].
+_SHARE = 0.75
+
+#: Lowest upper end [Hz]: below it a coherence may be low because an output hardly moves there.
+_LOWEST = 6.0
+
+#: Width of the median filter over the coherence, and of the range in which it must stay low [Hz]; a narrower dip does
+#: not end the band.
+_SMOOTHING, _WIDTH = 1.0, 2.0
+
 #: Number of outputs that a sentence names.
 _LISTED = 4
 
@@ -23,29 +33,22 @@ class CoherentBand:
     """Criterion for the upper end of the band that a model is fitted in.
 
     An output is supported up to the frequency above which its multiple coherence stays below `coherence`. The tests
-    support a model up to the frequency where fewer than `share` of the outputs are supported, or where a road or a
-    shock force has no power. The band ends `margin` below it, as the response beyond a band decides its last poles.
+    support a model up to the frequency where fewer than three quarters of the outputs are supported (the others are
+    named), or where a road or a shock force has no power. The band ends `margin` below it, as the response beyond a
+    band decides its last poles.
 
     Raises:
         ParameterError: A value is outside its range.
     """
 
     coherence: float = 0.9  #: Lowest multiple coherence [1].
-    share: float = 0.75  #: Share of the outputs that must be supported [1]; the others are named.
     margin: float = 0.15  #: Part of the supported frequencies at their upper end that is not fitted [1].
-    lowest: float = 6.0  #: Lowest upper end [Hz]: below it a coherence may be low because an output hardly moves there.
     highest: float = 30.0  #: Highest frequency that is examined [Hz].
-    smoothing: float = 1.0  #: Width of the median filter over the coherence [Hz].
-    #: Width of the range in which the coherence must stay low [Hz]; a narrower dip does not end the band.
-    width: float = 2.0
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        if not (0.0 < self.coherence < 1.0 and 0.0 < self.share <= 1.0 and 0.0 < self.lowest < self.highest):
-            raise ParameterError(
-                f"{self}: coherence must be between 0 and 1, share above 0 and at most 1, lowest above 0 and below "
-                "highest"
-            )
+        if not (0.0 < self.coherence < 1.0 and self.highest > _LOWEST):
+            raise ParameterError(f"{self}: coherence must be between 0 and 1, highest above {_LOWEST:g} Hz")
 
     def of(self, response: FrequencyResponse) -> SupportedBand:
         """Return the upper end of the band that a response supports.
@@ -60,19 +63,19 @@ class CoherentBand:
         limits = {n: self._limit(response.frequency, row, top)
                   for n, row in zip(response.output_names, response.coherence, strict=True)}  # fmt: skip
         ordered = sorted(limits.values(), reverse=True)
-        coherent = ordered[int(np.ceil(self.share * len(ordered))) - 1]
+        coherent = ordered[int(np.ceil(_SHARE * len(ordered))) - 1]
         return self._end(min(coherent, powered, top), limits, powered)
 
     def _end(self, supported: float, limits: Mapping[str, float], powered: float) -> SupportedBand:
-        high = max((1.0 - self.margin) * supported, min(self.lowest, supported))
+        high = max((1.0 - self.margin) * supported, min(_LOWEST, supported))
         return SupportedBand(high, supported, limits, self.coherence, powered)
 
     def _limit(self, frequency: Array, coherence: Array, top: float) -> float:
         """Return the frequency [Hz] above which a coherence (K,) stays low."""
-        spacing = float(frequency[1] - frequency[0]) if frequency.size > 1 else self.width
-        smooth = median_filter(coherence, max(1, round(self.smoothing / spacing)), mode="nearest")
-        low = (smooth < self.coherence) & (frequency > self.lowest)
-        stays = _stays(low, max(1, round(self.width / spacing)))
+        spacing = float(frequency[1] - frequency[0]) if frequency.size > 1 else _WIDTH
+        smooth = median_filter(coherence, max(1, round(_SMOOTHING / spacing)), mode="nearest")
+        low = (smooth < self.coherence) & (frequency > _LOWEST)
+        stays = _stays(low, max(1, round(_WIDTH / spacing)))
         return min(top, float(frequency[np.argmax(stays)]) if stays.any() else top)
 
 

@@ -29,7 +29,8 @@ class Experiment:
     #: Values of the static state by output, SI, as in `IdentifiedVehicle`.
     static: Mapping[str, float] = field(default_factory=dict)
     sources: Mapping[str, str] = field(default_factory=dict)  #: SHA-256 digests of the files, by name.
-    #: Means of the first test's outputs, SI, if they were removed from the records; used to detect tires that lift off.
+    #: Means of the first test's channels, SI, if they were removed from the records: of tire forces, to detect tires
+    #: that lift off, and of loads, for the travel that they cause.
     means: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -46,6 +47,11 @@ class Experiment:
     def inputs(self) -> tuple[str, ...]:
         """Inputs of the rig, then the shock forces."""
         return self.rig + self.forces
+
+    @property
+    def loads(self) -> tuple[str, ...]:
+        """Inputs of the rig that load the chassis."""
+        return tuple(name for name in self.rig if quantity(name) != "road")
 
     @property
     def ports(self) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from eightpost.verdict import Reason, Verdict
 
 def with_validity(fit: VehicleFit, further: Iterable[Reason] = ()) -> VehicleFit:
     """Return the fit with its verdict, further reasons, the covered ranges and the uncertainty added to the vehicle."""
-    verdict = Verdict((*fit_verdict(fit).reasons, *further))
+    verdict = Verdict((*further, *fit_verdict(fit).reasons))
     stated = fit.trust.measures if fit.trust is not None else {}
     uncertainty = ModelUncertainty(measures=stated) if stated else None
     validity = Validity(verdict, tuple(_ranges(fit.ranges, fit.vehicle.coupled())), uncertainty)

@@ -16,6 +16,7 @@ from eightpost.ident.vehicle.friction import direction
 from eightpost.ident.vehicle.port_laws import bristle_force
 from eightpost.ident.vehicle.projection import ForceSolution, bands, solve_forces
 from eightpost.ident.vehicle.trust import SIGNIFICANT, ForceEstimate
+from eightpost.progress import parts, portion
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Bristle, Friction
 
@@ -70,10 +71,12 @@ class FrictionSearch:
             TooShortError: The records have too few frequency bins.
         """
         brief, whole = ([_first(test, duration) for test in tests] for duration in self.seconds)
-        tried = [self._tried(brief, experiment, Friction(1.0, velocity)) for velocity in self.velocities]
+        with portion(0.0, 0.4):
+            tried = [self._tried(brief, experiment, Friction(1.0, velocity)) for velocity in parts(self.velocities)]
         first, *others = self.static_ratios
-        bristles = [self._tried(brief, experiment, Friction(bristle=Bristle(1.0, reach, first)))
-                    for reach in self.reaches]  # fmt: skip
+        with portion(0.4, 0.8):
+            bristles = [self._tried(brief, experiment, Friction(bristle=Bristle(1.0, reach, first)))
+                        for reach in parts(self.reaches)]  # fmt: skip
         best = min((family for family in (tried, bristles) if family), key=_least)
         law = _with_width(best[0].law, _lowest(best))
         if law.bristle.force:

@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 from eightpost.ident.preparation import Prepared
 from eightpost.ident.vehicle.experiment import Baseline, Experiment, find_baseline
 from eightpost.ident.vehicle.fit_validity import with_validity
+from eightpost.ident.vehicle.procedure import reasons_of_tests
 from eightpost.ident.vehicle.recipes import recipe
+from eightpost.ident.vehicle.springs import about_tests
 from eightpost.ident.vehicle.static_rating import StaticRating, rate_tests
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.rig.post import RigTest
@@ -32,7 +34,11 @@ class IdentificationPlan:
             TooShortError: The records have too few frequency bins.
         """
         records = [self.prepared.records[k] for k in self.baseline.order]
-        return with_validity(recipe(name).identify(records, self.experiment), self.prepared.reasons)
+        fit = recipe(name).identify(records, self.experiment)
+        loads = {load: self.experiment.means.get(load, 0.0) for load in self.experiment.loads}
+        fit = replace(fit, vehicle=about_tests(fit.vehicle, loads))
+        reasons = (*self.prepared.reasons, *reasons_of_tests(self.prepared, self.experiment))
+        return with_validity(fit, reasons)
 
 
 def plan_identification(
@@ -63,6 +69,6 @@ def plan_identification(
     held = list(static)
     if not held:
         return IdentificationPlan(prepared, reference, experiment)
-    rating = rate_tests(held, [load for load in experiment.rig if load.rpartition(".")[2] != "road"])
+    rating = rate_tests(held, list(experiment.loads))
     known = {n: v for n, v in rating.zero.items() if n in experiment.outputs}
     return IdentificationPlan(prepared, reference, replace(experiment, static=known), rating)

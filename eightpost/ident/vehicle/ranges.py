@@ -11,7 +11,8 @@ from eightpost.ident.vehicle.experiment import Experiment, quantity
 from eightpost.signals import TimeSeries
 from eightpost.signals.filters import lowpass
 
-#: Largest ratio of a channel's peak to that of the tests; largest fraction of an output's RMS above the fit's band.
+#: Largest ratio of a channel's peak to that of the tests; largest share of an output's power above the fit's band,
+#: as in a study.
 _BEYOND, _ABOVE = 1.1, 0.1
 
 #: Band of the records that fits are made from [Hz]; peaks are compared in it.
@@ -73,7 +74,7 @@ class Ranges:
         over = sorted((name for name in shares if shares[name] > _ABOVE), key=lambda name: -shares[name])
         if over:
             listed = ", ".join(f"{name} {100.0 * shares[name]:.0f} %" for name in over)
-            yield f"RMS above {high:.3g} Hz, where the model was not fitted and no criterion applies: {listed}"
+            yield f"power above {high:.3g} Hz, where the model was not fitted and no criterion applies: {listed}"
 
 
 def ranges_of(tests: Sequence[TimeSeries], experiment: Experiment, frequency: tuple[float, float]) -> Ranges:
@@ -110,4 +111,4 @@ def _share_above(series: TimeSeries, name: str, high: float) -> float:
     lines = np.fft.rfftfreq(len(series), 1.0 / series.sample_rate)
     power = np.abs(np.fft.rfft(series[name] - series[name].mean())) ** 2
     whole = float(power.sum())
-    return float(np.sqrt(power[lines > high].sum() / whole)) if whole else 0.0
+    return float(power[lines > high].sum() / whole) if whole else 0.0

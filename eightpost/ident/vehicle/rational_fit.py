@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eightpost.array_types import Array, Complex
 from eightpost.errors import ParameterError, TooShortError
@@ -105,15 +105,14 @@ WHEELLOADERS = BandWeights(((0.5, 10.0, 1.0), (10.0, 15.0, 0.5), (15.0, 20.0, 0.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TransferFunction:
-    """`H(s) = d + sum_i r_i / (s - p_i)`, or the same in z.
+    """`H(s) = d + sum_i r_i / (s - p_i)`.
 
     The coefficients of a direct form of order eight overflow at 500 Hz; those of this form are never large.
     """
 
-    poles: Complex  #: Poles p [1/s], or in z if discrete (n,); complex ones in conjugate pairs.
+    poles: Complex  #: Poles p (n,) [1/s]; complex ones in conjugate pairs.
     residues: Complex  #: Residues r (n,), in the same conjugate pairs.
     direct: float  #: Direct term d.
-    dt: float | None = None  #: Sample time [s], or None for a continuous transfer function.
 
     def __post_init__(self) -> None:
         """Check that there is one residue per pole."""
@@ -129,14 +128,14 @@ class TransferFunction:
 
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
         """Return H (K,) at frequencies (K,) [Hz]."""
-        points = _plane_points(np.asarray(frequency_hz, dtype=np.float64), self.dt)
+        points = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
         parts = self.residues[:, None] / (points[None, :] - self.poles[:, None])
         return np.asarray(self.direct + parts.sum(axis=0), dtype=np.complex128)
 
     def modes(self) -> tuple[Mode, ...]:
         """Return the natural frequency and damping ratio of every pole pair and real pole, slowest first."""
         A, B, C, D = self.sections()
-        return StateSpace(A, B, C, D, (Channel("input", "1"),), (Channel("output", "1"),), self.dt).modes()
+        return StateSpace(A, B, C, D, (Channel("input", "1"),), (Channel("output", "1"),)).modes()
 
     def sections(self) -> tuple[Array, Array, Array, Array]:
         """Return A (n, n), B (n, 1), C (1, n), D (1, 1) of parallel real first- and second-order sections."""
@@ -156,13 +155,7 @@ class TransferFunction:
         return A, B, C, np.array([[self.direct]])
 
 
-def _plane_points(frequency: Array, dt: float | None) -> Complex:
-    """Return s = 2 pi j f, or z = exp(2 pi j f dt)."""
-    s = 2j * np.pi * frequency
-    return np.asarray(s if dt is None else np.exp(s * dt), dtype=np.complex128)
-
-
-# ---- Rational fits of one frequency response, like MATLAB's invfreqs and invfreqz (4.3.3, 5.2.3) --------------------
+# ---- Rational fits of one frequency response, like MATLAB's invfreqs (4.3.3, 5.2.3) ---------------------------------
 
 _REWEIGHTINGS = 10
 _HALVINGS = 12
@@ -180,8 +173,7 @@ class RationalFit:
     """
 
     denominator: int  #: Degree of A.
-    numerator: int  #: Degree of B in s (or z): that of A with a direct term, one less without.
-    dt: float | None = None  #: Sample time of a discrete model [s] (invfreqz), or None for a continuous one (invfreqs).
+    numerator: int  #: Degree of B: that of A with a direct term, one less without.
     #: Maximum number of Gauss-Newton steps; 0 returns the best of the reweighted equation-error solutions.
     iterations: int = 30
 
@@ -208,11 +200,11 @@ class RationalFit:
         count = self.denominator + self.numerator + 1
         if 2 * int(used.sum()) < count:
             raise TooShortError(f"{int(used.sum())} frequencies with weight are too few for {count} coefficients")
-        points = _plane_points(frequency[used], self.dt)
-        scale = float(np.abs(points).max()) if self.dt is None else 1.0
+        points: Complex = np.asarray(2j * np.pi * frequency[used], dtype=np.complex128)
+        scale = float(np.abs(points).max())
         basis = _orthonormal_basis(points / scale, weight[used], self.denominator)
         problem = _Problem(basis, basis.values(points / scale), H[used], np.sqrt(weight[used]), self)
-        return _modal(basis, problem.solve(), scale, self.dt)
+        return _modal(basis, problem.solve(), scale)
 
 
 class _Ratio(NamedTuple):
@@ -271,11 +263,10 @@ class _Problem:
     def _stable(self, ratio: _Ratio) -> _Ratio:
         """Mirror unstable poles and fit the numerator again."""
         poles = self.basis.roots(ratio.a)
-        outside = self._unstable(poles)
+        outside = poles.real >= 0.0
         if not outside.any():
             return ratio
-        mirrored = -poles.conj() if self.recipe.dt is None else 1.0 / poles.conj()
-        poles = np.where(outside, mirrored, poles)
+        poles = np.where(outside, -poles.conj(), poles)
         # The basis is orthonormal on the points, so the coefficients of a polynomial are its projections.
         share = self.root**2 / np.sum(self.root**2)
         product = np.prod((self._points()[:, None] - poles[None, :]), axis=1)
@@ -290,9 +281,6 @@ class _Problem:
         h = self.basis.hessenberg
         return np.asarray(self.P[:, 1] / self.P[:, 0] * h[1, 0] + h[0, 0], dtype=np.complex128)
 
-    def _unstable(self, poles: Complex) -> NDArray[np.bool_]:
-        return np.asarray(poles.real >= 0.0 if self.recipe.dt is None else np.abs(poles) >= 1.0, dtype=np.bool_)
-
     def _improved(self, ratio: _Ratio, cost: float) -> tuple[_Ratio, float]:
         """Take a Gauss-Newton step of Eq 4.29, halved until the cost falls; return the new coefficients and cost."""
         A, B = self.P @ ratio.a, self.P[:, : ratio.b.size] @ ratio.b
@@ -303,7 +291,7 @@ class _Problem:
             moved = step * 0.5**k
             tried = _Ratio(ratio.b + moved[: ratio.b.size], ratio.a + np.append(moved[ratio.b.size :], 0.0))
             reached = self.cost(tried)
-            if reached < cost and not self._unstable(self.basis.roots(tried.a)).any():
+            if reached < cost and (self.basis.roots(tried.a).real < 0.0).all():
                 return tried, reached
         return ratio, cost
 
@@ -317,7 +305,7 @@ def _least_squares(matrix: Complex, target: Complex) -> Array:
     return np.asarray(solution / size, dtype=np.float64)
 
 
-def _modal(basis: _PolynomialBasis, ratio: _Ratio, scale: float, dt: float | None) -> TransferFunction:
+def _modal(basis: _PolynomialBasis, ratio: _Ratio, scale: float) -> TransferFunction:
     """Return the transfer function with poles p_i and residues `r_i = B(p_i) / A'(p_i)`."""
     poles = basis.roots(ratio.a)
     degree = ratio.b.size - 1
@@ -327,4 +315,4 @@ def _modal(basis: _PolynomialBasis, ratio: _Ratio, scale: float, dt: float | Non
     slope = basis.leading(ratio.a) * np.prod(distance, axis=1)
     values = basis.values(poles)[:, : degree + 1] @ ratio.b
     direct = float(ratio.b[-1] / ratio.a[-1]) if degree == poles.size else 0.0
-    return TransferFunction(poles * scale, values / slope * scale, direct, dt)
+    return TransferFunction(poles * scale, values / slope * scale, direct)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.projection import bands, solve_forces
 from eightpost.ident.vehicle.trust import ForceEstimate
 from eightpost.signals import TimeSeries
+from eightpost.vehicle import IdentifiedVehicle, LinearStepper, add_port_stiffness, friction
 
 #: Sentences on the springs of a model.
 _LINEAR = "The model has linear springs; it is valid for travel as in the tests."
@@ -71,6 +72,53 @@ def port_springs(
     found = {port: force.value for port, force in springs.items() if force.is_significant}
     sizes = mean_squares(tests[0], [port for port in ports if port in found])
     return {port: found[port] / size for port, size in sizes.items()}
+
+
+def about_tests(vehicle: IdentifiedVehicle, loads: Mapping[str, float]) -> IdentifiedVehicle:
+    """Return a vehicle whose port springs have the mean travel of its tests.
+
+    It is unchanged if it has no steady state without loads.
+
+    Args:
+        vehicle: Vehicle about the mean of its tests.
+        loads: Mean loads on the chassis in the tests [N, N.m], by input.
+    """
+    try:
+        without = _travel(vehicle, {load: -mean for load, mean in loads.items()})
+    except ValueError:
+        return vehicle
+    laws = {p: law._replace(mean_travel=-without[p]) if p in without else law for p, law in vehicle.friction.items()}
+    return replace(vehicle, friction=laws) if without else vehicle
+
+
+def about_loads(vehicle: IdentifiedVehicle, loads: Mapping[str, float]) -> IdentifiedVehicle:
+    """Return a vehicle about the state with the mean loads of a drive, for simulations of the drive without its means.
+
+    Args:
+        vehicle: Vehicle that knows the mean travel of its tests.
+        loads: Mean loads of the drive [N, N.m], by input.
+
+    Raises:
+        ValueError: There is no steady state with these loads.
+    """
+    unloaded = vehicle.unloaded()
+    stiffer = {port: 2.0 * vehicle.friction[port].spring * d for port, d in _travel(unloaded, loads).items()}
+    return replace(unloaded, state_space=add_port_stiffness(unloaded.state_space, stiffer), validity=None)
+
+
+def _travel(vehicle: IdentifiedVehicle, loads: Mapping[str, float]) -> dict[str, float]:
+    """Return the displacements at constant loads by port with a spring [m]; ValueError: there is no steady state."""
+    springs = [port for port, law in vehicle.friction.items() if law.spring]
+    if not springs:
+        return {}
+    model = vehicle.state_space
+    stepper = LinearStepper(model.A, model.B, model.C, model.D)
+    names = [channel(port, "") for port in springs]
+    ports = friction.named_ports(stepper, (model.input_names, model.output_names), names, names)
+    none, k2 = np.zeros(len(springs)), np.array([vehicle.friction[port].spring for port in springs])
+    u = np.array([loads.get(name, 0.0) for name in model.input_names])
+    x = friction.equilibrium(stepper, friction.PortFriction(ports, none, none + 1.0, spring=k2), u)
+    return dict(zip(springs, (ports.displacement @ x).tolist(), strict=True))
 
 
 def nonlinear_spring_sentence(springs: Mapping[str, ForceEstimate], *, held: str = _LINEAR) -> str | None:

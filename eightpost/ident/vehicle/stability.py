@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from eightpost.array_types import Array
 from eightpost.corners import channel
 from eightpost.vehicle import IdentifiedVehicle, StateSpace, add_port_damping, kernel
+from eightpost.vehicle.vehicles import GROWTH_WITHOUT
 
 # ---- Exact discretisation of models whose states form many independent parts, such as parallel sections -------------
 
@@ -39,7 +40,8 @@ FACTORS = (0.25, 0.45, 0.7, 1.5, 2.0, 3.0)
 class Stability(NamedTuple):
     """Stability with all dampers that were tried."""
 
-    stable: bool  #: Whether the vehicle is stable with all dampers that were tried.
+    #: Whether the vehicle is stable with all dampers that were tried, and grows slowly without any.
+    stable: bool
     worst: Mapping[str, float]  #: Damping of the loop with the largest growth rate [N.s/m], by port.
     growth: float  #: Largest real part of that loop's poles [1/s]; the loop is unstable if it is above zero.
     tried: int  #: Number of sets of dampers that were tried.
@@ -58,8 +60,8 @@ class Stability(NamedTuple):
 def closed_loop_stability(vehicle: IdentifiedVehicle) -> Stability:
     """Return the stability of the loop closed with linear dampers, changed by `FACTORS` all together and one at a time.
 
-    Only the states between shock forces and shock velocities are in the loop (Fig 6.25); all others are stable as
-    fitted.
+    Without dampers, motions may grow slowly: a car that is nearly undamped may be found so. Only the states between
+    shock forces and shock velocities are in the loop (Fig 6.25); all others are stable as fitted.
 
     Args:
         vehicle: Identified continuous vehicle.
@@ -69,11 +71,13 @@ def closed_loop_stability(vehicle: IdentifiedVehicle) -> Stability:
     baseline = np.array([vehicle.baseline_damping[port] for port in ports])
     worst, growth, tried = baseline, -np.inf, 0
     for scale in _scales(len(ports)):
-        closed = loop.A + loop.B @ np.diag((scale - 1.0) * baseline) @ loop.C
-        largest = float(np.linalg.eigvals(closed).real.max(initial=-np.inf))
+        largest = _growth(loop, (scale - 1.0) * baseline)
         tried += 1
         if largest > growth:
             worst, growth = scale * baseline, largest
+    without = _growth(loop, -baseline)
+    if without > max(growth, GROWTH_WITHOUT):
+        worst, growth = 0.0 * baseline, without
     return Stability(growth < 0.0, dict(zip(ports, worst.tolist(), strict=True)), growth, tried)
 
 
@@ -81,6 +85,11 @@ class _Ports(NamedTuple):
     A: Array
     B: Array
     C: Array
+
+
+def _growth(loop: _Ports, added: Array) -> float:
+    """Return the largest real part of the poles of a loop with dampers in addition to the baseline ones [1/s]."""
+    return float(np.linalg.eigvals(loop.A + loop.B @ np.diag(added) @ loop.C).real.max(initial=-np.inf))
 
 
 def _scales(ports: int) -> Iterator[Array]:

@@ -15,7 +15,6 @@ from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError, ParameterError, suggestion
 from eightpost.files import MALFORMED, atomic_path, check_schema, json_content, sha256_of
 from eightpost.ident.response import FrequencyResponse, read_response, response_of, write_response
-from eightpost.ident.vehicle.recipe_choice import RecipeChoice
 from eightpost.ident.vehicle.trust import Trust
 from eightpost.ident.vehicle.verdict import fit_verdict
 from eightpost.judged import edited, is_intact, sealed
@@ -66,7 +65,6 @@ class VehicleFit(Summarized):
     trust: Trust | None = None
     #: Physical parameters with 95 % intervals; empty if the recipe has none.
     parameters: tuple[FittedParameter, ...] = ()
-    choice: RecipeChoice | None = None  #: Choice of the recipe by a left-out test; None if the user named the recipe.
 
     @property
     def sources(self) -> Mapping[str, str]:
@@ -203,7 +201,6 @@ def write_fit(path: str | Path, fit: VehicleFit) -> tuple[Path, ...]:
         "ranges": {name: list(span) for name, span in fit.ranges.items()},
         "trust": None if fit.trust is None else fit.trust.as_json(),
         "parameters": [parameter._asdict() for parameter in fit.parameters],
-        "choice": None if fit.choice is None else fit.choice.as_json(),
     }
     with atomic_path(fit_path(path)) as temporary:
         temporary.write_text(json.dumps(sealed(content), indent=1) + "\n", encoding="utf-8")
@@ -227,10 +224,10 @@ def read_fit(path: str | Path) -> VehicleFit:
     vehicle = read_vehicle(path)
     if not isinstance(vehicle, IdentifiedVehicle):
         raise FileFormatError("is not an identified vehicle", path=path)
-    if not fit_path(path).is_file():
-        report = fit_path(path).name
-        what = f"needs the report of its fit, {report}, in the same folder; copy it there, or identify again"
-        raise FileFormatError(what, path=path)
+    for part, meaning in ((fit_path(path), "report of its fit"), (_response_path(path), "responses of its tests")):
+        if not part.is_file():
+            what = f"needs the {meaning}, {part.name}, in the same folder; copy it there, or identify again"
+            raise FileFormatError(what, path=path)
     content = _fit_content(fit_path(path))
     is_of_file = content.get("vehicle_sha256") == sha256_of(path)
     if not is_of_file and (_judged(vehicle) is None or content.get("vehicle_judged") != _judged(vehicle)):
@@ -250,7 +247,6 @@ def read_fit(path: str | Path) -> VehicleFit:
             {str(name): (float(low), float(high)) for name, (low, high) in content.get("ranges", {}).items()},
             None if is_edited or content.get("trust") is None else Trust.of_json(content["trust"]),
             tuple(FittedParameter(**row) for row in content.get("parameters", [])),
-            None if content.get("choice") is None else RecipeChoice.of_json(content["choice"]),
         )
     except MALFORMED as error:
         what = f"is not a complete fit as this version writes it ({error}); identify again"

@@ -21,7 +21,7 @@ from eightpost.signals.csv_file import write_csv
 from eightpost.signals.filters import velocity_from_displacement
 from eightpost.signals.formats import read_record
 from eightpost.signals.parquet_file import parquet_header, write_parquet
-from eightpost.signals.raw_record import find_time, mapped_series
+from eightpost.signals.raw_record import find_time, map_beside, mapped_series
 from eightpost.signals.recording import Recording
 
 if TYPE_CHECKING:
@@ -70,8 +70,11 @@ CHANNEL_UNITS = {
 
 
 def rig_map(record: RawRecord, channel_map: ChannelMap | None) -> ChannelMap:
-    """Return the channel map of a rig record: the given map, completed by all columns with the name of a channel."""
-    given = channel_map or ChannelMap()
+    """Return the channel map of a rig record: the given map, completed by all columns with the name of a channel.
+
+    Without a given map, it is the map `rig_map.toml` in the record's folder, if there is one.
+    """
+    given = channel_map or map_beside(record) or ChannelMap()
     time = given.time or find_time(record)
     taken = {pick.source for pick in given.channels.values()} | {time.source}
     own = {n: MappedChannel(n) for n in record.names if n in CHANNEL_UNITS and n not in taken}
@@ -115,6 +118,7 @@ class RigTest(Recording):
     derived: tuple[str, ...] = ()  #: Descriptions of channels that were computed, not measured.
     #: Channels whose sign and corner were not checked, because the channels that show it are missing.
     unchecked: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  #: What was left out while reading the file, e.g. a last sample that was cut off.
 
     @property
     def corners(self) -> tuple[str, ...]:
@@ -131,6 +135,7 @@ class RigTest(Recording):
             *self.series.summary_rows(),
             ("derived", "; ".join(self.derived)),
             ("sign and corner unchecked", ", ".join(self.unchecked)),
+            ("notes", "; ".join(self.notes)),
         )
 
     def _title(self) -> str:
@@ -195,7 +200,6 @@ def read_rig_test(
     """
     path = Path(path)
     record = read_record(path)
-    record.log_notes()
     mapping = rig_map(record, channel_map).flipped(flip)
     for name, pick in mapping.channels.items():
         record.check_unique(pick.source, channel=name)
@@ -208,7 +212,8 @@ def read_rig_test(
     complete, derived = _with_velocities(series, corners)
     check_rig_record(complete, corners, origin=record.origin)
     not_checked = unchecked(series, complete, corners)
-    return RigTest(complete, _conditions(path), path, sha256_of(path), derived, not_checked)
+    notes = (*record.notes, *record.steps)
+    return RigTest(complete, _conditions(path), path, sha256_of(path), derived, not_checked, notes)
 
 
 def read_rig_tests(
@@ -229,7 +234,8 @@ def _check_channels(
 ) -> None:
     known = "; ".join((", ".join(record.names), *record.notes))
     if not series.names:
-        what = f"it has no channel of a rig; the file has: {known}; name its columns in a channel map"
+        what = f"it has no channel of a rig; the file has: {known}; name its columns in a channel map; "
+        what += "`eightpost inspect` proposes one"
         raise MissingChannelError(what, path=path)
     for corner in corners:
         for options in needs:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from time import process_time
 
@@ -18,18 +19,21 @@ from cosim.study.certainty import (
     Status,
     TradeOff,
 )
-from cosim.study.certainty.assess import Knowledge, certainty_of
+from cosim.study.certainty.assess import Knowledge, certainty_of, posterior_of
 from cosim.study.certainty.choice import next_tests
 from cosim.study.certainty.mixture import half_width, probability_below
 from cosim.study.certainty.sources import Scales, error_sources
 from cosim.study.certainty.summary import summary_lines
+from cosim.study.certainty.vehicle_draws import VehicleDraws
 from cosim.study.certainty.verdict import certainty_reasons
 from cosim.study.study import Constraint, Term
 from eightpost.errors import InputError
-from eightpost.measure_uncertainty import separation
-from eightpost.verdict import Grade
+from eightpost.measure_uncertainty import MeasureUncertainty, separation
+from eightpost.model_uncertainty import ModelUncertainty
+from eightpost.validity import Validity
+from eightpost.verdict import Grade, Verdict
 
-from .assessed import NOISE, assessed, lag, paired, stating, two_setups
+from .assessed import NOISE, assessed, lag, paired, run, stating, two_setups
 from .constructed import result
 
 # ---- Probability of being best --------------------------------------------------------------------------------------
@@ -352,3 +356,41 @@ def test_a_hundred_thousand_setups_with_twenty_measures_take_seconds():
     found = certainty_of(study)
     assert process_time() - began < 40.0
     assert found.best.sum() == pytest.approx(1.0)
+
+
+# ---- A known bias of the vehicle ------------------------------------------------------------------------------------
+
+#: The vehicle predicts 3 % too high levels.
+BIAS = math.log(1.03)
+
+
+def biased(scales=(0.01, 0.0)):
+    """A study of two setups whose vehicle has a known bias."""
+    found = two_setups(0.02, scales)
+    stated = {"o0": MeasureUncertainty(*scales, bias=BIAS)}
+    validity = Validity(Verdict([]), (), ModelUncertainty(measures=stated)).to_json()
+    return replace(found, provenance=replace(found.provenance, models={"car.fmu": validity}))
+
+
+def test_levels_are_corrected_by_a_known_bias_and_the_certainty_says_so():
+    found, plain = certainty_of(biased()), certainty_of(two_setups(0.02, (0.01, 0.0)))
+    assert found.levels["a"].expected == pytest.approx(plain.levels["a"].expected / 1.03)
+    np.testing.assert_allclose(found.levels["a"].half_widths, plain.levels["a"].half_widths)
+    assert found.remarks[0] == "a is corrected by -2.9 %: its error on the vehicle's own tests is significant"
+    assert found.ties == plain.ties
+
+
+def test_a_rig_run_at_the_corrected_level_agrees_with_the_prediction_and_one_at_the_predicted_level_does_not():
+    study = biased((0.002, 0.0))
+    known = {"run_to_run": {"a": 0.001}}
+    agreed, apart = (certainty_of(study, Knowledge(runs=(run(0, a=level),), **known)) for level in (1.0 / 1.03, 1.0))
+    assert not agreed.contradictions
+    assert apart.contradictions[0].measure == "a"
+    assert agreed.levels["a"].expected[0] == pytest.approx(1.0 / 1.03, rel=1e-3)
+
+
+def test_drawn_cars_have_the_bias_on_average():
+    study = biased()
+    draws = VehicleDraws.of(study, posterior_of(study, Knowledge()))
+    assert draws.common.mean() == pytest.approx(-BIAS)
+    assert draws.common.std() > 0.005

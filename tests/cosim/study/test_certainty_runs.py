@@ -27,6 +27,7 @@ from cosim.study.choice.compare import usable_deviation
 from cosim.study.choice.confirm import with_rig_runs
 from cosim.study.choice.rig_runs import MeasuredRun
 from cosim.study.study import Term
+from eightpost.corners import CORNERS
 from eightpost.errors import FileFormatError
 from eightpost.measure_uncertainty import local_features, separation
 from eightpost.signals import TimeSeries
@@ -171,6 +172,16 @@ def test_the_order_of_rig_runs_does_not_matter(order):
     )
     np.testing.assert_allclose(one.levels["a"].half_widths, other.levels["a"].half_widths, rtol=1e-9)
     assert one.best[0] == pytest.approx(other.best[0], abs=NOISE)
+
+
+@pytest.mark.parametrize("difference", [0.1, -0.1])
+def test_trade_offs_are_those_against_the_baseline_and_none_if_it_leads_itself(difference):
+    study = two_setups(difference, (0.0, 0.01))
+    (lead,) = certainty_of(study).ties
+    setups = {("B/B",) * 4: 0, ("B/B", "B/B", "B/B", "C/C"): 1}
+    for builds, setup in setups.items():
+        at = replace(study, study=replace(study.study, baseline=dict(zip(CORNERS, builds, strict=True))))
+        assert bool(certainty_of(at).trade_offs) == (setup != lead)
 
 
 # ---- File ------------------------------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from zipfile import ZipFile
 import pytest
 
 from cosim.study import Setup, Term
+from cosim.study.running.drives import read_drive
 from cosim.study.study_file import read_study, source_files
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError
@@ -118,6 +119,87 @@ def test_families_are_evaluated_on_each_of_several_drives(write):
     study = read_study(write(text=text))
     assert "again: grip number" in {m.name for m in study.measures_of(study.drives[1])}
     assert not any(m.name.startswith("again") for m in study.measures_of(study.drives[0]))
+
+
+@pytest.fixture
+def lap(tmp_path):
+    """Return a function lap(*omitted) that writes a rig lap with own names for roads and tire forces, and its map."""
+
+    def make(*omitted: str) -> Path:
+        columns = {"Time (s)": "t", **{f"WL {corner} Pos (mm)": 2.0 for corner in CORNERS},
+                   **{f"WL {corner} Load (kN)": 3.5 for corner in CORNERS}, "lf.force (N)": 0.0, "Lap (1)": 7,
+                   "heave_force (N)": 5.0, "roll_moment (N.m)": 5.0, "pitch_moment (N.m)": 5.0}  # fmt: skip
+        kept = [name for name in columns if not name.startswith(omitted or ("-",))]
+        rows = [",".join(str(0.01 * i if columns[n] == "t" else columns[n]) for n in kept) for i in range(501)]
+        (tmp_path / "lap.csv").write_text("\n".join([",".join(kept), *rows]))
+        pairs = (("Pos", "road"), ("Load", "tire_force"))
+        entries = [f'[channels."{c}.{q}"]\nsource = "WL {c} {s}"\ngain = 0.5' for c in CORNERS for s, q in pairs]
+        (tmp_path / "own.toml").write_text("\n".join(entries))
+        return tmp_path / "lap.csv"
+
+    return make
+
+
+def on_lap(entries: str = 'channel_map = "own.toml"', text: str = TEXT) -> str:
+    """Return the study file with the lap as its drive, and further entries of the drive."""
+    return text.replace('file = "{track}"\nstop = "4 s"', f'file = "lap.csv"\n{entries}')
+
+
+def test_the_roads_and_loads_of_a_rig_lap_drive_and_its_measured_channels_do_not(write, lap):
+    lap()
+    path = write(text=on_lap())
+    (drive,) = read_study(path).drives
+    driving = [*(f"{corner}.road" for corner in CORNERS), "heave_force", "roll_moment", "pitch_moment"]
+    assert drive.targets == {name: f"car.{name}" for name in driving}
+    assert drive.stop == pytest.approx(5.0)
+    read = read_drive(drive)
+    assert read.names == tuple(drive.targets) and read.at(1.0) == pytest.approx([1e-3] * 4 + [5.0] * 3)
+
+
+def test_the_map_beside_a_lap_is_that_of_its_study_unless_the_study_names_another(write, lap):
+    map_file = lap().with_name("own.toml")
+    path = write(text=on_lap(""))
+    missing = "has no channel for lf.road, rf.road, lr.road, rr.road, inputs of the vehicle; name their columns in the"
+    with pytest.raises(InputError, match=missing):
+        read_study(path)
+    beside = map_file.rename(map_file.with_name("rig_map.toml"))
+    (drive,) = read_study(path).drives
+    assert drive.channel_map == beside and len(drive.targets) == 7
+    map_file.write_text(beside.read_text().replace("gain = 0.5", "gain = -1.0"))
+    (drive,) = read_study(write(text=on_lap())).drives
+    assert drive.channel_map == map_file and read_drive(drive).at(1.0)[0] == pytest.approx(-2e-3)
+
+
+def test_a_lap_without_a_load_says_which_inputs_need_a_channel_or_a_constant(write, lap):
+    lap("roll", "pitch")
+    path = write(text=on_lap())
+    with pytest.raises(InputError, match=r"lap.csv has no channel for roll_moment, pitch_moment, inputs .*constants in "
+                       r"inputs of \[vehicle\]. The file has: Time, WL lf Pos"):  # fmt: skip
+        read_study(path)
+    constants = 'means = "trusted"\ninputs = {{ roll_moment = 0.0, pitch_moment = 0.0, heave_force = 1.0 }}'
+    text = on_lap(text=TEXT.replace('means = "trusted"', constants))
+    (drive,) = read_study(write(text=text)).drives
+    assert list(drive.targets) == [f"{corner}.road" for corner in CORNERS]
+
+
+def test_units_of_measured_columns_are_not_needed_for_the_drive(write, lap):
+    file = lap()
+    file.write_text(file.read_text().replace(" (mm)", "").replace(" (kN)", ""))
+    units = ", ".join(f'"WL {c} Pos" = "mm", "{c}.tire_force" = "kN"' for c in CORNERS)
+    entries = f'channel_map = "own.toml"\nunits = {{{{ {units} }}}}'
+    (drive,) = read_study(write(text=on_lap(entries))).drives
+    assert read_drive(drive).at(1.0)[0] == pytest.approx(1e-3)
+
+
+def test_two_columns_of_one_driving_channel_are_refused(write, lap):
+    file = lap()
+    file.write_text(file.read_text().replace("Lap (1)", "heave_force (N)"))
+    with pytest.raises(InputError, match="the column name 'heave_force' is not unique"):
+        read_study(write(text=on_lap()))
+
+
+def test_a_drive_file_without_measured_channels_names_its_inputs_by_its_channels(write):
+    assert read_study(write()).drives[0].targets == {}
 
 
 @pytest.mark.parametrize("percent", ["95.0", '"95 %"'])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.io import loadmat
 
 from eightpost.errors import InputError
-from eightpost.ident.response import FrequencyResponse, LocalPolynomial, LocalRational, Recipe, estimate_response
+from eightpost.ident.response import FrequencyResponse, LocalPolynomial, estimate_response
 from eightpost.signals import TimeSeries
 
 FOLDER = os.environ.get("EIGHTPOST_DATA")
@@ -36,8 +36,8 @@ def spectra(record: TimeSeries, names: tuple[str, ...]) -> NDArray[np.complex128
     return np.asarray(np.fft.rfft(values - values.mean(axis=1, keepdims=True)))
 
 
-def estimated(*names: str, recipe: Recipe | None = None) -> FrequencyResponse:
-    recipe = recipe or LocalPolynomial(spacing=0.05, high=200.0)
+def estimated(*names: str) -> FrequencyResponse:
+    recipe = LocalPolynomial(spacing=0.05, high=200.0)
     return estimate_response([beam(name) for name in names], inputs=INPUTS, outputs=OUTPUTS, recipe=recipe)
 
 
@@ -80,29 +80,3 @@ def test_a_mode_of_four_bins_is_too_narrow_for_the_record(response: FrequencyRes
 def test_equal_inputs_cannot_be_separated() -> None:
     with pytest.raises(InputError, match="depend linearly on each other"):
         estimated("symexc_1", "symexc_2")
-    with pytest.raises(InputError, match="depend linearly on each other"):
-        estimated("symexc_1", "symexc_2", recipe=LocalRational(spacing=1.0, high=40.0))
-
-
-@pytest.fixture(scope="module")
-def validated() -> FrequencyResponse:
-    return estimated("symexc_1", "asymexc_1", recipe=LocalRational(spacing=0.05, high=61.0))
-
-
-@pytest.mark.parametrize(("kind", "limit"), [("symexc", 0.03), ("asymexc", 0.11)])
-def test_with_a_local_denominator_the_narrow_mode_is_predicted(
-    validated: FrequencyResponse, kind: str, limit: float
-) -> None:
-    predicted, repeated = errors(validated, f"{kind}_2", f"{kind}_1", (10.0, 12.0))
-    assert (predicted < limit).all()
-    assert (predicted < 2.0 * repeated).all()
-
-
-@pytest.mark.repeated
-@pytest.mark.parametrize("kind", ["symexc", "asymexc"])
-def test_a_local_denominator_loses_nothing_where_polynomials_suffice(
-    response: FrequencyResponse, validated: FrequencyResponse, kind: str
-) -> None:
-    for band in ((12.0, 25.0), (25.0, 60.0)):
-        before, after = (errors(each, f"{kind}_2", f"{kind}_1", band)[0] for each in (response, validated))
-        assert (after < 1.02 * before).all()

@@ -21,7 +21,7 @@ from eightpost.ident.shock.limits import limits_for
 from eightpost.ident.shock.runs import Runs, prepare_runs
 from eightpost.ident.shock.settings.clicks import best_clicks
 from eightpost.ident.shock.settings.joint_fit import _joint_model
-from eightpost.ident.shock.settings.result import _counting, _preload, fit_settings, held_out_percent
+from eightpost.ident.shock.settings.result import _counting, _prediction, _preload, fit_settings, held_out_percent
 from eightpost.ident.shock.settings.table import SettingsTable, joined_temperatures, read_settings_table
 from eightpost.ident.shock.settings.target_curve import TargetCurve, read_target
 from eightpost.ident.shock.settings.terms import effects_of
@@ -108,6 +108,22 @@ def test_every_inner_file_is_predicted_by_the_others_almost_as_well_as_it_is_fit
     outer, inner = [rebound.predicted[k] for k in (0, -1)], rebound.predicted[1:-1]
     assert outer == [None, None]
     assert all(p < one.percent + 0.5 for p, one in zip(inner, rebound.fits[1:-1], strict=True))
+
+
+@pytest.mark.parametrize(
+    ("predicted", "grade", "worst"),
+    [((None, 2.5, None), Grade.USABLE, "1"), ((1.0, 8.0, 3.0), Grade.LIMITED, "1"),
+     ((16.0, 8.0, 3.0), Grade.NOT_USABLE, "0"), ((None, None), None, "")],
+)  # fmt: skip
+def test_the_verdict_reads_the_setting_that_the_others_predict_worst(predicted, grade, worst):
+    groups = [SimpleNamespace(names=(str(k),)) for k in range(len(predicted))]
+    reasons = list(_prediction(groups, predicted))
+    assert [(reason.grade, reason.origin) for reason in reasons] == ([(grade, worst)] if grade else [])
+
+
+def test_the_verdict_of_a_fit_over_settings_states_this_error(rebound):
+    (found,) = [r for r in rebound.verdict.reasons if r.statement == "the other settings predict a setting well"]
+    assert f"held-out error {max(rebound.predicted[1:-1]):.3g} % of" in found.figure
 
 
 @pytest.mark.nightly

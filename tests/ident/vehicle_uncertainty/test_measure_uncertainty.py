@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import numpy as np
@@ -16,14 +17,17 @@ from eightpost.measure_uncertainty import (
     DEGREES,
     LOCAL,
     REACH,
+    MeasuredLevel,
     MeasureUncertainty,
-    SetupErrors,
+    band_shares,
+    drive_distance,
     local_features,
     separation,
     setup_distance,
     student_probability,
     student_quantile,
 )
+from eightpost.model_uncertainty import ModelUncertainty
 
 sizes = st.floats(1e-4, 0.3)
 values = st.floats(1e-3, 1e3)
@@ -118,11 +122,20 @@ def test_a_level_that_is_not_a_probability_is_refused(level):
 
 
 def test_a_fit_stores_the_uncertainty_of_its_measures():
-    trust = Trust({"velocity": OutputTrust(0.01, 0.02, 1.0)}, measures={"velocity": MeasureUncertainty(0.03, 0.4)})
-    assert Trust.of_json(trust.as_json()) == trust
-    older = trust.as_json()
-    del older["measures"]
-    assert Trust.of_json(older).measures == {}
+    stated = MeasureUncertainty.of_levels([level(error=0.05)], 0.4)
+    trust = Trust({"velocity": OutputTrust(0.01, 0.02, 1.0)}, measures={"velocity": stated})
+    assert Trust.of_json(json.loads(json.dumps(trust.as_json()))) == trust
+    assert ModelUncertainty.from_json(ModelUncertainty(measures=trust.measures).to_json()).measures == trust.measures
+
+
+def test_the_uncertainty_of_earlier_versions_is_that_of_their_tests():
+    older = {"common": 0.03, "own": 0.4, "common_above": 0.1, "own_above": 0.2, "share_above": 0.01}
+    expected = {"a": MeasureUncertainty(0.03, 0.4)}
+    assert Trust.of_json({"outputs": {}, "measures": {"a": older}}).measures == expected
+    found = ModelUncertainty.from_json({"measures": {"a": older}})
+    assert found.measures == expected
+    assert found.to_json()["measures"] == {"a": older}, "the digest of the file stays right"
+    assert Trust.of_json({"outputs": {}}).measures == {}
 
 
 @given(probability=st.floats(1e-6, 1.0 - 1e-6))
@@ -132,67 +145,80 @@ def test_the_closed_forms_are_students_distribution(probability):
     assert student_probability(value) == pytest.approx(probability, abs=1e-9)
 
 
-@given(common=sizes, own=sizes, above=sizes, share=st.floats(0.0, 1.0), other=st.floats(0.0, 1.0))
-def test_a_measure_with_more_power_above_the_band_is_less_certain(common, own, above, share, other):
-    stated = MeasureUncertainty(math.hypot(common, above * math.sqrt(share)), own, above, 0.0, share)
-    moved = stated.at_share(other)
-    assert moved.common == pytest.approx(math.hypot(common, above * math.sqrt(other)))
-    assert moved.own == stated.own
-    assert moved.at_share(share).common == pytest.approx(stated.common)
-    assert (moved.common > stated.common) == (other > share) or moved.common == pytest.approx(stated.common)
+# ---- Measured errors and other drives -------------------------------------------------------------------------------
+
+TESTS = (0.0, 0.5, 0.5, *(0.0,) * 8)
+LAP = (0.0, 0.9, 0.1, *(0.0,) * 8)
 
 
-def test_a_share_that_is_none_is_refused():
-    with pytest.raises(ParameterError, match="share of power"):
-        MeasureUncertainty(0.01, 0.1).at_share(12.0)
+def level(error=0.0, deviation=0.01, spread=0.02, shares=TESTS):
+    return MeasuredLevel(error, deviation, spread, shares)
 
 
-# ---- Drawn errors ---------------------------------------------------------------------------------------------------
-
-TABLE = {"a": np.array([1.0, 1.2, 1.21, np.nan]), "b": np.array([3.0, 2.5, 2.52, np.nan])}
-STATED = {"a": MeasureUncertainty(0.02, 0.3), "b": MeasureUncertainty(0.0, 0.1)}
-
-
-def interquartile(values):
-    """Half of the interquartile range relative to that of Student's distribution: the scale of the values."""
-    return float(np.subtract(*np.quantile(values, (0.75, 0.25)))) / 2.0 / student_quantile(0.75)
+def test_the_bands_share_the_power_of_the_lines_by_their_frequencies():
+    frequency = np.array([0.0, 0.4, 0.5, 2.5, 29.0, 30.0, 60.0])
+    shares = band_shares(np.array([[1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0]]), frequency)
+    assert shares.tolist() == [[3.0, 4.0, 0.0, 8.0, 0.0, 0.0, 0.0, 0.0, 0.0, 16.0, 96.0]]
 
 
-def row(number):
-    return {name: float(values[number]) for name, values in TABLE.items()}
+def test_the_distance_of_two_drives_counts_power_where_the_records_have_none_most():
+    assert drive_distance(TESTS, TESTS) == 0.0
+    assert drive_distance(LAP, TESTS) == pytest.approx(math.sqrt(2.0 * 0.16 / 0.505))
+    beyond = (*(0.0,) * 10, 1.0)
+    assert drive_distance(beyond, TESTS) == pytest.approx(math.sqrt(1.0 / 0.005 + 2.0 * 0.25 / 0.505))
 
 
-@pytest.mark.parametrize("pair", [(0, 1), (1, 2), (0, 2)])
-def test_drawn_errors_of_two_setups_differ_as_much_as_every_pair_states(pair):
-    drawn = SetupErrors.of(TABLE, STATED).draw("a", 40_000, np.random.default_rng(3))
-    change = drawn[:, pair[0]] - drawn[:, pair[1]]
-    distance = setup_distance(row(pair[0]), row(pair[1]))
-    apart = separation(distance, math.log(TABLE["a"][pair[0]] / TABLE["a"][pair[1]]))
-    assert interquartile(change) == pytest.approx(0.3 * apart, rel=0.03)
-    below = np.mean(np.log(TABLE["a"][pair[0]]) - drawn[:, pair[0]] < np.log(TABLE["a"][pair[1]]) - drawn[:, pair[1]])
-    stated = STATED["a"].probability_below(TABLE["a"][pair[0]], TABLE["a"][pair[1]], distance=distance)
-    assert below == pytest.approx(stated, abs=0.01)
+def test_on_the_tests_own_drive_the_error_is_as_sure_as_the_tests_show():
+    one = MeasureUncertainty.of_levels([level(error=0.015)], 0.2)
+    assert (one.common, one.own, one.bias) == pytest.approx((math.hypot(0.01, 0.015), 0.2, 0.0))
+    assert one.levels == (level(error=0.015),)
 
 
-def test_a_common_error_shifts_all_setups_of_a_draw_together():
-    errors = SetupErrors.of(TABLE, STATED | {"a": MeasureUncertainty(0.02, 0.0)})
-    drawn = errors.draw("a", 20_000, np.random.default_rng(4))[:, :3]
-    assert np.ptp(drawn, axis=1).max() == 0.0
-    assert interquartile(drawn[:, 0]) == pytest.approx(0.02, rel=0.03)
+@given(error=st.floats(-0.1, 0.1), deviation=st.floats(1e-3, 0.05))
+def test_an_error_above_two_standard_deviations_is_a_bias_and_any_other_one_is_uncertainty(error, deviation):
+    one = MeasureUncertainty.of_levels([level(error=error, deviation=deviation)], 0.2)
+    assert math.hypot(one.common, one.bias) == pytest.approx(math.hypot(error, deviation))
+    assert (one.bias != 0.0) == (abs(error) > 2.0 * deviation)
 
 
-def test_a_setup_without_measures_has_no_errors_and_does_not_affect_the_others():
-    errors = SetupErrors.of(TABLE, STATED)
-    assert np.isnan(errors.draw("b", 5, np.random.default_rng(1))[:, 3]).all()
-    done = SetupErrors.of({name: values[:3] for name, values in TABLE.items()}, STATED)
-    drawn = (one.draw("b", 5, np.random.default_rng(1))[:, :3] for one in (errors, done))
-    assert np.array_equal(*drawn)
+def test_predictions_are_corrected_by_the_bias():
+    low, high = MeasureUncertainty(0.01, 0.0, bias=0.05).interval(100.0, 0.95)
+    assert math.sqrt(low * high) == pytest.approx(100.0 * math.exp(-0.05))
 
 
-def test_draws_that_cannot_be_made_are_refused():
-    with pytest.raises(ParameterError, match="'c' is not known; it is known for: a, b"):
-        SetupErrors.of(TABLE, STATED).draw("c", 5, np.random.default_rng(1))
-    with pytest.raises(ParameterError, match="'b' is 0 for a setup"):
-        SetupErrors.of(TABLE | {"b": np.zeros(4)}, STATED)
-    with pytest.raises(ParameterError, match="one value of each per setup"):
-        SetupErrors.of(TABLE | {"b": np.ones(2)}, STATED)
+def test_another_drive_is_less_certain_by_the_spread_over_the_bands():
+    one, apart = MeasureUncertainty.of_levels([level()], 0.03), drive_distance(LAP, TESTS)
+    moved = one.on_drive(LAP)
+    assert moved.common == pytest.approx(math.hypot(0.01, 1.6 * 0.02 * apart))
+    assert moved.own == pytest.approx(math.hypot(0.03, 1.5 * 0.02 * apart))
+    assert moved.levels == ()
+
+
+def test_power_above_that_of_the_records_is_as_uncertain_as_the_output_there():
+    low = (0.5, 0.25, 0.25, *(0.0,) * 8)
+    apart = drive_distance(low, TESTS)
+    assert MeasureUncertainty.of_levels([level()], 0.03).on_drive(low).common == pytest.approx(
+        math.hypot(0.01, 1.6 * 0.02 * apart)
+    )
+    half = (0.0, 0.25, 0.25, *(0.0,) * 7, 0.5)
+    moved, apart = MeasureUncertainty.of_levels([level()], 0.03).on_drive(half), drive_distance(half, TESTS)
+    assert moved.common == pytest.approx(math.hypot(0.01, 1.6 * 0.02 * apart, 0.25))
+    assert moved.own == pytest.approx(math.hypot(0.03, 1.5 * 0.02 * apart, 0.25))
+
+
+def test_a_record_counts_the_more_the_nearer_its_drive_is():
+    lap = level(error=0.04, shares=LAP)
+    one = MeasureUncertainty.of_levels([level(), lap], 0.03)
+    there, here = one.on_drive(LAP), one.on_drive(TESTS)
+    far = math.hypot(0.01, 1.6 * 0.02 * drive_distance(LAP, TESTS))
+    weight = 0.01**-2 / (0.01**-2 + far**-2)
+    assert there.bias == pytest.approx(0.04 * weight)
+    assert there.common == pytest.approx((0.01**-2 + far**-2) ** -0.5)
+    assert abs(here.bias) < 0.5 * there.bias
+
+
+def test_without_measured_errors_or_a_known_spectrum_the_stated_scales_remain():
+    older = MeasureUncertainty(0.02, 0.3)
+    assert older.on_drive(LAP) == older
+    one = MeasureUncertainty.of_levels([level()], 0.03)
+    assert one.on_drive(()) == one

@@ -8,12 +8,12 @@ import pytest
 from eightpost.ident.preparation import prepare
 from eightpost.ident.vehicle.experiment import experiment_of, find_baseline
 from eightpost.ident.vehicle.fit_tables import measure_table, worst_measures
-from eightpost.ident.vehicle.model_form import removable_tests
+from eightpost.ident.vehicle.measured_levels import removable_tests
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
 from eightpost.rig.post import NO_DRIFT, LinearDamper, RigSensors, random_drive, run_test, stand_in_truth
 
-#: Two whole identifications; every change: what makes errors large in test_model_form.py, and that a car has them in
-#: test_unusable.py.
+#: Two whole identifications; every change: what makes errors large in test_measured_levels.py, and that a car has them
+#: in test_unusable.py.
 pytestmark = pytest.mark.nightly
 
 FRICTIONLESS = CommonPoles(friction=None, springs=None, samples=2)
@@ -49,11 +49,9 @@ def test_every_output_and_the_sum_of_the_tire_forces_have_an_uncertainty(fits):
 
 
 def test_friction_that_the_model_does_not_have_makes_the_measures_uncertain(fits):
-    smooth, rubbing = (fit.trust.measures for fit in fits)
-    assert smooth
-    for name, one in smooth.items():
-        assert one.common < 0.015  # noise of short tests, from two samples
-        assert rubbing[name].own > 1.5 * one.own
+    smooth, rubbing = ([one.levels[0].spread for one in fit.trust.measures.values()] for fit in fits)
+    assert all(one.common < 0.015 for one in fits[0].trust.measures.values())  # noise of short tests
+    assert np.mean(rubbing) > 1.5 * np.mean(smooth)
 
 
 def test_the_table_shows_the_worst_output_of_each_quantity(fits):

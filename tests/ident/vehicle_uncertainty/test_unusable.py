@@ -6,7 +6,7 @@ import pytest
 
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.fit_validity import with_validity
-from eightpost.ident.vehicle.model_form import ModelForm
+from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.recipes import common_poles
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
 from eightpost.ident.vehicle.trust import UNUSABLE
@@ -34,7 +34,7 @@ def test_a_vehicle_of_which_every_model_was_rejected_is_not_usable(monkeypatch):
 
 @pytest.mark.nightly
 def test_a_vehicle_that_cannot_be_simulated_with_the_shocks_of_a_test_is_not_usable(monkeypatch):
-    monkeypatch.setattr(ModelForm, "uncertainty", lambda *_arguments, **_options: {})
+    monkeypatch.setattr(MeasuredLevels, "uncertainty", lambda *_arguments, **_options: {})
     fit = QUICK.identify(rig_tests(0.0, 20), EXPERIMENT)
     assert fit.trust.measures == {}
     assert "accuracy of predicted measures is not known" in fit.trust.flags[UNUSABLE]

@@ -16,6 +16,7 @@ from eightpost.ident.validation.vehicles import validate_vehicle
 from eightpost.ident.vehicle import read_fit, write_fit
 from eightpost.ident.vehicle.fit_validity import with_validity
 from eightpost.ident.vehicle.trust import ForceEstimate, OrderCandidate, Orders, OutputTrust, PolePair, Trust
+from eightpost.measure_uncertainty import MeasureUncertainty
 from eightpost.verdict import Grade
 
 from .conftest import records_of
@@ -35,6 +36,7 @@ TRUST = Trust(
     Orders(TRIED, 4, True, 16.0),
     8,
 )
+MEASURES = {"velocity": MeasureUncertainty(0.01, 0.1)}  #: All that a recipe states that searches no effects.
 
 
 def test_every_figure_of_the_fit_is_in_its_tables(corner: VehicleFit) -> None:
@@ -85,17 +87,21 @@ def test_a_report_of_another_fit_is_refused(corner: VehicleFit, tmp_path: Path) 
 
 
 @pytest.mark.nightly
-def test_a_flag_of_the_fit_limits_the_verdict_and_is_on_the_page(
+def test_a_flag_of_the_fit_is_on_the_page_and_no_reason_as_records_tell_more(
     corner: VehicleFit, setups: list[RigTest], tmp_path: Path
 ) -> None:
     plain = validate_vehicle(corner, records_of(corner, *setups[:1]))
     fit = replace(corner, trust=TRUST)
     study = validate_vehicle(fit, records_of(fit, *setups[:1]))
-    assert not any("flags" in reason.statement for reason in vehicle_verdict(plain).reasons)
-    verdict = vehicle_verdict(study)
-    assert any("nonlinear springs" in reason.statement for reason in verdict.reasons)
-    assert verdict.grade is Grade.LIMITED
+    assert vehicle_verdict(study).grade is vehicle_verdict(plain).grade
+    assert len(vehicle_verdict(study).reasons) == len(vehicle_verdict(plain).reasons)
     page = write_vehicle_page(tmp_path / "car.html", study).read_text(encoding="utf-8")
     texts = ("Self-assessment of the fit", "Springs are not straight.", "Stabilisation diagram", "4 states were chosen")
     for text in texts:
         assert text in page
+    found = tmp_path / "linear.html"
+    for trust, says in ((replace(TRUST, flags={}), True), (Trust({}, measures=MEASURES), False)):
+        other = replace(study, fit=replace(corner, trust=trust))
+        text = write_vehicle_page(found, other).read_text(encoding="utf-8")
+        assert ("no nonlinear effect" in text, "Estimates at the ports" in text) == (says, says)
+        assert ("setups that were not tested" in text) is not says

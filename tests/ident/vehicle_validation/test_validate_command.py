@@ -21,6 +21,7 @@ from eightpost.vehicle import shipped
 from eightpost.verdict import Grade
 
 from .conftest import softer
+from .test_fit_on_the_page import TRUST
 
 Run = Callable[..., Result]
 
@@ -94,6 +95,12 @@ def test_a_record_of_the_fit_is_recognised_by_its_digest(run: Run) -> None:
     assert run("own.json", records=("soft",)).exit_code == 1
 
 
+def test_friction_is_printed_in_newtons_as_identify_does(folder: Path, run: Run, corner: VehicleFit) -> None:
+    write_fit(folder / "rubbing.json", replace(corner, trust=TRUST))
+    shown = run("rubbing.json", records=("soft",)).output
+    assert "friction at the ports" in shown and "61.2" in shown and "estimate, N" in shown
+
+
 def test_an_edited_car_is_predicted_but_unknown(folder: Path, run: Run, corner: VehicleFit) -> None:
     """A validation does not make it usable again."""
     write_fit(folder / "judged.json", with_validity(corner))
@@ -113,7 +120,6 @@ def test_an_edited_car_is_predicted_but_unknown(folder: Path, run: Run, corner: 
     ("words", "said"),
     [
         (("--cutoff", "40 Hz"), "it does not apply to a vehicle"),
-        (("--configuration", "1"), "it does not apply to a vehicle"),
         (("--shock", "soft"), "write it as NAME=SHOCK.json"),
         (("--shock", "rear=shock.json"), "no corner and no record's shock is named 'rear'"),
         (("--kind", "track"), "must be one of random, sine, bump, static"),

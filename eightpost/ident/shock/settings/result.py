@@ -21,7 +21,7 @@ from eightpost.ident.shock.settings.joint_fit import fit_jointly
 from eightpost.ident.shock.settings.table import SettingsTable
 from eightpost.ident.shock.settings.terms import Effects, effects_of
 from eightpost.ident.shock.simulation import simulate
-from eightpost.ident.shock.verdict import DOUBT
+from eightpost.ident.shock.verdict import DOUBT, error_reason
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Axis, Settings, Shock, ShockLaw, StaticCurve
 from eightpost.shock.curve import KNOTS
@@ -112,8 +112,9 @@ def fit_settings(
         parameters, values = _values(table.axes, groups, joint)
         effects = effects_of(table.axes, [group.setting for group in groups], values)
         settings = _settings(table.axes, groups, parameters, effects, joint)
-        shock = _shock(table, fits, groups, joint, settings, effects, values)
-        predicted = tuple(_predicted(shock, groups, number, values, joint) for number in range(len(groups)))
+        reference = _reference_law(joint, groups, table.axes, effects)
+        predicted = tuple(_predicted(settings, reference, groups, k, values, joint) for k in range(len(groups)))
+        shock = _shock(table, fits, groups, joint, settings, reference, values, predicted)
     return SettingsFit(shock, groups, fits, predicted, joint, time.perf_counter() - started)
 
 
@@ -196,14 +197,14 @@ def _shock(
     groups: Sequence[Group],
     joint: JointFit,
     settings: Settings,
-    effects: Effects,
+    law: ShockLaw,
     values: Array,
+    predicted: Sequence[float | None],
 ) -> Shock:
     reference = min(range(len(groups)), key=lambda k: _distance(table.axes, groups[k].setting))
     base = fits[reference].shock
     # What is left of each file's level when its preload is that of the settings.
     left = np.array([joint.law(k).port.gas_preload for k in range(len(groups))]) - values[:, -1]
-    law = _reference_law(joint, groups, table.axes, effects)
     if table.gas == "included":
         law = replace(law, port=base.law.port)
     percent = [fit.percent for fit in fits]
@@ -217,7 +218,7 @@ def _shock(
         "changes": [*dict.fromkeys((*joint.notes, *(c for f in fits for c in f.changes)))],
         "warnings": [*dict.fromkeys(w for f in fits for w in f.warnings)],
     }  # fmt: skip
-    doubts = Verdict(_doubts(table, groups, joint, settings, law, left))
+    doubts = Verdict((*_doubts(table, groups, joint, settings, law, left), *_prediction(groups, predicted)))
     verdict = Verdict.combined([*(fit.verdict for fit in fits), doubts])
     assert base.validity is not None
     inputs = dict.fromkeys((i["name"], i["sha256"]) for f in fits for i in f.shock.inputs)
@@ -299,12 +300,23 @@ def _counting(axis: Axis, settings: Settings, law: ShockLaw, origin: str) -> Ite
 # ---- Prediction of each setting by the others -----------------------------------------------------------------------
 
 
-def _predicted(shock: Shock, groups: Sequence[Group], number: int, values: Array, joint: JointFit) -> float | None:
+def _prediction(groups: Sequence[Group], predicted: Sequence[float | None]) -> Iterator[Reason]:
+    """Yield the reason of the setting that the other ones predict worst, if they surround one."""
+    known = [(error, group) for error, group in zip(predicted, groups, strict=True) if error is not None]
+    if known:
+        error, group = max(known, key=lambda pair: pair[0])
+        figure = f"held-out error {error:.3g} % of the force's standard deviation"
+        origin = ", ".join(group.names)
+        yield error_reason(error, "the other settings predict a setting", figure=figure, origin=origin)
+
+
+def _predicted(
+    settings: Settings, reference: ShockLaw, groups: Sequence[Group], number: int, values: Array, joint: JointFit
+) -> float | None:
     """Return the error [%] with which the other settings' curves predict a setting; None outside of them."""
-    assert shock.settings is not None
     kept = [k for k in range(len(groups)) if k != number]
     axes = []
-    for i, axis in enumerate(shock.settings.axes):
+    for i, axis in enumerate(settings.axes):
         nodes = tuple(sorted({groups[k].setting[i] for k in kept}))
         if not nodes[0] <= groups[number].setting[i] <= nodes[-1]:
             return None
@@ -315,9 +327,9 @@ def _predicted(shock: Shock, groups: Sequence[Group], number: int, values: Array
         return None
     tested = tuple(groups[k].setting for k in kept)
     others = replace(
-        shock.settings, axes=tuple(axes), terms=effects.terms, tested=tested, half_width=((0.0,) * KNOTS,) * len(kept)
+        settings, axes=tuple(axes), terms=effects.terms, tested=tested, half_width=((0.0,) * KNOTS,) * len(kept)
     )
-    law = others.law_at(_law_with(shock.law, effects.reference), groups[number].setting)
+    law = others.law_at(_law_with(reference, effects.reference), groups[number].setting)
     return held_out_percent(law, joint.model.models[number].runs)
 
 

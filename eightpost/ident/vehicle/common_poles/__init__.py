@@ -1,6 +1,6 @@
 """Minimal vehicle models in which all paths share the same poles."""
 
-from eightpost.ident.vehicle.common_poles.common_pole_fit import CommonPoleFit, CommonPoleModel, OrderStudy
+from eightpost.ident.vehicle.common_poles.common_pole_fit import CommonPoleFit, CommonPoleModel, OrderStudy, refitted
 from eightpost.ident.vehicle.common_poles.deviations import (
     output_trust,
     response_deviation,
@@ -8,7 +8,6 @@ from eightpost.ident.vehicle.common_poles.deviations import (
     spread,
     unmodelled,
 )
-from eightpost.ident.vehicle.common_poles.left_out import refitted
 from eightpost.ident.vehicle.common_poles.refinement import Refinement
 from eightpost.ident.vehicle.ranges import Ranges
 

@@ -27,6 +27,7 @@ from eightpost.ident.vehicle.common_poles.refinement import (
 )
 from eightpost.ident.vehicle.common_poles.subspace import Subspace, subspace_of
 from eightpost.ident.vehicle.trust import OrderCandidate, Orders, PolePair
+from eightpost.progress import parts, portion
 from eightpost.vehicle.statespace import Channel, StateSpace
 
 Channels = tuple[Channel, ...]
@@ -149,7 +150,7 @@ def _study_orders(points: Points, subspace: Subspace, through: Feedthrough, orde
         orders: Even numbers of states in increasing order.
     """
     values = subspace.values
-    found = [_start(points, subspace, order, through)[0] for order in orders]
+    found = [_start(points, subspace, order, through)[0] for order in parts(orders)]
     p, m = through.direct.shape
     return OrderStudy(
         orders,
@@ -183,7 +184,7 @@ _EXPLAINED = 1.1
 #: Ratio of the rate of the road lags to the upper end of the band [1].
 _FAST = 20.0
 
-#: Number of frequencies at which models of increasing order are compared.
+#: Number of frequencies at which models of increasing order are compared, and models with and without road lags.
 _STUDIED = 100
 
 
@@ -225,21 +226,30 @@ class CommonPoleFit:
         direct = direct_terms(joined.output_names, joined.input_names)
         plain = Feedthrough.of(direct, _FAST * 2.0 * np.pi * self.high)
         subspace = subspace_of(points, max_states=max(self.max_states, self.order or 0))
-        study = _study_orders(points.thinned(_STUDIED), subspace, plain, self._orders())
+        with portion(0.0, 0.3):
+            study = _study_orders(points.thinned(_STUDIED), subspace, plain, self._orders())
         found, mirrored = _start(points, subspace, self.order or study.suggested, plain)
-        refined = self._refined(points, found.blocks, plain, roads(joined.input_names))
+        with portion(0.3, 1.0):
+            refined = self._refined(points, found.blocks, plain, roads(joined.input_names))
         return _model(response, joined, points, refined, _Start(study, mirrored, found.cost, found.blocks.states))
 
     def _refined(
         self, points: Points, blocks: Blocks, plain: Feedthrough, lagged: NDArray[np.bool_]
     ) -> RefinementResult:
-        """Return the model without lags if it explains the response, else the better of those without and with lags."""
-        refined = self._without_fast_blocks(points, blocks, plain)
-        excess = np.sqrt(refined.solution.cost / points.known.sum())
-        if not self.lags or excess < _EXPLAINED or not lagged.any():
-            return refined
-        other = self._without_fast_blocks(points, refined.solution.blocks, plain.with_lags(lagged))
-        return min(refined, other, key=lambda tried: _description_length(tried.solution, points))
+        """Return the model without lags if it explains the response, else the better of those without and with lags.
+
+        They are compared at a part of the frequencies, and the better one is refined at all of them.
+        """
+        fewer = points.thinned(_STUDIED)
+        with portion(0.0, 0.3):
+            chosen = self._without_fast_blocks(fewer, blocks, plain)
+        excess = np.sqrt(chosen.solution.cost / fewer.known.sum())
+        if self.lags and excess >= _EXPLAINED and lagged.any():
+            with portion(0.3, 0.6):
+                other = self._without_fast_blocks(fewer, chosen.solution.blocks, plain.with_lags(lagged))
+            chosen = min(chosen, other, key=lambda tried: _description_length(tried.solution, fewer))
+        with portion(0.6, 1.0):
+            return self._without_fast_blocks(points, chosen.solution.blocks, chosen.solution.through)
 
     def _without_fast_blocks(self, points: Points, blocks: Blocks, through: Feedthrough) -> RefinementResult:
         """Return the refined model; blocks faster than `FASTEST` are removed before and after, until none is found."""
@@ -365,3 +375,22 @@ def _with_integrals(residual: dict[str, float], response: FrequencyResponse) -> 
     """
     pairs = integrals(response.output_names)
     return {name: residual[pairs.get(name, name)] for name in response.output_names}
+
+
+# ---- Model of fewer tests, near that of all tests -------------------------------------------------------------------
+
+
+def refitted(found: CommonPoleModel, response: FrequencyResponse, *, floor: float) -> StateSpace:
+    """Return a model of another response, one step of the refinement from a model; its order does not change.
+
+    Args:
+        found: Model of the response of all tests.
+        response: Response of some of the tests, with the channels of the first one.
+        floor: Lower limit of the standard deviation; see `CommonPoleFit`.
+    """
+    solution = found.refined.solution
+    points = points_of(without_integrals(response.band(*found.band)), floor=floor)
+    # The inputs of the blocks are scaled by those of the points.
+    blocks = replace(solution.blocks, B=solution.blocks.B * points.input_size / found.points.input_size)
+    refined = Refinement(max_iterations=1).refine(points, blocks, solution.through)
+    return state_space(refined.solution, points, found.inputs, found.fitted, found.model.outputs)

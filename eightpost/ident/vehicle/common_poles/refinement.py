@@ -13,6 +13,7 @@ from eightpost.array_types import Array, Complex
 from eightpost.ident.response import FrequencyResponse
 from eightpost.ident.threads import for_each
 from eightpost.ident.vehicle.common_poles.points import Blocks, Feedthrough, Points, Row, solve_row
+from eightpost.progress import advance
 from eightpost.vehicle.statespace import Channel, StateSpace
 
 # ---- Physical constraints on a vehicle model that follow from the names of its channels -----------------------------
@@ -129,6 +130,9 @@ FASTEST = 5.0
 #: Mean square misfit, in squared standard deviations, below which the fit is exact [1].
 _EXACT = 1e-12
 
+#: Number of steps that are reported as half of the refinement.
+_HALF = 10
+
 #: Curvature, relative to the largest, below which a direction has no effect on the cost [1].
 _NOTHING = 1e-30
 
@@ -175,13 +179,14 @@ class Refinement:
     """Settings of the refinement."""
 
     max_iterations: int = 60  #: Maximum number of steps.
-    tolerance: float = 1e-5  #: Relative reduction of the cost by a step below which the search ends [1].
+    tolerance: float = 1e-4  #: Relative reduction of the cost by a step below which the search ends [1].
 
     def refine(self, points: Points, start: Blocks, through: Feedthrough) -> RefinementResult:
         """Return the best model near the blocks `start` (with inputs), with direct terms and lags as in `through`."""
         fastest = float(np.abs(points.s).max())
         best, damping = evaluate(points, plausibly_damped(start, fastest).normalised(), through), 1e-3
         for iteration in range(self.max_iterations):
+            advance(iteration, iteration + _HALF)
             slope = curvature(points, best)
             while True:
                 moved = plausibly_damped(_stepped(best.blocks, slope.step(damping)), fastest)

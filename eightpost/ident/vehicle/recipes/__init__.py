@@ -1,21 +1,26 @@
 """Recipes that identify a vehicle from rig tests.
 
-Each file of this folder defines one recipe as `RECIPE`: a frozen dataclass of settings with a method `identify`. The
-name of the recipe is that of the file with hyphens: `common_poles.py` defines "common-poles".
+A module of `RECIPES` defines one recipe as `RECIPE`: a frozen dataclass of settings with a method `identify`. It is
+imported when its recipe is requested.
 """
 
 from __future__ import annotations
 
-import pkgutil
 from collections.abc import Sequence
 from importlib import import_module
-from pathlib import Path
 from typing import Protocol
 
 from eightpost.errors import ParameterError
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.signals import TimeSeries
+
+#: Modules of the recipes by name; `eightpost identify` repeats the names.
+RECIPES = {
+    "boggs": "eightpost.ident.vehicle.recipes.boggs",
+    "common-poles": "eightpost.ident.vehicle.recipes.common_poles",
+    "grey-box": "eightpost.ident.grey_box.recipe",
+}
 
 
 class VehicleRecipe(Protocol):
@@ -35,19 +40,13 @@ class VehicleRecipe(Protocol):
         ...
 
 
-def recipe_names() -> tuple[str, ...]:
-    """Return the names of all recipes."""
-    modules = pkgutil.iter_modules([str(Path(__file__).parent)])
-    return tuple(sorted(module.name.replace("_", "-") for module in modules))
-
-
 def recipe(name: str) -> VehicleRecipe:
     """Return the recipe with the given name and its default settings.
 
     Raises:
         ParameterError: There is no recipe with this name.
     """
-    if name not in recipe_names():
-        raise ParameterError(f"there is no recipe {name!r}; use one of {', '.join(recipe_names())}")
-    found: VehicleRecipe = import_module(f"{__name__}.{name.replace('-', '_')}").RECIPE
-    return found
+    if name not in RECIPES:
+        raise ParameterError(f"there is no recipe {name!r}; use one of {', '.join(RECIPES)}")
+    chosen: VehicleRecipe = import_module(RECIPES[name]).RECIPE
+    return chosen

@@ -16,11 +16,13 @@ from eightpost.ident.response.averaged import input_power
 from eightpost.ident.response.conditioning import Preconditioning
 from eightpost.ident.response.input_noise import input_noise
 from eightpost.ident.response.records import Records, gather
+from eightpost.ident.vehicle.closed_loop import ClosedLoop
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.parallel import balance
+from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.rational_fit import AEROLOADERS, QUARTER_CAR, SEVEN_DOF, WHEELLOADERS, BandWeights
-from eightpost.ident.vehicle.siso_models import SisoFits, SisoModels, has_direct_term, may_have_direct_term
+from eightpost.ident.vehicle.siso_models import SisoFits, SisoModels, balance, has_direct_term, may_have_direct_term
 from eightpost.ident.vehicle.stability import closed_loop_stability
+from eightpost.ident.vehicle.trust import NOT_SIMULATED, UNUSABLE, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.progress import beats, portion
 from eightpost.signals import TimeSeries
@@ -30,6 +32,8 @@ from eightpost.vehicle import IdentifiedVehicle, StateSpace
 _SHORTEST_BLOCK, _FEWEST_BLOCKS = 10.0, 20
 #: Candidate numbers of states of a reduced model.
 _STATES = (10, 14, 20, 30, 40, 60, 80, 100, 150, 200, 300)
+#: Part of each test that is simulated [s]: models have up to a thousand states, which take long.
+_SIMULATED = 30.0
 #: Misfit of an output above which its model is reported as doubtful [1].
 _DOUBTFUL = 0.1
 #: A path is reported if its misfit and its share of the output both exceed these limits [1].
@@ -100,6 +104,8 @@ class Boggs:
             residual = contribution_error(response_of(model, estimate.frequency), estimate, weight)
         with portion(0.8, 0.9):
             stability = closed_loop_stability(vehicle)
+        with portion(0.9, 1.0):
+            measures = MeasuredLevels(ClosedLoop(_SIMULATED)).uncertainty(vehicle, tests, experiment)
         return VehicleFit(
             vehicle,
             "boggs",
@@ -108,6 +114,7 @@ class Boggs:
             (*notes, *_path_notes(fits, estimate, weight), *more, *_doubts(estimate, residual), stability.summary()),
             process_time() - started,
             stability.stable,
+            trust=Trust({}, flags={} if measures else {UNUSABLE: NOT_SIMULATED}, measures=measures),
         )
 
     def _model(

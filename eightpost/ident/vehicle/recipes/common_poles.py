@@ -22,7 +22,7 @@ from eightpost.ident.vehicle.common_poles import (
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.free_running import fault_in_simulation
 from eightpost.ident.vehicle.friction_search import FrictionEstimate, FrictionSearch
-from eightpost.ident.vehicle.model_form import ModelForm
+from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.port_laws import with_port_laws
 from eightpost.ident.vehicle.ranges import Ranges, ranges_of
 from eightpost.ident.vehicle.springs import MODELLED, SpringSearch, nonlinear_spring_sentence, port_springs
@@ -61,8 +61,8 @@ class CommonPoles:
     #: Settings of the estimate of nonlinear springs; None assumes linear springs.
     springs: SpringSearch | None = field(default_factory=SpringSearch)
     samples: int = 8  #: Number of models with resampled noise that give the standard deviations; 0 gives none.
-    #: Settings of the uncertainty of measures on other drives; None gives none. It needs `samples`.
-    model_form: ModelForm | None = field(default_factory=ModelForm)
+    #: Settings of the uncertainty of measures on other drives; None gives none.
+    levels: MeasuredLevels | None = field(default_factory=MeasuredLevels)
 
     def identify(self, tests: Sequence[TimeSeries], experiment: Experiment) -> VehicleFit:
         """Identify a vehicle; see `VehicleRecipe`."""
@@ -76,9 +76,9 @@ class CommonPoles:
             TooShortError: The records have too few frequency bins.
         """
         started = process_time()
-        with portion(0.0, 0.5):
+        with portion(0.0, 0.78):
             car, failed, usable = self._usable_car(tests, experiment)
-        with portion(0.5, 1.0):
+        with portion(0.78, 1.0):
             return self._identification(car, tests, experiment, (started, failed, usable))
 
     def vehicle(self, tests: Sequence[TimeSeries], experiment: Experiment) -> IdentifiedVehicle:
@@ -111,7 +111,8 @@ class CommonPoles:
         """Yield the laws of the ports, the best first, then simpler ones."""
         searches = [self.friction] if self.friction is not None else []
         for search in searches:
-            friction = search.find(tests, experiment)
+            with portion(0.0, 0.13):
+                friction = search.find(tests, experiment)
             laws = _PortLaws.of(friction)
             springs = {} if self.springs is None else self.springs.find(laws.added_to(tests), experiment)
             stiff = port_springs(springs, tests, experiment.ports)
@@ -126,10 +127,12 @@ class CommonPoles:
 
     def _car(self, tests: Sequence[TimeSeries], experiment: Experiment, laws: _PortLaws, share: float = 1.0) -> _Car:
         """Return the car for the laws of the ports, fitted in the lower `share` of the band."""
-        response = self._response(laws.added_to(tests), experiment)
+        with portion(0.13, 0.38):
+            response = self._response(laws.added_to(tests), experiment)
         supported = None if self.band is None else self.band.of(response)
         fit = replace(self.fit, high=share * (self.fit.high if supported is None else supported.high))
-        found = fit.fit(response)
+        with portion(0.38, 1.0):
+            found = fit.fit(response)
         vehicle = IdentifiedVehicle(
             experiment.name,
             found.model,
@@ -155,14 +158,14 @@ class CommonPoles:
         started, failed, usable = before
         with portion(0.0, 0.5):
             outputs = self._outputs(found, tests, experiment, friction)
-        with portion(0.5, 0.9):
-            measures = self._measures(car, tests, experiment, outputs)
+        with portion(0.5, 1.0):
+            measures = self._measures(car, tests, experiment)
         ranges = ranges_of(tests, experiment, found.band)
         stability = closed_loop_stability(car.vehicle)
         flags = laws.flags | unmodelled(car.response, found, tests, experiment.means)
         if not usable:
             flags[UNUSABLE] = _NONE_USABLE
-        elif outputs and self.model_form is not None and not measures:
+        elif self.levels is not None and not measures:
             flags[UNUSABLE] = NOT_SIMULATED
         unused = friction is not None and not friction.acts
         notes = (
@@ -173,6 +176,7 @@ class CommonPoles:
             *found.notes,
             *(("No significant friction was found at the ports.",) if unused else ()),
             *flags.values(),
+            *((self.levels.note(tests, experiment, measures),) if self.levels is not None and measures else ()),
             stability.summary(),
             safe_slopes(found.model, experiment.baseline_damping).summary(),
         )
@@ -204,10 +208,10 @@ class CommonPoles:
         return output_trust(found, tests, experiment, samples=self.samples, with_friction=left)
 
     def _measures(
-        self, car: _Car, tests: Sequence[TimeSeries], experiment: Experiment, outputs: Mapping[str, OutputTrust]
+        self, car: _Car, tests: Sequence[TimeSeries], experiment: Experiment
     ) -> dict[str, MeasureUncertainty]:
         """Return the uncertainty of measures on other drives."""
-        if self.model_form is None or not outputs:
+        if self.levels is None:
             return {}
         found, corrected = car.found, car.laws.added_to(tests)
 
@@ -215,7 +219,7 @@ class CommonPoles:
             response = self._response([corrected[k] for k in kept], experiment)
             return replace(car.vehicle, state_space=refitted(found, response, floor=self.fit.floor))
 
-        return self.model_form.uncertainty(car.vehicle, tests, experiment, found.band, refit=refit, outputs=outputs)
+        return self.levels.uncertainty(car.vehicle, tests, experiment, refit=refit)
 
     def _response(self, tests: Sequence[TimeSeries], experiment: Experiment) -> FrequencyResponse:
         return estimate_response(

@@ -1,6 +1,7 @@
 """Setups in lanes have the bits of the FMUs, with every law, port parameter and friction, at any place in any batch."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,12 @@ from builder.build import build
 from cosim.components.fmu_component import FmuComponent
 from cosim.study import Build, Drive, Measure, Vehicle
 from cosim.study.machine.library import instruction_set
+from cosim.study.batch.car import _car
+from cosim.study.batch.library import instruction_set
+from cosim.study.batch.sources import Sources
 from eightpost.corners import CORNERS
+from eightpost.vehicle import write_vehicle
+from tests.double_modes import car_with_seat
 
 from .batched import (
     CHANNELS,
@@ -89,6 +95,25 @@ def test_a_car_with_a_real_mode_has_the_bits_of_its_fmu(fmus, tmp_path):
     study = study_of(fmus, builds, vehicle, measures=measures, drives=(drive,))
     channels = tuple(f"car.{corner}.velocity" for corner in CORNERS) + tuple(f"{corner}.force" for corner in CORNERS)
     assert differing(study, random_setups(study, 4), channels) == []
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("friction", [{}, at_corners({"bristle_force": 70.0})], ids=["free", "rubbing"])
+def test_a_car_with_coupled_states_has_the_bits_of_its_fmu(fmus, tmp_path, friction):
+    write_vehicle(tmp_path / "car.json", car_with_seat())
+    vehicle = Vehicle(build([tmp_path / "car.json"], tmp_path)[0].path, parameters=friction)
+    study = study_of(fmus, random_builds(fmus, ["lpnl2", "lpf1"], 4, seed=47), vehicle)
+    assert differing(study, random_setups(study, 4), (*CHANNELS, "car.driver.acceleration")) == []
+
+
+def test_an_fmu_that_was_built_before_there_were_coupled_states_has_the_same_data(fmus):
+    component, path = FmuComponent(fmus["seven_dof"], "car"), fmus["seven_dof"]
+    text = Sources.of(component, path).files["vehicle_data.h"]
+    before = "\n".join(line for line in text.splitlines() if "static const double" not in line or "COUPLED" not in line)
+    before = re.sub(r"COUPLED\w* = \d+, ", "", before)
+    assert "COUPLED" in text and "COUPLED" not in before
+    old, new = (_car(component, content, {}, 4) for content in (before, text))
+    assert (old.sizes, old.data) == (new.sizes, new.data)
 
 
 @pytest.mark.nightly

@@ -1,0 +1,139 @@
+"""One true car, identified from its rig tests and judged by the true measures of setups: a row of the tables.
+
+A row has the predicted and the true measures and what the fit states about them, so tables can be made again without
+another identification. The functions behind the commands are used: `eightpost.api.identify` on files with a channel
+map, and the batch engine of setups.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.cars.car import Car
+from benchmarks.cars.draw import draw
+from benchmarks.cars.laps import lap_drive, lap_series
+from benchmarks.cars.procedures import write_tests
+from benchmarks.cars.rig import RATE
+from benchmarks.cars.shocks import dyno_record
+from benchmarks.cars.truth import NAMES, SETTLING, TOTAL, truth
+from cosim.study.above_band import shares_of
+from eightpost.api.vehicles import identify
+from eightpost.errors import EightpostError
+from eightpost.ident import fit_shock
+from eightpost.ident.vehicle.many_setups import ManySetups
+from eightpost.ident.vehicle.springs import about_loads
+from eightpost.ident.vehicle.vehicle_fit import VehicleFit
+from eightpost.measure_uncertainty import MeasureUncertainty
+from eightpost.rig import DynoTest
+from eightpost.shock import ShockLaw
+from eightpost.signals import TimeSeries
+
+#: Dry friction of the seals of shocks that are fitted, which no law has [N]; duration of a lap [s]; number of setups.
+SEAL, LAP, SETUPS = 15.0, 30.0, 24
+
+#: Samples of a prediction per sample of a record.
+_FINER = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """What is identified and judged."""
+
+    kind: str
+    seed: int
+    seconds: float = 200.0  #: Length of each test [s].
+    procedure: str = "control"
+    lap: str = "track"
+    shocks: str = "known"  #: known: the study has the true laws; fitted: laws fitted to a dynamometer's record.
+
+    @property
+    def name(self) -> str:
+        """Name of the row's file."""
+        return "_".join(map(str, (self.kind, self.seed, f"{self.seconds:g}", self.procedure, self.lap, self.shocks)))
+
+
+def row_of(case: Case, folder: Path) -> dict[str, Any]:
+    """Return the row of a case: read from the folder if it was made before."""
+    path = folder / f"{case.name}.json"
+    if not path.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(_row(case, folder), indent=1) + "\n", encoding="utf-8")
+    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return found
+
+
+def setups_of(seed: int, count: int = SETUPS) -> list[tuple[int, ...]]:
+    """Return setups as indices of the corners' shocks in the bank."""
+    drawn = np.random.default_rng([46, seed]).integers(0, 7, (count, 4))
+    return [tuple(int(k) for k in row) for row in drawn]
+
+
+def _row(case: Case, folder: Path) -> dict[str, Any]:
+    car = draw(case.kind, case.seed)
+    if case.shocks == "fitted":
+        car = car.with_seals(SEAL)
+    row: dict[str, Any] = asdict(case)
+    records = folder / f"{case.name}_records"
+    paths = write_tests(car, records, case.seconds, case.seed, case.procedure)
+    try:
+        fit = identify(paths, channel_map=records / "map.toml", name=case.name)
+    except EightpostError as error:
+        return row | {"error": f"{type(error).__name__}: {error}"}
+    finally:
+        shutil.rmtree(records)
+    row |= {"cpu": round(fit.seconds, 1), "notes": fit.notes}
+    row["verdict"] = {"grade": fit.verdict.grade, "reasons": [[r.rule, r.grade, str(r)] for r in fit.verdict.reasons]}
+    setups = setups_of(case.seed)
+    lap = lap_drive(car, LAP, case.seed, case.lap)
+    row["true"] = truth(car, setups, lap)
+    laws = fitted_laws(car, case.seed) if case.shocks == "fitted" else [shock.law for shock in car.bank]
+    try:
+        row["predicted"], shares = predicted(fit, laws, setups, lap_series(lap, _FINER * RATE))
+        row["stated"] = {n: stated(one, shares[n]) for n, one in _measures(fit).items() if n in shares}
+    except EightpostError as error:
+        row["error"] = f"{type(error).__name__}: {error}"
+    return row
+
+
+def _measures(fit: VehicleFit) -> Mapping[str, MeasureUncertainty]:
+    return {} if fit.trust is None else fit.trust.measures
+
+
+def stated(measure: MeasureUncertainty, shares: Sequence[float]) -> dict[str, float]:
+    """Return what a fit states about a measure on a drive with shares of its power in bands."""
+    found = measure.on_drive(shares)
+    return {"common": found.common, "own": found.own, "bias": found.bias}
+
+
+def fitted_laws(car: Car, seed: int) -> list[ShockLaw]:
+    """Return laws that are fitted to a dynamometer's record of each shock of the bank."""
+    laws = []
+    for k, shock in enumerate(car.bank):
+        record = dyno_record(shock, 10 * seed + k)
+        units = {"displacement": "m", "velocity": "m/s", "force": "N"}
+        series = TimeSeries(record["time"], np.array([record[n] for n in units]), tuple(units), tuple(units.values()))
+        laws.append(fit_shock([DynoTest(series)], name=shock.name).shock.law)
+    return laws
+
+
+def predicted(
+    fit: VehicleFit, laws: Sequence[ShockLaw], setups: Sequence[Sequence[int]], lap: TimeSeries
+) -> tuple[list[dict[str, float]], dict[str, list[float]]]:
+    """Return the predicted measures of setups, and the shares of the first one's power in bands."""
+    names, rows = fit.vehicle.state_space.output_names, []
+    shares: dict[str, list[float]] = {}
+    means = dict(zip(lap.names, lap.values.mean(axis=1).tolist(), strict=True))
+    loads = {name: mean for name, mean in means.items() if not name.endswith("road")}
+    for outputs in ManySetups(about_loads(fit.vehicle, loads), laws, lap, _FINER).run(setups):
+        kept = dict(zip(names, outputs[:, round(SETTLING * RATE) :], strict=True))
+        kept[TOTAL] = np.sum([y for n, y in kept.items() if n.endswith("tire_force")], axis=0)
+        rows.append({n: float(kept[n].std()) for n in NAMES if n in kept})
+        shares = shares or {n: shares_of(kept[n][None], RATE).tolist() for n in rows[0]}
+    return rows, shares

@@ -1,0 +1,195 @@
+"""Drives of the rig, motions of a true car, and the channels that its sensors record."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.io import savemat
+from scipy.ndimage import shift
+
+from benchmarks.cars.car import CORNERS, GRAVITY, SIZE, Car
+from benchmarks.cars.march import march
+from benchmarks.cars.shocks import TrueShock, marched
+
+Array = NDArray[np.float64]
+
+#: Sample rate of records [Hz], steps of the march per sample, and time before the record in which the drive grows [s].
+RATE, STEPS, LEAD = 1000.0, 5, 4.0
+
+#: Spectrum of the roads: lowest and highest frequency [Hz], exponent of the amplitude; the same of the aeroloads.
+ROAD, AERO = (0.3, 28.0, 0.75), (0.2, 6.0, 0.5)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drive:
+    """Roads (4) and aeroloads (4) as functions of time, by their lines of a Fourier series."""
+
+    lines: NDArray[np.complex128]  #: Complex amplitudes (8, lines) of the multiples of 1 / duration.
+    means: Array  #: Means (8,); those of the roads are zero.
+    seconds: float
+
+    def at(self, rate: float) -> Array:
+        """Return the drive (8, N) at a rate, exactly."""
+        count = round(self.seconds * rate)
+        padded = np.zeros((8, count // 2 + 1), dtype=np.complex128)
+        padded[:, : self.lines.shape[1]] = self.lines
+        return np.asarray(np.fft.irfft(padded, count, axis=1) * count + self.means[:, None])
+
+    def scaled(self, roads: float, loads: float = 1.0) -> Drive:
+        """Return the drive with other amplitudes; means remain."""
+        factors = np.repeat([roads, loads], 4)[:, None]
+        return Drive(self.lines * factors, self.means, self.seconds)
+
+
+def noise_lines(generator: np.random.Generator, seconds: float, spectrum: tuple[float, float, float]) -> Array:
+    """Return lines of random phases and an RMS of 1."""
+    low, high, exponent = spectrum
+    f = np.arange(round(seconds * 60.0)) / seconds
+    size = np.where((f >= low) & (f <= high), np.maximum(f, 0.8) ** -exponent, 0.0)
+    size *= 1.0 / (1.0 + np.exp(np.clip((f - 0.92 * high) / (0.03 * high), -60.0, 60.0)))  # falls off softly
+    lines = size * np.exp(2j * np.pi * generator.random(f.size))
+    return np.asarray(lines / np.sqrt(2.0 * np.sum(np.abs(lines) ** 2)))
+
+
+def random_drive(car: Car, seconds: float, seed: int, road: float = 0.0045, load: float = 400.0) -> Drive:
+    """Return the random drive of a rig test: independent roads and aeroloads of a given RMS [m, N]."""
+    generator = np.random.default_rng([41, seed])
+    lines = [road * noise_lines(generator, seconds, ROAD) for _ in range(4)]
+    lines += [load * noise_lines(generator, seconds, AERO) for _ in range(4)]
+    return Drive(np.array(lines), np.concatenate([np.zeros(4), np.repeat(car.downforce, 2)]), seconds)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """Motion of a car without errors of sensors, at `RATE`."""
+
+    channels: dict[str, Array]  #: Channels of the rig in SI.
+
+    def settled(self, name: str, seconds: float) -> Array:
+        """Return a channel without the time at its start."""
+        return self.channels[name][round(seconds * RATE) :]
+
+
+def run(
+    car: Car,
+    shocks: Sequence[TrueShock],
+    drive: Drive,
+    *,
+    friction: tuple[float, float] = (1.0, 1.0),
+    steps: int = STEPS,
+) -> Motion:
+    """March a car through a drive, after a lead-in in which it grows from zero.
+
+    Args:
+        car: Car.
+        shocks: Shocks of the corners.
+        drive: Drive, which is periodic: the lead-in is its end.
+        friction: Factor on all friction of the car at the start and the end of the record.
+        steps: Steps per sample.
+    """
+    rate = RATE * steps
+    values, lead = drive.at(rate), round(LEAD * rate)
+    whole = np.concatenate([values.take(range(-lead, 0), axis=1, mode="wrap"), values], axis=1)
+    whole[:, :lead] *= 0.5 - 0.5 * np.cos(np.pi * np.arange(lead) / lead)
+    scale = np.concatenate([np.full(lead, friction[0]), np.linspace(*friction, values.shape[1])])
+    found = march(car.numbers(), marched(tuple(shocks), 1.0 / rate), whole, scale, 1.0 / rate, steps)
+    kept = found[:, round(LEAD * RATE) :]
+    four = {n: kept[4 * k : 4 * k + 4] for k, n in enumerate(("tire", "force", "x", "v", "x_whole", "v_whole", "hub"))}
+    acceleration, q = kept[28 : 28 + SIZE], kept[28 + SIZE :]
+    input_ = values[:, ::steps]
+    span = "" if car.sensors.pot == "shock" else "_whole"
+    rows = {
+        "road": input_[:4],
+        "aero": input_[4:],
+        "tire_force": four["tire"] + car.static_loads[:, None],
+        "force": four["force"],
+        "displacement": four[f"x{span}"],
+        "velocity": four[f"v{span}"],
+        "hub_acceleration": four["hub"],
+        "chassis_acceleration": car.points(0.85) @ acceleration,
+    }
+    channels = {f"{c}.{name}": values[k] for name, values in rows.items() for k, c in enumerate(CORNERS)}
+    heights = car.frames @ q - input_[:4].reshape(2, 2, -1).mean(axis=1)
+    return Motion(channels | {"front.ride_height": heights[0], "rear.ride_height": heights[1]})
+
+
+def recorded(car: Car, motion: Motion, seed: int) -> dict[str, Array]:
+    """Return the channels as the sensors record them, in SI: late, with errors of gain, with noise; no velocities."""
+    sensors, generator = car.sensors, np.random.default_rng([42, seed])
+    gains = np.random.default_rng([43, sensors.seed])
+    found = {}
+    for name, values in motion.channels.items():
+        quantity = name.rpartition(".")[2]
+        gain = 1.0 + sensors.gain * gains.uniform(-1.0, 1.0)
+        if quantity == "velocity":
+            continue
+        late = RATE * sensors.delays.get(quantity, 0.0)
+        own = shift(values, late, order=3, mode="nearest") if late else values
+        found[name] = gain * own + sensors.noise * own.std() * generator.standard_normal(own.size)
+    return found
+
+
+#: Names, unit and SI value of that unit by quantity, and signs; the names contain the team's own name of the corner.
+_METRIC = {
+    "road": ("WL {} Pos", "mm", 1e-3),
+    "tire_force": ("WL {} Load", "kN", 1e3),
+    "aero": ("AL {} Load", "kN", 1e3),
+    "force": ("Damper {} Load", "N", -1.0),
+    "displacement": ("Damper {} Pot", "mm", -1e-3),
+    "hub_acceleration": ("Hub {}", "g", GRAVITY),
+    "chassis_acceleration": ("Body {}", "g", GRAVITY),
+    "ride_height": ("RH {}", "mm", 1e-3),
+}
+_US = {
+    "road": ("Pan{} Z", "in", 0.0254),
+    "tire_force": ("Pan{} Fz", "lbf", 4.4482216152605),
+    "aero": ("Aero{} Fz", "lbf", 4.4482216152605),
+    "force": ("Shk{} F", "lbf", 4.4482216152605),
+    "displacement": ("Shk{} X", "in", 0.0254),
+    "hub_acceleration": ("Upright{} Az", "g", GRAVITY),
+    "chassis_acceleration": ("Chassis{} Az", "g", GRAVITY),
+    "ride_height": ("Ride {}", "in", 0.0254),
+}
+_PLACES = {"lf": "FL", "rf": "FR", "lr": "RL", "rr": "RR", "front": "F", "rear": "R"}
+
+
+def column_of(car: Car, name: str) -> tuple[str, str, float]:
+    """Return the team's own name of a channel, its unit, and the SI value of the unit with the team's sign."""
+    place, _, quantity = name.rpartition(".")
+    text, unit, value = (_METRIC if car.sensors.units == "metric" else _US)[quantity]
+    return text.format(_PLACES[place]), unit, value
+
+
+def write_record(car: Car, channels: dict[str, Array], stem: Path) -> Path:
+    """Write channels in the team's own names and units: .mat (metric), or .csv with the unit in the header (us)."""
+    count = len(next(iter(channels.values())))
+    columns, units = {"Time": np.arange(count) / RATE}, {"Time": "s"}
+    for name, values in channels.items():
+        own, unit, value = column_of(car, name)
+        columns[own], units[own] = values / value, unit
+    if car.sensors.units == "metric":
+        path = stem.with_suffix(".mat")
+        savemat(path, {own.replace(" ", "_"): values for own, values in columns.items()})
+        return path
+    path = stem.with_suffix(".csv")
+    header = ",".join(f"{own} ({units[own]})" for own in columns)
+    np.savetxt(path, np.column_stack(list(columns.values())), "%.6g", ",", header=header, comments="")
+    return path
+
+
+def write_map(car: Car, channels: dict[str, Array], path: Path) -> Path:
+    """Write the channel map of the files of `write_record`."""
+    metric = car.sensors.units == "metric"
+    lines = ["[time]", 'source = "Time"', 'unit = "s"' if metric else "", ""]
+    for name in channels:
+        own, unit, value = column_of(car, name)
+        lines += [f'[channels."{name}"]', f'source = "{own.replace(" ", "_") if metric else own}"']
+        lines += [f'unit = "{unit}"'] if metric else []
+        lines += ["gain = -1.0"] if value < 0.0 else []
+        lines.append("")
+    path.write_text("\n".join(lines), encoding="utf-8")
+    return path

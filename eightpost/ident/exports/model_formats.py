@@ -1,0 +1,237 @@
+"""Models and frequency responses for other tools: MATLAB, modal analysis (universal files) and python-control.
+
+MATLAB files (version 5) have the property names of MATLAB's own objects:
+
+    m = load('car.mat'); sys = ss(m.A, m.B, m.C, m.D, m.Ts);
+    set(sys, 'InputName', m.InputName, 'OutputName', m.OutputName, 'InputUnit', m.InputUnit, 'OutputUnit', m.OutputUnit)
+
+    r = load('response.mat'); sys = frd(r.H, r.Frequency, 'FrequencyUnit', 'Hz');
+
+Their variable `eightpost` is JSON with the remaining data.
+
+Universal files (UFF) have a dataset 58 per path. They are written by pyuff, an optional dependency. The text form
+stores a response with 12 digits. Evenly spaced frequencies are stored as the first frequency and the step, with 6
+digits; other frequencies are stored one by one, with 6 digits. Dataset 164 states that all units are SI. Each channel
+has its own node, outputs from 1 and inputs after them; its name is in the first line.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.io import savemat
+
+from eightpost import __version__
+from eightpost.array_types import Array
+from eightpost.errors import FileFormatError, InputError
+from eightpost.extras import needs, requirement
+from eightpost.files import atomic_path
+from eightpost.ident.response import FrequencyResponse, frequency_response
+from eightpost.vehicle import IdentifiedVehicle
+from eightpost.vehicle.statespace import Channel
+from eightpost.vehicle.storage import document
+
+# ---- MATLAB ---------------------------------------------------------------------------------------------------------
+
+_MATRICES = ("A", "B", "C", "D")
+
+
+def write_vehicle_mat(path: str | Path, vehicle: IdentifiedVehicle) -> None:
+    """Write an identified vehicle as it was identified, around its baseline damping.
+
+    Args:
+        path: Path of the .mat file; it is replaced completely or not at all.
+        vehicle: Vehicle to write.
+    """
+    model = vehicle.state_space
+    metadata = {key: value for key, value in document(vehicle).items() if key not in _MATRICES}
+    content: dict[str, Any] = {name: getattr(model, name) for name in _MATRICES}
+    content["Ts"] = 0.0 if model.dt is None else model.dt
+    content["Name"] = vehicle.name
+    _write(path, {**content, **_channel_cells(model.inputs, model.outputs), "eightpost": json.dumps(metadata)})
+
+
+def write_response_mat(path: str | Path, response: FrequencyResponse) -> None:
+    """Write a frequency response: `H` (output, input, frequency), `Frequency` [Hz], coherences and variance.
+
+    Args:
+        path: Path of the .mat file; it is replaced completely or not at all.
+        response: Frequency response to write.
+    """
+    arrays: dict[str, Any] = response.arrays()
+    content = {"H": arrays.pop("H"), "Frequency": arrays.pop("frequency")[:, None], **arrays}
+    header, cells = frequency_response.response_header(response), _channel_cells(response.inputs, response.outputs)
+    _write(path, {**content, **cells, "eightpost": json.dumps(header)})
+
+
+def _channel_cells(inputs: Sequence[Channel], outputs: Sequence[Channel]) -> dict[str, NDArray[Any]]:
+    return {
+        "InputName": _cells([channel.name for channel in inputs]),
+        "InputUnit": _cells([channel.unit for channel in inputs]),
+        "OutputName": _cells([channel.name for channel in outputs]),
+        "OutputUnit": _cells([channel.unit for channel in outputs]),
+    }
+
+
+def _cells(texts: Sequence[str]) -> NDArray[Any]:
+    """Return a column of texts that MATLAB loads as a cell array."""
+    return np.array(texts, dtype=object).reshape(-1, 1)
+
+
+def _write(path: str | Path, content: Mapping[str, Any]) -> None:
+    if Path(path).suffix.lower() != ".mat":
+        raise FileFormatError("the name of a MATLAB file must end in .mat", path=path)
+    with atomic_path(path) as temporary:
+        savemat(temporary, dict(content), do_compression=True)
+
+
+# ---- Universal files ------------------------------------------------------------------------------------------------
+
+_FUNCTION, _COHERENCE = 4, 6
+_FREQUENCY = 18
+_TO = " / "
+_COHERENCE_OF = "multiple coherence of "
+
+#: Specific data type of dataset 58, and the exponents of length and force, by unit.
+_TYPES = {"m": (8, 1, 0), "m/s": (11, 1, 0), "m/s2": (12, 1, 0), "N": (9, 0, 1), "N.m": (1, 1, 1), "rad": (1, 0, 0)}
+_EXCITATION_FORCE = 13
+
+#: Codes of the vertical direction, and of a scalar without direction.
+_UP, _SCALAR = 3, 0
+
+
+def write_response_uff(path: str | Path, response: FrequencyResponse) -> None:
+    """Write a frequency response and its multiple coherence.
+
+    Args:
+        path: Path of the .uff or .unv file; it is replaced completely or not at all.
+        response: Frequency response to write, with two or more frequencies.
+
+    Raises:
+        FileFormatError: The path has another suffix, or pyuff is not installed.
+        InputError: The response has a single frequency.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in (".uff", ".unv"):
+        raise FileFormatError("the name of a universal file must end in .uff or .unv", path=path)
+    if response.frequency.size < 2:
+        raise InputError(f"{path}: the response has a single frequency; a universal file needs two or more")
+    pyuff = _pyuff(path)
+    sets = [_units(), *_functions(response), *_coherences(response)]
+    with atomic_path(path) as temporary:
+        pyuff.UFF(str(temporary)).write_sets(sets, mode="overwrite")
+
+
+def _units() -> dict[str, Any]:
+    return {
+        "type": 164, "units_code": 1, "units_description": "SI: m, N", "temp_mode": 1,
+        "length": 1.0, "force": 1.0, "temp": 1.0, "temp_offset": 273.15,
+    }  # fmt: skip
+
+
+def _functions(response: FrequencyResponse) -> list[dict[str, Any]]:
+    sets = []
+    for i, output in enumerate(response.outputs):
+        for j, source in enumerate(response.inputs):
+            ordinate = _axis("ordinate", output, _TYPES.get(output.unit, (0, 0, 0))[0])
+            force = _EXCITATION_FORCE if source.unit == "N" else _TYPES.get(source.unit, (0, 0, 0))[0]
+            sets.append(
+                {
+                    **_common(response, f"{output.name}{_TO}{source.name}", response.H[i, j]),
+                    **ordinate,
+                    **_axis("orddenom", source, force),
+                    "func_type": _FUNCTION,
+                    "id4": f"[{output.unit}] / [{source.unit}]",
+                    "rsp_node": 1 + i,
+                    "rsp_dir": _direction(output),
+                    "ref_node": 1 + len(response.outputs) + j,
+                    "ref_dir": _direction(source),
+                }
+            )
+    return sets
+
+
+def _coherences(response: FrequencyResponse) -> list[dict[str, Any]]:
+    if response.coherence is None:
+        return []
+    return [
+        {
+            **_common(response, f"{_COHERENCE_OF}{output.name}", response.coherence[i]),
+            "func_type": _COHERENCE,
+            "rsp_node": 1 + i,
+            "rsp_dir": _direction(output),
+            "ref_node": 0,
+            "ref_dir": _SCALAR,
+            "orddenom_spec_data_type": 0,
+        }
+        for i, output in enumerate(response.outputs)
+    ]
+
+
+def _common(response: FrequencyResponse, title: str, values: NDArray[Any]) -> dict[str, Any]:
+    return {
+        "type": 58,
+        "id1": title,
+        "id2": f"eightpost {__version__}",
+        "x": response.frequency,
+        "data": values,
+        "abscissa_spacing": int(_is_even(response.frequency)),
+        "abscissa_spec_data_type": _FREQUENCY,
+        "abscissa_axis_lab": "Frequency",
+        "abscissa_axis_units_lab": "Hz",
+    }
+
+
+def _axis(kind: str, channel: Channel, data_type: int) -> dict[str, Any]:
+    _, length, force = _TYPES.get(channel.unit, (0, 0, 0))
+    return {
+        f"{kind}_spec_data_type": data_type,
+        f"{kind}_len_unit_exp": length,
+        f"{kind}_force_unit_exp": force,
+        f"{kind}_axis_lab": channel.name.rpartition(".")[2][:20],
+        f"{kind}_axis_units_lab": channel.unit,
+    }
+
+
+def _direction(channel: Channel) -> int:
+    return _UP if channel.unit in ("m", "m/s", "m/s2", "N") else _SCALAR
+
+
+def _is_even(frequency: Array) -> bool:
+    """Return whether the first frequency and the step, with the format's 6 digits, give all frequencies."""
+    first, step = (float(f"{value:.5e}") for value in (frequency[0], frequency[1] - frequency[0]))
+    grid = first + step * np.arange(frequency.size)
+    return bool(np.allclose(grid, frequency, rtol=1e-9, atol=0.0))
+
+
+def _pyuff(path: Path) -> Any:
+    try:
+        return importlib.import_module("pyuff")
+    except ImportError as error:
+        raise FileFormatError(requirement("export of universal files", "pyuff", "uff"), path=path) from error
+
+
+# ---- python-control -------------------------------------------------------------------------------------------------
+
+
+def to_frd(response: FrequencyResponse) -> Any:
+    """Return the response as a continuous `control.FrequencyResponseData`, with frequencies in rad/s.
+
+    python-control does not allow dots in names, so they become colons (`lf.road` -> `lf:road`). Units, coherence and
+    variance are lost.
+    """
+    with needs("control", "exchange with python-control"):
+        import control  # noqa: PLC0415  because loading it takes seconds
+
+    return control.FrequencyResponseData(
+        response.H,
+        2.0 * np.pi * response.frequency,
+        inputs=[name.replace(".", ":") for name in response.input_names],
+        outputs=[name.replace(".", ":") for name in response.output_names],
+    )

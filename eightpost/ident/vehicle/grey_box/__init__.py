@@ -1,1 +1,0 @@
-"""Grey-box cars: a family of physical models with friction, for the recipe grey-box."""
