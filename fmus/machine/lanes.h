@@ -23,6 +23,9 @@ typedef double real __attribute__((vector_size(8 * EIGHTPOST_SETUPS)));
 typedef int64_t truth __attribute__((vector_size(8 * EIGHTPOST_SETUPS)));
 /* Indices, one for each setup, and the same in half the space. */
 typedef int64_t Index __attribute__((vector_size(8 * EIGHTPOST_SETUPS)));
+/* Two numbers and two indices of each setup in single precision. */
+typedef float Narrow __attribute__((vector_size(8 * EIGHTPOST_SETUPS)));
+typedef int32_t Places __attribute__((vector_size(8 * EIGHTPOST_SETUPS)));
 typedef int32_t Short __attribute__((vector_size(4 * EIGHTPOST_SETUPS)));
 
 /* Sums of a block of a matrix's rows that are kept in registers. */

@@ -68,9 +68,14 @@ static inline WITHIN void evaluate(March *m, const real *velocity, const real *t
     real middle[CORNERS];
     for (int c = 0; c < CORNERS; c++) {
         Point *at[] = {&m->at[AT_START][c], &m->at[AT_MIDDLE][c], &m->at[AT_END][c]};
+        const Port *port = &m->ports[c];
         const real v0 = at[AT_START]->velocity, between = 0.75 * v0 + 0.375 * velocity[c] - 0.125 * m->earlier[0][c];
-        follow(&m->ports[c], at[AT_START], between, known, &m->cubics[AT_MIDDLE][c], at[AT_MIDDLE]);
-        follow(&m->ports[c], at[AT_MIDDLE], velocity[c], known, &m->cubics[AT_END][c], at[AT_END]);
+        if (port->some_knots && !known) {
+            const real ratio = port->parameters.motion_ratio;
+            find_cubics(port, ratio * between, ratio * velocity[c], &m->cubics[AT_MIDDLE][c].curve, &m->cubics[AT_END][c].curve);
+        }
+        follow(port, at[AT_START], between, known, &m->cubics[AT_MIDDLE][c], at[AT_MIDDLE]);
+        follow(port, at[AT_MIDDLE], velocity[c], known, &m->cubics[AT_END][c], at[AT_END]);
         middle[c] = travel_between(m->travel[c], travel[c], v0, velocity[c], m->run->step);
     }
     find_forces(m, AT_MIDDLE, middle);

@@ -49,6 +49,7 @@ typedef struct {
     Parameters parameters;
     Index law;
     Cells cells[SETUPS];
+    Narrow knots[KNOTS]; /* each twice */
     PortFriction friction;
     int some_lag, some_hysteresis, some_knots, some_polynomials, some_seals, has_travel;
     double half; /* half a step [s] */
@@ -91,18 +92,25 @@ static inline void gather(const double *const *rows, real *to)
 }
 #endif
 
-static inline WITHIN void find_cubic(const Port *port, real v, Cubic *cubic)
+/* The cubics of two velocities. They are compared with the knots in single precision, both at once: a velocity that is equal to a knot
+ * but for that rounding may take the cubic of the neighbouring cell, which has the same value and slope there. */
+static inline WITHIN void find_cubics(const Port *port, real v, real w, Cubic *of_v, Cubic *of_w)
 {
-    const real *knots = port->parameters.curve_knot_velocity;
-    const double *rows[SETUPS];
-    Index cell = {0};
-    for (int k = 0; k < KNOTS; k++) {
-        cell -= v >= knots[k]; /* a comparison is -1 where it is true */
-    }
+    const double *rows[2 * SETUPS];
+    Narrow both;
+    Places cell = {0};
     for (int k = 0; k < SETUPS; k++) {
-        rows[k] = port->cells[k][cell[k]];
+        both[k] = (float)v[k];
+        both[SETUPS + k] = (float)w[k];
     }
-    gather(rows, cubic->at);
+    for (int k = 0; k < KNOTS; k++) {
+        cell -= both >= port->knots[k]; /* a comparison is -1 where it is true */
+    }
+    for (int k = 0; k < 2 * SETUPS; k++) {
+        rows[k] = port->cells[k % SETUPS][cell[k]];
+    }
+    gather(rows, of_v->at);
+    gather(rows + SETUPS, of_w->at);
 }
 
 static inline real force_of(const Cubic *c, real v)
@@ -118,15 +126,18 @@ static inline real lagged_part(const Cubic *c, real v)
     return c->at[LAGGED] + x * (c->at[LAGGED_SLOPE] + x * c->at[LAGGED_BEND]);
 }
 
-/* F_s [N] at a damper velocity [m/s]. */
-static inline WITHIN real static_force(const Port *port, real v, int known, Cubic *cubic)
+static inline void find_cubic(const Port *port, real v, Cubic *cubic)
+{
+    Cubic same;
+    find_cubics(port, v, v, cubic, &same);
+}
+
+/* F_s [N] at a damper velocity [m/s]; `cubic` is that of about this velocity if there are knots. */
+static inline WITHIN real static_force(const Port *port, real v, const Cubic *cubic)
 {
     const Parameters *p = &port->parameters;
     if (!port->some_knots) {
         return valve_force(p, v);
-    }
-    if (!known) {
-        find_cubic(port, v, cubic);
     }
     const real force = force_of(cubic, v);
     return port->some_polynomials ? either(has_knots(p), force, valve_force(p, v)) : force;
@@ -165,13 +176,13 @@ static APART void follow_hysteresis(const Port *port, const Point *from, int kno
     }
 }
 
-/* The point half a step after `from`, while the velocity changes linearly. If `known`, it was computed for nearly the same velocity
- * before, and its cubics are used again. */
+/* The point half a step after `from`, while the velocity changes linearly. `cubics` are those of about its velocities; that of the
+ * lagged velocity is found here if it is not `known`. */
 static inline WITHIN void follow(const Port *port, const Point *from, real velocity, int known, Cubics *cubics, Point *to)
 {
     const Parameters *p = &port->parameters;
     to->velocity = velocity;
-    to->static_force = static_force(port, p->motion_ratio * velocity, known, &cubics->curve);
+    to->static_force = static_force(port, p->motion_ratio * velocity, &cubics->curve);
     to->lagged = to->static_force;
     if (port->some_lag) {
         const real lagged = from->lagged + (from->static_force - from->lagged) * port->rise +
@@ -273,6 +284,9 @@ static void prepare_port(Port *port, const PortFriction *friction, double step)
             own[i] = ((const real *)p)[i][k];
         }
         find_cells(own, port->law[k] == HYSTERESIS, port->cells[k]);
+        for (int i = 0; i < KNOTS; i++) {
+            port->knots[i][k] = port->knots[i][SETUPS + k] = (float)p->curve_knot_velocity[i][k];
+        }
     }
     port->friction = *friction;
     port->half = 0.5 * step;
@@ -293,7 +307,8 @@ static void start_point(const Port *port, real velocity, Cubics *cubics, Point *
     const real v = port->parameters.motion_ratio * velocity;
     memset(at, 0, sizeof *at);
     at->velocity = velocity;
-    at->static_force = at->lagged = static_force(port, v, 0, &cubics->curve);
+    find_cubic(port, v, &cubics->curve);
+    at->static_force = at->lagged = static_force(port, v, &cubics->curve);
     if (port->some_hysteresis) {
         const State state = law_start(&port->parameters, v, at->static_force);
         at->lagged = either(port->law == HYSTERESIS, state.at[0], at->lagged);

@@ -81,7 +81,7 @@ def _vehicle(component: FmuComponent, constants: Constants, values: Mapping[str,
     omega = constants.filled("OMEGA", modes)[:pairs]
     A[:pairs, modes:], A[modes:, :pairs] = np.diag(-omega), np.diag(omega)
     coupled = sizes["COUPLED_COUNT"]
-    A[modes - coupled : modes, modes - coupled : modes] += constants.filled("COUPLING", coupled**2).reshape(coupled, -1)
+    A[modes - coupled : modes, modes - coupled : modes] += constants.filled("COUPLING", coupled**2).reshape(coupled, coupled)
     shape = sizes["STATE_BLOCKS"], len(inputs), sizes["BLOCK"]
     B = constants.filled("B", int(np.prod(shape))).reshape(shape).transpose(0, 2, 1).reshape(-1, len(inputs))
     C = constants.filled("C", len(outputs) * sizes["STATE_COUNT"]).reshape(len(outputs), -1)
