@@ -81,7 +81,8 @@ def _vehicle(component: FmuComponent, constants: Constants, values: Mapping[str,
     omega = constants.filled("OMEGA", modes)[:pairs]
     A[:pairs, modes:], A[modes:, :pairs] = np.diag(-omega), np.diag(omega)
     coupled = sizes["COUPLED_COUNT"]
-    A[modes - coupled : modes, modes - coupled : modes] += constants.filled("COUPLING", coupled**2).reshape(coupled, coupled)
+    own = slice(modes - coupled, modes)
+    A[own, own] += constants.filled("COUPLING", coupled**2).reshape(coupled, coupled)
     shape = sizes["STATE_BLOCKS"], len(inputs), sizes["BLOCK"]
     B = constants.filled("B", int(np.prod(shape))).reshape(shape).transpose(0, 2, 1).reshape(-1, len(inputs))
     C = constants.filled("C", len(outputs) * sizes["STATE_COUNT"]).reshape(len(outputs), -1)
@@ -94,11 +95,9 @@ def _vehicle(component: FmuComponent, constants: Constants, values: Mapping[str,
     if at_rest and not sizes["HAS_EQUILIBRIUM"]:
         raise NotInBatchError("the vehicle has no unique steady state")
     places = constants.integers("OFFSET_OF", len(outputs))
-    own = [float(v) for n, v in values.items() if _is_offset(n)]  # type: ignore[arg-type]
-    offset = np.array([own[place] if place >= 0 else 0.0 for place in places])
-    return Vehicle(
-        A, B[rows], C[:, rows], D, offset, inputs, outputs, tuple(_ports(constants, sizes, values)), at_rest
-    )
+    offsets = [float(v) for n, v in values.items() if _is_offset(n)]  # type: ignore[arg-type]
+    offset = np.array([offsets[place] if place >= 0 else 0.0 for place in places])
+    return Vehicle(A, B[rows], C[:, rows], D, offset, inputs, outputs, tuple(_ports(constants, sizes, values)), at_rest)
 
 
 def _ports(constants: Constants, sizes: Mapping[str, int], values: Mapping[str, object]) -> list[Port]:

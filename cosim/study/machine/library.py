@@ -1,4 +1,4 @@
-"""The library of a machine: compiled once per number of modes and corners and per processor, from sources of the FMUs."""
+"""The library of a machine: compiled once per size of a car and per processor, from sources of the FMUs."""
 
 from __future__ import annotations
 
@@ -66,7 +66,8 @@ def source_folder() -> Path:
 def sources() -> Mapping[str, bytes]:
     """Return the sources of a machine by file name, without the size of a car."""
     folder = source_folder()
-    own = {path.name: path.read_bytes() for path in sorted((folder / "machine").iterdir()) if path.suffix in (".c", ".h")}
+    paths = sorted(path for path in (folder / "machine").iterdir() if path.suffix in (".c", ".h"))
+    own = {path.name: path.read_bytes() for path in paths}
     return {name: (folder / path).read_bytes() for name, path in _SHARED.items()} | own
 
 

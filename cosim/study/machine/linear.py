@@ -1,4 +1,4 @@
-"""The linear part of a machine: the car around a damper at each port, exact over a step, and what a drive does to it."""
+"""The linear part of a machine: the car around a damper at each port, exact over a step, and its motion by a drive."""
 
 from __future__ import annotations
 
@@ -89,7 +89,12 @@ class LinearCar:
         return _columns(self.out[list(outputs)]), self.vehicle.D[np.ix_(list(outputs), forces)]
 
     def by_drive(
-        self, times: Array, inputs: Array, wanted: NDArray[np.intp], outputs: Sequence[int], accumulate: Callable[..., Any]
+        self,
+        times: Array,
+        inputs: Array,
+        wanted: NDArray[np.intp],
+        outputs: Sequence[int],
+        accumulate: Callable[..., Any],
     ) -> Array:
         """Return outputs (K, R) at points of the drive, without forces beyond the dampers.
 

@@ -28,6 +28,12 @@ _SIGNALS = ("force", "static_force", "lagged_force", "lag_weight", "dissipated_p
 #: Largest numbers of limits, recorded channels and quantities of fmus/machine/march.h.
 _MOST_LIMITS, MOST_CHANNELS, MOST_QUANTITIES = 8, 256, 512
 
+#: Number of times that the ports are evaluated in a step; with friction at a port, once more.
+_SWEEPS = 2
+
+#: Friction of a port without any, in the order of PortFriction in fmus/machine/car.h.
+_FREE = (0.0, 1.0, 0.0, 1.0, 1.0, 1.0, 0.0)
+
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
@@ -84,8 +90,9 @@ class Plan:
         feeds = setup.coupling.feeds[name]
         bonds = [self._bond(bond, feeds) for bond in setup.system.bonds]
         car = LinearCar.of(vehicle, bonds, damping)
-        friction = [self._friction(bond) for bond in bonds]
-        self.library = Library(compiled(car.pairs, len(bonds), sweeps=3 if any(own[0] or own[2] or own[6] for own in friction) else 2))
+        friction = self._friction(bonds)
+        sweeps = _SWEEPS + any(map(_has_forces, friction))
+        self.library = Library(compiled(car.pairs, len(bonds), sweeps=sweeps))
         times, every = _regular(setup)
         self.rows: NDArray[np.float64] = times[::every]
         self.limits = tuple(limit for limit in setup.limits.watched if limit.signal.startswith(f"{name}."))
@@ -156,12 +163,18 @@ class Plan:
             raise NotInBatchError(f"the shock at {bond.name} acts on {len(forces)} inputs of the vehicle")
         return Bond(forces[0], self._output(bond.velocity.source), self._output(bond.displacement.source))
 
-    def _friction(self, bond: Bond) -> tuple[float, ...]:
-        """Return friction and spring of a bond's port, in the order of PortFriction in fmus/machine/car.h."""
+    def _friction(self, bonds: Sequence[Bond]) -> list[tuple[float, ...]]:
+        """Return friction and spring of each bond's port, in the order of PortFriction in fmus/machine/car.h."""
+        found = [_FREE] * len(bonds)
         for port in self._vehicle.ports:
-            if (port.input, port.velocity) == (bond.force, bond.velocity) and port.travel in (None, bond.travel):
-                return port.friction
-        return (0.0, 1.0, 0.0, 1.0, 1.0, 1.0, 0.0)
+            for k, bond in enumerate(bonds):
+                if (port.input, port.velocity) == (bond.force, bond.velocity) and port.travel in (None, bond.travel):
+                    found[k] = port.friction
+                    break
+            else:
+                if _has_forces(port.friction):
+                    raise NotInBatchError("the vehicle has friction or a spring at a port that no shock is coupled to")
+        return found
 
     def _output(self, name: str) -> int:
         component, _, variable = name.partition(".")
@@ -207,6 +220,11 @@ class Plan:
         array = (type(found[0]) * len(found))(*found) if found else (ctypes.c_int * 1)()
         self._arrays.append(array)
         return ctypes.addressof(array)
+
+
+def _has_forces(friction: Sequence[float]) -> bool:
+    """Whether a port has friction or a spring."""
+    return friction[0] != 0.0 or friction[2] != 0.0 or friction[6] != 0.0
 
 
 def _regular(setup: Setup) -> tuple[Array, int]:

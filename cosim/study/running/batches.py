@@ -1,4 +1,4 @@
-"""Rows of a study from batches: setups that a batch cannot run, or does not finish, are left to the FMUs."""
+"""Runs of a study by the machine, in batches: setups that it cannot run, or does not finish, are left to the FMUs."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from cosim.results.run_data import BondEnergy, Coupled
 from cosim.session.automatic import default_scheme
 from cosim.session.planning import Limit
 from cosim.session.setup import Setup as SessionSetup
-from cosim.study.machine.lanes import Batch, BatchResult, joined
 from cosim.study.machine.car import Vehicle, read_vehicle
+from cosim.study.machine.lanes import Batch, BatchResult, joined
 from cosim.study.machine.measures import BatchMeasures, ChannelBand
 from cosim.study.machine.plan import Plan
 from cosim.study.machine.reasons import NotInBatchError
@@ -82,21 +82,41 @@ class BatchRun:
 
     values: Mapping[str, float]  #: Measures by name, in SI.
     summary: RunSummary  #: Marks and errors.
+    series: TimeSeries | None  #: Channels that were asked for; None if none were.
+
+    def channels(self) -> TimeSeries:
+        """Return the channels that were asked for.
+
+        Raises:
+            ValueError: None were.
+        """
+        if self.series is None:
+            raise ValueError("no channels were asked for")
+        return self.series
 
 
 class _DriveBatch:
     """Batches of one drive."""
 
-    def __init__(self, models: Models, drive: Drive, step: float, vehicle: Vehicle, damping: Array) -> None:
+    def __init__(
+        self,
+        models: Models,
+        drive: Drive,
+        step: float,
+        vehicle: Vehicle,
+        damping: Array,
+        recorded: Sequence[str],
+        measured: bool,
+    ) -> None:
         study = models.study
         first = study.space.setup(0)  # any setup: all have the same wiring, and a large space is not enumerated
         setup = SessionSetup.of(models.system(first), models.scenario(drive), default_scheme(GAUSS_SEIDEL), step)
         times = setup.times[setup.recorded == 1]
-        self._measures = BatchMeasures(study.measures_of(drive), times, study.settling)
-        self._plan = Plan(
-            setup, study.vehicle.name, vehicle, damping, self._measures.quantities, self._measures.series
-        )
-        self._units = tuple(to_si(setup.system.output(name))[1] for name in self._measures.series)
+        self._measures = BatchMeasures(study.measures_of(drive) if measured else (), times, study.settling)
+        series = tuple(dict.fromkeys((*self._measures.series, *recorded)))
+        self._plan = Plan(setup, study.vehicle.name, vehicle, damping, self._measures.quantities, series)
+        self._units = {name: to_si(setup.system.output(name))[1] for name in series}
+        self._recorded = tuple(recorded)
         self._batch, self._setup, self._study = Batch(self._plan.library, self._plan), setup, study
         self.lanes = self._batch.lanes
         self._ends_units = {
@@ -112,14 +132,23 @@ class _DriveBatch:
 
     def runs(self, shocks: Sequence[Sequence[ShockData]]) -> list[BatchRun | None]:
         """Return the runs of setups; None for those that did not end regularly."""
-        pairs = [self._sums(shocks[first : first + self.lanes]) for first in range(0, len(shocks), self.lanes)]
-        result, others = joined([result for result, _ in pairs]), [values for _, several in pairs for values in several]
+        parts = [self._sums(shocks[first : first + self.lanes]) for first in range(0, len(shocks), self.lanes)]
+        result = joined([own for own, _, _ in parts])
+        others = [values for _, several, _ in parts for values in several]
+        series = [one for _, _, several in parts for one in several]
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             values, ends = self._measures.values(result.statistics), self._ends(result)
-        return [self._run(values, ends, own, k) if result.ended[k] < 0 else None for k, own in enumerate(others)]
+        return [
+            None if result.ended[k] >= 0 else self._run(values, ends, others[k], series[k], k)
+            for k in range(len(others))
+        ]
 
-    def _sums(self, shocks: Sequence[Sequence[ShockData]]) -> tuple[BatchResult, list[dict[str, float] | None]]:
-        """Return the sums of one batch, and of each setup the measures that need its series; None if one has none."""
+    def _sums(
+        self, shocks: Sequence[Sequence[ShockData]]
+    ) -> tuple[BatchResult, list[dict[str, float] | None], list[TimeSeries | None]]:
+        """Return the sums of one batch; of each setup the measures that need its series, None if one has none; and the
+        channels that were asked for.
+        """
         heartbeat()
         result = self._batch.run(shocks)
         filtered = {key: self._batch.filtered(key[0], sections) for key, sections in self._measures.bands.items()}
@@ -128,29 +157,39 @@ class _DriveBatch:
             for q, band in self._measures.filtered_quantities
         ]
         others = [self._from_series(result, filtered, k) for k in range(len(shocks))]
-        return result.kept(own), others
+        series = [self._series(result, self._recorded, k) if self._recorded else None for k in range(len(shocks))]
+        return result.kept(own), others, series
 
     def _run(
-        self, values: Mapping[str, Sequence[float]], ends: Mapping[str, Any], others: dict[str, float] | None, k: int
+        self,
+        values: Mapping[str, Sequence[float]],
+        ends: Mapping[str, Any],
+        others: dict[str, float] | None,
+        series: TimeSeries | None,
+        k: int,
     ) -> BatchRun | None:
         found = {name: several[k] for name, several in values.items()} | (others or {})
         if others is None or not all(map(math.isfinite, found.values())):
             return None
-        return BatchRun(found, self._summary(ends, k))
+        return BatchRun(found, self._summary(ends, k), series)
 
     def _from_series(
         self, result: BatchResult, filtered: Mapping[ChannelBand, Array], k: int
     ) -> dict[str, float] | None:
         if not self._measures.others:
             return {}
-        series = np.ascontiguousarray(result.values[:, :, k].T)
         try:
-            run = Filtered(TimeSeries(self._plan.rows, series, self._measures.series, self._units))
+            run = Filtered(self._series(result, self._measures.series, k))
             for (name, band), several in filtered.items():
                 run.keep(name, band, np.ascontiguousarray(several[:, k]))
             return {m.name: m.drawn_from(run, start=self._study.settling) for m in self._measures.others}
         except EightpostError:
             return None
+
+    def _series(self, result: BatchResult, names: Sequence[str], k: int) -> TimeSeries:
+        columns = [self._plan.series.index(name) for name in names]
+        rows = np.ascontiguousarray(result.values[:, columns, k].T)
+        return TimeSeries(self._plan.rows, rows, tuple(names), tuple(self._units[name] for name in names))
 
     def _ends(self, result: BatchResult) -> dict[str, Any]:
         """Return, as lists, local errors and spreads of both directions of every bond (2, C, n), work through the bonds
@@ -197,6 +236,8 @@ class Batches:
     Args:
         models: FMUs and scenarios of the study.
         step: Step [s].
+        recorded: Names of channels whose series are wanted.
+        measured: Whether the measures are computed.
 
     Attributes:
         left_out: Builds whose setups run through the FMUs, each with the reason.
@@ -205,7 +246,7 @@ class Batches:
         NotInBatchError: The study cannot run as a batch; the message is the reason.
     """
 
-    def __init__(self, models: Models, step: float) -> None:
+    def __init__(self, models: Models, step: float, recorded: Sequence[str] = (), *, measured: bool = True) -> None:
         self._study = study = models.study
         self._shocks, self.left_out = _shocks(models)
         self._wiring = _wiring(models)
@@ -214,7 +255,10 @@ class Batches:
         slopes = [shock.mean_slope(_USUAL_VELOCITY) for shock in self._shocks.values() if shock is not None]
         damping = np.full(len(study.corners), float(np.mean(slopes)))
         try:
-            self._drives = {drive.name: _DriveBatch(models, drive, step, vehicle, damping) for drive in study.drives}
+            self._drives = {
+                drive.name: _DriveBatch(models, drive, step, vehicle, damping, recorded, measured)
+                for drive in study.drives
+            }
         except (FmuError, OSError) as error:
             raise NotInBatchError(str(error)) from error
 
