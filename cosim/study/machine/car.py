@@ -23,7 +23,7 @@ _SPRING = "port_spring"
 _AT_EQUILIBRIUM = "start_at_equilibrium"
 
 #: Constants that FMUs of earlier versions lack, which have no coupled states.
-_NONE_COUPLED = "enum { COUPLED_COUNT = 0 };\nstatic const double COUPLING[] = {0.0};\n"
+_NONE_COUPLED = "enum { COUPLED_COUNT = 0 };\nstatic const double COUPLING[1] = {0.0};\n"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +103,8 @@ def _vehicle(component: FmuComponent, constants: Constants, values: Mapping[str,
 def _ports(constants: Constants, sizes: Mapping[str, int], values: Mapping[str, object]) -> list[Port]:
     count, springs = sizes["PORT_COUNT"], sizes["SPRING_COUNT"]
     friction = np.array([_own(values, name) for name in _FRICTION]).reshape(len(_FRICTION), -1)
-    stiffness, travel = np.zeros(count), [None] * count
+    stiffness = np.zeros(count)
+    travel: list[int | None] = [None] * count
     of_port, output = constants.integers("SPRING_PORT", springs), constants.integers("SPRING_OUTPUT", springs)
     for port, place, own in zip(of_port, output, _own(values, _SPRING), strict=True):
         stiffness[port], travel[port] = own, int(place)

@@ -18,6 +18,9 @@ _Complex = NDArray[np.complex128]
 #: Largest condition number of the modes, and largest growth of one [1/s]: what exceeds them runs through the FMUs.
 _CONDITION, _GROWTH = 1e7, 1e-6
 
+#: Changes of A that are tried, as a share of its largest element, and the seed of their direction.
+_APART, _SEED = (0.0, 1e-12, 1e-11, 1e-10), 1
+
 #: Number of intervals of a drive that are handled at once.
 _AT_ONCE = 1 << 16
 
@@ -51,10 +54,7 @@ class LinearCar:
         forces, velocities = [b.force for b in bonds], [b.velocity for b in bonds]
         if np.any(vehicle.D[np.ix_([*velocities, *(b.travel for b in bonds)], forces)]):
             raise NotInBatchError("a force acts on the velocity of a port without delay")
-        closed = vehicle.A + vehicle.B[:, forces] @ (damping[:, None] * vehicle.C[velocities])
-        poles, vectors = np.linalg.eig(closed)
-        if np.linalg.cond(vectors) > _CONDITION:
-            raise NotInBatchError("modes of the vehicle nearly coincide")
+        poles, vectors = _modes(vehicle.A + vehicle.B[:, forces] @ (damping[:, None] * vehicle.C[velocities]))
         if poles.real.max(initial=-1.0) > _GROWTH:
             raise NotInBatchError("the vehicle is not stable with the mean damping of its shocks")
         kept = poles.imag >= 0.0
@@ -127,6 +127,20 @@ class LinearCar:
             found[first:last] = (states[wanted[first:last] - begin - 1] @ out).real
             first, z = last, states[-1].copy()
         return found + inputs[wanted] @ direct + self.vehicle.offset[list(outputs)]
+
+
+def _modes(closed: Array) -> tuple[_Complex, _Complex]:
+    """Return poles and eigenvectors; modes that coincide are drawn apart by a change of A far below its accuracy.
+
+    Raises:
+        NotInBatchError: They remain nearly dependent.
+    """
+    noise = np.abs(closed).max() * np.random.default_rng(_SEED).standard_normal(closed.shape)
+    for share in _APART:
+        poles, vectors = np.linalg.eig(closed + share * noise)
+        if np.linalg.cond(vectors) <= _CONDITION:
+            return poles.astype(np.complex128), vectors.astype(np.complex128)
+    raise NotInBatchError("modes of the vehicle nearly coincide")
 
 
 def _rows(values: _Complex) -> Array:

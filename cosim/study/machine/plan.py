@@ -63,6 +63,7 @@ class Plan:
         damping: Linear damping at each shock's port, around which the ports are solved (C,) [N.s/m].
         quantities: Quantities whose statistics are needed.
         series: Names of the channels whose series are needed.
+        width: Instruction set; None: the widest of this processor.
 
     Attributes:
         run: Structure Run of fmus/machine/machine.h.
@@ -82,6 +83,8 @@ class Plan:
         damping: Array,
         quantities: Sequence[Quantity],
         series: Sequence[str],
+        *,
+        width: str | None = None,
     ) -> None:
         self.corners = tuple(bond.name for bond in setup.system.bonds)
         self._vehicle, self._name, self._system = vehicle, name, setup.system
@@ -92,7 +95,7 @@ class Plan:
         car = LinearCar.of(vehicle, bonds, damping)
         friction = self._friction(bonds)
         sweeps = _SWEEPS + any(map(_has_forces, friction))
-        self.library = Library(compiled(car.pairs, len(bonds), sweeps=sweeps))
+        self.library = Library(compiled(car.pairs, len(bonds), sweeps=sweeps, width=width))
         times, every = _regular(setup)
         self.rows: NDArray[np.float64] = times[::every]
         self.limits = tuple(limit for limit in setup.limits.watched if limit.signal.startswith(f"{name}."))
@@ -165,7 +168,7 @@ class Plan:
 
     def _friction(self, bonds: Sequence[Bond]) -> list[tuple[float, ...]]:
         """Return friction and spring of each bond's port, in the order of PortFriction in fmus/machine/car.h."""
-        found = [_FREE] * len(bonds)
+        found: list[tuple[float, ...]] = [_FREE] * len(bonds)
         for port in self._vehicle.ports:
             for k, bond in enumerate(bonds):
                 if (port.input, port.velocity) == (bond.force, bond.velocity) and port.travel in (None, bond.travel):
@@ -229,7 +232,7 @@ def _has_forces(friction: Sequence[float]) -> bool:
 
 def _regular(setup: Setup) -> tuple[Array, int]:
     """Return equal steps (K + 1,) [s] up to the last record, and their number between records."""
-    record = setup.scenario.record_step
+    record = setup.scenario.record_step or setup.step
     every = max(1, round(record / setup.step))
     records = int(setup.times[-1] / record + 1e-9)
     if records < 1:
