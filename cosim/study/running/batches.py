@@ -257,6 +257,8 @@ class Batches:
         fmus, own = models.fmus, study.vehicle
         vehicle = read_vehicle(fmus[str(own.fmu)], own.fmu, own.parameters)
         slopes = [shock.mean_slope(_USUAL_VELOCITY) for shock in self._shocks.values() if shock is not None]
+        if not slopes:
+            raise NotInBatchError("no FMU of a shock accepts its parameters")
         damping = np.full(len(study.corners), float(np.median(slopes)))
         try:
             self._drives = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from math import ceil, inf
 from typing import NamedTuple
@@ -40,13 +40,17 @@ def choose(evaluator: Evaluator) -> Coupling:
         StepError: No setup could be run.
     """
     try:
-        machine, notes, left_out = _choose_machine(evaluator)
-        checked, coupling = _compared(evaluator, machine)
+        machine, notes, batches = _choose_machine(evaluator)
+        checked, coupling = _compared(evaluator, machine, batches.has)
     except NotInBatchError as reason:
         return through_fmus(evaluator, str(reason))
-    if left_out:
+    if batches.left_out:
         coupling = choose_coupling(evaluator)
-        notes = (*notes, f"setups with these builds run through the FMUs: {'; '.join(left_out)}", *coupling.notes)
+        notes = (
+            *notes,
+            f"setups with these builds run through the FMUs: {'; '.join(batches.left_out)}",
+            *coupling.notes,
+        )
     return replace(coupling, machine=checked, stated_error=checked.stated_error, notes=notes)
 
 
@@ -63,8 +67,8 @@ def through_fmus(evaluator: Evaluator, reason: str) -> Coupling:
 # ---- Step -----------------------------------------------------------------------------------------------------------
 
 
-def _choose_machine(evaluator: Evaluator) -> tuple[MachineCoupling, tuple[str, ...], tuple[str, ...]]:
-    """Return the largest step that divides the record step and meets the study's accuracy, notes, and what is left out.
+def _choose_machine(evaluator: Evaluator) -> tuple[MachineCoupling, tuple[str, ...], Batches]:
+    """Return the largest step that divides the record step and meets the study's accuracy, notes, and batches at it.
 
     The baseline, setups with the same build at all corners, and random setups run at a step and at a quarter of it,
     which also calibrates the estimate of a setup's error.
@@ -138,14 +142,16 @@ class Compared(NamedTuple):
     scheme: str  #: Their scheme.
 
 
-def _compared(evaluator: Evaluator, machine: MachineCoupling) -> tuple[MachineCoupling, Coupling]:
+def _compared(
+    evaluator: Evaluator, machine: MachineCoupling, has: Callable[[Setup], bool]
+) -> tuple[MachineCoupling, Coupling]:
     """Return the machine's coupling with its comparisons, and that of runs through the FMUs.
 
     Raises:
         NotInBatchError: No setup could be compared, or one does not agree.
     """
     compared = list[Compared]()
-    for setup in _with_every_build(evaluator):
+    for setup in _with_every_build(evaluator, has):
         try:
             compared.append(check_setup(evaluator, setup, machine))
         except EightpostError:
@@ -160,12 +166,12 @@ def _compared(evaluator: Evaluator, machine: MachineCoupling) -> tuple[MachineCo
     return replace(machine, checks=tuple(one.check for one in compared)), Coupling(scheme, step)
 
 
-def _with_every_build(evaluator: Evaluator) -> Iterator[Setup]:
-    """Yield the baseline, and setups that contain all builds of the bank, if not too many; each adds some builds."""
+def _with_every_build(evaluator: Evaluator, has: Callable[[Setup], bool]) -> Iterator[Setup]:
+    """Yield the baseline, and setups of the machine with all builds of the bank, if not too many."""
     study, seen = evaluator.study, set[str]()
-    baseline = [study.baseline_setup] if study.baseline_setup else []
-    left = [study.space.setup(int(index)) for index in random_indices(study, _SEARCHED)]
-    for _ in range(_MOST_COMPARED):
+    baseline = [setup for setup in (study.baseline_setup,) if setup and has(setup)]
+    left = [*filter(has, map(study.space.setup, random_indices(study, _SEARCHED)))]
+    for _ in range(min(_MOST_COMPARED, len(left))):
         chosen = baseline.pop() if baseline else max(left, key=lambda setup: len({*setup.builds.values()} - seen))
         if {*chosen.builds.values()} <= seen:
             return
