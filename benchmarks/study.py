@@ -93,7 +93,7 @@ def measure(study: Study, folder: Path, count: int) -> Row:
         workers.close(wait=True)
     errors = result.table["coupling_error_percent"].to_numpy()
     return {
-        "path": "batch" if coupling_of(result).batch else "fmu",
+        "path": "machine" if coupling_of(result).machine else "fmu",
         "setups": len(result),
         "seconds": seconds,
         "workers": count,
