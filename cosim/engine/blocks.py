@@ -16,12 +16,14 @@ Integers = NDArray[np.int64]
 _POINTER, _SIZE, _REAL, _INT = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_double, ctypes.c_int
 _BOOL = ctypes.c_bool
 
-#: fmi2SetReal, fmi2GetReal; fmi2SetRealInputDerivatives; fmi2DoStep; fmi2GetFMUstate; fmi2SetFMUstate.
+#: fmi2SetReal, fmi2GetReal; fmi2SetRealInputDerivatives; fmi2DoStep; fmi2GetFMUstate; fmi2SetFMUstate;
+#: fmi2GetDirectionalDerivative.
 EXCHANGE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER, _SIZE, _POINTER)
 SLOPES = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER, _SIZE, _POINTER, _POINTER)
 STEP = ctypes.CFUNCTYPE(_INT, _POINTER, _REAL, _REAL, _INT)
 SAVE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER)
 RESTORE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER)
+DERIVE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER, _SIZE, _POINTER, _SIZE, _POINTER, _POINTER)
 #: fmi3SetFloat64, fmi3GetFloat64; fmi3DoStep; fmi3IntermediateUpdateCallback.
 EXCHANGE_SIZED = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER, _SIZE, _POINTER, _SIZE)
 TAKE_STEP = ctypes.CFUNCTYPE(_INT, _POINTER, _REAL, _REAL, _BOOL, *[_POINTER] * 4)
@@ -60,6 +62,15 @@ def save_state(address: int, instance: int, states: Integers, index: int) -> int
 def restore_state(address: int, instance: int, states: Integers, index: int) -> int:
     """Restore the state that states[index] points to."""
     status: int = _function(RESTORE, int(address))(int(instance), int(states[index]))
+    return status
+
+
+def derive(
+    address: int, instance: int, unknowns: int, sought: int, knowns: int, given: int, changes: int, result: int
+) -> int:
+    """Write how `sought` outputs change, without delay, with `given` inputs; all but the counts are addresses."""
+    function = _function(DERIVE, int(address))
+    status: int = function(int(instance), int(unknowns), int(sought), int(knowns), int(given), int(changes), int(result))
     return status
 
 

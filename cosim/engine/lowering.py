@@ -129,6 +129,7 @@ def _signature(kinds: tuple[str, ...]) -> Any:
 
 _EXCHANGE, _SLOPES = ("pointer", "pointer", "size", "pointer"), ("pointer", "pointer", "size", "pointer", "pointer")
 _STEP, _STATE = ("pointer", "real", "real", "int"), ("pointer", "pointer")
+_DERIVE = ("pointer", "pointer", "size", "pointer", "size", "pointer", "pointer")
 _EXCHANGE_SIZED = ("pointer", "pointer", "size", "pointer", "size")
 _TAKE_STEP = ("pointer", "real", "real", "int", "pointer", "pointer", "pointer", "pointer")
 
@@ -151,6 +152,11 @@ def _call_step(_context, address, instance, time, step, final):  # type: ignore[
 @intrinsic
 def _call_state(_context, address, instance, pointer):  # type: ignore[no-untyped-def]
     return _signature(_STATE), _call(_STATE)
+
+
+@intrinsic
+def _call_derive(_context, address, instance, unknowns, sought, knowns, given, changes, result):  # type: ignore[no-untyped-def]
+    return _signature(_DERIVE), _call(_DERIVE)
 
 
 @overload(blocks.exchange)
@@ -189,6 +195,14 @@ def _save_state(address, instance, states, index):  # type: ignore[no-untyped-de
 def _restore_state(address, instance, states, index):  # type: ignore[no-untyped-def]
     def implementation(address, instance, states, index):  # type: ignore[no-untyped-def]
         return _call_state(address, instance, states[index])
+
+    return implementation
+
+
+@overload(blocks.derive)
+def _derive(address, instance, unknowns, sought, knowns, given, changes, result):  # type: ignore[no-untyped-def]
+    def implementation(address, instance, unknowns, sought, knowns, given, changes, result):  # type: ignore[no-untyped-def]
+        return _call_derive(address, instance, unknowns, sought, knowns, given, changes, result)
 
     return implementation
 
