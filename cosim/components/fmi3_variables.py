@@ -132,9 +132,9 @@ class Fmi3Table:
 
     @property
     def derives_all(self) -> bool:
-        """Whether the FMU gives directional derivatives, and all real inputs and outputs are doubles, as these are."""
+        """Whether the FMU gives directional derivatives, and all real inputs and outputs are scalars of doubles."""
         ports = (v for v in self.variables if v.is_real and v.causality in ("input", "output"))
-        return self.has_derivatives and all(v.type == "Float64" for v in ports)
+        return self.has_derivatives and all(v.type == "Float64" and not v.shape for v in ports)
 
     @property
     def _continuous_inputs(self) -> tuple[Fmi3Variable, ...]:

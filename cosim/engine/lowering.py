@@ -131,6 +131,7 @@ _EXCHANGE, _SLOPES = ("pointer", "pointer", "size", "pointer"), ("pointer", "poi
 _STEP, _STATE = ("pointer", "real", "real", "int"), ("pointer", "pointer")
 _DERIVE = ("pointer", "pointer", "size", "pointer", "size", "pointer", "pointer")
 _EXCHANGE_SIZED = ("pointer", "pointer", "size", "pointer", "size")
+_DERIVE_SIZED = ("pointer", *("pointer", "size") * 4)
 _TAKE_STEP = ("pointer", "real", "real", "int", "pointer", "pointer", "pointer", "pointer")
 
 
@@ -213,6 +214,11 @@ def _call_exchange_sized(_context, address, instance, references, count, values,
 
 
 @intrinsic
+def _call_derive_sized(_context, address, instance, p, n_p, q, n_q, r, n_r, s, n_s):  # type: ignore[no-untyped-def]
+    return _signature(_DERIVE_SIZED), _call(_DERIVE_SIZED)
+
+
+@intrinsic
 def _call_take_step(_context, address, instance, time, step, final, event, end, early, reached):  # type: ignore[no-untyped-def]
     return _signature(_TAKE_STEP), _call(_TAKE_STEP)
 
@@ -221,6 +227,16 @@ def _call_take_step(_context, address, instance, time, step, final, event, end, 
 def _exchange_sized(address, instance, references, count, values, size):  # type: ignore[no-untyped-def]
     def implementation(address, instance, references, count, values, size):  # type: ignore[no-untyped-def]
         return _call_exchange_sized(address, instance, references, count, values, size)
+
+    return implementation
+
+
+@overload(blocks.derive_sized)
+def _derive_sized(address, instance, unknowns, sought, knowns, given, changes, result):  # type: ignore[no-untyped-def]
+    def implementation(address, instance, unknowns, sought, knowns, given, changes, result):  # type: ignore[no-untyped-def]
+        return _call_derive_sized(
+            address, instance, unknowns, sought, knowns, given, changes, given, result, sought
+        )
 
     return implementation
 
