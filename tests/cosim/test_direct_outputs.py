@@ -181,6 +181,12 @@ def test_an_isolated_fmu_gives_the_same_bits(seven_dof: Join, track: Drivefile, 
     assert found.values.tobytes() == on_track(seven_dof(), track).values.tobytes()
 
 
+@pytest.mark.slow
+def test_a_car_of_fmi_3_gives_the_same_bits(seven_dof: Join, track: Drivefile, fmus3: Mapping[str, Path]) -> None:
+    found = on_track(seven_dof(car=fmus3["seven_dof"]), track)
+    assert found.values.tobytes() == on_track(seven_dof(), track).values.tobytes()
+
+
 @pytest.mark.parametrize("engine", ["python", "compiled"])
 def test_refused_derivatives_are_an_error_that_names_the_component(
     seven_dof: Join, track: Drivefile, fmus: Mapping[str, Path], engine: str
