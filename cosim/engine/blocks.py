@@ -71,7 +71,9 @@ def derive(
 ) -> int:
     """Write how `sought` outputs change, without delay, with `given` inputs; all but the counts are addresses."""
     function = _function(DERIVE, int(address))
-    status: int = function(int(instance), int(unknowns), int(sought), int(knowns), int(given), int(changes), int(result))
+    status: int = function(
+        int(instance), int(unknowns), int(sought), int(knowns), int(given), int(changes), int(result)
+    )
     return status
 
 

@@ -234,9 +234,7 @@ def _exchange_sized(address, instance, references, count, values, size):  # type
 @overload(blocks.derive_sized)
 def _derive_sized(address, instance, unknowns, sought, knowns, given, changes, result):  # type: ignore[no-untyped-def]
     def implementation(address, instance, unknowns, sought, knowns, given, changes, result):  # type: ignore[no-untyped-def]
-        return _call_derive_sized(
-            address, instance, unknowns, sought, knowns, given, changes, given, result, sought
-        )
+        return _call_derive_sized(address, instance, unknowns, sought, knowns, given, changes, given, result, sought)
 
     return implementation
 

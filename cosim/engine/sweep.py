@@ -282,7 +282,7 @@ def _follow(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, final: int)
 
 @shared
 def _reached(plan: Plan, m: Memory, c: int, drive: Drive, last: int) -> None:
-    """Compute, in `slope`, the inputs of part c at the drive's point `last`, from the signals that have been reached."""
+    """Compute, in `slope`, the inputs of part c from the signals now, and from the drive at its point `last`."""
     parts, terms, driven = plan.parts, plan.terms, plan.driven
     for i in range(parts.inputs[c], parts.inputs[c + 1]):
         m.slope[i] = plan.inputs.constant[i]

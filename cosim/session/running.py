@@ -164,7 +164,10 @@ def prepare(setup: Setup) -> Running:
 _FAR = 1e7
 
 #: Descriptions of the loop's calls, by their numbers.
-_CALLS = ("set inputs", "set input derivatives", "step", "give outputs", "save its state", "restore its state", "give directional derivatives")
+_CALLS = (
+    "set inputs", "set input derivatives", "step", "give outputs", "save its state", "restore its state",
+    "give directional derivatives",
+)  # fmt: skip
 
 #: Schemes that may be stable if a scheme diverged.
 _OTHERS = {"jacobi": ", gauss-seidel, or implicit", "gauss-seidel": ", or implicit"}
