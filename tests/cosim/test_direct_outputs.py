@@ -10,7 +10,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim import Algorithm, Capabilities, FmuComponent, GaussSeidel, IsolatedComponent, Jacobi, Scenario, System, run
+from cosim import (
+    Adaptive,
+    Algorithm,
+    Capabilities,
+    FmuComponent,
+    GaussSeidel,
+    Implicit,
+    IsolatedComponent,
+    Jacobi,
+    Scenario,
+    System,
+    run,
+)
 from cosim.components.fmi3_variables import Fmi3Table
 from cosim.components.functions import StateCallbacks, address_of
 from cosim.engine import blocks
@@ -162,6 +174,20 @@ def test_only_outputs_that_follow_the_forces_directly_change(
         assert is_equal == ("hub" not in name), name
 
 
+@pytest.mark.parametrize("algorithm", [GaussSeidel(), Implicit(), Adaptive(relative=0.1)], ids=lambda a: a.name)
+def test_the_tire_force_of_a_car_that_holds_its_roads_is_that_of_road_and_wheel_at_the_same_time(
+    seven_dof: Join, track: Drivefile, monolithic: Any, fmus: Mapping[str, Path], algorithm: Algorithm
+) -> None:
+    car = changed(fmus, interpolates_inputs=False)
+    names = ("car.rf.tire_force", "car.rf.wheel_position")
+    scenario = Scenario(0.05, track, record=names, record_step=0.001, drive_start=2.0)
+    series = run(with_car(seven_dof(), car), scenario, algorithm=algorithm, step=0.001, compared=False).series
+    force, wheel = (series[name] for name in names)
+    road = np.interp(2.0 + series.time, track.series.time, track.series["rf.road"])
+    static = float(car.variables["rf.static_tire_force"].start)
+    assert force == pytest.approx(static + monolithic.Car().tire_stiffness[1] * (road - wheel), abs=1e-6)
+
+
 def test_an_fmu_that_declares_no_dependencies_is_corrected_in_the_same_way(
     seven_dof: Join, track: Drivefile, fmus: Mapping[str, Path]
 ) -> None:
@@ -172,6 +198,7 @@ def test_an_fmu_that_declares_no_dependencies_is_corrected_in_the_same_way(
     np.testing.assert_allclose(found.values, expected.values, rtol=0.0, atol=1e-9 * np.abs(expected.values).max())
 
 
+@pytest.mark.slow
 def test_an_isolated_fmu_gives_the_same_bits(seven_dof: Join, track: Drivefile, fmus: Mapping[str, Path]) -> None:
     isolated = IsolatedComponent(fmus["seven_dof"], "car")
     try:
