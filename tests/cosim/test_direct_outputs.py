@@ -41,7 +41,7 @@ DRIVE = np.sin(3.0 * TIME) ** 2
 
 @pytest.fixture
 def sums(make: Any) -> Callable[..., Any]:
-    """Return a function that builds a component with the output y, a weighted sum of its inputs [mm]."""
+    """Return a function that builds a component with the output y, a weighted sum of its inputs."""
 
     class Sum(make.component):
         def functions(self) -> Any:
@@ -54,9 +54,9 @@ def sums(make: Any) -> Callable[..., Any]:
             assert set(outputs) <= {"y"}
             return [self.outputs(0.0, dict.fromkeys(self.inputs, 0.0) | dict(zip(inputs, changes, strict=True)))["y"]]
 
-    def build(weights: Mapping[str, float], *, ramps: bool = False, derivatives: bool = True) -> Any:
-        inputs = [make.variable(name, "input", "mm") for name in weights]
-        outputs = [make.variable("y", "output", "mm", weights), make.variable("late", "output", "mm")]
+    def build(weights: Mapping[str, float], *, ramps: bool = False, derivatives: bool = True, unit: str = "mm") -> Any:
+        inputs = [make.variable(name, "input", unit) for name in weights]
+        outputs = [make.variable("y", "output", unit, weights), make.variable("late", "output", unit)]
         return Sum(
             make.table(*inputs, *outputs),
             lambda state, u: {"y": sum(weights[name] * u[name] for name in weights), "late": state},
@@ -80,6 +80,13 @@ def test_a_held_input_counts_with_the_drive_at_the_end_of_the_step(sums: Any, en
     assert result.held_direct == ()
 
 
+def test_units_may_have_another_zero_than_the_drive(sums: Any) -> None:
+    drive = Drivefile(TimeSeries.from_channels(TIME, {"x": ("K", 300.0 + DRIVE)}))
+    system = System({"a": sums({"u": 1.0}, unit="degC")})
+    series = run(system, Scenario(STOP, drive, {"x": "a.u"}, record=("a.y",)), step=STEP, compared=False).series
+    assert series["a.y"] == pytest.approx(300.0 + DRIVE, abs=1e-9)
+
+
 @pytest.mark.parametrize("derivatives", [True, False])
 def test_without_directional_derivatives_it_counts_with_its_mean_over_the_step(sums: Any, derivatives: bool) -> None:
     system = System({"a": sums({"u": 1.0}, derivatives=derivatives)})
@@ -99,20 +106,22 @@ def test_an_assumed_input_counts_with_the_value_that_its_sources_have_reached(
     sums: Any, scheme: Any, ramps: bool, values: str, engine: str
 ) -> None:
     """The input is a sum of two connections, one with a gain and an offset, of the drive and of a constant."""
-    first, second = sums({"u": 1.0}, ramps=True), sums({"u": 1.0, "w": 3.0}, ramps=ramps)
+    parts = {"b": sums({"u": 1.0, "w": 3.0}, ramps=ramps), "d": sums({"u": 1.0}, ramps=ramps)}
+    parts |= {name: sums({"u": 1.0}, ramps=True) for name in "ac"}
     connections = (Connection("a.y", "b.u", gain=-4.0, offset=0.5), Connection("c.late", "b.u"))
     system = System(
-        {"b": second, "a": first, "c": sums({"u": 1.0}, ramps=True)},
-        connections=(*connections, Connection("a.y", "c.u")),
+        parts,
+        connections=(*connections, Connection("a.y", "c.u"), Connection("a.y", "d.u")),
         constants={"b.u": 7.0, "b.w": 1.0},
         sums=frozenset({"b.u"}),
     )
-    scheme = Jacobi(values) if scheme is Jacobi else GaussSeidel(("b", "a", "c"), values=values)
+    scheme = Jacobi(values) if scheme is Jacobi else GaussSeidel(tuple(parts), values=values)
     drive = Drivefile(TimeSeries.from_channels(TIME, {"x": ("m", DRIVE), "z": ("m", 10.0 * DRIVE)}))
-    scenario = Scenario(STOP, drive, {"x": "a.u", "z": "b.u"}, record=("a.y", "b.y", "c.late"))
+    scenario = Scenario(STOP, drive, {"x": "a.u", "z": "b.u"}, record=("a.y", "b.y", "c.late", "d.y"))
     series = run(system, scenario, algorithm=scheme, step=STEP, compared=False, engine=engine).series
     reached = -4.0 * series["a.y"] + series["c.late"] + 10.0 * DRIVE + 0.0005 + 0.007
     assert series["b.y"] == pytest.approx(reached + 0.003, abs=1e-9)
+    assert series["d.y"] == pytest.approx(series["a.y"], abs=1e-9)
 
 
 def test_an_input_that_is_known_at_the_end_of_the_step_needs_no_derivatives(sums: Any) -> None:
