@@ -256,7 +256,7 @@ fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference
                                         const fmi3ValueReference knowns[], size_t m, const fmi3Float64 seed[],
                                         size_t seeds, fmi3Float64 result[], size_t results)
 {
-    if (n != 1 || unknowns[0] != Y || m != 1 || knowns[0] != U || seeds != 1 || results != 1) {
+    if (n != 1 || (unknowns[0] != Y && unknowns[0] != V) || m != 1 || knowns[0] != U || seeds != 1 || results != 1) {
         return fmi3Error;
     }
     result[0] = 3.0 * seed[0];
