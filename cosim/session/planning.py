@@ -233,18 +233,25 @@ def _direct(
     *,
     sequential: bool,
 ) -> Direct:
-    """Return the recorded outputs that follow inputs whose end values are assumed, of parts that give derivatives."""
+    """Return the recorded outputs that follow inputs whose end values are assumed, of parts that give derivatives.
+
+    Only continuous variables have derivatives.
+    """
     rank = {name: k for k, name in enumerate(layout.parts)}
     assumed: dict[str, dict[str, int]] = {name: {} for name in layout.parts}
     for i, (name, feed) in enumerate(_rows(coupling, layout)):
+        component = coupling.components[name]
         unknown = (not sequential or rank[term.source.partition(".")[0]] >= rank[name] for term in feed.terms)
-        if not coupling.components[name].capabilities.interpolates_inputs or any(unknown):
+        is_assumed = not component.capabilities.interpolates_inputs or any(unknown)
+        if is_assumed and component.variables[feed.target].variability == "continuous":
             assumed[name][feed.target] = i
     follows: dict[str, list[int]] = {}
     for column, name in enumerate(recorded):
         part, _, output = name.partition(".")
         component = coupling.components[part]
-        if component.capabilities.derivatives and component.variables[output].direct & assumed[part].keys():
+        variable = component.variables[output]
+        has_derivatives = component.capabilities.derivatives and variable.variability == "continuous"
+        if has_derivatives and variable.direct & assumed[part].keys():
             follows.setdefault(part, []).append(column)
     parts = [name for name in layout.parts if name in follows and tables[name].derive]
     columns = [column for name in parts for column in follows[name]]

@@ -98,6 +98,15 @@ def test_without_directional_derivatives_it_counts_with_its_mean_over_the_step(s
     assert result.held_direct == (() if derivatives else ("a.y",))
 
 
+@pytest.mark.parametrize("name", ["u", "y"])
+def test_discrete_variables_have_no_derivatives_and_are_left_as_they_are(sums: Any, name: str) -> None:
+    part = sums({"u": 1.0})
+    part.variables = part.variables | {name: replace(part.variables[name], variability="discrete")}
+    result = run(System({"a": part}), driven("a.u", "a.y"), step=STEP, compared=False)
+    assert result.series["a.y"][1:] == pytest.approx(0.5 * (DRIVE[1:] + DRIVE[:-1]), abs=1e-12)
+    assert result.held_direct == ("a.y",)
+
+
 @pytest.mark.parametrize("engine", ["python", "compiled"])
 @pytest.mark.parametrize("values", ["held", "interpolated", "extrapolated", "parabolic"])
 @pytest.mark.parametrize("ramps", [True, False], ids=["ramps", "holds"])
