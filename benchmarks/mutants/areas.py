@@ -11,7 +11,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 
 #: Packages and folders whose sources belong to areas, and the endings of sources.
-PRODUCT, SOURCES = ("eightpost", "builder", "cosim", "fmus"), (".py", ".c", ".h")
+PRODUCT, SOURCES = ("eightpost", "builder", "cosim", "fmus", "dissertation"), (".py", ".c", ".h")
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ import sys
 import time
 from pathlib import Path
 
-from eightpost.reproduce import FULL, inventory, reproduce
-from eightpost.reproduce.page import write_reproduction
+from dissertation import FULL, inventory, reproduce
+from dissertation.page import write_reproduction
 
 RESULTS = Path(__file__).resolve().parents[1] / "data" / "reproduced.json"
 

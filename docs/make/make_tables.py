@@ -11,7 +11,7 @@ import re
 import tomllib
 from pathlib import Path
 
-from eightpost.reproduce import inventory
+from dissertation import inventory
 
 DOCS = Path(__file__).resolve().parents[1]
 FMUS = DOCS.parent / "fmus"
