@@ -7,15 +7,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from benchmarks.mutants.area_tests import main
-from benchmarks.mutants.areas import PRODUCT, ROOT, Area, Equivalent, read_areas, read_equivalents
-from benchmarks.mutants.c_sites import c_sites
-from benchmarks.mutants.campaign import Campaign
-from benchmarks.mutants.mutant import Mutant, mutants
-from benchmarks.mutants.python_sites import python_sites
-from benchmarks.mutants.records import Record
-from benchmarks.mutants.report import killed_share, report
-from benchmarks.mutants.trial import Outcome, copy_tree
+from benchmarks.mutants.__main__ import Campaign, killed_share, report
+from benchmarks.mutants.area_tests import PRODUCT, ROOT, Area, Equivalent, main, read_areas, read_equivalents
+from benchmarks.mutants.mutant import Mutant, c_sites, mutants, python_sites
+from benchmarks.mutants.trial import Outcome, Record, copy_tree
 
 
 def changed(sites, source):

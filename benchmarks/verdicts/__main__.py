@@ -28,10 +28,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 from benchmarks.table import number
-from benchmarks.verdicts.cases import Case, case
-from benchmarks.verdicts.final_kinds import FINAL
-from benchmarks.verdicts.kinds import CHECK, TUNE
-from benchmarks.verdicts.measured import LAST_THIRD, measured, part, whole
+from benchmarks.verdicts.cases import LAST_THIRD, Case, case, measured, part, whole
+from benchmarks.verdicts.dampers import CHECK, FINAL, TUNE
 from eightpost.ident import ShockFit, evaluate, fit_shock
 from eightpost.ident.shock.record import prepare
 from eightpost.ident.shock.stroke_range import StrokeRange, strokes

@@ -3,10 +3,8 @@
     python docs/make/make_hosts.py                  # from the results in docs/data/hosts/
     python docs/make/make_hosts.py --run            # run every program whose packages are installed first (minutes)
     python docs/make/make_hosts.py --run mujoco_host
-    python docs/make/make_hosts.py --run interface_matrix
 
-A program is one file, examples/hosts/NAME_host.py; its result is docs/data/hosts/NAME_host.json. The tools that run the
-four interface kinds are those of benchmarks/interface_matrix; their results are docs/data/hosts/matrix.json.
+A program is one file, examples/hosts/NAME_host.py; its result is docs/data/hosts/NAME_host.json.
 """
 
 from __future__ import annotations
@@ -24,8 +22,6 @@ DOCS = Path(__file__).resolve().parents[1]
 ROOT = DOCS.parent
 PROGRAMS, RESULTS = ROOT / "examples" / "hosts", DOCS / "data" / "hosts"
 PAGE, PICTURE = DOCS / "how_to" / "hosts.md", DOCS / "pictures" / "hosts.png"
-TOOLS_PAGE, MATRIX = DOCS / "evidence" / "hosts_tools.md", "matrix"
-KINDS = ("2.0 CS", "2.0 ME", "3.0 CS", "3.0 ME")
 #: The place of each table on the page.
 TABLE, VEHICLE = "table", "vehicle"
 STEPS = (8e-3, 4e-3, 2e-3, 1e-3)
@@ -81,24 +77,6 @@ def vehicle_table() -> str:
         lines.append(f"| {loop} | {' | '.join(cells)} | {own[steps[-1]]['lf_change']:.1f} N |")
     deviation, change = result["reference"]
     return "\n".join([*lines, f"| reference, {deviation:.0f} N before |" + " |" * len(steps) + f" {change:.1f} N |"])
-
-
-def matrix_table(rows: list[dict[str, Any]]) -> str:
-    """Return a Markdown table of tools by interface kinds: differences of shock and car, or the reason for no run."""
-    lines = [f"| tool | version | run on | {' | '.join(KINDS)} |", "|---|---|---|" + "---|" * len(KINDS)]
-    for row in rows:
-        cells = [matrix_cell(row["cells"][kind]) for kind in KINDS]
-        day = (row["date"] or "-") + (", by hand" if row["by_hand"] and row["date"] else "")
-        lines.append(f"| {row['name']} | {row['version']} | {day} | {' | '.join(cells)} |")
-    return "\n".join(lines)
-
-
-def matrix_cell(cell: dict[str, Any]) -> str:
-    """Return the differences of shock and car, or why the interface kind was not run."""
-    if "not_run" in cell:
-        return f"not run: {cell['not_run']}"
-    found = [cell.get(model) for model in ("shock", "car")]
-    return " / ".join("-" if x is None else f"{x:.1g}" for x in found)
 
 
 def put(page: str, place: str, text: str) -> str:
@@ -162,13 +140,9 @@ def main() -> None:
         for program in (*sorted(PROGRAMS.glob("*_host.py")), PROGRAMS / "full_vehicle.py"):
             if not options.run or program.stem in options.run:
                 print(run(program))
-        if not options.run or "interface_matrix" in options.run:
-            subprocess.run([sys.executable, "-m", "benchmarks.interface_matrix"], cwd=ROOT, check=True)
     page = put(PAGE.read_text(encoding="utf-8"), TABLE, table(results()))
     PAGE.write_text(put(page, VEHICLE, vehicle_table()), encoding="utf-8")
     draw(results(), PICTURE)
-    rows = json.loads((RESULTS / "matrix.json").read_text(encoding="utf-8"))
-    TOOLS_PAGE.write_text(put(TOOLS_PAGE.read_text(encoding="utf-8"), MATRIX, matrix_table(rows)), encoding="utf-8")
 
 
 if __name__ == "__main__":
