@@ -116,9 +116,8 @@ def _shock(path: Path) -> Any:
 
 def _shock_origin(path: Path) -> Any:
     """Read a shock file as a build does: create its product and its documents."""
-    from builder.archive import open_shock_origin  # noqa: PLC0415
-
     from builder.build import product_of  # noqa: PLC0415
+    from builder.documents.archive import open_shock_origin  # noqa: PLC0415
     from eightpost.shock import read_shock  # noqa: PLC0415
 
     product_of(path)

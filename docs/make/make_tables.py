@@ -12,6 +12,7 @@ import tomllib
 from pathlib import Path
 
 from dissertation import inventory
+from eightpost.verdict import Grade
 
 DOCS = Path(__file__).resolve().parents[1]
 FMUS = DOCS.parent / "fmus"
@@ -46,8 +47,12 @@ def _region(kind: str, name: str) -> str:
 
 
 def rules(module: str) -> str:
-    """Return the table of the rules that a module defines."""
-    rows = [(r.about, r.condition, r.grade, r.why, r.remedy) for r in importlib.import_module(module).RULES]
+    """Return the table of the rules that a module defines, without those of a result that is in order."""
+    rows = [
+        (rule.about, rule.condition, rule.grade, rule.why, rule.remedy)
+        for rule in importlib.import_module(module).RULES
+        if rule.grade != Grade.USABLE or rule.remedy not in ("", "nothing")
+    ]
     head = "| about | reason, with its threshold | grade | why | what to do |\n|---|---|---|---|---|\n"
     return head + "".join("| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |\n" for row in rows)
 
@@ -55,9 +60,9 @@ def rules(module: str) -> str:
 def items(chapter: int) -> str:
     """Return the table of a chapter's numbered items with the results of the last full run."""
     results = json.loads((DOCS / "data" / "reproduced.json").read_text(encoding="utf-8"))["items"]
-    head = "| item | content | section | result | difference |\n" + "|---" * 5 + "|\n"
+    head = "| item | content | section | result |\n" + "|---" * 4 + "|\n"
     rows = [
-        (item.label, item.title, item.section, *results[item.name])
+        (item.label, item.title, item.section, _result(*results[item.name]))
         for item in inventory()
         if item.chapter == chapter and item.is_computed
     ]
@@ -65,6 +70,11 @@ def items(chapter: int) -> str:
     others = "; ".join(f"{item.label}: {item.reason.partition(';')[0]}" for item in rest)
     table = head + "".join("| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |\n" for row in rows)
     return f"{table}\nNothing to compute: {others}.\n" if rest else table
+
+
+def _result(state: str, words: str) -> str:
+    """Return the result of an item, with the difference if something is not reproduced."""
+    return f"{state}: {words}" if state.startswith(("partly", "shown", "differs")) else state
 
 
 def laws() -> str:
