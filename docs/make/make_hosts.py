@@ -48,19 +48,25 @@ def results() -> list[dict[str, Any]]:
 
 
 def table(found: list[dict[str, Any]]) -> str:
-    """Return a Markdown table with one row for each host and loop."""
+    """Return a Markdown table, one row for all hosts with the same errors in a loop, and a list of programs."""
     head = " | ".join(f"{1e3 * step:g} ms" for step in STEPS)
-    lines = [f"| host | loop | {head} | us per step | program |", "|---|---|" + "---|" * (len(STEPS) + 2)]
+    lines = [f"| loop | host | {head} |", "|---|---|" + "---|" * len(STEPS)]
+    hosts: dict[tuple[str, ...], list[str]] = {}
     for one in found:
-        name = f"{one['host']} ({one['version']})" if one["version"] else one["host"]
-        program = f"[{one['program']}](../../examples/hosts/{one['program']}), {one['lines']} lines"
         for loop in dict.fromkeys(row["loop"] for row in one["rows"]):
             rows = {round(row["step"], 9): row for row in one["rows"] if row["loop"] == loop}
-            cells = [errors_of(rows.get(step)) for step in STEPS]
-            cost = f"{rows[min(rows)]['microseconds']:.3g}"
-            lines.append(f"| {name} | {loop} | {' | '.join(cells)} | {cost} | {program} |")
-            program = ""
-    return "\n".join(lines)
+            hosts.setdefault((loop, *(errors_of(rows.get(step)) for step in STEPS)), []).append(one["host"])
+    lines += [f"| {key[0]} | {'; '.join(hosts[key])} | {' | '.join(key[1:])} |" for key in sorted(hosts)]
+    return "\n".join([*lines, "", f"Programs: {'; '.join(map(program, found))}."])
+
+
+def program(one: dict[str, Any]) -> str:
+    """Return the link to a program, with the version of its host, its lines and its cost."""
+    costs = [row["microseconds"] for row in one["rows"] if row["step"] == min(r["step"] for r in one["rows"])]
+    cost = f"{min(costs):.3g} to {max(costs):.3g} us per step" if len(costs) > 1 else f"{costs[0]:.3g} us per step"
+    version = f"{one['version']}, " if one["version"] else ""
+    name = f"[{one['program']}](../../examples/hosts/{one['program']})"
+    return f"{name} ({version}{one['lines']} lines, {cost})"
 
 
 def vehicle_table() -> str:

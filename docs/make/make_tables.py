@@ -6,19 +6,17 @@ the results of its last full run, docs/data/reproduced.json (`python docs/make/m
 """
 
 import importlib
-import json
 import re
 import tomllib
 from pathlib import Path
 
-from dissertation import inventory
 from eightpost.verdict import Grade
 
 DOCS = Path(__file__).resolve().parents[1]
 FMUS = DOCS.parent / "fmus"
 
 #: Pages that have generated tables.
-PAGES = ("reference/ports.md", "reference/verdict.md", "evidence/equations.md")
+PAGES = ("reference/ports.md", "reference/verdict.md")
 
 #: Marker in the page -> file whose rows the table shows. "laws" stands for all of fmus/shock_<law>/.
 SOURCES = {
@@ -27,9 +25,7 @@ SOURCES = {
     "assembly": FMUS / "assembly" / "interface.toml",
 }
 
-_REGION = re.compile(
-    r"(?P<start><!-- (?P<kind>table|rules|items) (?P<name>[\w.]+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL
-)
+_REGION = re.compile(r"(?P<start><!-- (?P<kind>table|rules) (?P<name>[\w.]+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
 _HEADER = "| variable | reference | causality | unit | display | start | range | meaning |\n" + "|---" * 8 + "|\n"
 
 
@@ -41,40 +37,18 @@ def rewrite(page: str) -> str:
 def _region(kind: str, name: str) -> str:
     if kind == "rules":
         return rules(name)
-    if kind == "items":
-        return items(int(name))
     return laws() if name == "laws" else table(SOURCES[name])
 
 
 def rules(module: str) -> str:
     """Return the table of the rules that a module defines, without those of a result that is in order."""
     rows = [
-        (rule.about, rule.condition, rule.grade, rule.why, rule.remedy)
+        (rule.about, rule.condition, rule.grade, rule.remedy)
         for rule in importlib.import_module(module).RULES
         if rule.grade != Grade.USABLE or rule.remedy not in ("", "nothing")
     ]
-    head = "| about | reason, with its threshold | grade | why | what to do |\n|---|---|---|---|---|\n"
+    head = "| about | reason, with its threshold | grade | what to do |\n|---|---|---|---|\n"
     return head + "".join("| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |\n" for row in rows)
-
-
-def items(chapter: int) -> str:
-    """Return the table of a chapter's numbered items with the results of the last full run."""
-    results = json.loads((DOCS / "data" / "reproduced.json").read_text(encoding="utf-8"))["items"]
-    head = "| item | content | section | result |\n" + "|---" * 4 + "|\n"
-    rows = [
-        (item.label, item.title, item.section, _result(*results[item.name]))
-        for item in inventory()
-        if item.chapter == chapter and item.is_computed
-    ]
-    rest = [item for item in inventory() if item.chapter == chapter and not item.is_computed]
-    others = "; ".join(f"{item.label}: {item.reason.partition(';')[0]}" for item in rest)
-    table = head + "".join("| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |\n" for row in rows)
-    return f"{table}\nNothing to compute: {others}.\n" if rest else table
-
-
-def _result(state: str, words: str) -> str:
-    """Return the result of an item, with the difference if something is not reproduced."""
-    return f"{state}: {words}" if state.startswith(("partly", "shown", "differs")) else state
 
 
 def laws() -> str:
