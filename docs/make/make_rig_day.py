@@ -92,8 +92,8 @@ def main() -> None:
     found = _compare(study, "compared")
     _confirm(study)
     after = _compare(study, "compared_after")
-    page = placed(PAGE.read_text(encoding="utf-8"), "measures", measures_table(found))
-    PAGE.write_text(placed(page, "intervals", intervals_table(found, after)), encoding="utf-8")
+    PAGE.write_text(placed(PAGE.read_text(encoding="utf-8"), "measures", measures_table(found)), encoding="utf-8")
+    print(intervals_table(found, after))
     shutil.copy(study / "compared" / "comparison.png", PICTURE)
 
 

@@ -42,13 +42,19 @@ def _region(kind: str, name: str) -> str:
 
 def rules(module: str) -> str:
     """Return the table of the rules that a module defines, without those of a result that is in order."""
-    rows = [
-        (rule.about, rule.condition, rule.grade, rule.remedy)
+    found = [
+        rule
         for rule in importlib.import_module(module).RULES
         if rule.grade != Grade.USABLE or rule.remedy not in ("", "nothing")
     ]
-    head = "| about | reason, with its threshold | grade | what to do |\n|---|---|---|---|\n"
-    return head + "".join("| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |\n" for row in rows)
+    topics = {rule.about for rule in found}
+    rows = [("reason, with its threshold", "grade", "what to do")]
+    rows += [(rule.condition, rule.grade, rule.remedy) for rule in found]
+    if len(topics) > 1:
+        rows = [(about, *row) for about, row in zip(["about", *(rule.about for rule in found)], rows, strict=True)]
+    head, *lines = ["| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |\n" for row in rows]
+    text = head + "|---" * len(rows[0]) + "|\n" + "".join(lines)
+    return text if len(topics) > 1 else f"About: {topics.pop()}.\n\n{text}"
 
 
 def laws() -> str:
