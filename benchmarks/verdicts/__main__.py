@@ -4,7 +4,7 @@
 
 SET is `tune` (the verdict's thresholds were chosen with it), `check`, or `final` (kinds of dampers that no rule was
 chosen with): virtual dampers of several kinds, tested in several ways, by dynamometers that differ in rate, filter,
-noise and channels, every fifth with a fault. With --records, the measured records of a folder (see `measured.py`).
+noise and channels, every fifth with a fault. With --records, the measured records of a folder (see `cases.measured`).
 
 Errors are in percent of the standard deviation of the force of the record that was left out, without their mean if it
 is another run of a measured damper, whose load cell may have another zero. Such a record is within the range of the fit

@@ -100,9 +100,7 @@ GIVEN = {
     ),
     "docs/how_to/settings.md": Given(_TARGET),
     "docs/how_to/ssp.md": Given("take('dist')"),
-    "docs/how_to/study_report.md": Given(
-        "traces = selection = certainty = None", {"examples/identified/study.toml": "examples/study.toml"}
-    ),
+    "docs/how_to/study_report.md": Given(shorter={"examples/identified/study.toml": "examples/study.toml"}),
     "docs/how_to/validation.md": Given(
         "take('shock.json')\nrecord('dyno_A', 'data/a.csv')\nfrom eightpost.shock import read_shock\n"
         "shocks = [read_shock('shock.json')]" + _DYNO_TESTS
