@@ -55,7 +55,9 @@ def table(found: list[dict[str, Any]]) -> str:
     for one in found:
         for loop in dict.fromkeys(row["loop"] for row in one["rows"]):
             rows = {round(row["step"], 9): row for row in one["rows"] if row["loop"] == loop}
-            hosts.setdefault((loop, *(errors_of(rows.get(step)) for step in STEPS)), []).append(one["host"])
+            cells = (loop[:2].rstrip(","), *(errors_of(rows.get(step)) for step in STEPS))
+            detail = loop[2:].strip(", ")
+            hosts.setdefault(cells, []).append(f"{one['host']} ({detail})" if detail else one["host"])
     lines += [f"| {key[0]} | {'; '.join(hosts[key])} | {' | '.join(key[1:])} |" for key in sorted(hosts)]
     return "\n".join([*lines, "", f"Programs: {'; '.join(map(program, found))}."])
 
