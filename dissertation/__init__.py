@@ -1,7 +1,7 @@
 """Reproduction of the dissertation's figures, tables and equations, with the printed values beside ours.
 
 `printed/` has the inventory and the printed values of each chapter, `chapter_*.py` the computations. `eightpost
-reproduce` writes them on one page; docs/evidence/equations.md is the index.
+reproduce` writes them on one page; docs/evidence/equations.md lists where equations are implemented.
 """
 
 from dissertation.effort import FULL, QUICK, Effort

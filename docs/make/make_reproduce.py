@@ -1,7 +1,6 @@
 """Reproduce all items and write their results: `python docs/make/make_reproduce.py [FOLDER]`.
 
-It writes docs/data/reproduced.json, which docs/evidence/equations.md shows (`python docs/make/make_tables.py`), and the
-page of `eightpost reproduce --all` in the folder (default out). It takes some minutes.
+It writes docs/data/reproduced.json, and the page of `eightpost reproduce --all` in the folder (default out). It takes some minutes.
 """
 
 import json

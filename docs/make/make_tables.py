@@ -1,8 +1,7 @@
 """Rewrite the tables in docs that are generated from the code: `python docs/make/make_tables.py`.
 
 The variables in docs/reference/ports.md come from the interface.toml files, the rules in docs/reference/verdict.md from
-the modules that define them, the items in docs/evidence/equations.md from the inventory of `eightpost reproduce` and
-the results of its last full run, docs/data/reproduced.json (`python docs/make/make_reproduce.py`).
+the modules that define them.
 """
 
 import importlib

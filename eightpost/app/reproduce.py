@@ -29,7 +29,7 @@ def reproduce(
 
     A NUMBER is that of a figure, a table or an equation (7.2 is the figure and the table), of one of them
     (table-7.2, figure-7.2, equation-6.8), or of a chapter (4). The page reproduce.html has the printed values beside
-    ours, the difference in words, and an index (docs/evidence/equations.md). Measured data that were never published
+    ours and the difference in words; docs/evidence/equations.md lists the code. Measured data that were never published
     are replaced by the virtual rigs, which each such item states.
 
     The items are in the folder dissertation/ of a checkout of eightpost; an installed wheel does not contain them.
