@@ -1,6 +1,6 @@
 """Reproduce all items and write their results: `python docs/make/make_reproduce.py [FOLDER]`.
 
-It writes docs/data/reproduced.json, and the page of `eightpost reproduce --all` in the folder (default out), in minutes.
+It writes docs/data/reproduced.json, and the page of `eightpost reproduce --all` in the folder (default out).
 """
 
 import json
