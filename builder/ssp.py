@@ -17,7 +17,7 @@ from pathlib import Path
 
 from builder.check.description import Variable
 from builder.check.description3 import read_description
-from builder.documents import SECRET
+from builder.documents.reference import SECRET
 from eightpost import __version__
 from eightpost.archive import read_archive, write_archive
 from eightpost.errors import FmuError, InputError, WiringError

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import io
+import pickle
 import xml.etree.ElementTree as ET
+import zipfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
 
-from builder.documents import SECRET, Disclosure, Subject, documents
+import builder
+import eightpost
+from builder.documents.reference import SECRET, Disclosure, Subject
 from builder.fmu.description import Description, content_guid, model_description
-from builder.fmu.description3 import model_description_3
 from builder.fmu.interface import Interface, source_folder
 from builder.fmu.product import Product
 from builder.native.tables import interface_header, interface_source, kept_numbers, layout, settings_data, vehicle_data
 from builder.native.toolchain import Library, Toolchain, compile_libraries, fmi_headers, headers_of
 from eightpost import __version__
+from eightpost.cache import digest, keep, recall
 from eightpost.progress import Progress
 from eightpost.shock import Shock
 from eightpost.vehicle.modal import modal_form
@@ -113,9 +121,13 @@ def build_members(identifier: str, files: Iterable[str], fmi: int) -> dict[str, 
 
 # ==== Native FMUs ====================================================================================================
 
+#: Endings of the program's files that an FMU depends on.
+_PROGRAM = (".py", ".c", ".h", ".css", ".html", ".js", ".txt", ".toml", ".json")
+
 # ---- The C sources of one FMU ---------------------------------------------------------------------------------------
 
 COMMON = (
+    "calls.h",
     "component.h",
     "derivatives.c",
     "elementary.c",
@@ -126,6 +138,7 @@ COMMON = (
     "instance.h",
     "lifecycle.c",
     "logging.c",
+    "memory.c",
     "message.c",
     "message.h",
     "model_exchange.c",
@@ -134,6 +147,7 @@ COMMON = (
     "refusals.c",
     "state_check.c",
     "step.c",
+    "update.c",
     "variables.c",
     "wide.h",
 )
@@ -145,6 +159,7 @@ VEHICLE = (
     "factors.h",
     "modal.h",
     "phi.h",
+    "friction.h",
     "port_forces.h",
     "rates.c",
     "steady_state.h",
@@ -248,7 +263,52 @@ def compiled(
 
 
 def without_binaries(product: Product, disclosure: Disclosure = Disclosure.FULL, fmi: int = 2) -> Source:
-    """Return a product's FMU of an FMI version, 2 or 3, without its binaries."""
+    """Return a product's FMU of an FMI version, 2 or 3, without its binaries.
+
+    Its pictures and texts take long, so it is kept in the cache.
+    """
+    key = digest((pickle.dumps((product, disclosure, fmi)), *_program()))
+    kept = recall("fmus", key)
+    if kept is None:
+        made = _without_binaries(product, disclosure, fmi)
+        keep("fmus", key, _packed({"members": made.members, "sources": made.library.sources}))
+        return made
+    found = _unpacked(kept)
+    is_wide = not isinstance(product.source, Shock)
+    library = Library(product.identifier, found["sources"], is_one_unit=True, is_wide=is_wide, fmi=fmi)
+    return Source(found["members"], library)
+
+
+@cache
+def _program() -> tuple[bytes, ...]:
+    """Return what an FMU depends on besides its product: files of the program, and versions of libraries."""
+    folders = [Path(package.__file__ or "").parent for package in (builder, eightpost)]
+    files = sorted(path for folder in (*folders, source_folder()) for path in folder.rglob("*.*"))
+    versions = (version(name).encode() for name in ("matplotlib", "numpy"))
+    return (*versions, *(path.read_bytes() for path in files if path.suffix in _PROGRAM))
+
+
+def _packed(parts: Mapping[str, Mapping[str, bytes]]) -> bytes:
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        for part, files in parts.items():
+            for name, file in files.items():
+                archive.writestr(f"{part}/{name}", file)
+    return content.getvalue()
+
+
+def _unpacked(content: bytes) -> dict[str, dict[str, bytes]]:
+    found: dict[str, dict[str, bytes]] = {}
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        for path in archive.namelist():
+            part, _, name = path.partition("/")
+            found.setdefault(part, {})[name] = archive.read(path)
+    return found
+
+
+def _without_binaries(product: Product, disclosure: Disclosure, fmi: int) -> Source:
+    from builder.documents.archive import documents  # noqa: PLC0415 -- drawing starts slowly, and most FMUs are kept
+
     visible = _visible(product.interface, disclosure)
     # By default, a shock has the name of its record, which is confidential.
     text = product.text if disclosure is Disclosure.FULL else visible.description
@@ -299,7 +359,6 @@ def sealed(
         is_one_unit: Whether the C files can be compiled as one translation unit (see `Library`).
         is_wide: Whether they are also compiled for processors with AVX, which helps models with many sums of products.
     """
-    write = model_description_3 if fmi == 3 else model_description
     version = version_files(description.identifier, fmi)
     drafted = code("") | version
     members = {_PLACES_3.get(name, name) if fmi == 3 else name: content for name, content in members.items()}
@@ -307,10 +366,10 @@ def sealed(
     if disclosure is Disclosure.FULL:
         description = replace(description, source_files=tuple(n for n in sorted(drafted) if n.endswith(".c")))
         members = {**members, **build_members(description.identifier, description.source_files, fmi)}
-    guid = content_guid(write(description), {**members, **named})
+    guid = content_guid(model_description(description, fmi), {**members, **named})
     found = code(guid) | version
     sources = {f"sources/{name}": content for name, content in found.items()} if description.source_files else {}
-    xml = write(replace(description, guid=guid))
+    xml = model_description(replace(description, guid=guid), fmi)
     library = Library(description.identifier, found, is_one_unit=is_one_unit, is_wide=is_wide, fmi=fmi)
     return Source({**members, "modelDescription.xml": xml, **sources}, library)
 

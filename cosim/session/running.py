@@ -15,7 +15,7 @@ from cosim.components.functions import Callbacks, FunctionTable, Native, free_st
 from cosim.components.watch import Surroundings, loop_words, watching
 from cosim.engine.compiled import Bind
 from cosim.engine.march import Tape
-from cosim.engine.plan import DISCARD, DIVERGED, STEP, Memory, Mode, Plan, memory
+from cosim.engine.plan import DISCARD, DIVERGED, JACOBI, STEP, Memory, Mode, Plan, memory
 from cosim.session.planning import blank_tape, make_plan, real_names
 from cosim.session.setup import Setup
 from cosim.systems.coupling import Coupling
@@ -230,6 +230,8 @@ def prepare(setup: Setup) -> Running:
         tables,
         watched=setup.limits.watched,
         following=setup.following,
+        recorded=real_names(setup.system, setup.names),
+        sequential=setup.algorithm.mode(0.0).kind != JACOBI,
     )
     m = memory(plan)
     if (words := loop_words()) is not None:
@@ -245,7 +247,10 @@ def prepare(setup: Setup) -> Running:
 _FAR = 1e7
 
 #: Descriptions of the loop's calls, by their numbers.
-_CALLS = ("set inputs", "set input derivatives", "step", "give outputs", "save its state", "restore its state")
+_CALLS = (
+    "set inputs", "set input derivatives", "step", "give outputs", "save its state", "restore its state",
+    "give directional derivatives",
+)  # fmt: skip
 
 #: Schemes that may be stable if a scheme diverged.
 _OTHERS = {"jacobi": ", gauss-seidel, or implicit", "gauss-seidel": ", or implicit"}
