@@ -15,8 +15,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from builder.check.description import Variable
-from builder.check.description3 import read_description
+from builder.check.description import Variable, read_description
 from builder.documents import SECRET
 from eightpost import __version__
 from eightpost.archive import read_archive, write_archive

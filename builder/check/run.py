@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from builder.check.catalogue import GROUPS
+from builder.check.groups import GROUPS
 from builder.check.probes.bench import REACH
 from builder.check.probes.library import binary_members, platform_folders
 from builder.check.process import Outcome, Unpacked, in_an_empty_folder, surroundings

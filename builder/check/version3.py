@@ -1,7 +1,7 @@
 """FMI 3.0 in the terms of FMI 2.0: names of functions and attributes, and the texts of findings.
 
 The rules are written for FMI 2.0, which has most of the concepts of FMI 3.0 under other names. A description of FMI 3.0
-is read in terms of FMI 2.0 (builder.check.description3), and a finding is translated back.
+is read in terms of FMI 2.0 (builder.check.description), and a finding is translated back.
 """
 
 from __future__ import annotations

@@ -14,7 +14,8 @@ import pytest
 from click.testing import CliRunner
 
 from builder.check import CATALOGUE, GROUPS, Level, Scope, check, process, tools
-from builder.check.static.variables import UNIT_RULES, _integers
+from builder.check.rules import findings
+from builder.check.static.variables import _integers, units_of
 from builder.check.subject import read_subject
 from builder.native.platforms import this_platform
 from eightpost.app.check import check as command
@@ -326,7 +327,7 @@ def test_correct_si_exponents_of_a_unit_are_accepted_and_others_reported(unit, f
         xml = f'<fmiModelDescription fmiVersion="2.0">{text}</fmiModelDescription>'
         write_archive(tmp_path / "x.fmu", {"modelDescription.xml": xml.encode()})
         description = read_subject(tmp_path / "x.fmu").description
-        return {finding.rule.identifier for rule in UNIT_RULES for finding in rule(description)}
+        return {finding.rule.identifier for finding in findings(units_of(description))}
 
     right = si_exponents(unit)
     assert "unit-exponents" not in described(right)

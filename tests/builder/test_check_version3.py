@@ -17,7 +17,7 @@ from benchmarks.fuzz.documents import change_xml
 from builder.assembly import assemble
 from builder.build import build
 from builder.check import GROUPS, Level, check
-from builder.check.description3 import read_description
+from builder.check.description import read_description
 from builder.check.probes.bench import Bench
 from builder.check.static import static_findings
 from builder.check.subject import read_subject

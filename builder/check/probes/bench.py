@@ -10,8 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from builder.check.description import Description, Variable
-from builder.check.description3 import read_description
+from builder.check.description import Description, Variable, read_description
 from builder.check.probes.instance import Birth, CallError, Instance, TerminatedError, refused, status_name
 from builder.check.probes.library import DISCARD, ERROR, binary_path
 from builder.check.probes.library3 import library_of

@@ -30,8 +30,7 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import urlparse
 
-from builder.check.description import Description
-from builder.check.description3 import OLD_TYPES
+from builder.check.description import OLD_TYPES, Description
 from builder.check.probes.library import CO_SIMULATION, DISCARD, ERROR, TERMINATED, Library
 from eightpost.fmi3_names import function_name
 
