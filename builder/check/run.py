@@ -139,7 +139,7 @@ def _reason_not_to_call(subject: Subject) -> str:
         return "the FMU supports neither co-simulation nor model exchange"
     if subject.members.keys().isdisjoint(binary_members(subject.description.identifier, subject.description.fmi)):
         available = [binary.platform for binary in subject.own_binaries]
-        available += ["sources"] if subject.description.source_files else []
+        available += ["sources"] if subject.description.sources.files else []
         here = platform_folders(subject.description.fmi)[0]
         return f"no binary for this platform ({here}), so nothing was run; available: {', '.join(available) or 'none'}"
     return ""

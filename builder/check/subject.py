@@ -14,10 +14,10 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from builder.check.description import BUILD, Description, read_description
 from eightpost.archive import open_archive, unsafe_reason
 from eightpost.errors import FmuError
 from eightpost.extras import needs
+from eightpost.fmi.description import BUILD, Description, read_description
 
 with needs("check", "checking FMUs"):
     import lief

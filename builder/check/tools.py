@@ -15,10 +15,10 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from builder.check.description import BUILD
 from builder.check.process import Outcome, Unpacked, trace
 from builder.check.rules import RULES, Finding
 from eightpost.extras import needs
+from eightpost.fmi.description import BUILD
 from eightpost.workers.process import python_command, run
 
 if TYPE_CHECKING:  # the process that compiles would spend a second on its imports
@@ -172,7 +172,7 @@ def _compared(rebuilt: Outcome, own: Outcome) -> Outcome:
 
 
 def _reason_to_skip(subject: Subject) -> str:
-    files = subject.description.source_files if subject.description else ()
+    files = subject.description.sources.files if subject.description else ()
     if not files:
         return "no sources are listed"
     if any(f"sources/{name}" not in subject.members for name in files):

@@ -8,7 +8,7 @@ from typing import Any
 
 from cosim.components.fmi3_variables import Fmi3Table
 from cosim.engine import blocks
-from eightpost.fmi3_names import function_name
+from eightpost.fmi.names import function_name
 
 P, B, N, R, INT, T = (
     ctypes.c_void_p, ctypes.c_bool, ctypes.c_size_t, ctypes.c_double, ctypes.c_int, ctypes.c_char_p,

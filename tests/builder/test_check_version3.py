@@ -17,7 +17,6 @@ from benchmarks.fuzz.documents import change_xml
 from builder.assembly import assemble
 from builder.build import build
 from builder.check import GROUPS, Level, check
-from builder.check.description import read_description
 from builder.check.probes.bench import Bench
 from builder.check.static import static_findings
 from builder.check.subject import read_subject
@@ -26,6 +25,7 @@ from builder.documents import Disclosure
 from cosim.system_file import read_case
 from eightpost.app.check import check as command
 from eightpost.archive import read_archive, write_archive
+from eightpost.fmi.description import read_description
 from eightpost.shock import LAWS
 from eightpost.vehicle import Friction, IdentifiedVehicle, read_vehicle, shipped, write_vehicle
 
@@ -313,8 +313,8 @@ def test_event_indicators_count_with_the_elements_of_their_arrays_and_sources_by
         for name in ("other", "small")
     )
     found = read_description(ET.fromstring(xml.encode()), ET.fromstring(f"<a>{configurations}</a>"))
-    assert found.attributes["numberOfEventIndicators"] == "4"
-    assert (found.source_files, found.exchange_source_files) == (("small.c",), ())
+    assert found.event_indicators == "4"
+    assert (found.sources.files, found.exchange_sources.files) == (("small.c",), ())
 
 
 # ---- Damaged descriptions -------------------------------------------------------------------------------------------

@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from math import ceil, log2
 
-from builder.check.description import Description, Variable
 from builder.check.probes.bench import (
     Bench,
     Results,
@@ -23,6 +22,7 @@ from builder.check.probes.bench import (
 )
 from builder.check.probes.instance import CallError, Instance, Value, refused
 from builder.check.rules import RULES, Finding, Rule, listed
+from eightpost.fmi.description import Description, Variable
 
 # ---- Declared and observed dependencies -----------------------------------------------------------------------------
 

@@ -7,11 +7,11 @@ import random
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from builder.check.description import Variable
 from builder.check.probes.bench import Bench, Results, Skip, Values, amplitude, change_of, other_value, step
 from builder.check.probes.dependencies import Place, Route, declared_pairs, place
 from builder.check.probes.instance import Instance, refused, status_name
 from builder.check.rules import RULES, Finding, listed
+from eightpost.fmi.description import Variable
 
 _POINTS = 3
 _TINY = 1e-6  # s

@@ -7,13 +7,13 @@ import math
 from collections.abc import Callable, Iterator
 from ctypes import c_double, c_int
 
-from builder.check.description import Variable
 from builder.check.probes.bench import Bench, Results, Skip, Values, amplitude, differ, step
 from builder.check.probes.exchange_host import Host, iterate_events
 from builder.check.probes.instance import CallError, Instance, refused
 from builder.check.probes.library import MissingFunctionError, binary_path
 from builder.check.probes.library3 import library_of
 from builder.check.rules import RULES, Finding, listed
+from eightpost.fmi.description import Variable
 
 _STEPS, _H = 4, 1e-6  # of Euler's method [s]
 _SMOOTH, _WRONG = 1e-4, 1e-3

@@ -9,11 +9,11 @@ from ctypes import c_double, c_uint
 from dataclasses import dataclass, replace
 from typing import Any
 
-from builder.check.description import Variable
 from builder.check.probes.bench import Bench, Results, step
 from builder.check.probes.instance import C_TYPES, CallError, Instance, Value, base_type, refused, status_name
 from builder.check.probes.library import ERROR, FATAL, FREEING_NOTHING, MissingFunctionError
 from builder.check.rules import RULES, Finding, Rule, listed
+from eightpost.fmi.description import Variable
 
 # ---- Calls in the wrong order, invalid steps, locked variables ------------------------------------------------------
 

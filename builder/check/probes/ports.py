@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from builder.check.description import Variable
 from builder.check.probes.bench import Bench, Results, Skip, Values, inside, step
 from builder.check.rules import RULES, Finding
+from eightpost.fmi.description import Variable
 
 _FREQUENCY, _POINTS, _CYCLES = 4.0, 250, 3
 _AMPLITUDES = (0.05, 0.2, 0.5)  # m/s

@@ -11,11 +11,11 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 
-from builder.check.description import Variable
 from builder.check.probes.bench import REACH, Bench, Measured, Results, Skip, Values, differ, other_value, step
 from builder.check.probes.instance import CallError, Instance, Message, TerminatedError, Value, refused, status_name
 from builder.check.probes.library import DISCARD, ERROR
 from builder.check.rules import RULES, Finding, listed
+from eightpost.fmi.description import Variable
 
 # ---- Runs with constant and with varying inputs ---------------------------------------------------------------------
 

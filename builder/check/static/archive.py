@@ -10,11 +10,11 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import PurePosixPath
 
-from builder.check.description import Description, Variable
 from builder.check.rules import Faults, some
 from builder.check.subject import XML, Subject
 from eightpost.archive import unsafe_reason
 from eightpost.extras import needs
+from eightpost.fmi.description import Description, Variable
 
 # ---- Entries --------------------------------------------------------------------------------------------------------
 
@@ -61,8 +61,8 @@ def entries(subject: Subject) -> Faults:
 def contents(subject: Subject, fmu: Description) -> Faults:
     """Yield faults of sources, documentation, licences, icon, reference results and the name of the file."""
     members = subject.members
-    yield "source-files", _missing_sources(subject, fmu.source_files)
-    if not fmu.source_files:
+    yield "source-files", _missing_sources(subject, fmu.sources.files)
+    if not fmu.sources.files:
         yield "sources", "no sources are listed"
     page = members.get("documentation/index.html")
     if page is None or not page.strip():
@@ -116,8 +116,8 @@ def exchange_files(subject: Subject, fmu: Description) -> Faults:
         is_name = re.fullmatch(r"[A-Za-z_]\w*", name, flags=re.ASCII)
         what = some(missing, f"there is no binary {name!r} for ") if is_name else f"it is {name!r}"
         yield "exchange-identifier", what
-    if fmu.fmi == 2 or fmu.exchange_source_files != fmu.source_files:  # FMI 3.0 may have one list for both
-        yield "exchange-sources", _missing_sources(subject, fmu.exchange_source_files)
+    if fmu.fmi == 2 or fmu.exchange_sources.files != fmu.sources.files:  # FMI 3.0 may have one list for both
+        yield "exchange-sources", _missing_sources(subject, fmu.exchange_sources.files)
 
 
 # ---- Terminals ------------------------------------------------------------------------------------------------------

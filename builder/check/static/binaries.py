@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import PurePosixPath
 
-from builder.check.description import Description
 from builder.check.rules import Faults, listed, some
 from builder.check.static.functions import FUNCTIONS
 from builder.check.subject import Binary, Subject
+from eightpost.fmi.description import Description
 
 #: Format and processors by folder: names of FMI 2.0, and of FMI 3.0 with their older spellings.
 _PLATFORMS = {
@@ -57,7 +57,7 @@ def binaries(subject: Subject, fmu: Description) -> Faults:
 
 
 def _presence(subject: Subject, fmu: Description) -> Faults:
-    if not subject.binaries and not fmu.source_files:
+    if not subject.binaries and not fmu.sources.files:
         yield "binary-present", "there is neither a binary nor a list of sources"
     named = {binary.platform for binary in subject.own_binaries}
     for platform in sorted({binary.platform for binary in subject.binaries} - named):

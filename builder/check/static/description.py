@@ -8,8 +8,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from datetime import datetime
 from itertools import pairwise
 
-from builder.check.description import Description, Variable
 from builder.check.rules import Faults, some
+from eightpost.fmi.description import Description, Variable
 
 # ---- Identity -------------------------------------------------------------------------------------------------------
 
@@ -190,9 +190,8 @@ def exchange(fmu: Description) -> Faults:
         yield "derivative-unlisted", some(unlisted, "not listed: ")
     reset = (v.name for v in fmu.variables if "reinit" in v.attributes and v.index not in states)
     yield "reinit", some(reset, "present on ")
-    text = fmu.attributes.get("numberOfEventIndicators", "0").strip()
-    if offered and not re.fullmatch(r"\d+", text, flags=re.ASCII):
-        yield "event-indicators", f"it is {text!r}"
+    if offered and not re.fullmatch(r"\d+", fmu.event_indicators, flags=re.ASCII):
+        yield "event-indicators", f"it is {fmu.event_indicators!r}"
     for unknown in fmu.in_section("Derivatives"):
         known = [v for v in fmu.named(unknown.dependencies or ()) if v.causality not in ("input", "independent")]
         yield (

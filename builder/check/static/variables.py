@@ -6,11 +6,11 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
 
-from builder.check.description import Description, Unit, Variable
 from builder.check.rules import Faults, listed, some
 from builder.check.static.description import doubled
 from eightpost import units
 from eightpost.errors import UnknownUnitError
+from eightpost.fmi.description import Description, Unit, Variable
 
 # ---- Names, value references, causalities, start values -------------------------------------------------------------
 
@@ -28,7 +28,7 @@ _BOOLEANS = ("true", "false", "0", "1")
 def variables(fmu: Description) -> Faults:
     """Yield faults of names, references, causalities, types and start values."""
     every = fmu.variables
-    names = [v.name for v in every] + [name for own in fmu.aliases.values() for name in own]
+    names = [v.name for v in every] + [alias.get("name", "") for v in every for alias in v.aliases]
     yield "variable-unique", some(doubled(names), "several variables are named ")
     yield from _aliases(fmu)
     for v in every:

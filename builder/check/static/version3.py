@@ -5,25 +5,25 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 
-from builder.check.description import BUILD, Description, Variable, whole_number
 from builder.check.rules import Faults, listed, some
 from builder.check.subject import Subject
+from eightpost.fmi.description import BUILD, Description, Variable, whole_number
 
 _INTERVALS = ("constant", "fixed", "tunable", "changing", "countdown", "triggered")
 
 
 def version_3(fmu: Description) -> Faults:
     """Yield faults of arrays, clocks, clocked states, aliases, the time, and the flags of updates and events."""
-    for name, dimensions in fmu.dimensions.items():
-        for number, dimension in enumerate(dimensions, 1):
+    for v in fmu.variables:
+        for number, dimension in enumerate(v.dimensions, 1):
             if fault := _fault_of_dimension(fmu, dimension):
-                yield "array-dimension", f"{name}, dimension {number}: {fault}"
-    for name, length in fmu.lengths.items():
-        variable = fmu.by_name.get(name)
-        if variable is None or variable.start is None or variable.type in ("String", "Binary") or length == 0:
+                yield "array-dimension", f"{v.name}, dimension {number}: {fault}"
+    for v in fmu.variables:
+        length = fmu.lengths.get(v.name, 0)
+        if v.start is None or v.type in ("String", "Binary") or length == 0:
             continue  # strings have elements of their own
-        if (count := len(variable.start.split())) not in (1, length):
-            yield "array-start-count", f"{name} has {count} start values for {length} elements"
+        if (count := len(v.start.split())) not in (1, length):
+            yield "array-start-count", f"{v.name} has {count} start values for {length} elements"
     for v in fmu.variables:
         clocks = v.attributes.get("clocks", "").split()
         yield "clock-reference", some((r for r in clocks if not _is_clock(fmu.variable(r))), f"{v.name} lists ")
@@ -32,10 +32,10 @@ def version_3(fmu: Description) -> Faults:
     for v in fmu.listed_in("ClockedStates"):
         yield "clocked-state", some(sorted({"previous", "clocks"} - v.attributes.keys()), f"{v.name} lacks ")
     displays = {unit.name: {display.get("name") for display in unit.displays} for unit in fmu.units}
-    for name, units in fmu.alias_units.items():
-        own = fmu.by_name[name].unit if name in fmu.by_name else None
-        odd = sorted(unit for unit in units if unit != own and unit not in displays.get(own or "", set()))
-        yield "alias-display-unit", some(odd, f"{name} is in {own!r}, its alias is displayed in ")
+    for v in fmu.variables:
+        units = (alias["displayUnit"] for alias in v.aliases if "displayUnit" in alias)
+        odd = sorted(unit for unit in units if unit != v.unit and unit not in displays.get(v.unit or "", set()))
+        yield "alias-display-unit", some(odd, f"{v.name} is in {v.unit!r}, its alias is displayed in ")
     times = (v for v in fmu.variables if v.causality == "independent" and v.type != "Real")
     yield "independent-type", some(f"{v.name} is {v.native}" for v in times)
     if fmu.co_simulation is not None:

@@ -8,11 +8,11 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
 
-from builder.check.version3 import FLAGS
+from eightpost.fmi.names import FLAGS
 
 TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
 
@@ -45,23 +45,26 @@ Attributes = Mapping[str, str]
 
 @dataclass(frozen=True)
 class Variable:
-    """One variable, with `initial` as written; `attributes` includes those inherited from the declared type.
+    """One variable, with everything as written."""
 
-    ModelStructure names a variable by `index`: its position in FMI 2.0, its value reference in FMI 3.0. `native` is the
-    type of FMI 3.0, such as Float64, or an empty string in FMI 2.0.
-    """
+    index: int  #: Number that ModelStructure uses: the position in FMI 2.0, the value reference in FMI 3.0.
+    name: str  #: Name of the variable.
+    reference: str  #: Value reference.
+    type: str  #: Type of FMI 2.0, which is the same for Float32 and Float64; empty if there is none.
+    causality: str  #: input, output, parameter ...; local if it is not written.
+    variability: str  #: continuous, discrete, tunable ...; the default of the standard if it is not written.
+    initial: str | None  #: exact, approx or calculated; None if it is not written.
+    description: str  #: Text about the variable.
+    attributes: Attributes  #: All other attributes, including those inherited from the declared type.
+    native: str = ""  #: Type of FMI 3.0, such as Float64; empty in FMI 2.0.
+    aliases: tuple[Attributes, ...] = ()  #: Attributes of its further names (FMI 3.0).
+    dimensions: tuple[Attributes, ...] = ()  #: Attributes of the dimensions of an array (FMI 3.0).
+    starts: tuple[str, ...] = ()  #: Start values of a String or Binary variable of FMI 3.0.
 
-    index: int
-    name: str
-    reference: str
-    type: str
-    causality: str
-    variability: str
-    initial: str | None
-    description: str
-    attributes: Attributes
-    native: str = ""
-    is_array: bool = False
+    @property
+    def is_array(self) -> bool:
+        """Whether it is an array."""
+        return bool(self.dimensions)
 
     @property
     def effective_initial(self) -> str | None:
@@ -125,30 +128,33 @@ class Unit:
 
 
 @dataclass(frozen=True)
+class Sources:
+    """What to compile: C files and folders of headers in sources/, and attributes of definitions."""
+
+    files: tuple[str, ...] = ()
+    folders: tuple[str, ...] = ()
+    definitions: tuple[Attributes, ...] = ()
+
+
+@dataclass(frozen=True)
 class Description:
-    """The content of modelDescription.xml, in the terms of FMI 2.0; `fmi` is the version, 2 or 3.
+    """The content of modelDescription.xml, in the terms of FMI 2.0."""
 
-    Only FMI 3.0 has `aliases` (further names of a variable), `alias_units` (their display units), `dimensions` of
-    arrays, and `lengths`, the numbers of their values; all are by the name of the variable.
-    """
-
-    fmi: int
-    attributes: Attributes
+    fmi: int  #: Version of FMI: 2 or 3.
+    attributes: Attributes  #: Attributes of the root element.
+    #: Attributes of CoSimulation and ModelExchange, those of FMI 3.0 also under their names in FMI 2.0.
     co_simulation: Attributes | None
     model_exchange: Attributes | None
-    source_files: tuple[str, ...]
-    exchange_source_files: tuple[str, ...]
-    units: tuple[Unit, ...]
-    types: Mapping[str, tuple[str, Attributes]]
-    categories: tuple[str, ...]
-    experiment: Attributes | None
-    variables: tuple[Variable, ...]
-    sections: frozenset[str]
-    unknowns: tuple[Unknown, ...]
-    aliases: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    alias_units: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    dimensions: Mapping[str, tuple[Attributes, ...]] = field(default_factory=dict)
-    lengths: Mapping[str, int] = field(default_factory=dict)
+    is_scheduled: bool  #: Whether it offers scheduled execution (FMI 3.0).
+    sources: Sources  #: What to compile for co-simulation.
+    exchange_sources: Sources  #: What to compile for model exchange.
+    units: tuple[Unit, ...]  #: Units.
+    types: Mapping[str, tuple[str, Attributes]]  #: Type and attributes of each type definition, by its name.
+    categories: tuple[str, ...]  #: Log categories.
+    experiment: Attributes | None  #: Attributes of the default experiment.
+    variables: tuple[Variable, ...]  #: Variables in their order.
+    sections: frozenset[str]  #: Sections that ModelStructure has.
+    unknowns: tuple[Unknown, ...]  #: Entries of ModelStructure.
 
     @property
     def identifier(self) -> str:
@@ -157,8 +163,22 @@ class Description:
 
     @property
     def guid(self) -> str:
-        """GUID as written."""
-        return self.attributes.get("guid", "")
+        """GUID, or instantiation token of FMI 3.0, as written."""
+        return self.attributes.get("guid" if self.fmi == 2 else "instantiationToken", "")
+
+    @cached_property
+    def lengths(self) -> Mapping[str, int]:
+        """Number of values of each array, by its name; 0 if it is not known or huge."""
+        sizes = {v.reference: v.start or "" for v in self.variables if v.causality == "structuralParameter"}
+        return {v.name: _length(v.dimensions, sizes) for v in self.variables if v.is_array}
+
+    @property
+    def event_indicators(self) -> str:
+        """Number of event indicators, as written in FMI 2.0."""
+        if self.fmi == 2:
+            return self.attributes.get("numberOfEventIndicators", "0").strip()
+        counts = {v.reference: self.lengths.get(v.name, 1) for v in self.variables}
+        return str(sum(counts.get(unknown.index, 1) for unknown in self.in_section("EventIndicators")))
 
     @property
     def output_derivative_order(self) -> int:
@@ -256,53 +276,37 @@ def read_description(root: ET.Element, build: ET.Element | None = None) -> Descr
     unknowns = [
         _unknown(name, e, index) for name, tag in sections.items() for e in root.iterfind(f"ModelStructure/{tag}")
     ]
-    found = list(root.iterfind("ModelVariables/*" if is_3 else "ModelVariables/ScalarVariable"))
-    read = _variable_3 if is_3 else _variable_2
-    variables = [read(number, e, types) for number, e in enumerate(found, 1) if not is_3 or e.tag in OLD_TYPES]
-    co_simulation, model_exchange = (_interface(root.find(kind), is_3) for kind in ("CoSimulation", "ModelExchange"))
-    sources = [_sources(root, kind, build) for kind in ("CoSimulation", "ModelExchange")]
+    if is_3:
+        variables = [_variable_3(e, types) for e in root.iterfind("ModelVariables/*") if e.tag in OLD_TYPES]
+    else:
+        found = root.iterfind("ModelVariables/ScalarVariable")
+        variables = [_variable_2(number, e, types) for number, e in enumerate(found, 1)]
+    kinds = ("CoSimulation", "ModelExchange")
+    co_simulation, model_exchange = (_interface(root.find(kind), is_3) for kind in kinds)
+    sources, exchange_sources = (_sources(root, kind, build) for kind in kinds)
     present = {unknown.section for unknown in unknowns}
     if not is_3:
         present = {name for name in sections if root.find(f"ModelStructure/{name}") is not None}
-    description = Description(
+    return Description(
         fmi=3 if is_3 else 2,
         attributes=dict(root.attrib),
         co_simulation=co_simulation,
         model_exchange=model_exchange,
-        source_files=sources[0],
-        exchange_source_files=sources[1],
+        is_scheduled=root.find("ScheduledExecution") is not None,
+        sources=sources,
+        exchange_sources=exchange_sources,
         units=tuple(_unit(e) for e in root.iterfind("UnitDefinitions/Unit")),
         types=types,
-        categories=tuple(e.get("name", "") for e in root.iterfind("LogCategories/Category")),
+        categories=_named(root.iterfind("LogCategories/Category")),
         experiment=_attributes(root.find("DefaultExperiment")),
         variables=tuple(variables),
         sections=frozenset(present),
         unknowns=tuple(unknowns),
     )
-    return _with_arrays_and_aliases(description, {e.get("name", ""): e for e in found}) if is_3 else description
-
-
-def _with_arrays_and_aliases(fmu: Description, elements: Mapping[str, ET.Element]) -> Description:
-    sizes = {v.reference: v.start or "" for v in fmu.variables if v.causality == "structuralParameter"}
-    arrays = {name: tuple(dict(d.attrib) for d in e.iterfind("Dimension")) for name, e in elements.items()}
-    lengths = {name: _length(dimensions, sizes) for name, dimensions in arrays.items() if dimensions}
-    counts = {v.reference: lengths.get(v.name, 1) for v in fmu.variables}
-    indicators = sum(counts.get(unknown.index, 1) for unknown in fmu.in_section("EventIndicators"))
-    of_2 = {"guid": fmu.attributes.get("instantiationToken", ""), "numberOfEventIndicators": str(indicators)}
-    aliases = {name: list(e.iterfind("Alias")) for name, e in elements.items()}
-    units = {n: tuple(a.attrib["displayUnit"] for a in own if "displayUnit" in a.attrib) for n, own in aliases.items()}
-    return replace(
-        fmu,
-        attributes={**fmu.attributes, **of_2},
-        aliases={name: tuple(alias.get("name", "") for alias in own) for name, own in aliases.items()},
-        alias_units={name: own for name, own in units.items() if own},
-        dimensions={name: dimensions for name, dimensions in arrays.items() if dimensions},
-        lengths=lengths,
-    )
 
 
 def _length(dimensions: tuple[Attributes, ...], sizes: Attributes) -> int:
-    """Return the number of values, with structural parameters at their start values; 0 if it is not known or huge."""
+    """Return the number of values, with structural parameters at their start values."""
     texts = [d.get("start") or sizes.get(d.get("valueReference", ""), "") for d in dimensions]
     length = prod(whole_number(text.strip()) or 0 for text in texts)
     return length if length <= _MOST_VALUES else 0
@@ -316,13 +320,24 @@ def _interface(element: ET.Element | None, is_3: bool) -> Attributes | None:
     return stated | {FLAGS[name]: value for name, value in stated.items() if name in FLAGS}
 
 
-def _sources(root: ET.Element, kind: str, build: ET.Element | None) -> tuple[str, ...]:
-    files, interface = list(root.iterfind(f"{kind}/SourceFiles/File")), root.find(kind)
-    if is_version_3(root):
-        name = None if interface is None else interface.get("modelIdentifier")
-        parts = [] if build is None or interface is None else build.findall("BuildConfiguration")
-        files = [f for e in parts if e.get("modelIdentifier") == name for f in e.iterfind("SourceFileSet/SourceFile")]
-    return tuple(file.get("name", "") for file in files)
+def _sources(root: ET.Element, kind: str, build: ET.Element | None) -> Sources:
+    interface = root.find(kind)
+    if not is_version_3(root):
+        return Sources(_named(root.iterfind(f"{kind}/SourceFiles/File")))
+    if build is None or interface is None:
+        return Sources()
+    name = interface.get("modelIdentifier")
+    parts = [part for part in build.findall("BuildConfiguration") if part.get("modelIdentifier") == name]
+    sets = [files for part in parts for files in part.iterfind("SourceFileSet")]
+    return Sources(
+        _named(e for files in sets for e in files.iterfind("SourceFile")),
+        _named(e for files in sets for e in files.iterfind("IncludeDirectory")),
+        tuple(dict(e.attrib) for files in sets for e in files.iterfind("PreprocessorDefinition")),
+    )
+
+
+def _named(elements: Iterable[ET.Element]) -> tuple[str, ...]:
+    return tuple(element.get("name", "") for element in elements)
 
 
 def _types(root: ET.Element) -> Iterator[tuple[str, tuple[str, Attributes]]]:
@@ -347,14 +362,16 @@ def _variable_2(number: int, element: ET.Element, types: _Types) -> Variable:
     return _variable(element, number, kind, "continuous", attributes, types)
 
 
-def _variable_3(_number: int, element: ET.Element, types: _Types) -> Variable:
+def _variable_3(element: ET.Element, types: _Types) -> Variable:
     number, attributes = whole_number(element.get("valueReference", "")), dict(element.attrib)
-    if (start := element.find("Start")) is not None:
-        attributes["start"] = start.get("value", "")
+    starts = tuple(start.get("value", "") for start in element.iterfind("Start"))
+    if starts:
+        attributes["start"] = starts[0]
     usual = "continuous" if element.tag in ("Float32", "Float64") else "discrete"
     usual = "fixed" if element.get("causality") in _PARAMETERS else usual
     plain = _variable(element, -1 if number is None else number, OLD_TYPES[element.tag], usual, attributes, types)
-    return replace(plain, native=element.tag, is_array=element.find("Dimension") is not None)
+    aliases, dimensions = (tuple(dict(e.attrib) for e in element.iterfind(name)) for name in ("Alias", "Dimension"))
+    return replace(plain, native=element.tag, aliases=aliases, dimensions=dimensions, starts=starts)
 
 
 def _variable(
