@@ -39,10 +39,8 @@ class FunctionTable:
     keep: Any = None
 
 
-#: FMI names of a table's functions, in the order of its fields.
-FUNCTIONS = (
-    "SetReal", "SetRealInputDerivatives", "DoStep", "GetReal", "GetFMUstate", "SetFMUstate", "FreeFMUstate",
-)  # fmt: skip
+#: FMI names of the functions in a table that the loop calls directly, in the order of its fields.
+FUNCTIONS = ("SetReal", "SetRealInputDerivatives", "DoStep", "GetReal", "GetFMUstate", "SetFMUstate")
 
 
 @runtime_checkable
