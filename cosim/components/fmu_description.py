@@ -43,7 +43,7 @@ def read_description(path: Path, folder: Path) -> Description:
         _check_numbers(description)
     except (ET.ParseError, ValueError, LookupError) as error:
         raise FmuError(f"{path}: its modelDescription.xml cannot be read ({error})") from error
-    version = description.attributes.get("fmiVersion", "")
+    version = description.attributes.get("fmiVersion", "(version not stated)")
     if not version.startswith(("2.", "3.")):
         raise FmuError(f"{path}: is an FMI {version} FMU; export it as FMI 2.0 or 3.0 for co-simulation")
     if description.co_simulation is None and description.is_scheduled:

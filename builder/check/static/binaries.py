@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import PurePosixPath
 
 from builder.check.rules import Faults, listed, some
-from builder.check.static.functions import FUNCTIONS
 from builder.check.subject import Binary, Subject
 from eightpost.fmi.description import Description
+from eightpost.fmi.functions import names
 
 #: Format and processors by folder: names of FMI 2.0, and of FMI 3.0 with their older spellings.
 _PLATFORMS = {
@@ -29,6 +29,26 @@ _SYSTEM_ELF = ("libc.so", "libm.so", "ld-linux")
 _SYSTEM_DLL = ("api-ms-win-", "kernel32", "user32", "advapi32", "ntdll", "ucrtbase", "ws2_32", "shell32", "ole32")
 #: Symbols that linkers add.
 _LINKER = {"__dso_handle", "_mh_dylib_header", "_init", "_fini", "__bss_start", "_edata", "_end", "_DYNAMIC"}
+#: Functions that a flag of CoSimulation requires, by version of FMI and the flag's name in FMI 2.0.
+_PROMISED = {
+    2: {
+        "canGetAndSetFMUstate": "GetFMUstate SetFMUstate FreeFMUstate",
+        "canSerializeFMUstate": "SerializedFMUstateSize SerializeFMUstate DeSerializeFMUstate",
+        "providesDirectionalDerivative": "GetDirectionalDerivative",
+        "canInterpolateInputs": "SetRealInputDerivatives",
+        "canRunAsynchronuously": "CancelStep GetStatus",
+    },
+    3: {
+        "canGetAndSetFMUstate": "GetFMUState SetFMUState FreeFMUState",
+        "canSerializeFMUstate": "SerializedFMUStateSize SerializeFMUState DeserializeFMUState",
+        "providesDirectionalDerivative": "GetDirectionalDerivative",
+        "providesAdjointDerivatives": "GetAdjointDerivative",
+        "hasEventMode": "EnterEventMode EnterStepMode UpdateDiscreteStates",
+        "providesPerElementDependencies": "GetNumberOfVariableDependencies GetVariableDependencies",
+    },
+}
+#: Function that an order of output derivatives requires.
+_ORDER = {2: "GetRealOutputDerivatives", 3: "GetOutputDerivatives"}
 _RUNTIMES = ("python", "jvm", "mono", "coreclr", "mclmcrrt", "octave", "libmx")
 
 
@@ -78,19 +98,27 @@ def _readability(binary: Binary, fmu: Description) -> tuple[str, str]:
 
 
 def _exports(subject: Subject, fmu: Description, sound: list[Binary]) -> Faults:
-    functions = FUNCTIONS[fmu.fmi]
-    required = functions.required(fmu)
+    required, co_simulation = _required(fmu), names(fmu.fmi, "all", "cs", "optional")
     for binary in sound:
         found, lacks = binary.exports_without(fmu.identifier), f"{binary.name} lacks "
         yield "exports", some(sorted(required - found), lacks)
-        yield "exports-all", some(sorted(functions.co_simulation - required - found), lacks)
-        if other := sorted(found - functions.exportable - _LINKER):
+        yield "exports-all", some(sorted(co_simulation - required - found), lacks)
+        if other := sorted(found - names(fmu.fmi) - _LINKER):
             yield "exports-only", f"{binary.name} exports {len(other)} more: {listed(other, most=4)}"
     identifier = (fmu.model_exchange or {}).get("modelIdentifier", "")
     for binary in subject.binaries if fmu.model_exchange is not None else ():
         if not binary.fault and PurePosixPath(binary.name).stem == identifier:
-            missing = sorted(functions.names(functions.exchange) - binary.exports_without(identifier))
+            missing = sorted(names(fmu.fmi, "all", "me") - binary.exports_without(identifier))
             yield "exports", some(missing, f"{binary.name} lacks ", ", which ModelExchange needs")
+
+
+def _required(fmu: Description) -> frozenset[str]:
+    """Return the functions that the binary must export: those of every FMU, and those of its flags and types."""
+    words = [words for flag, words in _PROMISED[fmu.fmi].items() if fmu.can(flag)]
+    words += [_ORDER[fmu.fmi]] if fmu.output_derivative_order else []
+    natives = {"Int64" if v.native == "Enumeration" else v.native for v in fmu.variables if v.native}
+    words += [f"Get{native} Set{native}" for native in natives]
+    return names(fmu.fmi, "all", "cs") | {f"fmi{fmu.fmi}{word}" for word in " ".join(words).split()}
 
 
 def _is_system(library: str, binary: Binary) -> bool:
