@@ -22,6 +22,7 @@ from eightpost.vehicle.modal import modal_form
 # ---- The C sources of one FMU ---------------------------------------------------------------------------------------
 
 COMMON = (
+    "calls.h",
     "component.h",
     "derivatives.c",
     "elementary.c",
@@ -32,6 +33,7 @@ COMMON = (
     "instance.h",
     "lifecycle.c",
     "logging.c",
+    "memory.c",
     "message.c",
     "message.h",
     "model_exchange.c",
@@ -40,6 +42,7 @@ COMMON = (
     "refusals.c",
     "state_check.c",
     "step.c",
+    "update.c",
     "variables.c",
     "wide.h",
 )

@@ -143,7 +143,7 @@ def in_either(entry: Mapping[str, str]) -> Change:
 
 def after_step(code: str, declare: str) -> Change:
     """Return an addition of C to the end of every successful step; `declare` goes to the top of the file."""
-    header, stepped = b'#include "instance.h"', b"c->memory.time = time + h;"
+    header, stepped = b'#include "calls.h"', b"c->memory.time = time + h;"
 
     def change(members: Members) -> None:
         text = members["sources/step.c"]
