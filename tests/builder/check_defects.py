@@ -1,7 +1,6 @@
 """Seeded defects for tests of `check`: changes of the members of a native FMU of FMI 2.0 or 3.0, and their compilation.
 
-Defects are entries of check_defects*.toml. The tests import this module with `importlib`, because the folders of tests
-are not packages.
+Defects are entries of check_defects*.toml.
 """
 
 from __future__ import annotations

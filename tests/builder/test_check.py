@@ -1,6 +1,5 @@
 """`check` passes clean FMUs, reports the defects of others, and never fails because of an FMU's behaviour."""
 
-import importlib.util
 import json
 import os
 import re
@@ -24,18 +23,7 @@ from eightpost.errors import EightpostError, FmuError
 from eightpost.shock import LAWS
 from eightpost.units import SI_UNITS, si_exponents
 
-
-def _beside(name):
-    """Import a module from the folder of this file."""
-    module_name = f"eightpost_tests_{name}"
-    if module_name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(module_name, Path(__file__).with_name(f"{name}.py"))
-        module = sys.modules[module_name] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    return sys.modules[module_name]
-
-
-foreign_fmu = _beside("check_defects").foreign_fmu
+from .check_defects import foreign_fmu
 
 QUICK = tuple(group for group in GROUPS if group not in ("rebuild", "version_3"))
 

@@ -5,33 +5,17 @@ Defects of XML files and of the C code are in check_defects_version3.toml; defec
 
 from __future__ import annotations
 
-import importlib.util
 import re
-import sys
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
 import builder.check
 from builder.check import check
 
+from . import check_defects as defects
+from .check_defects import Defect, edited, member, moved, without
 
-def _beside(name: str) -> ModuleType:
-    """Import a module from the folder of this file."""
-    module_name = f"eightpost_tests_{name}"
-    if module_name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(module_name, Path(__file__).with_name(f"{name}.py"))
-        assert spec is not None and spec.loader is not None
-        module = sys.modules[module_name] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    return sys.modules[module_name]
-
-
-defects = _beside("check_defects")
-Defect, both, edited, member, moved, without = (
-    defects.Defect, defects.both, defects.edited, defects.member, defects.moved, defects.without,
-)  # fmt: skip
 TABLES = defects.read_tables("check_defects_version3.toml")
 
 BINARY, BUILD = "binaries/x86_64-linux/lpnl2.so", "sources/buildDescription.xml"

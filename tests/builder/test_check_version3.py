@@ -1,11 +1,8 @@
 """`check` passes clean FMUs of FMI 3.0, of ours and of others, and never fails because of a damaged description."""
 
-import importlib.util
 import json
-import sys
 import xml.etree.ElementTree as ET
 import zipfile
-from pathlib import Path
 from random import Random
 
 import pytest
@@ -29,19 +26,9 @@ from eightpost.fmi.description import read_description
 from eightpost.shock import LAWS
 from eightpost.vehicle import Friction, IdentifiedVehicle, read_vehicle, shipped, write_vehicle
 
+from . import check_defects as defects
+from .check_defects import XML
 
-def _beside(name):
-    """Import a module from the folder of this file."""
-    module_name = f"eightpost_tests_{name}"
-    if module_name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(module_name, Path(__file__).with_name(f"{name}.py"))
-        module = sys.modules[module_name] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    return sys.modules[module_name]
-
-
-defects = _beside("check_defects")
-XML = defects.XML
 QUICK = tuple(group for group in GROUPS if group != "rebuild")
 
 
