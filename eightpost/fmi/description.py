@@ -50,7 +50,7 @@ class Variable:
     index: int  #: Number that ModelStructure uses: the position in FMI 2.0, the value reference in FMI 3.0.
     name: str  #: Name of the variable.
     reference: str  #: Value reference.
-    type: str  #: Type of FMI 2.0, which is the same for Float32 and Float64; empty if there is none.
+    type: str  #: Type of FMI 2.0, which is the same for Float32 and Float64; empty if it is not written.
     causality: str  #: input, output, parameter ...; local if it is not written.
     variability: str  #: continuous, discrete, tunable ...; the default of the standard if it is not written.
     initial: str | None  #: exact, approx or calculated; None if it is not written.
