@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
-from builder.documents import Disclosure
+from builder.documents.reference import Disclosure
 from builder.documents.validity import validity_of
 from builder.fmu.interface import Interface
 from builder.fmu.product import Product, shock_product, vehicle_product

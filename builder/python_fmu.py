@@ -20,7 +20,7 @@ from typing import Any
 
 import eightpost.shock
 import eightpost.vehicle.friction
-from builder.documents import Disclosure, Subject, documents
+from builder.documents.reference import Disclosure, Subject
 from builder.fmu.description import Description, content_guid, model_description
 from builder.fmu.interface import friction_ports, source_folder, spring_ports
 from builder.fmu.product import Product
@@ -62,6 +62,8 @@ def python_fmu(product: Product) -> dict[str, bytes]:
         staged = _stage(slave, Path(folder))
         members = _pack(staged, Path(folder) / "out")
     subject = Subject(product.identifier, product.text, product.interface, source)
+    from builder.documents.archive import documents  # noqa: PLC0415 -- drawing starts slowly
+
     members |= documents(subject, disclosure=Disclosure.FULL)
     _describe(product, members)
     return members

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from builder.documents import Disclosure
+from builder.documents.reference import Disclosure
 from builder.documents.validity import combined_member, validity_of
 from builder.fmu.product import shock_product, vehicle_product
 from builder.native.native_fmu import without_binaries

@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import io
+import pickle
+import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
 
-from builder.documents import SECRET, Disclosure, Subject, documents
+import builder
+import eightpost
+from builder.documents.reference import SECRET, Disclosure, Subject
 from builder.fmu.description import Description, content_guid, model_description
 from builder.fmu.interface import Interface, source_folder
 from builder.fmu.product import Product
@@ -15,9 +23,13 @@ from builder.native.tables import interface_header, interface_source, layout
 from builder.native.toolchain import Library, Toolchain, compile_libraries
 from builder.native.vehicle_data import kept_numbers, vehicle_data
 from eightpost import __version__
+from eightpost.cache import digest, keep, recall
 from eightpost.progress import Progress
 from eightpost.shock import Shock
 from eightpost.vehicle.modal import modal_form
+
+#: Endings of the program's files that an FMU depends on.
+_PROGRAM = (".py", ".c", ".h", ".css", ".html", ".js", ".txt", ".toml", ".json")
 
 # ---- The C sources of one FMU ---------------------------------------------------------------------------------------
 
@@ -54,6 +66,7 @@ VEHICLE = (
     "factors.h",
     "modal.h",
     "phi.h",
+    "friction.h",
     "port_forces.h",
     "rates.c",
     "steady_state.h",
@@ -157,7 +170,52 @@ def compiled(
 
 
 def without_binaries(product: Product, disclosure: Disclosure = Disclosure.FULL, fmi: int = 2) -> Source:
-    """Return a product's FMU of an FMI version, 2 or 3, without its binaries."""
+    """Return a product's FMU of an FMI version, 2 or 3, without its binaries.
+
+    Its pictures and texts take long, so it is kept in the cache.
+    """
+    key = digest((pickle.dumps((product, disclosure, fmi)), *_program()))
+    kept = recall("fmus", key)
+    if kept is None:
+        made = _without_binaries(product, disclosure, fmi)
+        keep("fmus", key, _packed({"members": made.members, "sources": made.library.sources}))
+        return made
+    found = _unpacked(kept)
+    is_wide = not isinstance(product.source, Shock)
+    library = Library(product.identifier, found["sources"], is_one_unit=True, is_wide=is_wide, fmi=fmi)
+    return Source(found["members"], library)
+
+
+@cache
+def _program() -> tuple[bytes, ...]:
+    """Return what an FMU depends on besides its product: files of the program, and versions of libraries."""
+    folders = [Path(package.__file__ or "").parent for package in (builder, eightpost)]
+    files = sorted(path for folder in (*folders, source_folder()) for path in folder.rglob("*.*"))
+    versions = (version(name).encode() for name in ("matplotlib", "numpy"))
+    return (*versions, *(path.read_bytes() for path in files if path.suffix in _PROGRAM))
+
+
+def _packed(parts: Mapping[str, Mapping[str, bytes]]) -> bytes:
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        for part, files in parts.items():
+            for name, file in files.items():
+                archive.writestr(f"{part}/{name}", file)
+    return content.getvalue()
+
+
+def _unpacked(content: bytes) -> dict[str, dict[str, bytes]]:
+    found: dict[str, dict[str, bytes]] = {}
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        for path in archive.namelist():
+            part, _, name = path.partition("/")
+            found.setdefault(part, {})[name] = archive.read(path)
+    return found
+
+
+def _without_binaries(product: Product, disclosure: Disclosure, fmi: int) -> Source:
+    from builder.documents.archive import documents  # noqa: PLC0415 -- drawing starts slowly, and most FMUs are kept
+
     visible = _visible(product.interface, disclosure)
     # By default, a shock has the name of its record, which is confidential.
     text = product.text if disclosure is Disclosure.FULL else visible.description

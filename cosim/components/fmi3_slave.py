@@ -36,7 +36,10 @@ _KINDS = {
 _LOOP = {
     "set_double": "SetFloat64", "get_double": "GetFloat64", "set_single": "SetFloat32", "get_single": "GetFloat32",
     "do_step": "DoStep", "save": "GetFMUState", "restore": "SetFMUState",
+    "derive": "GetDirectionalDerivative",
 }  # fmt: skip
+#: Functions of the loop that a library may lack.
+_OPTIONAL = ("GetFMUstate", "SetFMUstate", "GetDirectionalDerivative")
 _REFUSING = blocks.EXCHANGE_SIZED(lambda *_: ERROR)
 _INTEGERS = (-(1 << 31), (1 << 31) - 1)
 
@@ -143,7 +146,7 @@ class FMU3Elements(fmi3.FMU3Slave):  # type: ignore[misc]  # fmpy has no types; 
 
     def addresses(self) -> tuple[int, dict[str, int]]:
         """Return the instance and the addresses of the functions for the loop; 0 for a missing one."""
-        lacking = [n for n in FUNCTIONS if n.endswith("FMUstate") and not self.dll.has(f"fmi3{function_name(n)}")]
+        lacking = [n for n in _OPTIONAL if not self.dll.has(f"fmi3{function_name(n)}")]
         found = {n: 0 if n in lacking else address_of(self._functions_of_2[n]) for n in FUNCTIONS}
         return self._block.address, found
 

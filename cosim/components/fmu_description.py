@@ -183,6 +183,12 @@ class Rows:
         return bool(self._continuous_inputs) and all(row.during_steps for row in self._continuous_inputs)
 
     @property
+    def derives_all(self) -> bool:
+        """Whether all real inputs and outputs are scalars of doubles, as the loop needs it for derivatives."""
+        ports = (row for row in self.rows if row.is_real and row.written.causality in ("input", "output"))
+        return all(row.type == "Float64" and not row.shape for row in ports)
+
+    @property
     def _continuous_inputs(self) -> tuple[Row, ...]:
         return tuple(row for row in self.rows if row.written.causality == "input" and row.written.is_continuous_real)
 

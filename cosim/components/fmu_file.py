@@ -173,6 +173,7 @@ class FmuFile:
             interpolates_inputs=can("canInterpolateInputs") and (self.version == 2 or self.rows.ramps_all),
             variable_step=can("canHandleVariableCommunicationStepSize"),
             state=can("canGetAndSetFMUstate"),
+            derivatives=can("providesDirectionalDerivative") and (self.version == 2 or self.rows.derives_all),
         )
 
     @cached_property

@@ -138,6 +138,7 @@ class FmuInstance:
             get_real=found["GetReal"],
             save=found["GetFMUstate"],
             restore=found["SetFMUstate"],
+            derive=found["GetDirectionalDerivative"],
             free=0 if self.slave.missing(["FreeFMUstate"]) else address_of(free),
             instance=instance,
             references=self.fmu.rows.references,

@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 
 from eightpost.array_types import Array
+from eightpost.cache import digest, keep, recall
 from eightpost.errors import InputError
 from eightpost.signals import TimeSeries
 
@@ -187,15 +188,26 @@ def band_pass(values: Array, rate: float, band: tuple[float, float], what: str) 
 
 @lru_cache(maxsize=64)
 def sections_of(low: float, high: float, rate: float) -> Sections | None:
-    """Return the filter, or None if both sides are open."""
+    """Return the filter, or None if both sides are open; it is in the cache, because scipy.signal starts slowly."""
+    if low <= 0.0 and not np.isfinite(high):
+        return None
+    key = digest((scipy.__version__, str(_ORDER), low.hex(), high.hex(), rate.hex()))
+    kept = recall("filters", key)
+    if kept is None:
+        designed = _designed(low, high, rate)
+        keep("filters", key, np.hstack((designed.rows, designed.rest)).astype("<f8").tobytes())
+        return designed
+    rows = np.frombuffer(kept, dtype="<f8").reshape(-1, 8)
+    return Sections(rows[:, :6].copy(), rows[:, 6:].copy())
+
+
+def _designed(low: float, high: float, rate: float) -> Sections:
     if low > 0.0 and np.isfinite(high):
         rows = scipy.signal.butter(_ORDER, (low, high), btype="bandpass", fs=rate, output="sos")
     elif low > 0.0:
         rows = scipy.signal.butter(_ORDER, low, btype="highpass", fs=rate, output="sos")
-    elif np.isfinite(high):
-        rows = scipy.signal.butter(_ORDER, high, btype="lowpass", fs=rate, output="sos")
     else:
-        return None
+        rows = scipy.signal.butter(_ORDER, high, btype="lowpass", fs=rate, output="sos")
     return Sections(np.asarray(rows), np.asarray(scipy.signal.sosfilt_zi(rows)))
 
 

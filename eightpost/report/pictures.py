@@ -22,13 +22,12 @@ with needs("report", "drawing pictures"):
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
     from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
     from matplotlib.ticker import LogLocator, NullLocator
 
 __all__ = [
-    "Axes", "Circle", "FancyBboxPatch", "Figure", "Picture", "Rectangle", "color_cells", "color_legend", "drawable",
-    "new_figure", "panels_of", "plain_style", "plain_text", "png", "save", "save_for_print", "ticks_at_1_2_5",
+    "Axes", "Circle", "FancyBboxPatch", "Figure", "Picture", "Rectangle", "color_cells", "drawable",
+    "new_figure", "panels_of", "plain_style", "plain_text", "png", "save", "ticks_at_1_2_5",
 ]  # fmt: skip
 
 
@@ -83,12 +82,6 @@ def color_cells(axes: Axes, numbers: Array, colors: Sequence[str]) -> None:
     """Draw a matrix of the numbers 1, 2, ... as cells in the first, the second, ... colour."""
     colored = ListedColormap(list(colors))
     axes.imshow(numbers, cmap=colored, vmin=0.5, vmax=len(colors) + 0.5, aspect="auto")
-
-
-def color_legend(figure: Figure, names: Sequence[str], colors: Sequence[str], title: str) -> None:
-    """Draw a legend of colours above the panels."""
-    marks = [Line2D([], [], color=color, marker="o", ls="", ms=5) for color in colors]
-    figure.legend(marks, names, title=title, loc="outside upper center", ncols=8, frameon=False, fontsize=8)
 
 
 def ticks_at_1_2_5(axes: Axes) -> None:
@@ -153,13 +146,3 @@ class Picture:
 
 #: Resolution of a picture in a notebook [1/in].
 _SCREEN = 72
-
-
-def save_for_print(figure: Figure, stem: Path) -> list[Path]:
-    """Save a figure as PNG and SVG and return the files; the same figure gives the same bytes."""
-    files = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("png", "svg")]
-    with matplotlib.rc_context({"svg.hashsalt": stem.name, "svg.fonttype": "none"}):
-        for path in files:
-            save(figure, path, dpi=200, metadata={"Date": None} if path.suffix == ".svg" else None)
-            figure.set_layout_engine("none")  # keep the layout of the first file
-    return files

@@ -24,6 +24,13 @@ static inline real polynomial(const real *coefficients, int count, real s)
     return (sum[0] + s * sum[1]) + square * (sum[2] + s * sum[3]);
 }
 
+/* A value over a parameter; in lanes times its reciprocal, which is known. */
+#ifdef EIGHTPOST_LANES
+#define RATIO(value, p, name) ((value) * (p)->per_##name)
+#else
+#define RATIO(value, p, name) ((value) / (p)->name)
+#endif
+
 static inline real size_of(real value)
 {
     return either(value < 0.0, -value, value);
@@ -37,18 +44,18 @@ static inline real outer_share(const Parameters *p, real apart)
     if (in_every(one_of(is_outer, is_inner))) {
         return either(is_outer, uniform(1.0), uniform(0.0));
     }
-    return either(is_outer, uniform(1.0), either(is_inner, uniform(0.0), apart / p->curve_transition_width + 0.5));
+    return either(is_outer, uniform(1.0), either(is_inner, uniform(0.0), RATIO(apart, p, curve_transition_width) + 0.5));
 }
 
 static inline real inner_force(const Parameters *p, real v)
 {
-    const real s = v / p->curve_transition_speed;
+    const real s = RATIO(v, p, curve_transition_speed);
     return s * polynomial(p->curve_inner, INNER, s);
 }
 
 static inline real outer_force(const Parameters *p, real v)
 {
-    const real s = (size_of(v) - p->curve_transition_speed) / p->curve_transition_speed;
+    const real s = RATIO(size_of(v) - p->curve_transition_speed, p, curve_transition_speed);
     const truth compressed = v > 0.0;
     real force = uniform(0.0);
     if (in_any(compressed)) {
@@ -64,7 +71,7 @@ static inline truth has_knots(const Parameters *p)
 
 #ifndef EIGHTPOST_LANES
 /* The index of the last knot that is not above a velocity, from 0 to KNOTS - 2, by bisection. */
-static inline Index cell_of(const real *knots, real v)
+static inline int cell_of(const double *knots, double v)
 {
     int low = 0, high = KNOTS - 1;
     while (high - low > 1) {
@@ -77,41 +84,40 @@ static inline Index cell_of(const real *knots, real v)
     }
     return low;
 }
-#else
-/* The same by counting, which is faster for several velocities at once. */
-static inline Index cell_of(const real *knots, real v)
-{
-    Index low = {0};
-    for (int k = 1; k < KNOTS - 1; k++) {
-        low -= v >= knots[k]; /* a comparison is -1 where it is true */
-    }
-    return low;
-}
-#endif
 
 /* A cell between two knots: its width, the rise of the force, and width times slope at both ends. */
 typedef struct {
-    real width, rise, start, end;
-    real x; /* place of a velocity in the cell, from 0 to 1 */
-    real force; /* at the start */
+    double width, rise, start, end;
+    double x; /* place of a velocity in the cell, from 0 to 1 */
+    double force; /* at the start */
 } Cell;
 
-static inline Cell cell_at(const Parameters *p, real v)
+static inline Cell cell_at(const Parameters *p, double v)
 {
-    const real *knots = p->curve_knot_velocity, *forces = p->curve_knot_force, *slopes = p->curve_knot_slope;
-    const Index k = cell_of(knots, v);
-    const real left = chosen(knots, k), force = chosen(forces, k), width = chosen(knots, k + 1) - left;
-    const Cell cell = {
-        width, chosen(forces, k + 1) - force, width * chosen(slopes, k), width * chosen(slopes, k + 1), (v - left) / width, force,
-    };
+    const double *knots = p->curve_knot_velocity, *forces = p->curve_knot_force, *slopes = p->curve_knot_slope;
+    const int k = cell_of(knots, v);
+    const double left = knots[k], force = forces[k], width = knots[k + 1] - left;
+    const Cell cell = {width, forces[k + 1] - force, width * slopes[k], width * slopes[k + 1], (v - left) / width, force};
     return cell;
 }
 
-static APART real force_through_knots(const Parameters *p, real v)
+/* The coefficients of the force in the square and the cube of x. */
+static inline double bend_of(const Cell *c)
+{
+    return 3.0 * c->rise - 2.0 * c->start - c->end;
+}
+
+static inline double twist_of(const Cell *c)
+{
+    return c->start + c->end - 2.0 * c->rise;
+}
+
+static inline double force_through_knots(const Parameters *p, double v)
 {
     const Cell c = cell_at(p, v);
-    return c.force + c.x * (c.start + c.x * ((3.0 * c.rise - 2.0 * c.start - c.end) + c.x * (c.start + c.end - 2.0 * c.rise)));
+    return c.force + c.x * (c.start + c.x * (bend_of(&c) + c.x * twist_of(&c)));
 }
+#endif
 
 static inline real force_of_polynomials(const Parameters *p, real v)
 {
@@ -128,14 +134,15 @@ static inline real force_of_polynomials(const Parameters *p, real v)
     return in_every(is_outer) ? outer : either(is_inner, inner, either(is_outer, outer, (1.0 - share) * inner + share * outer));
 }
 
+/* Lanes know the cubics between knots (machine/cells.c). */
 static inline real fitted_force(const Parameters *p, real v)
 {
-    const truth knots = has_knots(p);
-    if (!in_any(knots)) {
-        return force_of_polynomials(p, v);
+#ifndef EIGHTPOST_LANES
+    if (has_knots(p)) {
+        return force_through_knots(p, v);
     }
-    const real force = force_through_knots(p, v);
-    return in_every(knots) ? force : either(knots, force, force_of_polynomials(p, v));
+#endif
+    return force_of_polynomials(p, v);
 }
 
 static inline truth is_beyond_fit(const Parameters *p, real v)
@@ -186,7 +193,7 @@ static inline double polynomial_slope(const double *coefficients, int count, dou
 static inline double slope_through_knots(const Parameters *p, double v)
 {
     const Cell c = cell_at(p, v);
-    const double bend = 2.0 * (3.0 * c.rise - 2.0 * c.start - c.end), twist = 3.0 * (c.start + c.end - 2.0 * c.rise);
+    const double bend = 2.0 * bend_of(&c), twist = 3.0 * twist_of(&c);
     return (c.start + c.x * (bend + c.x * twist)) / c.width;
 }
 

@@ -22,26 +22,34 @@ static inline real signed_like(real size, real sign)
 
 /* ---- The curve of the lagged velocity ------------------------------------------------------------------------------------ */
 
+#ifndef EIGHTPOST_LANES
 /* f1 [N]: the integral of the slopes c, which are linear between knots and constant beyond. */
-static real lagged_curve(const Parameters *p, real v)
+static double lagged_curve(const Parameters *p, double v)
 {
-    const real *knots = p->curve_knot_velocity, *c = p->curve_lagged_slope;
-    const real low = either(v > knots[0], v, knots[0]), inside = either(low < knots[KNOTS - 1], low, knots[KNOTS - 1]);
-    const Index k = cell_of(knots, inside);
-    const real left = chosen(knots, k), right = chosen(knots, k + 1), first = chosen(c, k), second = chosen(c, k + 1);
-    const real bend = (second - first) / (right - left);
-    const truth compressed = inside >= 0.0;
-    real force = uniform(0.0);
-    for (int j = MIDDLE; in_any(both_of(compressed, k > j)); j++) {
-        force = either(both_of(compressed, k > j), force + 0.5 * (c[j] + c[j + 1]) * (knots[j + 1] - knots[j]), force);
+    const double *knots = p->curve_knot_velocity, *c = p->curve_lagged_slope;
+    const double low = v > knots[0] ? v : knots[0], inside = low < knots[KNOTS - 1] ? low : knots[KNOTS - 1];
+    const int k = cell_of(knots, inside), compressed = inside >= 0.0;
+    const double bend = (c[k + 1] - c[k]) / (knots[k + 1] - knots[k]);
+    double force = 0.0;
+    for (int j = MIDDLE; compressed && k > j; j++) {
+        force = force + 0.5 * (c[j] + c[j + 1]) * (knots[j + 1] - knots[j]);
     }
-    for (int j = MIDDLE - 1; in_any(both_of(is_false(compressed), k < j)); j--) {
-        force = either(both_of(is_false(compressed), k < j), force - 0.5 * (c[j] + c[j + 1]) * (knots[j + 1] - knots[j]), force);
+    for (int j = MIDDLE - 1; !compressed && k < j; j--) {
+        force = force - 0.5 * (c[j] + c[j + 1]) * (knots[j + 1] - knots[j]);
     }
-    const real x = inside - either(compressed, left, right);
-    force += x * (either(compressed, first, second) + 0.5 * bend * x);
-    return force + either(v > 0.0, c[KNOTS - 1], c[0]) * (v - inside);
+    const double x = inside - knots[compressed ? k : k + 1];
+    force += x * (c[compressed ? k : k + 1] + 0.5 * bend * x);
+    return force + (v > 0.0 ? c[KNOTS - 1] : c[0]) * (v - inside);
 }
+
+#endif
+
+/* ln of the ratio of tau at high speed to that at rest; lanes know it. */
+#ifdef EIGHTPOST_LANES
+#define GROWTH(p, compressed) either(compressed, (p)->growth[1], (p)->growth[0])
+#else
+#define GROWTH(p, compressed) logarithm((p)->time_constant[(compressed) ? 2 : 0] / (p)->time_constant[1])
+#endif
 
 /* ---- The lag --------------------------------------------------------------------------------------------------------------- */
 
@@ -59,7 +67,7 @@ static inline TimeConstant time_constant_at(const Parameters *p, real u)
     const truth varies = end != middle;
     TimeConstant found = {middle, uniform(0.0)};
     if (in_any(varies)) {
-        const real whole = logarithm(end / middle), slope = either(compressed, whole, -whole);
+        const real whole = GROWTH(p, compressed), slope = either(compressed, whole, -whole);
         found.tau = either(varies, middle * exponential(within * whole), middle);
         found.growth = either(both_of(varies, share < 1.0), slope / (0.5 * speed), uniform(0.0));
     }
@@ -130,13 +138,13 @@ void law_advance(const Parameters *p, LagFactors *kept, State *state, const Piec
     state->at[1] = advance_travel(p, &kept[1], state->at[1], piece);
 }
 
-real law_force(const Parameters *p, const State *state, real velocity, real static_force)
+#ifndef EIGHTPOST_LANES
+
+double law_force(const Parameters *p, const State *state, double velocity, double static_force)
 {
-    const real fixed = static_force - scale(p, velocity) * lagged_curve(p, velocity);
+    const double fixed = static_force - scale(p, velocity) * lagged_curve(p, velocity);
     return fixed + scale(p, state->at[0]) * lagged_curve(p, state->at[0]) + p->stop_stiffness * state->at[1];
 }
-
-#ifndef EIGHTPOST_LANES
 
 /* alpha = 1: the lagged force is the whole force of the valves. */
 double law_lag_weight(const Parameters *p, double static_force)

@@ -4,7 +4,7 @@
 #ifndef EIGHTPOST_PORT_FORCES_H
 #define EIGHTPOST_PORT_FORCES_H
 
-#include "elementary.h"
+#include "friction.h"
 #include "modal.h"
 
 static inline int has_bristles(const Parameters *p)
@@ -73,18 +73,16 @@ static inline void add_port_forces(const Parameters *p, const real *z, const rea
     add_to_inputs(force, u);
 }
 
-/* Part (rho - 1) e^(-(v / v_s)^2) of z_b / z_s. */
-static inline real static_excess(const Parameters *p, int i, real v)
+/* Part (rho - 1) e^(-(v / v_s)^2) of z_b / z_s of port i. */
+static inline real static_excess_at(const Parameters *p, int i, real v)
 {
-    const real ratio = v / p->bristle_stribeck_velocity[i];
-    const double excess = p->bristle_static_ratio[i] - 1.0;
-    return excess == 0.0 ? uniform(0.0) : excess * exponential(-ratio * ratio);
+    return static_excess(p->bristle_static_ratio[i], p->bristle_stribeck_velocity[i], v);
 }
 
 /* z_b(v): the deflection at which the bristle of port i slides. */
 static inline real sliding_deflection(const Parameters *p, int i, real v)
 {
-    return p->bristle_reach[i] * (1.0 + static_excess(p, i, v));
+    return p->bristle_reach[i] * (1.0 + static_excess_at(p, i, v));
 }
 
 /* The bristles' deflections after h seconds from `bend`, exact for constant velocities; those without force stay. */
@@ -93,9 +91,8 @@ static inline void bend_bristles(const Parameters *p, const real *bend, const re
     for (int i = 0; i < PORT_COUNT; i++) {
         bent[i] = bend[i];
         if (p->bristle_force[i] > 0.0) {
-            const real v = 0.5 * (v0[i] + v1[i]), limit = sliding_deflection(p, i, v);
-            const real travel = either(v < 0.0, -v, v) * h, end = either(v < 0.0, -limit, limit);
-            bent[i] = bend[i] - (end - bend[i]) * exponential_minus_1(-travel / limit);
+            const real v = 0.5 * (v0[i] + v1[i]);
+            bent[i] = bent_bristle(bend[i], v, sliding_deflection(p, i, v), h);
         }
     }
 }

@@ -76,7 +76,7 @@ static void change_bristle_rates(const Memory *memory, const Change *change, con
         const double v = row_times(C[PORT_OUTPUT[i]], memory->state), z = memory->state[BENT + i];
         const double side = v > 0.0 ? 1.0 : v < 0.0 ? -1.0 : 0.0, limit = sliding_deflection(p, i, v);
         const double stribeck = p->bristle_stribeck_velocity[i];
-        const double fall = -2.0 * v / (stribeck * stribeck) * p->bristle_reach[i] * static_excess(p, i, v); /* dz_b/dv */
+        const double fall = -2.0 * v / (stribeck * stribeck) * p->bristle_reach[i] * static_excess_at(p, i, v); /* dz_b/dv */
         rates[i] = 0.0;
         if (p->bristle_force[i] > 0.0) {
             rates[i] = (1.0 - side * z / limit + side * v * z * fall / (limit * limit)) * dv[i] -

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.fuzz.documents import change_xml
+from benchmarks.fuzz.damage import change_xml
 from builder.assembly import assemble
 from builder.build import build
 from builder.check import GROUPS, Level, check
@@ -18,7 +18,7 @@ from builder.check.probes.bench import Bench
 from builder.check.static import static_findings
 from builder.check.subject import read_subject
 from builder.check.version3 import finding_in_version_3, text_in_version_3
-from builder.documents import Disclosure
+from builder.documents.reference import Disclosure
 from cosim.system_file import read_case
 from eightpost.app.check import check as command
 from eightpost.archive import read_archive, write_archive

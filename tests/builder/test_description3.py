@@ -12,7 +12,7 @@ from fmpy.validation import validate_fmu
 from lxml import etree
 
 from builder.build import build
-from builder.documents import Disclosure
+from builder.documents.reference import Disclosure
 from builder.native.headers import installed
 from builder.native.platforms import PLATFORMS, this_platform
 from eightpost.__main__ import main

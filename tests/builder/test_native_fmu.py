@@ -12,7 +12,7 @@ from fmpy import simulate_fmu
 from fmpy.build import build_platform_binary
 
 from builder.build import build, fmu_identifier
-from builder.documents import Disclosure
+from builder.documents.reference import Disclosure
 from builder.native.platforms import PLATFORMS, this_platform
 from builder.native.toolchain import SystemCompiler, Zig, find_toolchain
 from eightpost.archive import extract_archive, read_archive, write_archive

@@ -275,6 +275,6 @@ def run_draws(
     """
     if not draws.any:
         return
-    coupling = coupling_of(result).in_fast_batches()
+    coupling = coupling_of(result)
     for study in drawn_studies(result.study, draws.parts, draws=draws.count, seed=draws.seed, vehicles=draws.vehicles):
         yield Requested(study, folder).request(workers, coupling, setups)

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cosim.report.origin import versions
-from cosim.study.choice.optimise import pareto_front
 from cosim.study.choice.selection import Selected
 from cosim.study.choice.sensitivity import Sensitivity
 from cosim.study.report.answer import answer_of
@@ -20,7 +17,6 @@ from cosim.study.report.sheet import Column, Extras, Scale, Sheet, build_colors,
 from eightpost.array_types import Array, Integers
 from eightpost.report import page as html
 from eightpost.report.numbers import Display, fixed, percent
-from eightpost.report.pictures import Axes, Figure, color_legend, new_figure, panels_of, save_for_print
 from eightpost.report.tables import Tile
 
 # ---- Corner whose build explains most of a measure ------------------------------------------------------------------
@@ -39,96 +35,6 @@ def _between(placed: Integers, levels: Array) -> float:
     counts = np.bincount(placed[known])
     means = np.bincount(placed[known], levels[known])[counts > 0] / counts[counts > 0]
     return float(np.average((means - levels[known].mean()) ** 2, weights=counts[counts > 0]))
-
-
-# ---- Figures for papers like Figs 7.1 to 7.6 ------------------------------------------------------------------------
-
-#: Number of measures with figures, and number of other measures that each is plotted against, as in the dissertation.
-_DRAWN, _AGAINST = 3, 4
-
-
-def write_figures(sheet: Sheet, folder: Path) -> tuple[Path, ...]:
-    """Write levels and trade-offs of the first measures of the sheet, each as PNG and SVG.
-
-    Args:
-        sheet: Report data.
-        folder: Output folder.
-
-    Returns:
-        The files; empty if no setup ran.
-    """
-    if not sheet.done.any():
-        return ()
-    files: list[Path] = []
-    for measure in sheet.measures[:_DRAWN]:
-        files += save_for_print(trend(sheet, measure), folder / f"{_slug(measure.name)}_levels")
-        if len(sheet.measures) > 1:
-            files += save_for_print(tradeoffs(sheet, measure), folder / f"{_slug(measure.name)}_tradeoffs")
-    return tuple(files)
-
-
-def trend(sheet: Sheet, measure: Column) -> Figure:
-    """Draw the levels of all setups by the build at each corner (Figs 7.1, 7.3, 7.5)."""
-    rows = (len(sheet.corners) + 1) // 2
-    figure = new_figure(7.2, rows * (0.9 + 0.24 * len(sheet.builds)))
-    panels = panels_of(figure, len(sheet.corners), 2, sharex=True, sharey=True)
-    colors = np.array(build_colors(len(sheet.builds)))
-    for panel, corner, placed in zip(panels, sheet.corners, sheet.placed.T, strict=True):
-        spots = panel.scatter(100.0 * measure.levels, placed, s=70, c=colors[placed], marker="|", lw=0.6, alpha=0.5)
-        spots.set_rasterized(True)
-        panel.set_title(f"{corner.upper()} shock", loc="left", fontsize=9)
-        panel.set_yticks(range(len(sheet.builds)), sheet.builds, fontsize=8)
-        panel.set_ylim(len(sheet.builds) - 0.4, -0.6)
-        panel.grid(axis="x", alpha=0.3)
-    figure.supxlabel(_level_axis(measure), fontsize=9)
-    return figure
-
-
-def tradeoffs(sheet: Sheet, measure: Column) -> Figure:
-    """Draw the levels of one measure against those of others, with the Pareto fronts (Figs 7.2, 7.4, 7.6).
-
-    Colours show the build at the corner that explains most of the measure.
-    """
-    others = [column for column in sheet.measures if column is not measure][:_AGAINST]
-    rows = (len(others) + 1) // 2
-    figure = new_figure(7.2, 2.7 * rows + 0.9)
-    panels = panels_of(figure, len(others), 2, sharex=True)
-    corner = dominant_corner(sheet, measure)
-    colors = np.array(build_colors(len(sheet.builds)))[sheet.placed[:, corner]]
-    for panel, other in zip(panels, others, strict=True):
-        spots = panel.scatter(100.0 * measure.levels, 100.0 * other.levels, s=5, c=colors, lw=0, alpha=0.7)
-        spots.set_rasterized(True)
-        _front(panel, sheet, measure, other)
-        panel.set_ylabel(f"{other.name}, level [%]", fontsize=8)
-        panel.grid(alpha=0.3)
-        panel.tick_params(labelsize=8)
-    figure.supxlabel(_level_axis(measure), fontsize=9)
-    colors_of_builds = build_colors(len(sheet.builds))
-    color_legend(figure, sheet.builds, colors_of_builds, f"build at {sheet.corners[corner].upper()}")
-    return figure
-
-
-def _front(panel: Axes, sheet: Sheet, first: Column, second: Column) -> None:
-    rows = front(sheet, first, second)
-    panel.plot(100.0 * first.levels[rows], 100.0 * second.levels[rows], "k.-", lw=1.0, ms=4, label="Pareto front")
-
-
-def front(sheet: Sheet, first: Column, second: Column) -> Integers:
-    """Return the rows of the Pareto front of two measures among the feasible setups, ordered by the first measure."""
-    costs = [column.values * (1.0 if column.better == "low" else -1.0) for column in (first, second)]
-    rows = np.flatnonzero(sheet.allowed & np.isfinite(costs[0]) & np.isfinite(costs[1]))
-    kept = rows[pareto_front(np.column_stack(costs)[rows])]
-    return np.asarray(kept[np.argsort(first.values[kept])], dtype=np.int64)
-
-
-def _level_axis(measure: Column) -> str:
-    us, (low, high) = measure.scale.us, measure.extremes
-    unit = "" if us.unit == "1" else f" {us.unit}"
-    return f"{measure.name}, level [%]; 0 is {us(low):.4g}{unit}, 100 is {us(high):.4g}{unit}"
-
-
-def _slug(name: str) -> str:
-    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
 
 
 # ---- Texts and figures at the top of the page, and its tables of extremes and sensitivities -------------------------

@@ -207,4 +207,7 @@ def _table(
     for k, form in digits.items():
         page.set_column(k, k, 14, workbook.add_format({"num_format": form}))
     for k, row in enumerate(rows, start=1):
-        page.write_row(k, 0, row)
+        for column, cell in enumerate(row):
+            if cell != "":
+                write = page.write_string if isinstance(cell, str) else page.write_number
+                write(k, column, cell)

@@ -18,7 +18,7 @@ from cosim.study.choice.selection import Selection
 from cosim.study.choice.sensitivity import available_sensitivities
 from cosim.study.measures import Measure
 from cosim.study.report.answer import tied_rows
-from cosim.study.report.page import page, write_figures
+from cosim.study.report.page import page
 from cosim.study.report.sheet import AimPage, Background, Bound, Column, Extras, Scale, Sheet, Uncertainty, Weighted
 from cosim.study.report.shock_pages import ShockCurve
 from cosim.study.report.tables import write_ranking, write_traces, write_workbook
@@ -221,7 +221,6 @@ class ReportPaths:
     ranking: Path  #: The ranking as CSV.
     #: CSV files with the traces of the best setup and the baseline by setup number, if traces were given.
     traces: Mapping[int, Path]
-    figures: tuple[Path, ...]  #: Figures for papers, as PNG and SVG.
 
 
 def write_study_report(
@@ -261,5 +260,4 @@ def write_study_report(
             for number, series in extras.traces.items()
             if sheet.row(number) in (sheet.order[0], sheet.baseline)
         },
-        figures=write_figures(sheet, folder / "figures"),
     )

@@ -1,4 +1,4 @@
-"""Rows of a study from batches: setups that a batch cannot run, or does not finish, are left to the FMUs."""
+"""Runs of a study by the machine, in batches: setups that it cannot run, or does not finish, are left to the FMUs."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ import numpy as np
 from cosim.components.conversion import to_si
 from cosim.components.fmu_component import FmuComponent
 from cosim.results.error_estimate import judged_by
+from cosim.results.rules import LARGEST_ERROR
 from cosim.results.run_data import BondEnergy, Coupled
 from cosim.session.automatic import default_scheme
 from cosim.session.planning import Limit
 from cosim.session.setup import Setup as SessionSetup
-from cosim.study.batch.batch import Batch, BatchResult, joined
-from cosim.study.batch.car import CarData, read_car
-from cosim.study.batch.library import Library, compiled
-from cosim.study.batch.measures import BatchMeasures, ChannelBand
-from cosim.study.batch.plan import Plan
-from cosim.study.batch.reasons import NotInBatchError
-from cosim.study.batch.shocks import ShockData, read_shock
+from cosim.study.machine.car import Vehicle, read_vehicle
+from cosim.study.machine.lanes import Batch, BatchResult, joined
+from cosim.study.machine.measures import BatchMeasures, ChannelBand
+from cosim.study.machine.plan import Plan
+from cosim.study.machine.reasons import NotInBatchError
+from cosim.study.machine.shocks import ShockData, read_shock
 from cosim.study.setup import Setup
 from cosim.study.statistics import Filtered
 from cosim.study.study import Build, Drive, Study
@@ -36,9 +36,11 @@ from eightpost.errors import EightpostError, FmuError
 from eightpost.signals import TimeSeries
 from eightpost.workers.pool import heartbeat
 
-#: Modes of a batch: the operations of the FMUs, or fused ones, which change the last bits.
-EXACT, FAST = "exact", "fast"
+#: Velocity up to which the mean slope of the shocks' curves is the damping around which their ports are solved [m/s].
+_USUAL_VELOCITY = 0.2
 
+#: Scheme in whose form a run is planned; the machine has its own.
+GAUSS_SEIDEL = "gauss-seidel"
 
 #: Number of batches that are evaluated together, which takes less time than one after the other.
 _GROUP = 8
@@ -81,20 +83,42 @@ class BatchRun:
 
     values: Mapping[str, float]  #: Measures by name, in SI.
     summary: RunSummary  #: Marks and errors.
+    series: TimeSeries | None  #: Channels that were asked for; None if none were.
+
+    def channels(self) -> TimeSeries:
+        """Return the channels that were asked for.
+
+        Raises:
+            ValueError: None were.
+        """
+        if self.series is None:
+            raise ValueError("no channels were asked for")
+        return self.series
 
 
 class _DriveBatch:
     """Batches of one drive."""
 
-    def __init__(self, models: Models, drive: Drive, scheme: str, step: float, car: CarData, found: Library) -> None:
+    def __init__(
+        self,
+        models: Models,
+        drive: Drive,
+        step: float,
+        vehicle: Vehicle,
+        damping: Array,
+        recorded: Sequence[str],
+        measured: bool,
+    ) -> None:
         study = models.study
         first = study.space.setup(0)  # any setup: all have the same wiring, and a large space is not enumerated
-        setup = SessionSetup.of(models.system(first), models.scenario(drive), default_scheme(scheme), step)
+        setup = SessionSetup.of(models.system(first), models.scenario(drive), default_scheme(GAUSS_SEIDEL), step)
         times = setup.times[setup.recorded == 1]
-        self._measures = BatchMeasures(study.measures_of(drive), times, study.settling)
-        self._plan = Plan(setup, study.vehicle.name, car, self._measures.quantities, self._measures.series)
-        self._units = tuple(to_si(setup.system.output(name))[1] for name in self._measures.series)
-        self._batch, self._setup, self._study = Batch(found, self._plan), setup, study
+        self._measures = BatchMeasures(study.measures_of(drive) if measured else (), times, study.settling)
+        series = tuple(dict.fromkeys((*self._measures.series, *recorded)))
+        self._plan = Plan(setup, study.vehicle.name, vehicle, damping, self._measures.quantities, series)
+        self._units = {name: to_si(setup.system.output(name))[1] for name in series}
+        self._recorded = tuple(recorded)
+        self._batch, self._setup, self._study = Batch(self._plan.library, self._plan), setup, study
         self.lanes = self._batch.lanes
         self._ends_units = {
             (corner, way): unit for corner in self._plan.corners for way, unit in enumerate(("m/s", "N"))
@@ -109,14 +133,23 @@ class _DriveBatch:
 
     def runs(self, shocks: Sequence[Sequence[ShockData]]) -> list[BatchRun | None]:
         """Return the runs of setups; None for those that did not end regularly."""
-        pairs = [self._sums(shocks[first : first + self.lanes]) for first in range(0, len(shocks), self.lanes)]
-        result, others = joined([result for result, _ in pairs]), [values for _, several in pairs for values in several]
+        parts = [self._sums(shocks[first : first + self.lanes]) for first in range(0, len(shocks), self.lanes)]
+        result = joined([own for own, _, _ in parts])
+        others = [values for _, several, _ in parts for values in several]
+        series = [one for _, _, several in parts for one in several]
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             values, ends = self._measures.values(result.statistics), self._ends(result)
-        return [self._run(values, ends, own, k) if result.ended[k] < 0 else None for k, own in enumerate(others)]
+        return [
+            None if result.ended[k] >= 0 else self._run(values, ends, others[k], series[k], k)
+            for k in range(len(others))
+        ]
 
-    def _sums(self, shocks: Sequence[Sequence[ShockData]]) -> tuple[BatchResult, list[dict[str, float] | None]]:
-        """Return the sums of one batch, and of each setup the measures that need its series; None if one has none."""
+    def _sums(
+        self, shocks: Sequence[Sequence[ShockData]]
+    ) -> tuple[BatchResult, list[dict[str, float] | None], list[TimeSeries | None]]:
+        """Return the sums of one batch; of each setup the measures that need its series, None if one has none; and the
+        channels that were asked for.
+        """
         heartbeat()
         result = self._batch.run(shocks)
         filtered = {key: self._batch.filtered(key[0], sections) for key, sections in self._measures.bands.items()}
@@ -125,44 +158,55 @@ class _DriveBatch:
             for q, band in self._measures.filtered_quantities
         ]
         others = [self._from_series(result, filtered, k) for k in range(len(shocks))]
-        return result.kept(own), others
+        series = [self._series(result, self._recorded, k) if self._recorded else None for k in range(len(shocks))]
+        return result.kept(own), others, series
 
     def _run(
-        self, values: Mapping[str, Sequence[float]], ends: Mapping[str, Any], others: dict[str, float] | None, k: int
+        self,
+        values: Mapping[str, Sequence[float]],
+        ends: Mapping[str, Any],
+        others: dict[str, float] | None,
+        series: TimeSeries | None,
+        k: int,
     ) -> BatchRun | None:
         found = {name: several[k] for name, several in values.items()} | (others or {})
         if others is None or not all(map(math.isfinite, found.values())):
             return None
-        return BatchRun(found, self._summary(ends, k))
+        summary = self._summary(ends, k)
+        if any(not coupled.percent <= LARGEST_ERROR for coupled in summary.coupled.values()):
+            return None  # its forces change too fast for the step
+        return BatchRun(found, summary, series)
 
     def _from_series(
         self, result: BatchResult, filtered: Mapping[ChannelBand, Array], k: int
     ) -> dict[str, float] | None:
         if not self._measures.others:
             return {}
-        series = np.ascontiguousarray(result.series[:, :, k].T)
         try:
-            run = Filtered(TimeSeries(self._plan.rows, series, self._measures.series, self._units))
+            run = Filtered(self._series(result, self._measures.series, k))
             for (name, band), several in filtered.items():
                 run.keep(name, band, np.ascontiguousarray(several[:, k]))
             return {m.name: m.drawn_from(run, start=self._study.settling) for m in self._measures.others}
         except EightpostError:
             return None
 
+    def _series(self, result: BatchResult, names: Sequence[str], k: int) -> TimeSeries:
+        columns = [self._plan.series.index(name) for name in names]
+        rows = np.ascontiguousarray(result.values[:, columns, k].T)
+        return TimeSeries(self._plan.rows, rows, tuple(names), tuple(self._units[name] for name in names))
+
     def _ends(self, result: BatchResult) -> dict[str, Any]:
-        """Return, as lists, local errors and spreads of both directions of every bond (2, C, n), as
-        cosim.session.outcome does; energies of the bonds (C, n) and times beyond the limits (W, n).
+        """Return, as lists, local errors and spreads of both directions of every bond (2, C, n), work through the bonds
+        (C, n), and shares of the records beyond the limits (W, n).
         """
-        time = result.duration or 1.0
-        share = self._setup.algorithm.accuracy.share
-        variance = result.squares / time - (result.total / time) ** 2
+        steps, settled = self._plan.run.steps, max(1, self._plan.rows.size - self._plan.run.settling)
+        variance = result.squares / steps - (result.total / steps) ** 2
         return {
-            "error": (share * np.sqrt(result.defect / time)).tolist(),
+            "error": np.sqrt(result.defect / steps).tolist(),
             "spread": np.sqrt(np.maximum(variance, 0.0)).tolist(),
             "residual": result.residual.tolist(),
             "transferred": result.transferred.tolist(),
-            "beyond": [getattr(result, name)[place].tolist() for name, place in self._watched],
-            "settled": result.settled,
+            "beyond": [(getattr(result, name)[place] / settled).tolist() for name, place in self._watched],
         }
 
     def _summary(self, ends: Mapping[str, Any], k: int) -> RunSummary:
@@ -177,7 +221,7 @@ class _DriveBatch:
             )
             for c, corner in enumerate(corners)
         }
-        shares = self._setup.limits.shares([*(times[k] for times in ends["beyond"]), ends["settled"]])
+        shares = self._setup.limits.shares([*(several[k] for several in ends["beyond"]), 1.0])
         return RunSummary(
             share_beyond_fit=shares["share_beyond_fit"],
             share_tire_off=shares["share_tire_off"],
@@ -191,13 +235,13 @@ class _DriveBatch:
 
 
 class Batches:
-    """Batches of a study at one coupling step.
+    """Batches of a study at one step.
 
     Args:
         models: FMUs and scenarios of the study.
-        scheme: Coupling scheme.
-        step: Coupling step [s].
-        mode: EXACT or FAST.
+        step: Step [s].
+        recorded: Names of channels whose series are wanted.
+        measured: Whether the measures are computed.
 
     Attributes:
         left_out: Builds whose setups run through the FMUs, each with the reason.
@@ -206,17 +250,23 @@ class Batches:
         NotInBatchError: The study cannot run as a batch; the message is the reason.
     """
 
-    def __init__(self, models: Models, scheme: str, step: float, mode: str = EXACT) -> None:
+    def __init__(self, models: Models, step: float, recorded: Sequence[str] = (), *, measured: bool = True) -> None:
         self._study = study = models.study
         self._shocks, self.left_out = _shocks(models)
         self._wiring = _wiring(models)
-        fmus, vehicle = models.fmus, study.vehicle
-        car = read_car(fmus[str(vehicle.fmu)], vehicle.fmu, vehicle.parameters, len(study.corners))
+        fmus, own = models.fmus, study.vehicle
+        vehicle = read_vehicle(fmus[str(own.fmu)], own.fmu, own.parameters)
+        slopes = [shock.mean_slope(_USUAL_VELOCITY) for shock in self._shocks.values() if shock is not None]
+        if not slopes:
+            raise NotInBatchError("no FMU of a shock accepts its parameters")
+        damping = np.full(len(study.corners), float(np.median(slopes)))
         try:
-            found = Library(compiled(car.sizes, fast=mode == FAST))
+            self._drives = {
+                drive.name: _DriveBatch(models, drive, step, vehicle, damping, recorded, measured)
+                for drive in study.drives
+            }
         except (FmuError, OSError) as error:
             raise NotInBatchError(str(error)) from error
-        self._drives = {drive.name: _DriveBatch(models, drive, scheme, step, car, found) for drive in study.drives}
 
     def for_shocks(self, models: Models) -> Batches | None:
         """Return batches of a study that differs only in its shocks, with the same library and memory.

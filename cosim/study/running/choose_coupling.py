@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from cosim.session.automatic import FIRST_STEP, Automatic, Refinement
 from cosim.study.running.error_model import ErrorModel, Pilot, fit_error_model
 from cosim.study.running.evaluator import Coupling, Evaluator, local_error
 from cosim.study.setup import Setup
-from cosim.study.study import Drive
+from cosim.study.study import Drive, Study
 from eightpost.errors import DivergedError, EightpostError, StepError
 from eightpost.workers.pool import heartbeat
 
@@ -32,7 +33,7 @@ _PILOT_STEP = 0.25
 _RANKING_TIME = 8.0
 
 #: Target error for the choice of the step, as a share of the accuracy: other setups may have larger errors.
-_AIM = 0.8
+AIM = 0.8
 
 
 #: Reduction of the step count expected from the order of the error, and error excess above which the count is doubled.
@@ -59,23 +60,28 @@ def choose_coupling(evaluator: Evaluator) -> Coupling:
         coupling = Coupling(scheme, record / parts)
         errors = _errors(evaluator, pilots, references, coupling)
         steps.append(f"{1e3 * coupling.step:.4g} ms {max(errors):.2g} %")
-        if max(errors) <= _AIM * evaluator.study.accuracy or coupling.step <= smallest * (1.0 + 1e-9):
+        if max(errors) <= AIM * evaluator.study.accuracy or coupling.step <= smallest * (1.0 + 1e-9):
             break
-        parts = _finer(parts, max(errors) / (_AIM * evaluator.study.accuracy))
+        parts = finer(parts, max(errors) / (AIM * evaluator.study.accuracy))
     notes = (
         f"{scheme} at {1e3 * coupling.step:.4g} ms; coupling error from compared runs: {', '.join(steps)}",
         f"chosen on: {'; '.join(map(str, pilots))}",
     )
-    model = _error_model(evaluator, [*pilots, *_random_setups(evaluator, pilots)], coupling)
+    model = _error_model(evaluator, [*pilots, *random_setups(evaluator, pilots)], coupling)
     return replace(coupling, errors=model, stated_error=max(errors), notes=notes)
 
 
-def _random_setups(evaluator: Evaluator, known: list[Setup]) -> list[Setup]:
+def random_setups(evaluator: Evaluator, known: list[Setup]) -> list[Setup]:
     """Return random setups of the study other than the known ones; they are the same for every call."""
-    space = evaluator.study.space
-    left = np.setdiff1d(space.indices, [setup.index for setup in known])
-    chosen = np.random.default_rng(_SEED).choice(left, min(_PILOTS, left.size), replace=False)
-    return [space.setup(int(index)) for index in chosen]
+    found = random_indices(evaluator.study, _PILOTS, [setup.index for setup in known])
+    return [evaluator.study.space.setup(index) for index in found]
+
+
+def random_indices(study: Study, count: int, known: Sequence[int] = ()) -> list[int]:
+    """Return up to so many numbers of random setups other than the known ones; they are the same for every call."""
+    left = np.setdiff1d(study.space.indices, known)
+    chosen: list[int] = np.random.default_rng(_SEED).choice(left, min(count, left.size), replace=False).tolist()
+    return chosen
 
 
 def _error_model(evaluator: Evaluator, setups: list[Setup], coupling: Coupling) -> ErrorModel | None:
@@ -99,7 +105,7 @@ def _pilot(evaluator: Evaluator, setup: Setup, drive: Drive, coupling: Coupling)
     return Pilot(run, {name: apart[name] for name in sorted(names)}, {m: abs(found[m] - right[m]) for m in found})
 
 
-def _finer(parts: int, excess: float) -> int:
+def finer(parts: int, excess: float) -> int:
     """Return the next number of coupling steps per record step, given the ratio of the error to its target.
 
     The estimate uses the third order of the schemes, with a margin so that no sufficient step is skipped.
@@ -111,7 +117,7 @@ def _finer(parts: int, excess: float) -> int:
 def _worst_coupled(evaluator: Evaluator) -> list[Setup]:
     """Return the setups whose bonds report the largest local errors on a part of the first drive."""
     found, failure = list[tuple[float, Setup]](), None
-    for setup in _candidates(evaluator):
+    for setup in candidates(evaluator):
         try:
             found.append((_coarse_error(evaluator, setup), setup))
         except EightpostError as error:
@@ -122,7 +128,7 @@ def _worst_coupled(evaluator: Evaluator) -> list[Setup]:
     return [setup for _, setup in found[:_COMPARED]]
 
 
-def _candidates(evaluator: Evaluator) -> list[Setup]:
+def candidates(evaluator: Evaluator) -> list[Setup]:
     """Return the baseline and the setups with one build at all corners; of a large bank, every n-th of these."""
     study, space = evaluator.study, evaluator.study.space
     builds = [b for b in study.bank if all(b in allowed for allowed in study.corners.values())]

@@ -168,6 +168,11 @@ class ChunkFolder:
         with atomic_path(self._folder / _name(chunk.number, len(rows))) as temporary:
             pyarrow.parquet.write_table(pa.Table.from_pylist(list(rows), schema=self._schema), temporary)
 
+    def clear(self) -> None:
+        """Delete the completed chunks."""
+        for chunk in self.completed:
+            (self._folder / _name(chunk.start, len(chunk))).unlink(missing_ok=True)
+
     def tables(self) -> Iterator[pa.Table]:
         """Yield the rows of the completed chunks in the order of the chunks, some thousands at a time.
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
-from cosim.results.result import Result
 from cosim.results.run_data import Coupled
 from eightpost.array_types import Array
 
@@ -22,7 +21,7 @@ class CoupledRun(Protocol):
         """Local errors by bond."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ErrorModel:
     """Gains from the local errors of bond ends to coupling errors."""
 
@@ -34,32 +33,30 @@ class ErrorModel:
 
     def worst_channel(self, result: CoupledRun) -> float:
         """Return the largest estimated error of the compared channels, in percent of the channel's scale."""
-        squares = self._squares(result)
-        return max((_error(gains, squares) for gains in self.channels.values()), default=0.0)
-
-    def of_measure(self, name: str, result: CoupledRun) -> float | None:
-        """Return the estimated error of a measure, in its SI unit; None if the pilots did not have the measure."""
-        return self.of_measures(result).get(name)
+        return float(np.sqrt(self._of_channels @ self._squares(result)).max(initial=0.0))
 
     def of_measures(self, result: CoupledRun) -> dict[str, float]:
         """Return the estimated error of every measure that the pilots had, in its SI unit."""
-        squares = self._squares(result)
-        return {name: _error(gains, squares) for name, gains in self.measures.items()}
+        return dict(zip(self.measures, np.sqrt(self._of_measures @ self._squares(result)).tolist(), strict=True))
 
-    def _squares(self, result: CoupledRun) -> list[float]:
+    @cached_property
+    def _of_channels(self) -> Array:
+        return np.array([*self.channels.values()]).reshape(-1, len(self.ends))
+
+    @cached_property
+    def _of_measures(self) -> Array:
+        return np.array([*self.measures.values()]).reshape(-1, len(self.ends))
+
+    def _squares(self, result: CoupledRun) -> Array:
         local = local_errors(result)
-        return [local[end] ** 2 for end in self.ends]
-
-
-def _error(gains: Sequence[float], squares: Sequence[float]) -> float:
-    return math.sqrt(sum(g * square for g, square in zip(gains, squares, strict=True)))
+        return np.array([local[end] for end in self.ends]) ** 2
 
 
 @dataclass(frozen=True, slots=True)
 class Pilot:
     """A run with known coupling errors."""
 
-    result: Result  #: Run at the study's coupling step.
+    result: CoupledRun  #: Run at the study's step.
     channels: Mapping[str, float]  #: Error of each compared channel, in percent of the channel's scale.
     measures: Mapping[str, float]  #: Error of each measure of the run's drive, in its SI unit.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,11 +21,11 @@ from cosim.results.rules import LARGEST_ERROR
 from cosim.session.automatic import default_scheme
 from cosim.session.session import Session
 from cosim.study.above_band import AboveBand, above_band, band_ends
-from cosim.study.batch.reasons import NotInBatchError
 from cosim.study.columns import DONE, FAILED, error_column
+from cosim.study.machine.reasons import NotInBatchError
 from cosim.study.ports import bond_at, check_corners
 from cosim.study.result import StudyResult
-from cosim.study.running.batches import FAST, Batches, BatchRun, RunSummary
+from cosim.study.running.batches import Batches, BatchRun, RunSummary
 from cosim.study.running.drives import read_drive
 from cosim.study.running.error_model import ErrorModel
 from cosim.study.setup import Setup
@@ -43,24 +44,43 @@ Row = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
+class Check:
+    """Comparison of the machine with the FMUs on one setup, in percent of each signal's standard deviation."""
+
+    setup: int  #: Number of the setup.
+    difference: float  #: Largest difference of a bond's velocity or force, or of a tire force.
+    machine: float  #: Estimated error of the machine.
+    fmus: float  #: Stated coupling error of the run through the FMUs.
+    limit: float  #: Largest difference with which both agree.
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the difference is explained by the errors of both and the accuracy of the study."""
+        return self.difference <= self.limit
+
+
+@dataclass(frozen=True, slots=True)
+class MachineCoupling:
+    """How the machine runs setups (cosim.study.machine)."""
+
+    step: float  #: Step [s].
+    #: Model that estimates errors from how far the forces of each run are from the quadratics of a step.
+    errors: ErrorModel
+    stated_error: float  #: Largest error of the setups on which the step was chosen [%].
+    checks: tuple[Check, ...] = ()  #: Comparisons with the FMUs.
+
+
+@dataclass(frozen=True, slots=True)
 class Coupling:
     """Coupling of all runs of a study: chosen once, so that setups differ only in their shocks."""
 
-    scheme: str  #: `gauss-seidel` or `implicit`.
-    step: float  #: Coupling step [s].
+    scheme: str  #: `gauss-seidel` or `implicit`; of runs through the FMUs.
+    step: float  #: Coupling step of runs through the FMUs [s].
     #: Model that estimates coupling errors from the local errors of the bonds; None before its calibration.
     errors: ErrorModel | None = None
     stated_error: float = 0.0  #: Largest coupling error of the setups on which the coupling was chosen [%].
     notes: tuple[str, ...] = ()  #: Description of the steps that were compared, and of how the setups are run.
-    #: `exact` or `fast` if setups are run in batches (cosim.study.running.batches); empty: through the FMUs.
-    batch: str = ""
-    #: Largest difference of a measure between batch and FMUs that was found, relative to the measure's scale; None if
-    #: none was compared.
-    batch_difference: float | None = None
-
-    def in_fast_batches(self) -> Coupling:
-        """Return the coupling with fast batches if it has batches: for values of which the last bits do not matter."""
-        return replace(self, batch=FAST) if self.batch else self
+    machine: MachineCoupling | None = None  #: Of setups that the machine runs; None: all run through the FMUs.
 
     @classmethod
     def from_json(cls, found: object) -> Coupling:
@@ -94,8 +114,8 @@ class Evaluator:
         check_corners(study.corners, self._vehicle, vehicle.fmu)
         self._shocks: dict[tuple[str, Path], FmuComponent] = {}
         self._scenarios = {drive.name: self._scenario(drive) for drive in study.drives}
-        self._batches: dict[tuple[str, float, str], Batches | str] = {}
-        self._earlier: Mapping[tuple[str, float, str], Batches | str] = {}
+        self._batches: dict[float, Batches | str] = {}
+        self._earlier: Mapping[float, Batches | str] = {}
 
     def for_study(self, study: Study) -> Evaluator | None:
         """Return an evaluator of a study that differs only in its shocks, with the same instances; None if it does not.
@@ -163,7 +183,7 @@ class Evaluator:
 
         A setup that a batch does not finish regularly is run through the FMUs, which say why.
         """
-        batches = self.batches(coupling) if coupling.batch else None
+        batches = self.batches(coupling)
         if batches is None:
             return [self._row_alive(setup, coupling) for setup in setups]
         return [
@@ -172,26 +192,70 @@ class Evaluator:
         ]
 
     def batches(self, coupling: Coupling) -> Batches | None:
-        """Return the batches of the study at a coupling; None if it cannot run as a batch."""
+        """Return the batches of the study at a coupling; None if its setups run through the FMUs."""
         found = self._batches_or_reason(coupling)
         return None if isinstance(found, str) else found
 
     def batch_refusal(self, coupling: Coupling) -> str:
-        """Return why setups run through the FMUs although the coupling asks for batches; empty if they do not."""
-        found = self._batches_or_reason(coupling) if coupling.batch else ""
+        """Return why setups run through the FMUs although the coupling asks for the machine; empty if they do not."""
+        found = self._batches_or_reason(coupling)
         return found if isinstance(found, str) else ""
 
     def _batches_or_reason(self, coupling: Coupling) -> Batches | str:
-        key = (coupling.scheme, coupling.step, coupling.batch)
-        if key not in self._batches:
-            earlier = self._earlier.get(key)
+        if coupling.machine is None:
+            return ""
+        step = coupling.machine.step
+        if step not in self._batches:
+            earlier = self._earlier.get(step)
             try:
-                self._batches[key] = (earlier.for_shocks(self) if isinstance(earlier, Batches) else None) or Batches(
-                    self, *key
+                self._batches[step] = (earlier.for_shocks(self) if isinstance(earlier, Batches) else None) or Batches(
+                    self, step
                 )
             except (NotInBatchError, EightpostError) as reason:
-                self._batches[key] = str(reason) or type(reason).__name__
-        return self._batches[key]
+                self._batches[step] = str(reason) or type(reason).__name__
+        return self._batches[step]
+
+    def machine_runs(self, setup: Setup, step: float, recorded: Sequence[str]) -> dict[str, BatchRun]:
+        """Return the machine's runs of a setup by drive, with channels and without measures.
+
+        Args:
+            setup: Setup.
+            step: Step [s].
+            recorded: Names of the channels.
+
+        Raises:
+            NotInBatchError: The machine cannot run the setup, or does not finish it.
+        """
+        for _, runs, _ in Batches(self, step, recorded, measured=False).runs([setup]):
+            if runs is not None:
+                return runs
+        raise NotInBatchError(f"the machine does not finish setup {setup.index}")
+
+    def series(self, setups: Sequence[Setup], coupling: Coupling) -> Iterator[tuple[Setup, dict[str, TimeSeries]]]:
+        """Yield setups with the channels of the measures by drive, as the runs of the study have them.
+
+        Raises:
+            StepError: An FMU failed, or the coupling diverged.
+        """
+        recorded = tuple(dict.fromkeys(channel for measure in self.study.measures for channel in measure.channels))
+        for setup, runs in self._machine_or_none(setups, coupling, recorded):
+            if runs is None:
+                yield setup, {d.name: self.run(setup, d, coupling).series for d in self.study.drives}
+            else:
+                yield setup, {name: run.channels() for name, run in runs.items()}
+
+    def _machine_or_none(
+        self, setups: Sequence[Setup], coupling: Coupling, recorded: Sequence[str]
+    ) -> Iterator[tuple[Setup, dict[str, BatchRun] | None]]:
+        """Yield setups with the machine's runs; None if they run through the FMUs."""
+        batches = None
+        if coupling.machine is not None:
+            with suppress(NotInBatchError, EightpostError):
+                batches = Batches(self, coupling.machine.step, recorded, measured=False)
+        if batches is None:
+            yield from ((setup, None) for setup in setups)
+        else:
+            yield from ((setup, runs) for setup, runs, _ in batches.runs(setups))
 
     def _row_alive(self, setup: Setup, coupling: Coupling) -> Row:
         heartbeat()
@@ -200,7 +264,8 @@ class Evaluator:
     def _batch_row(self, setup: Setup, coupling: Coupling, runs: Mapping[str, BatchRun], seconds: float) -> Row:
         found: Row = {"setup": setup.index, **setup.builds}
         pairs = [(drive, runs[drive.name].values, runs[drive.name].summary) for drive in self.study.drives]
-        return found | self._measured_on(pairs, coupling) | {"seconds": seconds}
+        errors = coupling.machine.errors if coupling.machine else None
+        return found | self._measured_on(pairs, errors) | {"seconds": seconds}
 
     @cached_property
     def measure_units(self) -> Mapping[str, str]:
@@ -238,10 +303,10 @@ class Evaluator:
             if not result.converged:
                 return {"status": FAILED, "message": result.notes[0], "coupling_error_percent": None, "marks": ""}
             found.append((drive, self.measured(result, drive), result))
-        return self._measured_on(found, coupling)
+        return self._measured_on(found, coupling.errors)
 
     def _measured_on(
-        self, runs: Iterable[tuple[Drive, Mapping[str, float], Result | RunSummary]], coupling: Coupling
+        self, runs: Iterable[tuple[Drive, Mapping[str, float], Result | RunSummary]], model: ErrorModel | None
     ) -> Row:
         """Return the part of a row that states values, marks and errors, from the runs on all drives."""
         values: Row = {}
@@ -250,9 +315,9 @@ class Evaluator:
             values |= measured
             where = f"{drive.name}: " if len(self.study.drives) > 1 else ""
             marks += [where + mark for mark in _marks(result)]
-            if coupling.errors is not None:
-                worst = max(worst, coupling.errors.worst_channel(result))
-                errors = coupling.errors.of_measures(result)
+            if model is not None:
+                worst = max(worst, model.worst_channel(result))
+                errors = model.of_measures(result)
                 for measure in self.study.measures_of(drive):
                     values[error_column(measure.name)] = errors.get(measure.name)
         if worst > self.study.accuracy:
@@ -260,7 +325,7 @@ class Evaluator:
         return values | {
             "status": DONE,
             "message": "",
-            "coupling_error_percent": None if coupling.errors is None else worst,
+            "coupling_error_percent": None if model is None else worst,
             "marks": "; ".join(marks),
         }
 
@@ -275,12 +340,12 @@ class Evaluator:
             return {}
         setup = study.baseline_setup or study.space.setup(int(study.space.indices[0]))
         found: dict[str, AboveBand] = {}
+        try:
+            ((_, series),) = self.series([setup], coupling)
+        except EightpostError:
+            return {}  # the setup's row states the reason
         for drive in study.drives:
-            try:
-                run = Filtered(self.run(setup, drive, coupling).series)
-            except EightpostError:
-                continue  # the setup's row states the reason
-            found |= above_band(run, study.measures_of(drive), ends, study.settling)
+            found |= above_band(Filtered(series[drive.name]), study.measures_of(drive), ends, study.settling)
         return found
 
     def measured(self, result: Result, drive: Drive) -> dict[str, float]:
@@ -348,7 +413,7 @@ def coupling_of(result: StudyResult) -> Coupling:
 
 
 def traces(result: StudyResult, setups: Iterable[int]) -> dict[int, TimeSeries]:
-    """Return the time series of the measures' channels on the first drive by setup, identical to those of the study.
+    """Return the time series of the measures' channels on the first drive by setup, as those of the study.
 
     Args:
         result: Result of the study; its FMUs and drive files must still exist at their paths.
@@ -361,4 +426,5 @@ def traces(result: StudyResult, setups: Iterable[int]) -> dict[int, TimeSeries]:
     evaluator = Evaluator(result.study)
     coupling, drive = coupling_of(result), result.study.drives[0]
     space = result.study.space
-    return {index: evaluator.run(space.setup(index), drive, coupling).series for index in setups}
+    chosen = [space.setup(index) for index in setups]
+    return {setup.index: series[drive.name] for setup, series in evaluator.series(chosen, coupling)}

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import cosim
 import eightpost
-from cosim.study.batch.library import sources
+from cosim.study.machine.library import sources
 from eightpost import __version__
 
 

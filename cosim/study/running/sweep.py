@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from threading import Event
 
@@ -16,9 +16,11 @@ from cosim.session.session import interrupts_deferred
 from cosim.session.setup import Setup as SessionSetup
 from cosim.study.above_band import AboveBand
 from cosim.study.columns import result_table, study_schema
+from cosim.study.machine.reasons import NotInBatchError
 from cosim.study.measures import Measure, own_function
 from cosim.study.provenance import Provenance
 from cosim.study.result import StudyResult
+from cosim.study.running.choose_machine import check_setup, disagreement, through_fmus
 from cosim.study.running.chunks import BATCH, ChunkFolder, Cutter, file_digests, gaps, study_digest
 from cosim.study.running.evaluator import Coupling, Evaluator, Row
 from cosim.study.running.workers import Chunk, Workers
@@ -26,7 +28,7 @@ from cosim.study.setup import Setup
 from cosim.study.study import Drive, Study
 from cosim.systems.algorithm import GaussSeidel
 from eightpost import units
-from eightpost.errors import InputError, WorkersLostError
+from eightpost.errors import EightpostError, InputError, WorkersLostError
 from eightpost.outputs import check_folder
 from eightpost.progress import Progress, beats
 
@@ -128,7 +130,7 @@ class Sweep:
     def __init__(self, study: Study, folder: str | Path) -> None:
         check_folder(folder)
         self.study, self.folder = study, Path(folder)
-        evaluator = Evaluator(study)
+        self._evaluator = evaluator = Evaluator(study)
         _check_study(evaluator)
         self._digests = file_digests(study)
         self._units, fmus = dict(evaluator.measure_units), evaluator.fmus
@@ -197,7 +199,36 @@ class Sweep:
         except WorkersLostError:
             self.collect(coupling, partial=chunks.left > 0)
             raise
-        return self.collect(coupling, partial=chunks.left > 0)
+        result = self.collect(coupling, partial=chunks.left > 0)
+        return result if result.partial else self._checked(result, coupling, workers, progress)
+
+    def _checked(
+        self, result: StudyResult, coupling: Coupling, workers: Workers, progress: Progress | None
+    ) -> StudyResult:
+        """Compare the best setup with a run through the FMUs; all run through them if the machine does not agree.
+
+        Returns:
+            The result with the comparison, or that of the runs through the FMUs.
+        """
+        best = result.ranking()[:1]
+        if coupling.machine is None or not best.size:
+            return result
+        setup = result.setup(int(best[0]))
+        if any(check.setup == setup.index for check in coupling.machine.checks):
+            return result
+        try:
+            check = check_setup(self._evaluator, setup, coupling.machine).check
+        except (NotInBatchError, EightpostError):
+            return result  # its row is from the FMUs, or states the reason
+        if check.agrees:
+            machine = replace(coupling.machine, checks=(*coupling.machine.checks, check))
+            kept = replace(coupling, machine=machine)
+            self._kept.keep_coupling(kept)
+            return self.collect(kept, partial=False)
+        self._kept.clear()
+        again = through_fmus(self._evaluator, disagreement(check))
+        self._kept.keep_coupling(again)
+        return self.run(workers, again, progress)
 
     def collect(self, coupling: Coupling, *, partial: bool) -> StudyResult:
         """Join the completed chunks to the result file, some thousands of rows at a time, and return the result.
@@ -213,7 +244,7 @@ class Sweep:
         kept = json.loads(json.dumps(asdict(coupling)))  # in the form that a file has
         settings = {"coupling": kept, "settling": self.study.settling, "accuracy": self.study.accuracy}
         if self._above_band is None:
-            self._above_band = Evaluator(self.study).above_band(coupling)
+            self._above_band = self._evaluator.above_band(coupling)
         return Provenance(self.digest, self._guids, self._digests, settings, self._units,
                           models=self._models, above_band=self._above_band)  # fmt: skip
 

@@ -7,13 +7,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from importlib import import_module
 from itertools import islice
 from typing import Protocol
 
 from cosim.study.columns import FAILED
-from cosim.study.running.batch_check import with_batch
-from cosim.study.running.choose_coupling import choose_coupling
+from cosim.study.running import choose_machine
 from cosim.study.running.evaluator import Coupling, Evaluator, Row
 from cosim.study.study import Study
 from eightpost.errors import StepError
@@ -36,16 +34,14 @@ def _evaluator_for(study: str) -> Evaluator:
 
 
 def _open_study(study: str) -> None:
-    """Load a study, given as JSON, and the modules for filtering measures, so that its first setup starts sooner."""
+    """Load a study, given as JSON, so that its first setup starts sooner."""
     _evaluator_for(study)
-    import_module("scipy.signal")
 
 
 def choose(study: str) -> Coupling:
     """Choose the coupling of a study, given as JSON."""
     with working():
-        evaluator = _evaluator_for(study)
-        return with_batch(evaluator, choose_coupling(evaluator))
+        return choose_machine.choose(_evaluator_for(study))
 
 
 def rows(study: str, coupling: Coupling, indices: Sequence[int]) -> list[Row]:

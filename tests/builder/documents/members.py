@@ -9,7 +9,8 @@ from html.parser import HTMLParser
 import numpy as np
 
 import eightpost.shock
-from builder.documents import Disclosure, Subject, documents
+from builder.documents.archive import documents
+from builder.documents.reference import Disclosure, Subject
 from builder.fmu.product import Product
 
 LAWS = ("polylinear", "lpf1", "lpnl2")

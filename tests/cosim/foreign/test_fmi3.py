@@ -116,6 +116,15 @@ def test_an_integer_beyond_32_bits_is_refused_and_not_wrapped(lag):
         lag.get(("big",))
 
 
+def test_directional_derivatives_are_those_of_scalars_and_refused_for_arrays(lag):
+    lag_fmus.begun(lag)
+    assert lag.derive(("y",), ("u",), (11.0,)) == [33.0]
+    for unknowns in (("v[2]",), ("y",) * 100):
+        with pytest.raises(StepError, match="fmi3GetDirectionalDerivative returned fmi3Error"):
+            lag.derive(unknowns, ("u",), (11.0,))
+    assert not lag.capabilities.derivatives
+
+
 # ---- Steps --------------------------------------------------------------------------------------------------------
 
 

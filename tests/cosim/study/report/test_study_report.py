@@ -4,9 +4,7 @@ import csv
 import json
 import re
 from dataclasses import replace
-from xml.etree import ElementTree
 
-import matplotlib.image
 import numpy as np
 import openpyxl
 import pytest
@@ -15,12 +13,12 @@ from cosim.study.certainty import Certainty, Contribution, Status
 from cosim.study.choice.selection import select
 from cosim.study.choice.sensitivity import available_sensitivities
 from cosim.study.report import write_study_report
-from cosim.study.report.page import dominant_corner, front, headline, page, write_figures
+from cosim.study.report.page import dominant_corner, headline, page
 from cosim.study.report.sheet import Extras, Scale, build_colors
 from cosim.study.report.tables import write_ranking, write_traces, write_workbook
 from cosim.study.report.write import sheet_of
 from cosim.study.result import StudyResult
-from cosim.study.study import Build, Constraint, Term
+from cosim.study.study import Build, Constraint
 from cosim.study.verdict import study_verdict
 from eightpost.signals import read_record
 from eightpost.validity import Validity
@@ -114,14 +112,13 @@ def test_the_page_is_written_for_a_study_without_objective_baseline_and_constrai
     assert "Constraints none" in text
 
 
-def test_the_page_of_a_study_in_which_nothing_ran_states_the_reason(few, tmp_path):
+def test_the_page_of_a_study_in_which_nothing_ran_states_the_reason(few):
     table = few.table.to_pydict() | {m.name: [None] * len(few) for m in few.measures}
     table |= {"status": ["failed"] * len(few), "message": ["no licence"] * len(few)}
     broken = StudyResult(few.study, few.table.from_pydict(table, schema=few.table.schema), few.provenance)
     sheet = sheet_of(broken)
     text = _text(page(sheet, Extras(sensitivities=available_sensitivities(broken))))
     assert "no setup ran" in text and "no licence" in text
-    assert write_figures(sheet, tmp_path) == ()
 
 
 def test_the_page_states_that_a_study_was_interrupted(few):
@@ -251,30 +248,6 @@ def test_the_workbook_contains_ranking_units_and_provenance(few, tmp_path):
     assert (cell.value, cell.data_type) == ("=1+1", "s")  # text, no formula
 
 
-@pytest.mark.nightly
-def test_figures_for_papers_are_png_and_svg_and_the_same_every_time(surrogate, tmp_path):
-    sheet = sheet_of(surrogate(("AA/AA", "C/C", "B/B"), objective=(Term(FRONT, 1.0, "in"),)))
-    sheet = replace(sheet, measures=sheet.measures[:2])
-    paths = write_figures(sheet, tmp_path / "a")
-    stems = ("front_ride_height_rms", "rf_hub_acceleration_rms")  # of the objective, and of the constraint
-    kinds = ("levels.png", "levels.svg", "tradeoffs.png", "tradeoffs.svg")
-    assert [path.name for path in paths] == [f"{stem}_{kind}" for stem in stems for kind in kinds]
-    assert matplotlib.image.imread(paths[0]).shape[1] == 1440  # 7.2 in at 200 dots per inch
-    text = " ".join(element.text or "" for element in ElementTree.parse(paths[3]).iter())
-    assert "front ride height, RMS, level [%]" in text and "AA/AA" in text
-    again = write_figures(replace(sheet, measures=sheet.measures[:1]), tmp_path / "b")
-    assert [path.read_bytes() for path in paths[:2]] == [path.read_bytes() for path in again]
-
-
-def test_the_front_contains_the_feasible_setups_that_are_not_dominated(sheet):
-    first, second = (next(c for c in sheet.measures if c.name == name) for name in (FRONT, TIRE))
-    points = {row: (first.values[row], second.values[row]) for row in np.flatnonzero(sheet.allowed)}
-    dominated = {
-        a for a, p in points.items() for q in points.values() if q != p and q[0] <= p[0] and q[1] <= p[1]
-    }  # by the definition, pair by pair
-    assert set(front(sheet, first, second).tolist()) == set(points) - dominated
-
-
 def test_dots_are_coloured_by_the_dominant_corner(sheet):
     hub = next(column for column in sheet.measures if column.name == HUB)
     assert sheet.corners[dominant_corner(sheet, hub)] == "rf"
@@ -292,7 +265,7 @@ def test_all_files_are_written_and_named(surrogate, lap, tmp_path):
     )
     best = int(result.setups[result.ranking()[0]])
     paths = write_study_report(result, tmp_path / "out", traces={best: lap(1)}, trace_command="run {setup}")
-    files = [paths.page, paths.workbook, paths.ranking, paths.traces[best], *paths.figures]
+    files = [paths.page, paths.workbook, paths.ranking, paths.traces[best]]
     assert all(path.stat().st_size > 0 for path in files)
     assert sorted(path for path in (tmp_path / "out").rglob("*") if path.is_file()) == sorted(files)
     manifest = _manifest(paths.page.read_text(encoding="utf-8"))

@@ -1,0 +1,124 @@
+/* Numbers of LANES setups at once, as the vector extensions of gcc and clang; see common/real.h. */
+#ifndef EIGHTPOST_LANES_H
+#define EIGHTPOST_LANES_H
+
+#ifndef EIGHTPOST_LANES
+#define EIGHTPOST_LANES /* real.h */
+#endif
+
+#include <stdint.h>
+#include <string.h>
+
+#if defined(__SSE2__)
+#include <immintrin.h>
+#endif
+
+/* Eight, or the width of the processor for a compiler that handles wider vectors badly (gcc). */
+#ifndef EIGHTPOST_SETUPS
+#define EIGHTPOST_SETUPS 8
+#endif
+enum { SETUPS = EIGHTPOST_SETUPS };
+
+typedef double real __attribute__((vector_size(8 * EIGHTPOST_SETUPS)));
+typedef int64_t truth __attribute__((vector_size(8 * EIGHTPOST_SETUPS)));
+/* Indices, one for each setup, and the same in half the space. */
+typedef int64_t Index __attribute__((vector_size(8 * EIGHTPOST_SETUPS)));
+/* Two numbers and two indices of each setup in single precision. */
+typedef float Narrow __attribute__((vector_size(8 * EIGHTPOST_SETUPS)));
+typedef int32_t Places __attribute__((vector_size(8 * EIGHTPOST_SETUPS)));
+typedef int32_t Short __attribute__((vector_size(4 * EIGHTPOST_SETUPS)));
+
+/* Sums of a block of a matrix's rows that are kept in registers. */
+#ifdef __AVX512F__
+#define TILE 8
+#else
+#define TILE 4
+#endif
+
+/* The initializer of an array of zeros. */
+#define ZERO {0.0}
+
+/* Of functions that run rarely: inlined, they would take registers from those that call them. */
+#define APART __attribute__((noinline))
+
+/* Of functions that are efficient only with constant arguments, and of arrays that vectors are stored in. */
+#define WITHIN __attribute__((always_inline))
+#define ALIGNED _Alignas(64)
+
+static inline real uniform(double value)
+{
+    real same;
+    for (int i = 0; i < SETUPS; i++) {
+        same[i] = value;
+    }
+    return same;
+}
+
+static inline real either(truth condition, real a, real b)
+{
+    return (real)(((truth)a & condition) | ((truth)b & ~condition));
+}
+
+/* One bit for each setup. */
+static inline unsigned bits_of(truth condition)
+{
+    unsigned bits = 0;
+#if defined(__AVX512F__) && EIGHTPOST_SETUPS == 8
+    bits = _mm512_test_epi64_mask((__m512i)condition, (__m512i)condition);
+#elif defined(__AVX__) && EIGHTPOST_SETUPS >= 4
+    __m256d part[EIGHTPOST_SETUPS / 4];
+    memcpy(part, &condition, sizeof part);
+    for (int k = 0; k < EIGHTPOST_SETUPS / 4; k++) {
+        bits |= (unsigned)_mm256_movemask_pd(part[k]) << 4 * k;
+    }
+#elif defined(__SSE2__)
+    __m128d part[EIGHTPOST_SETUPS / 2];
+    memcpy(part, &condition, sizeof part);
+    for (int k = 0; k < EIGHTPOST_SETUPS / 2; k++) {
+        bits |= (unsigned)_mm_movemask_pd(part[k]) << 2 * k;
+    }
+#else
+    for (int i = 0; i < SETUPS; i++) {
+        bits |= (unsigned)(condition[i] & 1) << i;
+    }
+#endif
+    return bits;
+}
+
+static inline int in_any(truth condition)
+{
+    return bits_of(condition) != 0;
+}
+
+static inline truth one_of(truth a, truth b)
+{
+    return a | b;
+}
+
+static inline truth both_of(truth a, truth b)
+{
+    return a & b;
+}
+
+static inline truth is_false(truth condition)
+{
+    return ~condition;
+}
+
+static inline int in_every(truth condition)
+{
+    return bits_of(condition) == (1U << SETUPS) - 1U;
+}
+
+/* The number of each setup's index. */
+static inline real chosen(const real *numbers, Index index)
+{
+    const double *first = (const double *)numbers;
+    real found;
+    for (int i = 0; i < SETUPS; i++) {
+        found[i] = first[index[i] * SETUPS + i];
+    }
+    return found;
+}
+
+#endif

@@ -1,0 +1,76 @@
+/* What a machine runs, filled by Python (cosim/study/machine/library.py has the same structures). */
+#ifndef EIGHTPOST_MACHINE_H
+#define EIGHTPOST_MACHINE_H
+
+#include <stdint.h>
+
+#include "car.h"
+
+#if defined(_WIN32)
+#define EXPORTED __declspec(dllexport)
+#else
+#define EXPORTED __attribute__((visibility("default")))
+#endif
+
+/* A recorded channel: row `number` of the vehicle's outputs, or signal `number` of PortSignals at a corner. */
+typedef struct {
+    int corner; /* -1: of the vehicle */
+    int number;
+} Channel;
+
+/* A quantity whose statistics are summed over the recorded rows `begin` to `end` - 1: a weighted sum of channels, or the product of
+ * two. */
+typedef struct {
+    int first, count; /* terms */
+    int is_product;
+    int begin, end;
+    int has_limits; /* whether the smallest and the largest value and the share inside are needed */
+    double low, high; /* of the share of rows with low <= value < high */
+} Quantity;
+
+/* Statistics of a quantity, for each setup. */
+enum { SHIFT, SUM, SQUARES, LEAST, LARGEST_VALUE, INSIDE, FIRST_VALUE, LAST_VALUE, STATISTICS };
+
+/* A limit of an output of the vehicle that is watched after settling: exceeded where sign * output > limit. */
+typedef struct {
+    double sign, limit;
+    int output; /* a row of the vehicle's outputs */
+} Limit;
+
+/* All setups of a run on a drive. What the drive does to the car without forces beyond its dampers is the same for all of them. */
+typedef struct {
+    const Car *car;
+    const double *velocities, *travels; /* of the ports by the drive: steps + 1 rows of CORNERS */
+    const double *outputs; /* recorded outputs by the drive: a row of output_count numbers for each record */
+    const double *output_rows, *direct; /* of recorded outputs, by states and by the forces of the ports (F) */
+    const Channel *channels;
+    const Quantity *quantities;
+    const int *terms; /* of quantities: channels */
+    const double *weights;
+    const Limit *limits;
+    const int *series; /* channels whose series are stored */
+    double step;
+    int64_t steps, every, settling; /* every: steps between records; settling: records at the start that limits do not count */
+    int64_t at_rest; /* whether the run starts at rest under its loads, or else with states of zero */
+    int64_t output_count, channel_count, quantity_count, limit_count, series_count;
+} Run;
+
+/* Sums over a run, for each setup. */
+typedef struct {
+    double *transferred, *residual; /* CORNERS: work through the bond, and work that the coupling added [J] */
+    double *defect, *total, *squares; /* 2 CORNERS: velocities, then forces; defects are those of the last sweep and of the quadratic */
+    double *beyond; /* CORNERS: records beyond the fit */
+    double *watched; /* limits: records beyond each */
+    double *statistics; /* quantities, STATISTICS */
+    double *values; /* rows, stored channels */
+    int64_t *ended; /* the step at which a setup was retired, or -1 */
+} Sums;
+
+/* A filter of second-order sections: rows of six coefficients, the state of each for a unit step, and the rows of odd reflection at
+ * each end. */
+typedef struct {
+    const double *rows, *rest;
+    int64_t sections, pad;
+} Filter;
+
+#endif
