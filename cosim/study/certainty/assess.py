@@ -32,9 +32,8 @@ from cosim.study.certainty.choice import (
     limits_of,
     tests_of,
 )
-from cosim.study.certainty.posterior import Observations, Posterior
+from cosim.study.certainty.posterior import Observations, Posterior, Surprise, surprises_of
 from cosim.study.certainty.sources import FILE, OUTPUT, UNKNOWN, ErrorSources, error_sources
-from cosim.study.certainty.surprise import Surprise, surprises_of
 from cosim.study.result import StudyResult
 from cosim.study.table import error_column
 from eightpost.array_types import Array, Integers
