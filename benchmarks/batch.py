@@ -29,12 +29,12 @@ import numpy as np
 
 from benchmarks.study import ended_processes, shipped_study
 from cosim.study import Build, Study, Vehicle
-from cosim.study.machine import library
 from cosim.study.running.batches import EXACT, FAST
 from cosim.study.running.evaluator import Coupling, Evaluator
 from cosim.study.running.sweep import run_study
 from cosim.study.running.workers import ProcessWorkers
 from eightpost.corners import CORNERS
+from eightpost.machine import library
 
 #: Coupling step of the shipped study [s].
 COUPLING = Coupling("gauss-seidel", 4e-3 / 3.0)

@@ -22,7 +22,7 @@ from fmpy.fmi2 import FMU2Slave, fmi2False
 
 from builder.build import build
 from cosim import ExtrapolatedForce, ForceLaw, HeldForce
-from cosim.components.rebuild import find_compiler
+from eightpost.compilers import find_compiler
 from eightpost.corners import CORNERS
 from eightpost.errors import FmuError
 

@@ -11,8 +11,8 @@ import numpy as np
 from benchmarks.engines.job import DRIVEN
 from builder.native.platforms import this_platform
 from builder.native.toolchain import fmi_headers
-from cosim.components.rebuild import find_compiler
 from eightpost.archive import write_archive
+from eightpost.compilers import find_compiler
 from eightpost.signals import Drivefile
 
 GUID = "{7d1c8f0e-drive-player}"

@@ -10,8 +10,8 @@ import pytest
 from builder.native.toolchain import fmi_headers
 from cosim import ExtrapolatedForce, ForceLaw, HeldForce
 from cosim.components.fmu_file import FmuFile
-from cosim.components.rebuild import find_compiler
 from eightpost.archive import extract_archive
+from eightpost.compilers import find_compiler
 from eightpost.errors import FmuError
 
 ROOT = Path(__file__).parents[2]

@@ -22,7 +22,6 @@ from cosim.session.automatic import default_scheme
 from cosim.session.session import Session
 from cosim.study.above_band import AboveBand, above_band, band_ends
 from cosim.study.columns import DONE, FAILED, error_column
-from cosim.study.machine.reasons import NotInBatchError
 from cosim.study.ports import bond_at, check_corners
 from cosim.study.result import StudyResult
 from cosim.study.running.batches import Batches, BatchRun, RunSummary
@@ -34,6 +33,7 @@ from cosim.study.study import Drive, Study
 from cosim.systems.scenario import Scenario
 from cosim.systems.system import System
 from eightpost.errors import EightpostError, WiringError
+from eightpost.machine.reasons import NotInBatchError
 from eightpost.signals import TimeSeries
 from eightpost.workers.pool import heartbeat
 

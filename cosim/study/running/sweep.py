@@ -16,7 +16,6 @@ from cosim.session.session import interrupts_deferred
 from cosim.session.setup import Setup as SessionSetup
 from cosim.study.above_band import AboveBand
 from cosim.study.columns import result_table, study_schema
-from cosim.study.machine.reasons import NotInBatchError
 from cosim.study.measures import Measure, own_function
 from cosim.study.provenance import Provenance
 from cosim.study.result import StudyResult
@@ -29,6 +28,7 @@ from cosim.study.study import Drive, Study
 from cosim.systems.algorithm import GaussSeidel
 from eightpost import units
 from eightpost.errors import EightpostError, InputError, WorkersLostError
+from eightpost.machine.reasons import NotInBatchError
 from eightpost.outputs import check_folder
 from eightpost.progress import Progress, beats
 

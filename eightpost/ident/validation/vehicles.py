@@ -25,8 +25,9 @@ from eightpost.ident.validation.rig_record import RigRecord
 from eightpost.ident.validation.spectrum import ErrorSpectrum
 from eightpost.ident.vehicle import VehicleFit
 from eightpost.ident.vehicle.experiment import quantity
+from eightpost.ident.vehicle.many_setups import closed_at_ports
 from eightpost.ident.vehicle.ranges import Ranges, lifted_tires
-from eightpost.ident.vehicle.simulation import closed_at_ports, open_at_ports, ports_of
+from eightpost.ident.vehicle.simulation import open_at_ports, ports_of
 from eightpost.shock import ShockLaw
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import IdentifiedVehicle, StateSpace, Vehicle, add_port_damping

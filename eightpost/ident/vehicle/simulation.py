@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -11,13 +11,12 @@ from scipy.sparse import csr_array
 from eightpost.array_types import Array
 from eightpost.corners import channel
 from eightpost.errors import InputError, ParameterError, StepError
-from eightpost.ident.vehicle.many_setups import ManySetups, friction_rows
 from eightpost.ident.vehicle.port_laws import with_port_laws
 from eightpost.ident.vehicle.stability import discretise_by_parts
 from eightpost.shock import ShockLaw
 from eightpost.shock.law import State
 from eightpost.signals import TimeSeries
-from eightpost.vehicle import IdentifiedVehicle, StateSpace
+from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace
 from eightpost.vehicle.bristle import deflection_after
 
 
@@ -25,6 +24,11 @@ def ports_of(model: StateSpace) -> tuple[str, ...]:
     """Return the ports of a vehicle, in the order of its inputs."""
     ports = (n.removesuffix("force").rstrip(".") for n in model.input_names if n.rpartition(".")[2] == "force")
     return tuple(port for port in ports if channel(port, "velocity") in model.output_names)
+
+
+def port_numbers(law: Friction) -> tuple[float, ...]:
+    """Return F_f, v_f, F_s, z_s, rho, v_s and k2 of a port; see `eightpost.vehicle.Friction`."""
+    return law.force, law.velocity, *astuple(law.bristle), law.spring
 
 
 # ---- Prediction of a rig record -------------------------------------------------------------------------------------
@@ -53,24 +57,7 @@ def open_at_ports(vehicle: IdentifiedVehicle, record: TimeSeries) -> TimeSeries:
     for port in ports_of(model):
         rate = vehicle.baseline_damping.get(port, 0.0)
         u[:, model.input_names.index(channel(port, "force"))] -= rate * record[channel(port, "velocity")]
-    return _named(model, record.time, _respond(model, u, 1.0 / record.sample_rate))
-
-
-def closed_at_ports(vehicle: IdentifiedVehicle, record: TimeSeries, laws: Mapping[str, ShockLaw]) -> TimeSeries:
-    """Return the vehicle's outputs with shock laws at its ports, under a record's roads and loads, from rest.
-
-    Args:
-        vehicle: Identified vehicle, with the friction at its ports.
-        record: Record without means.
-        laws: Shock law of every port.
-    """
-    model, ports = vehicle.state_space, ports_of(vehicle.state_space)
-    drive = record.select(n for n in model.input_names if n in record and n not in {channel(p, "force") for p in ports})
-    plain = model.dt is None and all(_is_plain(law) for law in laws.values())
-    if plain and set(vehicle.baseline_damping) == set(laws):
-        bank = [laws[port] for port in vehicle.baseline_damping]
-        return _named(model, record.time, ManySetups(vehicle, bank, drive).run([range(len(bank))])[0])
-    return port_by_port(vehicle, drive, laws)
+    return series_of(model, record.time, _respond(model, u, 1.0 / record.sample_rate))
 
 
 def port_by_port(vehicle: IdentifiedVehicle, drive: TimeSeries, laws: Mapping[str, ShockLaw]) -> TimeSeries:
@@ -78,7 +65,7 @@ def port_by_port(vehicle: IdentifiedVehicle, drive: TimeSeries, laws: Mapping[st
 
     Args:
         vehicle: Identified vehicle, with the friction at its ports.
-        drive: Roads and loads without means.
+        drive: Inputs without means, as for `simulate_with_shocks`.
         laws: Shock law of every port.
 
     Raises:
@@ -98,11 +85,6 @@ def port_by_port(vehicle: IdentifiedVehicle, drive: TimeSeries, laws: Mapping[st
     raise AssertionError("one of the steps was the last")
 
 
-def _is_plain(law: ShockLaw) -> bool:
-    """Return whether the compiled loop supports the law's port."""
-    return law.port.motion_ratio == 1.0 and law.port.seal_friction == 0.0
-
-
 def _respond(model: StateSpace, u: Array, step: float) -> Array:
     """Return the outputs (p, N) for inputs (N, m), interpolated linearly, or held if the model is discrete."""
     if model.dt is None:
@@ -117,7 +99,8 @@ def _respond(model: StateSpace, u: Array, step: float) -> Array:
     return np.asarray(y.T)
 
 
-def _named(model: StateSpace, time: Array, outputs: Array) -> TimeSeries:
+def series_of(model: StateSpace, time: Array, outputs: Array) -> TimeSeries:
+    """Return the outputs (p, N) of a model as channels."""
     channels = {c.name: (c.unit, row) for c, row in zip(model.outputs, outputs, strict=True)}
     return TimeSeries.from_channels(time, channels)
 
@@ -140,7 +123,8 @@ def simulate_with_shocks(vehicle: IdentifiedVehicle, shocks: Mapping[str, ShockL
     Args:
         vehicle: Identified vehicle. The input of a port without baseline damping is the whole force.
         shocks: Shock law by port ("lf", ...; "" for a quarter car). A port without a shock has no shock force.
-        drive: Other inputs of the vehicle by name; missing ones are zero. Its sample rate is that of the simulation.
+        drive: Inputs of the vehicle by name; missing ones are zero, and forces of ports act in addition to the shocks.
+            Its sample rate is that of the simulation.
 
     Returns:
         Outputs of the vehicle and the whole force of each shock, as `force` of its port, at the times of the drive.
@@ -151,7 +135,7 @@ def simulate_with_shocks(vehicle: IdentifiedVehicle, shocks: Mapping[str, ShockL
     """
     loop = _Loop.of(vehicle, shocks, drive)
     outputs, forces = loop.run(drive)
-    series = _named(loop.model, drive.time, outputs)
+    series = series_of(loop.model, drive.time, outputs)
     for port, row in zip(loop.ports, forces, strict=True):
         series = series.with_channel(channel(port, "force"), "N", row)
     return series
@@ -177,7 +161,7 @@ class _Loop:
                 raise InputError(
                     f"there is no port {port!r}; the vehicle's ports are {', '.join(map(repr, ports)) or 'none'}"
                 )
-        _check_drive(model, ports, drive)
+        _check_drive(model, drive)
         forces = [model.input_names.index(channel(port, "force")) for port in ports]
         velocities = [model.output_names.index(channel(port, "velocity")) for port in ports]
         if np.abs(model.D[np.ix_(velocities, forces)]).any():
@@ -188,7 +172,10 @@ class _Loop:
         rows = {name: row for row, name in enumerate(model.output_names)}
         at = [rows.get(channel(port, "displacement")) for port in ports]
         damping = np.array([vehicle.baseline_damping.get(port, 0.0) for port in ports])
-        friction = friction_rows(vehicle, ports).T
+        laws = [vehicle.friction.get(port, Friction()) for port in ports]
+        friction = (
+            np.array([[one.force, one.velocity, *astuple(one.bristle), one.spring] for one in laws]).reshape(-1, 7).T
+        )
         return cls(model, ports, tuple(shocks.get(port) for port in ports), damping, forces, velocities, at, friction)
 
     def _change(self, force: Array, v: Array, bend: Array, d: Sequence[float]) -> Array:
@@ -226,8 +213,9 @@ class _Loop:
             state, forces[k] = state.after(v, y[self.velocities], self._displacement(y), step if k else 0.0)
             bend = self._bent(bend, v, y[self.velocities], step if k else 0.0)
             v = y[self.velocities]
-            u[k, self.forces] = self._change(forces[k], v, bend, self._displacement(y))
-            outputs[k] = y + model.D[:, self.forces] @ u[k, self.forces]
+            change = self._change(forces[k], v, bend, self._displacement(y))
+            u[k, self.forces] += change
+            outputs[k] = y + model.D[:, self.forces] @ change
             x = A @ x + B @ u[k]
         return outputs.T, forces.T
 
@@ -258,7 +246,7 @@ class _Loop:
                 )
             state, forces[k], outputs[k], v, bend = following, force, y, y[self.velocities], bent
             x = free if k == 0 else free + driven @ change
-            u[k, self.forces] = change
+            u[k, self.forces] += change
         return outputs.T, forces.T
 
     def _displacement(self, y: Array) -> list[float]:
@@ -288,12 +276,11 @@ class _Shocks:
         return _Shocks(self.laws, tuple(states)), forces
 
 
-def _check_drive(model: StateSpace, ports: Sequence[str], drive: TimeSeries) -> None:
+def _check_drive(model: StateSpace, drive: TimeSeries) -> None:
     if not drive.is_uniform:
         raise InputError("the drive is not evenly sampled; resample it")
-    known = set(model.input_names) - {channel(port, "force") for port in ports}
     for name in drive.names:
-        if name not in known:
+        if name not in model.input_names:
             raise InputError(
                 f"the drive has the channel {name!r}, which is not an input of the vehicle {model.name!r}; leave it out"
             )

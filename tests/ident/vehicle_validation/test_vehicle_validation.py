@@ -13,7 +13,8 @@ from eightpost.errors import MissingChannelError, ParameterError
 from eightpost.ident.validation.vehicle_verdict import Limits, vehicle_verdict
 from eightpost.ident.validation.vehicles import validate_vehicle
 from eightpost.ident.vehicle import VehicleFit
-from eightpost.ident.vehicle.simulation import closed_at_ports, port_by_port
+from eightpost.ident.vehicle.many_setups import closed_at_ports
+from eightpost.ident.vehicle.simulation import port_by_port
 from eightpost.rig.post import RigTest
 from eightpost.shock import Shock
 from eightpost.vehicle import StateSpace, read_vehicle, shipped

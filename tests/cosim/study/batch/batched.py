@@ -12,7 +12,7 @@ from cosim.session.setup import Setup as SessionSetup
 from cosim.study import Build, Drive, Measure, Study, Vehicle
 from cosim.study.machine.lanes import Batch, BatchResult
 from cosim.study.machine.car import read_car
-from cosim.study.machine.library import Library, compiled
+from eightpost.machine.library import Library, compiled
 from cosim.study.machine.plan import Plan
 from cosim.study.machine.shocks import read_shock
 from cosim.study.running.evaluator import Coupling, Evaluator

@@ -8,7 +8,7 @@ import numpy as np
 
 from builder.build import build
 from cosim.study import Measure, Vehicle
-from cosim.study.machine import library
+from eightpost.machine import library
 from cosim.study.running.batches import Batches
 from cosim.study.running.evaluator import Evaluator
 from eightpost.corners import CORNERS

@@ -11,7 +11,7 @@ import pytest
 from builder.build import build
 from cosim.components.fmu_component import FmuComponent
 from cosim.study import Build, Drive, Measure, Vehicle
-from cosim.study.machine.library import instruction_set
+from eightpost.machine.library import instruction_set
 from cosim.study.batch.car import _car
 from cosim.study.batch.library import instruction_set
 from cosim.study.batch.sources import Sources

@@ -6,7 +6,7 @@ from dataclasses import asdict, replace
 import pytest
 
 from cosim.study import Build, Measure, Vehicle
-from cosim.study.machine import library
+from eightpost.machine import library
 from cosim.study.running.batch_check import LARGEST_DIFFERENCE, with_batch
 from cosim.study.running.batch_check import random_setups as random_setups_of_study
 from cosim.study.running.batches import Batches, BatchRun

@@ -16,9 +16,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from cosim.components.rebuild import find_compiler
-from cosim.engine.machine_code import description
+import llvmlite.binding as llvm
+
 from eightpost.cache import keep, recall
+from eightpost.compilers import find_compiler
 from eightpost.errors import FmuError
 
 # ---- Sources --------------------------------------------------------------------------------------------------------
@@ -47,7 +48,7 @@ _SHARED = {
     "hysteresis.c.inc": "shock_hysteresis/model.c",
 }  # fmt: skip
 
-_PACKAGE = Path(__file__).parents[3]
+_PACKAGE = Path(__file__).parents[2]
 
 
 def source_folder() -> Path:
@@ -73,8 +74,8 @@ def sources() -> Mapping[str, bytes]:
 
 def instruction_set() -> str:
     """Return the widest instruction set of this processor that a machine uses; empty: that of every processor."""
-    features = description()[2].split(",")
-    return next((name for name in _WIDTHS if f"+{name}" in features), "")
+    features = llvm.get_host_cpu_features()
+    return next((name for name in _WIDTHS if features.get(name)), "")
 
 
 # ---- Compilation ----------------------------------------------------------------------------------------------------

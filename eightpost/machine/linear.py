@@ -7,27 +7,25 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cosim.study.machine.car import Vehicle
-from cosim.study.machine.reasons import NotInBatchError
-from eightpost.array_types import Array
+from eightpost.array_types import Array, Complex, Integers
+from eightpost.machine.reasons import NotInBatchError
+from eightpost.machine.vehicle import Port, Vehicle, largest_direct
 
-_Complex = NDArray[np.complex128]
-
-#: Largest condition number of the modes, and largest growth of one [1/s]: what exceeds them runs through the FMUs.
-_CONDITION, _GROWTH = 1e7, 1e-6
+#: Largest condition number of the modes, and largest growth of one [1/s]: by half in a minute.
+_CONDITION, _GROWTH = 1e7, 0.007
 
 #: Number of intervals of a drive that are handled at once.
-_AT_ONCE = 1 << 16
+_AT_ONCE = 1 << 12
 
 
-class Bond(NamedTuple):
-    """A shock's port of the vehicle: numbers of the force's input and of the outputs velocity and travel."""
+class Drive(NamedTuple):
+    """Inputs of a vehicle over time, and the steps of a run on them."""
 
-    force: int
-    velocity: int
-    travel: int
+    times: Array  #: Ends of the steps, all equal, from 0 (K + 1,) [s].
+    every: int  #: Number of steps between records.
+    points: Array  #: Times at which the inputs are given, those of the steps among them (N + 1,) [s].
+    inputs: Array  #: Inputs there (N + 1, m), linear between them.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,83 +33,92 @@ class LinearCar:
     """Car with a damper at each port, as independent complex modes z' = lambda z + b u with outputs Re(c z) + D u."""
 
     vehicle: Vehicle  #: The car without the dampers.
-    bonds: tuple[Bond, ...]  #: Ports of the shocks.
+    ports: tuple[Port, ...]  #: Ports of the shocks.
     damping: Array  #: Damping of each (C,) [N.s/m].
-    poles: _Complex  #: lambda (P,) [1/s].
-    into: _Complex  #: b (P, m).
-    out: _Complex  #: c (p, P).
+    poles: Complex  #: lambda (P,) [1/s].
+    into: Complex  #: b (P, m).
+    out: Complex  #: c (p, P).
 
     @classmethod
-    def of(cls, vehicle: Vehicle, bonds: Sequence[Bond], damping: Array) -> LinearCar:
+    def of(cls, vehicle: Vehicle, ports: Sequence[Port], damping: Array, *, multiple: int = 1) -> LinearCar:
         """Close the loops of linear dampers.
+
+        Args:
+            vehicle: Car without dampers.
+            ports: Ports of the shocks.
+            damping: Damping of each, about the mean slope of the shocks (C,) [N.s/m].
+            multiple: Number of which the number of modes is made a multiple, with modes without effect: a library is
+                compiled for every number of modes.
 
         Raises:
             NotInBatchError: The car has no such modes, or is not stable with these dampers.
         """
-        forces, velocities = [b.force for b in bonds], [b.velocity for b in bonds]
-        if np.any(vehicle.D[np.ix_([*velocities, *(b.travel for b in bonds)], forces)]):
+        if largest_direct(vehicle, ports) > 0.0:
             raise NotInBatchError("a force acts on the velocity of a port without delay")
-        closed = vehicle.A + vehicle.B[:, forces] @ (damping[:, None] * vehicle.C[velocities])
-        poles, vectors = np.linalg.eig(closed)
+        closed = vehicle.with_dampers(ports, damping)
+        poles, vectors = np.linalg.eig(closed.A)
         if np.linalg.cond(vectors) > _CONDITION:
             raise NotInBatchError("modes of the vehicle nearly coincide")
         if poles.real.max(initial=-1.0) > _GROWTH:
             raise NotInBatchError("the vehicle is not stable with the mean damping of its shocks")
         kept = poles.imag >= 0.0
         twice = np.where(poles.imag > 0.0, 2.0, 1.0)[kept, None]  # z + conj(z) = 2 Re(z)
-        into = twice * (np.linalg.inv(vectors) @ vehicle.B)[kept]
-        return cls(vehicle, tuple(bonds), damping, poles[kept], into, vehicle.C @ vectors[:, kept])
+        into = twice * (np.linalg.inv(vectors) @ closed.B)[kept]
+        more = -int(kept.sum()) % multiple
+        return cls(
+            vehicle,
+            tuple(ports),
+            damping,
+            np.concatenate([poles[kept], np.full(more, -1.0)]).astype(np.complex128),
+            np.concatenate([into, np.zeros((more, into.shape[1]))]),
+            np.concatenate([vehicle.C @ vectors[:, kept], np.zeros((len(vehicle.C), more))], axis=1),
+        )
 
     @property
     def pairs(self) -> int:
         """Number of modes."""
         return self.poles.size
 
-    def data(self, step: float, friction: Sequence[Sequence[float]]) -> bytes:
+    def data(self, step: float) -> bytes:
         """Return the structure Car of fmus/machine/car.h for a step [s]."""
         x = self.poles * step
         one, two, three = (step * phi for phi in _phi(x))
         nodes = one - 3.0 * two + 4.0 * three, 4.0 * two - 8.0 * three, 4.0 * three - two
-        into = self.into[:, [b.force for b in self.bonds]]
+        into = self.into[:, [port.force for port in self.ports]]
         load = np.stack([_rows(w[:, None] * into) for w in nodes])
-        velocity, travel = (_columns(self.out[[b[k] for b in self.bonds]]) for k in (1, 2))
+        velocity = _columns(self.out[[port.velocity for port in self.ports]])
+        travel = _columns(
+            np.stack([np.zeros(self.pairs) if p.travel is None else self.out[p.travel] for p in self.ports])
+        )
         rest = _rows(-into / np.where(self.poles == 0.0, np.inf, self.poles)[:, None])
         turn = np.exp(x)
         parts = [
             np.stack([turn.real, turn.imag], axis=1), load, rest, velocity, travel, velocity @ load, travel @ load,
-            self.damping, np.array(friction),
+            self.damping, np.array([port.friction for port in self.ports]),
         ]  # fmt: skip
         return np.concatenate([np.ravel(part) for part in parts]).astype(np.float64).tobytes()
 
     def output_rows(self, outputs: Sequence[int]) -> tuple[Array, Array]:
         """Return the rows (R, 2 P) and the direct terms (R, C) of outputs."""
-        forces = [b.force for b in self.bonds]
+        forces = [port.force for port in self.ports]
         return _columns(self.out[list(outputs)]), self.vehicle.D[np.ix_(list(outputs), forces)]
 
-    def by_drive(
-        self,
-        times: Array,
-        inputs: Array,
-        wanted: NDArray[np.intp],
-        outputs: Sequence[int],
-        accumulate: Callable[..., Any],
-    ) -> Array:
+    def by_drive(self, drive: Drive, wanted: Integers, outputs: Sequence[int], accumulate: Callable[..., Any]) -> Array:
         """Return outputs (K, R) at points of the drive, without forces beyond the dampers.
 
         Args:
-            times: Times of the points (N + 1,) [s].
-            inputs: Inputs there (N + 1, m), linear between them.
+            drive: Drive.
             wanted: Numbers of the points whose outputs are returned (K,).
             outputs: Numbers of the outputs.
             accumulate: Function of fmus/machine/drive.c.
         """
-        load = inputs @ self.into.T
-        z = np.zeros_like(load[0])
+        into, inputs = self.into.T, drive.inputs
+        z = np.zeros(self.pairs, dtype=np.complex128)
         if self.vehicle.at_rest:
             if np.any(self.poles == 0.0):
                 raise NotInBatchError("the vehicle has no unique steady state")
-            z = -load[0] / self.poles
-        lengths, kinds = np.unique(np.diff(times).round(12), return_inverse=True)
+            z = -(inputs[0] @ into) / self.poles
+        lengths, kinds = np.unique(np.diff(drive.points).round(12), return_inverse=True)
         x = np.multiply.outer(lengths, self.poles)
         turn, (one, two, _) = np.exp(x), (lengths[:, None] * phi for phi in _phi(x))
         out, direct = self.out[list(outputs)].T, self.vehicle.D[list(outputs)].T
@@ -121,7 +128,8 @@ class LinearCar:
         for begin in range(0, kinds.size, _AT_ONCE):
             several = slice(begin, min(begin + _AT_ONCE, kinds.size))
             own = kinds[several]
-            states = (one - two)[own] * load[several] + two[own] * load[several.start + 1 : several.stop + 1]
+            load = inputs[several.start : several.stop + 1] @ into
+            states = (one - two)[own] * load[:-1] + two[own] * load[1:]
             accumulate(z, turn, own.astype(np.int32), states)
             last = np.searchsorted(wanted, several.stop, side="right")
             found[first:last] = (states[wanted[first:last] - begin - 1] @ out).real
@@ -129,17 +137,17 @@ class LinearCar:
         return found + inputs[wanted] @ direct + self.vehicle.offset[list(outputs)]
 
 
-def _rows(values: _Complex) -> Array:
+def _rows(values: Complex) -> Array:
     """Return real rows (2 P, C) of complex ones: real and imaginary part of each."""
     return np.stack([values.real, values.imag], axis=1).reshape(-1, values.shape[1])
 
 
-def _columns(values: _Complex) -> Array:
+def _columns(values: Complex) -> Array:
     """Return the real columns (R, 2 P) that give Re(c z) from the real and the imaginary parts of z."""
     return np.stack([values.real, -values.imag], axis=2).reshape(len(values), -1)
 
 
-def _phi(x: _Complex) -> tuple[_Complex, _Complex, _Complex]:
+def _phi(x: Complex) -> tuple[Complex, Complex, Complex]:
     """Return phi1(x) = (e^x - 1) / x, phi2(x) = (phi1(x) - 1) / x and phi3(x) = (phi2(x) - 1/2) / x."""
     small = np.abs(x) < 1.0
     far = np.where(small, 1.0, x)
