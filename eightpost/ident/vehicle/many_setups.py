@@ -65,10 +65,8 @@ class ManySetups:
         try:
             return self._on_machine(drive, laws, chosen)
         except (NotInBatchError, FmuError):  # FmuError: there is no compiler
-            every = [
-                port_by_port(self.vehicle, drive, _at(ports, laws, row)).values[:, :: self.every] for row in chosen
-            ]
-            return np.array(every).reshape(len(chosen), len(model.outputs), -1)
+            places = [dict(zip(ports, (laws[k] for k in row), strict=True)) for row in chosen.tolist()]
+            return np.stack([port_by_port(self.vehicle, drive, own).values[:, :: self.every] for own in places])
 
     def _on_machine(self, drive: TimeSeries, laws: Sequence[ShockLaw], chosen: Integers) -> Array:
         model, count = self.vehicle.state_space, len(drive) - 1
@@ -129,10 +127,11 @@ def _open(vehicle: IdentifiedVehicle) -> tuple[Vehicle, list[Port]]:
 
 def _port(model: StateSpace, port: str, law: Friction) -> Port:
     outputs, place = model.output_names, channel(port, "displacement")
-    friction = (law.force, law.velocity, *astuple(law.bristle), law.spring)
-    travel = outputs.index(place) if place in outputs else None
     return Port(
-        model.input_names.index(channel(port, "force")), outputs.index(channel(port, "velocity")), travel, friction
+        model.input_names.index(channel(port, "force")),
+        outputs.index(channel(port, "velocity")),
+        outputs.index(place) if place in outputs else None,
+        port_numbers(law),
     )
 
 
