@@ -6,7 +6,7 @@ of the processor. The laws are the C sources of the shocks' FMUs; docs/explanati
 
 from eightpost.machine.batch import Batch, BatchResult, joined
 from eightpost.machine.linear import Drive, LinearCar
-from eightpost.machine.reasons import NotInBatchError
+from eightpost.machine.reasons import NotInBatchError, UnstableCarError
 from eightpost.machine.run import SIGNALS, Limit, Quantity, Run
 from eightpost.machine.shocks import LAWS, ShockData
 from eightpost.machine.vehicle import Port, Vehicle
@@ -24,6 +24,7 @@ __all__ = [
     "Quantity",
     "Run",
     "ShockData",
+    "UnstableCarError",
     "Vehicle",
     "joined",
 ]

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from eightpost.array_types import Array, Complex, Integers
-from eightpost.machine.reasons import NotInBatchError
+from eightpost.machine.library import Driven, Library
+from eightpost.machine.reasons import NotInBatchError, UnstableCarError
 from eightpost.machine.vehicle import Port, Vehicle, largest_direct
 
 #: Largest condition number of the modes, and largest growth of one [1/s]: by half in a minute.
 _CONDITION, _GROWTH = 1e7, 0.007
-
-#: Number of intervals of a drive that are handled at once.
-_AT_ONCE = 1 << 12
 
 
 class Drive(NamedTuple):
@@ -51,7 +49,7 @@ class LinearCar:
                 compiled for every number of modes.
 
         Raises:
-            NotInBatchError: The car has no such modes, or is not stable with these dampers.
+            NotInBatchError: The car has no such modes, or is not stable with these dampers (`UnstableCarError`).
         """
         if largest_direct(vehicle, ports) > 0.0:
             raise NotInBatchError("a force acts on the velocity of a port without delay")
@@ -60,7 +58,7 @@ class LinearCar:
         if np.linalg.cond(vectors) > _CONDITION:
             raise NotInBatchError("modes of the vehicle nearly coincide")
         if poles.real.max(initial=-1.0) > _GROWTH:
-            raise NotInBatchError("the vehicle is not stable with the mean damping of its shocks")
+            raise UnstableCarError("the vehicle is not stable with the mean damping of its shocks")
         kept = poles.imag >= 0.0
         twice = np.where(poles.imag > 0.0, 2.0, 1.0)[kept, None]  # z + conj(z) = 2 Re(z)
         into = twice * (np.linalg.inv(vectors) @ closed.B)[kept]
@@ -103,38 +101,36 @@ class LinearCar:
         forces = [port.force for port in self.ports]
         return _columns(self.out[list(outputs)]), self.vehicle.D[np.ix_(list(outputs), forces)]
 
-    def by_drive(self, drive: Drive, wanted: Integers, outputs: Sequence[int], accumulate: Callable[..., Any]) -> Array:
+    def by_drive(self, drive: Drive, wanted: Integers, outputs: Sequence[int], found_by: Library) -> Array:
         """Return outputs (K, R) at points of the drive, without forces beyond the dampers.
 
         Args:
             drive: Drive.
-            wanted: Numbers of the points whose outputs are returned (K,).
+            wanted: Ascending numbers of the points whose outputs are returned (K,).
             outputs: Numbers of the outputs.
-            accumulate: Function of fmus/machine/drive.c.
+            found_by: Library for this car.
         """
-        into, inputs = self.into.T, drive.inputs
-        z = np.zeros(self.pairs, dtype=np.complex128)
+        inputs = np.ascontiguousarray(drive.inputs)
+        start = np.zeros(self.pairs, dtype=np.complex128)
         if self.vehicle.at_rest:
             if np.any(self.poles == 0.0):
                 raise NotInBatchError("the vehicle has no unique steady state")
-            z = -(inputs[0] @ into) / self.poles
+            start = -(self.into @ inputs[0]) / self.poles
         lengths, kinds = np.unique(np.diff(drive.points).round(12), return_inverse=True)
         x = np.multiply.outer(lengths, self.poles)
-        turn, (one, two, _) = np.exp(x), (lengths[:, None] * phi for phi in _phi(x))
-        out, direct = self.out[list(outputs)].T, self.vehicle.D[list(outputs)].T
+        one, two, _ = (lengths[:, None] * phi for phi in _phi(x))
         found = np.empty((wanted.size, len(outputs)))
-        first = np.searchsorted(wanted, 0, side="right")
-        found[:first] = (z @ out).real
-        for begin in range(0, kinds.size, _AT_ONCE):
-            several = slice(begin, min(begin + _AT_ONCE, kinds.size))
-            own = kinds[several]
-            load = inputs[several.start : several.stop + 1] @ into
-            states = (one - two)[own] * load[:-1] + two[own] * load[1:]
-            accumulate(z, turn, own.astype(np.int32), states)
-            last = np.searchsorted(wanted, several.stop, side="right")
-            found[first:last] = (states[wanted[first:last] - begin - 1] @ out).real
-            first, z = last, states[-1].copy()
-        return found + inputs[wanted] @ direct + self.vehicle.offset[list(outputs)]
+        arrays = {
+            "into": _rows(self.into).T, "turn": np.exp(x), "first": one - two, "last": two,
+            "kinds": kinds.astype(np.int32), "inputs": inputs, "wanted": wanted.astype(np.int64),
+            "rows": _columns(self.out[list(outputs)]),
+        }  # fmt: skip
+        arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+        addresses = {name: array.ctypes.data for name, array in arrays.items()}
+        driven = Driven(**addresses, intervals=kinds.size, input_count=inputs.shape[1], wanted_count=wanted.size,
+                        output_count=len(outputs))  # fmt: skip
+        found_by.drive(driven, start.ctypes.data, found.ctypes.data)
+        return found + inputs[wanted] @ self.vehicle.D[list(outputs)].T + self.vehicle.offset[list(outputs)]
 
 
 def _rows(values: Complex) -> Array:

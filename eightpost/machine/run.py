@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +22,9 @@ SIGNALS = ("force", "static_force", "lagged_force", "lag_weight", "dissipated_po
 
 #: Largest numbers of limits, recorded channels and quantities of fmus/machine/march.h.
 _MOST_LIMITS, _MOST_CHANNELS, _MOST_QUANTITIES = 8, 256, 512
+
+#: A library that is loaded again is the same one.
+_loaded = lru_cache(maxsize=8)(Library)
 
 #: Number of times that the ports are evaluated in a step; with friction at a port, once more.
 _SWEEPS = 2
@@ -94,7 +98,7 @@ class Run:
         if len(limits) > _MOST_LIMITS or len(names) > _MOST_CHANNELS or len(quantities) > _MOST_QUANTITIES:
             raise NotInBatchError("it has too many measures")
         sweeps = _SWEEPS + any(port.has_forces for port in car.ports)
-        self.library = Library(compiled(car.pairs, self.corners, sweeps=sweeps))
+        self.library = _loaded(compiled(car.pairs, self.corners, sweeps=sweeps))
         places = [channels[name] for name in names]
         own = dict.fromkeys([*(row for corner, row in places if corner < 0), *(limit.output for limit in limits)])
         outputs = list(own)
@@ -132,9 +136,9 @@ class Run:
         velocities = [port.velocity for port in car.ports]
         travels = [port.velocity if port.travel is None else port.travel for port in car.ports]
         wanted, count = np.searchsorted(drive.points, drive.times), self.corners
-        ports = car.by_drive(drive, wanted, [*velocities, *travels], self.library.accumulate)
+        ports = car.by_drive(drive, wanted, [*velocities, *travels], self.library)
         ports[:, [count + k for k, port in enumerate(car.ports) if port.travel is None]] = 0.0
-        recorded = car.by_drive(drive, wanted[:: drive.every], outputs, self.library.accumulate)
+        recorded = car.by_drive(drive, wanted[:: drive.every], outputs, self.library)
         return ports[:, :count], ports[:, count:], recorded
 
     def _quantities(self) -> Iterable[Any]:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import resample
 
 from eightpost.array_types import Array
 from eightpost.corners import channel
-from eightpost.ident.vehicle.many_setups import ManySetups
-from eightpost.shock.curve import KNOTS, StaticCurve
-from eightpost.shock.polylinear import Polylinear
+from eightpost.ident.vehicle.many_setups import around_dampers, with_dampers
 from eightpost.signals import TimeSeries
-from eightpost.vehicle import IdentifiedVehicle, StateSpace, add_port_damping
+from eightpost.vehicle import IdentifiedVehicle, StateSpace
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +48,7 @@ class ClosedLoop:
         units = (*(part.unit(name) for name in names), *("N",) * len(ports))
         time = np.arange(values.shape[1]) / (finer * part.sample_rate)
         drive = TimeSeries(time, values, (*names, *forces), units)
-        closed = ManySetups(_around(vehicle, slopes), (_NO_SHOCK,), drive, finer).run([[0] * len(ports)])[0]
+        closed = with_dampers(vehicle, drive, slopes, finer)
         kept = slice(self._first_sample(part), None)
         measured = np.stack([part[name] for name in vehicle.state_space.output_names])
         return _without_mean(closed[:, kept]), _without_mean(measured[:, kept])
@@ -59,7 +56,11 @@ class ClosedLoop:
     def closed(self, vehicle: IdentifiedVehicle, test: TimeSeries) -> tuple[StateSpace, dict[str, float], TimeSeries]:
         """Return the model with the lines of a test's shocks, their slopes [N.s/m] by port, and the settled record."""
         part, slopes = self._part(vehicle, test)
-        return _around(vehicle, slopes).state_space, slopes, _samples(part, slice(self._first_sample(part), None))
+        return (
+            around_dampers(vehicle, slopes).state_space,
+            slopes,
+            _samples(part, slice(self._first_sample(part), None)),
+        )
 
     def _part(self, vehicle: IdentifiedVehicle, test: TimeSeries) -> tuple[TimeSeries, dict[str, float]]:
         part = _samples(test, slice(0, round(self.seconds * test.sample_rate)))
@@ -81,14 +82,3 @@ def port_slope(test: TimeSeries, port: str) -> float:
 
 def _without_mean(values: Array) -> Array:
     return np.asarray(values - values.mean(axis=-1, keepdims=True))
-
-
-def _around(vehicle: IdentifiedVehicle, slopes: Mapping[str, float]) -> IdentifiedVehicle:
-    """Return the vehicle with linear dampers at its ports; its inputs are the forces beyond them."""
-    more = {port: slopes[port] - rate for port, rate in vehicle.baseline_damping.items()}
-    model = add_port_damping(vehicle.state_space, more)
-    return replace(vehicle, state_space=model, baseline_damping=dict.fromkeys(slopes, 0.0))
-
-
-_PLACES = tuple(float(k - KNOTS // 2) for k in range(KNOTS))
-_NO_SHOCK = Polylinear(curve=StaticCurve.through_knots(_PLACES, (0.0,) * KNOTS, (0.0,) * KNOTS))

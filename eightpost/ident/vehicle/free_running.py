@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-
 import numpy as np
 from scipy.fft import next_fast_len
 from scipy.signal import resample
@@ -13,37 +11,13 @@ from eightpost.array_types import Array
 from eightpost.corners import channel
 from eightpost.errors import EightpostError
 from eightpost.ident.vehicle.experiment import quantity
-from eightpost.ident.vehicle.many_setups import ManySetups
+from eightpost.ident.vehicle.many_setups import with_dampers
 from eightpost.ident.vehicle.stability import closed_loop_stability
-from eightpost.shock import Polylinear
-from eightpost.shock.curve import StaticCurve
 from eightpost.signals import TimeSeries
-from eightpost.vehicle import IdentifiedVehicle, add_port_damping
+from eightpost.vehicle import IdentifiedVehicle
 
 #: Rate of the simulation, at least [Hz].
 _RATE = 1250.0
-
-#: Law without force: the dampers are part of the model.
-_NOTHING = Polylinear(StaticCurve((0.0,) * 15, (0.0,) * 4, (0.0,) * 4, 0.1, 0.01, 1.0, 1.0, 0.0, 0.0))
-
-
-def with_dampers(vehicle: IdentifiedVehicle, drive: TimeSeries, damping: Mapping[str, float], every: int = 1) -> Array:
-    """Return the outputs (p, N / every) of a vehicle with linear dampers, from rest.
-
-    Args:
-        vehicle: Continuous vehicle with friction and springs at its ports.
-        drive: Inputs of the vehicle without means; `force` of a port acts in addition to its damper.
-        damping: Damping of every port [N.s/m].
-        every: Interval of the output samples, in samples of the drive.
-
-    Raises:
-        StepError: The forces of a step do not converge.
-    """
-    added = {port: rate - vehicle.baseline_damping.get(port, 0.0) for port, rate in damping.items()}
-    model = add_port_damping(vehicle.state_space, added)
-    car = replace(vehicle, state_space=model, baseline_damping=dict.fromkeys(damping, 0.0))
-    outputs: Array = ManySetups(car, [_NOTHING], drive, every).run([[0] * len(damping)])[0]
-    return outputs
 
 
 def free_running(vehicle: IdentifiedVehicle, record: TimeSeries, ports: Sequence[str]) -> TimeSeries:

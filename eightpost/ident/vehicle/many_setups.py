@@ -11,10 +11,10 @@ from eightpost.array_types import Array, Integers
 from eightpost.corners import channel
 from eightpost.errors import FmuError, InputError, ParameterError, StepError
 from eightpost.ident.vehicle.simulation import port_by_port, port_numbers, ports_of, series_of
-from eightpost.machine import Batch, Drive, LinearCar, NotInBatchError, Port, Run, ShockData, Vehicle
-from eightpost.shock import ShockLaw, law_name
+from eightpost.machine import Batch, Drive, LinearCar, NotInBatchError, Port, Run, ShockData, UnstableCarError, Vehicle
+from eightpost.shock import Polylinear, ShockLaw, StaticCurve, law_name
 from eightpost.signals import TimeSeries
-from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace
+from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace, add_port_damping
 
 #: Velocity up to which the mean slope of the shocks is the damping around which their ports are solved [m/s].
 _USUAL_VELOCITY = 0.2
@@ -24,6 +24,10 @@ _MULTIPLE = 8
 
 #: Largest change of a port's velocity in the last sweep of a step [1], RMS relative to the velocity.
 _LARGEST_CHANGE = 0.01
+
+
+#: Law without force, for dampers that are part of the model.
+_NO_SHOCK = Polylinear(StaticCurve((0.0,) * 15, (0.0,) * 4, (0.0,) * 4, 0.1, 0.01, 1.0, 1.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +53,7 @@ class ManySetups:
 
         Raises:
             InputError: The drive or a setup does not match the vehicle.
-            StepError: The forces of a step do not converge, as the shocks are too stiff for it.
+            StepError: The forces of a step do not converge, as the shocks are too stiff for it, or the motion grows.
         """
         model, ports = self.vehicle.state_space, tuple(self.vehicle.baseline_damping)
         if model.dt is not None:
@@ -64,6 +68,8 @@ class ManySetups:
         laws = [replace(law, port=replace(law.port, gas_preload=0.0)) for law in self.bank]
         try:
             return self._on_machine(drive, laws, chosen)
+        except UnstableCarError as error:
+            raise StepError(f"{model.name}: {error}") from error
         except (NotInBatchError, FmuError):  # FmuError: there is no compiler
             places = [dict(zip(ports, (laws[k] for k in row), strict=True)) for row in chosen.tolist()]
             return np.stack([port_by_port(self.vehicle, drive, own).values[:, :: self.every] for own in places])
@@ -98,6 +104,30 @@ class ManySetups:
         return found
 
 
+def with_dampers(vehicle: IdentifiedVehicle, drive: TimeSeries, damping: Mapping[str, float], every: int = 1) -> Array:
+    """Return the outputs (p, N / every) of a vehicle with linear dampers, from rest.
+
+    Args:
+        vehicle: Continuous vehicle with friction and springs at its ports.
+        drive: Inputs of the vehicle without means; `force` of a port acts in addition to its damper.
+        damping: Damping of every port [N.s/m].
+        every: Interval of the output samples, in samples of the drive.
+
+    Raises:
+        StepError: The forces of a step do not converge.
+    """
+    car = around_dampers(vehicle, damping)
+    outputs: Array = ManySetups(car, [_NO_SHOCK], drive, every).run([[0] * len(damping)])[0]
+    return outputs
+
+
+def around_dampers(vehicle: IdentifiedVehicle, damping: Mapping[str, float]) -> IdentifiedVehicle:
+    """Return the vehicle with linear dampers at its ports; its inputs are the forces beyond them."""
+    added = {port: rate - vehicle.baseline_damping.get(port, 0.0) for port, rate in damping.items()}
+    model = add_port_damping(vehicle.state_space, added)
+    return replace(vehicle, state_space=model, baseline_damping=dict.fromkeys(damping, 0.0))
+
+
 def closed_at_ports(vehicle: IdentifiedVehicle, record: TimeSeries, laws: Mapping[str, ShockLaw]) -> TimeSeries:
     """Return the vehicle's outputs with shock laws at its ports, under a record's roads and loads, from rest.
 
@@ -110,10 +140,7 @@ def closed_at_ports(vehicle: IdentifiedVehicle, record: TimeSeries, laws: Mappin
     drive = record.select(n for n in model.input_names if n in record and n not in forces)
     if model.dt is None and set(vehicle.baseline_damping) == set(laws):
         bank = [laws[port] for port in vehicle.baseline_damping]
-        try:
-            return series_of(model, record.time, ManySetups(vehicle, bank, drive).run([range(len(bank))])[0])
-        except StepError:  # at smaller steps they may converge
-            pass
+        return series_of(model, record.time, ManySetups(vehicle, bank, drive).run([range(len(bank))])[0])
     return port_by_port(vehicle, drive, laws)
 
 

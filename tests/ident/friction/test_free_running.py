@@ -9,7 +9,8 @@ import pytest
 from scipy.signal import lsim
 
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.free_running import fault_in_simulation, free_running, with_dampers
+from eightpost.ident.vehicle.free_running import fault_in_simulation, free_running
+from eightpost.ident.vehicle.many_setups import with_dampers
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Bristle, Friction, IdentifiedVehicle, add_port_damping, read_vehicle, shipped
