@@ -188,7 +188,7 @@ def band_pass(values: Array, rate: float, band: tuple[float, float], what: str) 
 
 @lru_cache(maxsize=64)
 def sections_of(low: float, high: float, rate: float) -> Sections | None:
-    """Return the filter, or None if both sides are open; it is kept in the cache, because scipy.signal starts slowly."""
+    """Return the filter, or None if both sides are open; it is in the cache, because scipy.signal starts slowly."""
     if low <= 0.0 and not np.isfinite(high):
         return None
     key = digest((scipy.__version__, str(_ORDER), low.hex(), high.hex(), rate.hex()))

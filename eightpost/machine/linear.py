@@ -16,6 +16,9 @@ from eightpost.machine.vehicle import Port, Vehicle, largest_direct
 #: Largest condition number of the modes, and largest growth of one [1/s]: by half in a minute.
 _CONDITION, _GROWTH = 1e7, 0.007
 
+#: Changes of A that are tried, as a share of its largest element, and the seed of their direction.
+_APART, _SEED = (0.0, 1e-12, 1e-11, 1e-10), 1
+
 
 class Drive(NamedTuple):
     """Inputs of a vehicle over time, and the steps of a run on them."""
@@ -54,9 +57,7 @@ class LinearCar:
         if largest_direct(vehicle, ports) > 0.0:
             raise NotInBatchError("a force acts on the velocity of a port without delay")
         closed = vehicle.with_dampers(ports, damping)
-        poles, vectors = np.linalg.eig(closed.A)
-        if np.linalg.cond(vectors) > _CONDITION:
-            raise NotInBatchError("modes of the vehicle nearly coincide")
+        poles, vectors = _modes(closed.A)
         if poles.real.max(initial=-1.0) > _GROWTH:
             raise UnstableCarError("the vehicle is not stable with the mean damping of its shocks")
         kept = poles.imag >= 0.0
@@ -67,7 +68,7 @@ class LinearCar:
             vehicle,
             tuple(ports),
             damping,
-            np.concatenate([poles[kept], np.full(more, -1.0)]).astype(np.complex128),
+            np.concatenate([poles[kept], np.full(more, -1.0)]),
             np.concatenate([into, np.zeros((more, into.shape[1]))]),
             np.concatenate([vehicle.C @ vectors[:, kept], np.zeros((len(vehicle.C), more))], axis=1),
         )
@@ -131,6 +132,20 @@ class LinearCar:
                         output_count=len(outputs))  # fmt: skip
         found_by.drive(driven, start.ctypes.data, found.ctypes.data)
         return found + inputs[wanted] @ self.vehicle.D[list(outputs)].T + self.vehicle.offset[list(outputs)]
+
+
+def _modes(closed: Array) -> tuple[Complex, Complex]:
+    """Return poles and eigenvectors; modes that coincide are drawn apart by a change of A far below its accuracy.
+
+    Raises:
+        NotInBatchError: They remain nearly dependent.
+    """
+    noise = np.abs(closed).max() * np.random.default_rng(_SEED).standard_normal(closed.shape)
+    for share in _APART:
+        poles, vectors = np.linalg.eig(closed + share * noise)
+        if np.linalg.cond(vectors) <= _CONDITION:
+            return poles.astype(np.complex128), vectors.astype(np.complex128)
+    raise NotInBatchError("modes of the vehicle nearly coincide")
 
 
 def _rows(values: Complex) -> Array:

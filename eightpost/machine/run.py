@@ -67,6 +67,7 @@ class Run:
         limits: Limits that are watched.
         series: Names of the channels whose series are stored.
         settling: Number of records at the start that limits do not count.
+        width: Instruction set; None: the widest of this processor.
 
     Attributes:
         structure: Structure Run of fmus/machine/machine.h.
@@ -88,6 +89,7 @@ class Run:
         limits: Sequence[Limit] = (),
         series: Sequence[str] = (),
         settling: int = 0,
+        width: str | None = None,
     ) -> None:
         self._arrays: list[Any] = []
         self.corners, self.limits = len(car.ports), tuple(limits)
@@ -98,7 +100,7 @@ class Run:
         if len(limits) > _MOST_LIMITS or len(names) > _MOST_CHANNELS or len(quantities) > _MOST_QUANTITIES:
             raise NotInBatchError("it has too many measures")
         sweeps = _SWEEPS + any(port.has_forces for port in car.ports)
-        self.library = _loaded(compiled(car.pairs, self.corners, sweeps=sweeps))
+        self.library = _loaded(compiled(car.pairs, self.corners, sweeps=sweeps, width=width))
         places = [channels[name] for name in names]
         own = dict.fromkeys([*(row for corner, row in places if corner < 0), *(limit.output for limit in limits)])
         outputs = list(own)

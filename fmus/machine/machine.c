@@ -148,17 +148,18 @@ static inline void accept(March *m)
 enum { MOST_TURNS_TO_REST = 60 };
 static const double AT_REST = 1e-12;
 
-/* The travel under constant forces, with those at the last travel. Returns the largest change. */
-static real settle(March *m)
+/* The travel under constant forces, with those at the last travel, of setups that are not `found`. Returns the largest change. */
+static real settle(March *m, truth found)
 {
     const Run *run = m->run;
     real worst = uniform(0.0);
     find_forces(m, AT_START, m->travel);
     for (int i = 0; i < STATES; i++) {
-        m->states[i] = uniform(0.0);
+        real state = uniform(0.0);
         for (int c = 0; c < CORNERS && run->at_rest; c++) {
-            m->states[i] += run->car->rest[i][c] * m->beyond[AT_START][c];
+            state += run->car->rest[i][c] * m->beyond[AT_START][c];
         }
+        m->states[i] = either(found, m->states[i], state);
     }
     for (int c = 0; c < CORNERS; c++) {
         const real travel = run->travels[c] + row_times(run->car->travel[c], m->states);
@@ -179,8 +180,9 @@ static truth start(March *m)
     }
     truth found = {0};
     for (int n = 0; n < MOST_TURNS_TO_REST && !in_every(found); n++) {
-        found = settle(m) <= AT_REST;
+        found |= settle(m, found) <= AT_REST;
     }
+    find_forces(m, AT_START, m->travel);
     for (int c = 0; c < CORNERS; c++) {
         m->before[c] = m->force[AT_START][c];
     }

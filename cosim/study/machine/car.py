@@ -22,7 +22,7 @@ _SPRING = "port_spring"
 _AT_EQUILIBRIUM = "start_at_equilibrium"
 
 #: Constants that FMUs of earlier versions lack, which have no coupled states.
-_NONE_COUPLED = "enum { COUPLED_COUNT = 0 };\nstatic const double COUPLING[] = {0.0};\n"
+_NONE_COUPLED = "enum { COUPLED_COUNT = 0 };\nstatic const double COUPLING[1] = {0.0};\n"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -27,6 +27,7 @@ class Plan:
         damping: Linear damping at each shock's port, around which the ports are solved (C,) [N.s/m].
         quantities: Quantities whose statistics are needed.
         series: Names of the channels whose series are needed.
+        width: Instruction set; None: the widest of this processor.
 
     Attributes:
         run: Run of the machine.
@@ -45,6 +46,8 @@ class Plan:
         damping: Array,
         quantities: Sequence[Quantity],
         series: Sequence[str],
+        *,
+        width: str | None = None,
     ) -> None:
         self.corners = tuple(bond.name for bond in setup.system.bonds)
         self._vehicle, self._name, self._system = vehicle, name, setup.system
@@ -62,6 +65,7 @@ class Plan:
             limits=[Limit(limit.sign, limit.limit, self._output(limit.signal)) for limit in self.limits],
             series=series,
             settling=int(np.searchsorted(drive.times[:: drive.every], setup.scenario.settling + 1e-9)),
+            width=width,
         )
         self.rows, self.series = self.run.rows, self.run.series
 
@@ -129,7 +133,7 @@ def _drive(setup: Setup, feeds: Sequence[Feed]) -> Drive:
 
 def _regular(setup: Setup) -> tuple[Array, int]:
     """Return equal steps (K + 1,) [s] up to the last record, and their number between records."""
-    record = setup.scenario.record_step
+    record = setup.scenario.record_step or setup.step
     every = max(1, round(record / setup.step))
     records = int(setup.times[-1] / record + 1e-9)
     if records < 1:

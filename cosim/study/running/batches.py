@@ -15,6 +15,7 @@ import numpy as np
 from cosim.components.conversion import to_si
 from cosim.components.fmu_component import FmuComponent
 from cosim.results.error_estimate import judged_by
+from cosim.results.rules import LARGEST_ERROR
 from cosim.results.run_data import BondEnergy, Coupled
 from cosim.session.automatic import default_scheme
 from cosim.session.planning import Limit
@@ -170,7 +171,10 @@ class _DriveBatch:
         found = {name: several[k] for name, several in values.items()} | (others or {})
         if others is None or not all(map(math.isfinite, found.values())):
             return None
-        return BatchRun(found, self._summary(ends, k), series)
+        summary = self._summary(ends, k)
+        if any(not coupled.percent <= LARGEST_ERROR for coupled in summary.coupled.values()):
+            return None  # its forces change too fast for the step
+        return BatchRun(found, summary, series)
 
     def _from_series(
         self, result: BatchResult, filtered: Mapping[ChannelBand, Array], k: int
@@ -252,7 +256,9 @@ class Batches:
         fmus, own = models.fmus, study.vehicle
         vehicle = read_vehicle(fmus[str(own.fmu)], own.fmu, own.parameters)
         slopes = [shock.mean_slope(_USUAL_VELOCITY) for shock in self._shocks.values() if shock is not None]
-        damping = np.full(len(study.corners), float(np.mean(slopes)))
+        if not slopes:
+            raise NotInBatchError("no FMU of a shock accepts its parameters")
+        damping = np.full(len(study.corners), float(np.median(slopes)))
         try:
             self._drives = {
                 drive.name: _DriveBatch(models, drive, step, vehicle, damping, recorded, measured)

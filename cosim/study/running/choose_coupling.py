@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from cosim.session.automatic import FIRST_STEP, Automatic, Refinement
 from cosim.study.running.error_model import ErrorModel, Pilot, fit_error_model
 from cosim.study.running.evaluator import Coupling, Evaluator, local_error
 from cosim.study.setup import Setup
-from cosim.study.study import Drive
+from cosim.study.study import Drive, Study
 from eightpost.errors import DivergedError, EightpostError, StepError
 from eightpost.workers.pool import heartbeat
 
@@ -72,10 +73,15 @@ def choose_coupling(evaluator: Evaluator) -> Coupling:
 
 def random_setups(evaluator: Evaluator, known: list[Setup]) -> list[Setup]:
     """Return random setups of the study other than the known ones; they are the same for every call."""
-    space = evaluator.study.space
-    left = np.setdiff1d(space.indices, [setup.index for setup in known])
-    chosen = np.random.default_rng(_SEED).choice(left, min(_PILOTS, left.size), replace=False)
-    return [space.setup(int(index)) for index in chosen]
+    found = random_indices(evaluator.study, _PILOTS, [setup.index for setup in known])
+    return [evaluator.study.space.setup(index) for index in found]
+
+
+def random_indices(study: Study, count: int, known: Sequence[int] = ()) -> list[int]:
+    """Return up to so many numbers of random setups other than the known ones; they are the same for every call."""
+    left = np.setdiff1d(study.space.indices, known)
+    chosen: list[int] = np.random.default_rng(_SEED).choice(left, min(count, left.size), replace=False).tolist()
+    return chosen
 
 
 def _error_model(evaluator: Evaluator, setups: list[Setup], coupling: Coupling) -> ErrorModel | None:

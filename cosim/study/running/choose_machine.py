@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from math import ceil
+from math import ceil, inf
 from typing import NamedTuple
 
 from cosim.results.error_estimate import difference
 from cosim.session.automatic import Automatic, Refinement
 from cosim.study.running.batches import Batches, BatchRun
-from cosim.study.running.choose_coupling import AIM, candidates, choose_coupling, finer, random_setups
+from cosim.study.running.choose_coupling import AIM, candidates, choose_coupling, finer, random_indices, random_setups
 from cosim.study.running.error_model import Pilot, fit_error_model
 from cosim.study.running.evaluator import Check, Coupling, Evaluator, MachineCoupling
 from cosim.study.setup import Setup
@@ -21,10 +21,16 @@ from eightpost.signals import TimeSeries
 from eightpost.workers.pool import heartbeat
 
 #: First step that is tried, smallest one [s], and the finer step with which each is compared as a share of it.
-_FIRST, _SMALLEST, _FINER = 2e-3, 5e-5, 0.25
+_FIRST, _SMALLEST, _FINER = 2e-3, 1e-4, 0.25
 
-#: Number of setups that are compared with the FMUs before a study starts.
-_COMPARED = 2
+#: Least reduction of the error by another step, as a share: else the machine does not converge.
+_LEAST_REDUCTION = 0.9
+
+#: Largest number of setups that are compared with the FMUs before a study starts.
+_MOST_COMPARED = 8
+
+#: Number of random setups among which they are searched.
+_SEARCHED = 200
 
 
 def choose(evaluator: Evaluator) -> Coupling:
@@ -34,13 +40,17 @@ def choose(evaluator: Evaluator) -> Coupling:
         StepError: No setup could be run.
     """
     try:
-        machine, notes, left_out = _choose_machine(evaluator)
-        checked, coupling = _compared(evaluator, machine)
+        machine, notes, batches = _choose_machine(evaluator)
+        checked, coupling = _compared(evaluator, machine, batches.has)
     except NotInBatchError as reason:
         return through_fmus(evaluator, str(reason))
-    if left_out:
+    if batches.left_out:
         coupling = choose_coupling(evaluator)
-        notes = (*notes, f"setups with these builds run through the FMUs: {'; '.join(left_out)}", *coupling.notes)
+        notes = (
+            *notes,
+            f"setups with these builds run through the FMUs: {'; '.join(batches.left_out)}",
+            *coupling.notes,
+        )
     return replace(coupling, machine=checked, stated_error=checked.stated_error, notes=notes)
 
 
@@ -57,14 +67,15 @@ def through_fmus(evaluator: Evaluator, reason: str) -> Coupling:
 # ---- Step -----------------------------------------------------------------------------------------------------------
 
 
-def _choose_machine(evaluator: Evaluator) -> tuple[MachineCoupling, tuple[str, ...], tuple[str, ...]]:
-    """Return the largest step that divides the record step and meets the study's accuracy, notes, and what is left out.
+def _choose_machine(evaluator: Evaluator) -> tuple[MachineCoupling, tuple[str, ...], Batches]:
+    """Return the largest step that divides the record step and meets the study's accuracy, notes, and batches at it.
 
     The baseline, setups with the same build at all corners, and random setups run at a step and at a quarter of it,
     which also calibrates the estimate of a setup's error.
     """
     study = evaluator.study
     parts, tried, pilots = ceil(study.record_step / _FIRST - 1e-9), list[str](), _pilots(evaluator)
+    before = inf
     recorded = sorted(evaluator.decisive(pilots[0]))
     while True:
         step = study.record_step / parts
@@ -76,6 +87,9 @@ def _choose_machine(evaluator: Evaluator) -> tuple[MachineCoupling, tuple[str, .
         tried.append(f"{1e3 * step:.4g} ms {worst:.2g} %")
         if worst <= AIM * study.accuracy:
             break
+        if worst > _LEAST_REDUCTION * before:
+            raise NotInBatchError(f"the machine's error does not fall with its step: {', '.join(tried)}")
+        before = worst
         parts = finer(parts, worst / (AIM * study.accuracy))
     width = instruction_set() or "any processor"
     notes = (
@@ -128,28 +142,41 @@ class Compared(NamedTuple):
     scheme: str  #: Their scheme.
 
 
-def _compared(evaluator: Evaluator, machine: MachineCoupling) -> tuple[MachineCoupling, Coupling]:
+def _compared(
+    evaluator: Evaluator, machine: MachineCoupling, has: Callable[[Setup], bool]
+) -> tuple[MachineCoupling, Coupling]:
     """Return the machine's coupling with its comparisons, and that of runs through the FMUs.
 
     Raises:
         NotInBatchError: No setup could be compared, or one does not agree.
     """
     compared = list[Compared]()
-    for setup in _pilots(evaluator):
+    for setup in _with_every_build(evaluator, has):
         try:
             compared.append(check_setup(evaluator, setup, machine))
         except EightpostError:
             continue  # the setup's row states the reason
         if not compared[-1].check.agrees:
             raise NotInBatchError(disagreement(compared[-1].check))
-        if len(compared) == _COMPARED:
-            break
     if not compared:
         raise NotInBatchError("no setup could be compared with the machine")
     record = evaluator.study.record_step
     step = record / ceil(record / min(one.step for one in compared) - 1e-9)
     scheme = "implicit" if any(one.scheme == "implicit" for one in compared) else "gauss-seidel"
     return replace(machine, checks=tuple(one.check for one in compared)), Coupling(scheme, step)
+
+
+def _with_every_build(evaluator: Evaluator, has: Callable[[Setup], bool]) -> Iterator[Setup]:
+    """Yield the baseline, and setups of the machine with all builds of the bank, if not too many."""
+    study, seen = evaluator.study, set[str]()
+    baseline = [setup for setup in (study.baseline_setup,) if setup and has(setup)]
+    left = [*filter(has, map(study.space.setup, random_indices(study, _SEARCHED)))]
+    for _ in range(min(_MOST_COMPARED, len(left))):
+        chosen = baseline.pop() if baseline else max(left, key=lambda setup: len({*setup.builds.values()} - seen))
+        if {*chosen.builds.values()} <= seen:
+            return
+        seen |= {*chosen.builds.values()}
+        yield chosen
 
 
 def disagreement(check: Check) -> str:

@@ -33,7 +33,7 @@ def test_errors_that_are_sums_of_squares_are_predicted_exactly_for_builds_that_n
     for row in random.uniform(0.1, 5.0, (20, 4)):
         run = run_with(row)
         assert model.worst_channel(run) == pytest.approx(np.sqrt(row**2 @ GAINS), rel=1e-6)
-        assert model.of_measure("grip", run) == pytest.approx(1e-3 * row[3], rel=1e-6)
+        assert model.of_measures(run)["grip"] == pytest.approx(1e-3 * row[3], rel=1e-6)
 
 
 def test_ends_that_report_no_error_are_left_out():
@@ -55,14 +55,14 @@ def test_errors_of_measures_are_unbiased_in_the_mean_square() -> None:
         for p, k in zip(pilots(8, np.random.default_rng(5)), [0, 1, 2, 3, 2, 1, 2, 1], strict=True)
     ]
     model = fit_error_model(found)
-    stated = [model.of_measure("grip", p.result) for p in found]
+    stated = [model.of_measures(p.result)["grip"] for p in found]
     assert np.mean(np.square(stated)) == pytest.approx(np.mean([p.measures["grip"] ** 2 for p in found]))
 
 
 def test_a_measure_without_any_error_has_gains_of_zero():
     found = [replace(p, measures={"mean": 0.0}) for p in pilots(5, np.random.default_rng(6))]
     model = fit_error_model(found)
-    assert model.of_measure("mean", found[0].result) == 0.0
+    assert model.of_measures(found[0].result)["mean"] == 0.0
 
 
 def test_local_errors_are_named_by_bond_and_way():

@@ -4,9 +4,7 @@ import csv
 import json
 import re
 from dataclasses import replace
-from xml.etree import ElementTree
 
-import matplotlib.image
 import numpy as np
 import openpyxl
 import pytest
@@ -20,7 +18,7 @@ from cosim.study.report.sheet import Extras, Scale, build_colors
 from cosim.study.report.tables import write_ranking, write_traces, write_workbook
 from cosim.study.report.write import sheet_of
 from cosim.study.result import StudyResult
-from cosim.study.study import Build, Constraint, Term
+from cosim.study.study import Build, Constraint
 from cosim.study.verdict import study_verdict
 from eightpost.signals import read_record
 from eightpost.validity import Validity

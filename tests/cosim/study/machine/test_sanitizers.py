@@ -8,6 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from builder.build import build
+from eightpost.vehicle import write_vehicle
+from tests.double_modes import car_with_seat
+
 ROOT = Path(__file__).resolve().parents[4]
 
 
@@ -28,9 +32,11 @@ def test_batches_cause_no_sanitizer_finding(fmus, tmp_path):
         "PYTHONPATH": str(ROOT),
         "EIGHTPOST_CACHE": str(tmp_path),
     }
+    write_vehicle(tmp_path / "car.json", car_with_seat())
+    seated = build([tmp_path / "car.json"], tmp_path)[0].path
     module = "tests.cosim.study.machine.sanitized"
     ran = subprocess.run(
-        [sys.executable, "-m", module, str(folder), *options],
+        [sys.executable, "-m", module, str(folder), str(seated), *options],
         cwd=ROOT,
         env=environment,
         capture_output=True,

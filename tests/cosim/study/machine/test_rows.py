@@ -1,0 +1,254 @@
+"""A study has the same rows from the machine and from FMUs, and uses the machine only where they agree."""
+
+import zipfile
+from dataclasses import asdict, replace
+
+import pytest
+
+from cosim.components.fmu_component import FmuComponent
+from cosim.results.error_estimate import difference
+from cosim.study import Build, Measure, Vehicle
+from cosim.study.machine.car import read_vehicle
+from cosim.study.running.batches import Batches
+from cosim.study.running.choose_machine import choose
+from cosim.study.running.error_model import ErrorModel
+from cosim.study.running.evaluator import Check, Coupling, Evaluator, MachineCoupling
+from cosim.study.statistics import STATISTICS, Filtered
+from eightpost.corners import CORNERS
+from eightpost.errors import FmuError
+from eightpost.machine import NotInBatchError, library
+
+from .lanes import COUPLING, FINE, LAWS, on_machine, random_builds, random_setups, study_of
+
+TIRES = tuple(f"car.{corner}.tire_force" for corner in CORNERS)
+OPTIONS = {"percentile": {"percent": 3.0}, "share": {"from": -0.05, "to": 0.02}}
+
+
+def measures():
+    """Return a measure of every statistic, and some with weights, a band or a section."""
+    for name in STATISTICS:
+        channels = {"work": ("lf.force", "car.lf.velocity"), "share": ("car.lf.velocity",)}.get(name, TIRES)
+        yield Measure(name, channels, name, options=OPTIONS.get(name, {}))
+    yield Measure("warp", TIRES, weights=(1.0, -1.0, -1.0, 1.0))
+    yield Measure("band", TIRES, band=(1.0, 5.0))
+    yield Measure("low band", ("car.front.ride_height",), "mean", band=(0.0, 2.0))
+    for name in ("peak", "share", "percentile"):
+        yield Measure(f"{name} in a band", ("car.lf.velocity",), name, band=(1.0, 5.0), options=OPTIONS.get(name, {}))
+    yield Measure("joint in a band", TIRES, "joint_rms", weights=(1.0, 2.0, 1.0, 1.0), band=(1.0, 5.0))
+    yield Measure("work in a band", ("lf.force", "car.lf.velocity"), "work", band=(0.5, 20.0))
+    yield Measure("section", ("car.rr.hub_acceleration",), section=(0.7, 1.3))
+
+
+def errors(study):
+    """Return an error model with gains of one, so that all local errors reach the columns."""
+    ends = tuple(f"{corner}.{end}" for corner in study.corners for end in ("velocity", "force"))
+    ones = (1.0,) * len(ends)
+    return ErrorModel(ends, {"a": ones}, {m.name: ones for m in study.measures})
+
+
+def at(coupling, step, study):
+    """Return a coupling with the machine at a step."""
+    return replace(coupling, machine=MachineCoupling(step, errors(study), 0.1))
+
+
+@pytest.fixture(scope="module")
+def study(fmus):
+    return study_of(fmus, random_builds(fmus, LAWS, 8, seed=5), measures=tuple(measures()))
+
+
+@pytest.fixture(scope="module")
+def evaluator(study):
+    return Evaluator(study)
+
+
+@pytest.mark.slow
+def test_rows_have_the_columns_marks_and_values_of_the_fmus(study, evaluator):
+    setups = random_setups(study, 3, seed=3)
+    found = evaluator.rows(setups, at(COUPLING, FINE, study))
+    fine = replace(COUPLING, step=FINE, errors=errors(study))
+    for setup, row in zip(setups, found, strict=True):
+        right = evaluator.row(setup, fine)
+        assert set(row) == set(right)
+        values = {measure.name for measure in study.measures}
+        for name in set(right) - {"seconds", "coupling_error_percent"} - {f"coupling error of {m}" for m in values}:
+            if name in values:
+                assert row[name] == pytest.approx(right[name], rel=3e-3, abs=3e-3), name
+            else:
+                assert row[name] == right[name], name
+
+
+@pytest.mark.slow
+def test_the_time_beyond_a_shocks_fitted_range_is_that_of_the_fmus(fmus):
+    beyond = {"motion_ratio": 4.0, "compression_scale": 0.05, "rebound_scale": 0.05}
+    builds = {"within": Build(fmus["polylinear"], {}), "beyond": Build(fmus["polylinear"], beyond)}
+    study = study_of(fmus, builds)
+    setup = study.space.setup(5)
+    found = on_machine(study, [setup], step=2e-3)
+    through_fmus = Evaluator(study).run(setup, study.drives[0], replace(COUPLING, step=2e-3))
+    shares = dict(zip(CORNERS, found.beyond[:, 0] / 376.0, strict=True))
+    assert shares == pytest.approx(through_fmus.share_beyond_fit, abs=4.1 / 376.0)
+    assert {setup.builds[corner] for corner, share in shares.items() if share > 0.01} == {"beyond"}
+
+
+@pytest.fixture(autouse=True)
+def _given_coupling_through_fmus(monkeypatch):
+    """Choosing it takes long, and has tests of its own."""
+    monkeypatch.setattr(
+        "cosim.study.running.choose_machine.choose_coupling", lambda _: replace(COUPLING, notes=("given",))
+    )
+
+
+@pytest.fixture(scope="module")
+def chosen(evaluator):
+    return choose(evaluator)
+
+
+@pytest.mark.slow
+def test_a_study_states_its_step_and_what_it_was_compared_with(chosen, study):
+    machine = chosen.machine
+    assert machine is not None and machine.stated_error <= study.accuracy
+    assert all(check.agrees for check in machine.checks)
+    compared = {build for check in machine.checks for build in study.space.setup(check.setup).builds.values()}
+    assert compared == set(study.bank)
+    assert f"{1e3 * machine.step:.4g} ms {machine.stated_error:.2g} %" in chosen.notes[0]
+    assert Coupling.from_json(asdict(chosen)) == chosen
+
+
+@pytest.mark.slow
+def test_the_stated_error_of_a_setup_is_about_its_difference_from_a_fine_step(chosen, evaluator, study):
+    """Of setups on which the step was not chosen."""
+    setups = random_setups(study, 6, seed=77)
+    recorded = sorted(evaluator.decisive(setups[0]))
+    coarse, fine = (Batches(evaluator, step, recorded) for step in (chosen.machine.step, FINE))
+    for (_, run, _), (_, right, _) in zip(coarse.runs(setups), fine.runs(setups), strict=True):
+        stated = chosen.machine.errors.worst_channel(run["track"].summary)
+        apart = difference(run["track"].channels().window(0.5, 2.0), right["track"].channels().window(0.5, 2.0))
+        assert max(apart.values()) < 2.0 * stated < 12.0 * max(apart.values())
+
+
+def test_a_machine_that_differs_from_the_fmus_by_more_than_both_errors_does_not_agree():
+    assert Check(7, 0.3, 0.1, 0.1, 0.3).agrees and not Check(7, 0.31, 0.1, 0.1, 0.3).agrees
+
+
+#: An operator changed in a source of the machine: every change must be found by the comparison with the FMUs.
+DEFECTS = {
+    "polynomial": ("curve.h", "* fourth + coefficients[k]", "* fourth - coefficients[k]"),
+    "lag": (
+        "port.h",
+        "(from->static_force - from->lagged) * port->rise +",
+        "(from->static_force - from->lagged) * port->rise -",
+    ),
+    "weight of the lag": ("port.h", "f + alpha * (lagged - f)", "f - alpha * (lagged - f)"),
+    "gas spring": ("port.h", "p->gas_preload + p->gas", "p->gas_preload - p->gas"),
+    "modes": ("machine.c", "car->turn[k][0] * x - car->turn[k][1] * y", "car->turn[k][0] * x + car->turn[k][1] * y"),
+    "middle": ("machine.c", "0.75 * v0 + 0.375 * velocity[c]", "0.75 * v0 - 0.375 * velocity[c]"),
+}
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("defect", DEFECTS)
+def test_a_machine_that_differs_from_the_fmus_is_not_used(study, defect, monkeypatch):
+    name, old, new = DEFECTS[defect]
+    right = library.sources()
+    assert right[name].count(old.encode()) == 1
+    changed = {**right, name: right[name].replace(old.encode(), new.encode())}
+    monkeypatch.setattr(library, "sources", lambda: changed)
+    found = choose(Evaluator(study))
+    assert found.machine is None and "through the FMUs" in found.notes[-1]
+
+
+@pytest.mark.slow
+def test_a_study_without_a_compiler_runs_through_the_fmus(evaluator, monkeypatch):
+    def none(*_, **__):
+        raise FmuError("no C compiler was found")
+
+    monkeypatch.setattr("eightpost.machine.run.compiled", none)
+    found = choose(evaluator)
+    assert found.machine is None and "no C compiler was found" in found.notes[-1]
+
+
+@pytest.mark.slow
+def test_builds_of_other_fmus_run_through_the_fmus(study, python_fmus):
+    bank = {**dict(list(study.bank.items())[:2]), "in Python": Build(python_fmus["lpnl2"])}
+    mixed = replace(study, bank=bank, corners=dict.fromkeys(CORNERS, tuple(bank)))
+    found = choose(Evaluator(mixed))
+    assert found.machine is not None and found.notes[-1] == "given"
+    assert any("run through the FMUs: in Python" in note for note in found.notes)
+    alone = replace(mixed, bank={"in Python": bank["in Python"]}, corners=dict.fromkeys(CORNERS, ("in Python",)))
+    found = choose(Evaluator(alone))
+    assert found.machine is None and "every setup runs through the FMUs: in Python" in found.notes[-1]
+
+
+def test_an_fmu_without_sources_has_no_machine(fmus, study, tmp_path):
+    secret = tmp_path / "car.fmu"
+    with zipfile.ZipFile(fmus["seven_dof"]) as archive, zipfile.ZipFile(secret, "w") as copy:
+        for name in archive.namelist():
+            if not name.startswith("sources/"):
+                copy.writestr(name, archive.read(name))
+    with pytest.raises(NotInBatchError, match=r"car\.fmu contains no sources"):
+        Batches(Evaluator(replace(study, vehicle=Vehicle(secret))), 2e-3)
+
+
+def test_an_fmu_of_a_former_law_runs_through_the_fmus(fmus, study, tmp_path):
+    """Its kind, which no folder of fmus/ has now, is written into an FMU of LPF1."""
+    former = tmp_path / "former.fmu"
+    with zipfile.ZipFile(fmus["lpf1"]) as archive, zipfile.ZipFile(former, "w") as copy:
+        for name in archive.namelist():
+            content = archive.read(name)
+            is_text = name in ("modelDescription.xml", "sources/interface.h")
+            copy.writestr(name, content.replace(b"shock_lpf1", b"shock_maxwell") if is_text else content)
+    bank = {"former": Build(former), "lpf1": Build(fmus["lpf1"])}
+    mixed = replace(study, bank=bank, corners=dict.fromkeys(CORNERS, tuple(bank)))
+    batches = Batches(Evaluator(mixed), 2e-3)
+    assert batches.left_out == ("former: former.fmu is shock_maxwell, a law that has no batch",)
+    assert [batches.has(mixed.space.find(dict.fromkeys(CORNERS, name))) for name in bank] == [False, True]
+
+
+def test_setups_that_diverge_or_are_refused_say_what_the_fmus_say(fmus, study):
+    bad = {
+        "refused": Build(fmus["lpnl2"], {"lag_full_force": 2000.0, "lag_zero_force": 1000.0}),
+        "wild": Build(fmus["polylinear"], {"compression_scale": 4000.0, "rebound_scale": 4000.0}),
+    }
+    bank = {**dict(list(study.bank.items())[:2]), **bad}
+    mixed = replace(study, bank=bank, corners=dict.fromkeys(CORNERS, tuple(bank)))
+    setups = [mixed.space.find(dict.fromkeys(CORNERS, name)) for name in bank]
+    evaluator = Evaluator(mixed)
+    found = evaluator.rows(setups, at(COUPLING, 2e-3, mixed))
+    right = [evaluator.row(setup, COUPLING) for setup in setups[2:]]
+    assert [row["status"] for row in found] == ["done", "done", "failed", "failed"]
+    assert [row["message"] for row in found[2:]] == [row["message"] for row in right]
+
+
+def test_a_batch_whose_setups_all_end_early_changes_nothing_of_the_next_one(fmus, study):
+    good = next(iter(study.bank))
+    wild = {f"wild {k}": Build(fmus["polylinear"], {"compression_scale": 1e9 + k}) for k in range(2)}
+    bank = {**study.bank, **wild}
+    mixed = replace(study, bank=bank, corners=dict.fromkeys(CORNERS, tuple(bank)))
+    usual = dict.fromkeys(CORNERS, good)
+    setups = [mixed.space.find(usual | {corner: name}) for name in wild for corner in CORNERS] + [
+        mixed.space.find(usual)
+    ]
+    coupling = at(COUPLING, 2e-3, mixed)
+    *ended, row = Evaluator(mixed).rows(setups, coupling)
+    assert {one["status"] for one in ended} == {"failed"}
+    (right,) = Evaluator(mixed).rows(setups[-1:], coupling)
+    numbers = [name for name, value in right.items() if isinstance(value, float) and name != "seconds"]
+    assert [row[n] for n in numbers] == [right[n] for n in numbers]
+
+
+def test_friction_at_a_port_without_a_shock_is_refused(fmus, study):
+    """It would be left out."""
+    car = read_vehicle(FmuComponent(fmus["seven_dof"], "car"), fmus["seven_dof"], {"lf.friction_force": 50.0})
+    elsewhere = tuple(replace(port, input=6) for port in car.ports)
+    with pytest.raises(NotInBatchError, match="friction or a spring at a port that no shock is coupled to"):
+        on_machine(study, random_setups(study, 1), car=replace(car, ports=elsewhere))
+
+
+@pytest.mark.slow
+def test_the_traces_of_a_study_are_those_of_its_rows(evaluator, study):
+    setup, coupling = random_setups(study, 1, seed=4)[0], at(COUPLING, 2e-3, study)
+    ((_, series),) = evaluator.series([setup], coupling)
+    (row,) = evaluator.rows([setup], coupling)
+    run = Filtered(series["track"])
+    for measure in study.measures:
+        assert measure.drawn_from(run, start=study.settling) == pytest.approx(row[measure.name], rel=1e-9), measure.name
