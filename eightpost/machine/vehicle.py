@@ -19,7 +19,7 @@ class Port:
 
     force: int  #: Number of the force's input.
     velocity: int  #: Number of the velocity's output.
-    travel: int | None  #: Number of the travel's output; None if there is none.
+    travel: int | None  #: Number of the travel's output; None if nothing depends on it.
     friction: tuple[float, ...] = _FREE  #: Friction and spring, in the order of PortFriction in fmus/machine/car.h.
 
     @property

@@ -95,7 +95,7 @@ def _choose_machine(evaluator: Evaluator) -> tuple[MachineCoupling, tuple[str, .
     notes = (
         f"{coarse.lanes} setups at once ({width}), step and largest error on {len(found)} setups: {', '.join(tried)}",
     )
-    return MachineCoupling(step, fit_error_model(found), worst), notes, coarse.left_out
+    return MachineCoupling(step, fit_error_model(found), worst), notes, coarse
 
 
 def _pilots(evaluator: Evaluator) -> list[Setup]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.fft import next_fast_len
 from scipy.signal import resample

@@ -35,7 +35,8 @@ class ManySetups:
     """Simulation of the setups of a vehicle with shocks from a bank, on one drive."""
 
     vehicle: IdentifiedVehicle  #: Identified continuous vehicle with the friction of its ports.
-    #: Shock laws that setups choose from; their gas preload has no effect, as the vehicle moves about rest.
+    #: Shock laws that setups choose from; their gas preload has no effect, as the vehicle moves about rest, and gas
+    #: springs have none if the vehicle has no displacements of its ports.
     bank: Sequence[ShockLaw]
     #: Evenly sampled inputs by name; missing ones are zero, and forces of ports act in addition to the shocks. Its
     #: sample rate is that of the simulation.
@@ -65,7 +66,10 @@ class ManySetups:
             raise InputError(f"each setup needs one shock for each of {', '.join(ports) or 'one port'}")
         values = self.drive.values - self.drive.values.mean(axis=1, keepdims=True)
         drive = TimeSeries(self.drive.time, values, self.drive.names, self.drive.units)
-        laws = [replace(law, port=replace(law.port, gas_preload=0.0)) for law in self.bank]
+        own = {"gas_preload": 0.0}
+        if not {channel(port, "displacement") for port in ports} <= set(model.output_names):
+            own["gas_stiffness"] = 0.0
+        laws = [replace(law, port=replace(law.port, **own)) for law in self.bank]
         try:
             return self._on_machine(drive, laws, chosen)
         except UnstableCarError as error:

@@ -239,7 +239,7 @@ def test_a_batch_whose_setups_all_end_early_changes_nothing_of_the_next_one(fmus
 def test_friction_at_a_port_without_a_shock_is_refused(fmus, study):
     """It would be left out."""
     car = read_vehicle(FmuComponent(fmus["seven_dof"], "car"), fmus["seven_dof"], {"lf.friction_force": 50.0})
-    elsewhere = tuple(replace(port, input=6) for port in car.ports)
+    elsewhere = tuple(replace(port, force=6) for port in car.ports)
     with pytest.raises(NotInBatchError, match="friction or a spring at a port that no shock is coupled to"):
         on_machine(study, random_setups(study, 1), car=replace(car, ports=elsewhere))
 
