@@ -174,7 +174,7 @@ def test_closed_ports_reproduce_the_virtual_rig(shocks: dict[str, Shock]) -> Non
 
 
 @pytest.mark.nightly
-def test_the_general_loop_agrees_with_the_compiled_loop(
+def test_the_loop_over_ports_agrees_with_the_machine(
     corner: VehicleFit, setups: list[RigTest], shocks: dict[str, Shock]
 ) -> None:
     (record,) = records_of(corner, setups[0])
