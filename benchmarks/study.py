@@ -1,6 +1,6 @@
 """Cost and coupling accuracy of the setup study: 2401 setups of seven builds on the shipped car.
 
-    python benchmarks/study.py [--quick] [--workers NUMBERS] [--peers] [--json FILE]
+    python benchmarks/study.py [--quick] [--workers NUMBERS] [--json FILE]
 
 Seven builds (examples/bank) at four corners, a 33 s lap, 26 measures, accuracy 0.2 %; with --quick three builds: 81
 setups. Prints Markdown; --json writes rows {path, setups, seconds, workers, coupling_error_percent, checked_percent,
@@ -9,7 +9,7 @@ coupling, running, measuring, writing the table. `coupling_error_percent` is the
 `checked_percent` is the largest error of five random setups against runs at an eighth of the step, over bond velocities
 and forces and tire forces, in percent of each signal's standard deviation. `cpu_seconds` is the workers' processor
 time. With --workers 1,2 a second table shows the parallel efficiency: time of one worker divided by the time of all
-times their number. --peers adds the time that other engines would need (benchmarks/study_peers.py). All times are of
+times their number. All times are of
 this machine and this run.
 """
 
@@ -55,9 +55,6 @@ def main() -> None:
         print(markdown(found))
         if len(found) > 1:
             print(f"\n{efficiency(found)}")
-        if options.peers:
-            result = StudyResult.load(folder / f"{options.workers[-1]}" / "results.parquet")
-            print(f"\n{peer_comparison(result, found[-1], folder / 'peers')}")
     if options.json:
         options.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 
@@ -93,7 +90,7 @@ def measure(study: Study, folder: Path, count: int) -> Row:
         workers.close(wait=True)
     errors = result.table["coupling_error_percent"].to_numpy()
     return {
-        "path": "batch" if coupling_of(result).batch else "fmu",
+        "path": "machine" if coupling_of(result).machine else "fmu",
         "setups": len(result),
         "seconds": seconds,
         "workers": count,
@@ -139,17 +136,6 @@ def efficiency(rows: list[Row]) -> str:
     return "\n".join([head, f"|{'---|' * 4}", *cells])
 
 
-def peer_comparison(result: StudyResult, row: Row, folder: Path) -> str:
-    """Return a table of the costs of the study in other engines."""
-    from benchmarks import study_peers  # noqa: PLC0415 -- as above
-
-    step, setups, workers = coupling_of(result).step, row["setups"], row["workers"]
-    ours = study_peers.Cost("eightpost", 1.0 / step, row["checked_percent"], row["seconds"] * workers / setups)
-    return study_peers.markdown(
-        list(study_peers.peer_costs(result, folder)), ours, result.study.accuracy, setups, workers
-    )
-
-
 def ended_processes() -> float:
     """Return the processor time of worker processes that have ended [s]."""
     usage = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -162,7 +148,6 @@ def _options() -> argparse.Namespace:
     parser.add_argument(
         "--workers", type=_counts, default=(usable_processors(),), help="numbers of workers, separated by commas: 1,2"
     )
-    parser.add_argument("--peers", action="store_true", help="also measure other engines: fmpy, libcosim")
     parser.add_argument("--json", type=Path, help="write the rows to this file")
     return parser.parse_args()
 

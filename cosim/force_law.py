@@ -31,7 +31,7 @@ class ForceLaw(ForceLoop):
 
     Error and cost: the seven-DOF car with four LPNL2 shocks on a track has errors of 1.7, 0.65, 0.13 and 0.04 % of the
     standard deviation of the shock velocity at steps of 8, 4, 2 and 1 ms, with a Runge-Kutta integrator of fourth order
-    (docs/how_to/hosts.md). An evaluation takes 4 us for one shock and 5 us for four (benchmarks/force_law.py),
+    (docs/how_to/hosts.md). An evaluation takes 4 us for one shock and 5 us for four,
     interpreted 28 us and 91 us. The integrator keeps its order with a shock without states; with lag, the ramps between
     accepted points are of second order.
 

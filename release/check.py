@@ -134,19 +134,17 @@ def steps_text(root: Path) -> str:
     return (
         f"eightpost {__version__} is ready. What remains:\n"
         "1. Unless these have passed since the last change of code: make nightly, make pythons, make bounds\n"
-        f"2. Tag this commit:\n{tag_text(root)}\n"
+        f"2. Tag this commit:\n{tag_text()}\n"
         f"3. Upload the distributions that were checked:\npython -m twine upload {files}\n"
         "4. Begin the next version: raise it in eightpost/__init__.py and CITATION.cff, and add a section "
         "'## Unreleased' to CHANGELOG.md"
     )
 
 
-def tag_text(root: Path) -> str:
-    """Return the commands that tag the version with the topics of the changelog."""
-    entry = (root / "CHANGELOG.md").read_text(encoding="utf-8").split("\n## ")[1]
-    topics = [line for line in entry.splitlines() if re.fullmatch(r"[A-Z].*\.", line)]
-    lines = "\n".join(f"- {topic}" for topic in topics[1:])
-    return f"git tag -a v{__version__} -m 'eightpost {__version__}\n\n{lines}'\ngit push origin v{__version__}"
+def tag_text() -> str:
+    """Return the commands that tag the version; the changelog has its text."""
+    name = f"v{__version__}"
+    return f"git tag -a {name} -m 'eightpost {__version__}, see CHANGELOG.md'\ngit push origin {name}"
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -89,7 +89,17 @@ class Source:
         subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
         copied = folder / "checkout"
         copied.mkdir()
-        for name in ("tests", "pyproject.toml", "Makefile", "examples", "fmus", "benchmarks", "docs", "release"):
+        for name in (
+            "tests",
+            "pyproject.toml",
+            "Makefile",
+            "examples",
+            "fmus",
+            "dissertation",
+            "benchmarks",
+            "docs",
+            "release",
+        ):
             copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
             copy(ROOT / name, copied / name)
         return cls(next(folder.glob("*.whl")), copied)

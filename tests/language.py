@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = ("eightpost", "builder", "cosim", "fmus", "benchmarks", "tests", "examples")
+PACKAGES = ("eightpost", "builder", "cosim", "fmus", "dissertation", "benchmarks", "tests", "examples")
 _ABOUT_LANGUAGE = {Path(__file__), ROOT / "tests" / "docs" / "test_language.py"}
 DOCUMENTS = ("README.md", "CONTRIBUTING.md", "docs", "fmus")
 

@@ -12,12 +12,8 @@ import numpy as np
 import pytest
 
 from benchmarks import case as cases
-from benchmarks.engines import c_loop, fmpy_loop, ours
-from benchmarks.engines.drive_fmu import write_drive
-from benchmarks.engines.job import Diverged, Job, Recording
-from benchmarks.picture import draw
-from benchmarks.rows import row
-from benchmarks.summary import reaches, summary
+from benchmarks.engines import c_loop, fmpy_loop, runs
+from benchmarks.engines.runs import Diverged, Job, Recording, row
 from benchmarks.table import markdown
 from eightpost.signals import TimeSeries
 
@@ -29,28 +25,18 @@ KEYS = {
 }  # fmt: skip
 
 
-def entry(engine, scheme, rate, cost, error, damping="full"):
-    return {
-        "engine": engine, "scheme": scheme, "damping": damping, "rate_hz": rate, "us_per_step": cost,
-        "error_velocity_percent": error, "error_tire_force_percent": error,
-    }  # fmt: skip
-
-
-FIRST_ORDER = [entry("fmpy", "jacobi, held", rate, 20.0, 4000.0 / rate) for rate in (1000.0, 2000.0, 4000.0)]
-
-
 @pytest.mark.nightly
 def test_a_run_of_one_engine_leaves_rows_whose_errors_fall_with_the_rate(tmp_path):
-    program, told = ROOT / "benchmarks" / "coupling.py", tmp_path / "rows.json"
+    told = tmp_path / "rows.json"
     options = ["--quick", "--engines", "fmpy", "--damping", "full", "--stop", "1.2", "--json", str(told)]
     ran = subprocess.run(
-        [sys.executable, str(program), *options], cwd=tmp_path, capture_output=True, text=True, check=False
+        [sys.executable, "-m", "benchmarks.engines", *options], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert ran.returncode == 0, ran.stderr[-2000:]
     rows = json.loads(told.read_text())
     assert [set(one) for one in rows] == [KEYS] * len(rows)
     assert {(one["engine"], one["scheme"], one["damping"]) for one in rows} == {
-        ("fmpy", scheme, "full") for scheme in c_loop.SCHEMES
+        ("fmpy", scheme, "full") for scheme in fmpy_loop.SCHEMES
     }
     by_rate = {one["rate_hz"]: one for one in rows if one["scheme"] == "jacobi, held"}
     assert all(one["us_per_step"] > 0.0 for one in rows if one["error_velocity_percent"] is not None)
@@ -92,12 +78,11 @@ def test_an_invalid_time_gives_no_cost(solved, seconds):
     found = row(solved, ("fmpy", "jacobi, held", "full", 125.0), replace(recorded(solved, 1.1), seconds=seconds))
     assert found["us_per_step"] is None
     assert markdown([found]).splitlines()[-1] == "| fmpy | jacobi, held | full | 125 | - | - | 10 | 10 |"
-    assert not list(reaches([found]))
 
 
 def test_the_cost_of_the_default_is_the_time_of_its_runs(monkeypatch):
     """Check that the cost is the stepping time of the fastest call, divided by the steps of its last run."""
-    names, took = ours.NAMES, iter((0.5, 0.3, *[0.4] * 100))
+    names, took = runs.NAMES, iter((0.5, 0.3, *[0.4] * 100))
     scenarios = []
 
     def run(_system, scenario, **_options):
@@ -106,23 +91,21 @@ def test_the_cost_of_the_default_is_the_time_of_its_runs(monkeypatch):
         series = TimeSeries(time, np.zeros((len(names), 5)), names, ("1",) * len(names))
         return SimpleNamespace(series=series, stepping_seconds=next(took), steps=2000, partial=False)
 
-    monkeypatch.setattr(ours.cosim, "run", run)
-    found = ours.run_default(None, cases.track(), 2.0, repeats=3)
+    monkeypatch.setattr(runs.cosim, "run", run)
+    found = runs.run_default(None, cases.track(), 2.0, repeats=3)
     assert (found.seconds, found.steps, found.rate) == (0.3, 2000, 1000.0)
     assert {scenario.stop for scenario in scenarios} == {2.0}
 
 
 @pytest.mark.slow
 def test_the_loop_in_c_and_the_one_over_fmpy_are_the_same_schemes(tmp_path):
-    drive = cases.track()
     cases.build_fmus(cases.fitted_law(), tmp_path)
-    write_drive(drive, tmp_path)
-    for scheme in c_loop.SCHEMES:
+    for scheme in fmpy_loop.SCHEMES:
         values = []
         for engine in (c_loop, fmpy_loop):
             work = tmp_path / f"{engine.__name__} {scheme}"
             work.mkdir()
-            found = engine.run(Job(str(tmp_path), scheme, 500.0, 1.0, str(work)))
+            found = engine.run(Job(tmp_path, cases.track(), scheme, 500.0, 1.0, work))
             assert found.seconds > 0.0
             assert found.steps == 500
             values.append(found.values)
@@ -133,33 +116,6 @@ def test_the_loop_in_c_and_the_one_over_fmpy_are_the_same_schemes(tmp_path):
 def test_a_run_with_an_error_of_ten_standard_deviations_counts_as_diverged(solved):
     found = row(solved, ("fmpy", "jacobi, held", "full", 125.0), recorded(solved, 12.0))
     assert found["error_velocity_percent"] is found["us_per_step"] is None
-
-
-def test_cost_at_equal_accuracy_uses_the_measured_order_and_marks_extrapolation():
-    rows = [
-        *FIRST_ORDER,
-        *(entry("eightpost", "gauss-seidel", r, 1.0, 0.2 * (1000.0 / r) ** 2) for r in (500.0, 2000.0)),
-    ]
-    cheaper, dearer = sorted(reaches(rows), key=lambda one: one.cost)
-    assert (cheaper.rate, cheaper.cost, cheaper.extrapolated) == (pytest.approx(1000.0), pytest.approx(1.0), False)
-    assert (dearer.rate, dearer.cost, dearer.extrapolated) == (pytest.approx(20000.0), pytest.approx(400.0), True)
-    said = summary(rows)
-    assert "| fmpy | jacobi, held | 20000 (extrapolated with its measured order) | about 400 | about 400 |" in said
-    assert "| eightpost | gauss-seidel | 1000 | 1 | 1 |" in said
-
-
-def test_an_error_that_does_not_fall_reaches_nothing():
-    assert not list(reaches([entry("fmpy", "jacobi, held", rate, 20.0, 5.0) for rate in (1000.0, 2000.0)]))
-
-
-def test_the_picture_accepts_rows_that_diverged(tmp_path):
-    rows = [
-        *FIRST_ORDER,
-        entry("fmpy", "jacobi, held", 125.0, None, None),
-        entry("eightpost", "default", 1000.0, 1.0, 0.1),
-    ]
-    draw(rows, tmp_path / "picture.png")
-    assert (tmp_path / "picture.png").stat().st_size > 10_000
 
 
 def test_the_split_shock_and_the_dampers_give_the_whole_curve_together():

@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from scipy.signal import StateSpace, lsim
 
-from benchmarks.cars import rig, truth
-from benchmarks.cars.car import CORNERS
+from benchmarks.cars import judge, rig
+from benchmarks.cars.car import CORNERS, contact, rubber
 from benchmarks.cars.draw import KINDS, draw
-from benchmarks.cars.faults import FAULTS, faulted
-from benchmarks.cars.march import contact, rubber
-from benchmarks.cars.procedures import tests_of as five_tests
+from benchmarks.cars.rig import tests_of as five_tests
 from eightpost.rig.post import read_rig_test
 from eightpost.signals import ChannelMap
 
@@ -73,8 +71,8 @@ def test_linear_car_moves_as_the_state_space_of_its_matrices():
 @pytest.mark.parametrize("kind", KINDS)
 def test_half_the_step_changes_no_measure_by_a_twentieth_of_a_percent(kind):
     car = draw(kind, 1)
-    coarse, fine = (truth.measures(short(car, steps=steps)) for steps in (rig.STEPS, 2 * rig.STEPS))
-    assert all(abs(coarse[name] / fine[name] - 1.0) < 5e-4 for name in truth.NAMES)
+    coarse, fine = (judge.measures(short(car, steps=steps)) for steps in (rig.STEPS, 2 * rig.STEPS))
+    assert all(abs(coarse[name] / fine[name] - 1.0) < 5e-4 for name in judge.NAMES)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -135,15 +133,3 @@ def test_records_read_in_the_teams_units_are_those_of_the_sensors(kind, tmp_path
     read, motion = read_rig_test(path, channel_map=ChannelMap.read(map_)).series, motion.channels
     for name in set(motion) & set(read.names) - {f"{c}.velocity" for c in ("lf", "rf", "lr", "rr")}:
         assert np.allclose(read[name], motion[name], rtol=1e-4, atol=1e-4 * np.abs(motion[name]).max()), name
-
-
-@pytest.mark.parametrize("name", FAULTS)
-def test_fault_changes_only_the_channels_that_it_names(name):
-    generator = np.random.default_rng(1)
-    names = [f"{c}.{q}" for c in ("lf", "rf", "lr", "rr") for q in rig._METRIC] + [
-        "front.ride_height",
-        "rear.ride_height",
-    ]
-    channels = {n: generator.standard_normal(200) for n in names}
-    changed = faulted(channels, name)
-    assert {n for n in channels if not np.array_equal(channels[n], changed[n])} == set(FAULTS[name][1])

@@ -7,11 +7,11 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks.cars import record_check, rig, tables
+from benchmarks.cars import __main__ as tables
+from benchmarks.cars import rig
+from benchmarks.cars.car import dyno_record
 from benchmarks.cars.draw import draw
-from benchmarks.cars.judge import Case, row_of, setups_of
-from benchmarks.cars.shocks import dyno_record
-from benchmarks.cars.truth import RIDE, TOTAL
+from benchmarks.cars.judge import RIDE, TOTAL, Case, row_of, setups_of
 
 DRIVE = rig.random_drive(draw("links", 1), 8.0, 1)
 
@@ -68,24 +68,6 @@ def test_table_of_procedures_names_the_reasons_or_the_refusal():
     lines = tables.procedures([bad, refused]).splitlines()
     assert lines[2] == "| links 1 | control | 20.00 | 20.0 | 1.000 | not usable | short tests |"
     assert lines[3].endswith("| refused | TooShortError: x |")
-
-
-def test_record_check_counts_hits_and_wrong_accusations():
-    sound = {"drive": "random", "fault": "", "found": []}
-    found = [["wrong scale", ["lf.displacement"]]]
-    faulty = {"drive": "random", "fault": "potentiometer x 1.1"}
-    other = [["late", ["lf.force"]]]
-    rows = [sound, sound | {"found": other}, *(faulty | {"found": f} for f in (found, other, found + other, []))]
-    lines = record_check.table(rows).splitlines()
-    assert "| random | 1 of 2 |" in lines
-    assert "| potentiometer x 1.1 | 2 of 4 | 1 | 1 |" in lines
-
-
-def test_sound_record_is_checked_and_a_reversed_channel_is_found():
-    channels = rig.recorded(draw("links", 1), rig.run(draw("links", 1), draw("links", 1).bank[:4], DRIVE), 1)
-    assert record_check.found_in(channels) == []
-    rule, names = record_check.found_in(channels | {"lf.force": -channels["lf.force"]})[0]
-    assert (rule, names) == ("WrongSignError", ("lf.force",))
 
 
 def test_row_is_read_again_from_its_file(tmp_path):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.fuzz.campaign import run_campaign, table
+from benchmarks.fuzz.__main__ import run_campaign, table
 from benchmarks.fuzz.readers import Reader, readers
 from benchmarks.fuzz.samples import make_samples
 from benchmarks.fuzz.worker import make_mutant
@@ -64,7 +64,7 @@ def test_a_campaign_detects_the_defect_of_a_broken_reader(samples, monkeypatch, 
         "    def __call__(self, path):\n"
         "        self.calls += 1\n"
         f"        if self.calls > 1: {body}\n"
-        "from benchmarks.fuzz.mutations import flip_bits\n"
+        "from benchmarks.fuzz.damage import flip_bits\n"
         "broken = module.Reader('broken', 'map.toml', Broken(), (flip_bits,))\n"
         "module.readers = lambda: (broken,)\n"
     )

@@ -7,15 +7,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from benchmarks.mutants.area_tests import main
-from benchmarks.mutants.areas import PRODUCT, ROOT, Area, Equivalent, read_areas, read_equivalents
-from benchmarks.mutants.c_sites import c_sites
-from benchmarks.mutants.campaign import Campaign
-from benchmarks.mutants.mutant import Mutant, mutants
-from benchmarks.mutants.python_sites import python_sites
-from benchmarks.mutants.records import Record
-from benchmarks.mutants.report import killed_share, report
-from benchmarks.mutants.trial import Outcome, copy_tree
+from benchmarks.mutants.__main__ import Campaign, killed_share, report
+from benchmarks.mutants.area_tests import PRODUCT, ROOT, Area, Equivalent, main, read_areas, read_equivalents
+from benchmarks.mutants.mutant import Mutant, c_sites, mutants, python_sites
+from benchmarks.mutants.trial import Outcome, Record, copy_tree
 
 
 def changed(sites, source):
@@ -169,9 +164,9 @@ TWO = ["-n", "2", "--dist", "loadscope"]
 
 
 def test_make_area_runs_the_tests_of_a_source_and_slow_ones_on_request(ran, capsys):
-    assert main(["eightpost/reproduce/verdict.py"]) == main(["--slow", "eightpost/reproduce/verdict.py"]) == 1
-    assert ran == [[*DAILY, *TWO, "tests/reproduce"], ["-q", "-m", "not nightly", *TWO, "tests/reproduce"]]
-    assert "eightpost/reproduce/verdict.py: dissertation\n" in capsys.readouterr().out
+    assert main(["dissertation/verdict.py"]) == main(["--slow", "dissertation/verdict.py"]) == 1
+    assert ran == [[*DAILY, *TWO, "tests/dissertation"], ["-q", "-m", "not nightly", *TWO, "tests/dissertation"]]
+    assert "dissertation/verdict.py: dissertation\n" in capsys.readouterr().out
 
 
 def test_make_area_of_a_folder_runs_the_tests_of_all_its_areas_with_the_plugins_that_they_share(ran):
@@ -194,7 +189,7 @@ def test_make_area_of_something_without_tests_says_what_has_some(ran, capsys, fi
     assert main([file]) == 2
     assert ran == []
     assert capsys.readouterr().err.startswith(
-        f"{file}: no source (.py, .c, .h) of eightpost, builder, cosim, fmus and no"
+        f"{file}: no source (.py, .c, .h) of eightpost, builder, cosim, fmus, dissertation and no"
     )
 
 

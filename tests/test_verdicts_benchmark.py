@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.verdicts.__main__ import _median, report
 from benchmarks.verdicts.cases import stepped
-from benchmarks.verdicts.damper import RATE, Damper
+from benchmarks.verdicts.dampers import RATE, Damper
 
 
 def row(case, grade, error, *, within=True, covered=None):

@@ -63,6 +63,7 @@ def test_the_source_distribution_contains_the_checkout(sdist):
     for name in (
         "pyproject.toml", "Makefile", "LICENSE", "CHANGELOG.md", "fmus/common/shock_slave.py",
         "examples/starter/study.toml", "tests/test_wheel.py", "benchmarks/startup.py",
+        "dissertation/printed/chapter_3.toml",
     ):  # fmt: skip
         assert name in names
     assert not {name.split("/")[0] for name in names} & {".git", ".venv", "build", "demo", "dist", "out"}

@@ -8,8 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from benchmarks.cars.car import Car, Four, Sensors
-from benchmarks.cars.shocks import TrueShock
+from benchmarks.cars.car import Car, Four, Sensors, TrueShock
 
 #: Friction that one car has as a whole at each wheel, times a factor by kind [N].
 FRICTION = 55.0

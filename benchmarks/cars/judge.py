@@ -16,13 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cars.car import Car
+from benchmarks.cars.car import CORNERS, Car, dyno_record
 from benchmarks.cars.draw import draw
-from benchmarks.cars.laps import lap_drive, lap_series
-from benchmarks.cars.procedures import write_tests
-from benchmarks.cars.rig import RATE
-from benchmarks.cars.shocks import dyno_record
-from benchmarks.cars.truth import NAMES, SETTLING, TOTAL, truth
+from benchmarks.cars.rig import RATE, Drive, Motion, lap_drive, lap_series, run, write_tests
 from cosim.study.above_band import shares_of
 from eightpost.api.vehicles import identify
 from eightpost.errors import EightpostError
@@ -34,6 +30,33 @@ from eightpost.measure_uncertainty import MeasureUncertainty
 from eightpost.rig import DynoTest
 from eightpost.shock import ShockLaw
 from eightpost.signals import TimeSeries
+
+#: Time at the start of a lap that is not evaluated [s].
+SETTLING = 2.0
+
+QUANTITIES = ("tire_force", "hub_acceleration", "velocity", "displacement", "chassis_acceleration")
+TOTAL = "total_tire_force"
+NAMES = (
+    TOTAL,
+    "front.ride_height",
+    "rear.ride_height",
+    *(f"{corner}.{quantity}" for quantity in QUANTITIES for corner in CORNERS),
+)
+
+#: Measures that are judged: those of a study's family ride.
+RIDE = tuple(n for n in NAMES if not n.endswith(("displacement", "chassis_acceleration")))
+
+
+def measures(motion: Motion) -> dict[str, float]:
+    """Return the RMS value of each measure."""
+    total = np.sum([motion.settled(f"{corner}.tire_force", SETTLING) for corner in CORNERS], axis=0)
+    return {n: float((total if n == TOTAL else motion.settled(n, SETTLING)).std()) for n in NAMES}
+
+
+def truth(car: Car, setups: Sequence[Sequence[int]], lap: Drive) -> list[dict[str, float]]:
+    """Return the true measures of setups, by the index of each corner's shock in the bank."""
+    return [measures(run(car, [car.bank[k] for k in setup], lap)) for setup in setups]
+
 
 #: Dry friction of the seals of shocks that are fitted, which no law has [N]; duration of a lap [s]; number of setups.
 SEAL, LAP, SETUPS = 15.0, 30.0, 24

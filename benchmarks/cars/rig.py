@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from scipy.io import savemat
 from scipy.ndimage import shift
 
-from benchmarks.cars.car import CORNERS, GRAVITY, SIZE, Car
-from benchmarks.cars.march import march
-from benchmarks.cars.shocks import TrueShock, marched
+from benchmarks.cars.car import CORNERS, GRAVITY, SIZE, Car, TrueShock, march, marched
+from eightpost.signals import TimeSeries, write_parquet
 
 Array = NDArray[np.float64]
 
@@ -193,3 +192,105 @@ def write_map(car: Car, channels: dict[str, Array], path: Path) -> Path:
         lines.append("")
     path.write_text("\n".join(lines), encoding="utf-8")
     return path
+
+
+Array = NDArray[np.float64]
+
+#: Kinds of laps: RMS of the roads [m], spectrum, delay of the rear axle [s], share of the mean aeroload, its RMS [N].
+#: own: rougher, with power to 38 Hz, a higher mean load than the tests and large slow loads.
+LAPS: dict[str, tuple[float, tuple[float, float, float], float, float, float]] = {
+    "track": (0.0032, (0.3, 25.0, 1.0), 0.05, 1.0, 220.0),
+    "own": (0.0026, (0.3, 38.0, 0.8), 0.04, 1.4, 420.0),
+}
+
+
+def lap_drive(car: Car, seconds: float, seed: int, kind: str = "track") -> Drive:
+    """Return the drive of a lap: the rear axle follows the front one, left and right are partly alike."""
+    rms, spectrum, delay, share, load = LAPS[kind]
+    generator = np.random.default_rng([44, seed])
+    both, left, right = (noise_lines(generator, seconds, spectrum) for _ in range(3))
+    f = np.arange(both.size) / seconds
+    sides = [0.75 * both + 0.66 * one for one in (left, right)]
+    late = np.exp(-2j * np.pi * f * delay)
+    roads = [rms * side * turn for turn in (1.0, late) for side in sides]
+    speed = noise_lines(generator, seconds, (0.05, 1.0, 0.5))
+    gusts = [load * (0.8 * speed + 0.6 * noise_lines(generator, seconds, (0.2, 6.0, 0.5))) for _ in range(4)]
+    means = np.concatenate([np.zeros(4), share * np.repeat(car.downforce, 2)])
+    return Drive(np.array([*roads, *gusts]), means, seconds)
+
+
+def lap_series(drive: Drive, rate: float = RATE) -> TimeSeries:
+    """Return the drive as inputs of a vehicle, exactly."""
+    values = drive.at(rate)
+    names = tuple(f"{c}.{n}" for n in ("road", "aero") for c in ("lf", "rf", "lr", "rr"))
+    return TimeSeries(np.arange(values.shape[1]) / rate, values, names, ("m",) * 4 + ("N",) * 4)
+
+
+def write_drive(drive: Drive, path: Path) -> Path:
+    """Write the drive as the drive file of a study (.parquet)."""
+    write_parquet(lap_series(drive), path, note="SYNTHETIC")
+    return path
+
+
+def write_lap(
+    car: Car, folder: Path, shocks: Sequence[int], kind: str = "track", *, seconds: float = 30.0, seed: int = 0
+) -> Path:
+    """Write the record of a lap with shocks of the bank at the corners, and its map.toml."""
+    folder.mkdir(parents=True, exist_ok=True)
+    motion = run(car, [car.bank[k] for k in shocks], lap_drive(car, seconds, seed, kind))
+    channels = recorded(car, motion, 70000 + seed)
+    write_map(car, channels, folder / "map.toml")
+    return write_record(car, channels, folder / f"lap_{kind}")
+
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Procedure:
+    """How the five tests differ from good ones."""
+
+    roads: float = 1.0  #: Factor on the roads.
+    #: Factor on the friction at the start and the end of each test.
+    friction: tuple[tuple[float, float], ...] = ((1.0, 1.0),) * 5
+    fuel: tuple[float, ...] = (0.0,) * 5  #: Additional mass in each test [kg].
+    bars: tuple[float, ...] = (1.0,) * 5  #: Factor on the front anti-roll bar in each test.
+    most_seconds: float = float("inf")  #: Longest test.
+
+
+_DROP, _LOW, _SAME = (1.0, 0.6), (0.6, 0.6), (1.0, 1.0)
+
+PROCEDURES = {
+    "control": Procedure(),
+    "short": Procedure(most_seconds=15.0),
+    "tall_roads": Procedure(roads=2.2),
+    "flat_roads": Procedure(roads=0.12),
+    "friction_drift_within": Procedure(friction=(_DROP,) * 5),
+    "friction_low_in_two": Procedure(friction=(_SAME, _LOW, _SAME, _LOW, _SAME)),
+    "broken_bar": Procedure(bars=(1.0, 1.0, 1.0, 0.0, 1.0)),
+    "fuel": Procedure(fuel=(0.0, 15.0, 30.0, 45.0, 60.0)),
+}
+
+
+def tests_of(car: Car, seconds: float, seed: int, procedure: str = "control") -> Iterator[tuple[str, Motion]]:
+    """Yield the name and the motion of five tests: the baseline, then the alternate shock at each corner."""
+    how = PROCEDURES[procedure]
+    drive = random_drive(car, min(seconds, how.most_seconds), seed).scaled(how.roads)
+    for number in range(5):
+        shocks = [car.bank[car.baseline]] * 4
+        if number:
+            shocks[number - 1] = car.alternate
+        tested = replace(car, bars=(how.bars[number] * car.bars[0], car.bars[1])).with_fuel(how.fuel[number])
+        name = "baseline" if not number else f"alternate_{CORNERS[number - 1]}"
+        yield name, run(tested, shocks, drive, friction=how.friction[number])
+
+
+def write_tests(car: Car, folder: Path, seconds: float, seed: int, procedure: str = "control") -> list[Path]:
+    """Write the records of five tests and map.toml into a folder; return the paths of the records."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for number, (name, motion) in enumerate(tests_of(car, seconds, seed, procedure)):
+        channels = recorded(car, motion, 10 * seed + number)
+        paths.append(write_record(car, channels, folder / name))
+        write_map(car, channels, folder / "map.toml")
+    return paths

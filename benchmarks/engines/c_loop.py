@@ -12,26 +12,25 @@ from typing import Any
 import fmpy
 import numpy as np
 
-from benchmarks.engines.job import CAR_OUTPUTS, CORNERS, DRIVEN, Diverged, Job, Recording
+from benchmarks.engines.fmpy_loop import SCHEMES
+from benchmarks.engines.runs import CAR_OUTPUTS, CORNERS, DRIVEN, Diverged, Job, Recording
 from builder.native.toolchain import fmi_headers
 from eightpost.archive import extract_archive
 
-SCHEMES = ("jacobi, held", "jacobi, extrapolated", "gauss-seidel, extrapolated", "gauss-seidel, parabolic")
 #: Exit code of the program if an FMU refuses a call.
 _REFUSED = 3
 
 
 def run(job: Job) -> Recording:
     """Run the program."""
-    folder = Path(job.work)
+    folder = job.work
     car, shock = (_unpacked(job.fmus[name]) for name in ("car", "lf"))
     asked, found = folder / "job.bin", folder / "result.bin"
     drive = job.drive(np.arange(job.count + 1) * job.step)
     head = [SCHEMES.index(job.scheme), job.count, job.step, job.stop, *_references(car, shock)]
     np.concatenate([head, drive.ravel()]).tofile(asked)
     line = [str(_program()), *_library(car), *_library(shock), str(asked), str(found)]
-    with job.stepping():
-        ran = subprocess.run(line, capture_output=True, text=True, check=False)
+    ran = subprocess.run(line, capture_output=True, text=True, check=False)
     if ran.returncode == _REFUSED:
         raise Diverged(ran.stderr.strip())
     if ran.returncode != 0:

@@ -4,16 +4,203 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import itertools
+import json
+import queue
 import shutil
+import subprocess
 import sys
 import tempfile
+import threading
 import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from benchmarks.fuzz.campaign import Failure, Tally, run_campaign, table
 from benchmarks.fuzz.readers import Reader, readers
 from benchmarks.fuzz.samples import make_samples
-from benchmarks.fuzz.worker import in_place, make_mutant, read_mutant
+from benchmarks.fuzz.worker import ACCEPTED, MEMORY, REFUSED, TRACEBACK, UNNAMED, in_place, make_mutant, read_mutant
+
+CRASH, HANG = "crash", "hang"
+OUTCOMES = (REFUSED, ACCEPTED, UNNAMED, TRACEBACK, CRASH, MEMORY, HANG)
+#: Time limits for one mutant, and for a worker's start including imports [s].
+_LONGEST, _START = 60.0, 120.0
+#: Number of mutants of a reader per worker.
+_BATCH = 250
+
+
+#: Name of a reader, number of its first mutant, and number after its last mutant.
+Job = tuple[str, int, int]
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A mutant that was neither read nor rejected with a message that names the file."""
+
+    reader: str
+    number: int
+    outcome: str
+    text: str
+
+
+@dataclass
+class Tally:
+    """The outcomes of the mutants of one reader."""
+
+    reader: str
+    counts: Counter[str] = field(default_factory=Counter)
+    failures: list[Failure] = field(default_factory=list)
+    seconds: float = 0.0
+
+    @property
+    def mutants(self) -> int:
+        """Number of mutants that were tried."""
+        return sum(self.counts.values())
+
+    def add(self, number: int, outcome: str, text: str, seconds: float) -> None:
+        """Count a mutant."""
+        self.counts[outcome] += 1
+        self.seconds += seconds
+        if outcome not in (REFUSED, ACCEPTED):
+            self.failures.append(Failure(self.reader, number, outcome, text))
+
+
+def shares(chosen: Sequence[Reader], mutants: int) -> dict[str, int]:
+    """Return the number of mutants for each reader, at least one."""
+    whole = sum(reader.share for reader in chosen)
+    return {reader.name: max(1, round(mutants * reader.share / whole)) for reader in chosen}
+
+
+def run_campaign(
+    chosen: Sequence[Reader],
+    *,
+    mutants: int,
+    seed: int,
+    samples: Path,
+    workers: int = 1,
+    together: bool = False,
+    progress: Callable[[Tally], None] | None = None,
+) -> list[Tally]:
+    """Try mutants on readers.
+
+    Args:
+        chosen: Readers to try.
+        mutants: Number of mutants of all readers together.
+        seed: Seed of the mutants.
+        samples: Folder of the valid samples.
+        workers: Number of parallel processes.
+        together: Whether one process tries all readers, which saves most of the time for few mutants.
+        progress: Callback that receives each reader's tally when it is complete.
+    """
+    counts = shares(chosen, mutants)
+    jobs = [
+        [(name, first, min(first + _BATCH, count)) for first in range(0, count, _BATCH)]
+        for name, count in counts.items()
+    ]
+    groups = [list(itertools.chain.from_iterable(jobs))] if together else jobs
+    tallies = {name: Tally(name) for name in counts}
+
+    def run(group: list[Job]) -> None:
+        for name, *outcome in _outcomes(group, seed, samples):
+            tallies[name].add(*outcome)
+            if progress and tallies[name].mutants == counts[name]:
+                progress(tallies[name])
+
+    with ThreadPoolExecutor(workers) as pool:
+        list(pool.map(run, groups))
+    return list(tallies.values())
+
+
+def _outcomes(jobs: list[Job], seed: int, samples: Path) -> Iterator[tuple[str, int, str, str, float]]:
+    """Yield reader, number, outcome, text and processor time of each mutant; a worker that crashes is replaced."""
+    while jobs:
+        with _Worker([str(samples), seed, jobs]) as worker:
+            begun = None
+            for kind, *message in worker.messages():
+                begun = message if kind == "begin" else None
+                if begun is None:
+                    yield tuple(message)
+                    jobs = _after(jobs, *message[:2])
+            if begun is not None:
+                yield *begun, HANG if worker.late else CRASH, worker.how(), 0.0
+                jobs = _after(jobs, *begun)
+            elif jobs:
+                raise RuntimeError(f"{jobs[0][0]}: the worker cannot read the valid sample: {worker.how()}")
+
+
+def _after(jobs: list[Job], name: str, number: int) -> list[Job]:
+    """Return the remaining jobs after a mutant."""
+    place = next(k for k, (reader, first, last) in enumerate(jobs) if reader == name and first <= number < last)
+    _, _, last = jobs[place]
+    rest = [(name, number + 1, last)] if number + 1 < last else []
+    return rest + jobs[place + 1 :]
+
+
+class _Worker:
+    """A worker process and its messages."""
+
+    def __init__(self, task: list[Any]) -> None:
+        command = [sys.executable, "-X", "faulthandler", "-m", "benchmarks.fuzz.worker", json.dumps(task)]
+        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self._lines: queue.Queue[str] = queue.Queue()
+        self._errors: list[str] = []
+        self._threads = [
+            threading.Thread(target=self._pump, args=(self._process.stdout, self._lines.put), daemon=True),
+            threading.Thread(target=self._pump, args=(self._process.stderr, self._errors.append), daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+        self.late = False
+
+    def __enter__(self) -> _Worker:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.wait()
+        for thread in self._threads:
+            thread.join()
+        for stream in (self._process.stdout, self._process.stderr):
+            if stream is not None:
+                stream.close()
+
+    def _pump(self, stream: Iterable[str], put: Callable[[str], object]) -> None:
+        for line in stream:
+            put(line)
+        put("")
+
+    def messages(self) -> Iterator[list[Any]]:
+        """Yield the worker's messages until it ends or does not respond for too long."""
+        patience = _START
+        while True:
+            try:
+                line = self._lines.get(timeout=patience)
+            except queue.Empty:
+                self.late = True
+                return
+            if not line.endswith("\n"):
+                return
+            yield json.loads(line)
+            patience = _LONGEST
+
+    def how(self) -> str:
+        """Return how the worker ended."""
+        if self.late:
+            return f"no answer within {_LONGEST:g} s"
+        code = self._process.wait()
+        return f"exit code {code}\n{''.join(self._errors)[-4000:]}"
+
+
+def table(tallies: Sequence[Tally]) -> str:
+    """Return the tallies as a Markdown table."""
+    heads = ("reader", "mutants", *OUTCOMES)
+    rows = [(t.reader, str(t.mutants), *(str(t.counts[o]) for o in OUTCOMES)) for t in tallies]
+    total = ("all", str(sum(t.mutants for t in tallies)), *(str(sum(t.counts[o] for t in tallies)) for o in OUTCOMES))
+    lines = [heads, tuple("---" + ":" * (k > 0) for k in range(len(heads))), *rows, total]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def main() -> int:

@@ -9,8 +9,25 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from benchmarks.fuzz import archives, columns, documents, mutations
-from benchmarks.fuzz.mutations import Change
+from benchmarks.fuzz.damage import (
+    BINARY,
+    SLOW,
+    TEXT,
+    Change,
+    bomb,
+    change_around,
+    change_entries,
+    change_heads,
+    change_json,
+    change_mat,
+    change_member,
+    change_npz,
+    change_parquet,
+    change_toml,
+    change_xml,
+    overwrite_head,
+    overwrite_links,
+)
 
 
 @dataclass(frozen=True)
@@ -27,22 +44,22 @@ class Reader:
 
 def _xml(rng: Random, name: str, content: bytes) -> bytes:
     if not name.endswith((".xml", ".ssd", ".ssv", ".ssm")):
-        return rng.choice(mutations.BINARY)(rng, content)
-    return rng.choice((*(documents.change_xml,) * 6, *mutations.TEXT[:8]))(rng, content)
+        return rng.choice(BINARY)(rng, content)
+    return rng.choice((*(change_xml,) * 6, *TEXT[:8]))(rng, content)
 
 
 def _in_archive(*likely: str) -> tuple[Change, ...]:
     def member(rng: Random, content: bytes) -> bytes:
-        return archives.change_member(rng, content, _xml, likely)
+        return change_member(rng, content, _xml, likely)
 
-    around = (archives.change_entries, archives.change_entries, archives.change_heads, archives.change_heads,
-              archives.change_around)  # fmt: skip
-    return (*(member,) * 10, *around, *mutations.BINARY)
+    around = (change_entries, change_entries, change_heads, change_heads,
+              change_around)  # fmt: skip
+    return (*(member,) * 10, *around, *BINARY)
 
 
-_TEXT, _BINARY = mutations.TEXT, mutations.BINARY
-_JSON = (*(documents.change_json,) * 16, *_TEXT)
-_TOML = (*(documents.change_toml,) * 16, *_TEXT)
+_TEXT, _BINARY = TEXT, BINARY
+_JSON = (*(change_json,) * 16, *_TEXT)
+_TOML = (*(change_toml,) * 16, *_TEXT)
 _FMU = _in_archive("modelDescription.xml")
 _FMU_3 = _in_archive("modelDescription.xml", "buildDescription.xml", "terminalsAndIcons.xml")
 
@@ -237,15 +254,15 @@ def readers() -> tuple[Reader, ...]:
 def _records() -> Iterator[Reader]:
     yield Reader("record .csv", "record.csv", _record, _TEXT, 2.0)
     yield Reader("record .csv, preamble", "german.csv", _record, _TEXT)
-    yield Reader("record .csv, 10 MB field", "record.csv", _record, mutations.SLOW, 0.05)
+    yield Reader("record .csv, 10 MB field", "record.csv", _record, SLOW, 0.05)
     yield Reader("dyno record", "record.csv", _dyno, _TEXT)
     yield Reader("peak-velocity table", "peaks.csv", _peaks, _TEXT)
-    yield Reader("record .parquet", "record.parquet", _record, (*_BINARY, columns.change_parquet))
-    yield Reader("record .mat", "record.mat", _record, (*_BINARY, *(columns.change_mat,) * 8), 2.0)
-    yield Reader("record .mf4", "record.mf4", _record, (*_BINARY, columns.overwrite_links), 1.5)
-    yield Reader("record .mdf", "record.mdf", _record, (*_BINARY, mutations.overwrite_head), 0.5)
-    yield Reader("rig record", "rig.parquet", _rig, (*_BINARY, *(columns.change_parquet,) * 5), 0.5)
-    yield Reader("drivefile", "drive.parquet", _drive, (*_BINARY, *(columns.change_parquet,) * 5), 0.5)
+    yield Reader("record .parquet", "record.parquet", _record, (*_BINARY, change_parquet))
+    yield Reader("record .mat", "record.mat", _record, (*_BINARY, *(change_mat,) * 8), 2.0)
+    yield Reader("record .mf4", "record.mf4", _record, (*_BINARY, overwrite_links), 1.5)
+    yield Reader("record .mdf", "record.mdf", _record, (*_BINARY, overwrite_head), 0.5)
+    yield Reader("rig record", "rig.parquet", _rig, (*_BINARY, *(change_parquet,) * 5), 0.5)
+    yield Reader("drivefile", "drive.parquet", _drive, (*_BINARY, *(change_parquet,) * 5), 0.5)
     yield Reader("channel map", "map.toml", _map, _TOML, neighbours=("record.csv",))
 
 
@@ -256,16 +273,16 @@ def _models() -> Iterator[Reader]:
     yield Reader("vehicle .json", "vehicle.json", _vehicle, _JSON)
     yield Reader("fit of a vehicle", "fitted.fit.json", _fit, _JSON, 0.5)
     yield Reader("preparation", "preparation.toml", _preparation, _TOML)
-    npz = (*_in_archive(".npy"), columns.change_npz, columns.change_npz, columns.change_npz)
+    npz = (*_in_archive(".npy"), change_npz, change_npz, change_npz)
     yield Reader("response .npz", "response.npz", _response, npz, 1.5)
 
 
 def _fmus() -> Iterator[Reader]:
     yield Reader("FMU", "fmus/shock.fmu", _fmu, _FMU, 2.0)
-    yield Reader("FMU, bomb", "plain.fmu", _fmu, (archives.bomb,), 0.02)
+    yield Reader("FMU, bomb", "plain.fmu", _fmu, (bomb,), 0.02)
     yield Reader("FMU, checked", "fmus/shock.fmu", _check, _FMU)
     yield Reader("FMU of FMI 3.0, checked", "arrays.fmu", _check, _FMU_3)
-    yield Reader("FMU, checked, bomb", "plain.fmu", _check, (archives.bomb,), 0.02)
+    yield Reader("FMU, checked, bomb", "plain.fmu", _check, (bomb,), 0.02)
     yield Reader("FMU, binary checked", "fmus/shock.fmu", _check, (_binaries,), 0.5)
     yield Reader("FMU, assembled", "fmus/shock.fmu", _parts, _FMU, 0.5)
     yield Reader("SSP package", "package.ssp", _ssp, _in_archive(".ssd", ".ssv", ".ssm"), 2.0)
@@ -274,19 +291,19 @@ def _fmus() -> Iterator[Reader]:
 
 def _binaries(rng: Random, content: bytes) -> bytes:
     def change(rng: Random, _: str, member: bytes) -> bytes:
-        return rng.choice((*_BINARY, *(mutations.overwrite_head,) * 5))(rng, member)
+        return rng.choice((*_BINARY, *(overwrite_head,) * 5))(rng, member)
 
-    return archives.change_member(rng, content, change, (".so", ".dll", ".dylib"))
+    return change_member(rng, content, change, (".so", ".dll", ".dylib"))
 
 
 def _studies() -> Iterator[Reader]:
     yield Reader("study file", "study.toml", _study, _TOML, 1.5)
-    yield Reader("study results", "results.parquet", _results, (*_BINARY, *(columns.change_parquet,) * 8), 1.5)
+    yield Reader("study results", "results.parquet", _results, (*_BINARY, *(change_parquet,) * 8), 1.5)
     yield Reader("selection", "selection.csv", _selection, _TEXT)
     yield Reader("list of runs", "selection.csv", _run_list, _TEXT)
     yield Reader("uncertainty file", "uncertain.toml", _uncertainty, _TOML)
     yield Reader("comparison", "comparison.json", _comparison, _JSON)
-    yield Reader("spreads", "robust.parquet", _spreads, (*_BINARY, *(columns.change_parquet,) * 5))
+    yield Reader("spreads", "robust.parquet", _spreads, (*_BINARY, *(change_parquet,) * 5))
     yield Reader("result of a run", "run/result.json", _result, _JSON)
     chunks = f"chunks/{'0' * 16}"
     yield Reader("chunk of a study", f"{chunks}/chunk_0000000_3.parquet", _chunks, _BINARY, 0.5)

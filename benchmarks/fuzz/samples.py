@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
-from benchmarks.fuzz import archives
+from benchmarks.fuzz.damage import members_of, packed
 from builder.build import build
 from cosim.study.choice.compare import Comparison
 from cosim.study.choice.compare_file import write_comparisons
@@ -129,22 +129,22 @@ def _fmus(folder: Path) -> None:
     made = build([folder / "shock.json", folder / "car.toml"], folder / "fmus", target="python")
     for item in made:
         # Without the documents, a mutant is written in a hundredth of the time, and the checked content is the same.
-        members = archives.members_of(item.path.read_bytes())
+        members = members_of(item.path.read_bytes())
         kept = {
             n: c for n, c in members.items() if n.startswith(("model", "terminals", "resources", "binaries/linux64"))
         }
-        item.path.write_bytes(archives.packed(kept))
-    description = archives.members_of((folder / "fmus/shock.fmu").read_bytes())["modelDescription.xml"]
-    (folder / "package.ssp").write_bytes(archives.packed({
+        item.path.write_bytes(packed(kept))
+    description = members_of((folder / "fmus/shock.fmu").read_bytes())["modelDescription.xml"]
+    (folder / "package.ssp").write_bytes(packed({
         "SystemStructure.ssd": _SSD.encode(), "resources/shock.ssv": _SSV.encode(),
         "resources/shock.ssm": _SSM.encode(),
         "resources/shock.fmu": (folder / "fmus/shock.fmu").read_bytes(),
     }))  # fmt: skip
-    (folder / "plain.fmu").write_bytes(archives.packed({
+    (folder / "plain.fmu").write_bytes(packed({
         "modelDescription.xml": description, "binaries/linux64/shock.so": b"\x7fELF" + bytes(200),
         "extra/org.example/a.txt": b"a",
     }))  # fmt: skip
-    (folder / "arrays.fmu").write_bytes(archives.packed({
+    (folder / "arrays.fmu").write_bytes(packed({
         "modelDescription.xml": _ARRAYS.encode(), "binaries/x86_64-linux/arrays.so": b"\x7fELF" + bytes(200),
         "sources/buildDescription.xml": _BUILD.encode(), "sources/arrays.c": b"",
         "terminalsAndIcons/terminalsAndIcons.xml": _TERMINALS.encode(),

@@ -3,18 +3,276 @@
     python -m benchmarks.honesty [--systems 400] [--seed-base 0] [--workers 2] [--schemes default] [--json rows.jsonl]
 
 Every system is drawn from its seed alone (benchmarks/honesty/cases.py). `--json` stores a row for each run; an
-interrupted campaign resumes where it stopped. `--against` compares the cost with another campaign's file.
+interrupted campaign resumes where it stopped.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
+import os
 import time as clock
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from math import inf
+from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
-from benchmarks.honesty.campaign import read_rows, run_campaign
-from benchmarks.honesty.picture import draw
-from benchmarks.honesty.summary import against, lines
+import numpy as np
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from benchmarks.honesty.cases import VERSION, build_fmus, draw_case
+from benchmarks.honesty.runs import compare, schemes_of
+
+Row = dict[str, Any]
+
+#: True errors below this are not counted, because they mislead nobody [%].
+SMALL = 0.02
+#: Largest true error that may be accepted [%].
+LARGE = 5.0
+QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
+_UNSTATED = 1e299
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Stated and true error [%]."""
+
+    stated: float | None  #: Stated error; None if no error is stated.
+    true: float  #: Error against the reference.
+    reference: float  #: Own error of the reference.
+
+    @property
+    def ratio(self) -> float:
+        """Ratio of the stated to the true error."""
+        return (self.stated or 0.0) / self.true if self.true and (self.stated or 0.0) < _UNSTATED else inf
+
+    @property
+    def settled(self) -> bool:
+        """Whether the reference is accurate enough for a comparison."""
+        return self.reference <= max(0.05 * SMALL, 0.05 * self.true)
+
+
+def worst(row: Row, *, decisive: bool = True) -> Pair:
+    """Return the worst stated and the worst true error of a run, each over its channels."""
+    chosen = [c for c in row["channels"].values() if c["decisive"]] if decisive else list(row["channels"].values())
+    stated = [c["stated"] for c in chosen if c["stated"] is not None]
+    return Pair(max(stated) if stated else None, max(c["true"] for c in chosen), max(c["reference"] for c in chosen))
+
+
+def channel_pairs(row: Row, unit: str | None = None) -> list[Pair]:
+    """Return the errors of every channel of a run, or of those of one unit."""
+    return [
+        Pair(c["stated"], c["true"], c["reference"])
+        for c in row["channels"].values()
+        if unit is None or c["unit"] == unit
+    ]
+
+
+def met(row: Row) -> bool:
+    """Return whether a run states that it is within the tolerance."""
+    stated = worst(row).stated
+    return bool(row["acceptable"]) and stated is not None and stated <= row["tolerance"]
+
+
+def compared(rows: Sequence[Row]) -> list[Row]:
+    """Return the runs that completed."""
+    return [row for row in rows if row.get("channels")]
+
+
+def understated(rows: Sequence[Row], below: float) -> list[Row]:
+    """Return the runs whose worst stated error is below a share of the worst true one."""
+    return [row for row in _stating(rows) if worst(row).true > SMALL and worst(row).ratio < below]
+
+
+def overstated(rows: Sequence[Row], above: float = 5.0) -> list[Row]:
+    """Return the runs whose worst stated error is above a multiple of the worst true one."""
+    return [row for row in _stating(rows) if worst(row).true > SMALL and worst(row).ratio > above]
+
+
+def wrongly_accepted(rows: Sequence[Row], above: float = LARGE) -> list[Row]:
+    """Return the runs that are acceptable with a true error above a limit [%]."""
+    return [row for row in compared(rows) if row["acceptable"] and worst(row).true > above]
+
+
+def wrongly_met(rows: Sequence[Row]) -> list[Row]:
+    """Return the runs within the tolerance whose true error is above twice the tolerance."""
+    return [row for row in compared(rows) if met(row) and worst(row).true > 2.0 * row["tolerance"]]
+
+
+def unsettled(rows: Sequence[Row]) -> list[Row]:
+    """Return the runs whose reference is not accurate enough."""
+    return [row for row in compared(rows) if not worst(row).settled]
+
+
+def _stating(rows: Sequence[Row]) -> list[Row]:
+    return [row for row in compared(rows) if worst(row).stated is not None]
+
+
+def lines(rows: Sequence[Row], *, names: int = 8) -> Iterator[str]:
+    """Return the printed lines for one kind of runs; `names` of the worst ones are listed."""
+    ended, failed = compared(rows), [row for row in rows if row.get("failed")]
+    refused = [row for row in rows if not row.get("channels") and not row.get("failed")]
+    yield (
+        f"{len(rows)} runs; {len(ended)} compared, {len(refused)} ended with an error message, {len(failed)} failed in "
+        f"the campaign, {len(unsettled(rows))} references not settled, "
+        f"{sum(not row['repeats'] for row in ended)} not the same twice"
+    )
+    for row in failed:
+        yield f"  failed: seed {row['seed']}, {row['scheme']}: {row['failed'].strip().splitlines()[-1]}"
+    if not ended:
+        return
+    yield from _distributions(ended)
+    yield from _counts(ended)
+    yield (
+        f"coupling steps {sum(row['work'] for row in rows if 'work' in row)}; processor time "
+        f"{sum(row.get('seconds', 0.0) for row in rows):.0f} s, of the references "
+        f"{sum(row.get('reference_seconds', 0.0) for row in rows):.0f} s"
+    )
+    yield from _named(ended, names)
+
+
+def _distributions(rows: Sequence[Row]) -> Iterator[str]:
+    if not _stating(rows):
+        yield "no run states an error"
+        return
+    yield f"\nstated / true, where the true error is above {SMALL:g} %"
+    yield f"{'':24}{'n':>6}" + "".join(f"{f'{100 * q:g} %':>9}" for q in QUANTILES)
+    groups: dict[str, list[Pair]] = {
+        "worst decisive channel": [worst(row) for row in rows],
+        "worst of all channels": [worst(row, decisive=False) for row in rows],
+        "every channel": [pair for row in rows for pair in channel_pairs(row)],
+        "every acceleration": [pair for row in rows for pair in channel_pairs(row, "m/s2")],
+    }
+    for name, pairs in groups.items():
+        ratios = [pair.ratio for pair in pairs if pair.stated is not None and pair.true > SMALL and pair.settled]
+        if ratios:
+            found = np.quantile(ratios, QUANTILES, method="nearest")
+            yield f"{name:24}{len(ratios):6}" + "".join(f"{value:9.3g}" for value in found) + _shares(np.array(ratios))
+
+
+def _shares(ratios: np.ndarray) -> str:
+    below, far_below, above = (100.0 * float(np.mean(test)) for test in (ratios < 0.5, ratios < 0.1, ratios > 5.0))
+    return f"   below 1/2 {below:.1f} %, below 1/10 {far_below:.1f} %, above 5 {above:.1f} %"
+
+
+def _counts(rows: Sequence[Row]) -> Iterator[str]:
+    stating = sum(worst(row).true > SMALL for row in _stating(rows))
+    tests: dict[str, tuple[list[Row], int]] = {
+        "stated below half the true": (understated(rows, 0.5), stating),
+        "stated below a tenth of the true": (understated(rows, 0.1), stating),
+        "stated above five times the true": (overstated(rows), stating),
+        f"accepted, true error above {LARGE:g} %": (wrongly_accepted(rows), len(rows)),
+        "accepted, true error above 8 %": (wrongly_accepted(rows, 8.0), len(rows)),
+        "tolerance met, true error above twice the tolerance": (wrongly_met(rows), len(rows)),
+        "tolerance met": ([row for row in rows if met(row)], len(rows)),
+        "not acceptable": ([row for row in rows if not row["acceptable"]], len(rows)),
+        "not acceptable, true error below 2 %": (
+            [row for row in rows if not row["acceptable"] and worst(row).true < 2.0],
+            len(rows),
+        ),
+    }
+    yield ""
+    for name, (found, among) in tests.items():
+        share = 100.0 * len(found) / among if among else 0.0
+        yield f"{name:54}{len(found):6} of {among} ({share:.1f} %)"
+
+
+def _named(rows: Sequence[Row], count: int) -> Iterator[str]:
+    worst_of: dict[str, tuple[list[Row], Callable[[Row], float]]] = {
+        "most understated": (understated(rows, 0.5), lambda row: worst(row).ratio),
+        "most overstated": (overstated(rows), lambda row: -worst(row).ratio),
+        "accepted with large errors": (wrongly_accepted(rows), lambda row: -worst(row).true),
+        "tolerance met with large errors": (wrongly_met(rows), lambda row: -worst(row).true),
+    }
+    for name, (found, key) in worst_of.items():
+        if found and count:
+            yield f"\n{name}"
+            yield from (_line(row) for row in sorted(found, key=key)[:count])
+
+
+def _line(row: Row) -> str:
+    pair = worst(row)
+    stated = "nothing" if pair.stated is None else "inf" if pair.stated > _UNSTATED else f"{pair.stated:.3g} %"
+    channel = max((c for c in row["channels"].items() if c[1]["decisive"]), key=lambda item: item[1]["true"])[0]
+    accepted = "accepted" if row["acceptable"] else "refused"
+    return (
+        f"  seed {row['seed']}, {row['scheme']} ({row['taken']} at {1e3 * row['step']:.3g} ms): stated {stated}, true "
+        f"{pair.true:.3g} % ({channel}), {accepted}, local error {row['coupled']:.2g} %\n      {row['case']}"
+    )
+
+
+_ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def run_campaign(
+    seeds: Iterable[int], which: str, *, workers: int = 2, keep: Path | None = None, quiet: bool = False
+) -> list[Row]:
+    """Return the rows of all seeds; those that are in the file already are not computed again.
+
+    Args:
+        seeds: Seeds, one per system.
+        which: Choice of schemes; see `runs.schemes_of`.
+        workers: Number of processes.
+        keep: File for the rows, one JSON document per line; rows are appended as they are computed.
+        quiet: Whether to hide the progress bar.
+    """
+    wanted = list(dict.fromkeys(seeds))
+    rows = [row for row in (read_rows(keep) if keep and keep.exists() else []) if row["seed"] in set(wanted)]
+    done = {(row["seed"], row["which"]) for row in rows}
+    left = [seed for seed in wanted if (seed, which) not in done]
+    folder = build_fmus(name for seed in left for name in draw_case(seed).fmu_names.values())
+    for found in _computed(left, which, folder, workers, quiet):
+        rows += found
+        if keep:
+            _append(keep, found)
+    return sorted((row for row in rows if row["which"] == which), key=lambda row: (row["seed"], row["scheme"]))
+
+
+def read_rows(path: Path) -> list[Row]:
+    """Return the rows of a campaign's file; rows of other versions of the random systems are omitted."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    return [row for row in map(json.loads, lines) if row["version"] == VERSION]
+
+
+def run_case(seed: int, which: str, folder: Path) -> list[Row]:
+    """Return the rows of one system; a failure of the campaign itself is a row too."""
+    case = draw_case(seed)
+    about = {"version": VERSION, "which": which, "seed": seed}
+    try:
+        return [about | row for row in compare(case, folder, schemes_of(seed, which))]
+    except Exception:
+        told = traceback.format_exc(limit=-3)
+        return [about | {"scheme": which, "case": case.description, "failed": told}]
+
+
+def _append(path: Path, rows: list[Row]) -> None:
+    with path.open("a", encoding="utf-8") as stream:
+        stream.writelines(json.dumps(row) + "\n" for row in rows)
+
+
+def _computed(seeds: list[int], which: str, folder: Path, workers: int, quiet: bool) -> Iterator[list[Row]]:
+    """Yield the rows of each system when it is finished."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, disable=quiet) as progress:
+        task = progress.add_task("systems", total=len(seeds))
+        for found in _in_processes(seeds, which, folder, workers):
+            progress.advance(task)
+            yield found
+
+
+def _in_processes(seeds: list[int], which: str, folder: Path, workers: int) -> Iterator[list[Row]]:
+    if workers <= 1 or len(seeds) <= 1:
+        yield from (run_case(seed, which, folder) for seed in seeds)
+        return
+    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # the processes inherit it
+    with ProcessPoolExecutor(min(workers, len(seeds)), mp_context=get_context("spawn")) as pool:
+        futures: list[Future[list[Row]]] = [pool.submit(run_case, seed, which, folder) for seed in seeds]
+        for future in as_completed(futures):
+            yield future.result()
 
 
 def main() -> None:
@@ -29,11 +287,7 @@ def main() -> None:
     ):
         if chosen:
             print("\n".join([f"\n== {title}", *lines(chosen, names=options.names)]))
-            if options.against:
-                print("\n".join(against(chosen, read_rows(options.against))))
     print(f"\n{clock.perf_counter() - began:.0f} s")
-    if options.plot:
-        draw([row for row in rows if row["scheme"] == "default"] or rows, options.plot)
 
 
 def _options() -> argparse.Namespace:
@@ -52,8 +306,6 @@ def _options() -> argparse.Namespace:
         "the default and all forty",
     )
     parser.add_argument("--json", type=Path, help="file for the rows; rows already in it are not computed again")
-    parser.add_argument("--against", type=Path, help="another campaign's file, to compare the cost with")
-    parser.add_argument("--plot", type=Path, help="output file for a plot of the distribution")
     parser.add_argument("--names", type=int, default=8, help="number of worst runs to list, of each kind")
     return parser.parse_args()
 

@@ -2,18 +2,372 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+import hashlib
+import os
+import shutil
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from functools import cache
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
+from numpy.typing import NDArray
 
-from benchmarks.honesty.cars import QUARTER_CARS, SEVEN_DOFS, vehicle
-from benchmarks.honesty.roads import ROADS, draw_load, draw_times
-from benchmarks.honesty.shocks import LAWS, DrawnShock, Random, draw_shock, log_uniform, some
+from benchmarks.case import ROOT
+from builder.build import build
+from builder.native.platforms import PLATFORMS, this_platform
+from builder.native.toolchain import Zig
 from cosim import Bond, Capabilities, Component, FmuComponent, Scenario, System
+from eightpost.cache import cache_folder
 from eightpost.corners import CORNERS
+from eightpost.shock import LAWS as CLASSES
+from eightpost.shock import Port, Shock, StaticCurve, fit_parameters, write_shock
 from eightpost.signals import Drivefile, TimeSeries
+from eightpost.vehicle import Corners, IdentifiedVehicle, QuarterCar, SevenDof, StructuralVehicle, write_vehicle
+
+Random = np.random.Generator
+Array = NDArray[np.float64]
+
+LAWS = ("polylinear", "lpf1", "lpnl2")
+
+#: Order of the polynomial that is fitted to a drawn nose.
+_NOSE_ORDER = 9
+#: Share of shocks whose force falls somewhere.
+_FALLING = 0.2
+
+
+@dataclass(frozen=True)
+class DrawnShock:
+    """Randomly drawn shock."""
+
+    law: str  #: Name of the law.
+    curve: StaticCurve  #: Static curve.
+    port: Port  #: Motion ratio, scales, gas spring, seal drag.
+    own: Mapping[str, float]  #: Parameters of the law, by name, SI.
+    nose_slope: float  #: Slope of the curve at zero [N.s/m].
+    falls: bool  #: Whether the force falls somewhere.
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Parameters of the FMU by name."""
+        found = dict(asdict(self.port)) | dict(self.own)
+        for name, value in asdict(self.curve).items():
+            if isinstance(value, tuple):
+                found |= {f"curve.{name}[{k}]": number for k, number in enumerate(value, start=1)}
+            else:
+                found[f"curve.{name}"] = value
+        return found
+
+
+def log_uniform(random: Random, low: float, high: float) -> float:
+    """Return a number whose logarithm is uniform between two bounds."""
+    return float(np.exp(random.uniform(np.log(low), np.log(high))))
+
+
+def some(random: Random, share: float, value: float, otherwise: float = 0.0) -> float:
+    """Return `value` in a share of the draws, else `otherwise`."""
+    return value if random.random() < share else otherwise
+
+
+def draw_shock(random: Random, law: str) -> DrawnShock:
+    """Return a random shock of a law."""
+    port = _port(random)
+    falls = bool(random.random() < _FALLING)
+    curve, nose = draw_curve(random, falls=falls)
+    own = {}
+    if law != "polylinear":
+        own["time_constant"] = log_uniform(random, 1e-4, 1e-2)
+    if law == "lpnl2":
+        own["lag_full_force"] = log_uniform(random, 50.0, 1500.0)
+        own["lag_zero_force"] = own["lag_full_force"] + log_uniform(random, 50.0, 2000.0)
+    return DrawnShock(law, curve, port, own, nose, falls)
+
+
+def _port(random: Random) -> Port:
+    return Port(
+        motion_ratio=some(random, 0.3, log_uniform(random, 0.6, 1.4), 1.0),
+        compression_scale=some(random, 0.4, random.uniform(0.4, 1.8), 1.0),
+        rebound_scale=some(random, 0.4, random.uniform(0.4, 1.8), 1.0),
+        gas_stiffness=some(random, 0.5, log_uniform(random, 300.0, 2e4)),
+        gas_preload=some(random, 0.5, random.uniform(50.0, 1500.0)),
+        seal_friction=some(random, 0.5, log_uniform(random, 5.0, 100.0)),
+        friction_velocity=log_uniform(random, 1e-3, 2e-2),
+    )
+
+
+def draw_curve(random: Random, *, falls: bool) -> tuple[StaticCurve, float]:
+    """Return a digressive curve with a knee on each side, and its slope at zero [N.s/m].
+
+    Args:
+        random: Random generator.
+        falls: Whether the force falls over a part of one side.
+    """
+    nose = log_uniform(random, 1e3, 1e5)
+    knee_force = log_uniform(random, 100.0, 1500.0)
+    speed = float(np.clip(knee_force / nose * random.uniform(1.5, 3.5), 0.003, 0.5))
+    width = speed * random.uniform(0.02, 0.6)
+    sides = [_Side.draw(random, nose, speed) for _ in range(2)]
+    falling = int(random.integers(2)) if falls else -1
+    inner = _nose(nose, speed, width, sides)
+    starts = sum(inner), -sum(a * (-1.0) ** k for k, a in enumerate(inner, start=1))  # at both transitions
+    outer = [
+        side.outer(random, speed, start, falls=k == falling)
+        for k, (side, start) in enumerate(zip(sides, starts, strict=True))
+    ]
+    curve = StaticCurve(
+        inner=inner,
+        compression=outer[0],
+        rebound=tuple(-b for b in outer[1]),  # type: ignore[arg-type]
+        transition_speed=speed,
+        transition_width=width,
+        compression_speed=speed + sides[0].span,
+        rebound_speed=speed + sides[1].span,
+        compression_slope=sides[0].slope * random.uniform(0.5, 1.5),
+        rebound_slope=sides[1].slope * random.uniform(0.5, 1.5),
+    )
+    return curve, nose
+
+
+@dataclass(frozen=True)
+class _Side:
+    """Return one side of a curve: f = slope v + height (1 - exp(-v / knee)), v > 0, up to `span` beyond it."""
+
+    slope: float
+    height: float
+    knee: float
+    span: float
+
+    @classmethod
+    def draw(cls, random: Random, nose: float, speed: float) -> _Side:
+        slope = float(np.clip(nose * random.uniform(0.02, 0.5), 200.0, 6000.0))
+        slope = min(slope, 0.7 * nose)
+        knee = speed / random.uniform(1.5, 3.5)
+        return cls(slope, (nose - slope) * knee, knee, random.uniform(0.3, 1.5))
+
+    def force(self, v: Array) -> Array:
+        return self.slope * v + self.height * (1.0 - np.exp(-v / self.knee))
+
+    def outer(self, random: Random, speed: float, start: float, *, falls: bool) -> tuple[float, ...]:
+        """Return the coefficients of the cubic that continues from `start` [N] at the transition speed [m/s]."""
+        first, last = self.slope, self.slope * random.uniform(0.3, 2.0)
+        if falls:
+            share = random.uniform(0.1, 0.6)  # share of the span
+            first = -2.0 * start * random.uniform(0.1, 0.6) / (share * self.span)
+            last = -first * (1.0 - share) / share
+        return start, first * speed, 0.5 * (last - first) * speed**2 / self.span, 0.0
+
+
+def _nose(nose: float, speed: float, width: float, sides: list[_Side]) -> tuple[float, ...]:
+    """Return the polynomial closest to both sides below the transition; its slope at zero is `nose`."""
+    s = np.linspace(-1.0, 1.0, 401) * (1.0 + 0.5 * width / speed)
+    v = np.abs(s) * speed
+    wanted = np.where(s > 0.0, sides[0].force(v), -sides[1].force(v)) - nose * speed * s
+    powers = np.arange(2, _NOSE_ORDER + 1)
+    found = np.linalg.lstsq(s[:, None] ** powers, wanted, rcond=None)[0]
+    return (nose * speed, *found.tolist(), *[0.0] * (15 - _NOSE_ORDER))
+
+
+Array = NDArray[np.float64]
+
+
+def draw_times(random: Random, kind: str, end: float) -> Array:
+    """Return the points (N,) of a drive from 0 to at least `end` [s]; closely spaced for roads that need it."""
+    if kind != "white" and random.random() < 0.15:  # uneven spacing
+        steps = np.exp(random.uniform(np.log(2e-4), np.log(1e-2), size=int(end / 2e-4)))
+        times = np.concatenate([[0.0], np.cumsum(steps)])
+        return np.asarray(times[: int(np.searchsorted(times, end)) + 1])
+    low, high = {"white": (200.0, 5000.0), "spikes": (500.0, 5000.0)}.get(kind, (100.0, 2000.0))
+    step = 1.0 / (5000.0 if kind == "white" and random.random() < 0.2 else log_uniform(random, low, high))
+    return np.asarray(step * np.arange(int(np.ceil(end / step)) + 1))
+
+
+def multisine(random: Random, time: Array) -> Array:
+    """Return twelve sines of 0.5 to 40 Hz with road velocities of 0.03 to 0.4 m/s."""
+    rates = np.exp(random.uniform(np.log(0.5), np.log(40.0), size=12))
+    phases = random.uniform(0.0, 2.0 * np.pi, size=12)
+    power = random.uniform(0.8, 1.6)
+    row = np.asarray(np.sin(2.0 * np.pi * np.outer(time, rates) + phases) @ rates**-power)
+    return row * log_uniform(random, 0.03, 0.4) / _speed(time, row)
+
+
+def bumps(random: Random, time: Array) -> Array:
+    """Return a few smooth bumps, each up to 40 mm high."""
+    row = np.zeros_like(time)
+    for _ in range(int(random.integers(2, 6))):
+        length, middle = log_uniform(random, 0.015, 0.3), random.uniform(0.05, time[-1])
+        inside = np.clip((time - middle) / length, -0.5, 0.5)
+        row += log_uniform(random, 0.003, 0.04) * random.choice([-1.0, 1.0]) * np.cos(np.pi * inside) ** 2
+    return row
+
+
+def steps(random: Random, time: Array) -> Array:
+    """Return steps of up to 20 mm from one point to the next."""
+    row = np.zeros_like(time)
+    for _ in range(int(random.integers(2, 7))):
+        first = int(random.integers(1, time.size))
+        row[first:] += log_uniform(random, 0.002, 0.02) * random.choice([-1.0, 1.0])
+    return row
+
+
+def chirp(random: Random, time: Array) -> Array:
+    """Return a sine sweep from 0.5 Hz to at most 60 Hz with constant road velocity."""
+    first, last = 0.5, random.uniform(15.0, 60.0)
+    growth = np.log(last / first) / time[-1]
+    phase = 2.0 * np.pi * first * np.expm1(growth * time) / growth
+    return log_uniform(random, 0.05, 0.4) / (2.0 * np.pi * first * np.exp(growth * time)) * np.sin(phase)
+
+
+def white(random: Random, time: Array) -> Array:
+    """Return a random height at every point."""
+    return log_uniform(random, 5e-5, 1e-3) * random.standard_normal(time.size)
+
+
+def spikes(random: Random, time: Array) -> Array:
+    """Return a few single points far from the others."""
+    row = np.zeros_like(time) if random.random() < 0.7 else multisine(random, time)
+    for place in random.integers(1, time.size, size=int(random.integers(2, 7))):
+        row[place] += log_uniform(random, 0.001, 0.02) * random.choice([-1.0, 1.0])
+    return row
+
+
+def zeros(_: Random, time: Array) -> Array:
+    """Return a flat road."""
+    return np.zeros_like(time)
+
+
+ROADS: Mapping[str, Callable[[Random, Array], Array]] = {
+    "multisine": multisine,
+    "bumps": bumps,
+    "steps": steps,
+    "chirp": chirp,
+    "white": white,
+    "spikes": spikes,
+    "zeros": zeros,
+}
+
+
+def draw_load(random: Random, time: Array, size: float) -> Array:
+    """Return a load of up to about `size`, in its unit."""
+    rates = np.exp(random.uniform(np.log(0.5), np.log(20.0), size=4))
+    return np.asarray(size * np.mean(np.sin(2.0 * np.pi * np.outer(time, rates) + rates), axis=1))
+
+
+def _speed(time: Array, row: Array) -> float:
+    """Return the root mean square of the slope between points."""
+    return float(np.sqrt(np.mean((np.diff(row) / np.diff(time)) ** 2)))
+
+
+QUARTER_CARS, SEVEN_DOFS = 32, 8
+#: Unsprung masses [kg].
+LIGHTEST, HEAVIEST = 8.0, 60.0
+#: Sources of the FMUs; the FMUs are built again if any of them has changed.
+_MADE_FROM = ("fmus", "builder", "eightpost/shock", "eightpost/vehicle", "benchmarks/honesty/cases.py")
+
+#: Number of source versions for which FMUs are kept.
+_KEPT = 8
+
+
+def vehicle_names() -> tuple[str, ...]:
+    """Return the names of all vehicles of the bank."""
+    return tuple([f"quarter_{k:02d}" for k in range(QUARTER_CARS)] + [f"seven_{k:02d}" for k in range(SEVEN_DOFS)])
+
+
+@cache
+def vehicle(name: str) -> StructuralVehicle:
+    """Return a vehicle of the bank, without dampers; for `name` see `vehicle_names`."""
+    kind, _, number = name.partition("_")
+    make = _quarter_car if kind == "quarter" else _seven_dof
+    return StructuralVehicle(name, make(int(number)))
+
+
+def _quarter_car(k: int) -> QuarterCar:
+    random = np.random.default_rng((k, 4))
+    share = (k + random.random()) / QUARTER_CARS  # masses cover their range evenly
+    return QuarterCar(
+        sprung_mass=log_uniform(random, 80.0, 600.0),
+        unsprung_mass=LIGHTEST * (HEAVIEST / LIGHTEST) ** share,
+        suspension_stiffness=log_uniform(random, 1.5e4, 3e5),
+        tire_stiffness=log_uniform(random, 1e5, 4.5e5),
+    )
+
+
+def _seven_dof(k: int) -> SevenDof:
+    random = np.random.default_rng((k, 7))
+    front, rear = (log_uniform(random, LIGHTEST, HEAVIEST) for _ in range(2))
+    mass, track, a, b = (random.uniform(*ends) for ends in ((450, 1300), (1.3, 1.8), (1.1, 1.7), (1.1, 1.7)))
+    return SevenDof(
+        track_width=track,
+        cg_to_front_axle=a,
+        cg_to_rear_axle=b,
+        sprung_mass=mass,
+        roll_inertia=mass * (track * random.uniform(0.3, 0.45)) ** 2,
+        pitch_inertia=mass * ((a + b) * random.uniform(0.35, 0.5)) ** 2,
+        unsprung_mass=Corners.axles(front, rear),
+        spring_rate=Corners.axles(log_uniform(random, 3e4, 3e5), log_uniform(random, 3e4, 3e5)),
+        tire_stiffness=Corners.axles(log_uniform(random, 1.5e5, 4e5), log_uniform(random, 1.5e5, 4e5)),
+        front_anti_roll_rate=float(random.choice([0.0, 2e4])),
+        driver_ahead_of_cg=0.1,
+        driver_left_of_centreline=0.3,
+    )
+
+
+def build_fmus(names: Iterable[str]) -> Path:
+    """Return a folder with an FMU of each name, `<name>.fmu`; missing ones are built.
+
+    Args:
+        names: Names of vehicles and laws; with the suffix `_python` for python FMUs.
+    """
+    folder = cache_folder() / "honesty" / _digest()
+    folder.mkdir(parents=True, exist_ok=True)
+    os.utime(folder)
+    _forget_the_oldest(folder.parent)
+    missing = [name for name in sorted(set(names)) if not (folder / f"{name}.fmu").is_file()]
+    with patch.object(Zig, "platforms", (this_platform(),) if this_platform().name in PLATFORMS else ()):
+        for target, chosen in (
+            ("native", [name for name in missing if not name.endswith("_python")]),
+            ("python", [name for name in missing if name.endswith("_python")]),
+        ):
+            if chosen:
+                build([_model_file(folder / "models", name) for name in chosen], folder, target=target)
+    return folder
+
+
+def _forget_the_oldest(folder: Path) -> None:
+    """Remove the FMUs of old source versions."""
+    for path in sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime)[:-_KEPT]:
+        shutil.rmtree(path, ignore_errors=True)
+
+
+def _digest() -> str:
+    """Return a digest that identifies the sources of a build."""
+    key = hashlib.sha256()
+    for place in _MADE_FROM:
+        path = ROOT / place
+        for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
+            if file.is_file() and "__pycache__" not in file.parts:
+                key.update(str(file.relative_to(ROOT)).encode() + file.read_bytes())
+    return key.hexdigest()[:16]
+
+
+def _model_file(folder: Path, name: str) -> Path:
+    """Write the file that an FMU is built from."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path, model = folder / f"{name}.json", name.removesuffix("_python")
+    if model in LAWS:
+        law = CLASSES[model]
+        own = {p.name: p.start for p in fit_parameters(law)}
+        write_shock(Shock(name, law(_straight(), port=Port(), **own)), path)
+    else:
+        write_vehicle(path, IdentifiedVehicle(name, vehicle(model).coupled(), static={}))
+    return path
+
+
+def _straight() -> StaticCurve:
+    """Return a curve to build with; every system sets its own."""
+    ends = (400.0, 400.0, 0.0, 0.0), (-400.0, -400.0, 0.0, 0.0)
+    return StaticCurve((400.0, *[0.0] * 14), *ends, 0.4, 0.01, 2.0, 2.0, 1000.0, 1000.0)
+
 
 #: Version of the draws: increase it if the same seed is to give another system.
 VERSION = 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import time as clock
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from math import ceil
@@ -12,15 +12,35 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import cosim
 from benchmarks.honesty.cases import Case
 from benchmarks.honesty.reference import Answer, solve
-from benchmarks.honesty.scale import percent, reference_scales
 from cosim import Algorithm, Automatic, GaussSeidel, Implicit, Jacobi, Result
+from cosim.results.error_estimate import judged_by
 from cosim.session.session import Session
 from eightpost.errors import EightpostError
 from eightpost.signals import TimeSeries
+
+Array = NDArray[np.float64]
+
+
+def reference_scales(values: Array, units: Sequence[str]) -> Array:
+    """Return the reference (C,) that errors of channels are divided by, in each channel's own unit.
+
+    Args:
+        values: Channels after settling (C, K).
+        units: SI units (C,).
+    """
+    spread = dict(enumerate(np.std(values, axis=1).tolist()))
+    return np.array(list(judged_by(spread, dict(enumerate(units))).values()))
+
+
+def percent(apart: Array, scales: Array) -> Array:
+    """Return the root mean squares of differences (C, K) in percent of the references (C,)."""
+    return np.asarray(100.0 * np.sqrt(np.mean(apart**2, axis=1)) / scales)
+
 
 VALUES = ("held", "interpolated", "extrapolated", "parabolic")
 STEPS = (4e-3, 2e-3, 1e-3, 5e-4)

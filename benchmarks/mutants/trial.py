@@ -4,19 +4,75 @@ from __future__ import annotations
 
 import compileall
 import contextlib
+import hashlib
+import json
+import multiprocessing
 import os
 import shutil
+import signal
 import subprocess
+import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from benchmarks.mutants.areas import ROOT, Area
+from benchmarks.mutants.area_tests import ROOT, Area
 from benchmarks.mutants.mutant import Mutant
-from benchmarks.mutants.run_pytest import run_pytest
+
+#: Third-party packages that most tests import. numba is not included, because it reads its environment only once.
+_LOADED = (
+    "__main__", "control", "filelock", "fmpy", "hypothesis.strategies", "jinja2", "lxml.etree", "numpy", "pint",
+    "pyarrow.parquet", "pydantic", "pytest", "scipy.integrate", "scipy.optimize", "scipy.signal", "scipy.stats",
+    "threadpoolctl",
+)  # fmt: skip
+
+_server = multiprocessing.get_context("forkserver")
+_server.set_forkserver_preload(list(_LOADED))
+
+
+def run_pytest(
+    arguments: Sequence[str], folder: Path, environment: Mapping[str, str], limit: float
+) -> tuple[int | None, str]:
+    """Run pytest; return its exit code (None if it exceeded the time limit) and its output.
+
+    Args:
+        arguments: Arguments of pytest.
+        folder: Folder to run in, whose packages are imported.
+        environment: Environment variables to set.
+        limit: Time limit [s], after which pytest and its child processes are killed.
+    """
+    with tempfile.NamedTemporaryFile() as printed:
+        process = _server.Process(target=_in_child, args=(arguments, str(folder), dict(environment), printed.name))
+        process.start()
+        try:
+            process.join(limit)
+            status = process.exitcode
+        finally:
+            assert process.pid is not None
+            with suppress(ProcessLookupError):  # the process has its own group since os.setsid
+                os.killpg(process.pid, signal.SIGKILL)
+            process.kill()
+            process.join()
+        return status, Path(printed.name).read_text(encoding="utf-8", errors="replace")
+
+
+def _in_child(arguments: Sequence[str], folder: str, environment: Mapping[str, str], printed: str) -> None:
+    os.setsid()
+    os.chdir(folder)
+    os.environ.update(environment)
+    sys.dont_write_bytecode = True
+    sys.path[:] = [folder, *(path for path in sys.path if Path(path).resolve() != ROOT)]
+    file = os.open(printed, os.O_WRONLY)
+    for standard in (1, 2):
+        os.dup2(file, standard)
+    import pytest  # noqa: PLC0415 -- it is loaded where the process comes from
+
+    sys.exit(pytest.main(list(arguments)))
+
 
 _OPTIONS = ("-x", "-q", "--no-header", "--tb=line", "--assert=plain", "-p", "no:cacheprovider", "--hypothesis-seed=0")
 
@@ -119,3 +175,48 @@ def _outcome(status: int | None, output: str) -> Outcome:
     if status == 0:
         return Outcome.SURVIVED
     return Outcome.INVALID if "could not compile it for" in output else Outcome.KILLED
+
+
+@dataclass(frozen=True)
+class Record:
+    """A mutant that was tried."""
+
+    key: str  #: Key of the mutant.
+    area: str  #: Name of the area.
+    file: str  #: Path relative to the root of the checkout.
+    line: int  #: Line number of the change, from 1.
+    outcome: Outcome  #: Result for the mutant.
+    seconds: float  #: Duration of the trial [s].
+    tests: str  #: Digest of the tests that were run.
+    diff: str  #: The change as a patch.
+    note: str = ""  #: Reason why a mutant is equivalent, or the first test that detected it.
+
+    @classmethod
+    def of(cls, mutant: Mutant, outcome: Outcome, *, seconds: float = 0.0, tests: str = "", note: str = "") -> Record:
+        """Return the record of a mutant."""
+        place = (mutant.key, mutant.area, mutant.file, mutant.line)
+        return cls(*place, outcome, round(seconds, 1), tests, mutant.diff, note)
+
+
+def digest_of_tests(area: Area, root: Path) -> str:
+    """Return a digest of the tests of an area and their fixtures in a checkout."""
+    digest = hashlib.sha256("\0".join(area.tests).encode())
+    paths = {root / test.partition("::")[0] for test in area.tests}
+    for path in sorted(path for path in paths if path.exists()):
+        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path, *path.parent.glob("conftest.py")]:
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def read_records(path: Path) -> dict[str, Record]:
+    """Return the last record of each mutant by its key."""
+    if not path.exists():
+        return {}
+    lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    return {line["key"]: Record(**line | {"outcome": Outcome(line["outcome"])}) for line in lines}
+
+
+def append_record(path: Path, record: Record) -> None:
+    """Add a record to a file."""
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(asdict(record)) + "\n")

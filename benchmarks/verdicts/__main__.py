@@ -4,7 +4,7 @@
 
 SET is `tune` (the verdict's thresholds were chosen with it), `check`, or `final` (kinds of dampers that no rule was
 chosen with): virtual dampers of several kinds, tested in several ways, by dynamometers that differ in rate, filter,
-noise and channels, every fifth with a fault. With --records, the measured records of a folder (see `measured.py`).
+noise and channels, every fifth with a fault. With --records, the measured records of a folder (see `cases.measured`).
 
 Errors are in percent of the standard deviation of the force of the record that was left out, without their mean if it
 is another run of a measured damper, whose load cell may have another zero. Such a record is within the range of the fit
@@ -28,10 +28,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 from benchmarks.table import number
-from benchmarks.verdicts.cases import Case, case
-from benchmarks.verdicts.final_kinds import FINAL
-from benchmarks.verdicts.kinds import CHECK, TUNE
-from benchmarks.verdicts.measured import LAST_THIRD, measured, part, whole
+from benchmarks.verdicts.cases import LAST_THIRD, Case, case, measured, part, whole
+from benchmarks.verdicts.dampers import CHECK, FINAL, TUNE
 from eightpost.ident import ShockFit, evaluate, fit_shock
 from eightpost.ident.shock.record import prepare
 from eightpost.ident.shock.stroke_range import StrokeRange, strokes

@@ -163,11 +163,11 @@ def _assembly_reference(assembly: Assembly, interface: Interface) -> Reference |
         run.start(u[0])
     except ValueError:
         return None
-    rows = [run.outputs()]
+    rows = [run.outputs(u[0])]
     for held in u[:COUNT]:
         for _ in range(count):
             run.step(held, STEP / count)
-        rows.append(run.outputs())
+        rows.append(run.outputs(held))
     return Reference(run.inputs, u, run.names, np.array(rows))
 
 
@@ -260,8 +260,9 @@ class _Run:
             ]
         )
 
-    def outputs(self) -> list[float]:
-        """Return all outputs of the assembly, in order."""
+    def outputs(self, u: Array) -> list[float]:
+        """Return all outputs of the assembly, in order; those of the vehicle follow the shocks' forces now."""
+        self._take_vehicle(self._fed(self._assembly.vehicle.name, u, self._now))
         errors = {name: self._error(meter) for name, meter in self._meters.items()}
         own = {f"{name.removesuffix('force')}coupling_error": error for name, (error, _) in errors.items()}
         worst = max(100.0 * error / spread if spread > 0.0 else 0.0 for error, spread in errors.values())

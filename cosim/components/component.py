@@ -43,6 +43,7 @@ class Capabilities:
     interpolates_inputs: bool = False
     variable_step: bool = True
     state: bool = False
+    derivatives: bool = False  #: Whether it states how outputs follow inputs without delay.
 
 
 class Component(Protocol):

@@ -159,23 +159,6 @@ class Fmi3Instance:
 
         return self._get(references, count, ("String",), put)
 
-    def directional_derivative(
-        self, unknowns: int, unknown_count: int, knowns: int, known_count: int, seed: int, result: int
-    ) -> int:
-        """Write the derivatives of unknowns in the direction `seed` of the knowns."""
-        given, sought = self._places(knowns, known_count), self._places(unknowns, unknown_count)
-        if given is None or sought is None:
-            return ERROR
-        seeds, derivatives = (ctypes.c_double * given.size)(), (ctypes.c_double * sought.size)()
-        for place, value in zip(given.places, (ctypes.c_double * known_count).from_address(seed), strict=True):
-            seeds[place] += value
-        status = self._call(
-            "GetDirectionalDerivative", sought.references, len(sought.references), given.references,
-            len(given.references), seeds, given.size, derivatives, sought.size,
-        )  # fmt: skip
-        (ctypes.c_double * unknown_count).from_address(result)[:] = [derivatives[place] for place in sought.places]
-        return status
-
     def _call(self, name: str, *arguments: Any) -> int:
         return int(self._functions.call(name, self.pointer, *arguments))
 
@@ -278,32 +261,6 @@ class Fmi3Instance:
             worst, before = max(worst, status), v
         return worst
 
-    def _places(self, references: int, count: int) -> _Row | None:
-        """Return the variables of doubles; None if a reference is not one of them."""
-        rows = (ctypes.c_uint32 * count).from_address(references)
-        owners = [self._owner(rows, k, ("Real",)) for k in range(count)]
-        found = [owner for owner in owners if owner and self._table.variables[owner[0]].type == "Float64"]
-        return _Row(self._table, found) if len(found) == count else None
-
-
-class _Row:
-    """Variables of some elements in one row, and the places of these elements in it.
-
-    Args:
-        table: Variables of the FMU.
-        elements: Variable and place of each element.
-    """
-
-    def __init__(self, table: Fmi3Table, elements: list[tuple[int, int]]) -> None:
-        begins: dict[int, int] = {}
-        self.size = 0
-        for v, _ in elements:
-            if v not in begins:
-                begins[v] = self.size
-                self.size += table.variables[v].size
-        self.places = [begins[v] + place for v, place in elements]
-        self.references = (ctypes.c_uint32 * len(begins))(*[table.variables[v].reference for v in begins])
-
 
 def _value_type(variable: Fmi3Variable) -> str:
     return "Int64" if variable.type == "Enumeration" else variable.type
@@ -365,4 +322,5 @@ _LOOP = {
     "do_step": "DoStep",
     "save": "GetFMUState",
     "restore": "SetFMUState",
+    "derive": "GetDirectionalDerivative",
 }

@@ -36,7 +36,6 @@ _OUTSIDE: dict[str, tuple[str, tuple[Any, ...], str]] = {
     "SerializedFMUstateSize": ("serialized_size", (P, P, P), "SerializedFMUStateSize"),
     "SerializeFMUstate": ("serialize", (P, P, P, N), "SerializeFMUState"),
     "DeSerializeFMUstate": ("deserialize", (P, P, N, P), "DeserializeFMUState"),
-    "GetDirectionalDerivative": ("directional_derivative", (P, P, N, P, N, P, P), "GetDirectionalDerivative"),
     "GetRealStatus": ("real_status", (P, INT, P), "DoStep"),
     "GetBooleanStatus": ("boolean_status", (P, INT, P), "DoStep"),
     "SetInteger": ("set_integer", (P, P, N, P), ""),
@@ -47,7 +46,11 @@ _OUTSIDE: dict[str, tuple[str, tuple[Any, ...], str]] = {
     "GetString": ("get_string", (P, P, N, P), ""),
 }
 #: Functions of the loop that a library may lack.
-_STATES = {"fmi2GetFMUstate": "GetFMUState", "fmi2SetFMUstate": "SetFMUState"}
+_OPTIONAL = {
+    "fmi2GetFMUstate": "GetFMUState",
+    "fmi2SetFMUstate": "SetFMUState",
+    "fmi2GetDirectionalDerivative": "GetDirectionalDerivative",
+}
 
 
 class Fmi3Library:
@@ -99,7 +102,7 @@ class Fmi3Library:
         for number, (name, kinds) in enumerate(calls.ENTRIES.items()):
             prototype = ctypes.CFUNCTYPE(INT, *(_KINDS[kind] for kind in kinds))
             interpreted = partial(self._interpret, number, kinds)
-            if name not in _STATES or self._raw.has(_STATES[name]):
+            if name not in _OPTIONAL or self._raw.has(_OPTIONAL[name]):
                 found[name] = prototype(addresses[name] if addresses else interpreted)
         return found
 

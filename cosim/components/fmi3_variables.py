@@ -72,6 +72,7 @@ class Fmi3Table:
     #: Value references of the variables on which an output depends without delay, by the output's; an output without an
     #: entry depends on all inputs.
     dependencies: Mapping[int, tuple[int, ...]]
+    has_derivatives: bool = False  #: Whether the FMU gives directional derivatives.
 
     @classmethod
     def read(cls, content: bytes | str) -> Fmi3Table:
@@ -92,7 +93,10 @@ class Fmi3Table:
         if twice := [name for name, count in names.items() if count > 1]:
             raise ValueError(f"two variables have the name {twice[0]!r}")
         outputs = [row for row in root.iterfind("ModelStructure/Output") if "dependencies" in row.attrib]
-        return cls(variables, {_whole(row, "valueReference"): _references(row) for row in outputs})
+        dependencies = {_whole(row, "valueReference"): _references(row) for row in outputs}
+        flag = root.find("CoSimulation[@providesDirectionalDerivatives]")
+        given = flag is not None and flag.get("providesDirectionalDerivatives") in ("true", "1")
+        return cls(variables, dependencies, given)
 
     @cached_property
     def begins(self) -> tuple[int, ...]:
@@ -125,6 +129,12 @@ class Fmi3Table:
     def ramps_all(self) -> bool:
         """Whether all continuous inputs can follow a line within a step."""
         return bool(self._continuous_inputs) and all(v.during_steps for v in self._continuous_inputs)
+
+    @property
+    def derives_all(self) -> bool:
+        """Whether the FMU gives directional derivatives, and all real inputs and outputs are scalars of doubles."""
+        ports = (v for v in self.variables if v.is_real and v.causality in ("input", "output"))
+        return self.has_derivatives and all(v.type == "Float64" and not v.shape for v in ports)
 
     @property
     def _continuous_inputs(self) -> tuple[Fmi3Variable, ...]:

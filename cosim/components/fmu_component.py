@@ -186,6 +186,18 @@ class FmuComponent(OpenedFmu):
                 values[place] = float(value)
         return values
 
+    def derive(self, outputs: Sequence[str], inputs: Sequence[str], changes: Sequence[float]) -> list[float]:
+        """Return how real outputs (N,) change, without delay, with small changes (M,) of real inputs (M,).
+
+        Raises:
+            StepError: The component has not begun, or the FMU refuses the call (`capabilities.derivatives`).
+        """
+        slave, given = self._running(), (ctypes.c_double * len(inputs))(*changes)
+        (sought,), (known,) = self._instance.buffers(outputs), self._instance.buffers(inputs)
+        arguments = (slave.component, sought.references, len(outputs), known.references, len(inputs), given)
+        self._call("give directional derivatives", slave.fmi2GetDirectionalDerivative, *arguments, sought.buffer)
+        return list(sought.buffer)
+
     def step(self, time: float, step: float) -> None:
         """Make one step from `time` by `step` [s]; if no state is saved, tell the FMU that it will not be repeated.
 

@@ -194,13 +194,15 @@ class FmuFile:
     def capabilities(self) -> Capabilities:
         """Declared abilities."""
         flags = self.description.coSimulation
-        ramps = bool(flags.canInterpolateInputs)
+        ramps, derives = bool(flags.canInterpolateInputs), bool(flags.providesDirectionalDerivative)
         if self.table is not None:
             ramps = bool(flags.providesIntermediateUpdate) and self.table.ramps_all
+            derives = self.table.derives_all
         return Capabilities(
             interpolates_inputs=ramps,
             variable_step=bool(flags.canHandleVariableCommunicationStepSize),
             state=bool(flags.canGetAndSetFMUstate),
+            derivatives=derives,
         )
 
     @cached_property

@@ -143,6 +143,7 @@ class FmuInstance:
             get_real=found["GetReal"],
             save=found["GetFMUstate"],
             restore=found["SetFMUstate"],
+            derive=found["GetDirectionalDerivative"],
             free=address_of(free) if found["FreeFMUstate"] else 0,
             instance=int(getattr(slave.component, "value", slave.component)),
             references=self.fmu.references,

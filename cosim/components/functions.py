@@ -33,6 +33,7 @@ class FunctionTable:
     get_real: int
     save: int
     restore: int
+    derive: int
     free: int
     instance: int
     references: Mapping[str, int]
@@ -41,7 +42,8 @@ class FunctionTable:
 
 #: FMI names of a table's functions, in the order of its fields.
 FUNCTIONS = (
-    "SetReal", "SetRealInputDerivatives", "DoStep", "GetReal", "GetFMUstate", "SetFMUstate", "FreeFMUstate",
+    "SetReal", "SetRealInputDerivatives", "DoStep", "GetReal", "GetFMUstate", "SetFMUstate",
+    "GetDirectionalDerivative", "FreeFMUstate",
 )  # fmt: skip
 
 
@@ -97,7 +99,7 @@ class Callbacks:
     def table(self) -> FunctionTable:
         """Return the addresses of callbacks."""
         functions = self._functions()
-        addresses = dict.fromkeys(("save", "restore", "free"), 0)
+        addresses = dict.fromkeys(("save", "restore", "derive", "free"), 0)
         addresses |= {name: address_of(function) for name, function in functions.items()}
         references = {name: k for k, name in enumerate(self._names)}
         return FunctionTable(**addresses, instance=0, references=references, keep=(self, functions))
@@ -147,7 +149,10 @@ def _array(address: int, count: int) -> NDArray[np.float64]:
 
 
 class _Restorable(Component, Protocol):
-    """Component that can return to earlier states."""
+    """Component that can return to earlier states, and knows the direct effect of its inputs on its outputs."""
+
+    def derive(self, outputs: Sequence[str], inputs: Sequence[str], changes: Sequence[float]) -> list[float]:
+        """Return how outputs change, without delay, with small changes of inputs; only if `derivatives`."""
 
     def save(self) -> object:
         """Return the current state.
@@ -185,7 +190,12 @@ class StateCallbacks(Callbacks):
             "save": blocks.SAVE(self._guarded(self._save)),
             "restore": blocks.RESTORE(self._guarded(self._restore)),
             "free": blocks.SAVE(self._free_quietly),
+            "derive": blocks.DERIVE(self._guarded(self._derive)),
         }
+
+    def _derive(self, unknowns: int, sought: int, knowns: int, given: int, changes: int, result: int) -> None:
+        outputs, inputs = self._named(unknowns, sought), self._named(knowns, given)
+        _array(result, sought)[:] = self._restorable.derive(outputs, inputs, _array(changes, given).tolist())
 
     def _save(self, slot: int) -> None:
         number = ctypes.c_int64.from_address(slot)

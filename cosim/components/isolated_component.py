@@ -41,6 +41,7 @@ _CALLS = {
     "set": "set inputs",
     "set_derivatives": "set input derivatives",
     "get": "get outputs",
+    "derive": "give directional derivatives",
     "save": "save its state",
     "restore": "restore a state",
     "free": "free a state",
@@ -155,6 +156,15 @@ class IsolatedComponent(OpenedFmu):
             (*_, values) = self._do(("get", key))
             self._known[key] = values
         return list(self._known[key])
+
+    def derive(self, outputs: Sequence[str], inputs: Sequence[str], changes: Sequence[float]) -> list[float]:
+        """Return how real outputs (N,) change, without delay, with small changes (M,) of real inputs (M,).
+
+        Raises:
+            StepError: The component is not running, or the FMU refuses, crashes or hangs.
+        """
+        (*_, effects) = self._do(("derive", tuple(outputs), tuple(inputs), tuple(changes)))
+        return list(effects)
 
     def step(self, time: float, step: float) -> None:
         """Make one step from `time` by `step` [s], and read the variables that were read after the last one.

@@ -16,15 +16,18 @@ Integers = NDArray[np.int64]
 _POINTER, _SIZE, _REAL, _INT = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_double, ctypes.c_int
 _BOOL = ctypes.c_bool
 
-#: fmi2SetReal, fmi2GetReal; fmi2SetRealInputDerivatives; fmi2DoStep; fmi2GetFMUstate; fmi2SetFMUstate.
+#: fmi2SetReal, fmi2GetReal; fmi2SetRealInputDerivatives; fmi2DoStep; fmi2GetFMUstate; fmi2SetFMUstate;
+#: fmi2GetDirectionalDerivative.
 EXCHANGE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER, _SIZE, _POINTER)
 SLOPES = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER, _SIZE, _POINTER, _POINTER)
 STEP = ctypes.CFUNCTYPE(_INT, _POINTER, _REAL, _REAL, _INT)
 SAVE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER)
 RESTORE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER)
-#: fmi3SetFloat64, fmi3GetFloat64; fmi3DoStep; fmi3IntermediateUpdateCallback.
+DERIVE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER, _SIZE, _POINTER, _SIZE, _POINTER, _POINTER)
+#: fmi3SetFloat64, fmi3GetFloat64; fmi3DoStep; fmi3GetDirectionalDerivative; fmi3IntermediateUpdateCallback.
 EXCHANGE_SIZED = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER, _SIZE, _POINTER, _SIZE)
 TAKE_STEP = ctypes.CFUNCTYPE(_INT, _POINTER, _REAL, _REAL, _BOOL, *[_POINTER] * 4)
+DERIVE_SIZED = ctypes.CFUNCTYPE(_INT, _POINTER, *[_POINTER, _SIZE] * 4)
 UPDATE = ctypes.CFUNCTYPE(None, _POINTER, _REAL, *[_BOOL] * 4, _POINTER, _POINTER)
 
 
@@ -63,6 +66,17 @@ def restore_state(address: int, instance: int, states: Integers, index: int) -> 
     return status
 
 
+def derive(
+    address: int, instance: int, unknowns: int, sought: int, knowns: int, given: int, changes: int, result: int
+) -> int:
+    """Write how `sought` outputs change, without delay, with `given` inputs; all but the counts are addresses."""
+    function = _function(DERIVE, int(address))
+    status: int = function(
+        int(instance), int(unknowns), int(sought), int(knowns), int(given), int(changes), int(result)
+    )
+    return status
+
+
 def exchange_sized(address: int, instance: int, references: int, count: int, values: int, size: int) -> int:
     """Set or get `count` variables of FMI 3.0 with `size` values in total; references and values are addresses."""
     function = _function(EXCHANGE_SIZED, int(address))
@@ -74,6 +88,17 @@ def take_step(address: int, instance: int, time: float, step: float, final: int,
     """Step an instance of FMI 3.0; `flags` and `reached` are addresses of three bytes and of the time reached."""
     f, function = int(flags), _function(TAKE_STEP, int(address))
     status: int = function(int(instance), time, step, bool(final), f, f + 1, f + 2, int(reached))
+    return status
+
+
+def derive_sized(
+    address: int, instance: int, unknowns: int, sought: int, knowns: int, given: int, changes: int, result: int
+) -> int:
+    """Do the same as `derive` for an instance of FMI 3.0, whose variables have one value each."""
+    function = _function(DERIVE_SIZED, int(address))
+    sizes = int(sought), int(given)
+    rows = (int(unknowns), sizes[0]), (int(knowns), sizes[1]), (int(changes), sizes[1]), (int(result), sizes[0])
+    status: int = function(int(instance), *(argument for row in rows for argument in row))
     return status
 
 

@@ -26,7 +26,7 @@ DOUBLE, SINGLE, OTHER = 0, 1, 2
 OK, DISCARD, ERROR = 0, 2, 3
 
 #: Calls, by number.
-SET_REAL, SET_SLOPES, DO_STEP, GET_REAL, SAVE, RESTORE, UPDATE = 0, 1, 2, 3, 4, 5, 6
+SET_REAL, SET_SLOPES, DO_STEP, GET_REAL, SAVE, RESTORE, DERIVE, UPDATE = 0, 1, 2, 3, 4, 5, 6, 7
 
 #: Elements of `clock`: start and size of the step, time reached.
 BEGIN, SIZE, REACHED = 0, 1, 2
@@ -60,6 +60,7 @@ class Adapter(NamedTuple):
     do_step: int
     save: int
     restore: int
+    derive: int
     slack: float
     instance: Integers
     owner: Integers
@@ -334,10 +335,32 @@ def restore(a: Adapter, state: int) -> int:
 
 
 @shared
+def refer(a: Adapter, references: int, count: int, first: int) -> int:
+    """Put the value references of elements into a batch, from `first` on; those of plain doubles only."""
+    if not are_elements(a, references, count) or first + count > a.batch_reference.size:
+        return ERROR
+    status = OK
+    for k in range(count):
+        v = a.owner[blocks.reference_at(references, k)]
+        a.batch_reference[first + k] = a.reference[v]
+        status = status if is_plain(a, v) else ERROR
+    return status
+
+
+@shared
+def derive(a: Adapter, unknowns: int, sought: int, knowns: int, given: int, changes: int, result: int) -> int:
+    """Write how plain doubles change, without delay, with others."""
+    if refer(a, unknowns, sought, 0) != OK or refer(a, knowns, given, sought) != OK:
+        return ERROR
+    at = a.batch_reference.ctypes.data
+    return blocks.derive_sized(a.derive, a.instance[0], at, sought, at + 4 * sought, given, changes, result)
+
+
+@shared
 def call(  # noqa: PLR0911
-    a: Adapter, what: int, p: int, q: int, r: int, s: int, t: int, _u: int, x: float, y: float
+    a: Adapter, what: int, p: int, q: int, r: int, s: int, t: int, u: int, x: float, y: float
 ) -> int:
-    """Make one call with its integers and addresses (p to _u) and its real numbers (x, y), each in the call's order."""
+    """Make one call with its integers and addresses (p to u) and its real numbers (x, y), each in the call's order."""
     if what == SET_REAL:
         return set_real(a, p, q, r)
     if what == GET_REAL:
@@ -350,6 +373,8 @@ def call(  # noqa: PLR0911
         return save(a, p)
     if what == RESTORE:
         return restore(a, p)
+    if what == DERIVE:
+        return derive(a, p, q, r, s, t, u)
     return update(a, x, p, t)
 
 
@@ -361,5 +386,6 @@ ENTRIES = {
     "fmi2GetReal": ("pointer", "pointer", "size", "pointer"),
     "fmi2GetFMUstate": ("pointer", "pointer"),
     "fmi2SetFMUstate": ("pointer", "pointer"),
+    "fmi2GetDirectionalDerivative": ("pointer", "pointer", "size", "pointer", "size", "pointer", "pointer"),
     "intermediateUpdate": ("pointer", "real", "byte", "byte", "byte", "byte", "pointer", "pointer"),
 }

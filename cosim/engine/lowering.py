@@ -129,7 +129,9 @@ def _signature(kinds: tuple[str, ...]) -> Any:
 
 _EXCHANGE, _SLOPES = ("pointer", "pointer", "size", "pointer"), ("pointer", "pointer", "size", "pointer", "pointer")
 _STEP, _STATE = ("pointer", "real", "real", "int"), ("pointer", "pointer")
+_DERIVE = ("pointer", "pointer", "size", "pointer", "size", "pointer", "pointer")
 _EXCHANGE_SIZED = ("pointer", "pointer", "size", "pointer", "size")
+_DERIVE_SIZED = ("pointer", *("pointer", "size") * 4)
 _TAKE_STEP = ("pointer", "real", "real", "int", "pointer", "pointer", "pointer", "pointer")
 
 
@@ -151,6 +153,11 @@ def _call_step(_context, address, instance, time, step, final):  # type: ignore[
 @intrinsic
 def _call_state(_context, address, instance, pointer):  # type: ignore[no-untyped-def]
     return _signature(_STATE), _call(_STATE)
+
+
+@intrinsic
+def _call_derive(_context, address, instance, unknowns, sought, knowns, given, changes, result):  # type: ignore[no-untyped-def]
+    return _signature(_DERIVE), _call(_DERIVE)
 
 
 @overload(blocks.exchange)
@@ -193,9 +200,22 @@ def _restore_state(address, instance, states, index):  # type: ignore[no-untyped
     return implementation
 
 
+@overload(blocks.derive)
+def _derive(address, instance, unknowns, sought, knowns, given, changes, result):  # type: ignore[no-untyped-def]
+    def implementation(address, instance, unknowns, sought, knowns, given, changes, result):  # type: ignore[no-untyped-def]
+        return _call_derive(address, instance, unknowns, sought, knowns, given, changes, result)
+
+    return implementation
+
+
 @intrinsic
 def _call_exchange_sized(_context, address, instance, references, count, values, size):  # type: ignore[no-untyped-def]
     return _signature(_EXCHANGE_SIZED), _call(_EXCHANGE_SIZED)
+
+
+@intrinsic
+def _call_derive_sized(_context, address, instance, p, n_p, q, n_q, r, n_r, s, n_s):  # type: ignore[no-untyped-def]
+    return _signature(_DERIVE_SIZED), _call(_DERIVE_SIZED)
 
 
 @intrinsic
@@ -207,6 +227,14 @@ def _call_take_step(_context, address, instance, time, step, final, event, end, 
 def _exchange_sized(address, instance, references, count, values, size):  # type: ignore[no-untyped-def]
     def implementation(address, instance, references, count, values, size):  # type: ignore[no-untyped-def]
         return _call_exchange_sized(address, instance, references, count, values, size)
+
+    return implementation
+
+
+@overload(blocks.derive_sized)
+def _derive_sized(address, instance, unknowns, sought, knowns, given, changes, result):  # type: ignore[no-untyped-def]
+    def implementation(address, instance, unknowns, sought, knowns, given, changes, result):  # type: ignore[no-untyped-def]
+        return _call_derive_sized(address, instance, unknowns, sought, knowns, given, changes, given, result, sought)
 
     return implementation
 

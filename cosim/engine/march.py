@@ -29,7 +29,7 @@ from cosim.engine.plan import (
     Reals,
     Step,
 )
-from cosim.engine.sweep import call, failed, pace_of, step_from
+from cosim.engine.sweep import call, failed, missed_effects, pace_of, step_from
 
 # ---- Measures summed over a run, step by step -----------------------------------------------------------------------
 
@@ -195,6 +195,20 @@ def record(plan: Plan, m: Memory, tape: Tape, time: float) -> int:
 
 
 @shared
+def _record_end(plan: Plan, m: Memory, tape: Tape, time: float, drive: Drive, last: int, mode: int) -> int:
+    """Record a row at the end of a step, with outputs that follow inputs without delay as of their actual values."""
+    if record(plan, m, tape, time):
+        return 1
+    direct, row = plan.direct, tape.position[0] - 1
+    for p in range(direct.part.size):
+        if missed_effects(plan, m, p, drive, last, mode):
+            return 1
+    for k in range(direct.column.size):
+        tape.rows[row, direct.column[k]] += m.effect[k]
+    return 0
+
+
+@shared
 def _one_step(plan: Plan, m: Memory, drive: Drive, step: Step, mode: Mode) -> int:
     """Step every part; return 1 if one refused."""
     m.clock[0] = step.time
@@ -231,7 +245,7 @@ def march(plan: Plan, m: Memory, tape: Tape, grid: Grid, mode: Mode, first: int,
         if bad >= 0:
             m.failure[1] = bad
             return DIVERGED
-        if grid.recorded[k + 1] == 1 and record(plan, m, tape, end):
+        if grid.recorded[k + 1] == 1 and _record_end(plan, m, tape, end, grid.drive, step.last, mode.values):
             return REFUSED
     m.failure[3] = last
     return DONE
@@ -390,6 +404,6 @@ def march_adaptive(  # noqa: PLR0911 -- one return for each reason to stop
         p.time[0] = event if lands else time + h
         if lands:
             p.event[0] += 1
-            if knots.recorded[p.event[0] - 1] == 1 and record(plan, m, tape, event):
+            if knots.recorded[p.event[0] - 1] == 1 and _record_end(plan, m, tape, event, p.drive, 1, mode.values):
                 return REFUSED
     return DONE

@@ -31,7 +31,7 @@ DONE, STOPPED, REFUSED, DIVERGED, STUCK = 0, 1, 2, 3, 4
 DISCARD = 2
 
 #: Calls that can be refused.
-SET, SLOPES, STEP, GET, SAVE, RESTORE = 0, 1, 2, 3, 4, 5
+SET, SLOPES, STEP, GET, SAVE, RESTORE, DERIVE = 0, 1, 2, 3, 4, 5, 6
 
 
 class Mode(NamedTuple):
@@ -143,6 +143,24 @@ class Loops(NamedTuple):
     least: Reals
 
 
+class Direct(NamedTuple):
+    """Recorded outputs that follow, without delay, inputs whose end value a step can only assume.
+
+    One row per part with such outputs: the `part`, and the address of its function `derive`, (P,). Its outputs are
+    `outputs[p]` to `outputs[p + 1]` of `column` (of the tape) and `unknown` (references), its inputs `inputs[p]` to
+    `inputs[p + 1]` of `input` and `known` (references).
+    """
+
+    part: Indices
+    derive: Integers
+    outputs: Indices
+    column: Indices
+    unknown: References
+    inputs: Indices
+    input: Indices
+    known: References
+
+
 class Levels(NamedTuple):
     """Levels of consecutive parts that take nothing from each other: `parts[l]` to `parts[l + 1]` (L+1,).
 
@@ -195,10 +213,11 @@ class Plan(NamedTuple):
     watch: Watch
     loops: Loops
     levels: Levels
+    direct: Direct
 
 
 class Addresses(NamedTuple):
-    """Memory addresses of each part's references and values, (C,), for calls."""
+    """Memory addresses of each part's references and values, (C,), for calls; the last four of each row of Direct."""
 
     input_references: Integers
     orders: Integers
@@ -210,6 +229,10 @@ class Addresses(NamedTuple):
     signals: Integers
     extra_references: Integers
     extras: Integers
+    unknowns: Integers
+    effects: Integers
+    knowns: Integers
+    gaps: Integers
 
 
 class Memory(NamedTuple):
@@ -219,7 +242,8 @@ class Memory(NamedTuple):
     it; `last`: durations of those two [s], `pace`: 1 / `last`. `seen`: `now`, followed by `extra`. `start`, `rate`:
     inputs at the start of the step, and their slopes; `value`, `slope`: the same for a part of it. `fed`: mean of each
     term over the step; `assumed`: its end value. `defect`: squared difference of the assumed and the actual end value
-    of a bond's term, summed; `total`, `squares`: sums of the term itself. `states`: two saved states of each part.
+    of a bond's term, summed; `total`, `squares`: sums of the term itself. `gap`: actual minus assumed end values of
+    the inputs of Direct; `effect`: what the outputs lack for that. `states`: two saved states of each part.
     `size` to `turn`: data of an implicit step. `calls`: number of calls of parts so far, and the part that is called,
     which may never return; `clock`: start of its step [s].
     """
@@ -244,6 +268,8 @@ class Memory(NamedTuple):
     squares: Reals
     watched: Reals
     duration: Reals
+    gap: Reals
+    effect: Reals
     last: Reals
     pace: Reals
     states: Integers
@@ -279,6 +305,7 @@ def memory(plan: Plan) -> Memory:
     ahead, start, value, rate, slope = np.zeros(signals), *(np.zeros(inputs) for _ in range(4))
     seen = np.zeros(signals + plan.signals.extra_reference.size)
     now, extra = seen[:signals], seen[signals:]
+    gap, effect = np.zeros(plan.direct.input.size), np.zeros(plan.direct.column.size)
     return Memory(
         seen=seen,
         now=now,
@@ -300,6 +327,8 @@ def memory(plan: Plan) -> Memory:
         squares=np.zeros(terms),
         watched=np.zeros(watch + 1),
         duration=np.zeros(1),
+        gap=gap,
+        effect=effect,
         last=np.full(2, 1e300),
         pace=np.full(2, 1e-300),
         states=np.zeros(2 * parts, np.int64),
@@ -320,14 +349,22 @@ def memory(plan: Plan) -> Memory:
         calls=np.zeros(2, np.int64),
         clock=np.zeros(1),
         stop=np.zeros(1, np.int64),
-        at=_addresses(plan, start, value, rate, slope, ahead, extra),
+        at=_addresses(plan, start, value, rate, slope, ahead, extra, gap, effect),
     )
 
 
 def _addresses(
-    plan: Plan, start: Reals, value: Reals, rate: Reals, slope: Reals, ahead: Reals, extra: Reals
+    plan: Plan,
+    start: Reals,
+    value: Reals,
+    rate: Reals,
+    slope: Reals,
+    ahead: Reals,
+    extra: Reals,
+    gap: Reals,
+    effect: Reals,
 ) -> Addresses:
-    parts, inputs, signals = plan.parts, plan.inputs, plan.signals
+    parts, inputs, signals, direct = plan.parts, plan.inputs, plan.signals, plan.direct
     return Addresses(
         input_references=_places(inputs.reference, parts.inputs),
         orders=_places(inputs.order, parts.inputs),
@@ -339,6 +376,10 @@ def _addresses(
         signals=_places(ahead, parts.signals),
         extra_references=_places(signals.extra_reference, parts.extras),
         extras=_places(extra, parts.extras),
+        unknowns=_places(direct.unknown, direct.outputs),
+        effects=_places(effect, direct.outputs),
+        knowns=_places(direct.known, direct.inputs),
+        gaps=_places(gap, direct.inputs),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from cosim.engine import blocks
 from cosim.engine.compiled import shared
 from cosim.engine.plan import (
+    DERIVE,
     EXTRAPOLATED,
     GET,
     GUESSED,
@@ -277,6 +278,46 @@ def _follow(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, final: int)
         if _do(plan, m, c, drive.times[j], drive.times[j + 1] - drive.times[j], final):
             return 1
     return 0
+
+
+@shared
+def _reached(plan: Plan, m: Memory, c: int, drive: Drive, last: int) -> None:
+    """Compute, in `slope`, the inputs of part c from the signals now, and from the drive at its point `last`."""
+    parts, terms, driven = plan.parts, plan.terms, plan.driven
+    for i in range(parts.inputs[c], parts.inputs[c + 1]):
+        m.slope[i] = plan.inputs.constant[i]
+    for k in range(parts.terms[c], parts.terms[c + 1]):
+        m.slope[terms.target[k]] += terms.weight[k] * m.now[terms.source[k]] + terms.offset[k]
+    for j in range(parts.driven[c], parts.driven[c + 1]):
+        m.slope[driven.target[j]] += driven.factor[j] * drive.samples[last, driven.channel[j]] + driven.offset[j]
+
+
+@shared
+def missed_effects(plan: Plan, m: Memory, p: int, drive: Drive, last: int, mode: int) -> int:
+    """Compute, in `effect`, how the outputs of row p of Direct change with the end values that their inputs missed.
+
+    The step has been accepted, and ended at the drive's point `last`. Outputs are not read again with these values set,
+    because FMI forbids to read outputs between a change of inputs and a step.
+    """
+    direct, at = plan.direct, m.at
+    c = direct.part[p]
+    is_line = plan.parts.ramps[c] == 1 or _stands_still(plan, c, mode)
+    _reached(plan, m, c, drive, last)
+    for k in range(direct.inputs[p], direct.inputs[p + 1]):
+        i = direct.input[k]
+        m.gap[k] = m.slope[i] - (m.start[i] + m.rate[i] * m.last[0] if is_line else m.value[i])
+    call(m, c)
+    status = blocks.derive(
+        direct.derive[p],
+        plan.parts.instance[c],
+        at.unknowns[p],
+        direct.outputs[p + 1] - direct.outputs[p],
+        at.knowns[p],
+        direct.inputs[p + 1] - direct.inputs[p],
+        at.gaps[p],
+        at.effects[p],
+    )
+    return failed(m, status, c, DERIVE)
 
 
 @shared

@@ -55,7 +55,7 @@ LOCAL_ERROR = RULES.add("local error of a bond", "coupling", Grade.NOT_USABLE,
 )  # fmt: skip
 CHANNEL_ERROR = RULES.add("coupling error of other channels", "coupling", Grade.LIMITED,
     condition=f"stated error of any other recorded channel above {LARGEST_ERROR:g} %",
-    why="accelerations contain the jumps of forces from step to step, which forces and velocities average out",
+    why="accelerations have higher frequencies than forces and velocities, and larger errors",
     remedy="do not use these channels, or give a smaller coupling step",
 )  # fmt: skip
 ENERGY_RESIDUAL = RULES.add("energy residual too large", "energy", Grade.NOT_USABLE,

@@ -60,7 +60,8 @@ class RunData:
     seconds: float  #: Wall time from the start of initialization [s]; for the default, of all its runs.
     equilibrium_sweeps: int  #: Number of evaluations until the equilibrium start converged.
     energy: Mapping[str, BondEnergy]  #: Energy residual and energy transferred [J] per bond.
-    #: Recorded outputs with a direct term in an input that was held over each step: first order in it.
+    #: Recorded outputs with a direct term in an input that was held over each step: first order in it. Those of an FMU
+    #: with directional derivatives are corrected, and not among them.
     held_direct: tuple[str, ...]
     identities: Mapping[str, str]  #: GUID of each component.
     sources: Mapping[str, str] = field(default_factory=dict)  #: File of each component.

@@ -19,7 +19,7 @@ from cosim.results.result import Result
 from cosim.results.run_data import BondEnergy, Coupled
 from cosim.results.validity import models_of
 from cosim.session.equilibrium import Equilibrium
-from cosim.session.recorder import recorded_series
+from cosim.session.recorder import real_names, recorded_series
 from cosim.session.running import Ending, Running
 from cosim.session.setup import Setup
 from cosim.systems.algorithm import Algorithm
@@ -255,12 +255,18 @@ class Outcome:
         )
 
     def _held_direct(self) -> tuple[str, ...]:
-        """Return the recorded outputs that follow, without delay, an input that was held over each step."""
+        """Return the recorded outputs that follow, without delay, an input that was held over each step.
+
+        Those of components that give directional derivatives are corrected.
+        """
         system, held = self.setup.system, self.setup.coupling.held_inputs()
+        reals = real_names(system, self.setup.names)
+        corrected = {reals[column] for column in self.running.plan.direct.column}
         return tuple(
             name
             for name in self.setup.names
-            if any(f"{name.partition('.')[0]}.{source}" in held for source in system.output(name).direct)
+            if name not in corrected
+            and any(f"{name.partition('.')[0]}.{source}" in held for source in system.output(name).direct)
         )
 
     def _energy(self) -> dict[str, BondEnergy]:

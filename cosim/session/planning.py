@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cosim.components.conversion import to_si
 from cosim.components.functions import FunctionTable
-from cosim.engine.plan import Bonds, Driven, Indices, Inputs, Levels, Loops, Parts, Plan, Signals, Terms, Watch
+from cosim.engine.plan import Bonds, Direct, Driven, Indices, Inputs, Levels, Loops, Parts, Plan, Signals, Terms, Watch
 from cosim.systems.coupling import Coupling, Feed
 from cosim.systems.system import System
 from eightpost.array_types import Integers
@@ -71,6 +71,8 @@ def make_plan(
     *,
     watched: Iterable[Limit],
     following: Collection[str],
+    recorded: Sequence[str],
+    sequential: bool,
 ) -> Plan:
     """Return the loop's arrays.
 
@@ -81,6 +83,8 @@ def make_plan(
         tables: Functions of each part.
         watched: Limits of signals; the time beyond each is counted.
         following: Parts that are stepped from each point of the drive to the next.
+        recorded: Variables by the tape's columns, as `component.variable`.
+        sequential: Whether the outputs of a part that has stepped are known to those after it.
     """
     position = {name: k for k, name in enumerate(layout.signals)}
     watch = list(watched)
@@ -101,6 +105,7 @@ def make_plan(
             parts=_begins(count for counts in layout.levels for count in counts),
             groups=_begins(len(counts) for counts in layout.levels),
         ),
+        direct=_direct(coupling, layout, tables, recorded, sequential=sequential),
     )
 
 
@@ -217,6 +222,49 @@ def _terms(coupling: Coupling, layout: Layout, position: Mapping[str, int]) -> T
         offset=_reals(term.gain * term.conversion.offset for _, _, term in rows),
         start=_reals(1.0 - end for end in ends),
         end=_reals(ends),
+    )
+
+
+def _direct(
+    coupling: Coupling,
+    layout: Layout,
+    tables: Mapping[str, FunctionTable],
+    recorded: Sequence[str],
+    *,
+    sequential: bool,
+) -> Direct:
+    """Return the recorded outputs that follow inputs whose end values are assumed, of parts that give derivatives.
+
+    Only continuous variables have derivatives.
+    """
+    rank = {name: k for k, name in enumerate(layout.parts)}
+    assumed: dict[str, dict[str, int]] = {name: {} for name in layout.parts}
+    for i, (name, feed) in enumerate(_rows(coupling, layout)):
+        component = coupling.components[name]
+        unknown = (not sequential or rank[term.source.partition(".")[0]] >= rank[name] for term in feed.terms)
+        is_assumed = not component.capabilities.interpolates_inputs or any(unknown)
+        if is_assumed and component.variables[feed.target].variability == "continuous":
+            assumed[name][feed.target] = i
+    follows: dict[str, list[int]] = {}
+    for column, name in enumerate(recorded):
+        part, _, output = name.partition(".")
+        component = coupling.components[part]
+        variable = component.variables[output]
+        has_derivatives = component.capabilities.derivatives and variable.variability == "continuous"
+        if has_derivatives and variable.direct & assumed[part].keys():
+            follows.setdefault(part, []).append(column)
+    parts = [name for name in layout.parts if name in follows and tables[name].derive]
+    columns = [column for name in parts for column in follows[name]]
+    inputs = [f"{name}.{target}" for name in parts for target in assumed[name]]
+    return Direct(
+        part=_indices(rank[name] for name in parts),
+        derive=_integers(tables[name].derive for name in parts),
+        outputs=_begins(len(follows[name]) for name in parts),
+        column=_indices(columns),
+        unknown=_references((recorded[column] for column in columns), tables),
+        inputs=_begins(len(assumed[name]) for name in parts),
+        input=_indices(i for name in parts for i in assumed[name].values()),
+        known=_references(inputs, tables),
     )
 
 

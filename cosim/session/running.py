@@ -11,7 +11,7 @@ from cosim.components.functions import Callbacks, FunctionTable, Native, free_st
 from cosim.components.watch import Surroundings, loop_words, watching
 from cosim.engine.compiled import Bind
 from cosim.engine.march import Tape
-from cosim.engine.plan import DISCARD, DIVERGED, STEP, Memory, Mode, Plan, memory
+from cosim.engine.plan import DISCARD, DIVERGED, JACOBI, STEP, Memory, Mode, Plan, memory
 from cosim.session.equilibrium import Equilibrium, solve_equilibrium
 from cosim.session.planning import make_plan
 from cosim.session.recorder import blank_tape, real_names
@@ -147,6 +147,8 @@ def prepare(setup: Setup) -> Running:
         tables,
         watched=setup.limits.watched,
         following=setup.following,
+        recorded=real_names(setup.system, setup.names),
+        sequential=setup.algorithm.mode(0.0).kind != JACOBI,
     )
     m = memory(plan)
     if (words := loop_words()) is not None:
@@ -162,7 +164,10 @@ def prepare(setup: Setup) -> Running:
 _FAR = 1e7
 
 #: Descriptions of the loop's calls, by their numbers.
-_CALLS = ("set inputs", "set input derivatives", "step", "give outputs", "save its state", "restore its state")
+_CALLS = (
+    "set inputs", "set input derivatives", "step", "give outputs", "save its state", "restore its state",
+    "give directional derivatives",
+)  # fmt: skip
 
 #: Schemes that may be stable if a scheme diverged.
 _OTHERS = {"jacobi": ", gauss-seidel, or implicit", "gauss-seidel": ", or implicit"}

@@ -84,7 +84,6 @@ def main() -> None:
     _predict(folder)
     found = {place: _confirm(folder, place) for place in ("rig", "track")}
     page = placed(PAGE.read_text(encoding="utf-8"), "passes", _passes_table(folder / "lap"))
-    page = placed(page, "kept", _kept_table(folder))
     PAGE.write_text(placed(page, "confirmed", _confirmed_table(found)), encoding="utf-8")
     _draw(folder / "lap")
 
@@ -170,21 +169,6 @@ def _passes_table(lap: Path) -> str:
             f"| {errors['pass']} | {_rms(errors, 'hub_acceleration'):.2f} | {_rms(errors, 'displacement'):.2f} | "
             f"{worst:.2f} |"
         )
-    return "\n".join(lines)
-
-
-def _kept_table(folder: Path) -> str:
-    """Return the channels that were no targets: the best pass on the rig compared with the track."""
-    best = _errors(folder / "lap")[-1]["best"]
-    rig = read_series(folder / "lap" / f"pass_{best:02d}" / "rig.parquet").window(4.0, 35.0)
-    track = read_series(folder / "track_whole.parquet").window(1.0, 32.0)
-    lines = ["| channel that is no target | RMS on the track | on the rig | difference |", "|---|---|---|---|"]
-    shown = {"tire_force": "lbf", "chassis_acceleration": "g", "ride_height": "in"}
-    names = [name for q in shown for name in track.names if name.endswith(q)]
-    for name in names:
-        unit = shown[name.rpartition(".")[2]]
-        a, b = (units.convert(float(series[name].std()), series.unit(name), unit) for series in (track, rig))
-        lines.append(f"| {name} | {a:.4g} {unit} | {b:.4g} {unit} | {100.0 * (b / a - 1.0):+.2f} % |")
     return "\n".join(lines)
 
 

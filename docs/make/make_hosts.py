@@ -3,10 +3,8 @@
     python docs/make/make_hosts.py                  # from the results in docs/data/hosts/
     python docs/make/make_hosts.py --run            # run every program whose packages are installed first (minutes)
     python docs/make/make_hosts.py --run mujoco_host
-    python docs/make/make_hosts.py --run interface_matrix
 
-A program is one file, examples/hosts/NAME_host.py; its result is docs/data/hosts/NAME_host.json. The tools that run the
-four interface kinds are those of benchmarks/interface_matrix; their results are docs/data/hosts/matrix.json.
+A program is one file, examples/hosts/NAME_host.py; its result is docs/data/hosts/NAME_host.json.
 """
 
 from __future__ import annotations
@@ -24,8 +22,6 @@ DOCS = Path(__file__).resolve().parents[1]
 ROOT = DOCS.parent
 PROGRAMS, RESULTS = ROOT / "examples" / "hosts", DOCS / "data" / "hosts"
 PAGE, PICTURE = DOCS / "how_to" / "hosts.md", DOCS / "pictures" / "hosts.png"
-TOOLS_PAGE, MATRIX = DOCS / "evidence" / "hosts_tools.md", "matrix"
-KINDS = ("2.0 CS", "2.0 ME", "3.0 CS", "3.0 ME")
 #: The place of each table on the page.
 TABLE, VEHICLE = "table", "vehicle"
 STEPS = (8e-3, 4e-3, 2e-3, 1e-3)
@@ -52,19 +48,27 @@ def results() -> list[dict[str, Any]]:
 
 
 def table(found: list[dict[str, Any]]) -> str:
-    """Return a Markdown table with one row for each host and loop."""
+    """Return a Markdown table, one row for all hosts with the same errors in a loop, and a list of programs."""
     head = " | ".join(f"{1e3 * step:g} ms" for step in STEPS)
-    lines = [f"| host | loop | {head} | us per step | program |", "|---|---|" + "---|" * (len(STEPS) + 2)]
+    lines = [f"| loop | host | {head} |", "|---|---|" + "---|" * len(STEPS)]
+    hosts: dict[tuple[str, ...], list[str]] = {}
     for one in found:
-        name = f"{one['host']} ({one['version']})" if one["version"] else one["host"]
-        program = f"[{one['program']}](../../examples/hosts/{one['program']}), {one['lines']} lines"
         for loop in dict.fromkeys(row["loop"] for row in one["rows"]):
             rows = {round(row["step"], 9): row for row in one["rows"] if row["loop"] == loop}
-            cells = [errors_of(rows.get(step)) for step in STEPS]
-            cost = f"{rows[min(rows)]['microseconds']:.3g}"
-            lines.append(f"| {name} | {loop} | {' | '.join(cells)} | {cost} | {program} |")
-            program = ""
-    return "\n".join(lines)
+            cells = (loop[:2].rstrip(","), *(errors_of(rows.get(step)) for step in STEPS))
+            detail = loop[2:].strip(", ")
+            hosts.setdefault(cells, []).append(f"{one['host']} ({detail})" if detail else one["host"])
+    lines += [f"| {key[0]} | {'; '.join(hosts[key])} | {' | '.join(key[1:])} |" for key in sorted(hosts)]
+    return "\n".join([*lines, "", f"Programs: {'; '.join(map(program, found))}."])
+
+
+def program(one: dict[str, Any]) -> str:
+    """Return the link to a program, with the version of its host, its lines and its cost."""
+    costs = [row["microseconds"] for row in one["rows"] if row["step"] == min(r["step"] for r in one["rows"])]
+    cost = f"{min(costs):.3g} to {max(costs):.3g} us per step" if len(costs) > 1 else f"{costs[0]:.3g} us per step"
+    version = f"{one['version']}, " if one["version"] else ""
+    name = f"[{one['program']}](../../examples/hosts/{one['program']})"
+    return f"{name} ({version}{one['lines']} lines, {cost})"
 
 
 def vehicle_table() -> str:
@@ -81,24 +85,6 @@ def vehicle_table() -> str:
         lines.append(f"| {loop} | {' | '.join(cells)} | {own[steps[-1]]['lf_change']:.1f} N |")
     deviation, change = result["reference"]
     return "\n".join([*lines, f"| reference, {deviation:.0f} N before |" + " |" * len(steps) + f" {change:.1f} N |"])
-
-
-def matrix_table(rows: list[dict[str, Any]]) -> str:
-    """Return a Markdown table of tools by interface kinds: differences of shock and car, or the reason for no run."""
-    lines = [f"| tool | version | run on | {' | '.join(KINDS)} |", "|---|---|---|" + "---|" * len(KINDS)]
-    for row in rows:
-        cells = [matrix_cell(row["cells"][kind]) for kind in KINDS]
-        day = (row["date"] or "-") + (", by hand" if row["by_hand"] and row["date"] else "")
-        lines.append(f"| {row['name']} | {row['version']} | {day} | {' | '.join(cells)} |")
-    return "\n".join(lines)
-
-
-def matrix_cell(cell: dict[str, Any]) -> str:
-    """Return the differences of shock and car, or why the interface kind was not run."""
-    if "not_run" in cell:
-        return f"not run: {cell['not_run']}"
-    found = [cell.get(model) for model in ("shock", "car")]
-    return " / ".join("-" if x is None else f"{x:.1g}" for x in found)
 
 
 def put(page: str, place: str, text: str) -> str:
@@ -162,13 +148,9 @@ def main() -> None:
         for program in (*sorted(PROGRAMS.glob("*_host.py")), PROGRAMS / "full_vehicle.py"):
             if not options.run or program.stem in options.run:
                 print(run(program))
-        if not options.run or "interface_matrix" in options.run:
-            subprocess.run([sys.executable, "-m", "benchmarks.interface_matrix"], cwd=ROOT, check=True)
     page = put(PAGE.read_text(encoding="utf-8"), TABLE, table(results()))
     PAGE.write_text(put(page, VEHICLE, vehicle_table()), encoding="utf-8")
     draw(results(), PICTURE)
-    rows = json.loads((RESULTS / "matrix.json").read_text(encoding="utf-8"))
-    TOOLS_PAGE.write_text(put(TOOLS_PAGE.read_text(encoding="utf-8"), MATRIX, matrix_table(rows)), encoding="utf-8")
 
 
 if __name__ == "__main__":

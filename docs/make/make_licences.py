@@ -154,12 +154,11 @@ def page(found: list[Package], python: str) -> str:
             "eightpost or on your FMUs, which contain none of these packages. Leave out an extra if your rules exclude "
             "its licence."
         )
-    rows = [f"| {one.name} | {one.version} | {one.stated} | {one.kind} | {_extras(one)} |" for one in found]
-    table = [
-        "| package | version looked at | licence as stated | kind | installed by |",
-        "|---|---|---|---|---|",
-        *rows,
-    ]
+    by_licence: dict[str, list[str]] = {}
+    for one in found:
+        by_licence.setdefault(one.stated, []).append(f"{one.name} {one.version}")
+    table = ["| licence as stated | packages |", "|---|---|"]
+    table += [f"| {stated} | {', '.join(by_licence[stated])} |" for stated in sorted(by_licence, key=str.lower)]
     return INTRODUCTION.format(python=python) + "\n".join([*notes, "", *table]) + "\n"
 
 

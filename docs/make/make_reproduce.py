@@ -1,7 +1,6 @@
 """Reproduce all items and write their results: `python docs/make/make_reproduce.py [FOLDER]`.
 
-It writes docs/data/reproduced.json, which docs/evidence/equations.md shows (`python docs/make/make_tables.py`), and the
-page of `eightpost reproduce --all` in the folder (default out). It takes some minutes.
+It writes docs/data/reproduced.json, and the page of `eightpost reproduce --all` in the folder (default out).
 """
 
 import json
@@ -9,8 +8,8 @@ import sys
 import time
 from pathlib import Path
 
-from eightpost.reproduce import FULL, inventory, reproduce
-from eightpost.reproduce.page import write_reproduction
+from dissertation import FULL, inventory, reproduce
+from dissertation.page import write_reproduction
 
 RESULTS = Path(__file__).resolve().parents[1] / "data" / "reproduced.json"
 

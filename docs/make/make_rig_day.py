@@ -92,9 +92,8 @@ def main() -> None:
     found = _compare(study, "compared")
     _confirm(study)
     after = _compare(study, "compared_after")
-    page = placed(PAGE.read_text(encoding="utf-8"), "measures", measures_table(found))
-    page = placed(page, "intervals", intervals_table(found, after))
-    PAGE.write_text(placed(page, "setups", setups_table(study, found)), encoding="utf-8")
+    PAGE.write_text(placed(PAGE.read_text(encoding="utf-8"), "measures", measures_table(found)), encoding="utf-8")
+    print(intervals_table(found, after))
     shutil.copy(study / "compared" / "comparison.png", PICTURE)
 
 
@@ -221,26 +220,6 @@ def _widths(entry: Mapping[str, Any]) -> str:
     known = [(low, high) for low, high in zip(lows, highs, strict=True) if low is not None]
     widths = [100.0 * (high - low) / (high + low) for low, high in known]
     return f"{min(widths):.1f} to {max(widths):.1f} %" if widths else "not known"
-
-
-def setups_table(study: Path, found: Sequence[Mapping[str, Any]]) -> str:
-    """Return the predicted and measured level of every selected setup for the measure of its selection."""
-    levels = {entry["measure"]: entry for entry in found}
-    lines = ["| lf | rf | lr | rr | selected for | predicted | measured |", "|---" * 7 + "|"]
-    rows = [row for row in selection(study) if row["end"] != "repeat"]
-    lines += [_setup_line(row, levels[row["measure"] or next(iter(SELECTED))]) for row in rows]
-    return "\n".join(dict.fromkeys(lines))
-
-
-def _setup_line(row: Mapping[str, str], entry: Mapping[str, Any]) -> str:
-    unit = SHOWN[entry["measure"]]
-    at, factor = entry["setups"].index(int(row["setup"])), units.conversion(entry["unit"], unit)[0]
-    predicted, measured = (f"{factor * entry[what][at]:.4g}" for what in ("predicted", "measured"))
-    sigma = 2.0 * factor * entry["run_to_run"] / entry["runs"][at] ** 0.5
-    mean = f" (mean of {entry['runs'][at]})" if entry["runs"][at] > 1 else ""
-    name = f"{row['end']}: {entry['measure'].removesuffix(', RMS')}"
-    cells = (*(row[c] for c in CORNERS), name, f"{predicted} {unit}", f"{measured} ± {sigma:.2g} {unit}{mean}")
-    return f"| {' | '.join(cells)} |"
 
 
 def _options() -> argparse.Namespace:

@@ -1,23 +1,21 @@
 """Rewrite the tables in docs that are generated from the code: `python docs/make/make_tables.py`.
 
 The variables in docs/reference/ports.md come from the interface.toml files, the rules in docs/reference/verdict.md from
-the modules that define them, the items in docs/evidence/equations.md from the inventory of `eightpost reproduce` and
-the results of its last full run, docs/data/reproduced.json (`python docs/make/make_reproduce.py`).
+the modules that define them.
 """
 
 import importlib
-import json
 import re
 import tomllib
 from pathlib import Path
 
-from eightpost.reproduce import inventory
+from eightpost.verdict import Grade
 
 DOCS = Path(__file__).resolve().parents[1]
 FMUS = DOCS.parent / "fmus"
 
 #: Pages that have generated tables.
-PAGES = ("reference/ports.md", "reference/verdict.md", "evidence/equations.md")
+PAGES = ("reference/ports.md", "reference/verdict.md")
 
 #: Marker in the page -> file whose rows the table shows. "laws" stands for all of fmus/shock_<law>/.
 SOURCES = {
@@ -26,9 +24,7 @@ SOURCES = {
     "assembly": FMUS / "assembly" / "interface.toml",
 }
 
-_REGION = re.compile(
-    r"(?P<start><!-- (?P<kind>table|rules|items) (?P<name>[\w.]+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL
-)
+_REGION = re.compile(r"(?P<start><!-- (?P<kind>table|rules) (?P<name>[\w.]+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
 _HEADER = "| variable | reference | causality | unit | display | start | range | meaning |\n" + "|---" * 8 + "|\n"
 
 
@@ -40,31 +36,24 @@ def rewrite(page: str) -> str:
 def _region(kind: str, name: str) -> str:
     if kind == "rules":
         return rules(name)
-    if kind == "items":
-        return items(int(name))
     return laws() if name == "laws" else table(SOURCES[name])
 
 
 def rules(module: str) -> str:
-    """Return the table of the rules that a module defines."""
-    rows = [(r.about, r.condition, r.grade, r.why, r.remedy) for r in importlib.import_module(module).RULES]
-    head = "| about | reason, with its threshold | grade | why | what to do |\n|---|---|---|---|---|\n"
-    return head + "".join("| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |\n" for row in rows)
-
-
-def items(chapter: int) -> str:
-    """Return the table of a chapter's numbered items with the results of the last full run."""
-    results = json.loads((DOCS / "data" / "reproduced.json").read_text(encoding="utf-8"))["items"]
-    head = "| item | content | section | result | difference |\n" + "|---" * 5 + "|\n"
-    rows = [
-        (item.label, item.title, item.section, *results[item.name])
-        for item in inventory()
-        if item.chapter == chapter and item.is_computed
+    """Return the table of the rules that a module defines, without those of a result that is in order."""
+    found = [
+        rule
+        for rule in importlib.import_module(module).RULES
+        if rule.grade != Grade.USABLE or rule.remedy not in ("", "nothing")
     ]
-    rest = [item for item in inventory() if item.chapter == chapter and not item.is_computed]
-    others = "; ".join(f"{item.label}: {item.reason.partition(';')[0]}" for item in rest)
-    table = head + "".join("| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |\n" for row in rows)
-    return f"{table}\nNothing to compute: {others}.\n" if rest else table
+    topics = {rule.about for rule in found}
+    rows = [("reason, with its threshold", "grade", "what to do")]
+    rows += [(rule.condition, rule.grade, rule.remedy) for rule in found]
+    if len(topics) > 1:
+        rows = [(about, *row) for about, row in zip(["about", *(rule.about for rule in found)], rows, strict=True)]
+    head, *lines = ["| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |\n" for row in rows]
+    text = head + "|---" * len(rows[0]) + "|\n" + "".join(lines)
+    return text if len(topics) > 1 else f"About: {topics.pop()}.\n\n{text}"
 
 
 def laws() -> str:

@@ -1,20 +1,16 @@
-"""`eightpost reproduce`: the dissertation's figures, tables and equations, with the printed values beside ours."""
+"""`eightpost reproduce`: finds `dissertation/`, which is part of a checkout and of no wheel, and runs it."""
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
-from rich.console import Console
-from rich.markup import escape
 
-from eightpost import completion
+import eightpost
 from eightpost.app.options import OutputFolder, Verb
+from eightpost.errors import InputError
 from eightpost.outputs import PAGE
-
-if TYPE_CHECKING:
-    from eightpost.reproduce import Effort, Item, Outcome
 
 
 @click.command(cls=Verb)
@@ -33,10 +29,13 @@ def reproduce(
 
     A NUMBER is that of a figure, a table or an equation (7.2 is the figure and the table), of one of them
     (table-7.2, figure-7.2, equation-6.8), or of a chapter (4). The page reproduce.html has the printed values beside
-    ours, the difference in words, and an index (docs/evidence/equations.md). Measured data that were never published
+    ours and the difference in words; docs/evidence/equations.md lists the code. Measured data that were never published
     are replaced by the virtual rigs, which each such item states.
 
-    The exit code is 1 if an item differs from print by more than its stated tolerance, and 2 if a number is unknown.
+    The items are in the folder dissertation/ of a checkout of eightpost; an installed wheel does not contain them.
+
+    The exit code is 1 if an item differs from print by more than its stated tolerance, and 2 if a number is unknown or
+    there is no checkout.
 
     \b
     Examples:
@@ -45,51 +44,11 @@ def reproduce(
       eightpost reproduce --all
       eightpost reproduce --list
     """
-    from eightpost.reproduce import FULL, QUICK, chosen, inventory
-
-    console = Console()
-    if not (numbers or everything or listing):
-        raise click.UsageError("give the number of an item, such as 7.2, or --all; --list shows the items")
-    if numbers and everything:
-        raise click.UsageError(f"give either --all or items, not both; the items are {', '.join(numbers)}")
-    items = chosen(numbers) if numbers and not everything else inventory()
-    if listing:
-        _show_items(console, items)
-        return
-    ctx.exit(_reproduce(console, items, QUICK if quick else FULL, output))
-
-
-def _show_items(console: Console, items: tuple[Item, ...]) -> None:
-    from eightpost.report.console import console_table
-
-    rows = ([item.label, escape(item.title), item.section, item.basis.value] for item in items)
-    console.print(console_table(["item", "content", "section", "based on"], rows))
-
-
-def _reproduce(console: Console, items: tuple[Item, ...], effort: Effort, output: Path) -> int:
-    """Compute items, print a line for each, write the page, and return the exit code."""
-    from eightpost.app.progress import each
-    from eightpost.reproduce import reproduce as outcomes_of
-    from eightpost.reproduce.page import write_reproduction
-    from eightpost.reproduce.verdict import reproduction_verdict
-
-    completion.begin(output)
-    outcomes: list[Outcome] = []
-    for outcome in each(console, outcomes_of(items, effort), "reproducing", len(items)):
-        outcomes.append(outcome)
-        _show_outcome(console, outcome)
-    page = write_reproduction(output / "reproduce.html", outcomes, effort)
-    verdict = reproduction_verdict(outcomes)
-    counts = [
-        (state, sum(one.state is state for one in outcomes)) for state in dict.fromkeys(o.state for o in outcomes)
-    ]
-    console.print(f"{len(outcomes)} items: " + ", ".join(f"{count} {state.value}" for state, count in counts))
-    console.print(f"wrote {escape(str(page))}", soft_wrap=True)
-    return 0 if verdict.is_acceptable else 1
-
-
-def _show_outcome(console: Console, outcome: Outcome) -> None:
-    item = outcome.item
-    time = f" ({outcome.seconds:.1f} s)" if item.is_computed else ""
-    text = f"[bold]{item.label}[/] {escape(outcome.state.value)}: {escape(outcome.words)}{time}"
-    console.print(text, soft_wrap=True, highlight=False)
+    if not (Path(eightpost.__file__).resolve().parents[1] / "dissertation" / "command.py").is_file():
+        raise InputError(
+            "the reproduction of the dissertation is in the folder dissertation/ of the source distribution and the "
+            "repository of eightpost, not in its wheel: download one of them and run eightpost reproduce there, after "
+            "pip install -e .[all]"
+        )
+    command = import_module("dissertation.command")
+    ctx.exit(command.run(numbers, output, everything=everything, listing=listing, quick=quick))

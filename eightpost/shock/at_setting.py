@@ -99,7 +99,7 @@ def setting_text(settings: Settings, setting: Sequence[float]) -> str:
 
 #: Error of the interpolation in the middle between two settings, as a multiple of the error with which a straight line
 #: between its neighbours predicts a measured setting (the larger of the two). Calibrated on random shocks so that the
-#: band covers 95 % (benchmarks/settings.py).
+#: band covers 95 % (docs/how_to/settings.md).
 _CURVATURE = 0.5
 
 #: The same as a share of the difference between the two curves; it counts alone where there are only two settings.

@@ -2,7 +2,7 @@
 
    It loads the library of an unpacked .fmu, or calls FMU sources that are linked into the program, and offers three loops.
    Errors below: seven-DOF car, four shocks, RK4, 10 s of track; worst corner, % of the standard deviation of the shock
-   velocity at steps of 4 / 2 / 1 ms (docs/how_to/hosts.md). Costs: one shock, LPNL2 (benchmarks/force_law.py).
+   velocity at steps of 4 / 2 / 1 ms (docs/how_to/hosts.md). Costs: one shock, LPNL2.
 
    C  force_law_force, force_law_accept, force_law_jacobian                            0.65 / 0.13 / 0.04 %, 0.06 us
       The force at any trial point: from the last accepted point, along a ramp of the inputs, without side effects.

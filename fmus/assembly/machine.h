@@ -12,6 +12,7 @@
 #define add_part_message fmi2FullName(add_part_message)
 #define read_part fmi2FullName(read_part)
 #define feed fmi2FullName(feed)
+#define evaluate_part fmi2FullName(evaluate_part)
 #define settle fmi2FullName(settle)
 #define add_defects fmi2FullName(add_defects)
 #define local_error fmi2FullName(local_error)
@@ -55,6 +56,9 @@ void read_part(Machine *m, int p);
 /* The inputs of part p at both ends of a micro step of h [s]; the vehicle's outputs are known at its end, forces are extrapolated
  * with their slope. */
 void feed(const Machine *m, int p, const double *outside0, const double *outside1, double h, double *from, double *to);
+
+/* Evaluates part p with the coupled signals now, and reads its own (rates.c); 0 if a result is not finite. */
+int evaluate_part(Machine *m, int p, const double *outside, Message *why);
 
 /* Starts the parts with shock forces that are consistent with the vehicle's state under them (coupled_start.c); 0 if there are no
  * such forces. */

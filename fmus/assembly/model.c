@@ -1,7 +1,7 @@
 /* assembly: a vehicle and its shocks with the coupling solved inside. A communication step is divided into equal micro steps of at
  * most coupling_step. In each the vehicle steps first, with the shock forces extrapolated at the slope of their last micro step;
  * then each shock, with the vehicle's outputs interpolated linearly from the start to the end of the micro step. This is the scheme
- * of `eightpost run` (gauss-seidel, extrapolated values). */
+ * of `eightpost run` (gauss-seidel, extrapolated values). Outputs of the vehicle are those under the forces at the end. */
 #include <string.h>
 
 #include "machine.h"
@@ -128,6 +128,7 @@ int model_step(Memory *memory, const double *from, double h, void *work, Message
 {
     Machine m;
     double state[STATES]; /* with the error estimators */
+    const double *to = memory->values.named.signals.input;
     const int count = micro_steps(h, memory->values.named.parameters.parameter[COUPLING_STEP]);
     if (count == 0) {
         say(why, "a step of ");
@@ -137,7 +138,7 @@ int model_step(Memory *memory, const double *from, double h, void *work, Message
     }
     unpack(&m, memory, work);
     memcpy(state, memory->state, sizeof state);
-    if (!step_all(&m, state, from, memory->values.named.signals.input, h, count, why) || !are_sound(&m, state)) {
+    if (!step_all(&m, state, from, to, h, count, why) || !are_sound(&m, state) || !evaluate_part(&m, 0, to, why)) {
         return 0;
     }
     memcpy(memory->state, state, sizeof state);

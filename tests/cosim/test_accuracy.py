@@ -1,7 +1,5 @@
 """The coupled FMUs against independent solutions of the same equations; docs/explanation/coupling.md has the table."""
 
-import importlib.util
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +8,8 @@ import numpy as np
 import pytest
 
 import cosim
+from benchmarks import case
+from benchmarks.engines.runs import measure
 from eightpost.corners import CORNERS
 from eightpost.shock import Lpf1, Lpnl2, Polylinear, Port, StaticCurve
 from eightpost.signals import Drivefile
@@ -23,26 +23,10 @@ STEPS = (0.002, 0.001, 0.0005)
 LINEAR_STEPS = (0.002, 0.001, 0.0005, 0.00025)
 
 
-def benchmark(name):
-    spec = importlib.util.spec_from_file_location(name, ROOT / "benchmarks" / f"{name}.py")
-    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.fixture(scope="module")
-def bench():
-    return benchmark("coupling")
-
-
-@pytest.fixture(scope="module")
-def build_fmus(bench):
+def build_fmus():
     """Build car.fmu and a law's shock.fmu: build_fmus(law, folder)."""
-
-    def build(law, folder):
-        bench.build_fmus(law, folder)
-
-    return build
+    return case.build_fmus
 
 
 @pytest.fixture(scope="module")
@@ -51,24 +35,22 @@ def drive():
 
 
 @pytest.fixture(scope="module")
-def damped(bench, build_fmus, drive, shocks, tmp_path_factory):
+def damped(build_fmus, drive, shocks, tmp_path_factory):
     """A case with all damping in LPNL2 shocks with gas springs, on 4 s of the track, and the folder of its FMUs."""
     law = replace(shocks["lpnl2"].law, port=Port(gas_preload=50.0, gas_stiffness=700.0))
     assert isinstance(law, Lpnl2)
     folder = tmp_path_factory.mktemp("accuracy")
     build_fmus(law, folder)
-    return bench.make_case(law, drive, 4.0), folder
+    return case.make_case(law, drive, 4.0), folder
 
 
 @pytest.fixture(scope="module")
-def errors(bench, damped):
+def errors(damped):
     """Rows of errors by scheme and step."""
-    case, folder = damped
+    solved, folder = damped
     schemes = {"gauss-seidel": cosim.GaussSeidel(), "jacobi": cosim.Jacobi()}
     return {
-        (name, step): bench.measure(case, folder, algorithm, step)
-        for name, algorithm in schemes.items()
-        for step in STEPS
+        (name, step): measure(solved, folder, algorithm, step) for name, algorithm in schemes.items() for step in STEPS
     }
 
 
@@ -92,16 +74,6 @@ def test_jacobi_is_first_order_with_more_than_five_times_the_error_of_gauss_seid
     slopes = -np.diff(np.log2(column(errors, "jacobi", "velocity")))
     assert slopes == pytest.approx(1.0, abs=0.15)
     assert (column(errors, "jacobi", "velocity") > 5.0 * column(errors, "gauss-seidel", "velocity")).all()
-
-
-@pytest.mark.nightly
-def test_a_host_that_holds_all_inputs_is_first_order_and_diverges_at_125_hz(bench, damped):
-    """docs/how_to/import.md: at 1 kHz the error of such a host is several percent."""
-    host = benchmark("plain_host")
-    at_1_khz, at_2_khz = (np.array(host.errors(*damped, rate)) for rate in (1000.0, 2000.0))
-    assert (at_1_khz > 2.0).all()
-    assert np.log2(at_1_khz / at_2_khz) == pytest.approx(1.0, abs=0.15)
-    assert host.errors(*damped, 125.0) == (np.inf, np.inf)
 
 
 def load_system(folder):

@@ -17,6 +17,7 @@ from eightpost.signals import Drivefile, TimeSeries
 Join = Callable[..., System]
 Signals = Mapping[str, np.ndarray[Any, Any]]
 
+QUANTITIES = ("velocity", "tire_force", "hub_acceleration")
 LOADS = ("heave_force", "roll_moment", "pitch_moment")
 #: Within the asymptotic range of every scheme: at most an eighth of the time constant of a wheel's fastest mode [s].
 STEPS = (0.0005, 0.00025, 0.000125, 0.0000625)
@@ -58,8 +59,8 @@ def inputs(drive: Drivefile) -> np.ndarray[Any, Any]:
     return np.stack([drive.series[name] for name in (*(f"{c}.road" for c in CORNERS), *LOADS)])
 
 
-def by_name(velocity: Any, tire_force: Any) -> Signals:
-    pairs = (("velocity", velocity), ("tire_force", tire_force))
+def by_name(velocity: Any, tire_force: Any, hub_acceleration: Any) -> Signals:
+    pairs = zip(QUANTITIES, (velocity, tire_force, hub_acceleration), strict=True)
     return {f"car.{c}.{what}": row for what, rows in pairs for c, row in zip(CORNERS, rows, strict=True)}
 
 
@@ -82,7 +83,8 @@ def closed_form(monolithic: Any, smooth: Drivefile) -> Signals:
         z = np.concatenate([states[-1], u[:, k], (u[:, k + 1] - u[:, k]) / 0.004])
         states.append((advance @ z)[:18])
     x = np.stack(states, axis=1)
-    return by_name(system.S @ x[7:14], np.array(car.tire_stiffness)[:, None] * (u[:4] - x[3:7]))
+    hubs = (a @ x + system.B @ u)[10:14]
+    return by_name(system.S @ x[7:14], np.array(car.tire_stiffness)[:, None] * (u[:4] - x[3:7]), hubs)
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +101,7 @@ def nonlinear(monolithic: Any, smooth: Drivefile, shocks: dict[str, Shock]) -> S
     )
     u = inputs(smooth)
     solution = monolithic.coupled_run(monolithic.Car(), shock, smooth.series.time, u[:4], u[4:], rtol=1e-10)
-    return by_name(solution.shock_velocity, solution.tire_force)
+    return by_name(solution.shock_velocity, solution.tire_force, solution.hub_acceleration)
 
 
 @pytest.fixture
@@ -116,14 +118,14 @@ def linear_car(seven_dof: Join) -> System:
 
 
 def errors(system: System, drive: Drivefile, truth: Signals, algorithm: Algorithm, step: float) -> Any:
-    """Worst corner's error of velocity and of tire force [%]."""
+    """Worst corner's error of each quantity [%]."""
     scenario = Scenario(STOP, drive, record=tuple(truth), record_step=RECORD_STEP)
     series = run(system, scenario, algorithm=algorithm, step=step).series
     after = series.time >= SETTLING - 1e-9
     percent = {
         n: 100 * np.sqrt(np.mean((series[n] - true)[after] ** 2)) / np.std(true[after]) for n, true in truth.items()
     }
-    return [max(value for n, value in percent.items() if n.endswith(what)) for what in ("velocity", "tire_force")]
+    return [max(value for n, value in percent.items() if n.endswith(what)) for what in QUANTITIES]
 
 
 def order(rows: Sequence[Any]) -> Any:
@@ -138,7 +140,7 @@ def test_each_scheme_has_its_expected_order_with_linear_shocks(
 ) -> None:
     algorithm, expected, _ = ORDERS[name]
     rows = [errors(linear_car, smooth, closed_form, algorithm, step) for step in STEPS]
-    assert order(rows) == pytest.approx([expected] * 2, abs=0.15)
+    assert order(rows)[:2] == pytest.approx([expected] * 2, abs=0.15)
 
 
 @pytest.mark.repeated(2)
@@ -149,7 +151,21 @@ def test_each_scheme_has_its_expected_order_with_nonlinear_shocks(
     algorithm, _, expected = ORDERS[name]
     system = seven_dof(seal_friction=0.0)
     rows = [errors(system, smooth, nonlinear, algorithm, step) for step in STEPS]
-    assert order(rows) == pytest.approx([expected] * 2, abs=0.15)
+    assert order(rows)[:2] == pytest.approx([expected] * 2, abs=0.15)
+
+
+@pytest.mark.parametrize(
+    "algorithm", [*(scheme for scheme, _, _ in ORDERS.values()), Adaptive()], ids=[*ORDERS, "adaptive"]
+)
+def test_a_hub_acceleration_which_follows_the_force_directly_is_about_as_accurate_as_the_velocity(
+    seven_dof: Join, smooth: Drivefile, nonlinear: Signals, algorithm: Algorithm
+) -> None:
+    """With the force that the step assumed, its error was up to fifty times the velocity's.
+
+    A force from held values is half a step early itself.
+    """
+    velocity, _, hub = errors(seven_dof(seal_friction=0.0), smooth, nonlinear, algorithm, STEPS[0])
+    assert hub < (3.0 if algorithm == GaussSeidel(values="held") else 2.0) * velocity
 
 
 def test_extrapolated_gauss_seidel_has_under_a_tenth_of_the_error_of_held_jacobi_at_equal_steps(
@@ -170,5 +186,5 @@ def test_the_error_of_an_adaptive_run_falls_with_its_tolerance(
     algorithms = [Adaptive(relative=r, absolute=dict.fromkeys(coupled, 1e-12)) for r in (1e-4, 1e-5, 1e-6, 1e-7)]
     rows = [errors(linear_car, smooth, closed_form, algorithm, 0.001) for algorithm in algorithms]
     slopes = np.polyfit(np.arange(4), np.log10(np.array(rows)), 1)[0]
-    assert slopes == pytest.approx([-2.0 / 3.0] * 2, abs=0.15)
+    assert slopes[:2] == pytest.approx([-2.0 / 3.0] * 2, abs=0.15)
     assert max(rows[0]) < 0.2

@@ -65,7 +65,10 @@ GIVEN = {
     "docs/evidence/reproduce.md": Given(shorter={"--all": "--all --quick"}),
     "docs/explanation/identification.md": Given("take('rig')"),
     "docs/explanation/shock_law.md": Given(
-        "record('dyno_A', 'run1.csv', 'run2.csv', 'a1.csv', 'a2.csv', 'b1.csv', 'b2.csv')" + _DYNO_TESTS
+        "record('dyno_A', 'run1.csv', 'run2.csv', 'a1.csv', 'a2.csv', 'b1.csv', 'b2.csv')\n"
+        "for k, name in enumerate(('run2', 'a2', 'b1', 'b2'), 1):  # a record that is given twice is refused\n"
+        "    path = Path(f'{name}.csv')\n"
+        "    path.write_text('\\n'.join(path.read_text().splitlines()[: -10 * k]) + '\\n')\n" + _DYNO_TESTS
     ),
     "docs/explanation/linearity.md": Given(
         _RIG_TESTS + "records, inputs, outputs = [tests[0].series], ['lf.road', 'rf.road'], ['lf.velocity']"
@@ -100,9 +103,7 @@ GIVEN = {
     ),
     "docs/how_to/settings.md": Given(_TARGET),
     "docs/how_to/ssp.md": Given("take('dist')"),
-    "docs/how_to/study_report.md": Given(
-        "traces = selection = certainty = None", {"examples/identified/study.toml": "examples/study.toml"}
-    ),
+    "docs/how_to/study_report.md": Given(shorter={"examples/identified/study.toml": "examples/study.toml"}),
     "docs/how_to/validation.md": Given(
         "take('shock.json')\nrecord('dyno_A', 'data/a.csv')\nfrom eightpost.shock import read_shock\n"
         "shocks = [read_shock('shock.json')]" + _DYNO_TESTS

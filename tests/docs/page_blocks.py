@@ -2,7 +2,7 @@
 
     python -m tests.docs.page_blocks
 
-prints how many blocks of each kind a page has, and writes the tables of docs/development/documentation.md. A comment on
+prints how many blocks of each kind a page has. A comment on
 the line before a block states what is not the default:
 
     <!-- not run: needs MATLAB -->
@@ -120,48 +120,8 @@ def commands(block: Block) -> Iterator[list[str]]:
             yield words
 
 
-#: What a block of each kind is, in the table.
-_MEANING = {
-    "run": "run by `tests/docs/test_pages_run.py`, one page after the other",
-    "run elsewhere": "run by the test that the page names",
-    "file": "parsed, and read by the commands of its page",
-    "output": "shown: what a command prints, or a layout",
-    "equation": "converted by the build of the site",
-    "not run": "not run, for the reasons below; commands and imports are checked",
-}
-
-
-def coverage() -> str:
-    """Return the tables of all blocks: the number of each kind, and the reasons of those that are not run."""
-    found = all_blocks()
-    counted = Counter(block.kind for block in found)
-    rows = [f"| {kind} | {counted[kind]} | {meaning} |" for kind, meaning in _MEANING.items()]
-    reasons = Counter((block.page, block.note.removeprefix("not run: ")) for block in found if block.kind == "not run")
-    why = [f"| {_link(page)} | {count} | {reason} |" for (page, reason), count in reasons.items()]
-    kinds = ["| kind | blocks | what tests do |", "|---|---|---|", *rows, f"| all | {len(found)} | |"]
-    return "\n".join([*kinds, "", "| page | blocks not run | reason |", "|---|---|---|", *why])
-
-
-def _link(page: str) -> str:
-    """Return a link from docs/development to a page."""
-    name = page.removeprefix("docs/")
-    return f"[{name}]({'../' if page.startswith('docs/') else '../../'}{name})"
-
-
-#: Page with the tables, between the lines with these marks.
-TABLES = ROOT / "docs" / "development" / "documentation.md"
-MARKS = ("<!-- blocks -->\n", "<!-- end of blocks -->\n")
-
-
-def with_coverage(text: str) -> str:
-    """Return the text of the page with the tables of now."""
-    before, rest = text.split(MARKS[0])
-    return f"{before}{MARKS[0]}{coverage()}\n{MARKS[1]}{rest.split(MARKS[1])[1]}"
-
-
 def main() -> None:
-    """Write the tables to their page, and print the number of blocks of each kind on each page, and in all."""
-    TABLES.write_text(with_coverage(TABLES.read_text(encoding="utf-8")), encoding="utf-8")
+    """Print the number of blocks of each kind on each page, and in all."""
     total: Counter[str] = Counter()
     for page in pages():
         counted = Counter(block.kind for block in blocks(page))

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from cosim import system_file
-from eightpost.reproduce import inventory
+from dissertation import inventory
 from eightpost.signals import ChannelMap, read_series
 from eightpost.signals.column_headers import split_header
 from eightpost.units import convert
@@ -93,7 +93,7 @@ def test_the_page_lists_every_rule_of_a_verdict():
     page = (ROOT / "docs" / "reference" / "verdict.md").read_text(encoding="utf-8")
     stated = {
         path.relative_to(ROOT)
-        for package in ("eightpost", "cosim", "builder")
+        for package in ("eightpost", "cosim", "builder", "dissertation")
         for path in (ROOT / package).rglob("*.py")
         if re.search(r"^from eightpost\.verdict import .*\bRules\b", path.read_text(encoding="utf-8"), re.MULTILINE)
     }

@@ -16,7 +16,7 @@ import pytest
 
 from eightpost.__main__ import main
 from eightpost.errors import FileFormatError
-from tests.docs.page_blocks import FILES, ROOT, TABLES, Block, all_blocks, blocks, commands, with_coverage
+from tests.docs.page_blocks import FILES, ROOT, Block, all_blocks, blocks, commands
 
 ALL = all_blocks()
 
@@ -45,11 +45,6 @@ def test_every_block_is_run_or_marked():
 def test_a_block_that_is_not_run_has_a_reason():
     reasons = {block.note.removeprefix("not run: ") for block in ALL if block.kind == "not run"}
     assert reasons and all(len(reason.split()) > 2 for reason in reasons)
-
-
-def test_the_tables_of_blocks_are_up_to_date():
-    text = TABLES.read_text(encoding="utf-8")
-    assert with_coverage(text) == text, "run: python -m tests.docs.page_blocks"
 
 
 def test_a_block_that_a_test_runs_names_one_and_every_named_test_exists():

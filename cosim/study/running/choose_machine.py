@@ -107,7 +107,7 @@ def _compare(evaluator: Evaluator, coarse: Batches, fine: Batches, setups: Seque
     """Return the errors of the setups that both finish, of each drive.
 
     Raises:
-        NotInBatchError: There are none.
+        NotInBatchError: The machine finishes no setup.
     """
     pairs = zip(coarse.runs(setups), fine.runs(setups), strict=True)
     found = [

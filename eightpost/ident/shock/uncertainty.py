@@ -42,7 +42,7 @@ _LONG = (8, 4)
 LEVEL = 0.95
 
 #: Level of the intervals of the long blocks. As the widest of three intervals counts, 0.95 for each would cover 99 % of
-#: records that do not change; this value covers 97 % of these (benchmarks/law_intervals.py).
+#: records that do not change; this value covers 97 % of these (docs/explanation/shock_law.md).
 _LONG_LEVEL = 0.925
 
 #: Share of the range of the covariate that an interval contains on either side.

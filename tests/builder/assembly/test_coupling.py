@@ -43,6 +43,13 @@ def test_the_error_is_of_second_order_in_the_coupling_step(car, measured):
     assert errors[-1].max() < 0.2
 
 
+def test_hub_accelerations_follow_the_forces_at_the_end_and_are_about_as_accurate_as_velocities(car):
+    names = [f"car.{corner}.{name}" for name in ("velocity", "hub_acceleration") for corner in CORNERS]
+    exact, found = (host(car, 0.008, parameters={"coupling_step": h}, outputs=names) for h in (1e-5, 0.002))
+    velocity, hub = percent(found, exact).reshape(2, 4)
+    assert hub.max() < 2.5 * velocity.max()
+
+
 @pytest.mark.nightly
 def test_an_assembly_is_a_hundred_times_more_accurate_than_separate_fmus_with_held_inputs(car, case, fmus, measured):
     """Compare with the exact response to the held roads, so that only the error of the coupling remains."""

@@ -114,10 +114,14 @@ def test_an_integer_beyond_32_bits_is_refused_and_not_wrapped(lag):
         lag.get(("big",))
 
 
-def test_directional_derivatives_pass_whole_arrays_and_return_elements(lag):
+def test_directional_derivatives_are_those_of_scalars_and_refused_for_arrays(lag):
     slave = lag_fmus.begun(lag)._slave
-    references = [lag._fmu.references[name] for name in ("y", "v[2]", "w[2]", "w[1]", "u")]
-    assert slave.getDirectionalDerivative(references[:2], references[2:], [2.0, 7.0, 11.0]) == [11.0, 10.0]
+    y, u, element = (lag._fmu.references[name] for name in ("y", "u", "v[2]"))
+    assert slave.getDirectionalDerivative([y], [u], [11.0]) == [33.0]
+    for unknowns in ([element], [y] * 100):
+        with pytest.raises(Exception, match="GetDirectionalDerivative failed"):
+            slave.getDirectionalDerivative(unknowns, [u], [11.0])
+    assert not lag.capabilities.derivatives
 
 
 # ---- Steps --------------------------------------------------------------------------------------------------------
