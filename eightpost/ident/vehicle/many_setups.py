@@ -16,7 +16,7 @@ from eightpost.shock import Polylinear, ShockLaw, StaticCurve, law_name
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace, add_port_damping
 
-#: Velocity up to which the mean slope of the shocks is the damping around which their ports are solved [m/s].
+#: Velocity up to which the median slope of the shocks is the damping around which their ports are solved [m/s].
 _USUAL_VELOCITY = 0.2
 
 #: The number of modes is made a multiple of this one, so that few libraries are compiled.
@@ -81,7 +81,7 @@ class ManySetups:
     def _on_machine(self, drive: TimeSeries, laws: Sequence[ShockLaw], chosen: Integers) -> Array:
         model, count = self.vehicle.state_space, len(drive) - 1
         shocks = [ShockData.of_law(law_name(type(law)), law) for law in laws]
-        damping = np.full(chosen.shape[1], np.mean([shock.mean_slope(_USUAL_VELOCITY) for shock in shocks]))
+        damping = np.full(chosen.shape[1], np.median([shock.mean_slope(_USUAL_VELOCITY) for shock in shocks]))
         vehicle, ports = _open(self.vehicle)
         car = LinearCar.of(vehicle, ports, damping, multiple=_MULTIPLE)
         inputs = np.zeros((count + 1, len(model.inputs)))
