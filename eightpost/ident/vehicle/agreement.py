@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from eightpost.array_types import Array
 from eightpost.corners import CORNERS, channel
-from eightpost.ident.vehicle.closed_loop import port_slope
+from eightpost.ident.vehicle.free_running import port_slope
 from eightpost.signals import TimeSeries
 
 #: Velocity v_f of the friction [m/s], duration of a block [s], and smallest number of blocks in half a test.

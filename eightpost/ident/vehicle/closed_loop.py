@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import resample
 
 from eightpost.array_types import Array
-from eightpost.corners import channel
-from eightpost.ident.vehicle.many_setups import around_dampers, with_dampers
+from eightpost.ident.vehicle.free_running import free_running, port_slope
+from eightpost.ident.vehicle.many_setups import around_dampers
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import IdentifiedVehicle, StateSpace
 
@@ -18,14 +17,11 @@ from eightpost.vehicle import IdentifiedVehicle, StateSpace
 class ClosedLoop:
     """Simulation of a test with its own shocks in the loop.
 
-    The shock force of the test is split into a line and a rest: F = c v + (F - c v), where c is the slope of the
-    measured force over the measured velocity. The line follows the simulated velocity, and the rest is an input. For
-    linear dampers nothing but the rig drives the simulation; friction at the ports always follows the simulation.
+    For linear dampers nothing but the rig drives the simulation; friction at the ports always follows the simulation.
     """
 
     seconds: float = 60.0  #: Longest part of a test that is simulated, from its start [s].
     settling: float = 4.0  #: Time at the start that is left out, because the simulation starts at rest [s].
-    rate: float = 1000.0  #: Minimum sample rate of the simulation [Hz].
 
     def outputs(self, vehicle: IdentifiedVehicle, test: TimeSeries) -> tuple[Array, Array]:
         """Return the simulated and the measured outputs of a test (p, N), without means, in the model's order.
@@ -38,20 +34,11 @@ class ClosedLoop:
             StepError: The simulation does not converge.
         """
         part, slopes = self._part(vehicle, test)
-        ports = tuple(slopes)
-        forces = tuple(channel(port, "force") for port in ports)
-        names = [n for n in vehicle.state_space.input_names if n in part and n not in forces]
-        rows = [part[name] for name in names]
-        rest = [part[force] - slopes[p] * part[channel(p, "velocity")] for p, force in zip(ports, forces, strict=True)]
-        finer = max(1, int(np.ceil(self.rate / part.sample_rate)))
-        values = resample(np.stack([*rows, *rest]), finer * len(part), axis=1)
-        units = (*(part.unit(name) for name in names), *("N",) * len(ports))
-        time = np.arange(values.shape[1]) / (finer * part.sample_rate)
-        drive = TimeSeries(time, values, (*names, *forces), units)
-        closed = with_dampers(vehicle, drive, slopes, finer)
+        simulated = free_running(vehicle, part, tuple(slopes))
         kept = slice(self._first_sample(part), None)
-        measured = np.stack([part[name] for name in vehicle.state_space.output_names])
-        return _without_mean(closed[:, kept]), _without_mean(measured[:, kept])
+        both = (np.stack([one[n] for n in vehicle.state_space.output_names])[:, kept] for one in (simulated, part))
+        found, measured = (rows - rows.mean(axis=1, keepdims=True) for rows in both)
+        return found, measured
 
     def closed(self, vehicle: IdentifiedVehicle, test: TimeSeries) -> tuple[StateSpace, dict[str, float], TimeSeries]:
         """Return the model with the lines of a test's shocks, their slopes [N.s/m] by port, and the settled record."""
@@ -72,13 +59,3 @@ class ClosedLoop:
 
 def _samples(test: TimeSeries, samples: slice) -> TimeSeries:
     return TimeSeries(test.time[samples], test.values[:, samples], test.names, test.units)
-
-
-def port_slope(test: TimeSeries, port: str) -> float:
-    """Return the slope of a port's measured force over its measured velocity [N.s/m]."""
-    v, force = (_without_mean(test[channel(port, quantity)]) for quantity in ("velocity", "force"))
-    return float(v @ force / (v @ v))
-
-
-def _without_mean(values: Array) -> Array:
-    return np.asarray(values - values.mean(axis=-1, keepdims=True))

@@ -29,13 +29,13 @@ def free_running(vehicle: IdentifiedVehicle, record: TimeSeries, ports: Sequence
 
     Args:
         vehicle: Continuous vehicle with friction and springs at its ports.
-        record: Evenly sampled test without means.
+        record: Evenly sampled test.
         ports: Ports of the vehicle.
 
     Raises:
         StepError: The forces of a step do not converge.
     """
-    damping = {port: _slope(record, port) for port in ports}
+    damping = {port: port_slope(record, port) for port in ports}
     finer = max(1, int(np.ceil(_RATE / record.sample_rate - 1e-9)))
     channels = {}
     for name in vehicle.state_space.input_names:
@@ -62,10 +62,10 @@ def _finer(values: Array, finer: int) -> Array:
     return np.asarray(fine + np.linspace(values[0], values[-1], fine.size), dtype=np.float64)
 
 
-def _slope(record: TimeSeries, port: str) -> float:
-    v, force = (record[channel(port, name)] for name in ("velocity", "force"))
-    v = v - v.mean()
-    return float(np.sum(v * (force - force.mean())) / np.sum(v**2))
+def port_slope(record: TimeSeries, port: str) -> float:
+    """Return the slope of a port's measured force over its measured velocity [N.s/m]."""
+    v, force = (record[channel(port, name)] - record[channel(port, name)].mean() for name in ("velocity", "force"))
+    return float(v @ force / (v @ v))
 
 
 # ---- Faults that appear with other shocks only ----------------------------------------------------------------------

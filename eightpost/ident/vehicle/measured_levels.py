@@ -11,8 +11,9 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.errors import StepError
-from eightpost.ident.vehicle.closed_loop import ClosedLoop, port_slope
+from eightpost.ident.vehicle.closed_loop import ClosedLoop
 from eightpost.ident.vehicle.experiment import Experiment, quantity
+from eightpost.ident.vehicle.free_running import port_slope
 from eightpost.ident.vehicle.residual_noise import HIGHEST, residual_noise, spectral_power
 from eightpost.measure_uncertainty import TOTAL, MeasuredLevel, MeasureUncertainty, band_shares, separation
 from eightpost.progress import parts

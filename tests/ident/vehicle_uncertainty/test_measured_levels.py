@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eightpost.ident.vehicle.closed_loop import ClosedLoop, port_slope
+from eightpost.ident.vehicle.closed_loop import ClosedLoop
 from eightpost.ident.vehicle.experiment import Experiment
+from eightpost.ident.vehicle.free_running import port_slope
 from eightpost.ident.vehicle.measured_levels import (
     MeasuredLevels,
     Powers,
