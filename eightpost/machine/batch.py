@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,22 +52,6 @@ def joined(results: Sequence[BatchResult]) -> BatchResult:
     return replace(results[0], **together)
 
 
-class Sections(Protocol):
-    """A filter of second-order sections."""
-
-    @property
-    def rows(self) -> Array:
-        """Coefficients (S, 6)."""
-
-    @property
-    def rest(self) -> Array:
-        """State in which a unit step gives its final value (S, 2)."""
-
-    @property
-    def pad(self) -> int:
-        """Number of samples of odd reflection at each end."""
-
-
 class Batch:
     """Memory for batches of a run, used again and again.
 
@@ -94,12 +78,13 @@ class Batch:
         }
         self._sums = {name: _aligned_lanes(shape, self.lanes) for name, shape in shapes.items()}
         self._ended = np.zeros(self.lanes, np.int64)
-        self._filtered: dict[tuple[str, Sections], Array] = {}
+        self._filtered: dict[tuple[str, Any], Array] = {}
 
-    def filtered(self, name: str, sections: Sections) -> Array:
+    def filtered(self, name: str, sections: Any) -> Array:
         """Return a recorded channel of the last run through a filter, forward and backward (R, lanes).
 
-        The array is overwritten when the same channel of another run is filtered.
+        The array is overwritten when the same channel of another run is filtered. `sections` has second-order sections
+        `rows` (S, 6), their state `rest` for a unit step (S, 2), and `pad` samples of odd reflection at each end.
         """
         rows, rest = np.ascontiguousarray(sections.rows), np.ascontiguousarray(sections.rest)
         given = library.Filter(rows.ctypes.data, rest.ctypes.data, len(rows), sections.pad)

@@ -11,7 +11,7 @@ import numpy as np
 from eightpost.array_types import Array, Complex, Integers
 from eightpost.machine.library import Driven, Library
 from eightpost.machine.reasons import NotInBatchError, UnstableCarError
-from eightpost.machine.vehicle import Port, Vehicle, largest_direct
+from eightpost.machine.vehicle import Port, Vehicle
 
 #: Largest condition number of the modes, and largest growth of one [1/s]: by half in a minute.
 _CONDITION, _GROWTH = 1e7, 0.007
@@ -54,7 +54,8 @@ class LinearCar:
         Raises:
             NotInBatchError: The car has no such modes, or is not stable with these dampers (`UnstableCarError`).
         """
-        if largest_direct(vehicle, ports) > 0.0:
+        motions = [row for port in ports for row in (port.velocity, port.travel) if row is not None]
+        if vehicle.D[np.ix_(motions, [port.force for port in ports])].any():
             raise NotInBatchError("a force acts on the velocity of a port without delay")
         closed = vehicle.with_dampers(ports, damping)
         poles, vectors = _modes(closed.A)

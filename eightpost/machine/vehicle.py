@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from eightpost.array_types import Array
 
 #: No friction and no spring, in the order of PortFriction in fmus/machine/car.h.
@@ -47,9 +45,3 @@ class Vehicle:
         return replace(
             self, A=self.A + B @ by_states, B=self.B + B @ direct, C=self.C + D @ by_states, D=self.D + D @ direct
         )
-
-
-def largest_direct(vehicle: Vehicle, ports: Sequence[Port]) -> float:
-    """Return the largest direct term of a force in a velocity or travel of ports."""
-    rows = [row for port in ports for row in (port.velocity, port.travel) if row is not None]
-    return float(np.abs(vehicle.D[np.ix_(rows, [port.force for port in ports])]).max(initial=0.0))

@@ -16,7 +16,7 @@ from eightpost.ident.vehicle.stability import discretise_by_parts
 from eightpost.shock import ShockLaw
 from eightpost.shock.law import State
 from eightpost.signals import TimeSeries
-from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace
+from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace, kernel
 from eightpost.vehicle.bristle import deflection_after
 
 
@@ -85,13 +85,19 @@ def port_by_port(vehicle: IdentifiedVehicle, drive: TimeSeries, laws: Mapping[st
     raise AssertionError("one of the steps was the last")
 
 
-def _respond(model: StateSpace, u: Array, step: float) -> Array:
-    """Return the outputs (p, N) for inputs (N, m), interpolated linearly, or held if the model is discrete."""
+def _discrete(model: StateSpace, step: float) -> kernel.Discrete:
+    """Return the matrices of a step with inputs that are linear, or held at its start if the model is discrete."""
     if model.dt is None:
-        found = discretise_by_parts(model.A, model.B, step)
-        A, pushed = csr_array(found.Ad), u[:-1] @ found.B0.T + u[1:] @ found.B1.T
-    else:
-        A, pushed = csr_array(model.A), u[:-1] @ model.B.T
+        return discretise_by_parts(model.A, model.B, step)
+    if abs(step / model.dt - 1.0) > 1e-3:
+        raise InputError(f"the step of {model.name} is {model.dt} s, that of the drive {step:g} s; resample the drive")
+    return kernel.Discrete(model.A, model.B, np.zeros_like(model.B))
+
+
+def _respond(model: StateSpace, u: Array, step: float) -> Array:
+    """Return the outputs (p, N) for inputs (N, m)."""
+    found = _discrete(model, step)
+    A, pushed = csr_array(found.Ad), u[:-1] @ found.B0.T + u[1:] @ found.B1.T
     C, x, y = csr_array(model.C), np.zeros(len(model.A)), u @ model.D.T
     for k, push in enumerate(pushed, start=1):
         x = A @ x + push
@@ -172,10 +178,7 @@ class _Loop:
         rows = {name: row for row, name in enumerate(model.output_names)}
         at = [rows.get(channel(port, "displacement")) for port in ports]
         damping = np.array([vehicle.baseline_damping.get(port, 0.0) for port in ports])
-        laws = [vehicle.friction.get(port, Friction()) for port in ports]
-        friction = (
-            np.array([[one.force, one.velocity, *astuple(one.bristle), one.spring] for one in laws]).reshape(-1, 7).T
-        )
+        friction = np.array([port_numbers(vehicle.friction.get(port, Friction())) for port in ports]).reshape(-1, 7).T
         return cls(model, ports, tuple(shocks.get(port) for port in ports), damping, forces, velocities, at, friction)
 
     def _change(self, force: Array, v: Array, bend: Array, d: Sequence[float]) -> Array:
@@ -195,43 +198,18 @@ class _Loop:
         u = np.zeros((len(drive), len(self.model.inputs)))
         for name in drive.names:
             u[:, self.model.input_names.index(name)] = drive[name]
-        step = 1.0 / drive.sample_rate
-        return self._run_continuous(u, step) if self.model.dt is None else self._run_discrete(u, step)
-
-    def _run_discrete(self, u: Array, step: float) -> tuple[Array, Array]:
-        model = self.model
-        if model.dt is None or abs(step / model.dt - 1.0) > 1e-3:
-            raise InputError(
-                f"the step of {model.name} is {model.dt} s, that of the drive {step:g} s; resample the drive"
-            )
-        A, B, C = csr_array(model.A), csr_array(model.B), csr_array(model.C)
-        x, state = np.zeros(len(model.A)), _Shocks.at_rest(self.laws)
-        outputs, forces = np.empty((len(u), len(model.outputs))), np.zeros((len(u), len(self.ports)))
-        v, bend = np.zeros(len(self.ports)), np.zeros(len(self.ports))
-        for k in range(len(u)):
-            y = C @ x + model.D @ u[k]
-            state, forces[k] = state.after(v, y[self.velocities], self._displacement(y), step if k else 0.0)
-            bend = self._bent(bend, v, y[self.velocities], step if k else 0.0)
-            v = y[self.velocities]
-            change = self._change(forces[k], v, bend, self._displacement(y))
-            u[k, self.forces] += change
-            outputs[k] = y + model.D[:, self.forces] @ change
-            x = A @ x + B @ u[k]
-        return outputs.T, forces.T
-
-    def _run_continuous(self, u: Array, step: float) -> tuple[Array, Array]:
-        model = self.model
-        found = discretise_by_parts(model.A, model.B, step)
-        A, B0, B1, C = csr_array(found.Ad), csr_array(found.B0), csr_array(found.B1), csr_array(model.C)
-        by_force = model.C @ found.B1[:, self.forces] + model.D[:, self.forces]
-        driven = found.B1[:, self.forces]
+        model, step = self.model, 1.0 / drive.sample_rate
+        Ad, B0, B1 = _discrete(model, step)
+        C, D, driven = csr_array(model.C), model.D[:, self.forces], B1[:, self.forces]
+        by_force = C @ driven + D
+        A, B0, B1 = csr_array(Ad), csr_array(B0), csr_array(B1)
         x, state = np.zeros(len(model.A)), _Shocks.at_rest(self.laws)
         outputs, forces = np.empty((len(u), len(model.outputs))), np.zeros((len(u), len(self.ports)))
         v, change, bend = np.zeros((3, len(self.ports)))
         for k in range(len(u)):
             free = x if k == 0 else A @ x + B0 @ u[k - 1] + B1 @ u[k]
             y_free = C @ free + model.D @ u[k]
-            sensitivity = model.D[:, self.forces] if k == 0 else by_force
+            sensitivity = by_force if k else D
             for _ in range(_MAX_ITERATIONS):
                 y = y_free + sensitivity @ change
                 following, force = state.after(v, y[self.velocities], self._displacement(y), step if k else 0.0)
