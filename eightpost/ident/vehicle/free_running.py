@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.fft import next_fast_len
@@ -13,6 +13,7 @@ from eightpost.corners import channel
 from eightpost.errors import EightpostError
 from eightpost.ident.vehicle.experiment import quantity
 from eightpost.ident.vehicle.many_setups import with_dampers
+from eightpost.ident.vehicle.simulation import series_of
 from eightpost.ident.vehicle.stability import closed_loop_stability
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import IdentifiedVehicle
@@ -36,20 +37,19 @@ def free_running(vehicle: IdentifiedVehicle, record: TimeSeries, ports: Sequence
         StepError: The forces of a step do not converge.
     """
     damping = {port: port_slope(record, port) for port in ports}
+    inputs = {name: record[name] for name in vehicle.state_space.input_names if name in record}
+    for port, rate in damping.items():
+        inputs[channel(port, "force")] = record[channel(port, "force")] - rate * record[channel(port, "velocity")]
+    drive, finer = _drive(record, inputs)
+    return series_of(vehicle.state_space, record.time, with_dampers(vehicle, drive, damping, finer))
+
+
+def _drive(record: TimeSeries, inputs: Mapping[str, Array]) -> tuple[TimeSeries, int]:
+    """Return inputs (N,) at the times of a record at a higher rate, and the ratio of the rates."""
     finer = max(1, int(np.ceil(_RATE / record.sample_rate - 1e-9)))
-    channels = {}
-    for name in vehicle.state_space.input_names:
-        if name not in record:
-            continue
-        values = record[name]
-        if (port := name.removesuffix("force").rstrip(".")) in damping and quantity(name) == "force":
-            values = values - damping[port] * record[channel(port, "velocity")]
-        channels[name] = (record.unit(name), _finer(values, finer))
-    count = finer * (len(record) - 1) + 1
-    time = np.arange(count) / (finer * record.sample_rate)
-    outputs = with_dampers(vehicle, TimeSeries.from_channels(time, channels), damping, finer)
-    names = {c.name: (c.unit, row) for c, row in zip(vehicle.state_space.outputs, outputs, strict=True)}
-    return TimeSeries.from_channels(record.time[: outputs.shape[1]], names)
+    time = np.arange(finer * (len(record) - 1) + 1) / (finer * record.sample_rate)
+    fine = {name: (record.unit(name), _finer(values, finer)) for name, values in inputs.items()}
+    return TimeSeries.from_channels(time, fine), finer
 
 
 def _finer(values: Array, finer: int) -> Array:
@@ -90,7 +90,8 @@ def fault_in_simulation(vehicle: IdentifiedVehicle, tests: Sequence[TimeSeries])
         return stability.summary()
     samples = round(_SECONDS * tests[0].sample_rate)
     test = tests[0].window(float(tests[0].time[0]), float(tests[0].time[min(samples, len(tests[0]) - 1)]))
-    drive, finer = _rig_drive(vehicle, test)
+    rig = [name for name in vehicle.state_space.input_names if quantity(name) != "force" and name in test]
+    drive, finer = _drive(test, {name: test[name] for name in rig})
     names = vehicle.state_space.output_names
     measured = np.array([max(float(test[name].std()), 1e-300) for name in names])
     for part, largest in _LARGEST.items():
@@ -106,12 +107,3 @@ def fault_in_simulation(vehicle: IdentifiedVehicle, tests: Sequence[TimeSeries])
                 f"{size[worst]:.3g} times that of the baseline test"
             )
     return None
-
-
-def _rig_drive(vehicle: IdentifiedVehicle, test: TimeSeries) -> tuple[TimeSeries, int]:
-    """Return the inputs of the rig without means at a higher rate, and the ratio of the rates."""
-    rig = [name for name in vehicle.state_space.input_names if quantity(name) != "force" and name in test]
-    finer = max(1, int(np.ceil(_RATE / test.sample_rate - 1e-9)))
-    drive = {name: (test.unit(name), _finer(test[name] - test[name].mean(), finer)) for name in rig}
-    time = np.arange(finer * (len(test) - 1) + 1) / (finer * test.sample_rate)
-    return TimeSeries.from_channels(time, drive), finer

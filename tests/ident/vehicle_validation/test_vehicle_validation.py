@@ -13,8 +13,6 @@ from eightpost.errors import MissingChannelError, ParameterError
 from eightpost.ident.validation.vehicle_verdict import Limits, vehicle_verdict
 from eightpost.ident.validation.vehicles import validate_vehicle
 from eightpost.ident.vehicle import VehicleFit
-from eightpost.ident.vehicle.many_setups import closed_at_ports
-from eightpost.ident.vehicle.simulation import port_by_port
 from eightpost.rig.post import RigTest
 from eightpost.shock import Shock
 from eightpost.vehicle import StateSpace, read_vehicle, shipped
@@ -171,19 +169,6 @@ def test_closed_ports_reproduce_the_virtual_rig(shocks: dict[str, Shock]) -> Non
     assert {one.name for one in case.judged} >= {"lf.velocity", "total_tire_force", "front.ride_height"}
     for one in case.judged:
         assert one.error < 0.02, one.name
-
-
-@pytest.mark.nightly
-def test_the_loop_over_ports_agrees_with_the_machine(
-    corner: VehicleFit, setups: list[RigTest], shocks: dict[str, Shock]
-) -> None:
-    (record,) = records_of(corner, setups[0])
-    law, piece = {"": shocks["lpf1"].law}, record.series.window(5.0, 15.0)
-    quick = closed_at_ports(corner.vehicle, piece, law)
-    plain = port_by_port(corner.vehicle, piece.select(["road", "aero_force"]), law)
-    for name in ("velocity", "tire_force"):
-        difference = quick[name] - plain[name]
-        assert difference.std() < 0.01 * plain[name].std(), name
 
 
 def test_shocks_are_assigned_to_the_records_that_name_them(

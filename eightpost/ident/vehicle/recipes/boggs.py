@@ -16,7 +16,6 @@ from eightpost.ident.response.averaged import input_power
 from eightpost.ident.response.conditioning import Preconditioning
 from eightpost.ident.response.input_noise import input_noise
 from eightpost.ident.response.records import Records, gather
-from eightpost.ident.vehicle.closed_loop import ClosedLoop
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.rational_fit import AEROLOADERS, QUARTER_CAR, SEVEN_DOF, WHEELLOADERS, BandWeights
@@ -105,7 +104,7 @@ class Boggs:
         with portion(0.8, 0.9):
             stability = closed_loop_stability(vehicle)
         with portion(0.9, 1.0):
-            measures = MeasuredLevels(ClosedLoop(_SIMULATED)).uncertainty(vehicle, tests, experiment)
+            measures = MeasuredLevels(_SIMULATED).uncertainty(vehicle, tests, experiment)
         return VehicleFit(
             vehicle,
             "boggs",
