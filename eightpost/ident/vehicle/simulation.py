@@ -199,10 +199,10 @@ class _Loop:
         for name in drive.names:
             u[:, self.model.input_names.index(name)] = drive[name]
         model, step = self.model, 1.0 / drive.sample_rate
-        Ad, B0, B1 = _discrete(model, step)
-        C, D, driven = csr_array(model.C), model.D[:, self.forces], B1[:, self.forces]
+        found = _discrete(model, step)
+        A, B0, B1, C = csr_array(found.Ad), csr_array(found.B0), csr_array(found.B1), csr_array(model.C)
+        D, driven = model.D[:, self.forces], found.B1[:, self.forces]
         by_force = C @ driven + D
-        A, B0, B1 = csr_array(Ad), csr_array(B0), csr_array(B1)
         x, state = np.zeros(len(model.A)), _Shocks.at_rest(self.laws)
         outputs, forces = np.empty((len(u), len(model.outputs))), np.zeros((len(u), len(self.ports)))
         v, change, bend = np.zeros((3, len(self.ports)))
