@@ -92,6 +92,22 @@ def test_shocks_without_gas_spring_need_no_travel():
     np.testing.assert_array_equal(none, outputs(vehicle(), inputs(), [line(75.0)]))
 
 
+def test_a_port_without_travel_has_hardly_any_gas_spring():
+    gas, none = line(60.0, gas_stiffness=900.0), line(60.0)
+    found = outputs(vehicle(), inputs(), [gas, none], damping=90.0, port=Port(0, 0, None))
+    assert np.abs(found[..., 0] - found[..., 1]).max() < 2e-4
+    seen = outputs(vehicle(), inputs(), [gas, none], damping=90.0)
+    assert np.abs(seen[..., 0] - seen[..., 1]).max() > 2e-2
+
+
+def test_dampers_can_be_removed_again():
+    there = vehicle().with_dampers([PORT], np.array([60.0]))
+    back = there.with_dampers([PORT], np.array([-60.0]))
+    assert there.D[2, 1] == pytest.approx(-0.02 * 60.0)  # the road's velocity accelerates the mass through the damper
+    for name in ("A", "B", "C", "D"):
+        np.testing.assert_allclose(getattr(back, name), getattr(vehicle(), name), atol=1e-12)
+
+
 def test_a_gas_spring_is_a_spring_of_the_car():
     found = outputs(vehicle(), inputs(), [line(60.0, gas_stiffness=900.0)])[:, :, 0]
     stiff = A + B[:, :1] @ (900.0 * C[1:2])
