@@ -15,12 +15,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from builder.check.description import Variable
-from builder.check.description3 import read_description
 from builder.documents.reference import SECRET
 from eightpost import __version__
 from eightpost.archive import read_archive, write_archive
 from eightpost.errors import FmuError, InputError, WiringError
+from eightpost.fmi.description import Variable, read_description
 from eightpost.wiring import Wire, Wiring
 
 _NAMESPACES = {

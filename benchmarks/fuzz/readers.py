@@ -153,7 +153,7 @@ def _fmu(path: Path) -> Any:
 
     with tempfile.TemporaryDirectory(prefix="fuzz_fmu_") as folder:
         fmu = FmuFile.unpack(path, folder)
-        return fmu.variables, fmu.capabilities, fmu.sources, fmu.names_in_log, fmu.references, fmu.log_categories
+        return fmu.variables, fmu.capabilities, fmu.sources, fmu.names_in_log, fmu.rows.references, fmu.log_categories
 
 
 def _check(path: Path) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +20,8 @@ from eightpost import __version__
 from eightpost.archive import read_archive
 from eightpost.errors import FmuError
 from eightpost.files import MALFORMED
+from eightpost.fmi import description as fmi
+from eightpost.fmi.description import Description, read_description
 from eightpost.shock import Settings
 from eightpost.validity import MEMBER
 
@@ -31,57 +33,51 @@ def _described_interface(root: ET.Element) -> Interface | None:
     annotation = root.find("VendorAnnotations/Tool[@name='eightpost']/Interface")
     if annotation is None:
         return None
-    elements = root.findall("ModelVariables/ScalarVariable")
-    variables = tuple(_variable(element, elements) for element in elements)
+    fmu = read_description(root)
     return Interface(
         kind=annotation.get("name", ""),
         version=annotation.get("version", ""),
         description=root.get("description", ""),
-        variables=variables,
-        direct=_dependencies(root, "Outputs", variables) | _dependencies(root, "Derivatives", variables),
-        initial=_dependencies(root, "InitialUnknowns", variables),
+        variables=tuple(_variable(variable, fmu) for variable in fmu.variables),
+        direct=_dependencies(fmu, "Outputs") | _dependencies(fmu, "Derivatives"),
+        initial=_dependencies(fmu, "InitialUnknowns"),
     )
 
 
-def _variable(element: ET.Element, elements: Sequence[ET.Element]) -> Variable:
-    kind = element[0]
-    of = kind.get("derivative")
+def _variable(variable: fmi.Variable, fmu: Description) -> Variable:
+    written = variable.attributes
+    start, of, *limits = (written.get(name) for name in ("start", "derivative", "min", "max", "nominal"))
+    minimum, maximum, nominal = (None if text is None else float(text) for text in limits)
+    is_boolean = variable.type == "Boolean"
     return Variable(
-        name=element.get("name", ""),
-        reference=int(element.get("valueReference", "0")),
-        type=kind.tag,
-        causality=element.get("causality", "local"),
-        variability=element.get("variability", "continuous"),
-        unit=kind.get("unit"),
-        display=kind.get("displayUnit"),
-        start=_start(kind),
-        minimum=_number(kind, "min"),
-        maximum=_number(kind, "max"),
-        description=element.get("description", ""),
-        derivative_of=None if of is None else elements[int(of) - 1].get("name"),
-        nominal=_number(kind, "nominal"),
+        name=variable.name,
+        reference=int(variable.reference),
+        type=variable.type,
+        causality=variable.causality,
+        variability=variable.variability,
+        unit=variable.unit,
+        display=written.get("displayUnit"),
+        start=None if start is None else start in ("true", "1") if is_boolean else float(start),
+        minimum=minimum,
+        maximum=maximum,
+        description=variable.description,
+        derivative_of=None if of is None else _existing(fmu, of),
+        nominal=nominal,
     )
 
 
-def _start(kind: ET.Element) -> float | bool | None:
-    text = kind.get("start")
-    if text is None:
-        return None
-    return text in ("true", "1") if kind.tag == "Boolean" else float(text)
+def _existing(fmu: Description, index: str) -> str:
+    """Return the name of the variable with an index."""
+    variable = fmu.variable(index)
+    if variable is None:
+        raise ValueError(f"{index!r} is not the index of a variable")
+    return variable.name
 
 
-def _number(kind: ET.Element, name: str) -> float | None:
-    text = kind.get(name)
-    return None if text is None else float(text)
-
-
-def _dependencies(root: ET.Element, section: str, variables: tuple[Variable, ...]) -> dict[str, tuple[str, ...]]:
-    def name(index: str) -> str:
-        return variables[int(index) - 1].name
-
+def _dependencies(fmu: Description, section: str) -> dict[str, tuple[str, ...]]:
     return {
-        name(unknown.get("index", "")): tuple(name(index) for index in unknown.get("dependencies", "").split())
-        for unknown in root.iterfind(f"ModelStructure/{section}/Unknown")
+        _existing(fmu, unknown.index): tuple(_existing(fmu, index) for index in unknown.dependencies or ())
+        for unknown in fmu.in_section(section)
     }
 
 

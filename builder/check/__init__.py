@@ -9,9 +9,11 @@ from __future__ import annotations
 from collections.abc import Collection
 from pathlib import Path
 
-from builder.check.catalogue import CATALOGUE, GROUPS
+from builder.check.groups import GROUPS
 from builder.check.report import CheckReport, NotChecked, json_document
-from builder.check.rules import Finding, Level, Rule, Scope, Skipped
+from builder.check.rules import RULES, Finding, Level, Rule, Scope, Skipped
+
+CATALOGUE = tuple(RULES.values())
 
 __all__ = [
     "CATALOGUE",

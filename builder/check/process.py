@@ -10,15 +10,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from builder.check.catalogue import CATALOGUE, GROUPS
-from builder.check.catalogue import behaviour as rules
+from builder.check.groups import GROUPS
 from builder.check.probes.library import FREEING_NOTHING
-from builder.check.rules import Finding, Rule, listed
+from builder.check.rules import RULES, Finding, Rule, listed
 from eightpost.errors import EightpostError
 from eightpost.workers.process import python_command, run
 
 _TIMEOUT, _MISUSE_TIMEOUT = 120.0, 30.0  # s
-_RULES = {rule.identifier: rule for rule in CATALOGUE}
 
 
 @dataclass(frozen=True)
@@ -56,7 +54,7 @@ def _run_probe(
         name = probe or f"{GROUPS[group].module}.probe_{group}"
         reach = [] if unpacked.reach is None else [str(unpacked.reach)]
         command = python_command("builder.check.probes", name, str(unpacked.folder), progress.name, *reach)
-        patience = _MISUSE_TIMEOUT if GROUPS[group].crash is rules.CRASH_MISUSE else _TIMEOUT
+        patience = _MISUSE_TIMEOUT if GROUPS[group].crash == "crash-misuse" else _TIMEOUT
         ran = run(command, patience, folder=folder, environment=environment)
         outcome, code = _read(ran.output), ran.code
         if code is None:
@@ -80,7 +78,7 @@ def _not_started(group: str, printed: bytes) -> EightpostError:
 
 
 def _failed(group: str, outcome: Outcome, message: str) -> Outcome:
-    rule = rules.FREE_NULL if FREEING_NOTHING.removeprefix("fmi2") in message else GROUPS[group].crash
+    rule = RULES["free-null"] if FREEING_NOTHING.removeprefix("fmi2") in message else RULES[GROUPS[group].crash]
     crash = rule.finding(f"the process of the probe {group!r} {message}")
     return Outcome((*outcome.findings, crash), outcome.skipped, completed=False, values=outcome.values)
 
@@ -99,7 +97,7 @@ def _read(output: bytes) -> Outcome:
         except ValueError:
             continue  # a line cut off by a crash
         if "rule" in entry:
-            findings.append(Finding(_RULES[entry["rule"]], entry["message"]))
+            findings.append(Finding(RULES[entry["rule"]], entry["message"]))
         elif "skipped" in entry:
             skipped.append((entry["skipped"], entry["reason"]))
         elif "value" in entry:
@@ -121,7 +119,7 @@ def in_an_empty_folder(group: str, unpacked: Unpacked) -> Outcome:
         left = sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
     if not left or not outcome.completed:  # after a crash, the system may write files such as core
         return outcome
-    return replace(outcome, findings=(*outcome.findings, rules.FILES.finding(f"it left {listed(left)}")))
+    return replace(outcome, findings=(*outcome.findings, RULES["working-folder"].finding(f"it left {listed(left)}")))
 
 
 def trace(unpacked: Unpacked, folder: Path, environment: Mapping[str, str] | None = None) -> Outcome:
@@ -142,12 +140,12 @@ def surroundings(unpacked: Unpacked) -> Outcome:
 def _bare(unpacked: Unpacked, plain: Outcome, folder: Path) -> Iterator[Finding]:
     folder.mkdir(mode=0o555)
     needed = {name: os.environ[name] for name in ("SYSTEMROOT",) if name in os.environ}
-    yield from _compare(rules.BARE, plain, trace(unpacked, folder, needed))
+    yield from _compare(RULES["bare-environment"], plain, trace(unpacked, folder, needed))
 
 
 def _odd(unpacked: Unpacked, plain: Outcome, folder: Path) -> Iterator[Finding]:
     shutil.copytree(unpacked.folder, folder / _ODD)
-    yield from _compare(rules.ODD_PATH, plain, trace(replace(unpacked, folder=folder / _ODD), folder))
+    yield from _compare(RULES["odd-path"], plain, trace(replace(unpacked, folder=folder / _ODD), folder))
 
 
 def _compare(rule: Rule, plain: Outcome, there: Outcome) -> Iterator[Finding]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from builder.check.catalogue import GROUPS
+from builder.check.groups import GROUPS
 from builder.check.rules import Finding, Level, Scope, Skipped
 from eightpost import __version__
 

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from builder.check.catalogue import GROUPS
+from builder.check.groups import GROUPS
 from builder.check.probes.bench import REACH
 from builder.check.probes.library import binary_members, platform_folders
 from builder.check.process import Outcome, Unpacked, in_an_empty_folder, surroundings
@@ -139,7 +139,7 @@ def _reason_not_to_call(subject: Subject) -> str:
         return "the FMU supports neither co-simulation nor model exchange"
     if subject.members.keys().isdisjoint(binary_members(subject.description.identifier, subject.description.fmi)):
         available = [binary.platform for binary in subject.own_binaries]
-        available += ["sources"] if subject.description.source_files else []
+        available += ["sources"] if subject.description.sources.files else []
         here = platform_folders(subject.description.fmi)[0]
         return f"no binary for this platform ({here}), so nothing was run; available: {', '.join(available) or 'none'}"
     return ""

@@ -14,11 +14,10 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from builder.check.description import Description
-from builder.check.description3 import BUILD, read_description
 from eightpost.archive import open_archive, unsafe_reason
 from eightpost.errors import FmuError
 from eightpost.extras import needs
+from eightpost.fmi.description import BUILD, Description, read_description
 
 with needs("check", "checking FMUs"):
     import lief
@@ -48,6 +47,10 @@ class Binary:
     undefined: frozenset[str] = frozenset()
     libraries: tuple[str, ...] = ()
     glibc: tuple[int, int] = (0, 0)
+
+    def exports_without(self, identifier: str) -> frozenset[str]:
+        """Return the exports without the prefix for static linking."""
+        return frozenset(name.removeprefix(f"{identifier}_") for name in self.exports)
 
 
 _MACHINES = {

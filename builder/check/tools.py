@@ -15,12 +15,10 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from builder.check.catalogue import static as rules
-from builder.check.catalogue.version3 import SCHEMA
-from builder.check.description3 import BUILD
 from builder.check.process import Outcome, Unpacked, trace
-from builder.check.rules import Finding
+from builder.check.rules import RULES, Finding
 from eightpost.extras import needs
+from eightpost.fmi.description import BUILD
 from eightpost.workers.process import python_command, run
 
 if TYPE_CHECKING:  # the process that compiles would spend a second on its imports
@@ -34,13 +32,15 @@ _SUMMARY = ("This FMU does not validate", "semantic error(s)")
 def tool_findings(subject: Subject) -> Iterator[Finding]:
     """Apply both checkers to an FMU, and the schemas of the documents that they do not look at."""
     for problem in _fmpy(subject):
-        yield rules.FMPY.finding(problem)
+        yield RULES["fmpy-validate"].finding(problem)
     for message in _fmutool(subject.path):
         if not any(text in message for text in _SUMMARY):
-            yield rules.FMUTOOL.finding(message)
+            yield RULES["fmutool-check"].finding(message)
     for member, schema in _SCHEMAS.items():
         if member in subject.members:
-            yield from (SCHEMA.finding(f"{member}: {fault}") for fault in _faults(subject.members[member], schema))
+            yield from (
+                RULES["schema"].finding(f"{member}: {fault}") for fault in _faults(subject.members[member], schema)
+            )
 
 
 #: Documents with their schemas, which are those of FMI 3.0 in both versions.
@@ -159,20 +159,20 @@ def rebuild(subject: Subject, unpacked: Unpacked) -> Outcome:
         shutil.copytree(unpacked.folder, fresh, ignore=shutil.ignore_patterns("binaries"))
         build = python_command("builder.check.tools", str(fresh))
         if message := _run(build, folder, _TIMEOUT):
-            return Outcome((rules.REBUILD.finding(message),))
+            return Outcome((RULES["sources-compile"].finding(message),))
         return _compared(trace(replace(unpacked, folder=fresh), folder), trace(unpacked, folder))
 
 
 def _compared(rebuilt: Outcome, own: Outcome) -> Outcome:
     if not rebuilt.completed or rebuilt.findings:
-        return Outcome((rules.REBUILT_SAME.finding("; ".join(f.message for f in rebuilt.findings)),))
+        return Outcome((RULES["rebuilt-same"].finding("; ".join(f.message for f in rebuilt.findings)),))
     if rebuilt.values != own.values:
-        return Outcome((rules.REBUILT_SAME.finding("the outputs of a short run differ"),))
+        return Outcome((RULES["rebuilt-same"].finding("the outputs of a short run differ"),))
     return Outcome()
 
 
 def _reason_to_skip(subject: Subject) -> str:
-    files = subject.description.source_files if subject.description else ()
+    files = subject.description.sources.files if subject.description else ()
     if not files:
         return "no sources are listed"
     if any(f"sources/{name}" not in subject.members for name in files):

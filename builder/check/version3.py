@@ -1,7 +1,7 @@
 """FMI 3.0 in the terms of FMI 2.0: names of functions and attributes, and the texts of findings.
 
 The rules are written for FMI 2.0, which has most of the concepts of FMI 3.0 under other names. A description of FMI 3.0
-is read in terms of FMI 2.0 (builder.check.description3), and a finding is translated back.
+is read in terms of FMI 2.0 (eightpost.fmi.description), and a finding is translated back.
 """
 
 from __future__ import annotations
@@ -10,15 +10,7 @@ import re
 from dataclasses import replace
 
 from builder.check.rules import Finding
-from eightpost.fmi3_names import function_name
-
-#: Attributes of CoSimulation and ModelExchange by their names in FMI 3.0.
-FLAGS = {
-    "canGetAndSetFMUState": "canGetAndSetFMUstate",
-    "canSerializeFMUState": "canSerializeFMUstate",
-    "providesDirectionalDerivatives": "providesDirectionalDerivative",
-    "providesIntermediateUpdate": "canInterpolateInputs",
-}
+from eightpost.fmi.names import FLAGS, function_name
 
 _WORDS = {
     **{re.escape(old): new for new, old in FLAGS.items() if new != "providesDirectionalDerivatives"},

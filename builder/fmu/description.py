@@ -1,11 +1,11 @@
-"""Generation of modelDescription.xml from an interface (FMI 2.0.4, Co-Simulation and Model Exchange)."""
+"""Generation of modelDescription.xml from an interface (FMI 2.0.4 and 3.0.2, Co-Simulation and Model Exchange)."""
 
 from __future__ import annotations
 
 import hashlib
 import uuid
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from builder.fmu.interface import Interface, Variable
@@ -40,52 +40,82 @@ class Description:
     step_size: float = 1e-3  #: Step size of the default experiment [s].
 
 
-def model_description(description: Description) -> bytes:
-    """Return modelDescription.xml; the same description gives the same bytes."""
-    interface = description.interface
-    root = root_element("2.0", "guid", description)
-    root.set("numberOfEventIndicators", "0")
-    for kind, attributes in (("ModelExchange", description.exchange), ("CoSimulation", description.capabilities)):
-        if attributes is not None:
-            _kind(ET.SubElement(root, kind, {"modelIdentifier": description.identifier, **attributes}), description)
-    add_environment(root, description, interface.variables)
-    annotations = ET.SubElement(root, "VendorAnnotations")
-    tool = ET.SubElement(annotations, "Tool", name="eightpost")
-    ET.SubElement(tool, "Interface", name=interface.kind, version=interface.version)
-    _model_variables(root, interface.variables)
-    _model_structure(root, interface)
-    ET.indent(root)
-    return bytes(ET.tostring(root, encoding="UTF-8", xml_declaration=True)) + b"\n"
+#: The independent variable of FMI 3.0; its value reference is that in fmus/fmi3/fmi3_instance.h.
+_TIME = Variable(
+    name="time",
+    reference=1000000,
+    type="Real",
+    causality="independent",
+    variability="continuous",
+    unit="s",
+    display=None,
+    start=None,
+    minimum=None,
+    maximum=None,
+    description="Simulation time",
+)
+
+#: Capabilities of FMI 2.0 by their names in FMI 3.0.
+_RENAMED = {
+    "needsExecutionTool": "needsExecutionTool",
+    "canBeInstantiatedOnlyOncePerProcess": "canBeInstantiatedOnlyOncePerProcess",
+    "canHandleVariableCommunicationStepSize": "canHandleVariableCommunicationStepSize",
+    "canGetAndSetFMUState": "canGetAndSetFMUstate",
+    "canSerializeFMUState": "canSerializeFMUstate",
+    "providesDirectionalDerivatives": "providesDirectionalDerivative",
+    "providesAdjointDerivatives": "providesDirectionalDerivative",
+}
+_TYPES = {"Real": "Float64", "Boolean": "Boolean"}
 
 
-def root_element(version: str, token: str, description: Description) -> ET.Element:
-    """Return the root element of an FMI version, with the GUID in the attribute `token`."""
-    named = {"fmiVersion": version, "modelName": description.identifier, token: f"{{{description.guid}}}"}
-    return ET.Element(
+def model_description(description: Description, fmi: int = 2) -> bytes:
+    """Return modelDescription.xml of FMI 2.0 or 3.0; the same description gives the same bytes.
+
+    The variables and their value references are the same in both versions; FMI 3.0 adds the variable `time`.
+    """
+    interface, is_3 = description.interface, fmi == 3
+    variables = (_TIME, *interface.variables) if is_3 else interface.variables
+    root = ET.Element(
         "fmiModelDescription",
-        named,
+        {
+            "fmiVersion": "3.0" if is_3 else "2.0",
+            "modelName": description.identifier,
+            "instantiationToken" if is_3 else "guid": f"{{{description.guid}}}",
+        },
         description=description.text,
         author="eightpost",
         version=__version__,
         license="MIT",
         generationTool=description.generation_tool,
         variableNamingConvention="structured",
+        **({} if is_3 else {"numberOfEventIndicators": "0"}),
     )
-
-
-def add_environment(root: ET.Element, description: Description, variables: Iterable[Variable]) -> None:
-    """Add what both FMI versions write alike: units of the variables, log categories and the default experiment."""
+    for kind, flags in (("ModelExchange", description.exchange), ("CoSimulation", description.capabilities)):
+        if flags is not None:
+            own = _flags_3(kind, flags) if is_3 else flags
+            element = ET.SubElement(root, kind, {"modelIdentifier": description.identifier, **own})
+            if description.source_files and not is_3:  # FMI 3.0 lists them in buildDescription.xml
+                files = ET.SubElement(element, "SourceFiles")
+                for file in description.source_files:
+                    ET.SubElement(files, "File", name=file)
     _unit_definitions(root, variables)
     categories = ET.SubElement(root, "LogCategories")
     for name, text in _LOG_CATEGORIES.items():
         ET.SubElement(categories, "Category", name=name, description=text)
-    ET.SubElement(
-        root,
-        "DefaultExperiment",
-        startTime="0.0",
-        stopTime=repr(description.stop_time),
-        stepSize=repr(description.step_size),
-    )
+    times = {"startTime": 0.0, "stopTime": description.stop_time, "stepSize": description.step_size}
+    ET.SubElement(root, "DefaultExperiment", {name: repr(value) for name, value in times.items()})
+    note = ET.Element("Interface", name=interface.kind, version=interface.version)
+    if is_3:
+        _variables_3(root, variables)
+        _structure(root, interface, {v.name: v.reference for v in interface.variables}, is_3)
+        ET.SubElement(ET.SubElement(root, "Annotations"), "Annotation", type="eightpost").append(note)
+    else:
+        ET.SubElement(ET.SubElement(root, "VendorAnnotations"), "Tool", name="eightpost").append(note)
+        index = {v.name: position for position, v in enumerate(variables, start=1)}
+        _variables_2(root, variables, index)
+        _structure(root, interface, index, is_3)
+    ET.indent(root)
+    return bytes(ET.tostring(root, encoding="UTF-8", xml_declaration=True)) + b"\n"
 
 
 def content_guid(description: bytes, members: Mapping[str, bytes]) -> str:
@@ -96,11 +126,17 @@ def content_guid(description: bytes, members: Mapping[str, bytes]) -> str:
     return str(uuid.uuid5(_NAMESPACE, digest.hexdigest()))
 
 
-def _kind(element: ET.Element, description: Description) -> None:
-    if description.source_files:
-        files = ET.SubElement(element, "SourceFiles")
-        for file in description.source_files:
-            ET.SubElement(files, "File", name=file)
+def _flags_3(kind: str, flags: Mapping[str, str]) -> dict[str, str]:
+    """Return the attributes of FMI 3.0; inputs that FMI 2.0 interpolates with derivatives come from updates."""
+    found = {name: flags[old] for name, old in _RENAMED.items() if old in flags}
+    if kind == "ModelExchange":
+        needed = {"true": "false", "false": "true"}[flags["completedIntegratorStepNotNeeded"]]
+        return found | {"needsCompletedIntegratorStep": needed}
+    return found | {
+        "providesIntermediateUpdate": flags["canInterpolateInputs"],
+        "recommendedIntermediateInputSmoothness": "0",  # the inputs are piecewise linear: continuous, with kinks
+        "hasEventMode": "false",
+    }
 
 
 def _unit_definitions(root: ET.Element, variables: Iterable[Variable]) -> None:
@@ -120,26 +156,35 @@ def _unit_definitions(root: ET.Element, variables: Iterable[Variable]) -> None:
             ET.SubElement(element, "DisplayUnit", attributes)
 
 
-def _model_variables(root: ET.Element, variables: Sequence[Variable]) -> None:
+def _variables_2(root: ET.Element, variables: Iterable[Variable], index: Mapping[str, int]) -> None:
     parent = ET.SubElement(root, "ModelVariables")
-    index = {variable.name: str(position) for position, variable in enumerate(variables, start=1)}
     for variable in variables:
-        attributes = {
-            "name": variable.name,
-            "valueReference": str(variable.reference),
-            "description": variable.description,
-            "causality": variable.causality,
-            "variability": variable.variability,
-        }
-        if variable.initial:
-            attributes["initial"] = variable.initial
-        of = {} if variable.derivative_of is None else {"derivative": index[variable.derivative_of]}
-        element = ET.SubElement(parent, "ScalarVariable", attributes)
-        ET.SubElement(element, variable.type, type_attributes(variable) | of)
+        of = {} if variable.derivative_of is None else {"derivative": str(index[variable.derivative_of])}
+        attributes = _named(variable) | ({"initial": variable.initial} if variable.initial else {})
+        ET.SubElement(ET.SubElement(parent, "ScalarVariable", attributes), variable.type, _typed(variable) | of)
 
 
-def type_attributes(variable: Variable) -> dict[str, str]:
-    """Return the attributes that both FMI versions give a variable because of its type: unit, range, start value."""
+def _variables_3(root: ET.Element, variables: Iterable[Variable]) -> None:
+    parent, references = ET.SubElement(root, "ModelVariables"), {v.name: str(v.reference) for v in variables}
+    for variable in variables:
+        attributes = _named(variable) | ({"initial": variable.initial} if variable.initial else {})
+        attributes |= {"intermediateUpdate": "true"} if variable.causality == "input" else {}
+        of = {} if variable.derivative_of is None else {"derivative": references[variable.derivative_of]}
+        ET.SubElement(parent, _TYPES[variable.type], attributes | of | _typed(variable))
+
+
+def _named(variable: Variable) -> dict[str, str]:
+    return {
+        "name": variable.name,
+        "valueReference": str(variable.reference),
+        "description": variable.description,
+        "causality": variable.causality,
+        "variability": variable.variability,
+    }
+
+
+def _typed(variable: Variable) -> dict[str, str]:
+    """Return the attributes of a variable that follow from its type: unit, range, start value."""
     values = {
         "unit": variable.unit,
         "displayUnit": variable.display,
@@ -157,25 +202,24 @@ def _text(value: str | float | bool) -> str:
     return value if isinstance(value, str) else repr(float(value))
 
 
-def _model_structure(root: ET.Element, interface: Interface) -> None:
-    structure = ET.SubElement(root, "ModelStructure")
-    index = {variable.name: position for position, variable in enumerate(interface.variables, start=1)}
-    outputs, derivatives = interface.names("output"), interface.derivatives
-    starts = sorted({*outputs, *interface.states, *derivatives}, key=index.__getitem__)
-    for section, names, depends in (
-        ("Outputs", outputs, interface.direct),
-        ("Derivatives", derivatives, interface.direct),
-        ("InitialUnknowns", starts, interface.initial),
+def _structure(root: ET.Element, interface: Interface, number: Mapping[str, int], is_3: bool) -> None:
+    """Add the unknowns; `number` identifies variables: by position in FMI 2.0, by value reference in FMI 3.0."""
+    parent = ET.SubElement(root, "ModelStructure")
+    outputs, derivatives, place = interface.names("output"), interface.derivatives, list(number).index
+    starts = sorted({*outputs, *interface.states, *derivatives}, key=place)
+    for section, name_3, names, depends in (
+        ("Outputs", "Output", outputs, interface.direct),
+        ("Derivatives", "ContinuousStateDerivative", derivatives, interface.direct),
+        ("InitialUnknowns", "InitialUnknown", starts, interface.initial),
     ):
         if section == "Derivatives" and not names:
             continue
-        parent = ET.SubElement(structure, section)
+        group = parent if is_3 else ET.SubElement(parent, section)
         for name in names:
-            known = sorted(index[other] for other in depends[name])
-            ET.SubElement(
-                parent,
-                "Unknown",
-                index=str(index[name]),
-                dependencies=" ".join(map(str, known)),
-                dependenciesKind=" ".join(["dependent"] * len(known)),
-            )
+            known = sorted(number[other] for other in depends[name])
+            attributes = {
+                "valueReference" if is_3 else "index": str(number[name]),
+                "dependencies": " ".join(map(str, known)),
+                "dependenciesKind": " ".join(["dependent"] * len(known)),
+            }
+            ET.SubElement(group, name_3 if is_3 else "Unknown", attributes)

@@ -15,7 +15,6 @@ import builder
 import eightpost
 from builder.documents.reference import SECRET, Disclosure, Subject
 from builder.fmu.description import Description, content_guid, model_description
-from builder.fmu.description3 import model_description_3
 from builder.fmu.interface import Interface, source_folder
 from builder.fmu.product import Product
 from builder.native.settings_data import settings_data
@@ -35,6 +34,7 @@ _PROGRAM = (".py", ".c", ".h", ".css", ".html", ".js", ".txt", ".toml", ".json")
 # ---- The C sources of one FMU ---------------------------------------------------------------------------------------
 
 COMMON = (
+    "calls.h",
     "component.h",
     "derivatives.c",
     "elementary.c",
@@ -45,6 +45,7 @@ COMMON = (
     "instance.h",
     "lifecycle.c",
     "logging.c",
+    "memory.c",
     "message.c",
     "message.h",
     "model_exchange.c",
@@ -53,6 +54,7 @@ COMMON = (
     "refusals.c",
     "state_check.c",
     "step.c",
+    "update.c",
     "variables.c",
     "wide.h",
 )
@@ -264,7 +266,6 @@ def sealed(
         is_one_unit: Whether the C files can be compiled as one translation unit (see `Library`).
         is_wide: Whether they are also compiled for processors with AVX, which helps models with many sums of products.
     """
-    write = model_description_3 if fmi == 3 else model_description
     version = version_files(description.identifier, fmi)
     drafted = code("") | version
     members = {_PLACES_3.get(name, name) if fmi == 3 else name: content for name, content in members.items()}
@@ -272,10 +273,10 @@ def sealed(
     if disclosure is Disclosure.FULL:
         description = replace(description, source_files=tuple(n for n in sorted(drafted) if n.endswith(".c")))
         members = {**members, **build_members(description.identifier, description.source_files, fmi)}
-    guid = content_guid(write(description), {**members, **named})
+    guid = content_guid(model_description(description, fmi), {**members, **named})
     found = code(guid) | version
     sources = {f"sources/{name}": content for name, content in found.items()} if description.source_files else {}
-    xml = write(replace(description, guid=guid))
+    xml = model_description(replace(description, guid=guid), fmi)
     library = Library(description.identifier, found, is_one_unit=is_one_unit, is_wide=is_wide, fmi=fmi)
     return Source({**members, "modelDescription.xml": xml, **sources}, library)
 

@@ -133,6 +133,7 @@ def interface_header(plan: Layout, identifier: str, guid: str) -> str:
         "",
         f'#define MODEL_IDENTIFIER "{identifier}"',
         f'#define MODEL_GUID "{{{guid}}}"',
+        f"#define STATE_TAG UINT64_C({_digest(f'{{{guid}}}'):#x})",
         *(["#define SEVERAL_STATES"] if interface.kind.startswith("shock_") and len(interface.states) > 1 else []),
         *_setting_switches(interface),
         "",
@@ -167,6 +168,14 @@ def _setting_switches(interface: Interface) -> list[str]:
         return []
     has_input = "temperature" in interface.names("input")
     return ["#define HAS_SETTINGS", *(["#define HAS_TEMPERATURE_INPUT"] if has_input else [])]
+
+
+def _digest(text: str) -> int:
+    """Return the FNV-1a hash of a text, 64 bits."""
+    value = 14695981039346656037
+    for byte in text.encode():
+        value = (value ^ byte) * 1099511628211 % 2**64
+    return value
 
 
 def _references(variables: Iterable[Variable]) -> int:

@@ -13,7 +13,6 @@ from typing import Any
 
 from fmpy import fmi1, fmi2
 
-from cosim.components.fmi3_library import Fmi3Library
 from cosim.components.fmu_file import FmuFile, OpenedFmu, SharedFmu
 from cosim.components.fmu_instance import FmuInstance, State
 from cosim.components.fmu_log import DISCARD, ERROR, FATAL, PENDING, FmuLog, advice, returned
@@ -22,9 +21,6 @@ from cosim.components.watch import Surroundings, calling
 from eightpost.errors import EightpostError, StepError, TerminatedError
 
 _REASONS = {"logStatusWarning", "logStatusDiscard", "logStatusError", "logStatusFatal"}
-_LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3  # fmi2StatusKind
-#: Functions that FMI 3.0 has for each type.
-_BY_TYPE = ("fmi2SetInteger", "fmi2GetInteger", "fmi2SetBoolean", "fmi2GetBoolean", "fmi2SetString", "fmi2GetString")
 
 
 class FmuComponent(OpenedFmu):
@@ -100,7 +96,7 @@ class FmuComponent(OpenedFmu):
             inputs: Input values of the call, in the FMU's own units.
         """
         self._stand(time, self._inputs | dict(inputs))
-        return self._refusal(what, status, "fmi2DoStep" if what == "step" else "it")
+        return self._refusal(what, status, f"fmi{self._fmu.version}DoStep" if what == "step" else "it")
 
     def begin(self, start: float, stop: float, parameters: Mapping[str, float | bool | str]) -> None:
         """Create an instance, or reset the last run's if it was kept, set parameters and enter initialization.
@@ -153,8 +149,7 @@ class FmuComponent(OpenedFmu):
                 part.buffer[:] = [part.number(values[place]) for place in part.places]
             except OverflowError as error:
                 raise self._failure("failed to set inputs", f"{error}.") from error
-            setter = getattr(slave, f"fmi2Set{part.kind}")
-            self._call("set inputs", setter, slave.component, part.references, len(part.buffer), part.buffer)
+            self._call("set inputs", slave.set_values, part.kind, part.references, part.buffer)
 
     def set_derivatives(self, names: Sequence[str], values: Sequence[float]) -> None:
         """Set first derivatives of real inputs, for the next step.
@@ -169,8 +164,8 @@ class FmuComponent(OpenedFmu):
         slave = self._running()
         (part,), count = self._instance.buffers(names), len(names)
         orders, slopes = (ctypes.c_int * count)(*[1] * count), (ctypes.c_double * count)(*values)
-        arguments = (slave.component, part.references, count, orders, slopes)
-        self._call("set input derivatives", slave.fmi2SetRealInputDerivatives, *arguments)
+        arguments = ("SetRealInputDerivatives", part.references, count, orders, slopes)
+        self._call("set input derivatives", slave.call, *arguments)
 
     def get(self, names: Sequence[str]) -> list[float]:
         """Return the values (N,) of variables (N,) of any type but String, in the FMU's own units; 1 is true.
@@ -180,8 +175,7 @@ class FmuComponent(OpenedFmu):
         """
         slave, values = self._running(), [0.0] * len(names)
         for part in self._instance.buffers(names):
-            getter = getattr(slave, f"fmi2Get{part.kind}")
-            self._call("get outputs", getter, slave.component, part.references, len(part.buffer), part.buffer)
+            self._call("get outputs", slave.get_values, part.kind, part.references, part.buffer)
             for place, value in zip(part.places, part.buffer, strict=True):
                 values[place] = float(value)
         return values
@@ -194,8 +188,8 @@ class FmuComponent(OpenedFmu):
         """
         slave, given = self._running(), (ctypes.c_double * len(inputs))(*changes)
         (sought,), (known,) = self._instance.buffers(outputs), self._instance.buffers(inputs)
-        arguments = (slave.component, sought.references, len(outputs), known.references, len(inputs), given)
-        self._call("give directional derivatives", slave.fmi2GetDirectionalDerivative, *arguments, sought.buffer)
+        arguments = (sought.references, len(outputs), known.references, len(inputs), given, sought.buffer)
+        self._call("give directional derivatives", slave.call, "GetDirectionalDerivative", *arguments)
         return list(sought.buffer)
 
     def step(self, time: float, step: float) -> None:
@@ -207,7 +201,7 @@ class FmuComponent(OpenedFmu):
         slave = self._running()
         self._time = time
         final = 0 if self._instance.states else 1
-        self._call(f"step from {time:g} s by {step:g} s", slave.fmi2DoStep, slave.component, time, step, final)
+        self._call(f"step from {time:g} s by {step:g} s", slave.call, "DoStep", time, step, final)
         self._time = time + step
 
     def save(self) -> object:
@@ -220,7 +214,7 @@ class FmuComponent(OpenedFmu):
         if not self.capabilities.state:
             raise self._no_state()
         pointer = self._instance.spare.pop() if self._instance.spare else fmi2.fmi2FMUstate()
-        self._call("save its state", slave.fmi2GetFMUstate, slave.component, ctypes.byref(pointer))
+        self._call("save its state", slave.call, "GetFMUstate", ctypes.byref(pointer))
         state = State(pointer, self._time, dict(self._inputs))
         self._instance.states.append(state)
         return state
@@ -232,7 +226,7 @@ class FmuComponent(OpenedFmu):
             StepError: The component has not begun, the state is not one of this run, or the call fails.
         """
         slave, known = self._running(), self._known(state)
-        self._call("restore a state", slave.fmi2SetFMUstate, slave.component, known.pointer)
+        self._call("restore a state", slave.call, "SetFMUstate", known.pointer)
         self._stand(known.time, known.inputs)
 
     def free(self, state: object) -> None:
@@ -304,15 +298,14 @@ class FmuComponent(OpenedFmu):
             self._slave.setDebugLogging(bool(categories), categories)
 
     def _set_parameter(self, name: str, value: float | bool | str) -> None:
-        kind, references = self.variables[name].type, [self._fmu.references[name]]
+        kind, reference = self.variables[name].type, (ctypes.c_uint * 1)(self._fmu.rows.references[name])
         if kind == "Real":
-            self._slave.setReal(references, [value])
-        elif kind == "Boolean":
-            self._slave.setBoolean(references, [bool(value)])
+            values: Any = (ctypes.c_double * 1)(float(value))
         elif kind == "String":
-            self._slave.setString(references, [str(value)])
+            values = (ctypes.c_char_p * 1)(str(value).encode())
         else:
-            self._slave.setInteger(references, [int(value)])
+            values = (ctypes.c_int * 1)(bool(value) if kind == "Boolean" else int(value))
+        self._slave.set_values("Integer" if kind == "Enumeration" else kind, reference, values)
 
     def _call(self, what: str, function: Callable[..., Any], *arguments: Any, **options: Any) -> None:
         try:
@@ -332,7 +325,7 @@ class FmuComponent(OpenedFmu):
 
     def _refusal(self, what: str, status: int, function: str) -> StepError:
         """Return the error for an FMI status above a warning, and apply the FMI rules for later calls."""
-        why, to_do, terminated = returned(status, self._name_in_c(function), self._fmu.version), advice(status), False
+        why, to_do, terminated = returned(status, function, self._fmu.version), advice(status), False
         if status == DISCARD:
             to_do = "its inputs may be out of its range"
             if what.startswith("step"):
@@ -350,22 +343,11 @@ class FmuComponent(OpenedFmu):
         self._instance.failed = status >= ERROR or status < 0
         return failure
 
-    def _name_in_c(self, function: str) -> str:
-        """Return the name of the function of the FMU that a call of FMI 2.0 stands for."""
-        if function in _BY_TYPE and isinstance(self._slave.dll, Fmi3Library):
-            return self._slave.dll.called
-        return self._fmu.function_name(function)
-
     def _discarded(self) -> tuple[str, str, bool]:
         """Return how far a step came, what to do, and whether the FMU ended the simulation."""
-        reached, ended = ctypes.c_double(float("nan")), ctypes.c_int(0)
-        slave = self._slave
-        with suppress(Exception):
-            slave.fmi2GetRealStatus(slave.component, _LAST_SUCCESSFUL_TIME, ctypes.byref(reached))
-        with suppress(Exception):
-            slave.fmi2GetBooleanStatus(slave.component, _TERMINATED, ctypes.byref(ended))
-        until = f" It reached {reached.value:g} s." if reached.value == reached.value else ""
-        if ended.value:
+        reached, ended = self._slave.last_step()
+        until = f" It reached {reached:g} s." if math.isfinite(reached) else ""
+        if ended:
             to_do = "end the run before that time, or find out why it ends"
             how = "fmi2Terminated" if self._fmu.version == 2 else "terminateSimulation"
             return f"{until} It ended the simulation ({how}).", to_do, True

@@ -12,18 +12,16 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from threading import Lock
-from typing import Any
 
 import fmpy
 
 from cosim.components.component import Capabilities, Variable
-from cosim.components.fmi3_functions import fmi3_name
-from cosim.components.fmi3_variables import Fmi3Table
-from cosim.components.fmu_description import read_description, table_of, variables_of, variables_of_table
+from cosim.components.fmu_description import Rows, read_description
 from cosim.components.fmu_log import Messages, Place, failure_text
 from cosim.components.rebuild import compile_sources
 from eightpost.archive import extract_archive
 from eightpost.errors import FmuError, StepError
+from eightpost.fmi.description import Description
 from eightpost.validity import MEMBER, Validity
 
 # ---- FMU file unpacked into a folder, and the contents of its modelDescription.xml ----------------------------------
@@ -38,7 +36,7 @@ class FmuFile:
 
     path: Path  #: FMU file (.fmu).
     folder: Path  #: Folder in which it is unpacked.
-    description: Any  #: Contents of modelDescription.xml as fmpy reads it.
+    description: Description  #: Content of modelDescription.xml.
 
     @classmethod
     def unpack(cls, path: str | Path, folder: str | Path, *, compile_missing: bool = False) -> FmuFile:
@@ -68,7 +66,7 @@ class FmuFile:
     @property
     def version(self) -> int:
         """Major version of FMI: 2 or 3."""
-        return 3 if str(self.description.fmiVersion).startswith("3.") else 2
+        return self.description.fmi
 
     @property
     def library(self) -> Path:
@@ -77,32 +75,26 @@ class FmuFile:
         return (self.folder / "binaries" / self._platform / name).absolute()
 
     @cached_property
-    def table(self) -> Fmi3Table | None:
-        """Variables of an FMI 3.0 FMU with their elements; None for FMI 2.0.
+    def rows(self) -> Rows:
+        """Variables with their elements.
 
         Raises:
             FmuError: The description is not correct.
         """
-        return table_of(self.path, self.folder) if self.version == 3 else None
-
-    @property
-    def internal_step(self) -> float:
-        """Internal step that an FMI 3.0 FMU declares [s]; 0 if it declares none."""
-        return float(self.description.coSimulation.fixedInternalStepSize or 0.0)
-
-    def function_name(self, name: str) -> str:
-        """Return the FMU's name of a function: fmi3DoStep for fmi2DoStep if it is of FMI 3.0."""
-        return fmi3_name(name) if self.version == 3 else name
+        try:
+            return Rows.of(self.description)
+        except ValueError as error:
+            raise FmuError(f"{self.path}: its modelDescription.xml: {error}; export the FMU again") from error
 
     @property
     def identifier(self) -> str:
         """Name of its library (modelIdentifier)."""
-        return str(self.description.coSimulation.modelIdentifier)
+        return self.description.identifier
 
     @property
     def sources(self) -> tuple[str, ...]:
         """C files in sources/: those listed in the description, else all.c if there is one, else all *.c files."""
-        if listed := tuple(name for files in self._source_sets for name in files.sourceFiles):
+        if listed := self.description.sources.files:
             return self._inside(*listed)
         found = tuple(sorted(p.name for p in (self.folder / "sources").glob("*.c")))
         return ("all.c",) if "all.c" in found else found
@@ -110,15 +102,9 @@ class FmuFile:
     @property
     def build_options(self) -> tuple[str, ...]:
         """Options for the compiler: definitions and folders of headers in its build description (FMI 3.0)."""
-        definitions = [d for files in self._source_sets for d in files.preprocessorDefinitions if not d.optional]
-        folders = [name for files in self._source_sets for name in files.includeDirectories]
-        given = [f"-D{d.name}" if d.value is None else f"-D{d.name}={d.value}" for d in definitions]
-        return (*given, *(f"-I{name}" for name in self._inside(*folders)))
-
-    @property
-    def _source_sets(self) -> list[Any]:
-        builds = [b for b in self.description.buildConfigurations if b.modelIdentifier == self.identifier]
-        return [files for build in builds for files in build.sourceFileSets]
+        needed = [d for d in self.description.sources.definitions if d.get("optional") not in ("true", "1")]
+        given = ["=".join(("-D" + d.get("name", ""), *([d["value"]] if "value" in d else []))) for d in needed]
+        return (*given, *(f"-I{name}" for name in self._inside(*self.description.sources.folders)))
 
     def _inside(self, *names: str) -> tuple[str, ...]:
         """Return paths relative to sources/.
@@ -135,17 +121,17 @@ class FmuFile:
     @property
     def is_ours(self) -> bool:
         """Whether this project built it: tests show that the reset of such an FMU gives the same bits."""
-        return str(self.description.generationTool or "").startswith("eightpost ")
+        return self.description.attributes.get("generationTool", "").startswith("eightpost ")
 
     @property
     def once(self) -> bool:
         """Whether a process may hold only one instance of it."""
-        return bool(self.description.coSimulation.canBeInstantiatedOnlyOncePerProcess)
+        return self.description.can("canBeInstantiatedOnlyOncePerProcess")
 
     @property
     def needs_tool(self) -> bool:
         """Whether it runs only if the tool that made it is installed."""
-        return bool(self.description.coSimulation.needsExecutionTool)
+        return self.description.can("needsExecutionTool")
 
     @property
     def conditions(self) -> tuple[str, ...]:
@@ -159,22 +145,13 @@ class FmuFile:
     @property
     def log_categories(self) -> frozenset[str]:
         """Log categories that can be switched on."""
-        return frozenset(category.name for category in self.description.logCategories)
-
-    @cached_property
-    def references(self) -> Mapping[str, int]:
-        """Value references by variable name; those of FMI 3.0 are numbers of elements (`Fmi3Table`)."""
-        if self.table is not None:
-            return self.table.references
-        return {v.name: v.valueReference for v in self.description.modelVariables}
+        return frozenset(self.description.categories)
 
     @cached_property
     def names_in_log(self) -> Mapping[str, str]:
         """Variable names by the form used in log messages: "r12", "12" in FMI 3.0; the first of several aliases."""
-        if self.table is not None:
-            return {str(v.reference): v.names[0] for v in self.table.variables}
-        variables = reversed(self.description.modelVariables)
-        return {f"{_LETTERS.get(v.type, 'r')}{v.valueReference}": v.name for v in variables}
+        letters = _LETTERS if self.version == 2 else {}
+        return {f"{letters.get(row.type, '')}{row.reference}": row.names[0] for row in reversed(self.rows.rows)}
 
     @cached_property
     def variables(self) -> Mapping[str, Variable]:
@@ -184,25 +161,19 @@ class FmuFile:
             FmuError: The model description is not valid.
         """
         try:
-            if self.table is not None:
-                return variables_of_table(self.table, self.description)
-            return variables_of(self.description)
+            return self.rows.variables(self.description)
         except ValueError as error:
             raise FmuError(f"{self.path}: its modelDescription.xml: {error}") from error
 
     @cached_property
     def capabilities(self) -> Capabilities:
         """Declared abilities."""
-        flags = self.description.coSimulation
-        ramps, derives = bool(flags.canInterpolateInputs), bool(flags.providesDirectionalDerivative)
-        if self.table is not None:
-            ramps = bool(flags.providesIntermediateUpdate) and self.table.ramps_all
-            derives = self.table.derives_all
+        can = self.description.can
         return Capabilities(
-            interpolates_inputs=ramps,
-            variable_step=bool(flags.canHandleVariableCommunicationStepSize),
-            state=bool(flags.canGetAndSetFMUstate),
-            derivatives=derives,
+            interpolates_inputs=can("canInterpolateInputs") and (self.version == 2 or self.rows.ramps_all),
+            variable_step=can("canHandleVariableCommunicationStepSize"),
+            state=can("canGetAndSetFMUstate"),
+            derivatives=can("providesDirectionalDerivative") and (self.version == 2 or self.rows.derives_all),
         )
 
     @cached_property
@@ -340,7 +311,7 @@ class OpenedFmu:
     @property
     def identity(self) -> str:
         """GUID of the FMU."""
-        return str(self._fmu.description.guid)
+        return self._fmu.description.guid
 
     @property
     def source(self) -> str:

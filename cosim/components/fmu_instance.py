@@ -11,13 +11,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fmpy import fmi2
-
-from cosim.components.fmi2_library import Fmi2Library, MissingFunction
-from cosim.components.fmi3_library import Fmi3Library
+from cosim.components.fmi2_slave import FMU2Elements
+from cosim.components.fmi3_slave import FMU3Elements
+from cosim.components.fmu_description import internal_step
 from cosim.components.fmu_file import FmuFile, SharedFmu
 from cosim.components.fmu_log import FmuLog
-from cosim.components.functions import FUNCTIONS, FunctionTable, address_of
+from cosim.components.functions import FunctionTable, address_of
 from cosim.engine import blocks
 from eightpost.errors import StepError
 
@@ -95,7 +94,6 @@ class FmuInstance:
     spare: list[Any] = field(default_factory=list)
     failed: bool = False
     dead: bool = False
-    addresses: dict[str, int] = field(default_factory=dict)
     _buffers: dict[tuple[str, ...], tuple[TypedBuffer, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -125,17 +123,14 @@ class FmuInstance:
                 places.setdefault(_KINDS[self.fmu.variables[name].type][0], []).append(place)
             buffers = []
             for kind, own in places.items():
-                references = (ctypes.c_uint * len(own))(*[self.fmu.references[key[place]] for place in own])
+                references = (ctypes.c_uint * len(own))(*[self.fmu.rows.references[key[place]] for place in own])
                 buffers.append(TypedBuffer(kind, tuple(own), references, (_KINDS[kind][1] * len(own))()))
             self._buffers[key] = tuple(buffers)
         return self._buffers[key]
 
     def functions(self) -> FunctionTable:
         """Return the addresses of its functions for the loop; freeing a state is skipped after fmi2Fatal."""
-        slave = self.slave
-        if not self.addresses:
-            self.addresses = {name: _address(slave, name) for name in FUNCTIONS}
-        found, free = self.addresses, blocks.SAVE(self._free_for_the_loop)
+        (instance, found), free = self.slave.addresses(), blocks.SAVE(self._free_for_the_loop)
         return FunctionTable(
             set_real=found["SetReal"],
             set_slopes=found["SetRealInputDerivatives"],
@@ -144,9 +139,9 @@ class FmuInstance:
             save=found["GetFMUstate"],
             restore=found["SetFMUstate"],
             derive=found["GetDirectionalDerivative"],
-            free=address_of(free) if found["FreeFMUstate"] else 0,
-            instance=int(getattr(slave.component, "value", slave.component)),
-            references=self.fmu.references,
+            free=0 if self.slave.missing(["FreeFMUstate"]) else address_of(free),
+            instance=instance,
+            references=self.fmu.rows.references,
             keep=free,
         )
 
@@ -171,12 +166,11 @@ class FmuInstance:
         self.spare.clear()
         for pointer in pointers:
             with suppress(Exception):
-                self.slave.fmi2FreeFMUstate(self.slave.component, ctypes.byref(pointer))
+                self.slave.free_state(ctypes.byref(pointer))
 
     def free_instance(self) -> None:
         """Free the instance, which has terminated or failed, and unload its library."""
         slave, self.slave, self.failed = self.slave, None, False
-        self.addresses = {}
         if slave is None:
             return
         with suppress(Exception):
@@ -211,11 +205,10 @@ class FmuInstance:
             i for i in list(_instances) if i is self or (i.slave is not None and i.fmu.description.guid == mine)
         ]
 
-    def _free_for_the_loop(self, instance: int, pointer: int) -> int:
+    def _free_for_the_loop(self, _instance: int, pointer: int) -> int:
         if self.dead or self.slave is None:
             return 0
-        state = ctypes.cast(pointer, ctypes.POINTER(ctypes.c_void_p))
-        status: int = self.slave.dll.fmi2FreeFMUstate(instance, state)
+        status: int = self.slave.free_state(ctypes.cast(pointer, ctypes.POINTER(ctypes.c_void_p)))
         return status
 
     def _reset(self) -> Any:
@@ -236,9 +229,9 @@ class FmuInstance:
         self._check_not_held()
         place = Path.cwd()
         try:
-            self.slave = slave = FMU2Lenient(self.fmu, self.name)
+            self.slave = slave = loaded(self.fmu, self.name)
             self._check_functions(slave)
-            slave.instantiate(callbacks=self.log.callbacks, loggingOn=True)
+            slave.begin(self.log)
         except BaseException:
             self.free_instance()
             raise
@@ -250,7 +243,7 @@ class FmuInstance:
         can = self.fmu.capabilities
         needed = [*_NEEDED, *(["SetRealInputDerivatives"] if can.interpolates_inputs else [])]
         needed += ["GetFMUstate", "SetFMUstate", "FreeFMUstate"] if can.state else []
-        if missing := slave.dll.missing(needed):
+        if missing := slave.missing(needed):
             raise LookupError(f"its library has no {', '.join(missing)}")
 
     def _check_not_held(self) -> None:
@@ -262,34 +255,20 @@ class FmuInstance:
             )
 
 
-class FMU2Lenient(fmi2.FMU2Slave):  # type: ignore[misc]  # fmpy has no types; it finds the FMI version in the class name
-    """Slave of fmpy for libraries that lack functions, as many do, and for those of FMI 3.0.
+def loaded(fmu: FmuFile, name: str, *, compile_calls: bool = True) -> Any:
+    """Return an instance whose library is loaded, before `begin` instantiates it.
 
     Args:
         fmu: Unpacked FMU.
         name: Name of the instance.
+        compile_calls: Whether the calls of the loop are machine code in FMI 3.0; see `FMU3Elements`.
     """
-
-    def __init__(self, fmu: FmuFile, name: str) -> None:
-        self._fmu = fmu
-        super().__init__(
-            guid=fmu.description.guid,
-            unzipDirectory=str(fmu.folder),
-            modelIdentifier=fmu.identifier,
-            instanceName=name,
-            libraryPath=str(fmu.library),
-        )
-
-    def _loadFunctions(self) -> None:  # noqa: N802
-        fmu = self._fmu
-        self.dll: Fmi2Library | Fmi3Library = (
-            Fmi2Library(self.dll, fmu.identifier)
-            if fmu.table is None
-            else Fmi3Library(self.dll, fmu.identifier, fmu.table, slack=fmu.internal_step)
-        )
-        super()._loadFunctions()
-
-
-def _address(slave: Any, name: str) -> int:
-    function = getattr(slave.dll, f"fmi2{name}")
-    return 0 if isinstance(function, MissingFunction) else address_of(function)
+    options: dict[str, Any] = {
+        "guid": fmu.description.guid,
+        "unzipDirectory": str(fmu.folder.absolute()),
+        "modelIdentifier": fmu.identifier,
+        "instanceName": name,
+    }
+    if fmu.version == 2:
+        return FMU2Elements(str(fmu.library), **options)
+    return FMU3Elements(fmu.rows, slack=internal_step(fmu.description), compile_calls=compile_calls, **options)

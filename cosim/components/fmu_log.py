@@ -105,7 +105,7 @@ class FmuLog(ComponentLog):
         self.callbacks = fmi2.fmi2CallbackFunctions()
         self.callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(fmi2.calloc)
         self.callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(fmi2.free)
-        self._entry = fmi2.fmi2CallbackLoggerTYPE(self._take)
+        self._entry = fmi2.fmi2CallbackLoggerTYPE(lambda _, __, status, ___, text: self.take(status, text))
         self.callbacks.logger = self._entry
         if self._formatter is not None:
             self._formatter.addLoggerProxy(ctypes.byref(self.callbacks))
@@ -116,7 +116,8 @@ class FmuLog(ComponentLog):
         if formatter is not None:
             fmpy.freeLibrary(formatter._handle)
 
-    def _take(self, _environment: Any, _instance: Any, status: int, _category: Any, message: Any) -> None:
+    def take(self, status: int, message: Any) -> None:
+        """Write a message of the FMU."""
         raw = message.decode("utf-8", "replace") if isinstance(message, bytes) else str(message)
         text = _VARIABLE.sub(self._name, raw).strip()
         if 0 <= status < len(LEVELS):

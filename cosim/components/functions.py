@@ -40,10 +40,9 @@ class FunctionTable:
     keep: Any = None
 
 
-#: FMI names of a table's functions, in the order of its fields.
+#: FMI names of the functions in a table that the loop calls directly, in the order of its fields.
 FUNCTIONS = (
-    "SetReal", "SetRealInputDerivatives", "DoStep", "GetReal", "GetFMUstate", "SetFMUstate",
-    "GetDirectionalDerivative", "FreeFMUstate",
+    "SetReal", "SetRealInputDerivatives", "DoStep", "GetReal", "GetFMUstate", "SetFMUstate", "GetDirectionalDerivative",
 )  # fmt: skip
 
 

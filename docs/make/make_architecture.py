@@ -39,12 +39,12 @@ _RECIPES = (
     ("measure of a study", ("cosim/study/statistics.py", "cosim/study/families.py"), "how_to/study.md"),
     (
         "static rule of `check`",
-        ("builder/check/catalogue/static.py", "builder/check/static/description.py"),
+        ("builder/check/rules.txt", "builder/check/static/description.py"),
         "reference/check.md",
     ),
     (
         "dynamic rule of `check`",
-        ("builder/check/catalogue/behaviour.py", "builder/check/probes/states.py"),
+        ("builder/check/rules.txt", "builder/check/probes/states.py"),
         "reference/check.md",
     ),
     ("file format of signals", ("eightpost/signals/formats.py", "eightpost/signals/csv_file.py"), "reference/files.md"),

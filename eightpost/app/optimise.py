@@ -84,7 +84,11 @@ def optimise(
     completion.begin(output)
     with running_workers(workers, scheduler) as pool:
         result, optimum = _search(console, requested, pool, search)
-        everything = requested.everything(requested.coupling(pool))
+        coupling = requested.coupling(pool)
+        compared = requested.compare_best(requested.everything(coupling), coupling)
+        if compared.machine is None and coupling.machine is not None:
+            result, optimum = _search(console, requested, pool, search)
+        everything = requested.everything(compared)
     everything.save(output / RESULTS)
     show_result(console, replace(result, partial=False), rank=objectives[0] if objectives else None)
     if len(objectives) > 1:

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "instance.h"
+#include "calls.h"
 
 #if defined(__wasm__)
 #define EXPORTED(name) __attribute__((export_name(#name)))

@@ -1,7 +1,7 @@
 /* Directional derivatives of outputs, derivatives of inputs. */
 #include <string.h>
 
-#include "instance.h"
+#include "calls.h"
 #include "elementary.h"
 
 /* Smallest size of a variable for finite differences above rounding; forces and stiffnesses are much larger numbers than metres, and

@@ -1,6 +1,6 @@
 /* The functions that a host calls in every step. They are short and call nothing in the usual case; unusual cases are passed to
  * the functions with all checks (variables.c, derivatives.c). */
-#include "instance.h"
+#include "calls.h"
 #include "elementary.h"
 #include "fresh.h"
 #include "wide.h"

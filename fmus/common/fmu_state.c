@@ -1,8 +1,10 @@
 /* FMU states: a copy of the instance's memory; serialized after a header of five 64-bit numbers. */
 #include <string.h>
 
-#include "instance.h"
+#include "calls.h"
 
+/* STATE_TAG (interface.h) is the digest of the GUID. A state of another FMU may be shorter, and reading it would go beyond its end;
+ * a state of the other kind of instance has other modes. */
 typedef struct {
     uint64_t tag;
     Memory memory;
@@ -17,12 +19,6 @@ static uint64_t digest(const unsigned char *bytes, size_t size, uint64_t hash)
         hash = (hash ^ bytes[k]) * UINT64_C(1099511628211);
     }
     return hash;
-}
-
-uint64_t state_tag(int is_model_exchange)
-{
-    const uint64_t tag = digest((const unsigned char *)MODEL_GUID, strlen(MODEL_GUID), UINT64_C(14695981039346656037));
-    return is_model_exchange ? ~tag : tag;
 }
 
 static void header(uint64_t tag, const unsigned char *body, uint64_t numbers[HEADER])

@@ -2,58 +2,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "instance.h"
+#include "calls.h"
 #include "elementary.h"
 #include "wide.h"
-
-static void start_over(Component *c)
-{
-    memset(&c->memory, 0, sizeof c->memory);
-    memcpy(c->memory.values.at, start_values, sizeof c->memory.values.at);
-    memcpy(c->memory.flag, start_flags, sizeof c->memory.flag);
-    c->memory.phase = INSTANTIATED;
-    c->memory.stop = NO_LIMIT;
-    c->memory.stale = CHANGED;
-}
-
-int fits(const Component *c, const char *function)
-{
-    Message why = {.length = 0};
-    if (model_refuses(&c->memory.values, &why)) {
-        refused(c, function, why.text);
-        return 0;
-    }
-    if (model_warns(&c->memory.values, &why)) {
-        logged(c, fmi2Warning, why.text);
-    }
-    return 1;
-}
-
-int signals_are_finite(const Memory *m)
-{
-    int finite = 1;
-    for (int k = 0; k < SIGNALS; k++) {
-        finite &= is_finite(value_of(m, k));
-    }
-    return finite;
-}
-
-/* Called in initialization mode, and once more at its end. */
-int started(Component *c, const char *function)
-{
-    Message why = {.length = 0};
-    Memory trial = c->memory;
-    if (!fits(c, function)) {
-        return 0;
-    }
-    if (!model_start(&trial, c->work, &why) || !signals_are_finite(&trial)) {
-        refused(c, function, why.length > 0 ? why.text : "the start is not finite: check inputs and parameters");
-        return 0;
-    }
-    c->memory = trial;
-    c->memory.stale = 0;
-    return 1;
-}
 
 const char *fmi2GetTypesPlatform(void)
 {
@@ -63,15 +14,6 @@ const char *fmi2GetTypesPlatform(void)
 const char *fmi2GetVersion(void)
 {
     return fmi2Version;
-}
-
-void *allocated(const Component *c, size_t size)
-{
-    void *memory = c->allocate(1, size);
-    if (memory != NULL) {
-        memset(memory, 0, size);
-    }
-    return memory;
 }
 
 static void freed(Component *c)
@@ -145,8 +87,8 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
         c->categories = ~0;
         c->is_wide = can_be_wide();
         c->is_model_exchange = type == fmi2ModelExchange;
-        c->tag = state_tag(c->is_model_exchange);
-        start_over(c);
+        c->tag = c->is_model_exchange ? ~STATE_TAG : STATE_TAG;
+        start_over(&c->memory);
     }
     return c;
 }
@@ -157,7 +99,6 @@ void fmi2FreeInstance(fmi2Component instance)
         freed((Component *)instance);
     }
 }
-
 
 fmi2Status fmi2SetupExperiment(fmi2Component instance, fmi2Boolean has_tolerance, fmi2Real tolerance, fmi2Real start,
                                fmi2Boolean has_stop, fmi2Real stop)
@@ -216,6 +157,6 @@ fmi2Status fmi2Reset(fmi2Component instance)
     if (c == NULL) {
         return fmi2Error;
     }
-    start_over(c);
+    start_over(&c->memory);
     return fmi2OK;
 }

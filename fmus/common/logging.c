@@ -1,7 +1,7 @@
 /* Messages of an instance to its host, and checks whether a call is allowed in the current phase. */
 #include <string.h>
 
-#include "instance.h"
+#include "calls.h"
 
 static const char *const CATEGORIES[] = {
     "logAll", "logStatusWarning", "logStatusDiscard", "logStatusError", "logStatusFatal",

@@ -2,7 +2,7 @@
  * there are no event indicators and no time events, and event mode has nothing to do except to accept parameters. */
 #include <string.h>
 
-#include "instance.h"
+#include "calls.h"
 #include "elementary.h"
 
 /* The component if it is an instance for model exchange and the function may be called in its phase, otherwise NULL. */
@@ -14,28 +14,6 @@ static Component *exchanging(fmi2Component instance, const char *function, int p
         return NULL;
     }
     return entered(instance, function, phases);
-}
-
-fmi2Status not_finite(const Component *c, const char *function)
-{
-    Message message = {.length = 0};
-    say(&message, function);
-    say(&message, ": a result is not finite at these inputs and states: take a smaller step");
-    logged(c, fmi2Discard, message.text);
-    return fmi2Discard;
-}
-
-fmi2Status evaluated(Component *c, const char *function)
-{
-    Message why = {.length = 0};
-    if (c->memory.stale & CHANGED && !fits(c, function)) {
-        return fmi2Error;
-    }
-    if (!model_evaluate(&c->memory, c->work, &why)) {
-        return not_finite(c, function);
-    }
-    c->memory.stale = 0;
-    return fmi2OK;
 }
 
 static fmi2Status refused_array(const Component *c, const char *function)

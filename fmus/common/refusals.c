@@ -1,5 +1,5 @@
 /* Messages for variables that cannot be read or set, kept apart from the code that runs in every step. */
-#include "instance.h"
+#include "calls.h"
 
 void not_known(const Component *c, const char *function, fmi2ValueReference reference, Kind kind)
 {

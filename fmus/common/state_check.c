@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "elementary.h"
-#include "instance.h"
+#include "calls.h"
 
 static int not_possible(Message *why, const char *what)
 {

@@ -1,7 +1,7 @@
 /* fmi2DoStep: the checks around a model's step, and queries about steps. */
 #include <string.h>
 
-#include "instance.h"
+#include "calls.h"
 #include "elementary.h"
 #include "fresh.h"
 #include "wide.h"

@@ -1,5 +1,5 @@
 /* Variables: look-up of value references, and checks of phase and range when setting. */
-#include "instance.h"
+#include "calls.h"
 
 /* NULL and a message if a reference is unknown or of another type. */
 static const Variable *known(const Component *c, const char *function, fmi2ValueReference reference, Kind kind)
@@ -78,18 +78,38 @@ static int are_finite_results(const Component *c, const fmi2Real value[], size_t
     return !c->is_model_exchange || rest == 0.0;
 }
 
+/* The component if a function that takes arrays may be called in its phase, otherwise NULL. */
+static Component *with_arrays(fmi2Component instance, const char *function, int phases, const fmi2ValueReference vr[],
+                              size_t n, const void *value)
+{
+    Component *c = entered(instance, function, phases);
+    if (c != NULL && n > 0 && (vr == NULL || value == NULL)) {
+        refused(c, function, "an array is NULL");
+        return NULL;
+    }
+    return c;
+}
+
+/* `value` is NULL for variables without a range. */
+static int are_settable(const Component *c, const char *function, const fmi2ValueReference vr[], size_t n, Kind kind,
+                        const fmi2Real value[])
+{
+    for (size_t k = 0; k < n; k++) {
+        const Variable *variable = known(c, function, vr[k], kind);
+        if (variable == NULL || !may_be_set(c, function, variable) ||
+            (value != NULL && !in_range(c, function, variable, value[k]))) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
 fmi2Status get_reals(fmi2Component instance, const fmi2ValueReference vr[], size_t n, fmi2Real value[])
 {
-    Component *c = entered(instance, "fmi2GetReal", READABLE);
+    Component *c = with_arrays(instance, "fmi2GetReal", READABLE, vr, n, value);
     double rates[CONTINUOUS_STATES + 1];
     int are_known = 0;
-    if (c == NULL) {
-        return fmi2Error;
-    }
-    if (n > 0 && (vr == NULL || value == NULL)) {
-        return refused(c, "fmi2GetReal", "an array is NULL");
-    }
-    if (!all_known(c, "fmi2GetReal", vr, n, REAL)) {
+    if (c == NULL || !all_known(c, "fmi2GetReal", vr, n, REAL)) {
         return fmi2Error;
     }
     const fmi2Status status = updated(c, "fmi2GetReal");
@@ -104,14 +124,8 @@ fmi2Status get_reals(fmi2Component instance, const fmi2ValueReference vr[], size
 
 fmi2Status fmi2GetBoolean(fmi2Component instance, const fmi2ValueReference vr[], size_t n, fmi2Boolean value[])
 {
-    Component *c = entered(instance, "fmi2GetBoolean", READABLE);
-    if (c == NULL) {
-        return fmi2Error;
-    }
-    if (n > 0 && (vr == NULL || value == NULL)) {
-        return refused(c, "fmi2GetBoolean", "an array is NULL");
-    }
-    if (!all_known(c, "fmi2GetBoolean", vr, n, BOOLEAN)) {
+    const Component *c = with_arrays(instance, "fmi2GetBoolean", READABLE, vr, n, value);
+    if (c == NULL || !all_known(c, "fmi2GetBoolean", vr, n, BOOLEAN)) {
         return fmi2Error;
     }
     for (size_t k = 0; k < n; k++) {
@@ -122,52 +136,29 @@ fmi2Status fmi2GetBoolean(fmi2Component instance, const fmi2ValueReference vr[],
 
 fmi2Status set_reals(fmi2Component instance, const fmi2ValueReference vr[], size_t n, const fmi2Real value[])
 {
-    Component *c = entered(instance, "fmi2SetReal", SETTABLE);
-    if (c == NULL) {
+    Component *c = with_arrays(instance, "fmi2SetReal", SETTABLE, vr, n, value);
+    if (c == NULL || !are_settable(c, "fmi2SetReal", vr, n, REAL, value)) {
         return fmi2Error;
-    }
-    int64_t stale = c->memory.stale;
-    if (n > 0 && (vr == NULL || value == NULL)) {
-        return refused(c, "fmi2SetReal", "an array is NULL");
-    }
-    for (size_t k = 0; k < n; k++) {
-        const Variable *variable = known(c, "fmi2SetReal", vr[k], REAL);
-        if (variable == NULL || !may_be_set(c, "fmi2SetReal", variable) ||
-            !in_range(c, "fmi2SetReal", variable, value[k])) {
-            return fmi2Error;
-        }
     }
     for (size_t k = 0; k < n; k++) {
         const Variable *variable = known_variable(vr[k]);
         *place_of(&c->memory, variable) = value[k];
-        stale |= asks_for_a_look(c, variable);
+        c->memory.stale |= asks_for_a_look(c, variable);
     }
-    c->memory.stale = stale;
     return fmi2OK;
 }
 
 fmi2Status fmi2SetBoolean(fmi2Component instance, const fmi2ValueReference vr[], size_t n, const fmi2Boolean value[])
 {
-    Component *c = entered(instance, "fmi2SetBoolean", SETTABLE);
-    if (c == NULL) {
+    Component *c = with_arrays(instance, "fmi2SetBoolean", SETTABLE, vr, n, value);
+    if (c == NULL || !are_settable(c, "fmi2SetBoolean", vr, n, BOOLEAN, NULL)) {
         return fmi2Error;
-    }
-    int64_t stale = c->memory.stale;
-    if (n > 0 && (vr == NULL || value == NULL)) {
-        return refused(c, "fmi2SetBoolean", "an array is NULL");
-    }
-    for (size_t k = 0; k < n; k++) {
-        const Variable *variable = known(c, "fmi2SetBoolean", vr[k], BOOLEAN);
-        if (variable == NULL || !may_be_set(c, "fmi2SetBoolean", variable)) {
-            return fmi2Error;
-        }
     }
     for (size_t k = 0; k < n; k++) {
         const Variable *variable = known_variable(vr[k]);
         c->memory.flag[variable->index] = value[k] != fmi2False;
-        stale |= asks_for_a_look(c, variable);
+        c->memory.stale |= asks_for_a_look(c, variable);
     }
-    c->memory.stale = stale;
     return fmi2OK;
 }
 
@@ -181,30 +172,15 @@ static fmi2Status none_of(fmi2Component instance, const char *function, int phas
     return n == 0 ? fmi2OK : refused(c, function, "this FMU has no variable of that type");
 }
 
-fmi2Status fmi2GetInteger(fmi2Component instance, const fmi2ValueReference vr[], size_t n, fmi2Integer value[])
-{
-    (void)vr;
-    (void)value;
-    return none_of(instance, "fmi2GetInteger", READABLE, n);
-}
+#define NO_VARIABLES(name, value_type, phases)                                                            \
+    fmi2Status name(fmi2Component instance, const fmi2ValueReference vr[], size_t n, value_type value[]) \
+    {                                                                                                     \
+        (void)vr;                                                                                         \
+        (void)value;                                                                                      \
+        return none_of(instance, #name, phases, n);                                                       \
+    }
 
-fmi2Status fmi2GetString(fmi2Component instance, const fmi2ValueReference vr[], size_t n, fmi2String value[])
-{
-    (void)vr;
-    (void)value;
-    return none_of(instance, "fmi2GetString", READABLE, n);
-}
-
-fmi2Status fmi2SetInteger(fmi2Component instance, const fmi2ValueReference vr[], size_t n, const fmi2Integer value[])
-{
-    (void)vr;
-    (void)value;
-    return none_of(instance, "fmi2SetInteger", SETTABLE, n);
-}
-
-fmi2Status fmi2SetString(fmi2Component instance, const fmi2ValueReference vr[], size_t n, const fmi2String value[])
-{
-    (void)vr;
-    (void)value;
-    return none_of(instance, "fmi2SetString", SETTABLE, n);
-}
+NO_VARIABLES(fmi2GetInteger, fmi2Integer, READABLE)
+NO_VARIABLES(fmi2GetString, fmi2String, READABLE)
+NO_VARIABLES(fmi2SetInteger, const fmi2Integer, SETTABLE)
+NO_VARIABLES(fmi2SetString, const fmi2String, SETTABLE)

@@ -29,13 +29,23 @@ static inline void predict(const March *m, real *states)
     }
 }
 
-static inline real row_times(const double *row, const real *states)
+/* Adds the effect of the middle and last forces to the predicted states. */
+static inline void finish(March *m, const real *states)
 {
-    real sum[2] = {{0.0}, {0.0}};
-    for (int i = 0; i < STATES; i++) {
-        sum[i % 2] += row[i] * states[i];
+    const Car *car = m->run->car;
+    real middle[CORNERS], end[CORNERS]; /* copies, which a compiler keeps in registers */
+    for (int c = 0; c < CORNERS; c++) {
+        middle[c] = m->beyond[AT_MIDDLE][c];
+        end[c] = m->beyond[AT_END][c];
     }
-    return sum[0] + sum[1];
+    for (int i = 0; i < STATES; i++) {
+        real first = states[i], second = uniform(0.0);
+        for (int c = 0; c < CORNERS; c++) {
+            first += car->load[AT_MIDDLE][i][c] * middle[c];
+            second += car->load[AT_END][i][c] * end[c];
+        }
+        m->states[i] = first + second;
+    }
 }
 
 /* The force and what is beyond the car's damper. */
@@ -114,12 +124,7 @@ static void take_step(March *m, int64_t step, int has_travel)
             travel[c] = has_travel ? with_forces(m, free_travel[c], car->travelled, c) : travel[c];
         }
     }
-    for (int i = 0; i < STATES; i++) {
-        m->states[i] = states[i];
-        for (int c = 0; c < CORNERS; c++) {
-            m->states[i] += car->load[AT_MIDDLE][i][c] * m->beyond[AT_MIDDLE][c] + car->load[AT_END][i][c] * m->beyond[AT_END][c];
-        }
-    }
+    finish(m, states);
     for (int c = 0; c < CORNERS; c++) {
         m->travel[c] = travel[c];
         m->at[AT_END][c].velocity = velocity[c];

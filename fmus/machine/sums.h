@@ -35,13 +35,10 @@ static void read_outputs(March *m)
     for (int k = 0; k < run->output_count; k++) {
         const double *row = run->output_rows + k * STATES, *direct = run->direct + k * CORNERS;
         real value = uniform(run->outputs[m->record * run->output_count + k]);
-        for (int i = 0; i < STATES; i++) {
-            value += row[i] * m->states[i];
-        }
         for (int c = 0; c < CORNERS; c++) {
             value += direct[c] * m->force[AT_START][c];
         }
-        m->output[k] = value;
+        m->output[k] = value + row_times(row, m->states);
     }
 }
 

@@ -1,7 +1,6 @@
 """Seeded defects for tests of `check`: changes of the members of a native FMU of FMI 2.0 or 3.0, and their compilation.
 
-Defects are entries of check_defects*.toml. The tests import this module with `importlib`, because the folders of tests
-are not packages.
+Defects are entries of check_defects*.toml.
 """
 
 from __future__ import annotations
@@ -143,7 +142,7 @@ def in_either(entry: Mapping[str, str]) -> Change:
 
 def after_step(code: str, declare: str) -> Change:
     """Return an addition of C to the end of every successful step; `declare` goes to the top of the file."""
-    header, stepped = b'#include "instance.h"', b"c->memory.time = time + h;"
+    header, stepped = b'#include "calls.h"', b"c->memory.time = time + h;"
 
     def change(members: Members) -> None:
         text = members["sources/step.c"]

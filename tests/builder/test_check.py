@@ -1,6 +1,5 @@
 """`check` passes clean FMUs, reports the defects of others, and never fails because of an FMU's behaviour."""
 
-import importlib.util
 import json
 import os
 import re
@@ -14,7 +13,8 @@ import pytest
 from click.testing import CliRunner
 
 from builder.check import CATALOGUE, GROUPS, Level, Scope, check, process, tools
-from builder.check.static.variables import UNIT_RULES, _integers
+from builder.check.rules import findings
+from builder.check.static.variables import _integers, units_of
 from builder.check.subject import read_subject
 from builder.native.platforms import this_platform
 from eightpost.app.check import check as command
@@ -23,18 +23,7 @@ from eightpost.errors import EightpostError, FmuError
 from eightpost.shock import LAWS
 from eightpost.units import SI_UNITS, si_exponents
 
-
-def _beside(name):
-    """Import a module from the folder of this file."""
-    module_name = f"eightpost_tests_{name}"
-    if module_name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(module_name, Path(__file__).with_name(f"{name}.py"))
-        module = sys.modules[module_name] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    return sys.modules[module_name]
-
-
-foreign_fmu = _beside("check_defects").foreign_fmu
+from .check_defects import foreign_fmu
 
 QUICK = tuple(group for group in GROUPS if group not in ("rebuild", "version_3"))
 
@@ -326,7 +315,7 @@ def test_correct_si_exponents_of_a_unit_are_accepted_and_others_reported(unit, f
         xml = f'<fmiModelDescription fmiVersion="2.0">{text}</fmiModelDescription>'
         write_archive(tmp_path / "x.fmu", {"modelDescription.xml": xml.encode()})
         description = read_subject(tmp_path / "x.fmu").description
-        return {finding.rule.identifier for rule in UNIT_RULES for finding in rule(description)}
+        return {finding.rule.identifier for finding in findings(units_of(description))}
 
     right = si_exponents(unit)
     assert "unit-exponents" not in described(right)

@@ -6,38 +6,34 @@ check_defects_exchange.toml; defects of the archive are in this file.
 
 from __future__ import annotations
 
-import importlib.util
 import re
 import shutil
-import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
 from builder.check import check
 
-
-def _beside(name: str) -> ModuleType:
-    """Import a module from the folder of this file."""
-    module_name = f"eightpost_tests_{name}"
-    if module_name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(module_name, Path(__file__).with_name(f"{name}.py"))
-        assert spec is not None and spec.loader is not None
-        module = sys.modules[module_name] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    return sys.modules[module_name]
-
-
-defects = _beside("check_defects")
-XML, STATIC, Defect = defects.XML, defects.STATIC, defects.Defect
-both, copied, cut, edited, member, moved, swapped, without, in_description = (
-    defects.both, defects.copied, defects.cut, defects.edited, defects.member, defects.moved, defects.swapped,
-    defects.without, defects.in_description,
+from . import check_defects as defects
+from .check_defects import (
+    STATIC,
+    XML,
+    Defect,
+    both,
+    copied,
+    cut,
+    defective,
+    edited,
+    found,
+    in_description,
+    member,
+    moved,
+    swapped,
+    without,
 )  # fmt: skip
-defective, found = defects.defective, defects.found
+
 TABLES = defects.read_tables("check_defects.toml", "check_defects_exchange.toml")
 
 LINUX, WINDOWS, MAC = "binaries/linux64/lpnl2.so", "binaries/win64/lpnl2.dll", "binaries/darwin64/lpnl2.dylib"

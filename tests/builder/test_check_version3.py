@@ -1,11 +1,8 @@
 """`check` passes clean FMUs of FMI 3.0, of ours and of others, and never fails because of a damaged description."""
 
-import importlib.util
 import json
-import sys
 import xml.etree.ElementTree as ET
 import zipfile
-from pathlib import Path
 from random import Random
 
 import pytest
@@ -17,7 +14,6 @@ from benchmarks.fuzz.damage import change_xml
 from builder.assembly import assemble
 from builder.build import build
 from builder.check import GROUPS, Level, check
-from builder.check.description3 import read_description
 from builder.check.probes.bench import Bench
 from builder.check.static import static_findings
 from builder.check.subject import read_subject
@@ -26,22 +22,13 @@ from builder.documents.reference import Disclosure
 from cosim.system_file import read_case
 from eightpost.app.check import check as command
 from eightpost.archive import read_archive, write_archive
+from eightpost.fmi.description import read_description
 from eightpost.shock import LAWS
 from eightpost.vehicle import Friction, IdentifiedVehicle, read_vehicle, shipped, write_vehicle
 
+from . import check_defects as defects
+from .check_defects import XML
 
-def _beside(name):
-    """Import a module from the folder of this file."""
-    module_name = f"eightpost_tests_{name}"
-    if module_name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(module_name, Path(__file__).with_name(f"{name}.py"))
-        module = sys.modules[module_name] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    return sys.modules[module_name]
-
-
-defects = _beside("check_defects")
-XML = defects.XML
 QUICK = tuple(group for group in GROUPS if group != "rebuild")
 
 
@@ -127,14 +114,6 @@ def test_inputs_with_slopes_change_in_the_updates_of_a_step(fmus3, tmp_path):
 def bank(tmp_path_factory):
     """The foreign FMU of FMI 3.0, which has arrays and clocks."""
     return defects.foreign_fmu("filter_bank", tmp_path_factory.mktemp("bank"))
-
-
-@pytest.mark.nightly
-def test_a_foreign_fmu_with_arrays_and_clocks_breaks_no_rule_of_the_standard(bank):
-    groups = ("static", "tools", "simulation", "state_machine", "model_exchange", "version_3")
-    report = check(bank, groups=groups)
-    assert report.of(Level.ERROR) == ()
-    assert report.groups == groups
 
 
 @pytest.mark.nightly
@@ -313,8 +292,8 @@ def test_event_indicators_count_with_the_elements_of_their_arrays_and_sources_by
         for name in ("other", "small")
     )
     found = read_description(ET.fromstring(xml.encode()), ET.fromstring(f"<a>{configurations}</a>"))
-    assert found.attributes["numberOfEventIndicators"] == "4"
-    assert (found.source_files, found.exchange_source_files) == (("small.c",), ())
+    assert found.event_indicators == "4"
+    assert (found.sources.files, found.exchange_sources.files) == (("small.c",), ())
 
 
 # ---- Damaged descriptions -------------------------------------------------------------------------------------------

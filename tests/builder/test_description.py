@@ -129,7 +129,7 @@ def test_the_same_source_gives_the_same_bytes_and_another_source_another_guid(fm
 
 def test_every_fmu_source_folder_contains_interface_model_and_readme():
     folders = [
-        path for path in source_folder().iterdir() if path.is_dir() and path.name not in ("batch", "common", "fmi3")
+        path for path in source_folder().iterdir() if path.is_dir() and path.name not in ("common", "fmi3", "machine")
     ]
     assert {path.name for path in folders} >= {"vehicle_ss", *(f"shock_{law}" for law in LAWS)}
     for folder in folders:

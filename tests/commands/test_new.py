@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from eightpost.__main__ import main
-from eightpost.app import FILES
+from eightpost.app.new import FILES
 
 
 def call(*words):

@@ -63,7 +63,7 @@ def test_a_study_is_run_ranked_and_written_and_the_second_call_runs_nothing(file
     options = ["study", str(file), "-o", str(tmp_path / "out"), "--workers", "1", "--trace", "0"]
     done = CliRunner().invoke(main, options)
     assert done.exit_code == 0, done.output
-    for expected in ("2 setups, 2 to be run", "the first 1 s are left out", "coupling error from compared runs",
+    for expected in ("2 setups, 2 to be run", "the first 1 s are left out", "step and largest error of",
                      "objective", "stiff stiff stiff stiff", "results.parquet", "report.html",
                      "traces of setup 0"):  # fmt: skip
         assert expected in done.output

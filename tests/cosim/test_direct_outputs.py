@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
@@ -23,12 +24,13 @@ from cosim import (
     System,
     run,
 )
-from cosim.components.fmi3_variables import Fmi3Table
+from cosim.components.fmu_file import FmuFile
 from cosim.components.functions import StateCallbacks, address_of
 from cosim.engine import blocks
 from cosim.systems.system import Connection
 from eightpost.corners import CORNERS
 from eightpost.errors import StepError
+from eightpost.fmi.description import read_description
 from eightpost.signals import Drivefile, TimeSeries
 
 Join = Callable[..., System]
@@ -266,9 +268,9 @@ def test_refused_derivatives_are_an_error_that_names_the_component(
 @pytest.mark.parametrize(("flag", "kind", "given"), [("true", "Float64", True), ("true", "Float32", False),
                                                      ("false", "Float64", False)])  # fmt: skip
 def test_fmi_3_derivatives_are_used_if_they_are_given_and_of_doubles(flag: str, kind: str, given: bool) -> None:
-    table = Fmi3Table.read(
-        f'<fmiModelDescription><CoSimulation providesDirectionalDerivatives="{flag}"/><ModelVariables>'
+    root = ET.fromstring(
+        f'<fmiModelDescription fmiVersion="3.0"><CoSimulation providesDirectionalDerivatives="{flag}"/><ModelVariables>'
         f'<{kind} name="u" valueReference="1" causality="input"/><Float32 name="z" valueReference="2"/>'
         "</ModelVariables></fmiModelDescription>"
     )
-    assert table.derives_all == given
+    assert FmuFile(Path("x.fmu"), Path(), read_description(root)).capabilities.derivatives == given

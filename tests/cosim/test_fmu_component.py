@@ -107,6 +107,17 @@ def test_a_minimum_that_is_not_a_number_is_reported_with_its_variable(tmp_path, 
         _ = FmuComponent(changed(fmus["lpf1"], tmp_path / "bad.fmu", **{"modelDescription.xml": xml}), "x").variables
 
 
+def test_a_patch_version_is_read_a_declared_type_limits_its_variables_and_one_without_type_is_left_out(tmp_path, fmus):
+    xml = read_archive(fmus["lpf1"])["modelDescription.xml"].replace(b'fmiVersion="2.0"', b'fmiVersion="2.0.4"')
+    kind = b'<TypeDefinitions><SimpleType name="Speed"><Real max="3"/></SimpleType></TypeDefinitions><LogCategories>'
+    xml = xml.replace(b"<LogCategories>", kind)
+    xml = re.sub(rb'(name="velocity".*?<Real )', rb'\1declaredType="Speed" ', xml, count=1, flags=re.DOTALL)
+    xml = re.sub(rb'(name="motion_ratio".*?>\s*)<Real [^>]*/>', rb"\1", xml, count=1, flags=re.DOTALL)
+    part = FmuComponent(changed(fmus["lpf1"], tmp_path / "typed.fmu", **{"modelDescription.xml": xml}), "x")
+    assert (part.variables["velocity"].maximum, part.variables["displacement"].maximum) == (3.0, None)
+    assert part.variables.keys() == FmuComponent(fmus["lpf1"], "y").variables.keys() - {"motion_ratio"}
+
+
 def test_an_error_names_the_component_the_step_and_the_components_message(fmus):
     part = FmuComponent(fmus["lpf1"], "left front")
     part.begin(0.0, 1.0, {})

@@ -161,8 +161,8 @@ def test_the_jacobian_of_a_law_without_lag_is_the_directional_derivative_of_the_
     law.start(0.0, 0.1)
     plain.set(PORT, (0.17, 0.01))
     plain.end_initialization()
-    known = [plain._fmu.references[name] for name in PORT]
-    wanted = [plain._fmu.references["force"]]
+    known = [plain._fmu.rows.references[name] for name in PORT]
+    wanted = [plain._fmu.rows.references["force"]]
     direct = [plain._slave.getDirectionalDerivative(wanted, [one], [1.0])[0] for one in known]
     assert law.jacobian(3e-3, 0.17, 0.01) == pytest.approx(direct, rel=1e-6)
     assert direct[1] == shocks["polylinear"].law.port.gas_stiffness

@@ -6,10 +6,12 @@ import shutil
 import subprocess
 import sys
 from functools import cache
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
 
+from builder.native.native_fmu import COMMON
 from eightpost.shock import LAWS
 
 MODELS = (*LAWS, "seven_dof", "quarter_car", "car_with_seat", "assembly")
@@ -59,6 +61,15 @@ def test_the_sources_compile_without_warnings(objects):
 def test_there_is_no_writable_global(objects, nm):
     for name, path in objects.items():
         assert not symbols(path, "BbCDdGgSs"), name
+
+
+@pytest.mark.repeated("lpnl2")
+def test_files_that_all_fmus_share_do_not_call_each_other_in_a_circle(objects, nm):
+    common = {name: path for name, path in objects.items() if name in COMMON}
+    owners = {symbol: name for name, path in common.items() for symbol in symbols(path, "TR")}
+    calls = {name: {owners[s] for s in symbols(path, "U") if s in owners} for name, path in common.items()}
+    assert list(TopologicalSorter(calls).static_order())  # it raises CycleError for a circle
+    assert calls["step.c"] == {"logging.c", "message.c", "update.c"}
 
 
 @pytest.mark.nightly

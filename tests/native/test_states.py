@@ -69,15 +69,26 @@ def test_a_damaged_serialized_state_and_one_of_another_fmu_are_refused(host, nam
     assert c_level.unpacked(stranger, content)[0] == ERROR
 
 
+def digest(content, value):
+    """Return the FNV-1a hash."""
+    for byte in content:
+        value = (value ^ byte) * 1099511628211 % 2**64
+    return value.to_bytes(8, "little")
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_state_is_marked_by_the_hash_of_the_guid(host, name, c_level):
+    fmu = host(name).start()
+    marked = digest(fmu.description.guid.encode(), 14695981039346656037)
+    assert c_level.packed(fmu, c_level.saved(fmu))[16:24] == marked
+
+
 def signed(content, changes):
     """Return a serialized state with changed 8-byte words in its body, {place: word}, and a correct checksum."""
     words = [content[k : k + 8] for k in range(0, len(content), 8)]
     for place, word in changes.items():
         words[HEADER + place] = word
-    checksum = int.from_bytes(words[2], "little")
-    for byte in b"".join(words[HEADER:]):
-        checksum = (checksum ^ byte) * 1099511628211 % 2**64
-    words[4] = checksum.to_bytes(8, "little")
+    words[4] = digest(b"".join(words[HEADER:]), int.from_bytes(words[2], "little"))
     return b"".join(words)
 
 

@@ -10,11 +10,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TextIO
 
-from builder.check.catalogue import behaviour as rules
 from builder.check.probes.bench import Bench, Result, Results, Skip
 from builder.check.probes.instance import CallError, TerminatedError
 from builder.check.probes.library import MissingFunctionError
-from builder.check.rules import Finding
+from builder.check.rules import RULES, Finding
 
 
 def main(name: str, folder: Path, progress: Path, reach: int | None = None) -> None:
@@ -42,10 +41,10 @@ def main(name: str, folder: Path, progress: Path, reach: int | None = None) -> N
             _write(channel, _line(found))
     except OSError as error:
         completed = False
-        _write(channel, _line(rules.LOADS.finding(str(error))))
+        _write(channel, _line(RULES["loads"].finding(str(error))))
     except (CallError, MissingFunctionError) as error:
         completed = False
-        _write(channel, _line(rules.SIMULATES.finding(str(error))))
+        _write(channel, _line(RULES["simulates"].finding(str(error))))
     _write(channel, {"completed": True} if completed else {"stopped": True})
 
 
@@ -53,7 +52,7 @@ def _undeclared(bench: Bench) -> Iterator[Finding]:
     """Yield one finding per undeclared log category, so that findings of several probes are equal."""
     names = {category.decode("utf-8", "replace").strip()[:200] for category in bench.library.categories}
     for name in sorted(names - set(bench.description.categories)):
-        yield rules.LOG_CATEGORY.finding(f"it uses the category {name!r}")
+        yield RULES["log-undeclared"].finding(f"it uses the category {name!r}")
 
 
 def _line(result: Result) -> dict[str, str]:

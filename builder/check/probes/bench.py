@@ -10,12 +10,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from builder.check.description import Description, Variable
-from builder.check.description3 import read_description
 from builder.check.probes.instance import Birth, CallError, Instance, TerminatedError, refused, status_name
 from builder.check.probes.library import DISCARD, ERROR, binary_path
 from builder.check.probes.library3 import library_of
 from builder.check.rules import Finding, Rule
+from eightpost.fmi.description import Description, Variable, read_description
 
 #: Amplitude of the sine on an input by its SI unit, typical of a race car.
 _AMPLITUDES = {"m/s": 0.2, "m": 0.005, "N": 200.0, "N.m": 200.0, "rad": 0.01}

@@ -8,8 +8,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from math import ceil, log2
 
-from builder.check.catalogue import behaviour as rules
-from builder.check.description import Description, Variable
 from builder.check.probes.bench import (
     Bench,
     Results,
@@ -23,7 +21,8 @@ from builder.check.probes.bench import (
     step,
 )
 from builder.check.probes.instance import CallError, Instance, Value, refused
-from builder.check.rules import Finding, Rule, listed
+from builder.check.rules import RULES, Finding, Rule, listed
+from eightpost.fmi.description import Description, Variable
 
 # ---- Declared and observed dependencies -----------------------------------------------------------------------------
 
@@ -85,12 +84,18 @@ class Pairs:
             if known not in self._declared.get(unknown, {known}):
                 hidden.setdefault(unknown, []).append(known)
         for unknown, knowns in hidden.items():
-            yield rules.HIDDEN.finding(f"{where} {unknown} depends on {listed(knowns)}, which it does not declare")
+            yield RULES["dependency-hidden"].finding(
+                f"{where} {unknown} depends on {listed(knowns)}, which it does not declare"
+            )
         never: dict[str, list[str]] = {}
         for unknown, known in self._unseen():
             never.setdefault(unknown, []).append(known)
         for unknown, knowns in never.items():
-            rule = rules.FALSE_VELOCITY if false is rules.FALSE_VELOCITY and _is_velocity(unknown) else rules.FALSE
+            rule = (
+                RULES["dependency-velocity"]
+                if false is RULES["dependency-velocity"] and _is_velocity(unknown)
+                else RULES["dependency-false"]
+            )
             yield rule.finding(f"{where} {unknown} never depended on {listed(knowns)}, which it declares")
 
 
@@ -200,7 +205,7 @@ def probe_initial_dependencies(bench: Bench) -> Results:
             for known in knowns:
                 point.perturb(known, pairs, change_of(known))
     _sweep(bench, unknowns, pairs)
-    yield from pairs.findings("in initialization mode", rules.FALSE)
+    yield from pairs.findings("in initialization mode", RULES["dependency-false"])
 
 
 def _unknowns(bench: Bench) -> list[Variable]:
@@ -307,7 +312,7 @@ def probe_dependencies(bench: Bench) -> Results:
     if len(refusals) == len(_POINTS):
         yield Skip(f"steps of {_SHORT:g} s fail: {refusals[0]}")
         return
-    yield from pairs.findings("over a step", rules.FALSE_VELOCITY)
+    yield from pairs.findings("over a step", RULES["dependency-velocity"])
 
 
 def _reason_to_skip(bench: Bench, declared: dict[str, set[str]]) -> str:

@@ -7,12 +7,11 @@ import random
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from builder.check.catalogue import behaviour as rules
-from builder.check.description import Variable
 from builder.check.probes.bench import Bench, Results, Skip, Values, amplitude, change_of, other_value, step
 from builder.check.probes.dependencies import Place, Route, declared_pairs, place
 from builder.check.probes.instance import Instance, refused, status_name
-from builder.check.rules import Finding, listed
+from builder.check.rules import RULES, Finding, listed
+from eightpost.fmi.description import Variable
 
 _POINTS = 3
 _TINY = 1e-6  # s
@@ -140,7 +139,7 @@ def _compare_step(there: Place, unknown: Variable, known: Variable) -> str:
 def _findings(where: str, wrong: dict[str, str]) -> Iterator[Finding]:
     if wrong:
         shown = [f"{pair} is {fault}" for pair, fault in wrong.items()]
-        yield rules.DIRECTIONAL.finding(f"{where} {listed(shown, most=3)}")
+        yield RULES["directional-derivative"].finding(f"{where} {listed(shown, most=3)}")
 
 
 def _input_derivatives(bench: Bench) -> Iterator[Finding]:
@@ -152,14 +151,14 @@ def _input_derivatives(bench: Bench) -> Iterator[Finding]:
             bench.drive(instance, bench.held(t))
             status = instance.set_derivatives(moving, [size * amplitude(v) / h for v in moving])
             if refused(status):
-                yield rules.INPUT_DERIVATIVES.finding(
+                yield RULES["input-derivatives"].finding(
                     f"fmi2SetRealInputDerivatives rejects order 1{instance.last_message()}"
                 )
                 return
             step(instance, t, h)
             ends.append(instance.reals(bench.outputs))
     if bench.outputs and ends[0] == ends[1]:
-        yield rules.INTERPOLATES.finding(
+        yield RULES["interpolates"].finding(
             "a step with derivatives of all inputs gives the same outputs as a step without"
         )
 
@@ -177,5 +176,5 @@ def _output_derivatives(bench: Bench) -> Iterator[Finding]:
                 what = f"returned values that are not finite for {listed(wrong)}"
             else:
                 continue
-        yield rules.OUTPUT_DERIVATIVES.finding(f"fmi2GetRealOutputDerivatives of order {order} {what}")
+        yield RULES["output-derivatives"].finding(f"fmi2GetRealOutputDerivatives of order {order} {what}")
         return

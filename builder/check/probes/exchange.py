@@ -7,15 +7,13 @@ import math
 from collections.abc import Callable, Iterator
 from ctypes import c_double, c_int
 
-from builder.check.catalogue import exchange as rules
-from builder.check.catalogue.behaviour import MODEL_EXCHANGE as CALLABLE
-from builder.check.description import Variable
 from builder.check.probes.bench import Bench, Results, Skip, Values, amplitude, differ, step
 from builder.check.probes.exchange_host import Host, iterate_events
 from builder.check.probes.instance import CallError, Instance, refused
 from builder.check.probes.library import MissingFunctionError, binary_path
 from builder.check.probes.library3 import library_of
-from builder.check.rules import Finding, listed
+from builder.check.rules import RULES, Finding, listed
+from eightpost.fmi.description import Variable
 
 _STEPS, _H = 4, 1e-6  # of Euler's method [s]
 _SMOOTH, _WRONG = 1e-4, 1e-3
@@ -48,7 +46,7 @@ def probe_model_exchange(bench: Bench) -> Results:
         for check in (_integrated, _modes, _arrays, _repeated, _dependencies, _directional, _restored):
             yield from check(host)
     except (CallError, MissingFunctionError) as error:
-        yield CALLABLE.finding(f"instantiated for model exchange, {error}")
+        yield RULES["model-exchange"].finding(f"instantiated for model exchange, {error}")
         return
     if bench.description.co_simulation is not None and name == bench.description.identifier:
         yield from _agreement(host)
@@ -61,17 +59,17 @@ def _integrated(host: Host) -> Iterator[Finding]:
             return
         nominals = host.vector(instance, "GetNominalsOfContinuousStates")
         if not all(math.isfinite(value) and value > 0.0 for value in nominals):
-            yield rules.NOMINALS.finding(f"not positive: {nominals[:6]}")
+            yield RULES["nominals-agree"].finding(f"not positive: {nominals[:6]}")
         stated = [state.number("nominal") for state in host.states]
         wrong = [s.name for s, own, text in zip(host.states, nominals, stated, strict=True)
                  if text is not None and not math.isclose(own, text, rel_tol=1e-6)]  # fmt: skip
         if wrong:
-            yield rules.NOMINALS.finding(f"different from the description for {listed(wrong)}")
+            yield RULES["nominals-agree"].finding(f"different from the description for {listed(wrong)}")
         states = host.vector(instance, "GetContinuousStates")
         for point in range(1, _STEPS + 1):
             slopes = host.vector(instance, "GetDerivatives")
             if not all(map(math.isfinite, slopes)):
-                yield rules.FINITE.finding(f"at the start: {slopes[:6]}")
+                yield RULES["derivatives-finite"].finding(f"at the start: {slopes[:6]}")
                 return
             instance.need("SetTime", host.bench.timing.start + point * _H)
             states = [x + _H * slope for x, slope in zip(states, slopes, strict=True)]
@@ -86,7 +84,7 @@ def _integrated(host: Host) -> Iterator[Finding]:
         tunable = [v for v in host.bench.description.of("parameter") if v.variability == "tunable"]
         locked = [v.name for v in tunable if refused(instance.set(v, v.number("start") or 0.0))]
         if locked:
-            yield rules.INPUTS.finding(f"rejected in event mode: {listed(locked)}")
+            yield RULES["exchange-inputs"].finding(f"rejected in event mode: {listed(locked)}")
         instance.need("EnterContinuousTimeMode")
         instance.need("Terminate")
 
@@ -107,7 +105,7 @@ def _modes(host: Host) -> Iterator[Finding]:
             if not _is_refused(instance, name, arguments):
                 accepted.append(f"fmi2{name} in event mode")
     if accepted:
-        yield rules.MODES.finding(f"accepted: {listed(accepted)}")
+        yield RULES["exchange-order"].finding(f"accepted: {listed(accepted)}")
 
 
 def _is_refused(instance: Instance, name: str, arguments: tuple[object, ...]) -> bool:
@@ -127,10 +125,10 @@ def _arrays(host: Host) -> Iterator[Finding]:
             inputs, states = host.point(start, k)
             slopes = host.go(instance, inputs, states)[: host.count]
             if not all(map(math.isfinite, slopes)):
-                yield rules.FINITE.finding(f"near the start: {slopes[:6]}")
+                yield RULES["derivatives-finite"].finding(f"near the start: {slopes[:6]}")
                 return
             if host.vector(instance, "GetContinuousStates") != states:
-                yield rules.ARRAYS.finding("the values differ from those that were set")
+                yield RULES["states-set"].finding("the values differ from those that were set")
                 return
             for what, variables, values in (("states", host.states, states), ("derivatives", host.derivatives, slopes)):
                 scalars = [(v, value) for v, value in zip(variables, values, strict=True) if not v.is_array]
@@ -138,7 +136,7 @@ def _arrays(host: Host) -> Iterator[Finding]:
                 wrong = [v.name for (v, a), b in zip(scalars, read, strict=True)
                          if not math.isclose(a, b, rel_tol=1e-9, abs_tol=1e-300)]  # fmt: skip
                 if wrong:
-                    yield rules.NAMED.finding(f"{what} differ: {listed(wrong)}")
+                    yield RULES["states-variables"].finding(f"{what} differ: {listed(wrong)}")
                     return
 
 
@@ -151,9 +149,11 @@ def _repeated(host: Host) -> Iterator[Finding]:
         first, second = (host.point(start, k) for k in (0, 1))
         rows = [host.go(instance, *point) for point in (first, second, first, first)]
         if not all(math.isfinite(value) for row in rows for value in row):
-            yield rules.FINITE.finding("near the start, derivatives or outputs are not finite")
+            yield RULES["derivatives-finite"].finding("near the start, derivatives or outputs are not finite")
         elif not rows[0] == rows[2] == rows[3]:
-            yield rules.REPEATABLE.finding("the same inputs and states gave other derivatives or outputs after others")
+            yield RULES["derivatives-repeatable"].finding(
+                "the same inputs and states gave other derivatives or outputs after others"
+            )
 
 
 def _evaluations(host: Host, instance: Instance, base: tuple[Values, Values]) -> Callable[[int, float], Values]:
@@ -205,7 +205,7 @@ def _dependencies(host: Host) -> Iterator[Finding]:
                     if is_moved and names is not None and not _aliases(host, knowns[k]) & {unknown.name, *names}:
                         hidden.add(f"{unknown.name} depends on {knowns[k].name}")
     if hidden:
-        yield rules.HIDDEN.finding(listed(sorted(hidden)))
+        yield RULES["derivative-hidden"].finding(listed(sorted(hidden)))
 
 
 def _aliases(host: Host, variable: Variable) -> set[str]:
@@ -239,7 +239,7 @@ def _directional(host: Host) -> Results:
                         wrong.setdefault(f"{unknown.name} by {knowns[k].name}", fault)
     if wrong:
         shown = [f"{pair} is {fault}" for pair, fault in wrong.items()]
-        yield rules.DIRECTIONAL.finding(listed(shown, most=3))
+        yield RULES["exchange-directional"].finding(listed(shown, most=3))
 
 
 def _judged(stated: float, ends: Values, change: float) -> str:
@@ -268,7 +268,7 @@ def _restored(host: Host) -> Results:
         instance.need("SetFMUstate", state)
         again = [*host.vector(instance, "GetDerivatives"), *instance.reals(host.bench.outputs)]
         if again != before or host.vector(instance, "GetContinuousStates") != kept:
-            yield rules.STATE.finding("after fmi2SetFMUstate states, derivatives or outputs differ")
+            yield RULES["exchange-state"].finding("after fmi2SetFMUstate states, derivatives or outputs differ")
         instance.call("FreeFMUstate", ctypes.byref(state))
 
 
@@ -300,9 +300,11 @@ def _agreement(host: Host) -> Results:
         return
     text = f"outputs differ by {100.0 * worst:.2g} % of their size in {len(points)} steps"
     if finer < 0.5 * worst:
-        yield rules.ACCURATE.finding(f"{text}, and by {100.0 * finer:.2g} % with {_FINER} steps in place of one")
+        yield RULES["exchange-accuracy"].finding(
+            f"{text}, and by {100.0 * finer:.2g} % with {_FINER} steps in place of one"
+        )
     else:
-        yield rules.AGREES.finding(text)
+        yield RULES["exchange-agrees"].finding(text)
 
 
 def _stepped(bench: Bench, points: range, parts: int) -> list[Values]:

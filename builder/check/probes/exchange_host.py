@@ -9,10 +9,10 @@ from contextlib import contextmanager
 from ctypes import c_double
 from dataclasses import replace
 
-from builder.check.description import Variable, whole_number
 from builder.check.probes.bench import Bench, Values, amplitude
 from builder.check.probes.instance import CallError, Instance, refused
 from builder.check.probes.library import MODEL_EXCHANGE, EventInfo
+from eightpost.fmi.description import Variable, whole_number
 
 _MOST_ITERATIONS = 100
 
@@ -29,7 +29,7 @@ class Host:
         self.states = [state for derivative, state in pairs for _ in range(lengths.get(derivative.name, 1))]
         self.count = len(self.states)
         self.has_all_sizes = all(lengths.get(derivative.name, 1) for derivative, _ in pairs)
-        self.indicators = whole_number(bench.description.attributes.get("numberOfEventIndicators", "0").strip()) or 0
+        self.indicators = whole_number(bench.description.event_indicators) or 0
         self.inputs = [v for v in bench.inputs if v.variability == "continuous"]
 
     def vector(self, instance: Instance, name: str, count: int | None = None) -> Values:

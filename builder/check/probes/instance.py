@@ -8,7 +8,6 @@ from ctypes import c_char_p, c_double, c_int, c_int64, c_size_t, c_uint, c_uint6
 from dataclasses import dataclass
 from typing import Any
 
-from builder.check.description import Variable
 from builder.check.probes.library import (
     CO_SIMULATION,
     DISCARD,
@@ -21,6 +20,7 @@ from builder.check.probes.library import (
     MissingFunctionError,
     memory_functions,
 )
+from eightpost.fmi.description import Variable
 
 Value = float | int | bool | str
 C_TYPES: dict[str, Any] = {"Real": c_double, "Integer": c_int, "Boolean": c_int, "String": c_char_p}

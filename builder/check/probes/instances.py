@@ -18,10 +18,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from builder.check.catalogue import behaviour as rules
 from builder.check.probes.bench import Bench, Results, Skip, Values, compare, differ, set_other_parameters, step
 from builder.check.probes.instance import CallError, Instance, TerminatedError
-from builder.check.rules import Finding
+from builder.check.rules import RULES, Finding
 
 
 def _resident() -> int:
@@ -63,7 +62,7 @@ def _interleaved(bench: Bench, alone: list[Values]) -> Iterator[Finding]:
             rows += bench.run(one, bench.excitation, range(point, point + 1))
             bench.run(other, lambda time: bench.excitation(time, -0.4), range(point, point + 1))
     if worst := differ(alone, rows):
-        yield rules.INSTANCES.finding(
+        yield RULES["instances"].finding(
             f"interleaved with another instance, its outputs differ by {worst:.1e} of their size"
         )
 
@@ -82,7 +81,7 @@ def _threads(bench: Bench, alone: list[Values]) -> Iterator[Finding]:
         for thread in threads:
             thread.join()
     if len(results) < 4 or any(differ(alone, rows) for rows in results):
-        yield rules.THREADS.finding("the outputs of four instances in threads differ from those of one alone")
+        yield RULES["threads"].finding("the outputs of four instances in threads differ from those of one alone")
 
 
 def _fifty(bench: Bench, alone: list[Values]) -> Iterator[Finding]:
@@ -91,10 +90,10 @@ def _fifty(bench: Bench, alone: list[Values]) -> Iterator[Finding]:
             instances = [stack.enter_context(bench.running()) for _ in range(_MANY)]
             last = [bench.run(instance, bench.excitation, range(min(5, len(alone)))) for instance in instances]
     except CallError as error:
-        yield rules.FIFTY.finding(str(error))
+        yield RULES["fifty-instances"].finding(str(error))
         return
     if any(differ(alone[:5], rows) for rows in last):
-        yield rules.FIFTY.finding("their outputs differ from those of one alone")
+        yield RULES["fifty-instances"].finding("their outputs differ from those of one alone")
 
 
 def _instance_growth(bench: Bench) -> Iterator[Finding]:
@@ -109,7 +108,7 @@ def _instance_growth(bench: Bench) -> Iterator[Finding]:
         cycle()
     grown = _resident() - before
     if grown > _INSTANCE_GROWTH:
-        yield rules.GROWTH.finding(f"creating and freeing {_CYCLES} instances leaked {grown / 1e6:.1f} MB")
+        yield RULES["growth"].finding(f"creating and freeing {_CYCLES} instances leaked {grown / 1e6:.1f} MB")
 
 
 # ---- Runs after a reset ---------------------------------------------------------------------------------------------
@@ -153,7 +152,7 @@ def _repeated(bench: Bench, instance: Instance, first: _LongRun) -> Iterator[Fin
     instance.need("Reset", note=f" {where}")
     again = _long_run(bench, instance, first.steps, patient=True)
     if again.refusal is not None:
-        yield rules.RESET.finding(f"after fmi2Reset {where} the same run ends earlier: {again.refusal}")
+        yield RULES["reset"].finding(f"after fmi2Reset {where} the same run ends earlier: {again.refusal}")
         return
     common = min(len(first.rows), len(again.rows))
     yield from _compare(where, first.rows[:common], again.rows[:common])
@@ -166,7 +165,7 @@ def _after_the_end(bench: Bench, instance: Instance) -> Iterator[Finding]:
         bench.initialize(instance)
         bench.run(instance, bench.excitation, range(1))
     except CallError as error:
-        yield rules.RESET_ENDED.finding(str(error))
+        yield RULES["reset-ended"].finding(str(error))
 
 
 @dataclass(frozen=True)
@@ -220,7 +219,9 @@ def _disturb(bench: Bench, instance: Instance, where: str) -> None:
 
 
 def _compare(where: str, first: list[Values], second: list[Values]) -> Iterator[Finding]:
-    yield from compare((rules.RESET, rules.RESET_BITS), f"after fmi2Reset {where} the same run differs", first, second)
+    yield from compare(
+        (RULES["reset"], RULES["reset-bits"]), f"after fmi2Reset {where} the same run differs", first, second
+    )
 
 
 # ---- Effects of steps on the process --------------------------------------------------------------------------------
@@ -241,10 +242,10 @@ def probe_footprint(bench: Bench) -> Results:
         printed = _read(caught)
     after = locale.setlocale(locale.LC_ALL)
     if after != before:
-        yield rules.LOCALE.finding(f"a run changed it from {before!r} to {after!r}")
+        yield RULES["locale"].finding(f"a run changed it from {before!r} to {after!r}")
     if printed:
         text = printed[:80].decode("utf-8", "replace")
-        yield rules.PRINTS.finding(
+        yield RULES["standard-output"].finding(
             f"a run of {bench.timing.count} steps printed {len(printed)} bytes, starting with {text!r}"
         )
     yield from _step_growth(bench) if sys.platform == "linux" else [Skip("memory is only measured on Linux", "memory")]
@@ -292,7 +293,7 @@ def _step_growth(bench: Bench) -> Iterator[Finding | Skip]:
         return
     first, second = (after - before for before, after in itertools.pairwise(sizes))
     if min(first, second) > _STEP_GROWTH:
-        yield rules.STEP_GROWTH.finding(
+        yield RULES["step-growth"].finding(
             f"after {done} steps of one instance the process still grows: by {second / 1e6:.1f} MB in the last block"
         )
 

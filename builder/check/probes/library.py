@@ -9,9 +9,11 @@ import platform
 import shutil
 import sys
 import tempfile
-from ctypes import POINTER, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
+from ctypes import c_char_p, c_double, c_int, c_void_p
 from pathlib import Path
 from typing import Any, Final
+
+from eightpost.fmi.functions import FUNCTIONS
 
 WARNING: Final = 1
 DISCARD: Final = 2
@@ -54,53 +56,6 @@ class EventInfo(ctypes.Structure):
     )
 
 
-_REFERENCES = POINTER(c_uint)
-_GET_SET = {
-    "Real": POINTER(c_double),
-    "Integer": POINTER(c_int),
-    "Boolean": POINTER(c_int),
-    "String": POINTER(c_char_p),
-}
-_SIGNATURES: dict[str, tuple[Any, ...]] = {
-    "FreeInstance": (c_void_p,),
-    "SetupExperiment": (c_void_p, c_int, c_double, c_double, c_int, c_double),
-    "EnterInitializationMode": (c_void_p,),
-    "ExitInitializationMode": (c_void_p,),
-    "Terminate": (c_void_p,),
-    "Reset": (c_void_p,),
-    "DoStep": (c_void_p, c_double, c_double, c_int),
-    "GetFMUstate": (c_void_p, POINTER(c_void_p)),
-    "SetFMUstate": (c_void_p, c_void_p),
-    "FreeFMUstate": (c_void_p, POINTER(c_void_p)),
-    "SerializedFMUstateSize": (c_void_p, c_void_p, POINTER(c_size_t)),
-    "SerializeFMUstate": (c_void_p, c_void_p, c_char_p, c_size_t),
-    "DeSerializeFMUstate": (c_void_p, c_char_p, c_size_t, POINTER(c_void_p)),
-    "GetDirectionalDerivative": (
-        c_void_p, _REFERENCES, c_size_t, _REFERENCES, c_size_t, POINTER(c_double), POINTER(c_double)
-    ),
-    "SetRealInputDerivatives": (c_void_p, _REFERENCES, c_size_t, POINTER(c_int), POINTER(c_double)),
-    "GetRealOutputDerivatives": (c_void_p, _REFERENCES, c_size_t, POINTER(c_int), POINTER(c_double)),
-    "GetBooleanStatus": (c_void_p, c_int, POINTER(c_int)),
-    "EnterContinuousTimeMode": (c_void_p,),
-    "EnterEventMode": (c_void_p,),
-    "NewDiscreteStates": (c_void_p, POINTER(EventInfo)),
-    "CompletedIntegratorStep": (c_void_p, c_int, POINTER(c_int), POINTER(c_int)),
-    "SetTime": (c_void_p, c_double),
-    **{
-        name: (c_void_p, POINTER(c_double), c_size_t)
-        for name in (
-            "SetContinuousStates", "GetContinuousStates", "GetDerivatives", "GetEventIndicators",
-            "GetNominalsOfContinuousStates",
-        )
-    },
-    "Instantiate": (c_char_p, c_int, c_char_p, c_char_p, POINTER(Callbacks), c_int, c_int),
-    **{
-        f"{way}{kind}": (c_void_p, _REFERENCES, c_size_t, pointer)
-        for kind, pointer in _GET_SET.items() for way in ("Get", "Set")
-    },
-}  # fmt: skip
-
-
 class MissingFunctionError(Exception):
     """The binary does not export a function."""
 
@@ -111,6 +66,8 @@ class Library:
     `call` writes the name of the function into the file `progress` first, so that it is known after a crash.
     `categories` are the log categories that its instances have used.
     """
+
+    version = 2  #: Version of FMI.
 
     def __init__(self, path: Path, progress: Path) -> None:
         self.path, self.progress = path, progress
@@ -155,23 +112,23 @@ class Library:
         Raises:
             MissingFunctionError: The function is not exported.
         """
-        if name not in self._functions:
-            result = {"Instantiate": c_void_p, "FreeInstance": None}.get(name, c_int)
-            self._functions[name] = self.exported(f"fmi2{name}", _SIGNATURES[name], result)
-        return self._functions[name]
+        return self.native(name)
 
-    def exported(self, name: str, arguments: tuple[Any, ...], result: Any) -> Any:
-        """Return an exported function with the types of its arguments and of its result.
+    def native(self, name: str) -> Any:
+        """Return the function of the binary's own version of FMI, with the types of its arguments and of its result.
 
         Raises:
             MissingFunctionError: The function is not exported.
         """
-        try:
-            function = getattr(self._library, name)
-        except AttributeError:
-            raise MissingFunctionError(f"{name} is not exported") from None
-        function.argtypes, function.restype = arguments, result
-        return function
+        if name not in self._functions:
+            in_c, types = f"fmi{self.version}{name}", FUNCTIONS[self.version][name]
+            try:
+                function = getattr(self._library, in_c)
+            except AttributeError:
+                raise MissingFunctionError(f"{in_c} is not exported") from None
+            function.argtypes, function.restype = types.arguments, types.result
+            self._functions[name] = function
+        return self._functions[name]
 
 
 def memory_functions() -> tuple[int | None, int | None]:

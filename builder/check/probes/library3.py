@@ -17,7 +17,6 @@ from ctypes import (
     c_int16,
     c_int32,
     c_int64,
-    c_size_t,
     c_uint,
     c_uint8,
     c_uint16,
@@ -30,10 +29,9 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import urlparse
 
-from builder.check.description import Description
-from builder.check.description3 import OLD_TYPES
 from builder.check.probes.library import CO_SIMULATION, DISCARD, ERROR, TERMINATED, Library
-from eightpost.fmi3_names import function_name
+from eightpost.fmi.description import OLD_TYPES, Description
+from eightpost.fmi.names import function_name
 
 Logger3 = ctypes.CFUNCTYPE(None, c_void_p, c_int, c_char_p, c_char_p)
 Update = ctypes.CFUNCTYPE(None, c_void_p, c_double, c_bool, c_bool, c_bool, c_bool, POINTER(c_bool), POINTER(c_double))
@@ -46,56 +44,6 @@ TYPES: Final[dict[str, Any]] = {
 
 #: Type of FMI 3.0 for a reference that no variable has.
 _USUAL = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean", "String": "String"}
-
-_REFERENCES = POINTER(c_uint)
-_BOOL, _NUMBER = POINTER(c_bool), POINTER(c_double)
-_ARRAY = (c_void_p, _NUMBER, c_size_t)
-_SIGNATURES: Final[dict[str, tuple[Any, ...]]] = {
-    "InstantiateCoSimulation": (
-        c_char_p, c_char_p, c_char_p, c_bool, c_bool, c_bool, c_bool, _REFERENCES, c_size_t, c_void_p, Logger3, Update,
-    ),
-    "InstantiateModelExchange": (c_char_p, c_char_p, c_char_p, c_bool, c_bool, c_void_p, Logger3),
-    "FreeInstance": (c_void_p,),
-    "EnterInitializationMode": (c_void_p, c_bool, c_double, c_double, c_bool, c_double),
-    "ExitInitializationMode": (c_void_p,),
-    "Terminate": (c_void_p,),
-    "Reset": (c_void_p,),
-    "DoStep": (c_void_p, c_double, c_double, c_bool, _BOOL, _BOOL, _BOOL, _NUMBER),
-    "GetFMUState": (c_void_p, POINTER(c_void_p)),
-    "SetFMUState": (c_void_p, c_void_p),
-    "FreeFMUState": (c_void_p, POINTER(c_void_p)),
-    "SerializedFMUStateSize": (c_void_p, c_void_p, POINTER(c_size_t)),
-    "SerializeFMUState": (c_void_p, c_void_p, c_char_p, c_size_t),
-    "DeserializeFMUState": (c_void_p, c_char_p, c_size_t, POINTER(c_void_p)),
-    **{
-        f"Get{name}Derivative": (
-            c_void_p, _REFERENCES, c_size_t, _REFERENCES, c_size_t, _NUMBER, c_size_t, _NUMBER, c_size_t,
-        )
-        for name in ("Directional", "Adjoint")
-    },
-    "GetOutputDerivatives": (c_void_p, _REFERENCES, c_size_t, POINTER(c_int32), _NUMBER, c_size_t),
-    "EnterContinuousTimeMode": (c_void_p,),
-    "EnterEventMode": (c_void_p,),
-    "UpdateDiscreteStates": (c_void_p, _BOOL, _BOOL, _BOOL, _BOOL, _BOOL, _NUMBER),
-    "CompletedIntegratorStep": (c_void_p, c_bool, _BOOL, _BOOL),
-    "SetTime": (c_void_p, c_double),
-    "SetContinuousStates": _ARRAY,
-    "GetContinuousStates": _ARRAY,
-    "GetContinuousStateDerivatives": _ARRAY,
-    "GetEventIndicators": _ARRAY,
-    "GetNominalsOfContinuousStates": _ARRAY,
-    "GetNumberOfContinuousStates": (c_void_p, POINTER(c_size_t)),
-    "GetNumberOfEventIndicators": (c_void_p, POINTER(c_size_t)),
-    "GetVersion": (),
-    **{
-        f"{way}{kind}": (c_void_p, _REFERENCES, c_size_t, POINTER(pointer), c_size_t)
-        for kind, pointer in TYPES.items() for way in ("Get", "Set") if kind != "Enumeration"
-    },
-}  # fmt: skip
-_RESULTS = {
-    "InstantiateCoSimulation": c_void_p, "InstantiateModelExchange": c_void_p, "FreeInstance": None,
-    "GetVersion": c_char_p,
-}  # fmt: skip
 
 
 def library_of(description: Description, path: Path, progress: Path) -> Library:
@@ -130,6 +78,8 @@ class _Live:
 class Library3(Library):
     """A loaded binary of FMI 3.0; `call` and `function` take names and arguments of FMI 2.0."""
 
+    version = 3
+
     def __init__(self, description: Description, path: Path, progress: Path) -> None:
         super().__init__(path, progress)
         self._description = description
@@ -151,16 +101,6 @@ class Library3(Library):
         if name == "FreeInstance":
             return self.native(name)
         return getattr(self, f"_{name}", None) or self.native(function_name(name))
-
-    def native(self, name: str) -> Any:
-        """Return fmi3<name>.
-
-        Raises:
-            MissingFunctionError: The function is not exported.
-        """
-        if name not in self._functions:
-            self._functions[name] = self.exported(f"fmi3{name}", _SIGNATURES[name], _RESULTS.get(name, c_int))
-        return self._functions[name]
 
     def last_step(self, address: int | None) -> Step3:
         """Return what the last step of an instance reported; it must have been called."""

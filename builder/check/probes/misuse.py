@@ -9,12 +9,11 @@ from ctypes import c_double, c_uint
 from dataclasses import dataclass, replace
 from typing import Any
 
-from builder.check.catalogue import behaviour as rules
-from builder.check.description import Variable
 from builder.check.probes.bench import Bench, Results, step
 from builder.check.probes.instance import C_TYPES, CallError, Instance, Value, base_type, refused, status_name
 from builder.check.probes.library import ERROR, FATAL, FREEING_NOTHING, MissingFunctionError
-from builder.check.rules import Finding, Rule, listed
+from builder.check.rules import RULES, Finding, Rule, listed
+from eightpost.fmi.description import Variable
 
 # ---- Calls in the wrong order, invalid steps, locked variables ------------------------------------------------------
 
@@ -34,7 +33,9 @@ def probe_state_machine(bench: Bench) -> Results:
     yield from _refusals(bench, list(_misuses(bench)))
     yield from _guid(bench)
     yield from _tunable(bench)
-    nan_step = _Misuse("fmi2DoStep of NaN", rules.STEP, bench.running, _stepping(bench.timing.start, math.nan))
+    nan_step = _Misuse(
+        "fmi2DoStep of NaN", RULES["step-arguments"], bench.running, _stepping(bench.timing.start, math.nan)
+    )
     yield from _refusals(bench, [nan_step])
 
 
@@ -50,7 +51,11 @@ def _refusals(bench: Bench, misuses: list[_Misuse]) -> Iterator[Finding]:
             silent += [] if len(instance.messages) > before else [misuse.title]
             fatal += [misuse.title] if status == FATAL else []
             stuck += [] if status == FATAL or _runs_after_reset(bench, instance) else [misuse.title]
-    for rule, titles in ((rules.REFUSAL_LOGGED, silent), (rules.NEVER_FATAL, fatal), (rules.USABLE, stuck)):
+    for rule, titles in (
+        (RULES["refusal-logged"], silent),
+        (RULES["never-fatal"], fatal),
+        (RULES["usable-after-refusal"], stuck),
+    ):
         if titles:
             yield rule.finding(listed(titles))
 
@@ -65,28 +70,28 @@ def _misuses(bench: Bench) -> Iterator[_Misuse]:
     def calling(name: str) -> Callable[[Instance], int]:
         return lambda instance: instance.call(name)
 
-    yield _Misuse("fmi2DoStep before initialization", rules.ORDER, bench.instance, _stepping(t, h))
-    yield _Misuse("fmi2DoStep in initialization mode", rules.ORDER, bench.initializing, _stepping(t, h))
+    yield _Misuse("fmi2DoStep before initialization", RULES["call-order"], bench.instance, _stepping(t, h))
+    yield _Misuse("fmi2DoStep in initialization mode", RULES["call-order"], bench.initializing, _stepping(t, h))
     yield _Misuse(
         "fmi2ExitInitializationMode before initialization mode",
-        rules.ORDER,
+        RULES["call-order"],
         bench.instance,
         calling("ExitInitializationMode"),
     )
     yield _Misuse(
-        "fmi2EnterInitializationMode twice", rules.ORDER, bench.initializing, calling("EnterInitializationMode")
+        "fmi2EnterInitializationMode twice", RULES["call-order"], bench.initializing, calling("EnterInitializationMode")
     )
     yield _Misuse(
         "fmi2EnterInitializationMode after initialization",
-        rules.ORDER,
+        RULES["call-order"],
         bench.running,
         calling("EnterInitializationMode"),
     )
-    yield _Misuse("fmi2DoStep after fmi2Terminate", rules.ORDER, bench.running, _terminated(bench))
-    yield _Misuse("fmi2DoStep from a wrong point", rules.STEP, bench.running, _stepping(t + 10 * h, h))
-    yield _Misuse("fmi2DoStep of zero length", rules.STEP, bench.running, _stepping(t, 0.0))
-    yield _Misuse("fmi2DoStep of negative length", rules.STEP, bench.running, _stepping(t, -h))
-    yield _Misuse("fmi2DoStep past the stop time", rules.STOP_TIME, bench.instance, _past_the_end(bench))
+    yield _Misuse("fmi2DoStep after fmi2Terminate", RULES["call-order"], bench.running, _terminated(bench))
+    yield _Misuse("fmi2DoStep from a wrong point", RULES["step-arguments"], bench.running, _stepping(t + 10 * h, h))
+    yield _Misuse("fmi2DoStep of zero length", RULES["step-arguments"], bench.running, _stepping(t, 0.0))
+    yield _Misuse("fmi2DoStep of negative length", RULES["step-arguments"], bench.running, _stepping(t, -h))
+    yield _Misuse("fmi2DoStep past the stop time", RULES["stop-time"], bench.instance, _past_the_end(bench))
     yield from _locked(bench)
 
 
@@ -121,10 +126,10 @@ def _locked(bench: Bench) -> Iterator[_Misuse]:
     for variable in fixed[:1]:
         value = variable.number("start") or 0.0
         yield _Misuse(
-            f"setting the fixed {variable.name} between steps", rules.LOCKED, bench.running, setting(variable, value)
+            f"setting the fixed {variable.name} between steps", RULES["locked"], bench.running, setting(variable, value)
         )
     for variable in bench.outputs[:1]:
-        yield _Misuse(f"setting the output {variable.name}", rules.LOCKED, bench.running, setting(variable, 0.0))
+        yield _Misuse(f"setting the output {variable.name}", RULES["locked"], bench.running, setting(variable, 0.0))
 
 
 def _runs_after_reset(bench: Bench, instance: Instance) -> bool:
@@ -141,7 +146,7 @@ def _guid(bench: Bench) -> Iterator[Finding]:
     created = Instance(bench.library, replace(bench.birth, guid="{00000000-0000-0000-0000-000000000000}"))
     if created.address is not None:
         created.free()
-        yield rules.GUID_CHECKED.finding("fmi2Instantiate with a wrong GUID returned an instance")
+        yield RULES["guid-checked"].finding("fmi2Instantiate with a wrong GUID returned an instance")
 
 
 def _tunable(bench: Bench) -> Iterator[Finding]:
@@ -154,7 +159,7 @@ def _tunable(bench: Bench) -> Iterator[Finding]:
                 status = instance.step(bench.timing.start, bench.timing.step)
             wrong += [variable.name] if refused(status) else []
     if wrong:
-        yield rules.TUNABLE.finding(f"rejected when set to the start value between steps: {listed(wrong)}")
+        yield RULES["tunable"].finding(f"rejected when set to the start value between steps: {listed(wrong)}")
 
 
 # ---- Unknown references and invalid values --------------------------------------------------------------------------
@@ -183,7 +188,7 @@ def _unknown_references(bench: Bench) -> Iterator[Finding]:
                     )
                     accepted += [] if refused(status) else [f"fmi2{way}{kind} of {reference}"]
     if accepted:
-        yield rules.BAD_REFERENCE.finding(f"accepted: {listed(accepted)}")
+        yield RULES["bad-reference"].finding(f"accepted: {listed(accepted)}")
 
 
 class _Subject:
@@ -218,16 +223,16 @@ def _bad_values(bench: Bench) -> Iterator[Finding]:
     for rule, names in accepted.items():
         yield rule.finding(f"accepted: {listed(names)}")
     if changed:
-        yield rules.OLD_VALUE.finding(f"changed: {listed(changed)}")
+        yield RULES["old-value"].finding(f"changed: {listed(changed)}")
 
 
 def _bad(variable: Variable) -> Iterator[tuple[Rule, float]]:
     for value in (math.nan, math.inf, -math.inf):
-        yield rules.NOT_FINITE, value
+        yield RULES["not-finite"], value
     for end, sign in (("min", -1.0), ("max", 1.0)):
         limit = variable.number(end)
         if limit is not None and abs(limit) < 1e300:
-            yield rules.OUT_OF_RANGE, limit + sign * max(1.0, abs(limit))
+            yield RULES["out-of-range"], limit + sign * max(1.0, abs(limit))
 
 
 def _is_unchanged(instance: Instance, variable: Variable) -> bool:
@@ -257,7 +262,7 @@ def probe_null(bench: Bench) -> Results:
             status = instance.call(name, *arguments, note=" with NULL")
             accepted += [] if refused(status) else [f"fmi2{name}"]
     if accepted:
-        yield rules.NULL_ARGUMENT.finding(f"accepted by {listed(list(dict.fromkeys(accepted)))}")
+        yield RULES["null-argument"].finding(f"accepted by {listed(list(dict.fromkeys(accepted)))}")
 
 
 def _calls(bench: Bench) -> Iterator[tuple[str, tuple[Any, ...]]]:

@@ -6,10 +6,9 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from builder.check.catalogue import behaviour as rules
-from builder.check.description import Variable
 from builder.check.probes.bench import Bench, Results, Skip, Values, inside, step
-from builder.check.rules import Finding
+from builder.check.rules import RULES, Finding
+from eightpost.fmi.description import Variable
 
 _FREQUENCY, _POINTS, _CYCLES = 4.0, 250, 3
 _AMPLITUDES = (0.05, 0.2, 0.5)  # m/s
@@ -58,14 +57,14 @@ def _cycle(bench: Bench, port: _Port, size: float) -> Iterator[Finding]:
     up = [f for v, f in zip(velocities, forces, strict=True) if v > 0.5 * size]
     down = [f for v, f in zip(velocities, forces, strict=True) if v < -0.5 * size]
     if up and down and sum(up) / len(up) <= sum(down) / len(down):
-        yield rules.SIGN.finding(
+        yield RULES["shock-sign"].finding(
             f"{port.force.name} is {sum(up) / len(up):.4g} N in compression at {size:g} m/s, "
             f"{sum(down) / len(down):.4g} N in rebound"
         )
     powers = [v * f for v, f in zip(velocities, forces, strict=True)]
     energy, scale = sum(powers) * h, sum(map(abs, powers)) * h
     if energy < -_TOLERANCE * scale:
-        yield rules.PASSIVE.finding(f"{port.force.name} produced {-energy:.4g} J in a cycle of {size:g} m/s")
+        yield RULES["passive"].finding(f"{port.force.name} produced {-energy:.4g} J in a cycle of {size:g} m/s")
 
 
 def _driven(bench: Bench, port: _Port, size: float, h: float) -> tuple[Values, Values]:
@@ -98,6 +97,6 @@ def _push(bench: Bench, port: _Port) -> Iterator[Finding]:
                 step(instance, bench.timing.at(point), bench.timing.step)
             ends += instance.reals([port.velocity])
     if ends[1] >= ends[0]:
-        yield rules.RECIPROCAL.finding(
+        yield RULES["vehicle-sign"].finding(
             f"{_FORCE:g} N on {port.force.name} moved {port.velocity.name} by {ends[1] - ends[0]:+.3g} m/s"
         )

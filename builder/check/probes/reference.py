@@ -9,10 +9,9 @@ from bisect import bisect_right
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from builder.check.catalogue import static as rules
 from builder.check.probes.bench import Bench, Results, Skip, step
 from builder.check.probes.instance import CallError, Instance, refused
-from builder.check.rules import Finding, listed
+from builder.check.rules import RULES, Finding, listed
 
 _TOLERANCE = 1e-3
 Columns = Mapping[str, list[float]]
@@ -27,7 +26,7 @@ def probe_reference(bench: Bench) -> Results:
         try:
             yield from _compare(bench, path)
         except (CallError, ValueError, KeyError, IndexError, OSError) as error:
-            yield rules.REFERENCE.finding(f"{path.name}: {error}")
+            yield RULES["reference-results"].finding(f"{path.name}: {error}")
 
 
 def _compare(bench: Bench, path: Path) -> Iterator[Finding]:
@@ -41,7 +40,9 @@ def _compare(bench: Bench, path: Path) -> Iterator[Finding]:
     wrong = {name: worst for name in names if not (worst := _worst(got[name], expected[name])) <= tolerance}
     if wrong:
         shown = listed([f"{name} by {worst:.1e}" for name, worst in wrong.items()])
-        yield rules.REFERENCE.finding(f"{path.name}: outputs differ by more than {tolerance:g} of their size: {shown}")
+        yield RULES["reference-results"].finding(
+            f"{path.name}: outputs differ by more than {tolerance:g} of their size: {shown}"
+        )
 
 
 def _worst(got: list[float], expected: list[float]) -> float:

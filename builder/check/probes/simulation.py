@@ -11,12 +11,11 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 
-from builder.check.catalogue import behaviour as rules
-from builder.check.description import Variable
 from builder.check.probes.bench import REACH, Bench, Measured, Results, Skip, Values, differ, other_value, step
 from builder.check.probes.instance import CallError, Instance, Message, TerminatedError, Value, refused, status_name
 from builder.check.probes.library import DISCARD, ERROR
-from builder.check.rules import Finding, listed
+from builder.check.rules import RULES, Finding, listed
+from eightpost.fmi.description import Variable
 
 # ---- Runs with constant and with varying inputs ---------------------------------------------------------------------
 
@@ -43,12 +42,12 @@ def probe_simulation(bench: Bench) -> Results:
     try:
         runs = [_recorded(bench, logging) for logging in (True, False)]
     except CallError as error:
-        yield rules.EXCITED.finding(str(error))
+        yield RULES["simulates-excited"].finding(str(error))
         return
     (first, messages), (second, _) = runs
     yield from _finite(bench, first)
     if first and differ(first, second):
-        yield rules.DETERMINISM.finding("a second run in the same process gave different outputs")
+        yield RULES["deterministic"].finding("a second run in the same process gave different outputs")
     yield from _messages(messages)
 
 
@@ -83,7 +82,9 @@ def _time_variable(bench: Bench, instance: Instance) -> Iterator[Finding]:
         point += 1
     if late:
         side = "behind" if late > 0.0 else "ahead"
-        yield rules.TIME.finding(f"{times[0].name} is {abs(late)!r} s {side} at {bench.timing.at(point)!r} s")
+        yield RULES["time-variable"].finding(
+            f"{times[0].name} is {abs(late)!r} s {side} at {bench.timing.at(point)!r} s"
+        )
 
 
 def _lateness(bench: Bench, instance: Instance, time: Variable, point: int) -> float:
@@ -106,7 +107,7 @@ def _start_values(bench: Bench) -> Iterator[Finding]:
             if not _agrees(variable, value):
                 wrong.append(f"{variable.name} is {value!r}, but {variable.start} in the XML")
     if wrong:
-        yield rules.START_AGREES.finding("; ".join(wrong[:5]) + (" ..." if len(wrong) > 5 else ""))
+        yield RULES["start-agrees"].finding("; ".join(wrong[:5]) + (" ..." if len(wrong) > 5 else ""))
 
 
 def _has_start(variable: Variable) -> bool:
@@ -130,15 +131,15 @@ def _finite(bench: Bench, rows: list[Values]) -> Iterator[Finding]:
     columns = zip(bench.outputs, zip(*rows, strict=True), strict=True)
     wrong = [v.name for v, column in columns if not all(map(math.isfinite, column))]
     if wrong:
-        yield rules.FINITE.finding(f"not finite: {listed(wrong)}")
+        yield RULES["finite-outputs"].finding(f"not finite: {listed(wrong)}")
 
 
 def _messages(messages: list[Message]) -> Iterator[Finding]:
     errors = list(dict.fromkeys(_shown(m.text) for m in messages if m.status >= ERROR))
     if errors:
-        yield rules.LOGGED_ERROR.finding(f"it logged {listed(errors, most=2)}")
+        yield RULES["error-logged-while-fine"].finding(f"it logged {listed(errors, most=2)}")
     if wrong := next((m for m in messages if _is_unformatted(m)), None):
-        yield rules.LOG_TEXT.finding(f"it logged {wrong.text[:200]!r}")
+        yield RULES["log-text"].finding(f"it logged {wrong.text[:200]!r}")
 
 
 def _is_unformatted(message: Message) -> bool:
@@ -182,12 +183,12 @@ def _walk(bench: Bench, instance: Instance, start: float) -> Iterator[Finding]:
                 return
             if refused(status):
                 is_usual = start == bench.timing.start  # after the end of its experiment an FMU may have no data
-                rule = rules.STEPS if status >= ERROR and is_usual else rules.STEPS_DISCARDED
+                rule = RULES["irregular-steps"] if status >= ERROR and is_usual else RULES["irregular-discarded"]
                 yield rule.finding(f"from {time!r} s by {length:g} s: {status_name(status)}{instance.last_message()}")
                 return
             time += length
             if not all(map(math.isfinite, instance.reals(bench.outputs))):
-                yield rules.FINITE.finding(
+                yield RULES["finite-outputs"].finding(
                     f"after irregular steps up to {length:g} s, at {time:g} s, round {round_number}"
                 )
                 return
@@ -214,7 +215,7 @@ def probe_first_outputs(bench: Bench) -> Results:
         if wrong:
             wrong = {name: jump for name, jump in wrong.items() if name in _jumps_elsewhere(bench, inputs, wrong)}
         if wrong:
-            yield rules.FIRST_OUTPUTS.finding(listed(list(wrong.values()), most=3))
+            yield RULES["first-outputs"].finding(listed(list(wrong.values()), most=3))
 
 
 def _jumps_elsewhere(bench: Bench, inputs: Values, found: dict[str, str]) -> dict[str, str]:

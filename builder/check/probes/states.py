@@ -9,10 +9,9 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from builder.check.catalogue import behaviour as rules
 from builder.check.probes.bench import Bench, Results, Skip, Values, compare
 from builder.check.probes.instance import CallError, Instance, refused
-from builder.check.rules import Finding, Rule, listed
+from builder.check.rules import RULES, Finding, Rule, listed
 from eightpost.workers.process import python_command, run
 
 _TIMEOUT = 60.0
@@ -48,7 +47,7 @@ def _rollback(bench: Bench) -> Iterator[Finding]:
         for _ in range(2):
             instance.need("SetFMUstate", state)
             again = [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, after)]
-            yield from _compare(rules.ROLLBACK, "after a rollback", first, again)
+            yield from _compare(RULES["rollback"], "after a rollback", first, again)
         instance.call("FreeFMUstate", ctypes.byref(state))
 
 
@@ -60,7 +59,7 @@ def _start(bench: Bench) -> Iterator[Finding]:
         instance.need("SetFMUstate", state)
         again = bench.run(instance, bench.excitation, bench.all_points())
         instance.call("FreeFMUstate", ctypes.byref(state))
-        yield from _compare(rules.ROLLBACK, "after a rollback to the start", first, again)
+        yield from _compare(RULES["rollback"], "after a rollback to the start", first, again)
 
 
 def _freed(bench: Bench) -> Iterator[Finding]:
@@ -68,9 +67,9 @@ def _freed(bench: Bench) -> Iterator[Finding]:
         state = instance.state()
         status = instance.call("FreeFMUstate", ctypes.byref(state))
         if refused(status) or state.value is not None:
-            yield rules.STATE_FREED.finding("the pointer is not NULL after fmi2FreeFMUstate")
+            yield RULES["state-freed"].finding("the pointer is not NULL after fmi2FreeFMUstate")
         elif refused(instance.call("FreeFMUstate", ctypes.byref(state), note=" of NULL")):
-            yield rules.STATE_FREED.finding("fmi2FreeFMUstate of NULL is rejected")
+            yield RULES["state-freed"].finding("fmi2FreeFMUstate of NULL is rejected")
 
 
 def _serialized(bench: Bench) -> Iterator[Finding]:
@@ -80,10 +79,10 @@ def _serialized(bench: Bench) -> Iterator[Finding]:
         state = instance.state()
         content = instance.serialized(state)
         if content != instance.serialized(state) or content != instance.serialized(instance.state()):
-            yield rules.SAME_BYTES.finding("two serializations of the same state differ")
+            yield RULES["serialized-same"].finding("two serializations of the same state differ")
         first = [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, after)]
     with bench.running() as other:  # after the first was freed: some FMUs allow only one instance at a time
-        yield from _compare(rules.SERIALIZED, "in another instance", first, _restored(bench, other, content))
+        yield from _compare(RULES["serialized-state"], "in another instance", first, _restored(bench, other, content))
     yield from _other_process(bench, content, first)
 
 
@@ -112,18 +111,18 @@ def _other_process(bench: Bench, content: bytes, first: list[Values]) -> Iterato
         bench.library.begin("restoring a serialized state in another process")
         ran = run(command, _TIMEOUT)
     if ran.code is None:
-        yield rules.OTHER_PROCESS.finding(f"restoring did not end within {_TIMEOUT:g} s")
+        yield RULES["serialized-process"].finding(f"restoring did not end within {_TIMEOUT:g} s")
         return
     if ran.code != 0:
         last = ran.errors.decode("utf-8", "replace").strip().splitlines()[-1:] or [f"code {ran.code}"]
-        yield rules.OTHER_PROCESS.finding(f"restoring failed: {last[0]}")
+        yield RULES["serialized-process"].finding(f"restoring failed: {last[0]}")
         return
     rows = [[float.fromhex(word) for word in line.split()] for line in ran.output.decode().splitlines()]
-    yield from _compare(rules.OTHER_PROCESS, "in another process", first, rows)
+    yield from _compare(RULES["serialized-process"], "in another process", first, rows)
 
 
 def _compare(rule: Rule, where: str, first: list[Values], again: list[Values]) -> Iterator[Finding]:
-    yield from compare((rule, rules.ROLLBACK_BITS), f"{where} the same steps differ", first, again)
+    yield from compare((rule, RULES["rollback-bits"]), f"{where} the same steps differ", first, again)
 
 
 # ---- Damaged serialized states --------------------------------------------------------------------------------------
@@ -146,7 +145,7 @@ def probe_corrupt_state(bench: Bench) -> Results:
             status, _ = instance.deserialize(damaged)
             accepted += [] if refused(status) else [what]
     if accepted:
-        yield rules.CORRUPT.finding(f"accepted: {listed(accepted)}")
+        yield RULES["serialized-corrupt"].finding(f"accepted: {listed(accepted)}")
 
 
 def _damaged(content: bytes) -> Iterator[tuple[str, bytes]]:

@@ -8,13 +8,12 @@ from collections.abc import Iterator, Sequence
 from ctypes import c_char_p, c_double, c_size_t, c_uint
 from typing import Any
 
-from builder.check.catalogue import version3 as rules
-from builder.check.description import Variable, whole_number
 from builder.check.probes.bench import Bench, Results, Skip
 from builder.check.probes.instance import CallError, Instance, refused
 from builder.check.probes.library import CO_SIMULATION, MODEL_EXCHANGE, MissingFunctionError
 from builder.check.probes.library3 import TYPES, Library3
-from builder.check.rules import Finding, listed
+from builder.check.rules import RULES, Finding, listed
+from eightpost.fmi.description import Variable, whole_number
 
 _STEPS = 20
 _ROUNDING = 1e-9
@@ -42,7 +41,7 @@ def _version(bench: Bench, library: Library3) -> Iterator[Finding]:
     returned = (library.native("GetVersion")() or b"").decode("utf-8", "replace")
     stated = bench.description.attributes.get("fmiVersion", "")
     if returned.split(".")[:2] != stated.split(".")[:2]:
-        yield rules.VERSION.finding(f"it returns {returned!r}, the description states {stated!r}")
+        yield RULES["version-string"].finding(f"it returns {returned!r}, the description states {stated!r}")
 
 
 def _undeclared(bench: Bench, library: Library3) -> Iterator[Finding]:
@@ -56,7 +55,7 @@ def _undeclared(bench: Bench, library: Library3) -> Iterator[Finding]:
             with_kind = _created(bench, library, kind)
             if with_kind is not None:
                 with_kind.free()
-                yield rules.UNDECLARED.finding(f"an instance for {name} was created")
+                yield RULES["undeclared-type"].finding(f"an instance for {name} was created")
 
 
 def _created(bench: Bench, library: Library3, kind: int) -> Instance | None:
@@ -87,11 +86,11 @@ def _steps(bench: Bench, library: Library3) -> Iterator[Finding]:
             outside += [t for t in step.requests if not time - margin <= t <= end + margin]
             requested += len(step.requests)
     if wrong:
-        yield rules.STEP_RESULTS.finding(listed(list(dict.fromkeys(wrong)), most=3))
+        yield RULES["step-results"].finding(listed(list(dict.fromkeys(wrong)), most=3))
     if outside:
-        yield rules.UPDATES.finding(f"called at {outside[0]!r} s, outside the step")
+        yield RULES["intermediate-update"].finding(f"called at {outside[0]!r} s, outside the step")
     if library.intermediate_inputs and steps and not requested:
-        yield rules.UPDATES_INPUTS.finding(f"never requested in {steps} steps")
+        yield RULES["intermediate-inputs"].finding(f"never requested in {steps} steps")
 
 
 def _counts(bench: Bench, library: Library3) -> Iterator[Finding]:
@@ -107,7 +106,7 @@ def _counts(bench: Bench, library: Library3) -> Iterator[Finding]:
                     status = library.native(name)(instance.address, references, 1, values, count)
                 accepted += [] if refused(status) else [f"fmi3{name} with {count} values"]
     if accepted:
-        yield rules.COUNTS.finding(f"accepted for one variable: {listed(accepted)}")
+        yield RULES["value-count"].finding(f"accepted for one variable: {listed(accepted)}")
 
 
 def _arrays(bench: Bench, library: Library3) -> Iterator[Finding]:
@@ -123,9 +122,11 @@ def _arrays(bench: Bench, library: Library3) -> Iterator[Finding]:
             read = _read_array(library, instance, variable, len(stated))
             if read is None:
                 count = f"{len(stated)} values of {variable.name}"
-                yield rules.ARRAY_START.finding(f"{count} cannot be read{instance.last_message()}")
+                yield RULES["array-start"].finding(f"{count} cannot be read{instance.last_message()}")
             elif any(not math.isclose(a, b, rel_tol=1e-6, abs_tol=1e-300) for a, b in zip(read, stated, strict=True)):
-                yield rules.ARRAY_START.finding(f"{variable.name} is {read[:6]} in the binary, {stated[:6]} in the XML")
+                yield RULES["array-start"].finding(
+                    f"{variable.name} is {read[:6]} in the binary, {stated[:6]} in the XML"
+                )
 
 
 def _start_values(variable: Variable, length: int) -> list[float] | None:
@@ -165,7 +166,9 @@ def _numbers(bench: Bench, library: Library3) -> Iterator[Finding]:
         variables = [description.variable(unknown.index) for unknown in description.in_section(section)]
         listed_count = sum(description.lengths.get(v.name, 1) for v in variables if v is not None)
         if refused(status) or count.value != listed_count:
-            yield rules.NUMBERS.finding(f"fmi3{name} returns {count.value}, the description lists {listed_count}")
+            yield RULES["number-of-states"].finding(
+                f"fmi3{name} returns {count.value}, the description lists {listed_count}"
+            )
     created.free()
 
 
@@ -186,7 +189,7 @@ def _adjoint(bench: Bench, library: Library3) -> Iterator[Finding]:
         expected = sum(s * d for s, d in zip(seed, row, strict=True))
         size = sum(abs(s * d) for s, d in zip(seed, row, strict=True))
         if not abs(came - expected) <= 1e-9 * size:
-            yield rules.ADJOINT.finding(f"by {variable.name}: {came!r}, not {expected!r}")
+            yield RULES["adjoint-derivative"].finding(f"by {variable.name}: {came!r}, not {expected!r}")
             return
 
 

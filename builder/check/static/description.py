@@ -1,16 +1,15 @@
-"""Rules for modelDescription.xml except its variables: identity, model structure, capabilities."""
+"""Rules for modelDescription.xml except its variables: identity, model structure, capabilities, model exchange."""
 
 from __future__ import annotations
 
-import itertools
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import datetime
+from itertools import pairwise
 
-from builder.check.catalogue import static as rules
-from builder.check.description import Description, Unknown, Variable
-from builder.check.rules import Finding, Rule, listed
+from builder.check.rules import Faults, some
+from eightpost.fmi.description import Description, Variable
 
 # ---- Identity -------------------------------------------------------------------------------------------------------
 
@@ -19,66 +18,45 @@ _C_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _PLAIN = re.compile(r"[A-Za-z0-9{}_-]+")
 _DATE = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ")
 _ABOUT = ("description", "author", "version", "license", "generationTool")
+_TIMES = {"startTime", "stopTime", "stepSize"}
 
 
-def _version(description: Description) -> Iterator[Finding]:
-    """Check that fmiVersion is 2.0, or one of FMI 3.0."""
-    stated = description.attributes.get("fmiVersion")
-    if stated != "2.0" and not (description.fmi == 3 and _VERSION_3.fullmatch(stated or "")):
-        yield rules.VERSION.finding(f"it is {stated!r}")
+def doubled(names: Iterable[str]) -> list[str]:
+    """Return the names that occur more than once."""
+    return [name for name, count in Counter(names).items() if count > 1]
 
 
-def _guid(description: Description) -> Iterator[Finding]:
-    """Check that there is a GUID of plain characters."""
-    if not description.guid.strip():
-        yield rules.GUID.finding("the attribute guid is missing or empty")
-    elif not _PLAIN.fullmatch(description.guid):
-        yield rules.GUID_PLAIN.finding(f"it is {description.guid!r}")
-
-
-def _identifier(description: Description) -> Iterator[Finding]:
-    """Check that co-simulation is supported and that its modelIdentifier is a C name."""
-    if description.co_simulation is None:
-        yield rules.CO_SIMULATION.finding("there is no element CoSimulation")
-    elif not _C_NAME.fullmatch(description.identifier):
-        yield rules.IDENTIFIER.finding(f"it is {description.identifier!r}")
-
-
-def _date(description: Description) -> Iterator[Finding]:
-    """Check that generationDateAndTime is a date in UTC."""
-    stated = description.attributes.get("generationDateAndTime")
-    if stated is not None and not _is_date(stated):
-        yield rules.DATE.finding(f"it is {stated!r}")
+def identity(fmu: Description) -> Faults:
+    """Yield faults of version, GUID, identifier, date, authorship, default experiment and log categories."""
+    stated = fmu.attributes.get("fmiVersion")
+    if stated != "2.0" and not (fmu.fmi == 3 and _VERSION_3.fullmatch(stated or "")):
+        yield "fmi-version", f"it is {stated!r}"
+    if not fmu.guid.strip():
+        yield "guid-present", "the attribute guid is missing or empty"
+    elif not _PLAIN.fullmatch(fmu.guid):
+        yield "guid-plain", f"it is {fmu.guid!r}"
+    if fmu.co_simulation is None:
+        yield "co-simulation", "there is no element CoSimulation"
+    elif not _C_NAME.fullmatch(fmu.identifier):
+        yield "model-identifier", f"it is {fmu.identifier!r}"
+    date = fmu.attributes.get("generationDateAndTime")
+    if date is not None and not _is_date(date):
+        yield "date-format", f"it is {date!r}"
+    yield "about", some((name for name in _ABOUT if not fmu.attributes.get(name, "").strip()), "missing: ")
+    given = fmu.experiment or {}
+    if given.keys() & _TIMES:
+        yield "default-experiment", some(sorted(_TIMES - given.keys()), "missing: ")
+        yield "experiment-sense", "; ".join(_invalid_values(given))
+    else:
+        yield "default-experiment", "it is missing"
+    yield "log-categories", some(doubled(fmu.categories), "duplicate names: ")
 
 
 def _is_date(text: str) -> bool:
-    if not _DATE.fullmatch(text):
-        return False
     try:
-        datetime.fromisoformat(text)
+        return bool(_DATE.fullmatch(text) and datetime.fromisoformat(text))
     except ValueError:
         return False
-    return True
-
-
-def _about(description: Description) -> Iterator[Finding]:
-    """Check that description, author, version, license and generationTool are present."""
-    missing = [name for name in _ABOUT if not description.attributes.get(name, "").strip()]
-    if missing:
-        yield rules.ABOUT.finding(f"missing: {listed(missing)}")
-
-
-def _experiment(description: Description) -> Iterator[Finding]:
-    """Check that there is a valid default experiment."""
-    given = description.experiment
-    if given is None or not given.keys() & {"startTime", "stopTime", "stepSize"}:
-        yield rules.EXPERIMENT.finding("it is missing")
-        return
-    missing = sorted({"startTime", "stopTime", "stepSize"} - given.keys())
-    if missing:
-        yield rules.EXPERIMENT.finding(f"missing: {listed(missing)}")
-    if wrong := list(_invalid_values(given)):
-        yield rules.EXPERIMENT_SENSE.finding("; ".join(wrong))
 
 
 def _invalid_values(given: Mapping[str, str]) -> Iterator[str]:
@@ -95,41 +73,48 @@ def _invalid_values(given: Mapping[str, str]) -> Iterator[str]:
         yield f"it stops at {given['stopTime']} s and starts at {given.get('startTime', '0')} s"
 
 
-def _categories(description: Description) -> Iterator[Finding]:
-    """Check that names of log categories are unique."""
-    doubled = [name for name, count in Counter(description.categories).items() if count > 1]
-    if doubled:
-        yield rules.CATEGORIES.finding(f"duplicate names: {listed(doubled)}")
-
-
-IDENTITY_RULES = (_version, _guid, _identifier, _date, _about, _experiment, _categories)
-
-
 # ---- Model structure ------------------------------------------------------------------------------------------------
 
 _KINDS = {"dependent", "constant", "fixed", "tunable", "discrete"}
 
-
-def _indices(description: Description) -> Iterator[Finding]:
-    """Check that indices refer to variables."""
-    for unknown in description.unknowns:
-        wrong = [i for i in (unknown.index, *(unknown.dependencies or ())) if description.variable(i) is None]
-        valid = f"between 1 and {len(description.variables)}" if description.fmi == 2 else "the reference of a variable"
-        if wrong:
-            yield rules.INDEX.finding(f"{unknown.section}, unknown {unknown.index!r}: {listed(wrong)} is not {valid}")
+#: FMI 3.0 lets outputs also depend on structural parameters and on clocks, which are inputs or local.
+_KNOWN_CAUSALITIES = ("input", "independent", "structuralParameter")
 
 
-def _outputs(description: Description) -> Iterator[Finding]:
-    """Check that Outputs lists all outputs."""
-    expected = [v for v in description.variables if v.causality == "output"]
-    if expected or "Outputs" in description.sections:
-        yield from _compare(rules.OUTPUTS, _named(description, "Outputs"), _distinct(expected))
-
-
-def _initial_unknowns(description: Description) -> Iterator[Finding]:
-    """Check that InitialUnknowns lists all variables that initialization computes."""
-    expected = [v for v in description.variables if _is_initial_unknown(v)] + list(_initial_states(description))
-    yield from _compare(rules.INITIAL_UNKNOWNS, _named(description, "InitialUnknowns"), _distinct(expected))
+def structure(fmu: Description) -> Faults:
+    """Yield faults of the lists of unknowns and of their dependencies."""
+    valid = f"between 1 and {len(fmu.variables)}" if fmu.fmi == 2 else "the reference of a variable"
+    for unknown in fmu.unknowns:
+        wrong = [i for i in (unknown.index, *(unknown.dependencies or ())) if fmu.variable(i) is None]
+        yield "unknown-index", some(wrong, f"{unknown.section}, unknown {unknown.index!r}: ", f" is not {valid}")
+    outputs = [v for v in fmu.variables if v.causality == "output"]
+    if outputs or "Outputs" in fmu.sections:
+        yield from _compared("outputs-complete", fmu.listed_in("Outputs"), outputs)
+    initial = [v for v in fmu.variables if _is_initial_unknown(v)] + list(_initial_states(fmu))
+    yield from _compared("initial-unknowns", fmu.listed_in("InitialUnknowns"), initial)
+    if fmu.fmi == 2:  # FMI 3.0 does not demand an order
+        indices = pairwise(v.index for v in fmu.listed_in("InitialUnknowns"))
+        falls = (f"index {after} comes after {before}" for before, after in indices if after < before)
+        yield "initial-unknowns-order", next(falls, "")
+    places = [(unknown, f"{unknown.section}, unknown {unknown.index}: ") for unknown in fmu.unknowns]
+    for unknown, place in places:
+        kinds, count = unknown.kinds, len(unknown.dependencies or ())
+        if kinds is not None and (unknown.dependencies is None or len(kinds) != count):
+            yield "dependencies-kind", f"{place}{count} dependencies, {len(kinds)} kinds"
+        yield "dependencies-kind", some(sorted(set(kinds or ()) - _KINDS), place)
+    for unknown, place in places:
+        yield "dependency-unique", some(doubled(unknown.dependencies or ()), place)
+    for variable in fmu.listed_in("Derivatives"):
+        if fmu.variable(variable.attributes.get("derivative", "")) is None:
+            yield "derivatives-complete", f"{variable.name} has no valid attribute derivative"
+    for section in ("Outputs", "Derivatives", "InitialUnknowns"):
+        bare = (fmu.name_of(u) for u in fmu.in_section(section) if u.dependencies is None)
+        yield "dependencies-declared", some(bare, f"{section}: not declared for ")
+    states = {v.attributes.get("derivative") for v in fmu.variables}
+    for unknown in fmu.in_section("Outputs"):
+        known = [v for v in fmu.named(unknown.dependencies or ()) if v.causality not in _KNOWN_CAUSALITIES]
+        wrong = [v.name for v in known if str(v.index) not in states]
+        yield "dependency-known", some(wrong, f"{fmu.name_of(unknown)} lists ")
 
 
 def _is_initial_unknown(variable: Variable) -> bool:
@@ -140,104 +125,26 @@ def _is_initial_unknown(variable: Variable) -> bool:
     return variable.causality == "calculatedParameter"
 
 
-def _initial_states(description: Description) -> Iterator[Variable]:
-    for unknown in description.in_section("Derivatives"):
-        derivative = description.variable(unknown.index)
-        state = description.variable(derivative.attributes.get("derivative", "")) if derivative else None
-        for variable in (state, derivative):
+def _initial_states(fmu: Description) -> Iterator[Variable]:
+    for derivative in fmu.listed_in("Derivatives"):
+        for variable in (fmu.variable(derivative.attributes.get("derivative", "")), derivative):
             if variable is not None and variable.effective_initial in ("calculated", "approx"):
                 yield variable
 
 
-def _distinct(variables: list[Variable]) -> dict[tuple[str, str], list[Variable]]:
-    """Return the variables grouped by type and value reference, so that aliases are in one group."""
-    found: dict[tuple[str, str], list[Variable]] = {}
+def _compared(rule: str, found: list[Variable], expected: list[Variable]) -> Faults:
+    present, needed = _by_reference(found), _by_reference(expected)
+    yield rule, some((name for key, name in needed.items() if key not in present), "missing: ")
+    yield rule, some((name for key, name in present.items() if key not in needed), "not allowed: ")
+    yield rule, some(doubled(v.name for v in found), "listed twice: ")
+
+
+def _by_reference(variables: list[Variable]) -> dict[tuple[str, str], str]:
+    """Return the name of the first variable of each type and value reference, so that aliases count as one."""
+    names: dict[tuple[str, str], str] = {}
     for variable in variables:
-        found.setdefault((variable.type, variable.reference or variable.name), []).append(variable)
-    return found
-
-
-def _named(description: Description, section: str) -> list[Variable]:
-    found = (description.variable(unknown.index) for unknown in description.in_section(section))
-    return [variable for variable in found if variable is not None]
-
-
-def _compare(rule: Rule, named: list[Variable], expected: dict[tuple[str, str], list[Variable]]) -> Iterator[Finding]:
-    present = _distinct(named)
-    missing = [group[0].name for key, group in expected.items() if key not in present]
-    surplus = [group[0].name for key, group in present.items() if key not in expected]
-    doubled = [name for name, count in Counter(v.name for v in named).items() if count > 1]
-    for what, found in (("missing", missing), ("not allowed", surplus), ("listed twice", doubled)):
-        if found:
-            yield rule.finding(f"{what}: {listed(found)}")
-
-
-def _order(description: Description) -> Iterator[Finding]:
-    """Check that InitialUnknowns are ordered, which FMI 3.0 does not demand."""
-    if description.fmi == 3:
-        return
-    found = [v.index for v in _named(description, "InitialUnknowns")]
-    for before, after in itertools.pairwise(found):
-        if after < before:
-            yield rules.INITIAL_ORDER.finding(f"index {after} comes after {before}")
-            return
-
-
-def _kinds(description: Description) -> Iterator[Finding]:
-    """Check that dependenciesKind has one valid keyword per dependency."""
-    for unknown in description.unknowns:
-        given = unknown.kinds
-        if given is None:
-            continue
-        where = f"{unknown.section}, unknown {unknown.index}"
-        if unknown.dependencies is None or len(given) != len(unknown.dependencies):
-            yield rules.KINDS.finding(f"{where}: {len(unknown.dependencies or ())} dependencies, {len(given)} kinds")
-        if strange := sorted(set(given) - _KINDS):
-            yield rules.KINDS.finding(f"{where}: {listed(strange)}")
-
-
-def _twice(description: Description) -> Iterator[Finding]:
-    """Check that each dependency is listed once."""
-    for unknown in description.unknowns:
-        doubled = [index for index, count in Counter(unknown.dependencies or ()).items() if count > 1]
-        if doubled:
-            yield rules.DEPENDENCY_TWICE.finding(f"{unknown.section}, unknown {unknown.index}: {listed(doubled)}")
-
-
-def _derivatives(description: Description) -> Iterator[Finding]:
-    """Check that Derivatives lists derivatives."""
-    for variable in _named(description, "Derivatives"):
-        if description.variable(variable.attributes.get("derivative", "")) is None:
-            yield rules.DERIVATIVES.finding(f"{variable.name} has no valid attribute derivative")
-
-
-def _declared(description: Description) -> Iterator[Finding]:
-    """Check that dependencies are declared."""
-    for section in ("Outputs", "Derivatives", "InitialUnknowns"):
-        bare = [_name(description, u) for u in description.in_section(section) if u.dependencies is None]
-        if bare:
-            yield rules.DEPENDENCIES.finding(f"{section}: not declared for {listed(bare)}")
-
-
-def _knowns(description: Description) -> Iterator[Finding]:
-    """Check that outputs only depend on inputs, states and time."""
-    states = {v.attributes.get("derivative") for v in description.variables}
-    for unknown in description.in_section("Outputs"):
-        found = [v for v in (description.variable(i) for i in unknown.dependencies or ()) if v is not None]
-        wrong = [v.name for v in found if v.causality not in _KNOWN_CAUSALITIES and str(v.index) not in states]
-        if wrong:
-            yield rules.KNOWNS.finding(f"{_name(description, unknown)} lists {listed(wrong)}")
-
-
-def _name(description: Description, unknown: Unknown) -> str:
-    variable = description.variable(unknown.index)
-    return variable.name if variable else unknown.index
-
-
-#: FMI 3.0 lets outputs also depend on structural parameters and on clocks, which are inputs or local.
-_KNOWN_CAUSALITIES = ("input", "independent", "structuralParameter")
-
-STRUCTURE_RULES = (_indices, _outputs, _initial_unknowns, _order, _kinds, _twice, _derivatives, _declared, _knowns)
+        names.setdefault((variable.type, variable.reference or variable.name), variable.name)
+    return names
 
 
 # ---- Capabilities ---------------------------------------------------------------------------------------------------
@@ -247,37 +154,52 @@ _OFFERS = {
     "canInterpolateInputs": "input derivatives",
     "providesDirectionalDerivative": "directional derivatives",
 }
+_SERIALIZE = "canSerializeFMUstate is true, canGetAndSetFMUstate is not"
 
 
-def _serialize(description: Description) -> Iterator[Finding]:
-    """Check that canSerializeFMUstate is only declared with canGetAndSetFMUstate."""
-    if description.can("canSerializeFMUstate") and not description.can("canGetAndSetFMUstate"):
-        yield rules.SERIALIZE.finding("canSerializeFMUstate is true, canGetAndSetFMUstate is not")
+def capabilities(fmu: Description) -> Faults:
+    """Yield faults of the capability flags."""
+    if fmu.can("canSerializeFMUstate") and not fmu.can("canGetAndSetFMUstate"):
+        yield "serialize-needs-state", _SERIALIZE
+    if fmu.can("needsExecutionTool"):
+        yield "execution-tool", "needsExecutionTool is true"
+    if fmu.co_simulation is not None and not fmu.can("canHandleVariableCommunicationStepSize"):
+        yield "variable-step", "canHandleVariableCommunicationStepSize is not true"
+    if fmu.can("canBeInstantiatedOnlyOncePerProcess"):
+        yield "instantiate-many", "canBeInstantiatedOnlyOncePerProcess is true"
+    if fmu.co_simulation is not None:
+        yield "capabilities-offered", some((o for flag, o in _OFFERS.items() if not fmu.can(flag)), "not supported: ")
 
 
-def _runs_alone(description: Description) -> Iterator[Finding]:
-    """Check that no execution tool is needed."""
-    if description.can("needsExecutionTool"):
-        yield rules.RUNS_ALONE.finding("needsExecutionTool is true")
+# ---- Model exchange -------------------------------------------------------------------------------------------------
 
 
-def _variable_step(description: Description) -> Iterator[Finding]:
-    """Check that any communication step size is accepted."""
-    if description.co_simulation is not None and not description.can("canHandleVariableCommunicationStepSize"):
-        yield rules.VARIABLE_STEP.finding("canHandleVariableCommunicationStepSize is not true")
-
-
-def _many(description: Description) -> Iterator[Finding]:
-    """Check that several instances per process are allowed."""
-    if description.can("canBeInstantiatedOnlyOncePerProcess"):
-        yield rules.MANY.finding("canBeInstantiatedOnlyOncePerProcess is true")
-
-
-def _offered(description: Description) -> Iterator[Finding]:
-    """Check that the optional features for coupling stiff systems are supported."""
-    missing = [what for flag, what in _OFFERS.items() if not description.can(flag)]
-    if description.co_simulation is not None and missing:
-        yield rules.OFFERED.finding(f"not supported: {listed(missing)}")
-
-
-CAPABILITY_RULES = (_serialize, _runs_alone, _variable_step, _many, _offered)
+def exchange(fmu: Description) -> Faults:
+    """Yield faults of states, derivatives and event indicators."""
+    pairs, offered = list(fmu.state_pairs()), fmu.model_exchange is not None
+    wrong = []
+    for derivative, state in pairs:
+        wrong += [f"{state.name} is its own derivative"] if derivative is state else []
+        wrong += [f"{v.name} is not a continuous Real" for v in (derivative, state) if not v.is_continuous_real]
+    wrong += [f"{name} has several derivatives" for name in doubled(state.name for _, state in pairs)]
+    yield "state-continuous", some(wrong)
+    named, states = {derivative.index for derivative, _ in pairs}, {state.index for _, state in pairs}
+    local = [v for v in fmu.variables if "derivative" in v.attributes and v.causality == "local"]
+    if offered:
+        unlisted = (v.name for v in local if v.index not in named and v.is_continuous_real)
+        yield "derivative-unlisted", some(unlisted, "not listed: ")
+    reset = (v.name for v in fmu.variables if "reinit" in v.attributes and v.index not in states)
+    yield "reinit", some(reset, "present on ")
+    if offered and not re.fullmatch(r"\d+", fmu.event_indicators, flags=re.ASCII):
+        yield "event-indicators", f"it is {fmu.event_indicators!r}"
+    for unknown in fmu.in_section("Derivatives"):
+        known = [v for v in fmu.named(unknown.dependencies or ()) if v.causality not in ("input", "independent")]
+        yield (
+            "derivative-known",
+            some((v.name for v in known if v.index not in states), f"{fmu.name_of(unknown)} lists "),
+        )
+    if fmu.can_exchange("canSerializeFMUstate") and not fmu.can_exchange("canGetAndSetFMUstate"):
+        yield "exchange-serialize", _SERIALIZE
+    if offered:
+        bare = (state.name for _, state in pairs if "nominal" not in state.attributes)
+        yield "state-nominal", some(bare, "without a nominal value: ")

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterator, Mapping
 
-from builder.check.catalogue import static as rules
-from builder.check.description import Description, Unit, Variable
-from builder.check.rules import Finding, listed
+from builder.check.rules import Faults, listed, some
+from builder.check.static.description import doubled
 from eightpost import units
 from eightpost.errors import UnknownUnitError
+from eightpost.fmi.description import Description, Unit, Variable
 
 # ---- Names, value references, causalities, start values -------------------------------------------------------------
 
 _VARIABILITIES = {
-    "parameter": ("fixed", "tunable"),
-    "calculatedParameter": ("fixed", "tunable"),
-    "structuralParameter": ("fixed", "tunable"),
+    **dict.fromkeys(("parameter", "calculatedParameter", "structuralParameter"), ("fixed", "tunable")),
     "input": ("discrete", "continuous"),
     "output": ("constant", "discrete", "continuous"),
     "local": ("constant", "fixed", "tunable", "discrete", "continuous"),
@@ -25,6 +23,44 @@ _VARIABILITIES = {
 }
 _CALCULATED = ("calculated", "approx")
 _BOOLEANS = ("true", "false", "0", "1")
+
+
+def variables(fmu: Description) -> Faults:
+    """Yield faults of names, references, causalities, types and start values."""
+    every = fmu.variables
+    names = [v.name for v in every] + [alias.get("name", "") for v in every for alias in v.aliases]
+    yield "variable-unique", some(doubled(names), "several variables are named ")
+    yield from _aliases(fmu)
+    for v in every:
+        if v.variability not in _VARIABILITIES.get(v.causality, ()):
+            yield "variable-combination", f"{v.name}: causality {v.causality} with variability {v.variability}"
+        elif v.causality not in ("input", "independent") and v.initial is not None and v.initial not in _initials(v):
+            yield "variable-combination", f"{v.name}: initial {v.initial} on a {v.variability} {v.causality}"
+    no_initial = ("input", "independent") if fmu.fmi == 2 else ("independent",)  # FMI 3.0 allows it for inputs
+    yield "initial-on-input", some((v.name for v in every if v.causality in no_initial and v.initial), "present on ")
+    continuous = (v.name for v in every if v.type != "Real" and v.variability == "continuous")
+    yield "continuous-real", some(continuous, "continuous but not Real: ")
+    yield from _start_presence(fmu)
+    for v in every:
+        for name in ("start", "min", "max", "nominal"):
+            if name in v.attributes and not _is_value(v, v.attributes[name]):
+                yield "start-value", f"{v.name}: {name} is {v.attributes[name]!r}"
+    nominals = ((v, v.number("nominal")) for v in every)
+    yield "nominal", some(f"{v.name} has {value:g}" for v, value in nominals if value is not None and value <= 0.0)
+    for v in every:
+        limits = low, start, high = v.number("min"), v.number("start"), v.number("max")
+        known = [value for value in limits if value is not None]
+        if known != sorted(known):
+            yield "start-range", f"{v.name}: min {low}, start {start}, max {high}"
+    for v in every:
+        yield "declared-type", _fault_of_type(fmu, v)
+    times = [v.name for v in every if v.causality == "independent"]
+    if len(times) > 1:
+        yield "independent", f"independent variables: {listed(times)}"
+    elif not times and fmu.fmi == 3:
+        yield "independent", "the time variable is missing, which FMI 3.0 needs"
+    shown = (v for v in every if v.causality in ("input", "output", "parameter"))
+    yield "variable-description", some((v.name for v in shown if not v.description.strip()), "without a description: ")
 
 
 def _initials(variable: Variable) -> tuple[str, ...]:
@@ -36,28 +72,19 @@ def _initials(variable: Variable) -> tuple[str, ...]:
     return ("exact", *_CALCULATED)
 
 
-def _names(description: Description) -> Iterator[Finding]:
-    """Check that names are unique, those of aliases included."""
-    names = [v.name for v in description.variables] + [name for own in description.aliases.values() for name in own]
-    doubled = [name for name, count in Counter(names).items() if count > 1]
-    if doubled:
-        yield rules.NAMES.finding(f"several variables are named {listed(doubled)}")
-
-
-def _aliases(description: Description) -> Iterator[Finding]:
-    """Check that variables with the same value reference are consistent; FMI 3.0 allows only one."""
-    if description.fmi == 3:
-        counts = Counter(v.reference for v in description.variables)
-        if doubled := [v.name for v in description.variables if counts[v.reference] > 1]:
-            yield rules.ALIASES.finding(f"{listed(doubled)}: each variable needs its own; use elements Alias")
+def _aliases(fmu: Description) -> Faults:
+    """Compare variables with the same value reference; FMI 3.0 allows only one."""
+    if fmu.fmi == 3:
+        counts = Counter(v.reference for v in fmu.variables)
+        shared = (v.name for v in fmu.variables if counts[v.reference] > 1)
+        yield "alias-set", some(shared, after=": each variable needs its own; use elements Alias")
         return
-    sets: dict[tuple[str, str], list[Variable]] = defaultdict(list)
-    for variable in description.variables:
-        kind = "Integer" if variable.type == "Enumeration" else variable.type
-        sets[kind, variable.reference].append(variable)
+    sets: dict[tuple[str, str], list[Variable]] = {}
+    for v in fmu.variables:
+        sets.setdefault(("Integer" if v.type == "Enumeration" else v.type, v.reference), []).append(v)
     for (kind, reference), same in sets.items():
         if len(same) > 1 and (why := _disagreement(same)):
-            yield rules.ALIASES.finding(f"{kind} {reference}: {listed([v.name for v in same])} {why}")
+            yield "alias-set", f"{kind} {reference}: {listed([v.name for v in same])} {why}"
 
 
 def _disagreement(same: list[Variable]) -> str:
@@ -69,55 +96,21 @@ def _disagreement(same: list[Variable]) -> str:
     return "have several start values" if len(starts) > 1 else ""
 
 
-def _combinations(description: Description) -> Iterator[Finding]:
-    """Check that causality, variability and initial are a valid combination."""
-    for v in description.variables:
-        if v.variability not in _VARIABILITIES.get(v.causality, ()):
-            yield rules.COMBINATION.finding(f"{v.name}: causality {v.causality} with variability {v.variability}")
-        elif v.causality not in ("input", "independent") and v.initial is not None and v.initial not in _initials(v):
-            yield rules.COMBINATION.finding(f"{v.name}: initial {v.initial} on a {v.variability} {v.causality}")
-
-
-def _initial_on_inputs(description: Description) -> Iterator[Finding]:
-    """Check that inputs and time have no `initial`; FMI 3.0 allows it for inputs."""
-    causalities = ("input", "independent") if description.fmi == 2 else ("independent",)
-    wrong = [v.name for v in description.variables if v.causality in causalities and v.initial]
-    if wrong:
-        yield rules.INITIAL_INPUT.finding(f"present on {listed(wrong)}")
-
-
-def _continuous(description: Description) -> Iterator[Finding]:
-    """Check that only Reals are continuous."""
-    wrong = [v.name for v in description.variables if v.type != "Real" and v.variability == "continuous"]
-    if wrong:
-        yield rules.CONTINUOUS.finding(f"continuous but not Real: {listed(wrong)}")
-
-
-def _start_presence(description: Description) -> Iterator[Finding]:
-    """Check that start values are present exactly if they are required or allowed."""
+def _start_presence(fmu: Description) -> Faults:
     missing, surplus = [], []
-    for v in description.variables:
+    for v in fmu.variables:
         if v.type in ("Clock", "Binary"):  # clocks have no start value, that of a binary is optional
             continue
         if v.causality == "independent" or v.effective_initial == "calculated":
             surplus += [v.name] if v.start is not None else []
         elif v.start is None and (v.causality == "input" or v.effective_initial in ("exact", "approx")):
             missing.append(v.name)
-    if missing:
-        yield rules.START_MISSING.finding(f"missing on {listed(missing)}")
-    if surplus:
-        yield rules.START_FORBIDDEN.finding(f"present on {listed(surplus)}")
-
-
-def _values(description: Description) -> Iterator[Finding]:
-    """Check that start, min, max and nominal are valid values of their type."""
-    for v in description.variables:
-        for attribute in ("start", "min", "max", "nominal"):
-            if attribute in v.attributes and not _is_value(v, v.attributes[attribute]):
-                yield rules.START_VALUE.finding(f"{v.name}: {attribute} is {v.attributes[attribute]!r}")
+    yield "start-required", some(missing, "missing on ")
+    yield "start-forbidden", some(surplus, "present on ")
 
 
 def _is_value(variable: Variable, text: str) -> bool:
+    """Return whether a text is a finite value of a variable's type, or a list of them for an array."""
     if variable.is_array:
         return all(_is_scalar(variable, part) for part in text.split())
     return _is_scalar(variable, text)
@@ -139,73 +132,29 @@ def _is_scalar(variable: Variable, text: str) -> bool:
 
 def _integers(native: str) -> tuple[int, int]:
     """Return the range of an integer type: the first value, and the first one beyond its end."""
-    if native == "Enumeration":
-        return -(2**63), 2**63
-    bits = int(native.partition("Int")[2] or 32)
+    bits = 64 if native == "Enumeration" else int(native.partition("Int")[2] or 32)
     return (0, 2**bits) if native.startswith("U") else (-(2 ** (bits - 1)), 2 ** (bits - 1))
 
 
-def _nominals(description: Description) -> Iterator[Finding]:
-    """Check that nominal values are positive."""
-    stated = ((v, v.number("nominal")) for v in description.variables)
-    wrong = [f"{v.name} has {value:g}" for v, value in stated if value is not None and value <= 0.0]
-    if wrong:
-        yield rules.NOMINAL.finding(listed(wrong))
-
-
-def _ranges(description: Description) -> Iterator[Finding]:
-    """Check that min <= start <= max."""
-    for v in description.variables:
-        low, start, high = (v.number(name) for name in ("min", "start", "max"))
-        known = [value for value in (low, start, high) if value is not None]
-        if known != sorted(known):
-            yield rules.START_RANGE.finding(f"{v.name}: min {low}, start {start}, max {high}")
-
-
-def _declared_types(description: Description) -> Iterator[Finding]:
-    """Check that declared types exist and match the variable's type."""
-    for v in description.variables:
-        declared = v.attributes.get("declaredType")
-        if declared is None:
-            continue
-        kind = description.types.get(declared)
-        if kind is None:
-            yield rules.DECLARED_TYPE.finding(f"{v.name} is of type {declared!r}, which is not declared")
-        elif kind[0] != (v.native or v.type):
-            yield rules.DECLARED_TYPE.finding(
-                f"{v.name} is {v.native or v.type}, but its declared type {declared!r} is {kind[0]}"
-            )
-
-
-def _independent(description: Description) -> Iterator[Finding]:
-    """Check that at most one variable is independent; in FMI 3.0, exactly one."""
-    times = [v.name for v in description.variables if v.causality == "independent"]
-    if len(times) > 1:
-        yield rules.INDEPENDENT.finding(f"independent variables: {listed(times)}")
-    elif not times and description.fmi == 3:
-        yield rules.INDEPENDENT.finding("the time variable is missing, which FMI 3.0 needs")
-
-
-def _descriptions(description: Description) -> Iterator[Finding]:
-    """Check that inputs, outputs and parameters have descriptions."""
-    seen = ("input", "output", "parameter")
-    bare = [v.name for v in description.variables if v.causality in seen and not v.description.strip()]
-    if bare:
-        yield rules.DESCRIPTIONS.finding(f"without a description: {listed(bare)}")
-
-
-VARIABLE_RULES = (
-    _names, _aliases, _combinations, _initial_on_inputs, _continuous, _start_presence, _values, _nominals, _ranges,
-    _declared_types, _independent, _descriptions,
-)  # fmt: skip
+def _fault_of_type(fmu: Description, v: Variable) -> str:
+    declared = v.attributes.get("declaredType")
+    if declared is None:
+        return ""
+    if declared not in fmu.types:
+        return f"{v.name} is of type {declared!r}, which is not declared"
+    kind, own = fmu.types[declared][0], v.native or v.type
+    return "" if kind == own else f"{v.name} is {own}, but its declared type {declared!r} is {kind}"
 
 
 # ---- Units, compared with the meaning of their names ----------------------------------------------------------------
 
 _BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
-#: Names with two meanings, both of which are accepted: SI exponents, factor, offset.
-_AMBIGUOUS: Mapping[str, tuple[tuple[Mapping[str, int], float, float], ...]] = {
+#: SI exponents, factor and offset of a unit.
+_Meaning = tuple[Mapping[str, int], float, float]
+
+#: Names with two meanings, both of which are accepted.
+_AMBIGUOUS: Mapping[str, tuple[_Meaning, ...]] = {
     "g": (({"m": 1, "s": -2}, 9.80665, 0.0), ({"kg": 1}, 1e-3, 0.0)),
     "lb": (({"kg": 1, "m": 1, "s": -2}, 4.4482216152605, 0.0), ({"kg": 1}, 0.45359237, 0.0)),
 }
@@ -215,90 +164,63 @@ _UNKNOWN = {"C", "F", "c", "f", "h", "min", "-", "#", "gs"}
 _TOLERANCE = 1e-6
 
 
-def _defined(description: Description) -> Iterator[Finding]:
-    """Check that all used units are defined."""
-    displays = {unit.name: {display.get("name") for display in unit.displays} for unit in description.units}
-    for v in description.variables:
+def units_of(fmu: Description) -> Faults:
+    """Yield faults of units and display units; those of names with a known meaning are compared with it."""
+    displays = {unit.name: {display.get("name") for display in unit.displays} for unit in fmu.units}
+    for v in fmu.variables:
         display = v.attributes.get("displayUnit")
         if v.unit is not None and v.unit not in displays:
-            yield rules.UNIT_DEFINED.finding(f"{v.name} is in {v.unit!r}, which is not defined")
+            yield "unit-defined", f"{v.name} is in {v.unit!r}, which is not defined"
         elif display is not None and v.unit is None:
-            yield rules.UNIT_DEFINED.finding(f"{v.name} has the display unit {display!r} but no unit")
+            yield "unit-defined", f"{v.name} has the display unit {display!r} but no unit"
         elif display is not None and display != v.unit and display not in displays[v.unit or ""]:
-            yield rules.UNIT_DEFINED.finding(
-                f"{v.name} has the display unit {display!r}, which is not a display unit of {v.unit!r}"
-            )
+            what = f"the display unit {display!r}, which is not a display unit of {v.unit!r}"
+            yield "unit-defined", f"{v.name} has {what}"
+    twice = doubled(unit.name for unit in fmu.units)
+    for unit in fmu.units:
+        twice += [f"{name} of {unit.name}" for name in doubled(display.get("name", "") for display in unit.displays)]
+    yield "unit-unique", some(twice, "defined twice: ")
+    reals = (v for v in fmu.variables if v.type == "Real" and not v.unit)
+    bare = (v.name for v in reals if fmu.fmi == 2 or v.causality != "independent")  # nothing is connected to time
+    yield "unit-missing", some(bare, "without a unit: ")
+    yield "unit-base", some((unit.name for unit in fmu.units if unit.base is None), "without a BaseUnit: ")
+    for unit in fmu.units:
+        yield from _base_unit(unit)
+    for unit in fmu.units:
+        for stated in unit.displays:
+            yield "display-factor", _fault_of_display(unit.name, stated)
 
 
-def _unique(description: Description) -> Iterator[Finding]:
-    """Check that units and display units are defined once."""
-    doubled = [name for name, count in Counter(unit.name for unit in description.units).items() if count > 1]
-    for unit in description.units:
-        names = Counter(display.get("name", "") for display in unit.displays)
-        doubled += [f"{name} of {unit.name}" for name, count in names.items() if count > 1]
-    if doubled:
-        yield rules.UNIT_TWICE.finding(f"defined twice: {listed(doubled)}")
+def _base_unit(unit: Unit) -> Faults:
+    known = list(_meanings(unit.name))
+    if unit.base is None or not known:
+        return
+    stated = {base: _number(unit.base, base, 0.0) for base in _BASE}
+    alike = [meaning for meaning in known if _same_dimension(stated, meaning[0])]
+    if not alike:
+        yield "unit-exponents", f"{unit.name} is {_words(known[0][0])}, but its BaseUnit is {_words(stated)}"
+    elif not any(_same_scale(unit.base, factor, offset) for _, factor, offset in alike):
+        _, factor, offset = alike[0]
+        own = f"the factor {unit.base.get('factor', '1')} with offset {unit.base.get('offset', '0')}"
+        what = f"one {unit.name} is {factor:.9g} SI units with offset {offset:g}"
+        yield "unit-factor", f"{what}, but its BaseUnit has {own}"
 
 
-def _given(description: Description) -> Iterator[Finding]:
-    """Check that every Real has a unit, except the time that FMI 3.0 demands: nothing is connected to it."""
-    reals = [v for v in description.variables if v.type == "Real"]
-    bare = [v.name for v in reals if not v.unit and (description.fmi == 2 or v.causality != "independent")]
-    if bare:
-        yield rules.UNIT_MISSING.finding(f"without a unit: {listed(bare)}")
-
-
-def _based(description: Description) -> Iterator[Finding]:
-    """Check that every unit has a BaseUnit."""
-    bare = [unit.name for unit in description.units if unit.base is None]
-    if bare:
-        yield rules.UNIT_BASE.finding(f"without a BaseUnit: {listed(bare)}")
-
-
-def _exponents(description: Description) -> Iterator[Finding]:
-    """Check that SI exponents, factor and offset match the unit's name."""
-    for unit in description.units:
-        known = list(_meanings(unit.name))
-        if unit.base is None or not known:
-            continue
-        stated = {base: _number(unit.base, base, 0.0) for base in _BASE}
-        alike = [meaning for meaning in known if _same_dimension(stated, meaning[0])]
-        if not alike:
-            yield rules.UNIT_EXPONENTS.finding(
-                f"{unit.name} is {_words(known[0][0])}, but its BaseUnit is {_words(stated)}"
-            )
-        elif not any(_same_scale(unit.base, factor, offset) for _, factor, offset in alike):
-            _, factor, offset = alike[0]
-            yield rules.UNIT_FACTOR.finding(
-                f"one {unit.name} is {factor:.9g} SI units with offset {offset:g}, but its BaseUnit has the factor "
-                f"{unit.base.get('factor', '1')} with offset {unit.base.get('offset', '0')}"
-            )
-
-
-def _displays(description: Description) -> Iterator[Finding]:
-    """Check the factors and offsets of display units."""
-    for unit in description.units:
-        for display in unit.displays:
-            yield from _display(unit, display)
-
-
-def _display(unit: Unit, display: Mapping[str, str]) -> Iterator[Finding]:
+def _fault_of_display(unit: str, display: Mapping[str, str]) -> str:
     name = display.get("name", "")
-    if not (list(_meanings(unit.name)) and list(_meanings(name))) or {unit.name, name} & _AMBIGUOUS.keys():
-        return
-    if not units.compatible(unit.name, name):
-        yield rules.DISPLAY_FACTOR.finding(f"{unit.name} cannot be converted to {name}: the dimensions differ")
-        return
-    factor, offset = units.conversion(unit.name, name)
-    if not _same_scale(display, factor, offset):
-        yield rules.DISPLAY_FACTOR.finding(
-            f"one {unit.name} is {factor:.9g} {name} with offset {offset:g}, but the factor is "
-            f"{display.get('factor', '1')} with offset {display.get('offset', '0')}"
-        )
+    if not (list(_meanings(unit)) and list(_meanings(name))) or {unit, name} & _AMBIGUOUS.keys():
+        return ""
+    if not units.compatible(unit, name):
+        return f"{unit} cannot be converted to {name}: the dimensions differ"
+    factor, offset = units.conversion(unit, name)
+    if _same_scale(display, factor, offset):
+        return ""
+    own = f"the factor is {display.get('factor', '1')} with offset {display.get('offset', '0')}"
+    return f"one {unit} is {factor:.9g} {name} with offset {offset:g}, but {own}"
 
 
-def _meanings(name: str) -> Iterator[tuple[Mapping[str, int], float, float]]:
-    """Yield SI exponents, factor and offset for each meaning of a name; nothing for an unknown name."""
+def _meanings(name: str) -> Iterator[_Meaning]:
+    """Yield the meanings of a name; nothing for an unknown name."""
     if name in _AMBIGUOUS:
         yield from _AMBIGUOUS[name]
     elif name and name not in _UNKNOWN and units.is_unit(name):
@@ -312,8 +234,7 @@ def _meanings(name: str) -> Iterator[tuple[Mapping[str, int], float, float]]:
 
 def _same_dimension(stated: Mapping[str, float], meant: Mapping[str, float]) -> bool:
     """Compare exponents; the radian only counts in rad and rad/s, because tools differ for units such as N.m/rad."""
-    plain = [base for base in _BASE if base != "rad"]
-    if any(stated.get(base, 0) != meant.get(base, 0) for base in plain):
+    if any(stated.get(base, 0) != meant.get(base, 0) for base in _BASE if base != "rad"):
         return False
     return "rad" not in meant or bool(meant.keys() - {"rad", "s"}) or stated["rad"] == meant["rad"]
 
@@ -333,6 +254,3 @@ def _number(attributes: Mapping[str, str], name: str, default: float) -> float:
 
 def _words(si: Mapping[str, float]) -> str:
     return " ".join(f"{base}^{power:g}" for base, power in si.items() if power) or "dimensionless"
-
-
-UNIT_RULES = (_defined, _unique, _given, _based, _exponents, _displays)

@@ -30,9 +30,8 @@ from cosim.study.certainty.choice import (
     tests_of,
 )
 from cosim.study.certainty.contributions import contributions_of
-from cosim.study.certainty.posterior import Observations, Posterior
+from cosim.study.certainty.posterior import Observations, Posterior, Surprise, surprises_of
 from cosim.study.certainty.sources import ErrorSources, error_sources
-from cosim.study.certainty.surprise import Surprise, surprises_of
 from cosim.study.certainty.vehicle_errors import OUTPUT, UNKNOWN
 from cosim.study.result import StudyResult
 from eightpost.array_types import Array, Integers

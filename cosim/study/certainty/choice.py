@@ -10,8 +10,7 @@ import numpy as np
 from scipy.special import stdtr
 
 from cosim.study.certainty.certainty import OBJECTIVE, NextTest
-from cosim.study.certainty.mixture import probability_below
-from cosim.study.certainty.posterior import Posterior
+from cosim.study.certainty.posterior import Posterior, probability_below
 from cosim.study.certainty.sources import Variables
 from cosim.study.result import StudyResult
 from eightpost import units

@@ -93,7 +93,7 @@ def _choose_machine(evaluator: Evaluator) -> tuple[MachineCoupling, tuple[str, .
         parts = finer(parts, worst / (AIM * study.accuracy))
     width = instruction_set() or "any processor"
     notes = (
-        f"{coarse.lanes} setups at once ({width}), step and largest error on {len(found)} setups: {', '.join(tried)}",
+        f"{coarse.lanes} setups at once ({width}), step and largest error of {len(found)} setups: {', '.join(tried)}",
     )
     return MachineCoupling(step, fit_error_model(found), worst), notes, coarse
 

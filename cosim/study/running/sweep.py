@@ -200,35 +200,38 @@ class Sweep:
             self.collect(coupling, partial=chunks.left > 0)
             raise
         result = self.collect(coupling, partial=chunks.left > 0)
-        return result if result.partial else self._checked(result, coupling, workers, progress)
+        compared = coupling if result.partial else self.compare_best(result, coupling)
+        if compared.machine is None and coupling.machine is not None:
+            return self.run(workers, compared, progress)
+        return result if compared is coupling else self.collect(compared, partial=False)
 
-    def _checked(
-        self, result: StudyResult, coupling: Coupling, workers: Workers, progress: Progress | None
-    ) -> StudyResult:
-        """Compare the best setup with a run through the FMUs; all run through them if the machine does not agree.
+    def compare_best(self, result: StudyResult, coupling: Coupling) -> Coupling:
+        """Compare the best setup of a result with a run through the FMUs, and keep the comparison.
 
         Returns:
-            The result with the comparison, or that of the runs through the FMUs.
+            The coupling with the comparison. If the machine does not agree, that of runs through the FMUs; completed
+            setups are then deleted, to be run again.
         """
         best = result.ranking()[:1]
         if coupling.machine is None or not best.size:
-            return result
+            return coupling
         setup = result.setup(int(best[0]))
         if any(check.setup == setup.index for check in coupling.machine.checks):
-            return result
+            return coupling
         try:
             check = check_setup(self._evaluator, setup, coupling.machine).check
         except (NotInBatchError, EightpostError):
-            return result  # its row is from the FMUs, or states the reason
+            return coupling  # its row is from the FMUs, or states the reason
         if check.agrees:
-            machine = replace(coupling.machine, checks=(*coupling.machine.checks, check))
-            kept = replace(coupling, machine=machine)
-            self._kept.keep_coupling(kept)
-            return self.collect(kept, partial=False)
+            found = replace(coupling, machine=replace(coupling.machine, checks=(*coupling.machine.checks, check)))
+        else:
+            self._clear()
+            found = through_fmus(self._evaluator, disagreement(check))
+        self._kept.keep_coupling(found)
+        return found
+
+    def _clear(self) -> None:
         self._kept.clear()
-        again = through_fmus(self._evaluator, disagreement(check))
-        self._kept.keep_coupling(again)
-        return self.run(workers, again, progress)
 
     def collect(self, coupling: Coupling, *, partial: bool) -> StudyResult:
         """Join the completed chunks to the result file, some thousands of rows at a time, and return the result.
@@ -317,6 +320,12 @@ class Requested(Sweep):
             finally:  # also what was complete when Ctrl-C or a failure ended the runs
                 self._keep(found)
         return self._result(coupling, result_table([self._rows[index] for index in wanted], self._schema))
+
+    def _clear(self) -> None:
+        for folder in (self._kept, self._requested):
+            folder.clear()
+        self._rows.clear()
+        self._places.clear()
 
     def _keep(self, found: list[Row]) -> None:
         if not found:

@@ -37,6 +37,14 @@ def test_a_part_of_fmi_3_is_refused_with_the_option_that_makes_an_assembly_of_fm
         read_parts({"car": fmus["quarter_car"], "lf": fmus3["lpf1"]})
 
 
+def test_a_part_that_depends_on_no_variable_is_refused_as_damaged(fmus, tmp_path):
+    members = read_archive(fmus["lpf1"])
+    xml = members["modelDescription.xml"].replace(b'dependencies="1 ', b'dependencies="999 ')
+    write_archive(tmp_path / "lpf1.fmu", members | {"modelDescription.xml": xml})
+    with pytest.raises(FmuError, match=r"lf \(.*lpf1\.fmu\) cannot be read \('999' is not the index of a variable\)"):
+        read_parts({"car": fmus["quarter_car"], "lf": tmp_path / "lpf1.fmu"})
+
+
 def _plan(case, **changes):
     return replace(Assembly.of(case.wiring, "car"), **changes)
 

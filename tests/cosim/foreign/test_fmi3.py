@@ -7,6 +7,7 @@ import ctypes
 
 import numpy as np
 import pytest
+from fmpy.fmi1 import FMICallException
 
 from cosim import (
     Adaptive,
@@ -22,8 +23,9 @@ from cosim import (
     System,
     run,
 )
-from cosim.components.fmi3_library import Fmi3Library
 from cosim.components.fmu_file import FmuFile
+from cosim.components.fmu_instance import loaded
+from cosim.components.fmu_log import FmuLog
 from eightpost.errors import StepError, WiringError
 from eightpost.signals import Drivefile
 
@@ -115,12 +117,11 @@ def test_an_integer_beyond_32_bits_is_refused_and_not_wrapped(lag):
 
 
 def test_directional_derivatives_are_those_of_scalars_and_refused_for_arrays(lag):
-    slave = lag_fmus.begun(lag)._slave
-    y, u, element = (lag._fmu.references[name] for name in ("y", "u", "v[2]"))
-    assert slave.getDirectionalDerivative([y], [u], [11.0]) == [33.0]
-    for unknowns in ([element], [y] * 100):
-        with pytest.raises(Exception, match="GetDirectionalDerivative failed"):
-            slave.getDirectionalDerivative(unknowns, [u], [11.0])
+    lag_fmus.begun(lag)
+    assert lag.derive(("y",), ("u",), (11.0,)) == [33.0]
+    for unknowns in (("v[2]",), ("y",) * 100):
+        with pytest.raises(StepError, match="fmi3GetDirectionalDerivative returned fmi3Error"):
+            lag.derive(unknowns, ("u",), (11.0,))
     assert not lag.capabilities.derivatives
 
 
@@ -289,51 +290,59 @@ def test_a_force_law_is_exact_at_repeated_trial_points_and_goes_on_from_the_acce
 # ---- Interpreted calls without the loop ---------------------------------------------------------------------------
 
 
-def marched(library, references):
-    """Return the readings of a run through the functions of FMI 2.0, called as any program calls them with ctypes."""
-    call = lambda name, *arguments: getattr(library, f"fmi2{name}")(*arguments)  # noqa: E731
-    instance = call("Instantiate", b"lag", 1, b"lag 3", b"file:///tmp", None, 0, 0)
-    assert call("SetupExperiment", instance, 0, 0.0, 0.0, 0, 0.0) == 0
-    assert call("EnterInitializationMode", instance) == call("ExitInitializationMode", instance) == 0
-    at = (ctypes.c_uint32 * 3)(*[references[name] for name in ("u", "w[2]", "f")])
-    read = (ctypes.c_uint32 * 5)(*[references[name] for name in ("x", "y", "v[2]", "s", "w[1]")])
+def begun(fmu, **options):
+    """Return an instance in step mode, and its log."""
+    slave, log = loaded(fmu, "lag", **options), FmuLog("lag", {}, fmu.folder)
+    slave.begin(log)
+    slave.setupExperiment(startTime=0.0)
+    slave.enterInitializationMode()
+    slave.exitInitializationMode()
+    return slave, log
+
+
+def marched(fmu, **options):
+    """Return the readings of a run through the functions of FMI 2.0."""
+    slave, log = begun(fmu, **options)
+    at = (ctypes.c_uint32 * 3)(*[fmu.rows.references[name] for name in ("u", "w[2]", "f")])
+    read = (ctypes.c_uint32 * 5)(*[fmu.rows.references[name] for name in ("x", "y", "v[2]", "s", "w[1]")])
     orders, out, rows = (ctypes.c_int32 * 3)(1, 1, 1), (ctypes.c_double * 5)(), []
     state = ctypes.c_void_p()
     for k in range(6):
         values, slopes = (ctypes.c_double * 3)(0.1 * k, 1.0 / (k + 1), 0.3), (ctypes.c_double * 3)(2.0, -k, 0.7)
-        assert call("GetFMUstate", instance, ctypes.byref(state)) == 0
+        slave.call("GetFMUstate", ctypes.byref(state))
         for _ in range(2):
-            assert call("SetFMUstate", instance, state) == 0
-            assert call("SetReal", instance, at, 3, values) == 0
-            assert call("SetRealInputDerivatives", instance, at, 3, orders, slopes) == 0
-            assert call("DoStep", instance, 0.1 * k, 0.1, 1) == 0
-        assert call("GetReal", instance, read, 5, out) == 0
+            slave.call("SetFMUstate", state)
+            slave.call("SetReal", at, 3, values)
+            slave.call("SetRealInputDerivatives", at, 3, orders, slopes)
+            slave.call("DoStep", 0.1 * k, 0.1, 1)
+        slave.call("GetReal", read, 5, out)
         rows.append(list(out))
     unknown = (ctypes.c_uint32 * 1)(9999)
-    assert call("GetReal", instance, unknown, 1, out) == call("SetReal", instance, unknown, 1, values) == 3
-    assert call("FreeFMUstate", instance, ctypes.byref(state)) == 0
-    call("FreeInstance", instance)
+    for name in ("GetReal", "SetReal"):
+        with pytest.raises(FMICallException, match=f"fmi3{name[:3]}Float64 failed with status 3"):
+            slave.call(name, unknown, 1, values)
+    assert slave.free_state(ctypes.byref(state)) == 0
+    slave.freeInstance()
+    log.close()
     return rows
 
 
 def test_interpreted_and_compiled_calls_give_the_same_bits(three, tmp_path):
     fmu = FmuFile.unpack(three, tmp_path)
-    dll = ctypes.CDLL(str(fmu.library))
-    compiled, interpreted = (
-        marched(Fmi3Library(dll, fmu.identifier, fmu.table, compile_calls=compile_calls), fmu.references)
-        for compile_calls in (True, False)
-    )
+    compiled, interpreted = (marched(fmu, compile_calls=compile_calls) for compile_calls in (True, False))
     assert compiled == interpreted
     assert compiled[-1][0] > 0.1
 
 
 def test_a_reset_returns_arrays_to_their_start_values(three, tmp_path):
     fmu = FmuFile.unpack(three, tmp_path)
-    library = Fmi3Library(ctypes.CDLL(str(fmu.library)), fmu.identifier, fmu.table, compile_calls=False)
-    instance = library.fmi2Instantiate(b"lag", 1, b"lag 3", b"file:///tmp", None, 0, 0)
-    first, second = ((ctypes.c_uint32 * 1)(fmu.references[name]) for name in ("w[1]", "w[2]"))
+    slave, log = begun(fmu, compile_calls=False)
+    first, second = ((ctypes.c_uint32 * 1)(fmu.rows.references[name]) for name in ("w[1]", "w[2]"))
     value = (ctypes.c_double * 1)(8.0)
-    assert library.fmi2SetReal(instance, second, 1, value) == library.fmi2Reset(instance) == 0
-    assert library.fmi2SetReal(instance, first, 1, value) == library.fmi2GetReal(instance, second, 1, value) == 0
+    slave.set_values("Real", second, value)
+    slave.reset()
+    slave.set_values("Real", first, value)
+    slave.get_values("Real", second, value)
     assert value[0] == 2.0
-    library.fmi2FreeInstance(instance)
+    slave.freeInstance()
+    log.close()

@@ -100,6 +100,14 @@ def test_an_fmu_that_cannot_be_used_is_refused_with_a_reason(build, tmp_path, ch
         _ = FmuComponent(lag_fmus.write_three(tmp_path / "faulty.fmu", build(), **changed), "faulty").variables
 
 
+def test_a_clock_is_not_a_variable(build, tmp_path):
+    variables = (
+        '<Float64 name="a" valueReference="1"/><Clock name="c" valueReference="2" intervalVariability="triggered"/>'
+    )
+    part = FmuComponent(lag_fmus.write_three(tmp_path / "clock.fmu", build(), variables=variables), "clock")
+    assert part.variables.keys() == {"a"}
+
+
 def test_sources_of_an_fmi_3_fmu_are_compiled_on_request(tmp_path, monkeypatch):
     monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path / "cache"))
     build_description = """<fmiBuildDescription fmiVersion="3.0"><BuildConfiguration modelIdentifier="lag">

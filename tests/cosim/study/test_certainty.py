@@ -21,7 +21,7 @@ from cosim.study.certainty import (
 )
 from cosim.study.certainty.assess import Knowledge, certainty_of, posterior_of
 from cosim.study.certainty.choice import next_tests
-from cosim.study.certainty.mixture import half_width, probability_below
+from cosim.study.certainty.posterior import half_width, probability_below
 from cosim.study.certainty.sources import Scales, error_sources
 from cosim.study.certainty.summary import summary_lines
 from cosim.study.certainty.vehicle_draws import VehicleDraws

@@ -7,17 +7,19 @@ import pytest
 
 from cosim.components.fmu_component import FmuComponent
 from cosim.results.error_estimate import difference
-from cosim.study import Build, Measure, Vehicle
+from cosim.study import Build, Measure, Term, Vehicle
 from cosim.study.machine.car import read_vehicle
 from cosim.study.running.batches import Batches
-from cosim.study.running.choose_machine import choose
+from cosim.study.running.choose_machine import Compared, choose
 from cosim.study.running.error_model import ErrorModel
-from cosim.study.running.evaluator import Check, Coupling, Evaluator, MachineCoupling
+from cosim.study.running.evaluator import Check, Coupling, Evaluator, MachineCoupling, coupling_of
+from cosim.study.running.sweep import run_study
 from cosim.study.statistics import STATISTICS, Filtered
 from eightpost.corners import CORNERS
 from eightpost.errors import FmuError
 from eightpost.machine import NotInBatchError, library
 
+from ..conftest import WorkersHere
 from .lanes import COUPLING, FINE, LAWS, on_machine, random_builds, random_setups, study_of
 
 TIRES = tuple(f"car.{corner}.tire_force" for corner in CORNERS)
@@ -252,3 +254,38 @@ def test_the_traces_of_a_study_are_those_of_its_rows(evaluator, study):
     run = Filtered(series["track"])
     for measure in study.measures:
         assert measure.drawn_from(run, start=study.settling) == pytest.approx(row[measure.name], rel=1e-9), measure.name
+
+
+# ---- The best setup of a study --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def few(fmus):
+    """Return a study of four setups."""
+    builds = random_builds(fmus, ["lpnl2"], 2, seed=91)
+    tires = Measure("tires", TIRES)
+    alike = (("lf", "rf"), ("lr", "rr"))
+    return study_of(fmus, builds, measures=(tires,), objective=(Term("tires"),), alike=alike)
+
+
+@pytest.mark.slow
+def test_the_best_setup_is_compared_with_the_fmus_and_a_resumed_study_keeps_it(few, tmp_path):
+    result = run_study(few, tmp_path, WorkersHere())
+    checks = coupling_of(result).machine.checks
+    assert int(result.setups[result.ranking()[0]]) in {check.setup for check in checks}
+    assert coupling_of(run_study(few, tmp_path, WorkersHere())).machine.checks == checks
+
+
+@pytest.mark.slow
+def test_if_the_best_setup_differs_all_setups_run_through_the_fmus(few, tmp_path, monkeypatch):
+    def apart(_, setup, machine):
+        return Compared(Check(setup.index, 3.0, 0.1, 0.1, 0.3), 1e-3, "gauss-seidel")
+
+    chosen = MachineCoupling(4e-3, errors(few), 0.1)
+    monkeypatch.setattr(WorkersHere, "choose", lambda *_: replace(COUPLING, machine=chosen))
+    monkeypatch.setattr("cosim.study.running.sweep.check_setup", apart)
+    result = run_study(few, tmp_path, WorkersHere())
+    coupling = coupling_of(result)
+    assert coupling.machine is None and "the machine differs from them by 3 %" in coupling.notes[-1]
+    setup = few.space.setup(int(result.setups[0]))
+    assert result.values("tires")[0] == pytest.approx(Evaluator(few).row(setup, coupling)["tires"], rel=1e-12)

@@ -1,4 +1,4 @@
-"""Names of FMI 3.0 for the functions of FMI 2.0, for messages about FMUs of FMI 3.0."""
+"""Names of functions and attributes of FMI 3.0 and of FMI 2.0."""
 
 from __future__ import annotations
 
@@ -21,6 +21,14 @@ FUNCTIONS = {
     "GetRealOutputDerivatives": "GetOutputDerivatives",
     "SetRealInputDerivatives": "IntermediateUpdateCallback",
     "GetBooleanStatus": "DoStep",
+}
+
+#: Attributes of CoSimulation and ModelExchange in FMI 2.0, by their names in FMI 3.0.
+FLAGS = {
+    "canGetAndSetFMUState": "canGetAndSetFMUstate",
+    "canSerializeFMUState": "canSerializeFMUstate",
+    "providesDirectionalDerivatives": "providesDirectionalDerivative",
+    "providesIntermediateUpdate": "canInterpolateInputs",
 }
 
 

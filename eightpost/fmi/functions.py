@@ -1,0 +1,43 @@
+"""Functions of FMI 2.0 and 3.0, which functions.txt lists: who needs them, and the types of their arguments."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from ctypes import c_bool, c_char_p, c_double, c_int, c_size_t, c_void_p
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+_ARGUMENTS = {"p": c_void_p, "n": c_size_t, "d": c_double, "i": c_int, "b": c_bool}
+_RESULTS = {"Instantiate": c_void_p, "FreeInstance": None, "GetVersion": c_char_p, "GetTypesPlatform": c_char_p}
+_RESULTS |= dict.fromkeys(("InstantiateCoSimulation", "InstantiateModelExchange"), c_void_p)
+
+
+@dataclass(frozen=True)
+class Function:
+    """One function; see functions.txt."""
+
+    needed_by: tuple[str, ...]  #: all, cs, me, optional, other.
+    arguments: tuple[Any, ...]  #: Types of its arguments; not stated for functions that nothing calls.
+    result: Any  #: Type of its result.
+
+
+def _lines() -> Iterator[tuple[int, str, Function]]:
+    for line in Path(__file__).with_name("functions.txt").read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#"):
+            version, needed_by, arguments, names = (part.strip() for part in line.split("|"))
+            types = tuple(_ARGUMENTS[letter] for letter in arguments if letter != "?")
+            for name in names.split():
+                yield int(version), name, Function(tuple(needed_by.split()), types, _RESULTS.get(name, c_int))
+
+
+#: Functions by version of FMI (2 or 3) and name without prefix.
+FUNCTIONS: dict[int, dict[str, Function]] = {2: {}, 3: {}}
+for _version, _name, _function in _lines():
+    FUNCTIONS[_version][_name] = _function
+
+
+def names(version: int, *needed_by: str) -> frozenset[str]:
+    """Return the names in C of the functions that some need: all, cs, me, optional, other; of all without any."""
+    functions = FUNCTIONS[version].items()
+    return frozenset(f"fmi{version}{n}" for n, f in functions if not needed_by or set(needed_by) & set(f.needed_by))
