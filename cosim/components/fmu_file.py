@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import json
 import os
 import shutil
 import subprocess
-import sys
 import tempfile
 import weakref
 from collections.abc import Mapping, Sequence
@@ -24,8 +22,8 @@ from cosim.components.fmu_description import Rows, read_description
 from cosim.components.fmu_log import Messages, Place, failure_text
 from eightpost.archive import extract_archive
 from eightpost.cache import keep, recall
+from eightpost.compilers import find_compiler
 from eightpost.errors import FmuError, StepError
-from eightpost.extras import install_command
 from eightpost.files import sha256_of, writing
 from eightpost.fmi.description import Description
 from eightpost.validity import MEMBER, Validity
@@ -396,21 +394,6 @@ def compile_sources(
     with writing(target):
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(library)
-
-
-def find_compiler() -> list[str]:
-    """Return the command of the system's C compiler, else that of zig in PyPI's ziglang.
-
-    Raises:
-        FmuError: There is neither of them.
-    """
-    for name in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
-        if name and (found := shutil.which(name)):
-            return [found]
-    if importlib.util.find_spec("ziglang"):
-        return [sys.executable, "-P", "-m", "ziglang", "cc"]  # -P: do not import files of the FMU
-    advice = install_command("build")
-    raise FmuError(f"no C compiler was found to compile the FMU's sources; install one: {advice}")
 
 
 def _options(files: Sequence[str], version: int) -> list[str]:

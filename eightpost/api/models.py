@@ -159,7 +159,8 @@ def simulate(
 
 
 def _with_shocks(vehicle: IdentifiedVehicle, series: TimeSeries, shocks: object) -> TimeSeries:
-    from eightpost.ident.vehicle.simulation import closed_at_ports, ports_of
+    from eightpost.ident.vehicle.many_setups import closed_at_ports
+    from eightpost.ident.vehicle.simulation import ports_of
 
     ports = ports_of(vehicle.state_space)
     given = dict(shocks) if isinstance(shocks, Mapping) else dict.fromkeys(ports, shocks)

@@ -13,8 +13,8 @@ import numpy as np
 import reference
 from reference import Case, Motion
 
-from cosim.components.fmu_file import find_compiler
 from eightpost.archive import extract_archive
+from eightpost.compilers import find_compiler
 from eightpost.signals import Drivefile
 
 

@@ -1,4 +1,4 @@
-/* What a machine runs, filled by Python (cosim/study/machine/library.py has the same structures). */
+/* What a machine runs, filled by Python (eightpost/machine/library.py has the same structures). */
 #ifndef EIGHTPOST_MACHINE_H
 #define EIGHTPOST_MACHINE_H
 
@@ -54,6 +54,17 @@ typedef struct {
     int64_t at_rest; /* whether the run starts at rest under its loads, or else with states of zero */
     int64_t output_count, channel_count, quantity_count, limit_count, series_count;
 } Run;
+
+/* The car's modes on a drive. Complex numbers are pairs, and `kinds` is the row of each interval between points. */
+typedef struct {
+    const double *into; /* of the modes by the inputs: input_count rows of STATES */
+    const double *turn, *first, *last; /* rows of STATES: e^(lambda h), and weights of the loads at an interval's ends */
+    const int32_t *kinds;
+    const double *inputs; /* intervals + 1 rows of input_count */
+    const int64_t *wanted; /* ascending numbers of the points whose outputs are needed */
+    const double *rows; /* output_count rows of STATES */
+    int64_t intervals, input_count, wanted_count, output_count;
+} Driven;
 
 /* Sums over a run, for each setup. */
 typedef struct {

@@ -21,7 +21,7 @@ enum { CONTINUOUS_STATES = 2 };
 /* Laws; Polylinear and those with a lag differ only in numbers. */
 enum { WITHOUT_LAG = 0, WITH_LAG = 1, HYSTERESIS = 2 };
 
-/* What is recorded of a shock, in the order of cosim/study/machine/plan.py. */
+/* What is recorded of a shock, in the order of eightpost/machine/run.py. */
 typedef struct {
     real force, static_force, lagged_force, lag_weight, dissipated_power, beyond_fit;
 } PortSignals;

@@ -9,8 +9,9 @@ import pytest
 
 from builder.native.toolchain import fmi_headers
 from cosim import ExtrapolatedForce, ForceLaw, HeldForce
-from cosim.components.fmu_file import FmuFile, find_compiler
+from cosim.components.fmu_file import FmuFile
 from eightpost.archive import extract_archive
+from eightpost.compilers import find_compiler
 from eightpost.errors import FmuError
 
 ROOT = Path(__file__).parents[2]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from builder.build import build
-from cosim.components.fmu_file import find_compiler
+from eightpost.compilers import find_compiler
 from eightpost.errors import FmuError
 
 HOSTS = Path(__file__).parents[2] / "examples" / "hosts"

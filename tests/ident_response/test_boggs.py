@@ -156,7 +156,7 @@ def test_a_car_that_cannot_be_simulated_with_its_own_shocks_is_not_usable(
     simulated: list[float] = []
 
     def diverges(levels: MeasuredLevels, *_given: object) -> dict[str, MeasureUncertainty]:
-        simulated.append(levels.loop.seconds)
+        simulated.append(levels.seconds)
         return {}
 
     monkeypatch.setattr(MeasuredLevels, "uncertainty", diverges)

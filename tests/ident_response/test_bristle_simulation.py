@@ -84,16 +84,18 @@ def test_a_port_without_shock_moves_as_in_the_fmu():
 
 
 @pytest.mark.nightly
-def test_the_compiled_loop_and_the_loop_over_ports_agree_with_a_shock():
+def test_the_machine_and_the_loop_over_ports_agree_with_a_shock():
     vehicle, series = car(), drive()
     shock = read_shock(BANK / "C_C.json").law
     shock = replace(shock, port=replace(shock.port, gas_preload=0.0))
-    compiled = ManySetups(vehicle, [shock], series).run([[0]])[0]
+    machine = ManySetups(vehicle, [shock], series).run([[0]])[0]
     single = port_by_port(vehicle, series, {"": shock}).select(vehicle.state_space.output_names).values
     without = ManySetups(replace(vehicle, friction={}), [shock], series).run([[0]])[0]
-    # The compiled loop takes displacements before the forces of a step. This road: 1.3e-4; four others: 2e-6 to 6e-4.
-    assert (difference(single, compiled) < 3e-4).all()
-    assert (difference(without, compiled) > 1e-3).all()
+    # Errors against a 16th of the step: hub acceleration 1.2e-3 (machine) and 9e-4 (loop), others at most 2.2e-4.
+    apart = dict(zip(vehicle.state_space.output_names, difference(single, machine), strict=True))
+    assert apart.pop("hub_acceleration") < 2e-3
+    assert max(apart.values()) < 3e-4
+    assert (difference(without, machine) > 1e-3).all()
 
 
 @pytest.mark.nightly

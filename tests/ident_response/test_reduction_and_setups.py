@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
-from eightpost.errors import InputError, ParameterError
+from eightpost.errors import FmuError, InputError, ParameterError, StepError
 from eightpost.ident.response import FrequencyResponse, response_of
 from eightpost.ident.response.frequency_response import Preconditioning
 from eightpost.ident.vehicle import parallel_model, simulate_with_shocks
@@ -17,7 +18,7 @@ from eightpost.ident.vehicle.siso_models import TransferFunction, balance
 from eightpost.shock import Lpf1, Lpnl2
 from eightpost.shock.file import read_shock
 from eightpost.signals import TimeSeries
-from eightpost.vehicle import Channel, IdentifiedVehicle, add_port_damping, discretise, read_vehicle, shipped
+from eightpost.vehicle import Bristle, Channel, IdentifiedVehicle, add_port_damping, discretise, read_vehicle, shipped
 from eightpost.vehicle.vehicles import Friction
 
 from .rig_tests import BASELINE, noise
@@ -156,3 +157,86 @@ def test_setups_that_cannot_be_simulated_together_are_rejected(
     stepped = IdentifiedVehicle("stepped", discretise(car.state_space, 0.001), {})
     with pytest.raises(ParameterError, match="discrete"):
         ManySetups(stepped, bank, drive).run([[0]])
+
+
+@pytest.fixture
+def pushed(drive: TimeSeries) -> TimeSeries:
+    """The drive with a force at the port in addition to the shock, with a mean that has no effect."""
+    force = 200.0 + 300.0 * np.sin(2.0 * np.pi * 4.0 * drive.time)
+    return drive.with_channel("force", "N", force)
+
+
+def test_without_a_compiler_setups_run_step_by_step(
+    car: IdentifiedVehicle, pushed: TimeSeries, bank: list[Lpf1 | Lpnl2], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rubbing = replace(car, friction={"": Friction(30.0, 0.01, Bristle(100.0, 1e-4, 1.1, 0.01), 1e5)})
+    short = pushed.window(0.0, 0.3)
+    compiled = ManySetups(rubbing, bank, short, 2).run([[0], [1]])
+
+    def none(*_: object, **__: object) -> bytes:
+        raise FmuError("no C compiler was found")
+
+    monkeypatch.setattr("eightpost.machine.run.compiled", none)
+    found = ManySetups(rubbing, bank, short, 2).run([[0], [1]])
+    assert found.shape == compiled.shape
+    error = np.std(found - compiled, axis=2) / compiled.std(axis=2)
+    assert np.delete(error, car.state_space.output_names.index("hub_acceleration"), axis=1).max() < 2e-3
+
+
+def test_the_port_of_a_car_without_displacement_has_no_gas_spring(
+    car: IdentifiedVehicle, drive: TimeSeries, bank: list[Lpf1 | Lpnl2]
+) -> None:
+    kept = [name for name in car.state_space.output_names if name != "displacement"]
+    blind = replace(car, state_space=car.state_space.select(outputs=kept))
+    without = replace(bank[1], port=replace(bank[1].port, gas_stiffness=0.0))
+    first, second = ManySetups(blind, [bank[1], without], drive).run([[0], [1]])
+    np.testing.assert_array_equal(first, second)
+    seen = ManySetups(car, [bank[1], without], drive).run([[0], [1]])
+    assert np.std(seen[0] - seen[1]) > 1e-3 * seen[1].std()
+
+
+def test_shocks_that_are_too_stiff_for_the_step_and_growing_motions_are_step_errors(
+    car: IdentifiedVehicle, drive: TimeSeries, bank: list[Lpf1 | Lpnl2]
+) -> None:
+    for scale in (20.0, 400.0):  # the forces of a step do not converge, or the motion diverges
+        stiff = replace(bank[0], port=replace(bank[0].port, rebound_scale=scale))
+        with pytest.raises(StepError, match="resample the drive"):
+            ManySetups(car, [bank[0], stiff, *[bank[0]] * 20], drive).run([[0], [1]])
+    growing = replace(car, state_space=add_port_damping(car.state_space, {"": -4.0 * BASELINE}))
+    with pytest.raises(StepError, match="not stable"):
+        ManySetups(growing, bank, drive).run([[0]])
+
+
+def test_a_setup_with_a_steep_lagged_shock_moves_as_its_differential_equations(
+    car: IdentifiedVehicle, pushed: TimeSeries, bank: list[Lpf1 | Lpnl2]
+) -> None:
+    law, model = replace(bank[1], port=replace(bank[1].port, motion_ratio=0.9, seal_friction=20.0)), car.state_space
+    short = pushed.window(0.0, 0.4)
+    inputs = np.zeros((len(model.inputs), len(short)))
+    for name in short.names:
+        inputs[model.input_names.index(name)] = short[name] - short[name].mean()
+    at, row, place = (names.index(n) for names, n in ((model.input_names, "force"), (model.output_names, "velocity"),
+                                                      (model.output_names, "displacement")))  # fmt: skip
+
+    def motion(t: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        u = np.array([np.interp(t, short.time, one) for one in inputs])
+        v = model.C[row] @ x[:-1] + model.D[row] @ u
+        own = replace(law.port, gas_preload=0.0)
+        static = law.static_force(v)
+        force = own.motion_ratio * (
+            x[-1] + own.seal_force(own.motion_ratio * v)
+            + own.gas_stiffness * own.motion_ratio * (model.C[place] @ x[:-1])
+        )  # fmt: skip
+        u[at] += force - BASELINE * v
+        return u, model.A @ x[:-1] + model.B @ u, (static - x[-1]) / law.time_constant
+
+    solved = solve_ivp(
+        lambda t, x: np.append(*motion(t, x)[1:]), (0.0, short.time[-1]), np.zeros(len(model.A) + 1),
+        t_eval=short.time, rtol=1e-7, atol=1e-9, max_step=1e-3,
+    )  # fmt: skip
+    right = np.array(
+        [model.C @ x[:-1] + model.D @ motion(t, x)[0] for t, x in zip(solved.t, solved.y.T, strict=True)]
+    ).T
+    found = ManySetups(car, [law], short).run([[0]])[0]
+    error = dict(zip(model.output_names, np.std(found - right, axis=1) / right.std(axis=1), strict=True))
+    assert error["velocity"] < 1e-3 and error["hub_acceleration"] < 1e-2 and error["tire_force"] < 1e-3, error

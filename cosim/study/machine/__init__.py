@@ -1,1 +1,1 @@
-"""Many setups at once: a library, compiled from the C sources of the FMUs, that runs one setup in each lane."""
+"""What the machine needs of a study: its FMUs as matrices and parameters, its runs, and its measures."""

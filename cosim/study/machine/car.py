@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from cosim.components.fmu_component import FmuComponent
-from cosim.study.machine.reasons import NotInBatchError
 from cosim.study.machine.sources import Constants, Sources
 from cosim.study.study import Parameters
-from eightpost.array_types import Array
+from eightpost.machine import NotInBatchError, Port, Vehicle
 
 #: Parameters of the ports, in the order of PortFriction in fmus/machine/car.h; the last one is that of springs.
 _FRICTION = (
@@ -27,31 +26,15 @@ _NONE_COUPLED = "enum { COUPLED_COUNT = 0 };\nstatic const double COUPLING[1] = 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Port:
-    """A port with friction or a spring."""
+class FmuVehicle(Vehicle):
+    """A vehicle FMU."""
 
-    input: int  #: Number of the force's input.
-    velocity: int  #: Number of the velocity's output.
-    travel: int | None  #: Number of the travel's output; None without a spring.
-    friction: tuple[float, ...]  #: Parameters in the order of PortFriction in fmus/machine/car.h.
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Vehicle:
-    """A vehicle in SI units."""
-
-    A: Array  #: (n, n).
-    B: Array  #: (n, m).
-    C: Array  #: (p, n).
-    D: Array  #: (p, m).
-    offset: Array  #: Added to the outputs (p,).
     inputs: tuple[str, ...]  #: Names of the inputs.
     outputs: tuple[str, ...]  #: Names of the outputs.
     ports: tuple[Port, ...]  #: Ports with friction or springs.
-    at_rest: bool  #: Whether it starts at rest under its loads, or else with states of zero.
 
 
-def read_vehicle(component: FmuComponent, path: Path, given: Parameters) -> Vehicle:
+def read_vehicle(component: FmuComponent, path: Path, given: Parameters) -> FmuVehicle:
     """Return a vehicle FMU as matrices.
 
     Args:
@@ -72,7 +55,7 @@ def read_vehicle(component: FmuComponent, path: Path, given: Parameters) -> Vehi
         raise NotInBatchError(f"{path.name} has other constants than this version knows: {error}") from error
 
 
-def _vehicle(component: FmuComponent, constants: Constants, values: Mapping[str, object]) -> Vehicle:
+def _vehicle(component: FmuComponent, constants: Constants, values: Mapping[str, object]) -> FmuVehicle:
     sizes = constants.sizes
     inputs, outputs = _names(component, "input"), _names(component, "output")
     modes, pairs = sizes["MODE_COUNT"], sizes["PAIR_COUNT"]
@@ -97,7 +80,8 @@ def _vehicle(component: FmuComponent, constants: Constants, values: Mapping[str,
     places = constants.integers("OFFSET_OF", len(outputs))
     offsets = [float(v) for n, v in values.items() if _is_offset(n)]  # type: ignore[arg-type]
     offset = np.array([offsets[place] if place >= 0 else 0.0 for place in places])
-    return Vehicle(A, B[rows], C[:, rows], D, offset, inputs, outputs, tuple(_ports(constants, sizes, values)), at_rest)
+    ports = tuple(_ports(constants, sizes, values))
+    return FmuVehicle(A, B[rows], C[:, rows], D, offset, at_rest, inputs, outputs, ports)
 
 
 def _ports(constants: Constants, sizes: Mapping[str, int], values: Mapping[str, object]) -> list[Port]:

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cosim.study.machine.plan import Quantity
 from cosim.study.measures import Measure
 from cosim.study.statistics import Sections, sections_of
 from eightpost.array_types import Array
+from eightpost.machine import Quantity
 from eightpost.signals import TimeSeries
 
 # ---- Statistics of a quantity ---------------------------------------------------------------------------------------

@@ -1,55 +1,19 @@
-"""A run of all setups of a study on one drive, in the form of fmus/machine/machine.h."""
+"""A run of all setups of a study on one drive, on the machine."""
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cosim.components.component import Conversion, to_si
 from cosim.session.setup import Setup, joined
-from cosim.study.machine import library
-from cosim.study.machine.car import Vehicle
-from cosim.study.machine.library import Library, compiled
-from cosim.study.machine.linear import Bond, LinearCar
-from cosim.study.machine.reasons import NotInBatchError
+from cosim.study.machine.car import FmuVehicle
 from cosim.systems.coupling import Feed, Term
-from cosim.systems.system import System
+from cosim.systems.system import Bond, System
 from eightpost.array_types import Array
-
-#: Signals of a shock, in the order of PortSignals in fmus/machine/port.h.
-_SIGNALS = ("force", "static_force", "lagged_force", "lag_weight", "dissipated_power", "beyond_fit")
-
-#: Largest numbers of limits, recorded channels and quantities of fmus/machine/march.h.
-_MOST_LIMITS, MOST_CHANNELS, MOST_QUANTITIES = 8, 256, 512
-
-#: Number of times that the ports are evaluated in a step; with friction at a port, once more.
-_SWEEPS = 2
-
-#: Friction of a port without any, in the order of PortFriction in fmus/machine/car.h.
-_FREE = (0.0, 1.0, 0.0, 1.0, 1.0, 1.0, 0.0)
-
-
-@dataclass(frozen=True, slots=True)
-class Quantity:
-    """A weighted sum of channels, or the product of two, whose statistics are summed over some recorded rows."""
-
-    channels: tuple[str, ...]  #: Names of the channels.
-    weights: tuple[float, ...]  #: Factor for each channel.
-    rows: tuple[int, int]  #: First recorded row, and the one after the last.
-    product: bool = False  #: Whether the channels are multiplied.
-    #: Limits of the values that are counted: from the first up to, but not including, the second.
-    inside: tuple[float, float] = (-np.inf, np.inf)
-    limits: bool = False  #: Whether the smallest and the largest value and the number inside are needed.
-
-    def structure(self, first: int = 0) -> Any:
-        """Return the structure Quantity of fmus/machine/machine.h; `first` is the place of its first term."""
-        options = (int(self.product), *self.rows, int(self.limits), *self.inside)
-        return library.Quantity(first, len(self.channels), *options)
+from eightpost.machine import SIGNALS, Drive, Limit, LinearCar, NotInBatchError, Port, Quantity, Run
 
 
 class Plan:
@@ -65,9 +29,8 @@ class Plan:
         width: Instruction set; None: the widest of this processor.
 
     Attributes:
-        run: Structure Run of fmus/machine/machine.h.
+        run: Run of the machine.
         rows: Times of the recorded rows (R,) [s].
-        library: Compiled library.
 
     Raises:
         NotInBatchError: The run is not one of a vehicle with shocks at its ports.
@@ -78,7 +41,7 @@ class Plan:
         self,
         setup: Setup,
         name: str,
-        vehicle: Vehicle,
+        vehicle: FmuVehicle,
         damping: Array,
         quantities: Sequence[Quantity],
         series: Sequence[str],
@@ -87,94 +50,44 @@ class Plan:
     ) -> None:
         self.corners = tuple(bond.name for bond in setup.system.bonds)
         self._vehicle, self._name, self._system = vehicle, name, setup.system
-        self._arrays: list[Any] = []
         _check(setup)
         feeds = setup.coupling.feeds[name]
-        bonds = [self._bond(bond, feeds) for bond in setup.system.bonds]
-        car = LinearCar.of(vehicle, bonds, damping)
-        friction = self._friction(bonds)
-        sweeps = _SWEEPS + any(map(_has_forces, friction))
-        self.library = Library(compiled(car.pairs, len(bonds), sweeps=sweeps, width=width))
-        times, every = _regular(setup)
-        self.rows: NDArray[np.float64] = times[::every]
+        car = LinearCar.of(vehicle, self._ports([self._port(bond, feeds) for bond in setup.system.bonds]), damping)
+        drive = _drive(setup, feeds)
         self.limits = tuple(limit for limit in setup.limits.watched if limit.signal.startswith(f"{name}."))
-        self.series, self.quantities = tuple(series), tuple(quantities)
-        self._channels = tuple(dict.fromkeys([*(c for q in quantities for c in q.channels), *series]))
-        own = [c for c in self._channels if c.startswith(f"{name}.")]
-        self._outputs = [self._output(c) for c in dict.fromkeys([*own, *(limit.signal for limit in self.limits)])]
-        if len(self.limits) > _MOST_LIMITS or len(self._channels) > MOST_CHANNELS or len(quantities) > MOST_QUANTITIES:
-            raise NotInBatchError("it has too many measures")
-        velocities, travels, outputs = self._by_drive(car, setup, times, every)
-        rows, direct = car.output_rows(self._outputs)
-        self.run = library.Run(
-            car=self._address(np.frombuffer(car.data(float(times[1] - times[0]), friction), dtype=np.uint8)),
-            velocities=self._address(velocities),
-            travels=self._address(travels),
-            outputs=self._address(outputs),
-            output_rows=self._address(rows),
-            direct=self._address(direct),
-            channels=self._structures(map(self._channel, self._channels)),
-            quantities=self._structures(self._quantities()),
-            terms=self._integers(self._channels.index(c) for q in quantities for c in q.channels),
-            weights=self._address(np.array([w for q in quantities for w in q.weights], dtype=np.float64)),
-            limits=self._structures(
-                library.Limit(limit.sign, limit.limit, self._outputs.index(self._output(limit.signal)))
-                for limit in self.limits
-            ),
-            series=self._integers(map(self._channels.index, series)),
-            step=float(times[1] - times[0]),
-            steps=times.size - 1,
-            every=every,
-            settling=int(np.searchsorted(self.rows, setup.scenario.settling + 1e-9)),
-            at_rest=int(vehicle.at_rest),
-            output_count=len(self._outputs),
-            channel_count=len(self._channels),
-            quantity_count=len(quantities),
-            limit_count=len(self.limits),
-            series_count=len(series),
+        names = {*series, *(channel for q in quantities for channel in q.channels)}
+        self.run = Run(
+            car,
+            drive,
+            {channel: self._channel(channel) for channel in names},
+            quantities=quantities,
+            limits=[Limit(limit.sign, limit.limit, self._output(limit.signal)) for limit in self.limits],
+            series=series,
+            settling=int(np.searchsorted(drive.times[:: drive.every], setup.scenario.settling + 1e-9)),
+            width=width,
         )
-
-    # ---- The drive --------------------------------------------------------------------------------------------------
-
-    def _by_drive(self, car: LinearCar, setup: Setup, times: Array, every: int) -> tuple[Array, Array, Array]:
-        """Return what the drive does: velocities and travels of the ports (K + 1, C), and outputs at records (R, O)."""
-        scenario, feeds = setup.scenario, setup.coupling.feeds[self._name]
-        points = times
-        if scenario.drive is not None:
-            own = scenario.drive.series.time - scenario.drive_start
-            points = joined(times, own[(own > 0.0) & (own < times[-1])])
-            samples = scenario.drive.sample(points + scenario.drive_start)
-        inputs = np.zeros((points.size, len(feeds)))
-        for k, feed in enumerate(feeds):
-            inputs[:, k] = feed.constant
-            if feed.drive is not None:
-                inputs[:, k] += feed.drive_conversion.factor * samples[feed.drive] + feed.drive_conversion.offset
-        outputs = [*(b.velocity for b in car.bonds), *(b.travel for b in car.bonds), *self._outputs]
-        wanted = np.searchsorted(points, times)
-        found = car.by_drive(points, inputs, wanted, outputs, self.library.accumulate)
-        count = len(car.bonds)
-        return found[:, :count], found[:, count : 2 * count], found[::every, 2 * count :]
+        self.rows, self.series = self.run.rows, self.run.series
 
     # ---- Numbers of channels ----------------------------------------------------------------------------------------
 
-    def _bond(self, bond: Any, feeds: Sequence[Feed]) -> Bond:
+    def _port(self, bond: Bond, feeds: Sequence[Feed]) -> Port:
         if bond.displacement is None:
             raise NotInBatchError(f"the shock at {bond.name} has no displacement")
         forces = [k for k, feed in enumerate(feeds) if feed.terms and self._shock_of(feed.terms) == bond.name]
         if len(forces) != 1:
             raise NotInBatchError(f"the shock at {bond.name} acts on {len(forces)} inputs of the vehicle")
-        return Bond(forces[0], self._output(bond.velocity.source), self._output(bond.displacement.source))
+        return Port(forces[0], self._output(bond.velocity.source), self._output(bond.displacement.source))
 
-    def _friction(self, bonds: Sequence[Bond]) -> list[tuple[float, ...]]:
-        """Return friction and spring of each bond's port, in the order of PortFriction in fmus/machine/car.h."""
-        found: list[tuple[float, ...]] = [_FREE] * len(bonds)
+    def _ports(self, shocks: Sequence[Port]) -> list[Port]:
+        """Return the shocks' ports with the friction and springs that the vehicle has there."""
+        found = list(shocks)
         for port in self._vehicle.ports:
-            for k, bond in enumerate(bonds):
-                if (port.input, port.velocity) == (bond.force, bond.velocity) and port.travel in (None, bond.travel):
-                    found[k] = port.friction
+            for k, shock in enumerate(shocks):
+                if (port.force, port.velocity) == (shock.force, shock.velocity) and port.travel in (None, shock.travel):
+                    found[k] = replace(shock, friction=port.friction)
                     break
             else:
-                if _has_forces(port.friction):
+                if port.has_forces:
                     raise NotInBatchError("the vehicle has friction or a spring at a port that no shock is coupled to")
         return found
 
@@ -185,14 +98,14 @@ class Plan:
         _check_si(self._system, name)
         return self._vehicle.outputs.index(variable)
 
-    def _channel(self, name: str) -> Any:
+    def _channel(self, name: str) -> tuple[int, int]:
         component, _, variable = name.partition(".")
         if component == self._name:
-            return library.Channel(-1, self._outputs.index(self._output(name)))
-        if component not in self.corners or variable not in _SIGNALS:
+            return -1, self._output(name)
+        if component not in self.corners or variable not in SIGNALS:
             raise NotInBatchError(f"{name} is not recorded in a batch")
         _check_si(self._system, name)
-        return library.Channel(self.corners.index(component), _SIGNALS.index(variable))
+        return self.corners.index(component), SIGNALS.index(variable)
 
     def _shock_of(self, terms: Sequence[Term]) -> str:
         source, _, variable = terms[0].source.partition(".")
@@ -201,32 +114,20 @@ class Plan:
         _check_unscaled(terms)
         return source
 
-    def _quantities(self) -> Iterable[Any]:
-        first = 0
-        for q in self.quantities:
-            yield q.structure(first)
-            first += len(q.channels)
 
-    # ---- Arrays that live as long as the plan -----------------------------------------------------------------------
-
-    def _address(self, array: NDArray[Any]) -> int:
-        array = np.ascontiguousarray(array)
-        self._arrays.append(array)
-        return int(array.ctypes.data)
-
-    def _integers(self, values: Iterable[int]) -> int:
-        return self._address(np.array(list(values), dtype=np.int32))
-
-    def _structures(self, values: Iterable[Any]) -> int:
-        found = list(values)
-        array = (type(found[0]) * len(found))(*found) if found else (ctypes.c_int * 1)()
-        self._arrays.append(array)
-        return ctypes.addressof(array)
-
-
-def _has_forces(friction: Sequence[float]) -> bool:
-    """Whether a port has friction or a spring."""
-    return friction[0] != 0.0 or friction[2] != 0.0 or friction[6] != 0.0
+def _drive(setup: Setup, feeds: Sequence[Feed]) -> Drive:
+    scenario, (times, every) = setup.scenario, _regular(setup)
+    points = times
+    if scenario.drive is not None:
+        own = scenario.drive.series.time - scenario.drive_start
+        points = joined(times, own[(own > 0.0) & (own < times[-1])])
+        samples = scenario.drive.sample(points + scenario.drive_start)
+    inputs = np.zeros((points.size, len(feeds)))
+    for k, feed in enumerate(feeds):
+        inputs[:, k] = feed.constant
+        if feed.drive is not None:
+            inputs[:, k] += feed.drive_conversion.factor * samples[feed.drive] + feed.drive_conversion.offset
+    return Drive(times, every, points, inputs)
 
 
 def _regular(setup: Setup) -> tuple[Array, int]:

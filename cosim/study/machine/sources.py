@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from cosim.components.fmu_component import FmuComponent
-from cosim.study.machine.reasons import NotInBatchError
 from eightpost.array_types import Array, Integers
+from eightpost.machine import NotInBatchError
 
 _KIND = re.compile(r"/\* (\w+) [\d.]+: generated from interface\.toml")
 _CONSTANT = re.compile(r"(\w+) = (-?\d+)[,\s}]")

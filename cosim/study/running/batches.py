@@ -20,18 +20,17 @@ from cosim.results.run_data import BondEnergy, Coupled
 from cosim.session.automatic import default_scheme
 from cosim.session.planning import Limit
 from cosim.session.setup import Setup as SessionSetup
-from cosim.study.machine.car import Vehicle, read_vehicle
-from cosim.study.machine.lanes import Batch, BatchResult, joined
+from cosim.study.machine.car import FmuVehicle, read_vehicle
 from cosim.study.machine.measures import BatchMeasures, ChannelBand
 from cosim.study.machine.plan import Plan
-from cosim.study.machine.reasons import NotInBatchError
-from cosim.study.machine.shocks import ShockData, read_shock
+from cosim.study.machine.shocks import read_shock
 from cosim.study.statistics import Filtered
 from cosim.study.study import Build, Drive, Setup, Study
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost.array_types import Array
 from eightpost.errors import EightpostError, FmuError
+from eightpost.machine import Batch, BatchResult, NotInBatchError, ShockData, joined
 from eightpost.signals import TimeSeries
 from eightpost.workers.pool import heartbeat
 
@@ -103,7 +102,7 @@ class _DriveBatch:
         models: Models,
         drive: Drive,
         step: float,
-        vehicle: Vehicle,
+        vehicle: FmuVehicle,
         damping: Array,
         recorded: Sequence[str],
         measured: bool,
@@ -117,7 +116,7 @@ class _DriveBatch:
         self._plan = Plan(setup, study.vehicle.name, vehicle, damping, self._measures.quantities, series)
         self._units = {name: to_si(setup.system.output(name))[1] for name in series}
         self._recorded = tuple(recorded)
-        self._batch, self._setup, self._study = Batch(self._plan.library, self._plan), setup, study
+        self._batch, self._setup, self._study = Batch(self._plan.run), setup, study
         self.lanes = self._batch.lanes
         self._ends_units = {
             (corner, way): unit for corner in self._plan.corners for way, unit in enumerate(("m/s", "N"))

@@ -9,14 +9,14 @@ from typing import NamedTuple
 
 from cosim.results.error_estimate import difference
 from cosim.session.automatic import Automatic, Refinement
-from cosim.study.machine.library import instruction_set
-from cosim.study.machine.reasons import NotInBatchError
 from cosim.study.running.batches import Batches, BatchRun
 from cosim.study.running.choose_coupling import AIM, candidates, choose_coupling, finer, random_indices, random_setups
 from cosim.study.running.error_model import Pilot, fit_error_model
 from cosim.study.running.evaluator import Check, Coupling, Evaluator, MachineCoupling
 from cosim.study.study import Setup
 from eightpost.errors import EightpostError
+from eightpost.machine.library import instruction_set
+from eightpost.machine.reasons import NotInBatchError
 from eightpost.signals import TimeSeries
 from eightpost.workers.pool import heartbeat
 

@@ -19,7 +19,6 @@ from cosim.results.result import Result
 from cosim.results.rules import LARGEST_ERROR
 from cosim.session.automatic import default_scheme
 from cosim.session.session import Session
-from cosim.study.machine.reasons import NotInBatchError
 from cosim.study.measures import AboveBand, above_band, band_ends
 from cosim.study.result import StudyResult
 from cosim.study.running.batches import Batches, BatchRun, RunSummary
@@ -31,6 +30,7 @@ from cosim.study.table import DONE, FAILED, error_column
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost.errors import EightpostError, WiringError
+from eightpost.machine.reasons import NotInBatchError
 from eightpost.signals import TimeSeries
 from eightpost.workers.pool import heartbeat
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import cosim
 import eightpost
-from cosim.study.machine.library import sources
 from eightpost import __version__
+from eightpost.machine.library import sources
 
 
 @dataclass(frozen=True, slots=True)

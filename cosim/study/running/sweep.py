@@ -14,7 +14,6 @@ import pyarrow as pa
 
 from cosim.session.session import interrupts_deferred
 from cosim.session.setup import Setup as SessionSetup
-from cosim.study.machine.reasons import NotInBatchError
 from cosim.study.measures import AboveBand, Measure, own_function
 from cosim.study.result import StudyResult
 from cosim.study.running.choose_machine import check_setup, disagreement, through_fmus
@@ -26,6 +25,7 @@ from cosim.study.table import Provenance, result_table, study_schema
 from cosim.systems.algorithm import GaussSeidel
 from eightpost import units
 from eightpost.errors import EightpostError, InputError, WorkersLostError
+from eightpost.machine.reasons import NotInBatchError
 from eightpost.outputs import check_folder
 from eightpost.progress import Progress, beats
 

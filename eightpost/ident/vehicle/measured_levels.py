@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from eightpost.array_types import Array
 from eightpost.corners import channel
 from eightpost.errors import StepError
 from eightpost.ident.vehicle.experiment import Experiment, quantity
-from eightpost.ident.vehicle.many_setups import ClosedLoop, port_slope
+from eightpost.ident.vehicle.many_setups import around_dampers, free_running, port_slope
 from eightpost.progress import parts
 from eightpost.signals import TimeSeries
 from eightpost.uncertainty import TOTAL, MeasuredLevel, MeasureUncertainty, band_shares, separation
@@ -129,7 +129,8 @@ class Powers(NamedTuple):
 class MeasuredLevels:
     """Uncertainty of measures from simulations of the tests, some of them left out of the identification."""
 
-    loop: ClosedLoop = field(default_factory=ClosedLoop)  #: Settings of the simulation.
+    seconds: float = 60.0  #: Longest part of a test that is simulated, from its start [s].
+    settling: float = 4.0  #: Time at the start that is left out, because the simulation starts at rest [s].
 
     def uncertainty(
         self,
@@ -196,6 +197,22 @@ class MeasuredLevels:
             return None
         return found if np.all(np.abs(found.error) < np.log(_DIVERGED)) else None
 
+    def outputs(self, vehicle: IdentifiedVehicle, test: TimeSeries) -> tuple[Array, Array]:
+        """Return the simulated and the measured outputs of a test (p, N), without means, in the model's order.
+
+        Raises:
+            StepError: The simulation does not converge.
+        """
+        part, kept = self._part(test, 0.0), slice(round(self.settling * test.sample_rate), None)
+        both = free_running(vehicle, part, tuple(vehicle.baseline_damping)), part
+        rows = (np.stack([one[n] for n in vehicle.state_space.output_names])[:, kept] for one in both)
+        simulated, measured = (one - one.mean(axis=1, keepdims=True) for one in rows)
+        return simulated, measured
+
+    def _part(self, test: TimeSeries, start: float) -> TimeSeries:
+        samples = slice(*(round(time * test.sample_rate) for time in (start, self.seconds)))
+        return TimeSeries(test.time[samples], test.values[:, samples], test.names, test.units)
+
     def powers(self, vehicle: IdentifiedVehicle, test: TimeSeries) -> Powers:
         """Return the simulated and measured power of a test, up to the edge of the decimation's filter.
 
@@ -204,10 +221,11 @@ class MeasuredLevels:
         Raises:
             StepError: The simulation does not converge.
         """
-        model, slopes, part = self.loop.closed(vehicle, test)
+        slopes = {port: port_slope(self._part(test, 0.0), port) for port in vehicle.baseline_damping}
+        model = around_dampers(vehicle, slopes).state_space
         sums = _sums(model.output_names)
-        simulated, measured = (sums @ rows for rows in self.loop.outputs(vehicle, test))
-        own, noise = residual_noise(model, part, slopes, sums)
+        simulated, measured = (sums @ rows for rows in self.outputs(vehicle, test))
+        own, noise = residual_noise(model, self._part(test, self.settling), slopes, sums)
         frequency = np.fft.rfftfreq(measured.shape[1], 1.0 / test.sample_rate).astype(np.float64)
         kept = frequency <= HIGHEST * test.sample_rate
         white = np.repeat(own[:, None], frequency.size, axis=1)

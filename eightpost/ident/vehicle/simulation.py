@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -11,13 +11,12 @@ from scipy.sparse import csr_array
 from eightpost.array_types import Array
 from eightpost.corners import channel
 from eightpost.errors import InputError, ParameterError, StepError
-from eightpost.ident.vehicle.many_setups import ManySetups, friction_rows
 from eightpost.ident.vehicle.port_laws import with_port_laws
 from eightpost.ident.vehicle.stability import discretise_by_parts
 from eightpost.shock import ShockLaw
 from eightpost.shock.law import State
 from eightpost.signals import TimeSeries
-from eightpost.vehicle import IdentifiedVehicle, StateSpace
+from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace, kernel
 from eightpost.vehicle.bristle import deflection_after
 
 
@@ -25,6 +24,11 @@ def ports_of(model: StateSpace) -> tuple[str, ...]:
     """Return the ports of a vehicle, in the order of its inputs."""
     ports = (n.removesuffix("force").rstrip(".") for n in model.input_names if n.rpartition(".")[2] == "force")
     return tuple(port for port in ports if channel(port, "velocity") in model.output_names)
+
+
+def port_numbers(law: Friction) -> tuple[float, ...]:
+    """Return F_f, v_f, F_s, z_s, rho, v_s and k2 of a port; see `eightpost.vehicle.Friction`."""
+    return law.force, law.velocity, *astuple(law.bristle), law.spring
 
 
 # ---- Prediction of a rig record -------------------------------------------------------------------------------------
@@ -53,24 +57,7 @@ def open_at_ports(vehicle: IdentifiedVehicle, record: TimeSeries) -> TimeSeries:
     for port in ports_of(model):
         rate = vehicle.baseline_damping.get(port, 0.0)
         u[:, model.input_names.index(channel(port, "force"))] -= rate * record[channel(port, "velocity")]
-    return _named(model, record.time, _respond(model, u, 1.0 / record.sample_rate))
-
-
-def closed_at_ports(vehicle: IdentifiedVehicle, record: TimeSeries, laws: Mapping[str, ShockLaw]) -> TimeSeries:
-    """Return the vehicle's outputs with shock laws at its ports, under a record's roads and loads, from rest.
-
-    Args:
-        vehicle: Identified vehicle, with the friction at its ports.
-        record: Record without means.
-        laws: Shock law of every port.
-    """
-    model, ports = vehicle.state_space, ports_of(vehicle.state_space)
-    drive = record.select(n for n in model.input_names if n in record and n not in {channel(p, "force") for p in ports})
-    plain = model.dt is None and all(_is_plain(law) for law in laws.values())
-    if plain and set(vehicle.baseline_damping) == set(laws):
-        bank = [laws[port] for port in vehicle.baseline_damping]
-        return _named(model, record.time, ManySetups(vehicle, bank, drive).run([range(len(bank))])[0])
-    return port_by_port(vehicle, drive, laws)
+    return series_of(model, record.time, _respond(model, u, 1.0 / record.sample_rate))
 
 
 def port_by_port(vehicle: IdentifiedVehicle, drive: TimeSeries, laws: Mapping[str, ShockLaw]) -> TimeSeries:
@@ -78,7 +65,7 @@ def port_by_port(vehicle: IdentifiedVehicle, drive: TimeSeries, laws: Mapping[st
 
     Args:
         vehicle: Identified vehicle, with the friction at its ports.
-        drive: Roads and loads without means.
+        drive: Inputs without means, as for `simulate_with_shocks`.
         laws: Shock law of every port.
 
     Raises:
@@ -98,18 +85,19 @@ def port_by_port(vehicle: IdentifiedVehicle, drive: TimeSeries, laws: Mapping[st
     raise AssertionError("one of the steps was the last")
 
 
-def _is_plain(law: ShockLaw) -> bool:
-    """Return whether the compiled loop supports the law's port."""
-    return law.port.motion_ratio == 1.0 and law.port.seal_friction == 0.0
+def _discrete(model: StateSpace, step: float) -> kernel.Discrete:
+    """Return the matrices of a step with inputs that are linear, or held at its start if the model is discrete."""
+    if model.dt is None:
+        return discretise_by_parts(model.A, model.B, step)
+    if abs(step / model.dt - 1.0) > 1e-3:
+        raise InputError(f"the step of {model.name} is {model.dt} s, that of the drive {step:g} s; resample the drive")
+    return kernel.Discrete(model.A, model.B, np.zeros_like(model.B))
 
 
 def _respond(model: StateSpace, u: Array, step: float) -> Array:
-    """Return the outputs (p, N) for inputs (N, m), interpolated linearly, or held if the model is discrete."""
-    if model.dt is None:
-        found = discretise_by_parts(model.A, model.B, step)
-        A, pushed = csr_array(found.Ad), u[:-1] @ found.B0.T + u[1:] @ found.B1.T
-    else:
-        A, pushed = csr_array(model.A), u[:-1] @ model.B.T
+    """Return the outputs (p, N) for inputs (N, m)."""
+    found = _discrete(model, step)
+    A, pushed = csr_array(found.Ad), u[:-1] @ found.B0.T + u[1:] @ found.B1.T
     C, x, y = csr_array(model.C), np.zeros(len(model.A)), u @ model.D.T
     for k, push in enumerate(pushed, start=1):
         x = A @ x + push
@@ -117,7 +105,8 @@ def _respond(model: StateSpace, u: Array, step: float) -> Array:
     return np.asarray(y.T)
 
 
-def _named(model: StateSpace, time: Array, outputs: Array) -> TimeSeries:
+def series_of(model: StateSpace, time: Array, outputs: Array) -> TimeSeries:
+    """Return the outputs (p, N) of a model as channels."""
     channels = {c.name: (c.unit, row) for c, row in zip(model.outputs, outputs, strict=True)}
     return TimeSeries.from_channels(time, channels)
 
@@ -140,7 +129,8 @@ def simulate_with_shocks(vehicle: IdentifiedVehicle, shocks: Mapping[str, ShockL
     Args:
         vehicle: Identified vehicle. The input of a port without baseline damping is the whole force.
         shocks: Shock law by port ("lf", ...; "" for a quarter car). A port without a shock has no shock force.
-        drive: Other inputs of the vehicle by name; missing ones are zero. Its sample rate is that of the simulation.
+        drive: Inputs of the vehicle by name; missing ones are zero, and forces of ports act in addition to the shocks.
+            Its sample rate is that of the simulation.
 
     Returns:
         Outputs of the vehicle and the whole force of each shock, as `force` of its port, at the times of the drive.
@@ -151,7 +141,7 @@ def simulate_with_shocks(vehicle: IdentifiedVehicle, shocks: Mapping[str, ShockL
     """
     loop = _Loop.of(vehicle, shocks, drive)
     outputs, forces = loop.run(drive)
-    series = _named(loop.model, drive.time, outputs)
+    series = series_of(loop.model, drive.time, outputs)
     for port, row in zip(loop.ports, forces, strict=True):
         series = series.with_channel(channel(port, "force"), "N", row)
     return series
@@ -177,7 +167,7 @@ class _Loop:
                 raise InputError(
                     f"there is no port {port!r}; the vehicle's ports are {', '.join(map(repr, ports)) or 'none'}"
                 )
-        _check_drive(model, ports, drive)
+        _check_drive(model, drive)
         forces = [model.input_names.index(channel(port, "force")) for port in ports]
         velocities = [model.output_names.index(channel(port, "velocity")) for port in ports]
         if np.abs(model.D[np.ix_(velocities, forces)]).any():
@@ -188,7 +178,7 @@ class _Loop:
         rows = {name: row for row, name in enumerate(model.output_names)}
         at = [rows.get(channel(port, "displacement")) for port in ports]
         damping = np.array([vehicle.baseline_damping.get(port, 0.0) for port in ports])
-        friction = friction_rows(vehicle, ports).T
+        friction = np.array([port_numbers(vehicle.friction.get(port, Friction())) for port in ports]).reshape(-1, 7).T
         return cls(model, ports, tuple(shocks.get(port) for port in ports), damping, forces, velocities, at, friction)
 
     def _change(self, force: Array, v: Array, bend: Array, d: Sequence[float]) -> Array:
@@ -208,42 +198,18 @@ class _Loop:
         u = np.zeros((len(drive), len(self.model.inputs)))
         for name in drive.names:
             u[:, self.model.input_names.index(name)] = drive[name]
-        step = 1.0 / drive.sample_rate
-        return self._run_continuous(u, step) if self.model.dt is None else self._run_discrete(u, step)
-
-    def _run_discrete(self, u: Array, step: float) -> tuple[Array, Array]:
-        model = self.model
-        if model.dt is None or abs(step / model.dt - 1.0) > 1e-3:
-            raise InputError(
-                f"the step of {model.name} is {model.dt} s, that of the drive {step:g} s; resample the drive"
-            )
-        A, B, C = csr_array(model.A), csr_array(model.B), csr_array(model.C)
-        x, state = np.zeros(len(model.A)), _Shocks.at_rest(self.laws)
-        outputs, forces = np.empty((len(u), len(model.outputs))), np.zeros((len(u), len(self.ports)))
-        v, bend = np.zeros(len(self.ports)), np.zeros(len(self.ports))
-        for k in range(len(u)):
-            y = C @ x + model.D @ u[k]
-            state, forces[k] = state.after(v, y[self.velocities], self._displacement(y), step if k else 0.0)
-            bend = self._bent(bend, v, y[self.velocities], step if k else 0.0)
-            v = y[self.velocities]
-            u[k, self.forces] = self._change(forces[k], v, bend, self._displacement(y))
-            outputs[k] = y + model.D[:, self.forces] @ u[k, self.forces]
-            x = A @ x + B @ u[k]
-        return outputs.T, forces.T
-
-    def _run_continuous(self, u: Array, step: float) -> tuple[Array, Array]:
-        model = self.model
-        found = discretise_by_parts(model.A, model.B, step)
+        model, step = self.model, 1.0 / drive.sample_rate
+        found = _discrete(model, step)
         A, B0, B1, C = csr_array(found.Ad), csr_array(found.B0), csr_array(found.B1), csr_array(model.C)
-        by_force = model.C @ found.B1[:, self.forces] + model.D[:, self.forces]
-        driven = found.B1[:, self.forces]
+        D, driven = model.D[:, self.forces], found.B1[:, self.forces]
+        by_force = C @ driven + D
         x, state = np.zeros(len(model.A)), _Shocks.at_rest(self.laws)
         outputs, forces = np.empty((len(u), len(model.outputs))), np.zeros((len(u), len(self.ports)))
         v, change, bend = np.zeros((3, len(self.ports)))
         for k in range(len(u)):
             free = x if k == 0 else A @ x + B0 @ u[k - 1] + B1 @ u[k]
             y_free = C @ free + model.D @ u[k]
-            sensitivity = model.D[:, self.forces] if k == 0 else by_force
+            sensitivity = by_force if k else D
             for _ in range(_MAX_ITERATIONS):
                 y = y_free + sensitivity @ change
                 following, force = state.after(v, y[self.velocities], self._displacement(y), step if k else 0.0)
@@ -258,7 +224,7 @@ class _Loop:
                 )
             state, forces[k], outputs[k], v, bend = following, force, y, y[self.velocities], bent
             x = free if k == 0 else free + driven @ change
-            u[k, self.forces] = change
+            u[k, self.forces] += change
         return outputs.T, forces.T
 
     def _displacement(self, y: Array) -> list[float]:
@@ -288,12 +254,11 @@ class _Shocks:
         return _Shocks(self.laws, tuple(states)), forces
 
 
-def _check_drive(model: StateSpace, ports: Sequence[str], drive: TimeSeries) -> None:
+def _check_drive(model: StateSpace, drive: TimeSeries) -> None:
     if not drive.is_uniform:
         raise InputError("the drive is not evenly sampled; resample it")
-    known = set(model.input_names) - {channel(port, "force") for port in ports}
     for name in drive.names:
-        if name not in known:
+        if name not in model.input_names:
             raise InputError(
                 f"the drive has the channel {name!r}, which is not an input of the vehicle {model.name!r}; leave it out"
             )

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from cosim import FmuComponent, IsolatedComponent, Scenario, System
-from cosim.components.fmu_file import find_compiler
 from eightpost.archive import write_archive
+from eightpost.compilers import find_compiler
 from eightpost.errors import FmuError
 from eightpost.signals import Drivefile
 

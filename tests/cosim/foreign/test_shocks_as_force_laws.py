@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from cosim import ExtrapolatedForce, ForceLaw, HeldForce
-from cosim.components.fmu_file import find_compiler
 from eightpost.archive import extract_archive, write_archive
+from eightpost.compilers import find_compiler
 from eightpost.errors import FmuError, StepError
 
 SOURCE = Path(__file__).with_name("foreign_shock.c")

@@ -235,9 +235,9 @@ def test_a_worker_with_another_version_of_the_program_is_named(file, tmp_path):
 
 
 #: Preloaded by a worker: a processor with fewer instructions, or a machine without a compiler.
-OLD = "from cosim.study.machine import library\nlibrary.instruction_set = lambda: ''\n"
+OLD = "from eightpost.machine import library\nlibrary.instruction_set = lambda: ''\n"
 BARE = """
-from cosim.study.machine import library
+from eightpost.machine import library
 from eightpost.errors import FmuError
 
 def compiled(*arguments, **options):

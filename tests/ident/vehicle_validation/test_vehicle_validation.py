@@ -12,7 +12,6 @@ from eightpost.corners import CORNERS
 from eightpost.errors import MissingChannelError, ParameterError
 from eightpost.ident.validation.vehicles import Limits, validate_vehicle, vehicle_verdict
 from eightpost.ident.vehicle import VehicleFit
-from eightpost.ident.vehicle.simulation import closed_at_ports, port_by_port
 from eightpost.rig.post import RigTest
 from eightpost.shock import Shock
 from eightpost.vehicle import StateSpace, read_vehicle, shipped
@@ -169,19 +168,6 @@ def test_closed_ports_reproduce_the_virtual_rig(shocks: dict[str, Shock]) -> Non
     assert {one.name for one in case.judged} >= {"lf.velocity", "total_tire_force", "front.ride_height"}
     for one in case.judged:
         assert one.error < 0.02, one.name
-
-
-@pytest.mark.nightly
-def test_the_general_loop_agrees_with_the_compiled_loop(
-    corner: VehicleFit, setups: list[RigTest], shocks: dict[str, Shock]
-) -> None:
-    (record,) = records_of(corner, setups[0])
-    law, piece = {"": shocks["lpf1"].law}, record.series.window(5.0, 15.0)
-    quick = closed_at_ports(corner.vehicle, piece, law)
-    plain = port_by_port(corner.vehicle, piece.select(["road", "aero_force"]), law)
-    for name in ("velocity", "tire_force"):
-        difference = quick[name] - plain[name]
-        assert difference.std() < 0.01 * plain[name].std(), name
 
 
 def test_shocks_are_assigned_to_the_records_that_name_them(

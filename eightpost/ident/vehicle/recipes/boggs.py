@@ -16,7 +16,6 @@ from eightpost.ident.response.estimators import input_noise, input_power
 from eightpost.ident.response.frequency_response import Preconditioning
 from eightpost.ident.response.records import Records, gather
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.many_setups import ClosedLoop
 from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.siso_models import (
     AEROLOADERS,
@@ -114,7 +113,7 @@ class Boggs:
         with portion(0.8, 0.9):
             stability = closed_loop_stability(vehicle)
         with portion(0.9, 1.0):
-            measures = MeasuredLevels(ClosedLoop(_SIMULATED)).uncertainty(vehicle, tests, experiment)
+            measures = MeasuredLevels(_SIMULATED).uncertainty(vehicle, tests, experiment)
         return VehicleFit(
             vehicle,
             "boggs",

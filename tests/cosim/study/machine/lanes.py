@@ -11,12 +11,12 @@ from cosim.session.automatic import default_scheme
 from cosim.session.setup import Setup as SessionSetup
 from cosim.study import Build, Drive, Measure, Study, Vehicle
 from cosim.study.machine.car import read_vehicle
-from cosim.study.machine.lanes import Batch, BatchResult
 from cosim.study.machine.plan import Plan
 from cosim.study.machine.shocks import read_shock
 from cosim.study.running.evaluator import Coupling, Evaluator
 from cosim.study.study import Setup
 from eightpost.corners import CORNERS
+from eightpost.machine import Batch, BatchResult
 
 TRACK = Path(__file__).resolve().parents[4] / "examples" / "data" / "track.parquet"
 
@@ -97,7 +97,7 @@ def on_machine(
     car = car or read_vehicle(fmus[str(study.vehicle.fmu)], study.vehicle.fmu, study.vehicle.parameters)
     plan = Plan(run, study.vehicle.name, car, np.full(len(study.corners), damping), (), channels, width=width)
     shocks = {n: read_shock(fmus[str(b.fmu)], b.fmu, b.parameters) for n, b in study.bank.items()}
-    batch = Batch(plan.library, plan)
+    batch = Batch(plan.run)
     return batch.run([[shocks[build] for build in setup.builds.values()] for setup in setups])
 
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from cosim.study import Measure, Vehicle
-from cosim.study.machine import library
 from cosim.study.running.batches import Batches
 from cosim.study.running.evaluator import Evaluator
 from eightpost.corners import CORNERS
+from eightpost.machine import library
 
 from .lanes import LAWS, random_builds, random_setups, study_of
 

@@ -12,9 +12,9 @@ from builder.build import build
 from cosim.components.fmu_component import FmuComponent
 from cosim.study import Build, Drive, Measure, Vehicle
 from cosim.study.machine.car import read_vehicle
-from cosim.study.machine.library import instruction_set
 from cosim.study.machine.sources import Sources
 from eightpost.corners import CORNERS
+from eightpost.machine.library import instruction_set
 from eightpost.vehicle import write_vehicle
 from tests.double_modes import car_with_seat
 

@@ -8,9 +8,7 @@ import pytest
 from cosim.components.fmu_component import FmuComponent
 from cosim.results.error_estimate import difference
 from cosim.study import Build, Measure, Term, Vehicle
-from cosim.study.machine import library
 from cosim.study.machine.car import read_vehicle
-from cosim.study.machine.reasons import NotInBatchError
 from cosim.study.running.batches import Batches
 from cosim.study.running.choose_machine import Compared, choose
 from cosim.study.running.error_model import ErrorModel
@@ -19,6 +17,7 @@ from cosim.study.running.sweep import run_study
 from cosim.study.statistics import STATISTICS, Filtered
 from eightpost.corners import CORNERS
 from eightpost.errors import FmuError
+from eightpost.machine import NotInBatchError, library
 
 from ..conftest import WorkersHere
 from .lanes import COUPLING, FINE, LAWS, on_machine, random_builds, random_setups, study_of
@@ -165,7 +164,7 @@ def test_a_study_without_a_compiler_runs_through_the_fmus(evaluator, monkeypatch
     def none(*_, **__):
         raise FmuError("no C compiler was found")
 
-    monkeypatch.setattr("cosim.study.machine.plan.compiled", none)
+    monkeypatch.setattr("eightpost.machine.run.compiled", none)
     found = choose(evaluator)
     assert found.machine is None and "no C compiler was found" in found.notes[-1]
 
@@ -242,7 +241,7 @@ def test_a_batch_whose_setups_all_end_early_changes_nothing_of_the_next_one(fmus
 def test_friction_at_a_port_without_a_shock_is_refused(fmus, study):
     """It would be left out."""
     car = read_vehicle(FmuComponent(fmus["seven_dof"], "car"), fmus["seven_dof"], {"lf.friction_force": 50.0})
-    elsewhere = tuple(replace(port, input=6) for port in car.ports)
+    elsewhere = tuple(replace(port, force=6) for port in car.ports)
     with pytest.raises(NotInBatchError, match="friction or a spring at a port that no shock is coupled to"):
         on_machine(study, random_setups(study, 1), car=replace(car, ports=elsewhere))
 

@@ -10,12 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.study.machine import library
-from cosim.study.machine.library import Library
-from cosim.study.machine.plan import Plan, Quantity
-from cosim.study.machine.shocks import ShockData
-from cosim.study.statistics import Sections
 from eightpost.array_types import Array, Integers
+from eightpost.machine import library
+from eightpost.machine.run import Quantity, Run
+from eightpost.machine.shocks import ShockData
 
 #: Names of the statistics of a quantity, in the order of fmus/machine/machine.h.
 STATISTICS = ("shift", "sum", "squares", "least", "largest", "inside", "first", "last")
@@ -48,25 +46,24 @@ class BatchResult:
 
 
 def joined(results: Sequence[BatchResult]) -> BatchResult:
-    """Return the sums of several batches of a plan as those of one, without series."""
+    """Return the sums of several batches of a run as those of one, without series."""
     arrays = [result._arrays() for result in results]
     together: dict[str, Any] = {name: np.concatenate([own[name] for own in arrays], axis=-1) for name in arrays[0]}
     return replace(results[0], **together)
 
 
 class Batch:
-    """Memory for batches of a plan, used again and again.
+    """Memory for batches of a run, used again and again.
 
     Args:
-        found: Compiled library for the size of the plan's vehicle.
-        plan: Run of all setups.
+        run: Run of all setups.
     """
 
-    def __init__(self, found: Library, plan: Plan) -> None:
-        self._library, self._plan = found, plan
-        corners, self.lanes = len(plan.corners), found.setups
-        self._space = _aligned((found.size + 7) // 8)
-        self._parameters = _aligned(corners * found.parameters * self.lanes)
+    def __init__(self, run: Run) -> None:
+        self._library, self._run = run.library, run
+        corners, self.lanes = run.corners, run.library.setups
+        self._space = _aligned((run.library.size + 7) // 8)
+        self._parameters = _aligned(corners * run.library.parameters * self.lanes)
         self._laws = np.zeros((corners, self.lanes), np.int64)
         shapes: Mapping[str, tuple[int, ...]] = {
             "transferred": (corners,),
@@ -75,27 +72,28 @@ class Batch:
             "total": (2, corners),
             "squares": (2, corners),
             "beyond": (corners,),
-            "watched": (len(plan.limits),),
-            "statistics": (len(plan.quantities), len(STATISTICS)),
-            "values": (plan.rows.size, len(plan.series)),
+            "watched": (len(run.limits),),
+            "statistics": (len(run.quantities), len(STATISTICS)),
+            "values": (run.rows.size, len(run.series)),
         }
         self._sums = {name: _aligned_lanes(shape, self.lanes) for name, shape in shapes.items()}
         self._ended = np.zeros(self.lanes, np.int64)
-        self._filtered: dict[tuple[str, Sections], Array] = {}
+        self._filtered: dict[tuple[str, Any], Array] = {}
 
-    def filtered(self, name: str, sections: Sections) -> Array:
+    def filtered(self, name: str, sections: Any) -> Array:
         """Return a recorded channel of the last run through a filter, forward and backward (R, lanes).
 
-        The array is overwritten when the same channel of another run is filtered.
+        The array is overwritten when the same channel of another run is filtered. `sections` has second-order sections
+        `rows` (S, 6), their state `rest` for a unit step (S, 2), and `pad` samples of odd reflection at each end.
         """
         rows, rest = np.ascontiguousarray(sections.rows), np.ascontiguousarray(sections.rest)
         given = library.Filter(rows.ctypes.data, rest.ctypes.data, len(rows), sections.pad)
-        series, count = self._sums["values"], self._plan.rows.size
+        series, count = self._sums["values"], self._run.rows.size
         if (name, sections) not in self._filtered:
             self._filtered[name, sections] = _aligned_lanes((count + 2 * sections.pad,), self.lanes)
         space = self._filtered[name, sections]
-        column = self._plan.series.index(name)
-        self._library.filter(given, series.ctypes.data, len(self._plan.series), column, count, space.ctypes.data)
+        column = self._run.series.index(name)
+        self._library.filter(given, series.ctypes.data, len(self._run.series), column, count, space.ctypes.data)
         return space[sections.pad : sections.pad + count]
 
     def statistics_of(self, quantity: Quantity, columns: Sequence[Array]) -> Array:
@@ -107,20 +105,22 @@ class Batch:
         return found
 
     def run(self, setups: Sequence[Sequence[ShockData]]) -> BatchResult:
-        """Run up to as many setups as there are lanes; each is a shock per corner, in the plan's order.
+        """Run up to as many setups as there are lanes; each is a shock per port, in the order of the car's.
 
         The result's arrays are overwritten by the next run.
         """
         count = len(setups)
         filled = [*setups, *[setups[0]] * (self.lanes - count)]
-        parameters = self._parameters.reshape(len(self._plan.corners), -1, self.lanes)
+        parameters = self._parameters.reshape(self._run.corners, -1, self.lanes)
         for lane, shocks in enumerate(filled):
             for corner, shock in enumerate(shocks):
                 parameters[corner, :, lane] = shock.parameters
                 self._laws[corner, lane] = shock.law
         addresses = {name: array.ctypes.data for name, array in self._sums.items()}
         sums = library.Sums(**addresses, ended=self._ended.ctypes.data)
-        self._library.run(self._plan.run, parameters.ctypes.data, self._laws.ctypes.data, self._space.ctypes.data, sums)
+        self._library.run(
+            self._run.structure, parameters.ctypes.data, self._laws.ctypes.data, self._space.ctypes.data, sums
+        )
         own = {name: array[..., :count] for name, array in self._sums.items()}
         return BatchResult(**own, ended=self._ended[:count])
 

@@ -16,9 +16,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from cosim.components.fmu_file import find_compiler
-from cosim.engine.machine_code import description
+import llvmlite.binding as llvm
+
 from eightpost.cache import keep, recall
+from eightpost.compilers import find_compiler
 from eightpost.errors import FmuError
 
 # ---- Sources --------------------------------------------------------------------------------------------------------
@@ -47,7 +48,7 @@ _SHARED = {
     "hysteresis.c.inc": "shock_hysteresis/model.c",
 }  # fmt: skip
 
-_PACKAGE = Path(__file__).parents[3]
+_PACKAGE = Path(__file__).parents[2]
 
 
 def source_folder() -> Path:
@@ -73,8 +74,8 @@ def sources() -> Mapping[str, bytes]:
 
 def instruction_set() -> str:
     """Return the widest instruction set of this processor that a machine uses; empty: that of every processor."""
-    features = description()[2].split(",")
-    return next((name for name in _WIDTHS if f"+{name}" in features), "")
+    features = llvm.get_host_cpu_features()
+    return next((name for name in _WIDTHS if features.get(name)), "")
 
 
 # ---- Compilation ----------------------------------------------------------------------------------------------------
@@ -178,6 +179,11 @@ _COUNTS = (
     "series_count",
 )  # fmt: skip
 Run = _structure("Run", **dict.fromkeys(_POINTERS, _POINTER), step=_REAL, **dict.fromkeys(_COUNTS, _LONG))
+Driven = _structure(
+    "Driven",
+    **dict.fromkeys(("into", "turn", "first", "last", "kinds", "inputs", "wanted", "rows"), _POINTER),
+    **dict.fromkeys(("intervals", "input_count", "wanted_count", "output_count"), _LONG),
+)
 #: Names of the arrays of Sums, in their order.
 SUMS = (
     "transferred", "residual", "defect", "total", "squares", "beyond", "watched", "statistics", "values", "ended",
@@ -216,11 +222,11 @@ class Library:
         function.restype, function.argtypes = None, [_POINTER] * 4
         function(ctypes.addressof(quantity), columns, weights, statistics)
 
-    def accumulate(self, first: Any, factors: Any, kinds: Any, loads: Any) -> None:
-        """Replace the loads of complex modes by their states; the arguments are those of fmus/machine/drive.c."""
-        function = self._library.accumulate
-        function.restype, function.argtypes = None, [_POINTER, _POINTER, _POINTER, _LONG, _POINTER]
-        function(first.ctypes.data, factors.ctypes.data, kinds.ctypes.data, len(kinds), loads.ctypes.data)
+    def drive(self, driven: Any, start: int, found: int) -> None:
+        """Find what a drive does to a car; the arguments are those of drive_car in fmus/machine/drive.c."""
+        function = self._library.drive_car
+        function.restype, function.argtypes = None, [_POINTER] * 3
+        function(ctypes.addressof(driven), start, found)
 
     def run(self, run: Any, parameters: int, laws: int, space: int, sums: Any) -> None:
         """Run several setups; the arguments are addresses and structures of fmus/machine/machine.h."""

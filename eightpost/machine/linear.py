@@ -1,0 +1,177 @@
+"""The linear part of a machine: the car around a damper at each port, exact over a step, and its motion by a drive."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from eightpost.array_types import Array, Complex, Integers
+from eightpost.machine.library import Driven, Library
+from eightpost.machine.reasons import NotInBatchError, UnstableCarError
+from eightpost.machine.vehicle import Port, Vehicle
+
+#: Largest condition number of the modes, and largest growth of one [1/s]: by half in a minute.
+_CONDITION, _GROWTH = 1e7, 0.007
+
+#: Changes of A that are tried, as a share of its largest element, and the seed of their direction.
+_APART, _SEED = (0.0, 1e-12, 1e-11, 1e-10), 1
+
+
+class Drive(NamedTuple):
+    """Inputs of a vehicle over time, and the steps of a run on them."""
+
+    times: Array  #: Ends of the steps, all equal, from 0 (K + 1,) [s].
+    every: int  #: Number of steps between records.
+    points: Array  #: Times at which the inputs are given, those of the steps among them (N + 1,) [s].
+    inputs: Array  #: Inputs there (N + 1, m), linear between them.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearCar:
+    """Car with a damper at each port, as independent complex modes z' = lambda z + b u with outputs Re(c z) + D u."""
+
+    vehicle: Vehicle  #: The car without the dampers.
+    ports: tuple[Port, ...]  #: Ports of the shocks.
+    damping: Array  #: Damping of each (C,) [N.s/m].
+    poles: Complex  #: lambda (P,) [1/s].
+    into: Complex  #: b (P, m).
+    out: Complex  #: c (p, P).
+
+    @classmethod
+    def of(cls, vehicle: Vehicle, ports: Sequence[Port], damping: Array, *, multiple: int = 1) -> LinearCar:
+        """Close the loops of linear dampers.
+
+        Args:
+            vehicle: Car without dampers.
+            ports: Ports of the shocks.
+            damping: Damping of each, about the mean slope of the shocks (C,) [N.s/m].
+            multiple: Number of which the number of modes is made a multiple, with modes without effect: a library is
+                compiled for every number of modes.
+
+        Raises:
+            NotInBatchError: The car has no such modes, or is not stable with these dampers (`UnstableCarError`).
+        """
+        motions = [row for port in ports for row in (port.velocity, port.travel) if row is not None]
+        if vehicle.D[np.ix_(motions, [port.force for port in ports])].any():
+            raise NotInBatchError("a force acts on the velocity of a port without delay")
+        closed = vehicle.with_dampers(ports, damping)
+        poles, vectors = _modes(closed.A)
+        if poles.real.max(initial=-1.0) > _GROWTH:
+            raise UnstableCarError("the vehicle is not stable with the mean damping of its shocks")
+        kept = poles.imag >= 0.0
+        twice = np.where(poles.imag > 0.0, 2.0, 1.0)[kept, None]  # z + conj(z) = 2 Re(z)
+        into = twice * (np.linalg.inv(vectors) @ closed.B)[kept]
+        more = -int(kept.sum()) % multiple
+        return cls(
+            vehicle,
+            tuple(ports),
+            damping,
+            np.concatenate([poles[kept], np.full(more, -1.0)]),
+            np.concatenate([into, np.zeros((more, into.shape[1]))]),
+            np.concatenate([vehicle.C @ vectors[:, kept], np.zeros((len(vehicle.C), more))], axis=1),
+        )
+
+    @property
+    def pairs(self) -> int:
+        """Number of modes."""
+        return self.poles.size
+
+    def data(self, step: float) -> bytes:
+        """Return the structure Car of fmus/machine/car.h for a step [s]."""
+        x = self.poles * step
+        one, two, three = (step * phi for phi in _phi(x))
+        nodes = one - 3.0 * two + 4.0 * three, 4.0 * two - 8.0 * three, 4.0 * three - two
+        into = self.into[:, [port.force for port in self.ports]]
+        load = np.stack([_rows(w[:, None] * into) for w in nodes])
+        velocity = _columns(self.out[[port.velocity for port in self.ports]])
+        travel = _columns(
+            np.stack([np.zeros(self.pairs) if p.travel is None else self.out[p.travel] for p in self.ports])
+        )
+        rest = _rows(-into / np.where(self.poles == 0.0, np.inf, self.poles)[:, None])
+        turn = np.exp(x)
+        parts = [
+            np.stack([turn.real, turn.imag], axis=1), load, rest, velocity, travel, velocity @ load, travel @ load,
+            self.damping, np.array([port.friction for port in self.ports]),
+        ]  # fmt: skip
+        return np.concatenate([np.ravel(part) for part in parts]).astype(np.float64).tobytes()
+
+    def output_rows(self, outputs: Sequence[int]) -> tuple[Array, Array]:
+        """Return the rows (R, 2 P) and the direct terms (R, C) of outputs."""
+        forces = [port.force for port in self.ports]
+        return _columns(self.out[list(outputs)]), self.vehicle.D[np.ix_(list(outputs), forces)]
+
+    def by_drive(self, drive: Drive, wanted: Integers, outputs: Sequence[int], found_by: Library) -> Array:
+        """Return outputs (K, R) at points of the drive, without forces beyond the dampers.
+
+        Args:
+            drive: Drive.
+            wanted: Ascending numbers of the points whose outputs are returned (K,).
+            outputs: Numbers of the outputs.
+            found_by: Library for this car.
+        """
+        inputs = np.ascontiguousarray(drive.inputs)
+        start = np.zeros(self.pairs, dtype=np.complex128)
+        if self.vehicle.at_rest:
+            if np.any(self.poles == 0.0):
+                raise NotInBatchError("the vehicle has no unique steady state")
+            start = -(self.into @ inputs[0]) / self.poles
+        lengths, kinds = np.unique(np.diff(drive.points).round(12), return_inverse=True)
+        x = np.multiply.outer(lengths, self.poles)
+        one, two, _ = (lengths[:, None] * phi for phi in _phi(x))
+        found = np.empty((wanted.size, len(outputs)))
+        arrays = {
+            "into": _rows(self.into).T, "turn": np.exp(x), "first": one - two, "last": two,
+            "kinds": kinds.astype(np.int32), "inputs": inputs, "wanted": wanted.astype(np.int64),
+            "rows": _columns(self.out[list(outputs)]),
+        }  # fmt: skip
+        arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+        addresses = {name: array.ctypes.data for name, array in arrays.items()}
+        driven = Driven(**addresses, intervals=kinds.size, input_count=inputs.shape[1], wanted_count=wanted.size,
+                        output_count=len(outputs))  # fmt: skip
+        found_by.drive(driven, start.ctypes.data, found.ctypes.data)
+        return found + inputs[wanted] @ self.vehicle.D[list(outputs)].T + self.vehicle.offset[list(outputs)]
+
+
+def _modes(closed: Array) -> tuple[Complex, Complex]:
+    """Return poles and eigenvectors; modes that coincide are drawn apart by a change of A far below its accuracy.
+
+    Raises:
+        NotInBatchError: They remain nearly dependent.
+    """
+    noise = np.abs(closed).max() * np.random.default_rng(_SEED).standard_normal(closed.shape)
+    for share in _APART:
+        poles, vectors = np.linalg.eig(closed + share * noise)
+        if np.linalg.cond(vectors) <= _CONDITION:
+            return poles.astype(np.complex128), vectors.astype(np.complex128)
+    raise NotInBatchError("modes of the vehicle nearly coincide")
+
+
+def _rows(values: Complex) -> Array:
+    """Return real rows (2 P, C) of complex ones: real and imaginary part of each."""
+    return np.stack([values.real, values.imag], axis=1).reshape(-1, values.shape[1])
+
+
+def _columns(values: Complex) -> Array:
+    """Return the real columns (R, 2 P) that give Re(c z) from the real and the imaginary parts of z."""
+    return np.stack([values.real, -values.imag], axis=2).reshape(len(values), -1)
+
+
+def _phi(x: Complex) -> tuple[Complex, Complex, Complex]:
+    """Return phi1(x) = (e^x - 1) / x, phi2(x) = (phi1(x) - 1) / x and phi3(x) = (phi2(x) - 1/2) / x."""
+    small = np.abs(x) < 1.0
+    far = np.where(small, 1.0, x)
+    one = np.expm1(far) / far
+    two = (one - 1.0) / far
+    three = (two - 0.5) / far
+    near = np.where(small, x, 0.0)
+    series = np.full_like(x, 1.0 / 6.0)
+    term = np.full_like(x, 1.0 / 6.0)
+    for k in range(4, 24):
+        term = term * near / k
+        series = series + term
+    third = np.where(small, series, three)
+    second = np.where(small, 0.5 + near * series, two)
+    return np.where(small, 1.0 + near * (0.5 + near * series), one), second, third

@@ -1,0 +1,166 @@
+"""A run of any setups of a car on one drive, in the form of fmus/machine/machine.h."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eightpost.array_types import Array
+from eightpost.machine import library
+from eightpost.machine.library import Library, compiled
+from eightpost.machine.linear import Drive, LinearCar
+from eightpost.machine.reasons import NotInBatchError
+
+#: Signals of a shock, in the order of PortSignals in fmus/machine/port.h.
+SIGNALS = ("force", "static_force", "lagged_force", "lag_weight", "dissipated_power", "beyond_fit")
+
+#: Largest numbers of limits, recorded channels and quantities of fmus/machine/march.h.
+_MOST_LIMITS, _MOST_CHANNELS, _MOST_QUANTITIES = 8, 256, 512
+
+#: A library that is loaded again is the same one.
+_loaded = lru_cache(maxsize=8)(Library)
+
+#: Number of times that the ports are evaluated in a step; with friction at a port, once more.
+_SWEEPS = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A weighted sum of channels, or the product of two, whose statistics are summed over some recorded rows."""
+
+    channels: tuple[str, ...]  #: Names of the channels.
+    weights: tuple[float, ...]  #: Factor for each channel.
+    rows: tuple[int, int]  #: First recorded row, and the one after the last.
+    product: bool = False  #: Whether the channels are multiplied.
+    #: Limits of the values that are counted: from the first up to, but not including, the second.
+    inside: tuple[float, float] = (-np.inf, np.inf)
+    limits: bool = False  #: Whether the smallest and the largest value and the number inside are needed.
+
+    def structure(self, first: int = 0) -> Any:
+        """Return the structure Quantity of fmus/machine/machine.h; `first` is the place of its first term."""
+        options = (int(self.product), *self.rows, int(self.limits), *self.inside)
+        return library.Quantity(first, len(self.channels), *options)
+
+
+class Limit(NamedTuple):
+    """A limit of an output of the vehicle, exceeded where sign * output > limit."""
+
+    sign: float
+    limit: float
+    output: int
+
+
+class Run:
+    """A run of all setups on one drive.
+
+    Args:
+        car: Vehicle around dampers at the shocks' ports.
+        drive: Drive and steps.
+        channels: Channels by name: (-1, number of an output of the vehicle), or (port, place in SIGNALS).
+        quantities: Quantities whose statistics are summed.
+        limits: Limits that are watched.
+        series: Names of the channels whose series are stored.
+        settling: Number of records at the start that limits do not count.
+        width: Instruction set; None: the widest of this processor.
+
+    Attributes:
+        structure: Structure Run of fmus/machine/machine.h.
+        rows: Times of the records (R,) [s].
+        library: Compiled library.
+
+    Raises:
+        NotInBatchError: There is too much to record, or the car has no steady state.
+        FmuError: There is no compiler, or it fails.
+    """
+
+    def __init__(
+        self,
+        car: LinearCar,
+        drive: Drive,
+        channels: Mapping[str, tuple[int, int]],
+        *,
+        quantities: Sequence[Quantity] = (),
+        limits: Sequence[Limit] = (),
+        series: Sequence[str] = (),
+        settling: int = 0,
+        width: str | None = None,
+    ) -> None:
+        self._arrays: list[Any] = []
+        self.corners, self.limits = len(car.ports), tuple(limits)
+        self.series, self.quantities = tuple(series), tuple(quantities)
+        self.rows, self.settling = drive.times[:: drive.every], settling
+        self.steps, step = drive.times.size - 1, float(drive.times[1] - drive.times[0])
+        names = tuple(dict.fromkeys([*(c for q in quantities for c in q.channels), *series]))
+        if len(limits) > _MOST_LIMITS or len(names) > _MOST_CHANNELS or len(quantities) > _MOST_QUANTITIES:
+            raise NotInBatchError("it has too many measures")
+        sweeps = _SWEEPS + any(port.has_forces for port in car.ports)
+        self.library = _loaded(compiled(car.pairs, self.corners, sweeps=sweeps, width=width))
+        places = [channels[name] for name in names]
+        own = dict.fromkeys([*(row for corner, row in places if corner < 0), *(limit.output for limit in limits)])
+        outputs = list(own)
+        velocities, travels, recorded = self._by_drive(car, drive, outputs)
+        rows, direct = car.output_rows(outputs)
+        self.structure = library.Run(
+            car=self._address(np.frombuffer(car.data(step), dtype=np.uint8)),
+            velocities=self._address(velocities),
+            travels=self._address(travels),
+            outputs=self._address(recorded),
+            output_rows=self._address(rows),
+            direct=self._address(direct),
+            channels=self._structures(
+                library.Channel(corner, outputs.index(number) if corner < 0 else number) for corner, number in places
+            ),
+            quantities=self._structures(self._quantities()),
+            terms=self._integers(names.index(c) for q in quantities for c in q.channels),
+            weights=self._address(np.array([w for q in quantities for w in q.weights], dtype=np.float64)),
+            limits=self._structures(library.Limit(sign, at, outputs.index(row)) for sign, at, row in limits),
+            series=self._integers(map(names.index, series)),
+            step=step,
+            steps=self.steps,
+            every=drive.every,
+            settling=settling,
+            at_rest=int(car.vehicle.at_rest),
+            output_count=len(outputs),
+            channel_count=len(names),
+            quantity_count=len(quantities),
+            limit_count=len(limits),
+            series_count=len(series),
+        )
+
+    def _by_drive(self, car: LinearCar, drive: Drive, outputs: Sequence[int]) -> tuple[Array, Array, Array]:
+        """Return what the drive does: velocities and travels of the ports (K + 1, C), and outputs at records (R, O)."""
+        velocities = [port.velocity for port in car.ports]
+        travels = [port.velocity if port.travel is None else port.travel for port in car.ports]
+        wanted, count = np.searchsorted(drive.points, drive.times), self.corners
+        ports = car.by_drive(drive, wanted, [*velocities, *travels], self.library)
+        ports[:, [count + k for k, port in enumerate(car.ports) if port.travel is None]] = 0.0
+        recorded = car.by_drive(drive, wanted[:: drive.every], outputs, self.library)
+        return ports[:, :count], ports[:, count:], recorded
+
+    def _quantities(self) -> Iterable[Any]:
+        first = 0
+        for q in self.quantities:
+            yield q.structure(first)
+            first += len(q.channels)
+
+    # ---- Arrays that live as long as the run ------------------------------------------------------------------------
+
+    def _address(self, array: NDArray[Any]) -> int:
+        array = np.ascontiguousarray(array)
+        self._arrays.append(array)
+        return int(array.ctypes.data)
+
+    def _integers(self, values: Iterable[int]) -> int:
+        return self._address(np.array(list(values), dtype=np.int32))
+
+    def _structures(self, values: Iterable[Any]) -> int:
+        found = list(values)
+        array = (type(found[0]) * len(found))(*found) if found else (ctypes.c_int * 1)()
+        self._arrays.append(array)
+        return ctypes.addressof(array)
