@@ -85,7 +85,7 @@ def test_an_estimate_is_judged_where_the_ideal_response_is_large(figure, output,
 def test_the_antiresonance_of_the_ideal_response_and_the_printed_resolution_are_stated(paths, monkeypatch):
     """Forty half-overlapping blocks of 800 s have a length of 2 x 800 / 41 s."""
     notch = np.where((F > 3.05) & (F < 11.95), np.abs(F - 5.8), -30.0)
-    monkeypatch.setattr("tests.reproduce.test_chapter_5_identification.LEVELS", notch)
+    monkeypatch.setattr("tests.dissertation.test_chapter_5_identification.LEVELS", notch)
     paths()
     assert chapter.figure_5_9(QUICK).values == pytest.approx({"resolution": 1.0 / 39.0244, "anti": 5.8}, rel=1e-4)
 
@@ -102,7 +102,7 @@ def test_estimate_and_coherence_of_each_force_are_shown_in_us_customary_units(pa
 
 def test_an_estimate_is_rougher_than_its_modified_one(paths, monkeypatch):
     """The second differences of an alternating half decibel are 2 dB."""
-    monkeypatch.setattr("tests.reproduce.test_chapter_5_identification.LEVELS", np.zeros(F.size))
+    monkeypatch.setattr("tests.dissertation.test_chapter_5_identification.LEVELS", np.zeros(F.size))
     paths({("lf.velocity", "lf.force"): np.where(EVEN, 0.5, -0.5)})
     found = chapter.figure_5_12(QUICK)
     assert found.claims["smooth"][0] and "differences 2 dB, modified 0" in found.claims["smooth"][1]
