@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
-from builder.documents.archive import validity_of
 from builder.documents.reference import Disclosure
+from builder.documents.validity import validity_of
 from builder.fmu.interface import Interface
 from builder.fmu.product import Product, shock_product, vehicle_product
 from builder.native.native_fmu import native_fmus

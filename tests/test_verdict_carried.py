@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from builder.documents.archive import combined_member, validity_of
 from builder.documents.reference import Disclosure
+from builder.documents.validity import combined_member, validity_of
 from builder.fmu.product import shock_product, vehicle_product
 from builder.native.native_fmu import without_binaries
 from builder.python_fmu import python_fmu

@@ -11,10 +11,10 @@ import numpy as np
 
 from builder.assembly.parts import Part, law_of
 from builder.assembly.plan import Assembly, coupling_step
-from builder.documents.archive import combined_member
 from builder.documents.page import Contents, equations, page
 from builder.documents.picture import curves_picture
 from builder.documents.reference import COUNT, STEP, Reference, reference_files, rounded, vehicle_inputs
+from builder.documents.validity import combined_member
 from builder.fmu.interface import (
     PORT_PARAMETERS,
     Interface,

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -21,10 +21,12 @@ from cosim.study.result import StudyResult
 from eightpost import __version__, units
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import MALFORMED, atomic_path, json_content, read_text
-from eightpost.report.pictures import Axes, new_figure, panels_of, save
 from eightpost.signals.parquet_file import read_table
 from eightpost.toml_document import parse_model
 from eightpost.verdict import Verdict, is_intact, sealed
+
+if TYPE_CHECKING:
+    from eightpost.report.pictures import Axes
 
 # ==== Comparisons ====================================================================================================
 
@@ -150,6 +152,8 @@ def _plot_comparisons(
     Setups that were `selected` for a measure have filled markers, the others hollow ones; `shown` are the SI unit and
     the display unit by measure.
     """
+    from eightpost.report.pictures import new_figure, panels_of, save  # noqa: PLC0415 -- matplotlib takes long to load
+
     figure = new_figure(11, 3.4 * len(comparisons) + 0.4)
     panels = panels_of(figure, 2 * len(comparisons), 2, width_ratios=(1.3, 1.0))
     for trend, scatter, comparison in zip(panels[::2], panels[1::2], comparisons, strict=True):

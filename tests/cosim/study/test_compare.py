@@ -11,7 +11,6 @@ import pytest
 from scipy import stats
 
 from cosim.study.certainty.certainty import Levels
-from cosim.study.choice import files
 from cosim.study.choice.compare import Comparison, RunComparison, comparison_verdict, percent_change, verdict_of_runs
 from cosim.study.choice.files import read_run_to_run, write_and_plot
 from cosim.study.choice.rig_runs import Measured, comparisons, measured_runs, read_run_list
@@ -328,7 +327,7 @@ def test_the_interval_of_a_setup_is_unknown_once_the_certainty_contains_its_rig_
 def drawn(monkeypatch):
     """List of the figures that are saved."""
     figures = []
-    monkeypatch.setattr(files, "save", lambda figure, path: figures.append(figure))
+    monkeypatch.setattr("eightpost.report.pictures.save", lambda figure, path: figures.append(figure))
     return figures
 
 
