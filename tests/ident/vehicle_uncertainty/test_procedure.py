@@ -201,8 +201,8 @@ def test_a_car_whose_tests_cannot_be_simulated_is_not_usable():
 
 
 @pytest.mark.parametrize("trust", [None, Trust({}), Trust({}, measures={TOTAL: MeasureUncertainty(0.5, 0.0)})])
-def test_without_measured_errors_the_misfit_decides(trust):
-    assert [one.rule for one in fit_verdict(Fit(trust=trust)).reasons] == ["small misfit of the vehicle"]
+def test_without_measured_errors_a_car_is_at_most_limited_and_a_large_misfit_is_not_usable(trust):
+    assert [one.rule for one in fit_verdict(Fit(trust=trust)).reasons] == ["tests not simulated"]
     assert fit_verdict(Fit(residual={"lf.tire_force": 0.31}, trust=trust)).grade is Grade.NOT_USABLE
 
 
