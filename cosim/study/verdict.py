@@ -60,9 +60,9 @@ NOTABLE_ERROR = RULES.add("coupling error of a setup above the tolerance", "coup
     remedy="run these setups separately (eightpost run), or set a smaller accuracy in the study file",
 )  # fmt: skip
 UNKNOWN_ERROR = RULES.add("coupling error of setups not stated", "coupling", Grade.UNKNOWN,
-    condition="no setup has a coupling error in the table",
+    condition="no setup, or not the best one, has a coupling error in the table",
     why="differences between setups may be due to the coupling",
-    remedy="run the study again with this version",
+    remedy="run the study again with this version; run the best setup separately (eightpost run)",
 )  # fmt: skip
 SMALL_ERROR = RULES.add("coupling errors of all setups small", "coupling", Grade.USABLE,
     condition="the coupling error of every setup is within the accuracy of the study file",
@@ -139,6 +139,12 @@ def _coupling(result: StudyResult) -> Iterator[Reason]:
         yield UNKNOWN_ERROR.reason("no coupling error is known", figure=figure, origin="column coupling_error_percent")
         return
     worst, best = int(np.argmax(errors)), result.ranking()[:1]
+    if best.size and result.setups[best[0]] not in numbers:
+        figure = f"known for {errors.size} of {rows.size} setups"
+        yield UNKNOWN_ERROR.reason(
+            "the coupling error of the best setup is not known", figure=figure, origin=f"setup {result.setups[best[0]]}"
+        )
+        return
     at_best = errors[np.isin(numbers, result.setups[best])] if best.size else errors
     above = int(np.sum(errors > accuracy))
     figure = f"up to {errors[worst]:.2g} %; target {accuracy:g} %; {above} of {errors.size} setups are above it"

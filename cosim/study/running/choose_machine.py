@@ -7,6 +7,8 @@ from dataclasses import replace
 from math import ceil, inf
 from typing import NamedTuple
 
+import numpy as np
+
 from cosim.results.error_estimate import difference
 from cosim.session.automatic import Automatic, Refinement
 from cosim.study.running.batches import Batches, BatchRun
@@ -202,7 +204,7 @@ def check_setup(evaluator: Evaluator, setup: Setup, machine: MachineCoupling) ->
         scenario = replace(evaluator.scenario(drive), record=tuple(names))
         right = Refinement(evaluator.system(setup), scenario, Automatic(study.accuracy), "auto", heartbeat).result()
         differences = difference(right.settled(), _settled(runs[drive.name], study.settling))
-        apart = max(apart, *differences.values())
+        apart = float(np.max([apart, *differences.values()]))  # NaN if one is
         own = max(own, machine.errors.worst_channel(runs[drive.name].summary))
         stated = max(stated, *right.stated_error.values())
         steps.append(right.step)

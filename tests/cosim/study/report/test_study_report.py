@@ -173,6 +173,14 @@ def test_a_coupling_error_of_the_best_setup_above_five_percent_is_not_usable(few
     assert study_verdict(unknown).grade is Grade.UNKNOWN
 
 
+def test_errors_of_other_setups_are_no_evidence_for_the_best_one(few):
+    best = int(few.ranking()[0])
+    for row, rule in ((best, "coupling error of setups not stated"), (best - 1, "coupling errors of all setups small")):
+        errors = [None if k == row else 0.01 for k in range(len(few))]
+        found = study_verdict(_with(few, coupling_error_percent=errors)).reasons
+        assert [reason.rule for reason in found if reason.about == "coupling"] == [rule]
+
+
 def test_the_verdict_on_a_study_contains_the_validity_of_its_models(few):
     reason = Reason(
         "r", "fit of the shock", Grade.NOT_USABLE, "a lag of 40 ms", "40 ms", "record A.csv", "measure again"
