@@ -13,14 +13,12 @@ import pyarrow.parquet
 
 from benchmarks.fuzz.damage import members_of, packed
 from builder.build import build
-from cosim.study.choice.compare import Comparison
-from cosim.study.choice.files import write_comparisons, write_spreads
-from cosim.study.choice.robust import Spread
+from cosim.study.choice.compare import Comparison, write_comparisons
+from cosim.study.choice.robust import Spread, write_spreads
 from cosim.study.choice.selection import select, write_selection
+from cosim.study.definition import Build, Drive, Study, Vehicle
 from cosim.study.measures import Measure
-from cosim.study.result import StudyResult
-from cosim.study.study import Build, Drive, Study, Vehicle
-from cosim.study.table import Provenance, result_table, study_schema
+from cosim.study.table import Provenance, StudyResult, result_table, study_schema
 from eightpost.corners import CORNERS
 from eightpost.ident.response import FrequencyResponse, response_of, write_response
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, write_fit

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from cosim.study.certainty import Certainty, read_certainty
-from cosim.study.choice.files import read_spreads
-from cosim.study.choice.robust import Spread
+from cosim.study.choice.certainty import Certainty, read_certainty
+from cosim.study.choice.robust import Spread, read_spreads
 from cosim.study.choice.selection import Selection, read_selection
-from cosim.study.report import write_study_report
-from cosim.study.report.sheet import AimPage, copy_shock_pages, shock_curves
-from cosim.study.result import StudyResult
+from cosim.study.page import write_study_report
 from cosim.study.running.evaluator import traces
+from cosim.study.sheet import AimPage, copy_shock_pages, shock_curves
+from cosim.study.table import StudyResult
 from eightpost.errors import FileFormatError
 from eightpost.files import MALFORMED, json_content
 from eightpost.verdict import is_intact

@@ -12,9 +12,19 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from cosim.components.component import Variable, convert_between, named_unit, to_si
 from cosim.components.fmu_component import FmuComponent
+from cosim.study.definition import (
+    Build,
+    Constraint,
+    Drive,
+    Study,
+    Term,
+    Vehicle,
+    bond_at,
+    check_corners,
+    driving_channels,
+    ports,
+)
 from cosim.study.measures import Car, Measure, family
-from cosim.study.running.drives import driving_channels
-from cosim.study.study import Build, Constraint, Drive, Study, Term, Vehicle, bond_at, check_corners, ports
 from cosim.systems.system import System
 from eightpost import units
 from eightpost.display import some

@@ -16,10 +16,10 @@ from eightpost.errors import FileFormatError
 from eightpost.outputs import replacing
 
 if TYPE_CHECKING:
-    from cosim.study.certainty import Certainty
-    from cosim.study.certainty.assess import Knowledge
-    from cosim.study.result import StudyResult
+    from cosim.study.choice.assess import Knowledge
+    from cosim.study.choice.certainty import Certainty
     from cosim.study.running.workers import Workers
+    from cosim.study.table import StudyResult
 
 
 def assess(
@@ -29,9 +29,9 @@ def assess(
 
     Rig runs that an earlier certainty of the same study contains are kept.
     """
-    from cosim.study.certainty import write_certainty
-    from cosim.study.certainty.assess import Knowledge, certainty_of
-    from cosim.study.certainty.effects import effects_of, stated_parameters
+    from cosim.study.choice.assess import Knowledge, certainty_of
+    from cosim.study.choice.certainty import write_certainty
+    from cosim.study.choice.sources import effects_of, stated_parameters
     from cosim.study.folder import CERTAINTY
 
     parameters, unstated, notes = stated_parameters(result)
@@ -47,7 +47,7 @@ def assess(
 
 def measured_noise(folder: Path) -> Mapping[str, float]:
     """Return the run-to-run deviations [SI] that `eightpost compare --measured` found; empty without a comparison."""
-    from cosim.study.choice.files import read_run_to_run
+    from cosim.study.choice.compare import read_run_to_run
 
     path = folder / "compared" / "comparison.json"
     try:
@@ -61,7 +61,7 @@ def with_runs(console: Console, known: Knowledge, result: StudyResult, folder: P
 
     A certainty that is damaged or of another study is about to be replaced, so a copy is kept and named.
     """
-    from cosim.study.certainty.assess import Knowledge
+    from cosim.study.choice.assess import Knowledge
     from cosim.study.folder import CERTAINTY, REPLACED
 
     try:
@@ -86,7 +86,7 @@ def earlier_certainty(result: StudyResult, folder: Path) -> Certainty | None:
     Raises:
         FileFormatError: The file is damaged.
     """
-    from cosim.study.certainty import read_certainty
+    from cosim.study.choice.certainty import read_certainty
     from cosim.study.folder import CERTAINTY, PREVIOUS
 
     path = folder / CERTAINTY
@@ -103,7 +103,7 @@ def earlier_certainty(result: StudyResult, folder: Path) -> Certainty | None:
 
 def show_certainty(console: Console, result: StudyResult, certainty: Certainty) -> None:
     """Print the summary of a certainty."""
-    from cosim.study.certainty.certainty import summary_lines
+    from cosim.study.choice.certainty import summary_lines
 
     for place, line in enumerate(summary_lines(result, certainty)):
         style = "bold" if place == 0 else ""

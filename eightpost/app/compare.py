@@ -20,7 +20,7 @@ from eightpost.verdict import Verdict
 
 if TYPE_CHECKING:
     from cosim.study.choice.compare import Comparison, RunComparison
-    from cosim.study.result import StudyResult
+    from cosim.study.table import StudyResult
     from eightpost.signals import ChannelMap
 
 #: Largest length of all labels of runs as headings of a table; longer ones are replaced by their numbers.
@@ -111,12 +111,11 @@ def _compare_with_rig(
     level: float | None,
 ) -> Verdict:
     """Compare a study with measured runs; print and write the comparison."""
-    from cosim.study.choice.compare import comparison_verdict
-    from cosim.study.choice.files import write_and_plot
+    from cosim.study.choice.compare import comparison_verdict, write_and_plot
     from cosim.study.choice.rig_runs import compare_with_rig
     from cosim.study.choice.selection import read_selection
     from cosim.study.folder import RESULTS, SELECTION
-    from cosim.study.result import StudyResult
+    from cosim.study.table import StudyResult
 
     result = StudyResult.load(folder / RESULTS)
     path = measured / SELECTION if measured.is_dir() else measured

@@ -21,8 +21,8 @@ from eightpost.outputs import replacing
 from eightpost.report.console import Table, console_table, right
 
 if TYPE_CHECKING:
-    from cosim.study.certainty import Certainty
-    from cosim.study.result import StudyResult
+    from cosim.study.choice.certainty import Certainty
+    from cosim.study.table import StudyResult
     from eightpost.signals import ChannelMap
 
 #: Number of setups in the table.
@@ -57,11 +57,11 @@ def confirm(
       eightpost confirm out/ rig_day/selection.csv
       eightpost confirm out/ 37=run1.csv 120=run2.csv
     """
-    from cosim.study.certainty import write_certainty
-    from cosim.study.certainty.assess import Knowledge, certainty_of
+    from cosim.study.choice.assess import Knowledge, certainty_of
+    from cosim.study.choice.certainty import write_certainty
     from cosim.study.choice.rig_runs import requested_runs, with_rig_runs
     from cosim.study.folder import CERTAINTY, PREVIOUS, RESULTS
-    from cosim.study.result import StudyResult
+    from cosim.study.table import StudyResult
     from cosim.study.verdict import study_verdict
     from eightpost.app.show import show_verdict, write_page
 
@@ -133,7 +133,7 @@ def _level(result: StudyResult, certainty: Certainty, setup: int) -> str:
 
 def show_contradictions(console: Console, result: StudyResult, certainty: Certainty) -> None:
     """Print the measured levels that the prediction does not explain."""
-    from cosim.study.certainty.certainty import percent
+    from cosim.study.choice.certainty import chance_text
     from eightpost import units
 
     for one in certainty.contradictions:
@@ -142,7 +142,7 @@ def show_contradictions(console: Console, result: StudyResult, certainty: Certai
         console.print(
             f"[yellow]contradiction[/] {escape(one.file)}: {escape(one.measure)} of setup {one.setup} is "
             f"{measured:.4g} {unit}, predicted {predicted:.4g}; a deviation of this size has a probability of "
-            f"{percent(one.probability)}; {'used, as other runs agree' if one.used else 'left out'}",
+            f"{chance_text(one.probability)}; {'used, as other runs agree' if one.used else 'left out'}",
             highlight=False,
             soft_wrap=True,
         )

@@ -27,9 +27,9 @@ from eightpost.report.console import Table, console_table, unbroken
 
 if TYPE_CHECKING:
     from cosim.study.choice.optimise import Optimum, Search
-    from cosim.study.result import StudyResult
     from cosim.study.running.sweep import Requested
     from cosim.study.running.workers import Workers
+    from cosim.study.table import StudyResult
 
 
 @click.command(cls=Verb)

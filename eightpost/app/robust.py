@@ -17,10 +17,9 @@ from eightpost.outputs import replacing
 from eightpost.workers.process import usable_processors
 
 if TYPE_CHECKING:
-    from cosim.study.choice.files import Uncertainty
-    from cosim.study.choice.robust import Draws
-    from cosim.study.result import StudyResult
+    from cosim.study.choice.robust import Draws, Uncertainty
     from cosim.study.running.workers import Workers
+    from cosim.study.table import StudyResult
 
 
 @click.command(cls=Verb)
@@ -51,13 +50,19 @@ def robust(
     Example:
       eightpost robust out/ uncertain.toml --top 20
     """
-    from cosim.study.certainty import write_certainty
-    from cosim.study.certainty.assess import certainty_of
-    from cosim.study.choice.files import read_uncertainty, write_spreads
-    from cosim.study.choice.robust import knowledge_of, leading, linearity_check, spreads_of
+    from cosim.study.choice.assess import certainty_of
+    from cosim.study.choice.certainty import write_certainty
+    from cosim.study.choice.robust import (
+        knowledge_of,
+        leading,
+        linearity_check,
+        read_uncertainty,
+        spreads_of,
+        write_spreads,
+    )
     from cosim.study.folder import CERTAINTY, RESULTS, SPREADS
-    from cosim.study.result import StudyResult
     from cosim.study.running.workers import ProcessWorkers
+    from cosim.study.table import StudyResult
     from cosim.study.verdict import study_verdict
     from eightpost.app.show import show_verdict, write_page
 

@@ -15,7 +15,7 @@ from eightpost.report.console import Table, console_table, right, unbroken
 
 if TYPE_CHECKING:
     from cosim.study.choice.selection import Selection
-    from cosim.study.result import StudyResult
+    from cosim.study.table import StudyResult
 
 TOTAL, POOL, TWICE = 20, 0.02, 4
 
@@ -50,7 +50,7 @@ def select(folder: Path, measures: tuple[str, ...], total: int, pool: float, twi
     from cosim.study.choice.selection import BASELINE_RUNS, repeated, write_selection
     from cosim.study.choice.selection import select as choose
     from cosim.study.folder import RESULTS, SELECTION
-    from cosim.study.result import StudyResult
+    from cosim.study.table import StudyResult
     from eightpost.app.certainty import earlier_certainty
     from eightpost.app.show import write_page
 

@@ -35,7 +35,7 @@ def sensitivity(folder: Path, output: Path) -> None:
     """
     from cosim.study.choice.sensitivity import sensitivities_of, write_terms
     from cosim.study.folder import RESULTS
-    from cosim.study.result import StudyResult
+    from cosim.study.table import StudyResult
 
     console = Console()
     result = StudyResult.load(folder / RESULTS)

@@ -10,31 +10,31 @@ import numpy as np
 from scipy.stats import qmc
 
 from builder.build import build
-from cosim.study.certainty import OBJECTIVE
-from cosim.study.certainty.assess import Knowledge, posterior_of
-from cosim.study.certainty.choice import DrawnCar, VehicleDraws
-from cosim.study.choice.continuous import (
+from cosim.study.choice.assess import Knowledge, posterior_of
+from cosim.study.choice.certainty import OBJECTIVE
+from cosim.study.choice.optimise import (
     ASSURED,
     Band,
     Evaluation,
-    Optimum,
     Problem,
     Progress,
     Range,
     Robustness,
+    Search,
+    ShapeOptimum,
     ShockSpace,
     band,
     groups_of,
     search,
+    search_study,
 )
-from cosim.study.choice.optimise import Search, search_study
+from cosim.study.choice.posterior import DrawnCar, VehicleDraws
+from cosim.study.definition import Build, Study
 from cosim.study.folder import chosen_so_far
-from cosim.study.result import StudyResult
 from cosim.study.running.evaluator import Coupling
-from cosim.study.running.sweep import Requested
-from cosim.study.running.trials import Trials
+from cosim.study.running.sweep import Requested, Trials
 from cosim.study.running.workers import Workers
-from cosim.study.study import Build, Study
+from cosim.study.table import StudyResult
 from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.rig.damper.builds import NearestValving, nearest_valving
@@ -134,7 +134,7 @@ class Curves:
     bank: Mapping[str, str]  #: Builds of the best setup of the bank, by corner.
     bases: Mapping[tuple[str, ...], Shape]  #: Shape of the best setup of the bank, by group of corners.
     reference: Evaluation  #: Values of that setup, its shocks as shapes.
-    optimum: Optimum  #: Result of the search.
+    optimum: ShapeOptimum  #: Result of the search.
     car: DrawnCar | None  #: Cars that the true one may be; None if the vehicle is taken to be exact.
     gains: Array  #: Gain over the best setup of the bank, for each draw of shocks and cars (N,).
     band: Band | None  #: Band that keeps the assured gain; None without one.
@@ -430,7 +430,7 @@ _AT_LIMIT = 0.01
 
 def targets_of(
     problem: Problem,
-    optimum: Optimum,
+    optimum: ShapeOptimum,
     kept: Band | None,
     shapes: Mapping[tuple[str, ...], Shape],
     bases: Mapping[tuple[str, ...], Shape],
@@ -490,7 +490,7 @@ def _force_band(
 
 
 def _intervals(
-    space: ShockSpace, optimum: Optimum, kept: Band | None, place: int
+    space: ShockSpace, optimum: ShapeOptimum, kept: Band | None, place: int
 ) -> tuple[dict[str, tuple[float, float]], tuple[str, ...]]:
     """Return the interval of each number that keeps the gain alone, and the numbers at an end of their range."""
     own = slice(place * len(space.ranges), (place + 1) * len(space.ranges))

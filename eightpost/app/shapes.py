@@ -29,7 +29,7 @@ from eightpost.errors import InputError
 from eightpost.outputs import AIM, PAGE
 
 if TYPE_CHECKING:
-    from cosim.study.study import Study
+    from cosim.study.definition import Study
     from eightpost.app.shape_search import Aim, Request
 
 
@@ -102,10 +102,10 @@ def shapes(
       eightpost shapes examples/study.toml -o out/ --at lr --vary rebound.low --vary rebound.high
       eightpost shapes examples/study.toml -o out/ --limit 'compression.low=10 lbf.s/in,60 lbf.s/in'
     """
-    from cosim.study.choice.continuous import Robustness
+    from cosim.study.choice.optimise import Robustness
     from cosim.study.folder import RESULTS
-    from cosim.study.result import StudyResult
     from cosim.study.study_file import bank_sources
+    from cosim.study.table import StudyResult
     from eightpost.app.shape_page import aim_verdict, write_aim
     from eightpost.app.shape_search import Request, searched_groups
     from eightpost.app.show import show_verdict, write_page

@@ -15,7 +15,7 @@ from eightpost.verdict import Grade, Reason, Verdict
 
 if TYPE_CHECKING:
     import cosim
-    from cosim.study.result import StudyResult
+    from cosim.study.table import StudyResult
 
 # ---- Output of a verdict, the same for every command ----------------------------------------------------------------
 

@@ -34,12 +34,12 @@ from eightpost.report.console import Table, console_table, unbroken
 from eightpost.workers.process import usable_processors
 
 if TYPE_CHECKING:
-    from cosim.study.certainty import Certainty
-    from cosim.study.result import StudyResult
+    from cosim.study.choice.certainty import Certainty
+    from cosim.study.definition import Study
     from cosim.study.running.evaluator import Coupling
     from cosim.study.running.sweep import Sweep
     from cosim.study.running.workers import Workers
-    from cosim.study.study import Study
+    from cosim.study.table import StudyResult
 
 #: Time after which a silent worker is ended [s].
 PATIENCE = 300.0

@@ -16,8 +16,8 @@ from eightpost.report.console import Table, console_table
 
 if TYPE_CHECKING:
     from cosim.components.component import Variable
-    from cosim.study.choice.what_if import Effect
-    from cosim.study.study import Build
+    from cosim.study.choice.sensitivity import Effect
+    from cosim.study.definition import Build
     from eightpost.shock import StaticCurve
 
 #: Parameters before and after a change, by name.
@@ -62,10 +62,10 @@ def whatif(
       eightpost whatif out/ --at lr --rebound +1
       eightpost whatif out/ --at lf --at rf --compression -2 --click '10 %' --speeds high
     """
-    from cosim.study.choice.what_if import shock_at, what_if
+    from cosim.study.choice.sensitivity import shock_at, what_if
     from cosim.study.folder import RESULTS
-    from cosim.study.result import StudyResult
     from cosim.study.running.workers import ProcessWorkers
+    from cosim.study.table import StudyResult
 
     console = Console()
     steps = {side: count for side, count in (("rebound", rebound), ("compression", compression)) if count}

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cosim.study.choice.continuous import Evaluation, Optimum, Robustness
-from cosim.study.study import Build
+from cosim.study.choice.optimise import Evaluation, Robustness, ShapeOptimum
+from cosim.study.definition import Build
 from eightpost.app import shape_search
 from eightpost.app.shape_search import Curves, Request, bank_plan, find_curves, searched_groups, shapes_of_bank
 from eightpost.errors import InputError
@@ -131,7 +131,9 @@ def test_gains_are_counted_from_the_best_of_the_bank_and_a_band_needs_an_assured
         point, status = (best, ("planned",)) if iterations is None else (polished, ("polished",))
         assert problem.given == ((0, 1.0, "grip", None) if iterations is None else (6, 2.0, "grip", "cars"))
         assert iterations is None or (len(starts) == 1 and starts[0] is best)
-        return Optimum(point, 9.2, 9.0, 0.1, assured, True, ((10.0, 9.0),) if iterations is None else (), 9, status)
+        return ShapeOptimum(
+            point, 9.2, 9.0, 0.1, assured, True, ((10.0, 9.0),) if iterations is None else (), 9, status
+        )
 
     def band(problem, optimum, start, share):
         assert (problem.given, optimum.point is polished, start, share) == ((0, 2.0, "grip", "cars"), True, 10.0, 0.7)

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cosim.study.choice.continuous import Band, Range, ShockSpace
-from cosim.study.study import Build
+from cosim.study.choice.optimise import Band, Range, ShockSpace
+from cosim.study.definition import Build
 from eightpost.app import shape_search
 from eightpost.app.shape_search import targets_of
 from eightpost.rig.damper.builds import NearestValving, Valving

@@ -2,35 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import json
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from cosim.results.result import Result, SavedRun
-from cosim.study.choice.robust import REACH
 from cosim.study.measures import Measure, available, channel_measures, ride_measures
-from eightpost import units
+from cosim.study.table import StudyResult
+from eightpost import __version__, units
 from eightpost.array_types import Array, Flags, Integers
 from eightpost.display import Summarized, Summary, some
-from eightpost.errors import InputError
+from eightpost.errors import FileFormatError, InputError
+from eightpost.files import MALFORMED, atomic_path, json_content
 from eightpost.labelled import data_frame
+from eightpost.report.pictures import COLORS, Figure, new_figure, save
 from eightpost.signals import TimeSeries
-from eightpost.verdict import Grade, Reason, Rules, Verdict
+from eightpost.verdict import Grade, Reason, Rules, Verdict, is_intact, sealed
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from eightpost.report.pictures import Picture
-
+    from eightpost.report.pictures import Axes, Picture
 
 # ==== Comparison =====================================================================================================
 
 # ---- Comparison of measured with predicted levels -------------------------------------------------------------------
 
+
+#: Half-width of a band, in standard deviations (Fig 7.7).
+REACH = 2.0
 
 #: Minimum number of setups for a best-fit line with an uncertainty.
 FEWEST = 3
@@ -322,7 +329,7 @@ class RunComparison(Summarized):
 
     def plot(self) -> Picture:
         """Return a picture of the change of each measure from the first run to the others."""
-        from cosim.study.plots import changes  # noqa: PLC0415 -- matplotlib takes long to load
+        from cosim.study.choice.compare import changes  # noqa: PLC0415 -- matplotlib takes long to load
         from eightpost.report.pictures import Picture  # noqa: PLC0415
 
         return Picture(changes(self.runs, self.measures))
@@ -350,3 +357,206 @@ def compare_runs(runs: Mapping[str, Result | SavedRun], vehicle: str = "car") ->
         for label, one in runs.items()
     }
     return RunComparison(settled, measures, verdict_of_runs(documents))
+
+
+# ==== Files and plots of comparisons =================================================================================
+
+# ---- JSON file of the comparisons of measured with predicted levels -------------------------------------------------
+
+#: Schema version of the files that are written.
+SCHEMA = 1
+
+
+def write_comparisons(
+    comparisons: Sequence[Comparison], units: Mapping[str, str], path: str | Path, verdict: Verdict
+) -> None:
+    """Write comparisons as JSON, levels in SI.
+
+    Args:
+        comparisons: Comparisons of the measures.
+        units: SI units by measure.
+        path: The file.
+        verdict: Verdict on all comparisons.
+    """
+    document = sealed({
+        "schema": SCHEMA,
+        "kind": "comparison",
+        "tool": f"eightpost {__version__}",
+        "verdict": verdict.to_json(),
+        "measures": [_entry(one, units[one.measure]) for one in comparisons],
+    })  # fmt: skip
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def write_and_plot(
+    comparisons: Sequence[Comparison],
+    result: StudyResult,
+    folder: Path,
+    verdict: Verdict,
+    selected: Mapping[str, Collection[int]],
+) -> Path:
+    """Write comparison.json, and comparison.png with the measures of the selection, or else of the objective.
+
+    Args:
+        comparisons: Comparisons of the measures.
+        result: Result of the study.
+        folder: Output folder.
+        verdict: Verdict on all comparisons.
+        selected: Setups that were selected for each measure; empty if there is no selection.
+
+    Returns:
+        The picture.
+    """
+    write_comparisons(comparisons, result.provenance.measure_units, folder / "comparison.json", verdict)
+    first = selected or dict.fromkeys(term.measure for term in result.study.objective)
+    drawn = [one for one in comparisons if one.measure in first] or list(comparisons)
+    shown = {one.measure: (result.unit(one.measure), result.display(one.measure)) for one in comparisons}
+    _plot_comparisons(drawn, folder / "comparison.png", shown=shown, selected=selected)
+    return folder / "comparison.png"
+
+
+def read_run_to_run(path: str | Path) -> dict[str, float]:
+    """Return the standard deviation of one rig run by measure [SI], as a comparison found it from repeated runs.
+
+    It is increased for the number of repeats; see `usable_deviation`.
+
+    Raises:
+        FileFormatError: The file is not a comparison, was edited after it, or no setup was run twice.
+    """
+    document = json_content(path, advice="`eightpost compare --measured` writes it")
+    try:
+        repeats = [(entry, sum(runs - 1 for runs in entry["runs"])) for entry in document["measures"]]
+        deviations = {
+            str(entry["measure"]): usable_deviation(float(entry["run_to_run"]), freedom) if freedom else 0.0
+            for entry, freedom in repeats
+        }
+    except MALFORMED as error:
+        raise FileFormatError(f"is not a comparison of a study with the rig ({error!r})", path=path) from error
+    if not is_intact(document):
+        raise FileFormatError("was edited after the comparison; run `eightpost compare --measured` again", path=path)
+    if not any(deviations.values()):
+        raise FileFormatError("contains no run-to-run deviation, because no setup was run twice on the rig", path=path)
+    return deviations
+
+
+def _entry(comparison: Comparison, unit: str) -> dict[str, Any]:
+    return {
+        "measure": comparison.measure,
+        "unit": unit,
+        "setups": comparison.setups.tolist(),
+        "runs": comparison.runs.tolist(),
+        "predicted": comparison.predicted.tolist(),
+        "measured": comparison.measured.tolist(),
+        "run_to_run": comparison.run_to_run,
+        "spearman": comparison.spearman,
+        "spearman_attainable": comparison.attainable,
+        "kendall": comparison.kendall,
+        "slope": comparison.line.slope,
+        "slope_interval_95": list(comparison.line.interval()),
+        "intercept": comparison.line.intercept,
+        "scatter": comparison.line.scatter,
+        "band": comparison.band,
+        "within_band": int(comparison.within.sum()),
+        "interval_95": [[None if np.isnan(end) else end for end in row] for row in comparison.interval.tolist()],
+        "within_interval": int(comparison.inside.sum()),
+        "judged": comparison.judged,
+        "level_error_percent": comparison.level_error,
+        "bias_percent": comparison.bias,
+    }
+
+
+# ---- Plot of measured and predicted levels (Fig 7.7) ----------------------------------------------------------------
+
+_PREDICTED, _MEASURED = "#1f77b4", "#d95f02"
+
+
+def _plot_comparisons(
+    comparisons: Sequence[Comparison],
+    path: str | Path,
+    *,
+    shown: Mapping[str, tuple[str, str]],
+    selected: Mapping[str, Collection[int]],
+) -> None:
+    """Draw for every measure the levels by setup with bars of two standard deviations, and measured over predicted.
+
+    Setups that were `selected` for a measure have filled markers, the others hollow ones; `shown` are the SI unit and
+    the display unit by measure.
+    """
+    from eightpost.report.pictures import new_figure, panels_of, save  # noqa: PLC0415 -- matplotlib takes long to load
+
+    figure = new_figure(11, 3.4 * len(comparisons) + 0.4)
+    panels = panels_of(figure, 2 * len(comparisons), 2, width_ratios=(1.3, 1.0))
+    for trend, scatter, comparison in zip(panels[::2], panels[1::2], comparisons, strict=True):
+        si, unit = shown[comparison.measure]
+        factor = units.conversion(si, unit)[0]
+        own = np.isin(comparison.setups, list(selected.get(comparison.measure, comparison.setups)))
+        _trend(trend, comparison, factor)
+        _scatter(scatter, comparison, factor, own)
+        trend.set_ylabel(f"{comparison.measure} [{unit}]", fontsize=9)
+        scatter.set_xlabel(f"predicted [{unit}]", fontsize=9)
+        scatter.set_ylabel(f"measured [{unit}]", fontsize=9)
+    panels[-2].set_xlabel("setup, by predicted level", fontsize=9)
+    for panel in panels[:2]:
+        panel.legend(frameon=False, fontsize=8)
+    save(figure, path)
+
+
+def _trend(axes: Axes, comparison: Comparison, factor: float) -> None:
+    order = np.argsort(comparison.predicted, kind="stable")
+    places = np.arange(order.size)
+    axes.plot(places, factor * comparison.predicted[order], "s", color=_PREDICTED, ms=5, label="predicted")
+    label = f"measured, ± 2 sigma of {'a run' if comparison.run_to_run else 'the scatter'}"
+    measured, band = factor * comparison.measured[order], factor * comparison.band
+    axes.errorbar(places, measured, band, fmt="o", color=_MEASURED, ms=5, capsize=3, label=label)
+    axes.set_xticks(places, [str(number) for number in comparison.setups[order]], rotation=90, fontsize=7)
+    axes.grid(alpha=0.3)
+
+
+def _scatter(axes: Axes, comparison: Comparison, factor: float, own: NDArray[np.bool_]) -> None:
+    ends = np.linspace(comparison.predicted.min(), comparison.predicted.max(), 50)
+    line = comparison.line.at(ends)
+    axes.plot(factor * ends, factor * line, color="black", lw=1.0, label=f"best fit, slope {comparison.line.slope:.3g}")
+    for sign in (-1.0, 1.0):
+        band = line + sign * comparison.band
+        axes.plot(factor * ends, factor * band, "--", color="black", lw=0.8, label="± 2 sigma" if sign > 0.0 else None)
+    sure = 2.0 * comparison.line.error_at(ends)
+    axes.fill_between(factor * ends, factor * (line - sure), factor * (line + sure), color="black", alpha=0.12, lw=0)
+    for kept, fill in ((own, "full"), (~own, "none")):
+        predicted, measured = factor * comparison.predicted[kept], factor * comparison.measured[kept]
+        axes.plot(predicted, measured, "o", color=_MEASURED, fillstyle=fill)
+    ranks = f"Spearman {comparison.spearman:.3f}\nKendall {comparison.kendall:.3f}"
+    axes.text(0.03, 0.97, ranks, transform=axes.transAxes, va="top", fontsize=8)
+    axes.grid(alpha=0.3)
+
+
+# ==== Plot of response measures of several runs ======================================================================
+
+
+def plot_measures(
+    runs: Mapping[str, TimeSeries], measures: Sequence[Measure], path: str | Path, *, title: str = "Response measures"
+) -> None:
+    """Plot each measure's change from the first run to the others in percent; measures of zero are omitted."""
+    save(changes(runs, measures, title=title), path)
+
+
+def changes(runs: Mapping[str, TimeSeries], measures: Sequence[Measure], *, title: str = "Response measures") -> Figure:
+    """Return the figure of `plot_measures`."""
+    labels = list(runs)
+    baseline = runs[labels[0]]
+    kept = [m for m in measures if m.statistic == "rms" and m.of(baseline) > 0.0]
+    figure = new_figure(9, 0.33 * len(kept) + 1.6)
+    axes = figure.subplots()
+    positions = np.arange(len(kept))
+    height = 0.8 / max(1, len(labels) - 1)
+    for k, label in enumerate(labels[1:]):
+        change = [100.0 * (m.of(runs[label]) / m.of(baseline) - 1.0) for m in kept]
+        axes.barh(positions + k * height, change, height=0.9 * height, color=COLORS[(1 + k) % len(COLORS)], label=label)
+    axes.set_yticks(positions + 0.4 - height / 2, [m.name for m in kept])
+    axes.invert_yaxis()
+    axes.axvline(0.0, color="black", lw=0.8)
+    axes.set_xlabel(f"change from {labels[0]} [%]")
+    axes.grid(axis="x", alpha=0.3)
+    axes.legend(frameon=False)
+    figure.suptitle(title)
+    return figure

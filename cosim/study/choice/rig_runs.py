@@ -9,13 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.study.certainty import Certainty
-from cosim.study.certainty.assess import Knowledge
-from cosim.study.certainty.certainty import ConfirmedRun
+from cosim.study.choice.assess import Knowledge
+from cosim.study.choice.certainty import Certainty, ConfirmedRun
 from cosim.study.choice.compare import FEWEST, Comparison, usable_deviation
+from cosim.study.definition import Drive, SetupSpace, Study
 from cosim.study.measures import Measure
-from cosim.study.result import StudyResult
-from cosim.study.study import Drive, SetupSpace, Study
+from cosim.study.table import StudyResult
 from eightpost.array_types import Array, Integers
 from eightpost.display import some
 from eightpost.errors import FileFormatError, InputError

@@ -11,10 +11,10 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from cosim.study.certainty import OBJECTIVE, Certainty
+from cosim.study.choice.certainty import OBJECTIVE, Certainty
 from cosim.study.choice.sensitivity import levels_of
-from cosim.study.result import StudyResult
-from cosim.study.study import Setup
+from cosim.study.definition import Setup
+from cosim.study.table import StudyResult
 from eightpost import units
 from eightpost.array_types import Array, Integers
 from eightpost.errors import FileFormatError, InputError

@@ -20,12 +20,12 @@ from cosim.results.run_data import BondEnergy, Coupled
 from cosim.session.automatic import default_scheme
 from cosim.session.planning import Limit
 from cosim.session.setup import Setup as SessionSetup
+from cosim.study.definition import Build, Drive, Setup, Study
 from cosim.study.machine.car import FmuVehicle, read_vehicle
 from cosim.study.machine.measures import BatchMeasures, ChannelBand
 from cosim.study.machine.plan import Plan
 from cosim.study.machine.shocks import read_shock
-from cosim.study.statistics import Filtered
-from cosim.study.study import Build, Drive, Setup, Study
+from cosim.study.measures import Filtered
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost.array_types import Array

@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.study.certainty.assess import certainty_of
-from cosim.study.certainty.certainty import Effect, Status
-from cosim.study.certainty.effects import UncertainParameter, effects_of, stated_parameters
-from cosim.study.certainty.sources import error_sources
+from cosim.study.choice.assess import certainty_of
+from cosim.study.choice.certainty import Effect, Status
 from cosim.study.choice.robust import Draws, Uncertain, knowledge_of
+from cosim.study.choice.sources import UncertainParameter, effects_of, error_sources, stated_parameters
 from cosim.study.running.evaluator import coupling_of
 from cosim.study.running.sweep import Requested, run_study
 from eightpost.uncertainty import LeftOutBlocks

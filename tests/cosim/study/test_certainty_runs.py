@@ -12,20 +12,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from cosim.study.certainty import (
+from cosim.study.choice.assess import Knowledge, certainty_of
+from cosim.study.choice.certainty import (
     Contradiction,
     Effect,
     Status,
+    certainty_reasons,
     read_certainty,
     write_certainty,
 )
-from cosim.study.certainty.assess import Knowledge, certainty_of
-from cosim.study.certainty.certainty import certainty_reasons
-from cosim.study.certainty.posterior import Observations, Posterior
-from cosim.study.certainty.sources import error_sources
 from cosim.study.choice.compare import usable_deviation
+from cosim.study.choice.posterior import Observations, Posterior
 from cosim.study.choice.rig_runs import MeasuredRun, with_rig_runs
-from cosim.study.study import Term
+from cosim.study.choice.sources import error_sources
+from cosim.study.definition import Term
 from eightpost.corners import CORNERS
 from eightpost.errors import FileFormatError
 from eightpost.signals import TimeSeries

@@ -10,14 +10,21 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from cosim.study.certainty.certainty import Levels
-from cosim.study.choice.compare import Comparison, RunComparison, comparison_verdict, percent_change, verdict_of_runs
-from cosim.study.choice.files import read_run_to_run, write_and_plot
+from cosim.study.choice.certainty import Levels
+from cosim.study.choice.compare import (
+    Comparison,
+    RunComparison,
+    changes,
+    comparison_verdict,
+    percent_change,
+    read_run_to_run,
+    verdict_of_runs,
+    write_and_plot,
+)
 from cosim.study.choice.rig_runs import Measured, comparisons, measured_runs, read_run_list
 from cosim.study.choice.selection import BASELINE_RUNS, read_selection, select, write_selection
+from cosim.study.definition import Drive, Term
 from cosim.study.measures import Measure
-from cosim.study.plots import changes
-from cosim.study.study import Drive, Term
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import json_content
 from eightpost.signals import TimeSeries

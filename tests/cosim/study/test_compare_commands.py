@@ -12,13 +12,13 @@ import pytest
 from click.testing import CliRunner
 from rich.console import Console
 
-from cosim.study.certainty import Effect, read_certainty, write_certainty
-from cosim.study.certainty.assess import Knowledge, certainty_of
-from cosim.study.choice.files import read_run_to_run
+from cosim.study.choice.assess import Knowledge, certainty_of
+from cosim.study.choice.certainty import Effect, read_certainty, write_certainty
+from cosim.study.choice.compare import read_run_to_run
 from cosim.study.choice.rig_runs import read_run_list
 from cosim.study.choice.selection import select, write_selection
-from cosim.study.result import StudyResult
 from cosim.study.running.sweep import run_study
+from cosim.study.table import StudyResult
 from eightpost.__main__ import main
 from eightpost.app.certainty import measured_noise, with_runs
 from eightpost.corners import CORNERS

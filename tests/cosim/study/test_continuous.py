@@ -11,13 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim.study import Build
-from cosim.study.choice.continuous import Evaluation, Problem, Range, Robustness, ShockSpace, band, groups_of, search
-from cosim.study.choice.what_if import Effect, what_if
-from cosim.study.running import trials
+from cosim.study.choice.optimise import Evaluation, Problem, Range, Robustness, ShockSpace, band, groups_of, search
+from cosim.study.choice.sensitivity import Effect, what_if
+from cosim.study.definition import Constraint, Term
+from cosim.study.running import sweep
 from cosim.study.running.evaluator import Coupling
-from cosim.study.running.sweep import Requested
-from cosim.study.running.trials import Trials
-from cosim.study.study import Constraint, Term
+from cosim.study.running.sweep import Requested, Trials
 from cosim.study.table import error_column
 from eightpost.errors import InputError, StepError
 
@@ -147,7 +146,7 @@ class LinearRuns:
 def linear(monkeypatch):
     """A study of linear runs: `low` has a scale of 1, `high` of 2; the objective is 2 a [in] - b [m]."""
     units = {"a": "m", "b": "m"}
-    monkeypatch.setattr(trials, "Evaluator", lambda study: SimpleNamespace(measure_units=units))
+    monkeypatch.setattr(sweep, "Evaluator", lambda study: SimpleNamespace(measure_units=units))
     bank = {name: Build("shock.fmu", {"scale": scale}) for name, scale in (("low", 1.0), ("high", 2.0))}
     found = result(
         {"a": lambda digits: 4.0 + digits.sum(axis=1), "b": lambda digits: 10.0 + 10.0 * digits[:, 0]},

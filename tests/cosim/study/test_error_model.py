@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cosim.results.run_data import Coupled
-from cosim.study.running.error_model import Pilot, fit_error_model, local_errors
+from cosim.study.running.evaluator import Pilot, fit_error_model, local_errors
 from eightpost.corners import CORNERS
 
 GAINS = np.array([4.0, 1.0, 0.25, 9.0])

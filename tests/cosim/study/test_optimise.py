@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cosim.study.choice.optimise import Scores, hypervolume, optimise
-from cosim.study.study import SetupSpace
+from cosim.study.definition import SetupSpace
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError
 

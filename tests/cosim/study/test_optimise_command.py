@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from click.testing import CliRunner
 
-from cosim.study.result import StudyResult
+from cosim.study.table import StudyResult
 from eightpost.__main__ import main
 
 from .coupled import TRACK

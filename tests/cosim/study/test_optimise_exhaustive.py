@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from cosim.study.choice.optimise import hypervolume, optimise, scores_of
-from cosim.study.result import StudyResult
+from cosim.study.table import StudyResult
 from eightpost.__main__ import main
 
 STUDY = Path(__file__).resolve().parents[3] / "examples" / "study.toml"

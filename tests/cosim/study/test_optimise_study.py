@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cosim.study.choice.optimise import Search, scores_of, search_study, violation
+from cosim.study.definition import Constraint, Term
 from cosim.study.running.sweep import Requested, run_study
-from cosim.study.study import Constraint, Term
 from eightpost.errors import InputError
 
 from .constructed import result

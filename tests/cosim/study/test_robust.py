@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.study.choice.files import read_spreads, write_spreads
-from cosim.study.choice.robust import Spread, Uncertain, drawn_studies, spreads_of
-from cosim.study.study import Term
+from cosim.study.choice.robust import Spread, Uncertain, drawn_studies, read_spreads, spreads_of, write_spreads
+from cosim.study.definition import Term
 from eightpost.errors import FileFormatError, InputError
 from eightpost.uncertainty import LeftOutBlocks
 

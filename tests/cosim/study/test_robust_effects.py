@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.study.certainty.assess import Knowledge
-from cosim.study.certainty.certainty import Effect, VehicleSource
-from cosim.study.certainty.effects import UncertainParameter
-from cosim.study.certainty.sources import error_sources
 from cosim.study.choice import robust
+from cosim.study.choice.assess import Knowledge
+from cosim.study.choice.certainty import Effect, VehicleSource
 from cosim.study.choice.robust import Draws, Spread, Uncertain, knowledge_of, linearity_check
+from cosim.study.choice.sources import UncertainParameter, error_sources
 from eightpost.errors import InputError
 from eightpost.validity import ParameterUncertainty
 

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from cosim.study.choice.files import Uncertainty
-from cosim.study.choice.robust import Uncertain
+from cosim.study.choice.robust import Uncertain, Uncertainty
 from eightpost.app.robust import _plan
 from eightpost.errors import FileFormatError
 from eightpost.shock import Hysteresis, read_shock, write_shock

@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.study.certainty import OBJECTIVE
-from cosim.study.choice.compare import usable_deviation
-from cosim.study.choice.files import read_uncertainty, write_comparisons
+from cosim.study.choice.certainty import OBJECTIVE
+from cosim.study.choice.compare import usable_deviation, write_comparisons
 from cosim.study.choice.rig_runs import Measured, comparisons
-from cosim.study.choice.robust import Draws, drawn_studies, leading, run_draws, spreads_of
+from cosim.study.choice.robust import Draws, drawn_studies, leading, read_uncertainty, run_draws, spreads_of
+from cosim.study.definition import Term
 from cosim.study.running.sweep import run_study
-from cosim.study.study import Term
 from eightpost.errors import FileFormatError
 from eightpost.verdict import Verdict
 

@@ -9,15 +9,14 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from cosim.study.certainty import Certainty, NextTest
-from cosim.study.certainty.assess import certainty_of
-from cosim.study.choice.files import write_spreads
+from cosim.study.choice.assess import certainty_of
+from cosim.study.choice.certainty import Certainty, NextTest
 from cosim.study.choice.rig_runs import read_run_list
-from cosim.study.choice.robust import spreads_of
+from cosim.study.choice.robust import spreads_of, write_spreads
 from cosim.study.choice.selection import _spread, read_selection, select, selection_of, write_selection
+from cosim.study.definition import Term
 from cosim.study.folder import chosen_so_far
-from cosim.study.result import StudyResult
-from cosim.study.study import Term
+from cosim.study.table import StudyResult
 from eightpost.errors import InputError
 
 from .constructed import CORNERS, result

@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.study.certainty import Contradiction, Contribution, Status, TradeOff
+from cosim.study.choice.certainty import Contradiction, Contribution, Status, TradeOff
 from cosim.study.folder import aim_so_far
-from cosim.study.report.page import page
-from cosim.study.report.sheet import AimPage, Extras, answer_of, tied_rows
-from cosim.study.report.write import sheet_of
+from cosim.study.page import page, sheet_of
+from cosim.study.sheet import AimPage, Extras, answer_of, tied_rows
 from eightpost.verdict import Grade, sealed
 
 FRONT, HUB = "front ride height, RMS", "rf hub acceleration, RMS"

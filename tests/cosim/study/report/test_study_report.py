@@ -9,16 +9,14 @@ import numpy as np
 import openpyxl
 import pytest
 
-from cosim.study.certainty import Certainty, Contribution, Status
+from cosim.study.choice.certainty import Certainty, Contribution, Status
 from cosim.study.choice.selection import select
 from cosim.study.choice.sensitivity import available_sensitivities
-from cosim.study.report import write_study_report
-from cosim.study.report.page import dominant_corner, headline, page
-from cosim.study.report.sheet import Extras, Scale, build_colors
-from cosim.study.report.tables import write_ranking, write_traces, write_workbook
-from cosim.study.report.write import sheet_of
-from cosim.study.result import StudyResult
-from cosim.study.study import Build, Constraint
+from cosim.study.definition import Build, Constraint
+from cosim.study.page import dominant_corner, headline, page, sheet_of, write_study_report
+from cosim.study.sheet import Extras, Scale, build_colors
+from cosim.study.table import StudyResult
+from cosim.study.tables import write_ranking, write_traces, write_workbook
 from cosim.study.verdict import study_verdict
 from eightpost.signals import read_record
 from eightpost.validity import Validity

@@ -14,8 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet
 from pydantic import create_model
 
-from cosim.study.result import StudyResult
-from cosim.study.table import StoredTable, open_table
+from cosim.study.table import StoredTable, StudyResult, open_table
 from eightpost.array_types import Array, Flags, Integers
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json
@@ -255,7 +254,7 @@ def summary_lines(result: StudyResult, certainty: Certainty) -> Iterator[str]:
         yield "no setup meets the constraints with a notable probability"
         return
     leader = result.study.space.setup(certainty.leader)
-    chance = percent(certainty.probability(leader.index))
+    chance = chance_text(certainty.probability(leader.index))
     if certainty.is_known:
         yield f"most probably the best by {certainty.criterion}: setup {leader.index} ({leader}), {chance}"
     else:
@@ -265,7 +264,7 @@ def summary_lines(result: StudyResult, certainty: Certainty) -> Iterator[str]:
     yield from _trade_offs(certainty)
     if certainty.tests:
         names = ", ".join(str(test.setup) for test in certainty.tests)
-        left = percent(certainty.tests[-1].remaining)
+        left = chance_text(certainty.tests[-1].remaining)
         left = left if certainty.tests[-1].remaining < 0.001 else f"about {left}"
         exact = ", if rig runs repeat exactly" if certainty.assumes_exact_runs else ""
         yield f"test next: {names}; {left} of the uncertainty about the ties remains{exact} (eightpost confirm)"
@@ -275,10 +274,10 @@ def summary_lines(result: StudyResult, certainty: Certainty) -> Iterator[str]:
     yield from (f"approximation: {text}" for text in (*certainty.notes, *certainty.remarks))
 
 
-def percent(probability: float) -> str:
+def chance_text(probability: float) -> str:
     """Return a probability in percent.
 
-    >>> percent(0.6234), percent(0.9996), percent(0.0001)
+    >>> chance_text(0.6234), chance_text(0.9996), chance_text(0.0001)
     ('62 %', 'above 99.9 %', 'below 0.1 %')
     """
     if 0.001 <= probability <= 0.999:
@@ -290,7 +289,7 @@ def _ties(certainty: Certainty) -> str:
     count = len(certainty.ties)
     if count == 1:
         return f"no other setup is needed to contain the best one with a probability of {100 * TIE:g} %"
-    named = ", ".join(f"{setup} {percent(certainty.probability(setup))}" for setup in certainty.ties[:_TIES])
+    named = ", ".join(f"{setup} {chance_text(certainty.probability(setup))}" for setup in certainty.ties[:_TIES])
     more = f" and {count - _TIES} more" if count > _TIES else ""
     return f"{count} setups are tied; one of them is the best with a probability of {100 * TIE:g} %: {named}{more}"
 
@@ -375,7 +374,7 @@ def certainty_reasons(certainty: Certainty | None) -> Iterator[Reason]:
     if certainty.contradictions:
         worst = min(certainty.contradictions, key=lambda one: one.probability)
         change = 100.0 * (worst.measured / worst.predicted - 1.0)
-        figure = f"{worst.measure} {change:+.2g} % from the prediction, probability {percent(worst.probability)}"
+        figure = f"{worst.measure} {change:+.2g} % from the prediction, probability {chance_text(worst.probability)}"
         names = listed(one.file for one in certainty.contradictions)
         yield CONTRADICTED.reason("a record contradicts the prediction", figure=figure, origin=names)
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cosim.report.page import versions
-from cosim.study.choice.selection import Selected
-from cosim.study.choice.sensitivity import Sensitivity
-from cosim.study.report.sheet import (
+from cosim.study.choice.certainty import Certainty
+from cosim.study.choice.selection import Selected, Selection
+from cosim.study.choice.sensitivity import Sensitivity, available_sensitivities
+from cosim.study.sheet import (
+    AimPage,
     Column,
     Extras,
     Scale,
@@ -21,13 +24,17 @@ from cosim.study.report.sheet import (
     answer_of,
     build_colors,
     chance,
+    sheet_of,
     shown_columns,
     tied,
 )
+from cosim.study.table import StudyResult
+from cosim.study.tables import write_ranking, write_traces, write_workbook
 from eightpost.array_types import Array, Integers
 from eightpost.report import page as html
 from eightpost.report.numbers import Display, fixed, percent
 from eightpost.report.packing import TRACES_CAPACITY, Store, spectra, traces
+from eightpost.report.page import write_page
 from eightpost.report.tables import Tile
 from eightpost.signals import TimeSeries
 
@@ -332,7 +339,7 @@ def page(sheet: Sheet, extras: Extras) -> str:
     manifest, numbers = packed(sheet, extras, picked)
     context = _words(sheet) | _choices(sheet) | _effects(sheet, extras.sensitivities)
     return html.page(
-        "cosim.study.report",
+        "cosim.study",
         [f"script/{name}.js" for name in _SCRIPTS],
         **context,
         title=sheet.background.title,
@@ -414,3 +421,59 @@ def _groups(sheet: Sheet, selection: Sequence[Selected]) -> list[tuple[str, list
 def _selected_for(sheet: Sheet, selection: Sequence[Selected]) -> list[Column]:
     named = {selected.measure for selected in selection}
     return [column for column in sheet.measures if column.name in named]
+
+
+# ==== Files of the report of a study =================================================================================
+
+# ---- Files of a study's report --------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class ReportPaths:
+    """The files of a report."""
+
+    page: Path  #: The page.
+    workbook: Path  #: Ranking, units and provenance as a workbook.
+    ranking: Path  #: The ranking as CSV.
+    #: CSV files with the traces of the best setup and the baseline by setup number, if traces were given.
+    traces: Mapping[int, Path]
+
+
+def write_study_report(
+    result: StudyResult,
+    out_dir: str | Path,
+    *,
+    traces: Mapping[int, TimeSeries] | None = None,
+    selection: Selection | None = None,
+    certainty: Certainty | None = None,
+    curves: Mapping[str, ShockCurve] | None = None,
+    shock_pages: Mapping[str, str] | None = None,
+    aim: AimPage | None = None,
+    trace_command: str = "",
+) -> ReportPaths:
+    """Write all files of a study's report without running a simulation.
+
+    Args:
+        result: Result of the study.
+        out_dir: Output folder; existing files of the same names are replaced, each after the new file is complete.
+        traces: Time traces of some setups by setup number.
+        selection: Setups to confirm on the rig.
+        certainty: Certainty of the study.
+        curves: Curves of the shocks, by build.
+        shock_pages: Pages of the shocks relative to the folder, by build.
+        aim: Page of the curves to aim at.
+        trace_command: Command that computes the traces of a setup, with `{setup}` in place of its number.
+    """
+    sheet, folder = sheet_of(result, certainty=certainty, trace_command=trace_command), Path(out_dir)
+    chosen = selection.chosen if selection else ()
+    extras = Extras(traces or {}, available_sensitivities(result), chosen, curves or {}, shock_pages or {}, aim)
+    return ReportPaths(
+        page=write_page(folder / "report.html", page(sheet, extras)),
+        workbook=write_workbook(sheet, folder / "ranking.xlsx"),
+        ranking=write_ranking(sheet, folder / "ranking.csv"),
+        traces={
+            number: write_traces(sheet, number, series, folder / "traces" / f"setup_{number}.csv")
+            for number, series in extras.traces.items()
+            if sheet.row(number) in (sheet.order[0], sheet.baseline)
+        },
+    )

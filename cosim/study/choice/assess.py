@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cosim.study.certainty.certainty import (
+from cosim.study.choice.certainty import (
     OBJECTIVE,
     PROBABILITIES,
     RUN_TO_RUN,
@@ -22,20 +22,22 @@ from cosim.study.certainty.certainty import (
     TradeOff,
     VehicleSource,
 )
-from cosim.study.certainty.choice import (
+from cosim.study.choice.posterior import (
     Criterion,
     Drawn,
+    Observations,
+    Posterior,
+    Surprise,
     candidates,
     draw_choice,
     drawn_levels,
     feasible_probability,
     limits_of,
+    surprises_of,
     tests_of,
 )
-from cosim.study.certainty.posterior import Observations, Posterior, Surprise, surprises_of
-from cosim.study.certainty.sources import FILE, OUTPUT, UNKNOWN, ErrorSources, error_sources
-from cosim.study.result import StudyResult
-from cosim.study.table import error_column
+from cosim.study.choice.sources import FILE, OUTPUT, UNKNOWN, ErrorSources, error_sources
+from cosim.study.table import StudyResult, error_column
 from eightpost.array_types import Array, Integers
 
 # ---- Contributions to the uncertainty: which are included, which are not, and which are unknown ---------------------

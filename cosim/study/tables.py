@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.study.report.sheet import Sheet, shown_columns
+from cosim.study.sheet import Sheet, shown_columns
 from eightpost.errors import OutputError
 from eightpost.extras import needs
 from eightpost.files import atomic_path, safe_cell
