@@ -27,7 +27,7 @@ from eightpost.report.console import Table, console_table, unbroken
 
 if TYPE_CHECKING:
     from cosim.study.choice.optimise import Optimum, Search
-    from cosim.study.running.sweep import Requested
+    from cosim.study.running.sweep import Sweep
     from cosim.study.running.workers import Workers
     from cosim.study.table import StudyResult
 
@@ -69,7 +69,7 @@ def optimise(
     """
     from cosim.study.choice.optimise import Search, objectives_in_words
     from cosim.study.folder import RESULTS
-    from cosim.study.running.sweep import Requested
+    from cosim.study.running.sweep import Sweep
     from eightpost.app.show import write_page
 
     console = Console()
@@ -77,7 +77,7 @@ def optimise(
     described = read_with_fmus(console, study_file, output)
     for name in objectives:
         described.measure(name)
-    requested, search = Requested(described, output), Search(objectives, evaluations, seed)
+    requested, search = Sweep(described, output), Search(objectives, evaluations, seed)
     check_outputs()  # the files that the study names are now known
     show_study(console, requested, f"at most {evaluations} to be evaluated")
     console.print(f"minimised: {escape(objectives_in_words(described, search))}", highlight=False, soft_wrap=True)
@@ -99,7 +99,7 @@ def optimise(
     ctx.exit(0 if optimum.best is not None else 1)
 
 
-def _search(console: Console, requested: Requested, pool: Workers, search: Search) -> tuple[StudyResult, Optimum]:
+def _search(console: Console, requested: Sweep, pool: Workers, search: Search) -> tuple[StudyResult, Optimum]:
     from cosim.study.choice.optimise import search_study
 
     with console.status("choosing the coupling step"):

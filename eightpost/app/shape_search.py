@@ -32,7 +32,7 @@ from cosim.study.choice.posterior import DrawnCar, VehicleDraws
 from cosim.study.definition import Build, Study
 from cosim.study.folder import chosen_so_far
 from cosim.study.running.evaluator import Coupling
-from cosim.study.running.sweep import Requested, Trials
+from cosim.study.running.sweep import Sweep, Trials
 from cosim.study.running.workers import Workers
 from cosim.study.table import StudyResult
 from eightpost.array_types import Array
@@ -161,7 +161,7 @@ class Curves:
 
 
 def find_curves(
-    requested: Requested,
+    requested: Sweep,
     sources: Mapping[str, Path],
     workers: Workers,
     coupling: Coupling,
@@ -178,7 +178,7 @@ def find_curves(
     bases = {group: _base(fits, bank[group[0]]) for group in groups}
     folder = requested.folder / "shapes"
     space = _space(study, bank, bases, fits, _fmu(bases[groups[0]], folder), request)
-    trials = Trials(study, workers, coupling)
+    trials = Trials(study, requested.units, workers, coupling)
     own = space.point([bases[group].numbers() for group in groups])
     starts = _starts(space, own, study, fits, request)
     planned = search(Problem(trials, space, objective=request.objective), starts, progress=progress)
@@ -214,7 +214,7 @@ class Aim:
 
 
 def aim(
-    requested: Requested,
+    requested: Sweep,
     sources: Mapping[str, Path],
     workers: Workers,
     coupling: Coupling,
@@ -267,7 +267,7 @@ _POLISHING = 12
 _EXHAUSTIVE = 5000
 
 
-def bank_plan(requested: Requested) -> str:
+def bank_plan(requested: Sweep) -> str:
     """Return which setups of the bank are run before the curves are searched."""
     if len(requested.study.space) > _EXHAUSTIVE:
         return f"at most {Search().evaluations} to be evaluated; then the curves are searched"
@@ -275,7 +275,7 @@ def bank_plan(requested: Requested) -> str:
 
 
 def _best_of_bank(
-    requested: Requested, workers: Workers, coupling: Coupling, objective: str
+    requested: Sweep, workers: Workers, coupling: Coupling, objective: str
 ) -> tuple[StudyResult, int]:
     """Return the runs of the bank, and the row of its best setup."""
     study = requested.study
@@ -352,7 +352,7 @@ def _fmu(shape: Shape, folder: Path) -> Path:
 
 
 def _verified(
-    requested: Requested, workers: Workers, coupling: Coupling, bank: Mapping[str, str], targets: Sequence[Target]
+    requested: Sweep, workers: Workers, coupling: Coupling, bank: Mapping[str, str], targets: Sequence[Target]
 ) -> StudyResult:
     """Run the setups of `VERIFIED`; the rows are in this order."""
     study, folder = requested.study, requested.folder / "shapes"
@@ -371,7 +371,7 @@ def _verified(
             setup.update(dict.fromkeys(target.corners, name))
     allowed = {corner: tuple(dict.fromkeys(one[corner] for one in setups)) for corner in study.corners}
     checked = replace(study, bank=own, corners=allowed, alike=(), baseline=bank, name=f"{study.name}: targets")
-    runs = Requested(checked, folder)
+    runs = Sweep(checked, folder)
     numbers = [checked.space.find(one).index for one in setups]
     result = runs.request(workers, coupling, numbers)
     rows = np.searchsorted(result.setups, numbers)

@@ -170,10 +170,10 @@ def _search(
     workers: int | None, scheduler: str | None,
 ) -> Aim:  # fmt: skip
     from cosim.study.folder import RESULTS
-    from cosim.study.running.sweep import Requested
+    from cosim.study.running.sweep import Sweep
     from eightpost.app.shape_search import aim, bank_plan
 
-    requested = Requested(described, output)
+    requested = Sweep(described, output)
     check_outputs()  # the files that the study names are now known
     completion.begin(output)
     show_study(console, requested, bank_plan(requested))

@@ -16,7 +16,7 @@ from eightpost.report.console import Table, console_table
 
 if TYPE_CHECKING:
     from cosim.components.component import Variable
-    from cosim.study.choice.sensitivity import Effect
+    from cosim.study.choice.sensitivity import MeasureChange
     from cosim.study.definition import Build
     from eightpost.shock import StaticCurve
 
@@ -158,7 +158,7 @@ def _value(build: Build, variables: Mapping[str, Variable], name: str) -> float:
     return float(own or 0.0)
 
 
-def effect_table(effects: Sequence[Effect]) -> Table:
+def effect_table(effects: Sequence[MeasureChange]) -> Table:
     """Return a table of effects; a change that is within the coupling error is in brackets."""
     rows = []
     for one in effects:

@@ -150,7 +150,9 @@ def test_gains_are_counted_from_the_best_of_the_bank_and_a_band_needs_an_assured
         monkeypatch.setattr(shape_search, name, stub)
     asked = Request(vary=("rebound.low",), robustness=Robustness(6, 2.0), keep=0.7, objective="grip")
     study = SimpleNamespace(bank={}, baseline={})
-    found = find_curves(SimpleNamespace(study=study, folder=Path("out")), {}, None, None, asked, counted.append)
+    found = find_curves(
+        SimpleNamespace(study=study, folder=Path("out"), units={}), {}, None, None, asked, counted.append
+    )
     assert found.gains.tolist() == [1.0, 0.5, -1.0]
     assert (found.predicted_gain, found.chance, found.car) == (1.0, pytest.approx(2.0 / 3.0), "cars")
     assert (found.band, counted) == (("band", [77]) if has_band else (None, []))
@@ -204,7 +206,7 @@ def test_targets_nearest_builds_and_valvings_are_run_as_fmus_of_their_own_beside
         return SimpleNamespace(request=lambda _w, _c, numbers: Results(np.sort(numbers), table))
 
     monkeypatch.setattr(Bank, "space", property(find), raising=False)
-    monkeypatch.setattr(shape_search, "Requested", run)
+    monkeypatch.setattr(shape_search, "Sweep", run)
     monkeypatch.setattr(
         shape_search, "build", lambda paths, _to: [SimpleNamespace(path=one.with_suffix(".fmu")) for one in paths]
     )

@@ -22,7 +22,7 @@ from cosim.study.choice.posterior import DrawnCar
 from cosim.study.choice.sensitivity import factors_of, indices_of, levels_of
 from cosim.study.definition import Build, Constraint, SetupSpace, Study
 from cosim.study.running.evaluator import Coupling
-from cosim.study.running.sweep import Requested, Trials
+from cosim.study.running.sweep import Sweep, Trials
 from cosim.study.running.workers import Workers
 from cosim.study.table import StudyResult
 from eightpost.array_types import Array, Flags, Integers
@@ -307,7 +307,7 @@ class Search:
 
 
 def search_study(
-    requested: Requested,
+    requested: Sweep,
     workers: Workers,
     coupling: Coupling,
     search: Search,

@@ -27,7 +27,7 @@ from cosim.study.choice.sources import (
 )
 from cosim.study.definition import Parameters, Study
 from cosim.study.running.evaluator import coupling_of
-from cosim.study.running.sweep import Requested
+from cosim.study.running.sweep import Sweep
 from cosim.study.running.workers import Workers
 from cosim.study.table import StudyResult
 from eightpost import units
@@ -295,8 +295,9 @@ def run_draws(
     if not draws.any:
         return
     coupling = coupling_of(result)
+    sweep = Sweep(result.study, folder)
     for study in drawn_studies(result.study, draws.parts, draws=draws.count, seed=draws.seed, vehicles=draws.vehicles):
-        yield Requested(study, folder).request(workers, coupling, setups)
+        yield Sweep(study, folder, like=sweep).request(workers, coupling, setups)
 
 
 # ==== Entries of an uncertainty file replace what the models state ===================================================

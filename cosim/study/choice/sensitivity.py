@@ -368,15 +368,15 @@ def _rows(sensitivity: Sensitivity, unit: str) -> Iterator[dict[str, Any]]:
                 yield term | {"first_build": build, "second_build": other, "effect": effect}
 
 
-# ==== Effect of a change at single corners on every measure: two runs of one setup, with and without the change ======
+# ==== Changes of every measure by a change at single corners: two runs of one setup, with and without it =============
 
 #: Name of the weighted sum of Eq 2.6 among the effects.
 OBJECTIVE = "objective"
 
 
 @dataclass(frozen=True, slots=True)
-class Effect:
-    """Effect of a change on one measure, in the measure's display unit."""
+class MeasureChange:
+    """Change of one measure by a change of the shocks, in the measure's display unit."""
 
     measure: str  #: Name of the measure.
     unit: str  #: Display unit.
@@ -422,7 +422,7 @@ def what_if(
     *,
     setup: int | None = None,
     before: Mapping[str, Parameters] | None = None,
-) -> tuple[Effect, ...]:
+) -> tuple[MeasureChange, ...]:
     """Return the effect of other parameters of the shocks at some corners on the objective and every measure.
 
     Args:
@@ -443,7 +443,8 @@ def what_if(
         if corner not in builds:
             raise InputError(f"there is no corner {corner!r}; the corners are {', '.join(builds)}")
     first = _with(builds, before or {})
-    runs = Trials(result.study, workers, coupling_of(result)).run([first, _with(first, changes)])
+    trials = Trials(result.study, result.provenance.measure_units, workers, coupling_of(result))
+    runs = trials.run([first, _with(first, changes)])
     if not runs.done.all():
         raise StepError(f"a run failed: {runs.failures[0][1]}")
     return _effects(runs)
@@ -469,15 +470,15 @@ def _with(builds: Mapping[str, Build], changes: Mapping[str, Parameters]) -> dic
     }
 
 
-def _effects(runs: StudyResult) -> tuple[Effect, ...]:
+def _effects(runs: StudyResult) -> tuple[MeasureChange, ...]:
     found = []
     if runs.objective is not None:
         before, after = runs.objective.tolist()
-        found.append(Effect(OBJECTIVE, "", before, after, _objective_noise(runs)))
+        found.append(MeasureChange(OBJECTIVE, "", before, after, _objective_noise(runs)))
     for measure in runs.measures:
         noise = runs.shown_difference(measure.name, _noise(runs, measure.name))
         before, after = runs.shown(measure.name).tolist()
-        found.append(Effect(measure.name, runs.display(measure.name), before, after, noise))
+        found.append(MeasureChange(measure.name, runs.display(measure.name), before, after, noise))
     return tuple(found)
 
 

@@ -15,7 +15,7 @@ from cosim.study.choice.certainty import Effect, VehicleSource
 from cosim.study.definition import Study
 from cosim.study.measures import AboveBand, Measure
 from cosim.study.running.evaluator import coupling_of
-from cosim.study.running.sweep import Requested
+from cosim.study.running.sweep import Sweep
 from cosim.study.running.workers import Workers
 from cosim.study.table import StudyResult, error_column
 from eightpost.array_types import Array, Flags, Integers
@@ -458,7 +458,7 @@ def effects_of(
     cars = [one for one in parameters if one.part == result.study.vehicle.name]
     if base is None or not (own or cars or vehicles):
         return ()
-    runs = _Runs(result, base, Path(folder) / "certainty", workers)
+    runs = _Runs(result, base, Sweep(result.study, folder), workers)
     corners = list(result.study.corners)
     total, count = len(corners) * (1 + len(cars) + len(vehicles)), 0
     nominal, shocks = _Table(), _Table()
@@ -512,7 +512,7 @@ class _Runs:
 
     result: StudyResult  #: Result of the study.
     base: Mapping[str, str]  #: Builds of the best setup.
-    folder: Path  #: Folder of completed runs.
+    sweep: Sweep  #: The study, whose FMUs the runs use.
     workers: Workers  #: Workers that run the setups.
 
     def at(self, corner: str, study: Study, parameters: Sequence[UncertainParameter] = ()) -> _Table:
@@ -528,7 +528,8 @@ class _Runs:
         corners = {name: tuple(builds) if name == corner else (self.base[name],) for name in study.corners}
         local = replace(study, bank=bank, corners=corners, alike=(), baseline={})
         keys = {build: local.space.find({**self.base, corner: build}).index for build in builds}
-        found = Requested(local, self.folder).request(self.workers, coupling_of(self.result), list(keys.values()))
+        runs = Sweep(local, self.sweep.folder / "certainty", like=self.sweep)
+        found = runs.request(self.workers, coupling_of(self.result), list(keys.values()))
         rows = dict(zip(found.setups.tolist(), range(len(found)), strict=True))
         names = [measure.name for measure in study.measures]
         return {

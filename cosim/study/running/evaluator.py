@@ -219,16 +219,18 @@ class Evaluator:
         self._earlier: Mapping[float, Batches | str] = {}
 
     def for_study(self, study: Study) -> Evaluator | None:
-        """Return an evaluator of a study that differs only in its shocks, with the same instances; None if it does not.
+        """Return an evaluator of a variant with the same instances; None if the study is none.
 
-        The evaluators share the instances, so they must be used one after the other.
+        A variant has other shocks, or other parameters of the vehicle. The evaluators share the instances, so they must
+        be used one after the other.
         """
-        own = self.study
+        vehicle = replace(self.study.vehicle, parameters=study.vehicle.parameters)
         shocks = {name: getattr(study, name) for name in ("bank", "corners", "alike", "baseline")}
-        if replace(own, **shocks) != study:
+        if replace(self.study, vehicle=vehicle, **shocks) != study:
             return None
         found = copy(self)
-        found.study, found._batches, found._earlier = study, {}, {**self._earlier, **self._batches}
+        found.study, found._batches = study, {}
+        found._earlier = {**self._earlier, **self._batches} if vehicle == self.study.vehicle else {}
         return found
 
     def system(self, setup: Setup) -> System:

@@ -10,8 +10,10 @@ import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import cached_property
 from pathlib import Path
 from threading import Event
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -42,9 +44,9 @@ from eightpost.signals.parquet_file import read_columns, read_table
 _AFTER = ("name", "objective", "constraints")
 
 
-def file_digests(study: Study) -> dict[str, str]:
-    """Return SHA-256 of every file that a study reads, by its path."""
-    return {str(path): sha256_of(path) for path in file_paths(study)}
+def file_digests(study: Study, known: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
+    """Return SHA-256 of every file that a study reads, by its path; those that are known are not read again."""
+    return {str(path): known.get(str(path)) or sha256_of(path) for path in file_paths(study)}
 
 
 def file_paths(study: Study) -> list[Path]:
@@ -354,33 +356,39 @@ def _check_objective(study: Study, found: Mapping[str, str]) -> None:
             )
 
 
-# ---- Exhaustive study -----------------------------------------------------------------------------------------------
+# ---- Studies of which all or only requested setups are run, each of them once ---------------------------------------
 
 
 class Sweep:
-    """A checked study that is ready to run.
+    """A checked study that is ready to run, as a whole or setup by setup.
+
+    Completed setups are kept in the folder, so that none is run again, in this session or another one.
 
     Args:
         study: Study to run.
         folder: Output folder for results.parquet and completed chunks.
+        like: Sweep of a study with the same vehicle and drives, whose FMUs are used and not loaded again.
 
     Raises:
         InputError: The study cannot be run; no simulation was started.
     """
 
-    def __init__(self, study: Study, folder: str | Path) -> None:
+    def __init__(self, study: Study, folder: str | Path, *, like: Sweep | None = None) -> None:
         check_folder(folder)
         self.study, self.folder = study, Path(folder)
-        self._evaluator = evaluator = Evaluator(study)
+        similar = None if like is None else like.evaluator.for_study(study)
+        self.evaluator = evaluator = similar or Evaluator(study)
         _check_study(evaluator)
-        self._digests = file_digests(study)
-        self._units, fmus = dict(evaluator.measure_units), evaluator.fmus
+        self._digests = file_digests(study, like._digests if like else {})
+        self.units, fmus = dict(evaluator.measure_units), evaluator.fmus
         self._guids = {file: fmu.identity for file, fmu in fmus.items()}
         self._models = {file: fmu.validity and fmu.validity.to_json() for file, fmu in fmus.items()}
         self.digest = study_digest(study, self._digests)
-        self._schema = study_schema(study, self._units)
-        self._above_band: dict[str, AboveBand] | None = None
+        self._schema = study_schema(study, self.units)
+        self._above_band: dict[str, AboveBand] | None = None if like is None else {}  # nobody asks for a variant's
         self._kept = ChunkFolder(self.folder, self.digest, self._schema)
+        self._requested = ChunkFolder(self.folder / "requested", self.digest, self._schema)
+        self._rows = dict[int, Row]()  # that were requested or run in this session
 
     @property
     def path(self) -> Path:
@@ -406,8 +414,6 @@ class Sweep:
 
     def run(self, workers: Workers, coupling: Coupling, progress: Progress | None = None) -> StudyResult:
         """Run the remaining setups and write the result. Ctrl-C lets running chunks finish; the result is then partial.
-
-        If the workers are lost, the result is partial, too.
 
         Args:
             workers: Workers that run the setups.
@@ -460,127 +466,64 @@ class Sweep:
         if any(check.setup == setup.index for check in coupling.machine.checks):
             return coupling
         try:
-            check = check_setup(self._evaluator, setup, coupling.machine).check
+            check = check_setup(self.evaluator, setup, coupling.machine).check
         except (NotInBatchError, EightpostError):
             return coupling  # its row is from the FMUs, or states the reason
         if check.agrees:
             found = replace(coupling, machine=replace(coupling.machine, checks=(*coupling.machine.checks, check)))
         else:
-            self._clear()
-            found = through_fmus(self._evaluator, disagreement(check))
+            for folder in (self._kept, self._requested):
+                folder.clear()
+            self._rows.clear()
+            self._places.clear()
+            found = through_fmus(self.evaluator, disagreement(check))
         self._kept.keep_coupling(found)
         return found
 
-    def _clear(self) -> None:
-        self._kept.clear()
-
     def collect(self, coupling: Coupling, *, partial: bool) -> StudyResult:
-        """Join the completed chunks to the result file, some thousands of rows at a time, and return the result.
-
-        Args:
-            coupling: Coupling of the setups.
-            partial: Whether setups are missing.
-        """
+        """Join the completed chunks to the result file, some thousands of rows at a time, and return the result."""
         made_by = self._provenance(coupling)
         return StudyResult.join(self.path, self.study, self._kept.tables(), made_by, partial=partial)
 
-    def _provenance(self, coupling: Coupling) -> Provenance:
-        kept = json.loads(json.dumps(asdict(coupling)))  # in the form that a file has
-        settings = {"coupling": kept, "settling": self.study.settling, "accuracy": self.study.accuracy}
-        if self._above_band is None:
-            self._above_band = self._evaluator.above_band(coupling)
-        return Provenance(self.digest, self._guids, self._digests, settings, self._units,
-                          models=self._models, above_band=self._above_band)  # fmt: skip
+    def request(self, workers: Workers, coupling: Coupling, indices: Sequence[int]) -> StudyResult:
+        """Return the results of setups by number; setups without a result are run. Only their rows are in memory.
 
+        Ctrl-C loses only the setups that are running.
+        """
+        wanted = list(dict.fromkeys(int(i) for i in indices))
+        self._read(index for index in wanted if index in self._places)
+        new = [index for index in wanted if index not in self._rows]
+        if new:
+            found = list[Row]()
+            try:
+                for _, rows in workers.rows(self.study, coupling, _divided(new, workers.count, BATCH), lambda: False):
+                    found += rows
+            finally:  # also what was complete when Ctrl-C or a failure ended the runs
+                self._keep(found)
+        return self._result(coupling, result_table([self._rows[index] for index in wanted], self._schema))
 
-def run_study(study: Study, folder: str | Path, workers: Workers, progress: Progress | None = None) -> StudyResult:
-    """Check a study, choose its coupling, run every setup that is not completed, and write results.parquet.
+    def everything(self, coupling: Coupling) -> StudyResult:
+        """Return all available results, of requests and of an exhaustive run."""
+        whole = pa.concat_tables([self._kept.table(), self._requested.table()])
+        _, first = np.unique(whole["setup"].to_numpy(), return_index=True)  # a setup may be in both
+        return self._result(coupling, whole.take(pa.array(first)))
 
-    Args:
-        study: Study to run.
-        folder: Output folder; a study that is run again with the same folder resumes where it stopped.
-        workers: Workers that run the setups.
-        progress: Callback that receives the number of completed setups and their total number.
-
-    Raises:
-        InputError: The study cannot be run; no simulation was started.
-        StepError: No setup could be run.
-    """
-    sweep = Sweep(study, folder)
-    return sweep.run(workers, sweep.coupling(workers), progress)
-
-
-# ---- Studies of which only requested setups are run, each of them once ----------------------------------------------
-
-
-class Requested(Sweep):
-    """A checked study that runs setups on request.
-
-    Results of an exhaustive run in the same folder are used, and the results of requests are stored there, so that no
-    setup is run again, in this session or another one. Only the rows of requested setups are in memory. Ctrl-C loses
-    only the setups that are running.
-
-    Args:
-        study: Study to run.
-        folder: Output folder, with the completed runs.
-
-    Raises:
-        InputError: The study cannot be run; no simulation was started.
-    """
-
-    def __init__(self, study: Study, folder: str | Path) -> None:
-        super().__init__(study, folder)
-        self._requested = ChunkFolder(self.folder / "requested", self.digest, self._schema)
-        self._batches = max((one.start for one in self._requested.completed), default=-1) + 1
-        self._rows = dict[int, Row]()  # that were requested or run in this session
-        self._places: dict[int, tuple[ChunkFolder, range]] = {
+    @cached_property
+    def _places(self) -> dict[int, tuple[ChunkFolder, range]]:
+        """Chunk of each setup with a result that was not read yet."""
+        return {
             number: (kept, chunk)
             for kept in (self._kept, self._requested)
             for chunk, numbers in kept.numbers()
             for number in numbers.tolist()
         }
 
-    def request(self, workers: Workers, coupling: Coupling, indices: Sequence[int]) -> StudyResult:
-        """Return the results of setups by number; setups without a result are run.
-
-        Args:
-            workers: Workers that run the setups.
-            coupling: Coupling of the setups.
-            indices: Numbers of the setups.
-        """
-        wanted = list(dict.fromkeys(int(i) for i in indices))
-        self._read(index for index in wanted if index in self._places)
-        new = [index for index in wanted if index not in self._rows]
-        if new:
-            size = max(1, min(BATCH, -(-len(new) // workers.count)))  # every worker gets some
-            groups = [Chunk(k, tuple(new[first : first + size])) for k, first in enumerate(range(0, len(new), size))]
-            found = list[Row]()
-            try:
-                for _, rows in workers.rows(self.study, coupling, groups, lambda: False):
-                    found += rows
-            finally:  # also what was complete when Ctrl-C or a failure ended the runs
-                self._keep(found)
-        return self._result(coupling, result_table([self._rows[index] for index in wanted], self._schema))
-
-    def _clear(self) -> None:
-        for folder in (self._kept, self._requested):
-            folder.clear()
-        self._rows.clear()
-        self._places.clear()
-
     def _keep(self, found: list[Row]) -> None:
-        if not found:
-            return
-        rows = {int(row["setup"]): row for row in sorted(found, key=lambda row: int(row["setup"]))}
-        self._requested.write(Chunk(self._batches, tuple(rows)), list(rows.values()))
-        self._batches += 1
-        self._rows |= rows
-
-    def everything(self, coupling: Coupling) -> StudyResult:
-        """Return all available results, including those of an exhaustive run."""
-        whole = pa.concat_tables([self._kept.table(), self._requested.table()])
-        _, first = np.unique(whole["setup"].to_numpy(), return_index=True)  # a setup may be in both
-        return self._result(coupling, whole.take(pa.array(first)))
+        if found:
+            rows = {int(row["setup"]): row for row in sorted(found, key=lambda row: int(row["setup"]))}
+            number = max((one.start for one in self._requested.completed), default=-1) + 1
+            self._requested.write(Chunk(number, tuple(rows)), list(rows.values()))
+            self._rows |= rows
 
     def _read(self, numbers: Iterable[int]) -> None:
         """Read the rows of setups with a result, of which none is read twice; the files are read one at a time."""
@@ -594,25 +537,50 @@ class Requested(Sweep):
         partial = table.num_rows < len(self.study.space)
         return StudyResult(self.study, table, self._provenance(coupling), partial)
 
+    def _provenance(self, coupling: Coupling) -> Provenance:
+        if self._above_band is None:
+            self._above_band = self.evaluator.above_band(coupling)
+        return Provenance(self.digest, self._guids, self._digests, _settings(self.study, coupling), self.units,
+                          models=self._models, above_band=self._above_band)  # fmt: skip
 
-# ==== Trials: setups of shocks that are not in the bank, run as the setups of a study are ============================
 
-#: Number of chunks of a batch for each worker.
-_CHUNKS = 2
+def _settings(study: Study, coupling: Coupling) -> dict[str, Any]:
+    """Return the settings of runs, in the form that a file has."""
+    kept = json.loads(json.dumps(asdict(coupling)))
+    return {"coupling": kept, "settling": study.settling, "accuracy": study.accuracy}
+
+
+def _divided(indices: Sequence[int], workers: int, most: int) -> list[Chunk]:
+    """Return setups in chunks of at most a number, so that every worker gets some."""
+    size = max(1, min(most, -(-len(indices) // workers)))
+    return [Chunk(k, tuple(indices[first : first + size])) for k, first in enumerate(range(0, len(indices), size))]
+
+
+def run_study(study: Study, folder: str | Path, workers: Workers, progress: Progress | None = None) -> StudyResult:
+    """Check a study, choose its coupling, run every setup that is not completed, and write results.parquet.
+
+    A study that is run again with the same folder resumes where it stopped.
+
+    Raises:
+        InputError: The study cannot be run; no simulation was started.
+        StepError: No setup could be run.
+    """
+    sweep = Sweep(study, folder)
+    return sweep.run(workers, sweep.coupling(workers), progress)
 
 
 class Trials:
-    """Runs of one study's vehicle and drives with any shocks.
+    """Runs of one study's vehicle and drives with any shocks, which need not be in its bank.
 
     Args:
-        study: Study with vehicle, drives and measures; its bank plays no part.
+        study: Study with vehicle, drives and measures.
+        units: SI units of the measures.
         workers: Workers that run the trials.
         coupling: Coupling of all runs.
     """
 
-    def __init__(self, study: Study, workers: Workers, coupling: Coupling) -> None:
-        self.study, self._workers, self._coupling = study, workers, coupling
-        self._units = dict(Evaluator(study).measure_units)
+    def __init__(self, study: Study, units: Mapping[str, str], workers: Workers, coupling: Coupling) -> None:
+        self.study, self._units, self._workers, self._coupling = study, dict(units), workers, coupling
         self.count = 0
 
     def run(self, trials: Sequence[Mapping[str, Build]]) -> StudyResult:
@@ -622,15 +590,11 @@ class Trials:
             InputError: A trial does not have a shock at each corner of the study.
         """
         study, indices = self._described(trials)
-        size = max(1, -(-len(trials) // (_CHUNKS * self._workers.count)))
-        chunks = [Chunk(n, tuple(indices[first:first + size]))
-                  for n, first in enumerate(range(0, len(indices), size))]  # fmt: skip
-        rows: list[Row] = []
+        rows, chunks = list[Row](), _divided(indices, 2 * self._workers.count, len(indices))
         for _, found in self._workers.rows(study, self._coupling, chunks, lambda: False):
             rows += found
         self.count += len(rows)
-        settings = {"coupling": asdict(self._coupling), "settling": study.settling, "accuracy": study.accuracy}
-        made_by = Provenance("", {}, {}, settings, self._units)
+        made_by = Provenance("", {}, {}, _settings(study, self._coupling), self._units)
         return StudyResult(study, result_table(rows, study_schema(study, self._units)), made_by)
 
     def _described(self, trials: Sequence[Mapping[str, Build]]) -> tuple[Study, list[int]]:
@@ -642,6 +606,5 @@ class Trials:
         bank = {f"trial {k} {corner}": trial[corner] for k, trial in enumerate(trials) for corner in corners}
         allowed = {corner: tuple(f"trial {k} {corner}" for k in range(len(trials))) for corner in corners}
         study = replace(self.study, bank=bank, corners=allowed, alike=(), baseline={})
-        places = tuple(np.arange(len(trials)) for _ in corners)
-        numbers = np.ravel_multi_index(places, study.space.radices)
-        return study, [int(number) for number in numbers]
+        numbers: list[int] = np.ravel_multi_index([np.arange(len(trials))] * len(corners), study.space.radices).tolist()
+        return study, numbers

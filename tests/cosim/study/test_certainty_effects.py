@@ -12,7 +12,7 @@ from cosim.study.choice.certainty import Effect, Status
 from cosim.study.choice.robust import Draws, Uncertain, knowledge_of
 from cosim.study.choice.sources import UncertainParameter, effects_of, error_sources, stated_parameters
 from cosim.study.running.evaluator import coupling_of
-from cosim.study.running.sweep import Requested, run_study
+from cosim.study.running.sweep import Sweep, run_study
 from eightpost.uncertainty import LeftOutBlocks
 from eightpost.validity import ModelUncertainty, ParameterUncertainty, Validity
 from eightpost.verdict import Verdict
@@ -61,7 +61,7 @@ def test_an_effect_is_the_change_of_the_best_setup_with_a_changed_shock_at_one_c
         alike=(),
         baseline={},
     )
-    run = Requested(free, folder).request(InProcess(), coupling_of(result), free.space.indices.tolist())
+    run = Sweep(free, folder).request(InProcess(), coupling_of(result), free.space.indices.tolist())
     assert run.builds(corner) == ["stiff", "changed"]
     for name in MEASURES:
         nominal, other = run.values(name)
