@@ -224,12 +224,6 @@ def _comparison(path: Path) -> Any:
     return read_run_to_run(path)
 
 
-def _spreads(path: Path) -> Any:
-    from cosim.study.choice.robust import read_spreads  # noqa: PLC0415
-
-    return read_spreads(path, digest="0" * 64)
-
-
 def _result(path: Path) -> Any:
     from cosim.results.result import SavedRun  # noqa: PLC0415
 
@@ -303,7 +297,6 @@ def _studies() -> Iterator[Reader]:
     yield Reader("list of runs", "selection.csv", _run_list, _TEXT)
     yield Reader("uncertainty file", "uncertain.toml", _uncertainty, _TOML)
     yield Reader("comparison", "comparison.json", _comparison, _JSON)
-    yield Reader("spreads", "robust.parquet", _spreads, (*_BINARY, *(change_parquet,) * 5))
     yield Reader("result of a run", "run/result.json", _result, _JSON)
     chunks = f"chunks/{'0' * 16}"
     yield Reader("chunk of a study", f"{chunks}/chunk_0000000_3.parquet", _chunks, _BINARY, 0.5)

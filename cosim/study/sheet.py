@@ -28,13 +28,13 @@ from cosim.study.verdict import study_verdict
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost.array_types import Array, Flags, Integers
-from eightpost.errors import EightpostError
-from eightpost.files import atomic_path
+from eightpost.errors import EightpostError, FileFormatError
+from eightpost.files import MALFORMED, atomic_path, json_content
 from eightpost.report.charts import COLORS
 from eightpost.report.numbers import Display, percent
 from eightpost.signals import Drivefile, TimeSeries
 from eightpost.units import metric
-from eightpost.verdict import Grade, Verdict
+from eightpost.verdict import Grade, Verdict, is_intact
 
 # ==== Curves of the shocks of a bank, measured on their FMUs, and the pages that the FMUs carry ======================
 
@@ -273,6 +273,10 @@ class Sheet:
         return ", ".join(f"{corner.upper()} {self.builds[build]}" for corner, build in places)
 
 
+#: Content and page of the curves to aim at, which `eightpost shapes` writes.
+AIM, AIM_PAGE = "shapes.json", "shapes.html"
+
+
 @dataclass(frozen=True, slots=True)
 class AimPage:
     """Page of the curves to aim at."""
@@ -281,6 +285,20 @@ class AimPage:
     gain: float  #: Predicted gain over the best setup of the bank, as a share of its objective [1].
     assured: float  #: Gain that is exceeded with a probability of 95 % over the draws [1].
     is_sure: bool  #: Whether the errors of the vehicle are included in it.
+
+    @classmethod
+    def of(cls, folder: Path, digest: str) -> AimPage | None:
+        """Return the page in the folder of a study; None if it has none of the study with this digest, unedited."""
+        if not (folder / AIM_PAGE).is_file():
+            return None
+        try:
+            found = json_content(folder / AIM, advice="run eightpost shapes again")
+            if found["digest"] != digest or not is_intact(found):
+                return None
+            gain, best = found["gain"], abs(found["objective"]["best_of_bank"])
+            return cls(AIM_PAGE, gain["predicted"] / best, gain["assured"] / best, bool(gain["includes_car"]))
+        except (FileFormatError, *MALFORMED):
+            return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

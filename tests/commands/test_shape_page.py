@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from cosim.study.choice.optimise import Band, Evaluation, Range, Robustness, ShapeOptimum, ShockSpace
-from eightpost.app import shape_page
-from eightpost.app.shape_page import (
+from eightpost.api import shape_page
+from eightpost.api.shape_page import (
     aim_verdict,
     band_text,
     car_text,
@@ -23,7 +23,7 @@ from eightpost.app.shape_page import (
     robust_table,
     write_aim,
 )
-from eightpost.app.shape_search import Aim, Curves, Neighbour, Request, Target
+from eightpost.api.shapes import Aim, Curves, Neighbour, Request, Target
 from eightpost.rig.damper.builds import NearestValving, Valving
 from eightpost.shock.shape import Shape, ShapeFit, Side
 from eightpost.verdict import is_intact

@@ -22,14 +22,13 @@ from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import MALFORMED, atomic_path, json_content
 from eightpost.labelled import data_frame
-from eightpost.report.pictures import COLORS, Figure, new_figure, save
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade, Reason, Rules, Verdict, is_intact, sealed
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from eightpost.report.pictures import Axes, Picture
+    from eightpost.report.pictures import Axes, Figure, Picture
 
 # ==== Comparison =====================================================================================================
 
@@ -329,8 +328,7 @@ class RunComparison(Summarized):
 
     def plot(self) -> Picture:
         """Return a picture of the change of each measure from the first run to the others."""
-        from cosim.study.choice.compare import changes  # noqa: PLC0415 -- matplotlib takes long to load
-        from eightpost.report.pictures import Picture  # noqa: PLC0415
+        from eightpost.report.pictures import Picture  # noqa: PLC0415 -- matplotlib takes long to load
 
         return Picture(changes(self.runs, self.measures))
 
@@ -537,11 +535,15 @@ def plot_measures(
     runs: Mapping[str, TimeSeries], measures: Sequence[Measure], path: str | Path, *, title: str = "Response measures"
 ) -> None:
     """Plot each measure's change from the first run to the others in percent; measures of zero are omitted."""
+    from eightpost.report.pictures import save  # noqa: PLC0415 -- matplotlib takes long to load
+
     save(changes(runs, measures, title=title), path)
 
 
 def changes(runs: Mapping[str, TimeSeries], measures: Sequence[Measure], *, title: str = "Response measures") -> Figure:
     """Return the figure of `plot_measures`."""
+    from eightpost.report.pictures import COLORS, new_figure  # noqa: PLC0415 -- matplotlib takes long to load
+
     labels = list(runs)
     baseline = runs[labels[0]]
     kept = [m for m in measures if m.statistic == "rms" and m.of(baseline) > 0.0]

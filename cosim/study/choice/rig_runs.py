@@ -212,22 +212,13 @@ def _rig_channels(measure: Measure, study: Study) -> tuple[str, ...]:
     return tuple(channel.removeprefix(f"{study.vehicle.name}.") for channel in measure.channels)
 
 
-@dataclass(frozen=True, slots=True)
-class _RigComparison:
-    """A study beside its rig runs."""
-
-    runs: tuple[MeasuredRun, ...]  #: Rig runs that have a record.
-    comparisons: tuple[Comparison, ...]  #: Comparison of each measure.
-    notes: tuple[str, ...]  #: Sentences about records and measures that are left out.
-
-
 def compare_with_rig(
     result: StudyResult,
     path: str | Path,
     read: Callable[[Path], TimeSeries],
     measures: Sequence[str] = (),
     certainty: Certainty | None = None,
-) -> _RigComparison:
+) -> tuple[int, tuple[Comparison, ...], list[str]]:
     """Compare a study's prediction with the rig runs of a list.
 
     Args:
@@ -237,6 +228,9 @@ def compare_with_rig(
         measures: Measures to compare. By default, all that do not depend on a mean, because the zero of the rig
             differs.
         certainty: Certainty of the study, which states intervals of the levels; None without one.
+
+    Returns:
+        Number of rig runs with a record, comparison of each measure, and notes about what is left out.
 
     Raises:
         InputError: A measure is unknown, no record of the list exists, or none of the measures can be computed.
@@ -253,7 +247,7 @@ def compare_with_rig(
     compared = comparisons(result, replace(rig, values={name: rig.values[name] for name in names}), certainty)
     if not compared:
         raise InputError(f"{path}: no measure can be compared: {'; '.join(notes)}")
-    return _RigComparison(runs, compared, tuple(notes))
+    return len(runs), compared, notes
 
 
 def without(missing: Mapping[str | Path, Mapping[str, str]]) -> list[str]:
@@ -284,15 +278,6 @@ def runs_with_records(runs: Sequence[MeasuredRun], path: str | Path) -> tuple[tu
 
 
 # ---- Confirmation: the certainty that follows from measured levels --------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class _Confirmed:
-    """Knowledge with new rig runs."""
-
-    known: Knowledge  #: Knowledge with the new runs.
-    new: tuple[ConfirmedRun, ...]  #: The new runs.
-    notes: tuple[str, ...]  #: Sentences about records and measures that are left out.
 
 
 def requested_runs(result: StudyResult, texts: Sequence[str]) -> tuple[tuple[MeasuredRun, ...], list[str]]:
@@ -336,8 +321,8 @@ def with_rig_runs(
     runs: Sequence[MeasuredRun],
     read: Callable[[Path], TimeSeries],
     measures: Sequence[str] = (),
-) -> _Confirmed:
-    """Return what is known with rig runs; a record that is known already counts once.
+) -> tuple[Knowledge, list[str]]:
+    """Return what is known with rig runs, and notes about what is left out; a record that is known counts once.
 
     Unless a run-to-run deviation is stated, it comes from setups that were tested several times, in all runs so far.
 
@@ -368,7 +353,7 @@ def with_rig_runs(
     earlier = repeated_noise(known.runs)
     stated = {name: value for name, value in known.run_to_run.items() if value != earlier.get(name)}
     noise = {**repeated_noise(every), **stated}
-    return _Confirmed(replace(known, runs=every, run_to_run=noise), tuple(made), (*notes, *without(missing)))
+    return replace(known, runs=every, run_to_run=noise), [*notes, *without(missing)]
 
 
 def _values(

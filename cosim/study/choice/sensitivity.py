@@ -400,7 +400,9 @@ class MeasureChange:
         return not abs(self.change) <= self.noise
 
 
-def shock_at(result: StudyResult, corner: str, setup: int | None = None) -> tuple[Build, Mapping[str, Variable]]:
+def shock_at(
+    result: StudyResult, evaluator: Evaluator, corner: str, setup: int | None = None
+) -> tuple[Build, Mapping[str, Variable]]:
     """Return the build at a corner of a setup (default: the baseline, or else the best), and its FMU's variables.
 
     Raises:
@@ -409,10 +411,8 @@ def shock_at(result: StudyResult, corner: str, setup: int | None = None) -> tupl
     builds = _builds(result, setup)
     if corner not in builds:
         raise InputError(f"there is no corner {corner!r}; the corners are {', '.join(builds)}")
-    study = result.study
-    index = study.space.find(builds)
-    shock = Evaluator(study).system(index).components[corner]
-    return study.bank[builds[corner]], shock.variables
+    shock = evaluator.system(result.study.space.find(builds)).components[corner]
+    return result.study.bank[builds[corner]], shock.variables
 
 
 def what_if(

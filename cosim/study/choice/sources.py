@@ -432,7 +432,7 @@ def _scaled(stated: ParameterUncertainty, value: float) -> ParameterUncertainty:
 def effects_of(
     result: StudyResult,
     parameters: Sequence[UncertainParameter],
-    folder: str | Path,
+    sweep: Sweep,
     workers: Workers,
     progress: Progress = lambda _done, _all: None,
     *,
@@ -447,7 +447,7 @@ def effects_of(
     Args:
         result: Result of the study.
         parameters: Uncertain parameters.
-        folder: Folder of the study.
+        sweep: The study, whose FMUs the runs use.
         workers: Workers that run the setups.
         progress: Called after each part of the runs.
         vehicles: FMUs of equivalent vehicles, such as fits of other records. All vehicles are taken to have
@@ -458,7 +458,7 @@ def effects_of(
     cars = [one for one in parameters if one.part == result.study.vehicle.name]
     if base is None or not (own or cars or vehicles):
         return ()
-    runs = _Runs(result, base, Sweep(result.study, folder), workers)
+    runs = _Runs(result, base, sweep, workers)
     corners = list(result.study.corners)
     total, count = len(corners) * (1 + len(cars) + len(vehicles)), 0
     nominal, shocks = _Table(), _Table()
@@ -528,7 +528,7 @@ class _Runs:
         corners = {name: tuple(builds) if name == corner else (self.base[name],) for name in study.corners}
         local = replace(study, bank=bank, corners=corners, alike=(), baseline={})
         keys = {build: local.space.find({**self.base, corner: build}).index for build in builds}
-        runs = Sweep(local, self.sweep.folder / "certainty", like=self.sweep)
+        runs = self.sweep.variant(local, self.sweep.folder / "certainty")
         found = runs.request(self.workers, coupling_of(self.result), list(keys.values()))
         rows = dict(zip(found.setups.tolist(), range(len(found)), strict=True))
         names = [measure.name for measure in study.measures]

@@ -515,18 +515,19 @@ def coupling_of(result: StudyResult) -> Coupling:
     return Coupling.from_json(result.provenance.settings["coupling"])
 
 
-def traces(result: StudyResult, setups: Iterable[int]) -> dict[int, TimeSeries]:
+def traces(result: StudyResult, setups: Iterable[int], evaluator: Evaluator | None = None) -> dict[int, TimeSeries]:
     """Return the time series of the measures' channels on the first drive by setup, as those of the study.
 
     Args:
         result: Result of the study; its FMUs and drive files must still exist at their paths.
         setups: Numbers of the setups.
+        evaluator: Evaluator of the study; None: a new one.
 
     Raises:
         InputError: A file does not exist any more, or there is no such setup.
         StepError: An FMU failed.
     """
-    evaluator = Evaluator(result.study)
+    evaluator = evaluator or Evaluator(result.study)
     coupling, drive = coupling_of(result), result.study.drives[0]
     space = result.study.space
     chosen = [space.setup(index) for index in setups]

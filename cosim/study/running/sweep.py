@@ -367,28 +367,44 @@ class Sweep:
     Args:
         study: Study to run.
         folder: Output folder for results.parquet and completed chunks.
-        like: Sweep of a study with the same vehicle and drives, whose FMUs are used and not loaded again.
+        evaluator: Evaluator of the study; None: a new one.
+        digests: SHA-256 of files by path, as far as they are known.
 
     Raises:
         InputError: The study cannot be run; no simulation was started.
     """
 
-    def __init__(self, study: Study, folder: str | Path, *, like: Sweep | None = None) -> None:
+    def __init__(
+        self,
+        study: Study,
+        folder: str | Path,
+        evaluator: Evaluator | None = None,
+        *,
+        digests: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
         check_folder(folder)
         self.study, self.folder = study, Path(folder)
-        similar = None if like is None else like.evaluator.for_study(study)
-        self.evaluator = evaluator = similar or Evaluator(study)
+        self.evaluator = evaluator = evaluator or Evaluator(study)
         _check_study(evaluator)
-        self._digests = file_digests(study, like._digests if like else {})
+        self._digests = file_digests(study, digests)
         self.units, fmus = dict(evaluator.measure_units), evaluator.fmus
         self._guids = {file: fmu.identity for file, fmu in fmus.items()}
         self._models = {file: fmu.validity and fmu.validity.to_json() for file, fmu in fmus.items()}
         self.digest = study_digest(study, self._digests)
         self._schema = study_schema(study, self.units)
-        self._above_band: dict[str, AboveBand] | None = None if like is None else {}  # nobody asks for a variant's
+        self._above_band: dict[str, AboveBand] | None = None
         self._kept = ChunkFolder(self.folder, self.digest, self._schema)
         self._requested = ChunkFolder(self.folder / "requested", self.digest, self._schema)
         self._rows = dict[int, Row]()  # that were requested or run in this session
+
+    def variant(self, study: Study, folder: Path) -> Sweep:
+        """Return the sweep of a study with other shocks or another vehicle, on the FMUs of this one if they are equal.
+
+        Its results do not state how much of each measure is above the band of the vehicle.
+        """
+        found = Sweep(study, folder, self.evaluator.for_study(study), digests=self._digests)
+        found._above_band = {}
+        return found
 
     @property
     def path(self) -> Path:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -11,13 +11,12 @@ from scipy.stats import qmc
 
 from builder.build import build
 from cosim.study.choice.assess import Knowledge, posterior_of
-from cosim.study.choice.certainty import OBJECTIVE
+from cosim.study.choice.certainty import OBJECTIVE, Certainty
 from cosim.study.choice.optimise import (
     ASSURED,
     Band,
     Evaluation,
     Problem,
-    Progress,
     Range,
     Robustness,
     Search,
@@ -30,7 +29,6 @@ from cosim.study.choice.optimise import (
 )
 from cosim.study.choice.posterior import DrawnCar, VehicleDraws
 from cosim.study.definition import Build, Study
-from cosim.study.folder import chosen_so_far
 from cosim.study.running.evaluator import Coupling
 from cosim.study.running.sweep import Sweep, Trials
 from cosim.study.running.workers import Workers
@@ -166,14 +164,15 @@ def find_curves(
     workers: Workers,
     coupling: Coupling,
     request: Request,
-    progress: Progress = lambda _runs: None,
+    certainty: Certainty | None = None,
+    progress: Callable[[int], None] = lambda _runs: None,
 ) -> Curves:
     """Search for the curves to aim at and their band; see `aim` for the arguments and errors."""
     study = requested.study
     fits = shapes_of_bank(sources)
     known, best = _best_of_bank(requested, workers, coupling, request.objective)
     bank = known.setup(best).builds
-    car = drawn_car(known, best, requested.folder, request.objective) if request.uncertain else None
+    car = drawn_car(known, best, certainty, request.objective) if request.uncertain else None
     groups = searched_groups(study, request.corners)
     bases = {group: _base(fits, bank[group[0]]) for group in groups}
     folder = requested.folder / "shapes"
@@ -219,7 +218,8 @@ def aim(
     workers: Workers,
     coupling: Coupling,
     request: Request,
-    progress: Progress = lambda _runs: None,
+    certainty: Certainty | None = None,
+    progress: Callable[[int], None] = lambda _runs: None,
 ) -> Aim:
     """Search for the curves to aim at, describe them, and verify them by runs of their own FMUs.
 
@@ -229,12 +229,13 @@ def aim(
         workers: Workers that run the setups.
         coupling: Coupling of all runs.
         request: Numbers, ranges and settings of the search.
+        certainty: Certainty of the study, whose rig runs are taken into account; None: without.
         progress: Function that receives the number of trials so far.
 
     Raises:
         InputError: A corner, number or limit is wrong, or the bank has no shock file.
     """
-    found = find_curves(requested, sources, workers, coupling, request, progress)
+    found = find_curves(requested, sources, workers, coupling, request, certainty, progress)
     shapes = found.shapes_at(found.optimum.point)
     problem = Problem(found.trials, found.space, objective=request.objective)
     targets = targets_of(problem, found.optimum, found.band, shapes, found.bases, found.fits, sources)
@@ -274,9 +275,7 @@ def bank_plan(requested: Sweep) -> str:
     return f"{requested.left} to be run; then the curves are searched"
 
 
-def _best_of_bank(
-    requested: Sweep, workers: Workers, coupling: Coupling, objective: str
-) -> tuple[StudyResult, int]:
+def _best_of_bank(requested: Sweep, workers: Workers, coupling: Coupling, objective: str) -> tuple[StudyResult, int]:
     """Return the runs of the bank, and the row of its best setup."""
     study = requested.study
     if len(study.space) > _EXHAUSTIVE:
@@ -289,19 +288,15 @@ def _best_of_bank(
     return result, int(rows[0])
 
 
-def drawn_car(result: StudyResult, best: int, folder: Path, objective: str = "") -> DrawnCar | None:
-    """Return the cars that the true one may be, given the rig runs in a study's folder.
+def drawn_car(result: StudyResult, best: int, certainty: Certainty | None, objective: str = "") -> DrawnCar | None:
+    """Return the cars that the true one may be, given the rig runs so far; None if the vehicle states no uncertainty.
 
     Args:
         result: Runs of the bank.
         best: Row of its best setup, which others are compared with.
-        folder: Folder of the study; rig runs of its certainty are taken into account.
+        certainty: Certainty with the rig runs; None: there are none.
         objective: Measure to minimise; empty: the objective of the study.
-
-    Returns:
-        None if the vehicle states no uncertainty.
     """
-    certainty = chosen_so_far(result, folder).certainty
     known = Knowledge.of(certainty) if certainty else Knowledge()
     draws = VehicleDraws.of(result, posterior_of(result, known))
     name = objective or (OBJECTIVE if result.study.objective else result.measures[0].name)
@@ -371,7 +366,7 @@ def _verified(
             setup.update(dict.fromkeys(target.corners, name))
     allowed = {corner: tuple(dict.fromkeys(one[corner] for one in setups)) for corner in study.corners}
     checked = replace(study, bank=own, corners=allowed, alike=(), baseline=bank, name=f"{study.name}: targets")
-    runs = Sweep(checked, folder)
+    runs = requested.variant(checked, folder)
     numbers = [checked.space.find(one).index for one in setups]
     result = runs.request(workers, coupling, numbers)
     rows = np.searchsorted(result.setups, numbers)
