@@ -41,10 +41,7 @@ def bond_at(vehicle: Component, name: str, corner: str, shock: Component) -> Bon
     """Return the bond of a shock at a corner; the port of a quarter car has no corner in its name.
 
     Args:
-        vehicle: Vehicle.
-        name: Name of the vehicle's component.
         corner: Corner, which is also the name of the shock's component.
-        shock: Shock.
     """
     port = f"{name}.{corner}" if f"{corner}.velocity" in vehicle.variables else name
     return Bond.between(port, corner, displacement="displacement" in shock.variables, name=corner)
@@ -52,11 +49,6 @@ def bond_at(vehicle: Component, name: str, corner: str, shock: Component) -> Bon
 
 def check_corners(corners: Collection[str], vehicle: Component, file: Path) -> None:
     """Refuse corners that are not the vehicle's: a port without a shock would have no damping.
-
-    Args:
-        corners: Corners that a study names.
-        vehicle: Vehicle.
-        file: File of the vehicle, for the message.
 
     Raises:
         InputError: The vehicle has no port for a shock, or not that of a corner, or a port has no shock.

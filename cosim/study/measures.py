@@ -170,7 +170,6 @@ def band_pass(values: Array, rate: float, band: tuple[float, float], what: str) 
         values: Samples (N,).
         rate: Samples per second [Hz].
         band: Lower and upper edge [Hz]; 0 and infinity leave a side open.
-        what: Name of the measure, for messages.
 
     Raises:
         InputError: The band exceeds half the sample rate, or the record is too short for the filter.
@@ -377,7 +376,6 @@ class Measure:
         """Return the signals (C, N) of which the measure is computed: the sum of its channels, or each of them.
 
         Args:
-            run: The run, with cached filtered channels.
             start: End of the settling time [s].
         """
         rows = self._rows(run, start)
@@ -612,7 +610,6 @@ def band_ends(document: Any, vehicle: str) -> dict[str, float]:
 
     Args:
         document: Validity that the vehicle's FMU states, as JSON content; None if it states none.
-        vehicle: Name of the vehicle's component.
     """
     try:
         ranges = () if document is None else Validity.from_json(document).ranges
@@ -627,8 +624,6 @@ def above_band(
     """Return the power above the band of each measure of a run, by measure; without those of other channels.
 
     Args:
-        run: Run of a setup.
-        measures: Measures that are computed from the run.
         ends: Upper end of the band by channel [Hz]; see `band_ends`.
         start: End of the settling time [s].
     """

@@ -45,13 +45,7 @@ _HIGHEST = 60.0
 
 
 def packed(sheet: Sheet, extras: Extras, picked: Sequence[int]) -> tuple[dict[str, Any], str]:
-    """Return the manifest, which states where each number is stored, and the numbers.
-
-    Args:
-        sheet: Report data.
-        extras: Optional content.
-        picked: Rows that are picked when the page opens.
-    """
+    """Return the manifest, which states where each number is stored, and the numbers."""
     store = Store()
     order, done = sheet.order, int(sheet.done.sum())
     place = {column.name: k for k, column in enumerate(shown_columns(sheet))}
@@ -454,14 +448,8 @@ def write_study_report(
     """Write all files of a study's report without running a simulation.
 
     Args:
-        result: Result of the study.
         out_dir: Output folder; existing files of the same names are replaced, each after the new file is complete.
-        traces: Time traces of some setups by setup number.
-        selection: Setups to confirm on the rig.
-        certainty: Certainty of the study.
-        curves: Curves of the shocks, by build.
         shock_pages: Pages of the shocks relative to the folder, by build.
-        aim: Page of the curves to aim at.
         trace_command: Command that computes the traces of a setup, with `{setup}` in place of its number.
     """
     sheet, folder = sheet_of(result, certainty=certainty, trace_command=trace_command), Path(out_dir)

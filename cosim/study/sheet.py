@@ -139,7 +139,6 @@ class Scale(NamedTuple):
         """Return the display units of an SI unit; an unknown unit of a user-defined measure is shown unchanged.
 
         Args:
-            si: SI unit.
             display: US customary unit that the measure asks for; default: that of the table of display units.
         """
         us = display if display != si else ""
@@ -547,7 +546,6 @@ def sheet_of(result: StudyResult, *, certainty: Certainty | None = None, trace_c
     """Return the report data of a result.
 
     Args:
-        result: Result of the study.
         certainty: Certainty of the study; None if it was not computed.
         trace_command: Command that computes the traces of a setup, with `{setup}` in place of its number.
     """

@@ -120,7 +120,6 @@ def read_study(path: str | Path, fmu: Sources = lambda path: path) -> Study:
     """Read a study file; paths in it are relative to it.
 
     Args:
-        path: The file.
         fmu: Function that returns the FMU of a path in the file; the path may be a source from which an FMU is built.
 
     Raises:

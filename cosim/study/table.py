@@ -86,10 +86,6 @@ class StoredTable:
 def open_table(path: Path, *, advice: str = "name the results.parquet of a study") -> pa.Table | StoredTable:
     """Return a table with its metadata: in memory if it is small, else column by column.
 
-    Args:
-        path: Path of the file.
-        advice: Advice for the user if the file does not exist.
-
     Raises:
         FileFormatError: The file does not exist, or is not a Parquet file.
     """
@@ -102,11 +98,6 @@ def open_table(path: Path, *, advice: str = "name the results.parquet of a study
 
 def write_tables(path: Path, schema: pa.Schema, tables: Iterable[pa.Table]) -> None:
     """Write tables as row groups of one file, one after the other; an existing file is replaced when it is complete.
-
-    Args:
-        path: Path of the file.
-        schema: Columns, and metadata of the file.
-        tables: Tables in the order of their setups.
 
     Raises:
         InputError: Two rows have the same setup number, or the setups are not in order.
@@ -274,10 +265,6 @@ def with_found_files(header: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
     The paths are relative to the folder in which the study was run. A file that the current folder does not have is
     looked for from the result's folder and from those above it.
-
-    Args:
-        header: Header of a result's file.
-        folder: Folder of the result.
     """
     study = header["study"]
     models = [study["vehicle"], *study["bank"].values()]
@@ -554,10 +541,6 @@ class StudyResult(Summarized):
 
         Args:
             path: Path of the file; an existing file is replaced only after the new one is complete.
-            study: Definition of the study.
-            tables: Tables in the order of their setups.
-            provenance: Provenance of the values.
-            partial: Whether setups are missing.
 
         Raises:
             InputError: Two rows have the same setup number.

@@ -29,10 +29,6 @@ Cell = str | int | float
 def write_ranking(sheet: Sheet, path: Path) -> Path:
     """Write all setups, best first, in the display units of the measures; failed setups have empty cells.
 
-    Args:
-        sheet: Report data.
-        path: The file.
-
     Returns:
         The file.
     """
@@ -58,12 +54,6 @@ def _ranking_rows(sheet: Sheet) -> Iterator[list[Cell]]:
 
 def write_traces(sheet: Sheet, number: int, series: TimeSeries, path: Path) -> Path:
     """Write the traces of one setup in SI, in the layout of MoTeC i2's CSV export.
-
-    Args:
-        sheet: Report data for the preamble.
-        number: Number of the setup.
-        series: Traces of the setup.
-        path: The file.
 
     Returns:
         The file.
@@ -123,10 +113,6 @@ MOST_ROWS = 20_000
 
 def write_workbook(sheet: Sheet, path: Path) -> Path:
     """Write the workbook; text is never interpreted as a formula.
-
-    Args:
-        sheet: Report data.
-        path: The file.
 
     Returns:
         The file.

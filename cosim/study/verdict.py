@@ -88,7 +88,6 @@ def study_verdict(result: StudyResult, certainty: Certainty | None = None) -> Ve
     """Return the verdict on a study.
 
     Args:
-        result: Result of the study.
         certainty: Certainty of the choice; None if it was not computed, so that it is unknown.
     """
     own = (*_marks(result), *_coupling(result), *_band(result), *_means(result), *_models(result))

@@ -21,8 +21,6 @@ def change_of(
     """Return a shock's parameters without and with a change of clicks, and a description of the change.
 
     Args:
-        build: Build of the shock.
-        variables: Variables of its FMU.
         steps: Clicks by side, `rebound` and `compression`.
         share: Change of the slope that counts as a click, if the shock has no such adjuster [1].
         speeds: Speeds at which the slope changes: `low`, `high` or `all`.

@@ -108,9 +108,6 @@ VERIFIED = ("best of the bank", "targets", "nearest builds of the bank", "neares
 def shapes_of_bank(sources: Mapping[str, Path]) -> dict[str, ShapeFit]:
     """Return the shape of each build of a bank from its shock file.
 
-    Args:
-        sources: Shock file by name of the build.
-
     Raises:
         InputError: There is no shock file.
     """
@@ -225,12 +222,7 @@ def aim(
 
     Args:
         requested: Checked study with the runs of its bank; the bank is run first where it was not.
-        sources: Shock file by name of the build.
-        workers: Workers that run the setups.
-        coupling: Coupling of all runs.
-        request: Numbers, ranges and settings of the search.
         certainty: Certainty of the study, whose rig runs are taken into account; None: without.
-        progress: Function that receives the number of trials so far.
 
     Raises:
         InputError: A corner, number or limit is wrong, or the bank has no shock file.
@@ -292,7 +284,6 @@ def drawn_car(result: StudyResult, best: int, certainty: Certainty | None, objec
     """Return the cars that the true one may be, given the rig runs so far; None if the vehicle states no uncertainty.
 
     Args:
-        result: Runs of the bank.
         best: Row of its best setup, which others are compared with.
         certainty: Certainty with the rig runs; None: there are none.
         objective: Measure to minimise; empty: the objective of the study.

@@ -54,12 +54,8 @@ def contributions_of(
     """Return the contributions to the uncertainty of a criterion.
 
     Args:
-        result: Result of the study.
-        sources: Sources of the errors.
-        effects: Effects of uncertain parameters.
         unstated: Builds whose parameters' uncertainty is not known.
         chosen: Criterion by which setups are ranked.
-        confirmed: Whether rig runs are taken into account.
     """
     return (
         _vehicle(result, sources, chosen),
@@ -172,12 +168,8 @@ def certainty_of(
     """Return the certainty of a study.
 
     Args:
-        result: Result of the study.
         known: Knowledge beyond its table; None: nothing is known.
         criterion: Measure to rank by; None: the objective, or the first measure if the study has none.
-        top: Number k of the best setups.
-        tests: Number of next tests.
-        draws: Number of draws of the errors.
         seed: Seed of the draws; the same seed gives the same result.
 
     Raises:

@@ -194,10 +194,6 @@ def usable_deviation(estimate: float, freedom: int) -> float:
     """Return the deviation of the normal distribution that has the 95 % interval of an estimated deviation.
 
     A deviation that was estimated from few repeats may be far too small, so its interval is that of Student's t.
-
-    Args:
-        estimate: Estimated standard deviation of one rig run.
-        freedom: Degrees of freedom of the estimate: number of repeated runs beyond the first one of each setup.
     """
     return estimate * float(stats.t.ppf(_UPPER, freedom) / stats.norm.ppf(_UPPER))
 
@@ -239,7 +235,6 @@ def comparison_verdict(comparisons: Sequence[Comparison], *, rank: float, level:
     """Return the verdict on comparisons of a study with the rig.
 
     Args:
-        comparisons: Comparison of each measure.
         rank: Minimum rank correlation (Spearman).
         level: Maximum level error [%]; None for no limit.
     """
@@ -338,7 +333,6 @@ def compare_runs(runs: Mapping[str, Result | SavedRun], vehicle: str = "car") ->
 
     Args:
         runs: Two or more runs by label; the first is the baseline.
-        vehicle: Name of the vehicle component.
 
     Raises:
         InputError: There are fewer than two runs, or they have no channel in common.
@@ -368,14 +362,7 @@ SCHEMA = 1
 def write_comparisons(
     comparisons: Sequence[Comparison], units: Mapping[str, str], path: str | Path, verdict: Verdict
 ) -> None:
-    """Write comparisons as JSON, levels in SI.
-
-    Args:
-        comparisons: Comparisons of the measures.
-        units: SI units by measure.
-        path: The file.
-        verdict: Verdict on all comparisons.
-    """
+    """Write comparisons as JSON, levels in SI."""
     document = sealed({
         "schema": SCHEMA,
         "kind": "comparison",
@@ -397,10 +384,6 @@ def write_and_plot(
     """Write comparison.json, and comparison.png with the measures of the selection, or else of the objective.
 
     Args:
-        comparisons: Comparisons of the measures.
-        result: Result of the study.
-        folder: Output folder.
-        verdict: Verdict on all comparisons.
         selected: Setups that were selected for each measure; empty if there is no selection.
 
     Returns:

@@ -51,8 +51,6 @@ def evolve(
         run: Function that evaluates setups by their levels (K, F).
         counts: Number of builds of each factor (F,).
         first: First generation (P, F); later ones have the same size.
-        evaluations: Maximum number of setups to evaluate.
-        seed: Seed of the random number generator.
 
     Returns:
         Reason why the search ended.
@@ -237,8 +235,6 @@ def optimise(
     Args:
         space: Space to search (Theta of Eq 2.3); it is evaluated completely if `evaluations` suffices.
         evaluate: Function that runs setups by number (K,).
-        evaluations: Maximum number of setups to evaluate.
-        seed: Seed of the random number generator.
         population: Number of setups in a generation, at most `evaluations`.
         start: Numbers of setups that the first generation contains, such as the baseline.
 
@@ -340,7 +336,6 @@ def scores_of(result: StudyResult, indices: Integers, objectives: Sequence[str] 
     """Return the scores of setups: objectives (K, O), and violations (K, C) of the study's constraints.
 
     Args:
-        result: Result that contains all of the setups.
         indices: Numbers of the setups (K,).
         objectives: Measures to minimise, in SI; empty: the study's objective, or its first measure if it has none.
 
@@ -534,9 +529,6 @@ class Problem:
     """Objective and constraints of a study over a space of shocks.
 
     Args:
-        trials: Runs of the study.
-        space: Numbers of the shocks.
-        robustness: Draws of the tolerances.
         objective: Measure to minimise; empty: the study's objective.
         car: Cars that the true one may be; None: the vehicle is taken to be exact.
     """
@@ -668,10 +660,7 @@ def search(
     """Search from several points and return the best that meets the constraints, or else the smallest objective.
 
     Args:
-        problem: Objective and constraints.
         starts: Points (n,).
-        iterations: Largest number of steps of each search.
-        progress: Function that receives the number of setups run so far.
 
     Raises:
         InputError: There is no start.
@@ -728,11 +717,9 @@ def band(problem: Problem, optimum: ShapeOptimum, reference: float, *, share: fl
     constraints.
 
     Args:
-        problem: Objective and constraints, without draws of the shocks: the band shows itself what deviations cost.
         optimum: Result of `search`.
         reference: Nominal objective of the setup that the gain is counted from, such as the best of the bank.
         share: Share of the gain to keep [1].
-        seed: Seed of the random points.
 
     Raises:
         InputError: The assured objective of the optimum is not below the reference.

@@ -515,13 +515,9 @@ def draw_choice(
     """Draw the true values of some setups and compare them.
 
     Args:
-        posterior: Distribution of the errors.
         criterion: Quantity by which setups are ranked.
         limits: Constraints, which hold for the drawn levels.
         rows: Rows of the setups (K,).
-        top: Number k of the best setups.
-        count: Number of draws.
-        seed: Seed of the random number generator.
     """
     size = max(count // _GROUPS, 2)
     best, among = np.zeros((2, rows.size)), np.zeros(rows.size)
@@ -608,8 +604,6 @@ def next_tests(covariance: Array, probability: Array, noise: float, count: int) 
     Args:
         covariance: Covariance of the criterion (K, K).
         probability: Probability of being the best (K,).
-        noise: Variance of a measured value.
-        count: Number of tests.
 
     Returns:
         Positions of the setups, with the share of the uncertainty that is expected to remain.
@@ -692,13 +686,7 @@ class VehicleDraws:
 
     @classmethod
     def of(cls, result: StudyResult, posterior: Posterior, seed: int = _SEED) -> VehicleDraws | None:
-        """Return drawn errors; None if the vehicle of the study states no uncertainty.
-
-        Args:
-            result: Result of the study.
-            posterior: Errors of its setups, given the rig runs so far.
-            seed: Seed of the draws.
-        """
+        """Return drawn errors; None if the vehicle of the study states no uncertainty."""
         sources = posterior.sources
         generator = np.random.default_rng(seed)
         drawn = [
@@ -749,10 +737,7 @@ class DrawnCar:
         """Return the drawn cars of a study.
 
         Args:
-            result: Result of the study.
-            draws: Drawn errors.
             name: `OBJECTIVE` or the name of a measure.
-            row: Row of the reference.
         """
         reference = np.array([result.values(measure)[row] for measure in draws.names])
         return cls(draws, Criterion.of(result, name), limits_of(result), reference)

@@ -79,11 +79,6 @@ def measured_runs(runs: Sequence[MeasuredRun], study: Study, read: Callable[[Pat
     A channel of the vehicle is found under its name without the component: `car.lf.tire_force` as `lf.tire_force`. The
     first sample of a record is the start of the run; the settling time is excluded as in the study.
 
-    Args:
-        runs: Measured runs.
-        study: Study that defines the measures.
-        read: Function that returns the channels of a record.
-
     Raises:
         InputError: There are no runs, or a record is shorter than its drive.
     """
@@ -115,8 +110,6 @@ def comparisons(result: StudyResult, measured: Measured, certainty: Certainty | 
     """Compare every measure that was measured; the run-to-run deviation is pooled over setups with several runs.
 
     Args:
-        result: Result of the study.
-        measured: Measured levels.
         certainty: Certainty of the study, which states intervals of the levels; None without one.
 
     Raises:
@@ -222,9 +215,7 @@ def compare_with_rig(
     """Compare a study's prediction with the rig runs of a list.
 
     Args:
-        result: Result of the study.
         path: List of rig runs; see `read_run_list`.
-        read: Function that returns the channels of a record.
         measures: Measures to compare. By default, all that do not depend on a mean, because the zero of the rig
             differs.
         certainty: Certainty of the study, which states intervals of the levels; None without one.
@@ -284,7 +275,6 @@ def requested_runs(result: StudyResult, texts: Sequence[str]) -> tuple[tuple[Mea
     """Return the rig runs that arguments name, and notes about records that do not exist.
 
     Args:
-        result: Result of the study.
         texts: One list of runs (a CSV file, see `read_run_list`, or a folder with a selection.csv), or one or more
             SETUP=FILE on the first drive of the study.
 
@@ -327,10 +317,6 @@ def with_rig_runs(
     Unless a run-to-run deviation is stated, it comes from setups that were tested several times, in all runs so far.
 
     Args:
-        result: Result of the study.
-        known: Knowledge without the new runs.
-        runs: Rig runs.
-        read: Function that returns the channels of a record.
         measures: Measures to take into account. By default, all that do not depend on a mean, because the zero of the
             rig differs.
 

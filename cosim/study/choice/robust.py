@@ -97,9 +97,7 @@ def drawn_studies(
     """Return studies with drawn parameters: a Latin hypercube of their normal distribution.
 
     Args:
-        study: Study with the best values.
         uncertain: Uncertain parameters; each parameter at most once.
-        draws: Number of studies S.
         seed: Seed of the random number generator; the same seed gives the same studies.
         vehicles: FMUs of equivalent vehicles; the draws use the study's own vehicle and these in turn.
 
@@ -182,13 +180,7 @@ def run_draws(
     """Run setups with every draw, with the coupling of the study; completed runs in its folder are not repeated.
 
     Args:
-        result: Result of the study.
         sweep: The study, whose FMUs the runs use.
-        workers: Workers that run the setups.
-        uncertain: Uncertain parameters.
-        setups: Numbers of the setups.
-        count: Number of draws.
-        seed: Seed of the draws.
 
     Yields:
         Results of the setups for each draw; nothing if nothing is uncertain.
@@ -273,12 +265,7 @@ def knowledge_of(
     Equivalent vehicles replace what the vehicle's FMU states; parameters of the vehicle are added to it.
 
     Args:
-        result: Result of the study.
-        uncertain: Entries of the file, with the fits' parameters.
-        run_to_run: Standard deviation of one rig run by measure, SI.
         sweep: The study, whose FMUs the runs use.
-        workers: Workers that run the setups.
-        progress: Called after each part of the runs.
     """
     stated, unstated, notes = stated_parameters(result)
     named = {(part.part, name) for part in uncertain.parts for name in part.names}
@@ -302,11 +289,7 @@ def knowledge_of(
 
 
 def _values_in_study(result: StudyResult, part: Uncertain) -> Mapping[str, float]:
-    """Return the values of a part's parameters in the study.
-
-    Raises:
-        InputError: The part is neither a build nor the vehicle, or its FMU lacks a parameter.
-    """
+    """Return the values of a part's parameters in the study."""
     study = result.study
     _check_part(study, part.part)
     made = study.vehicle if part.part == study.vehicle.name else study.bank[part.part]

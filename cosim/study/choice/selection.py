@@ -86,7 +86,6 @@ def select(
     failed or break a constraint are excluded.
 
     Args:
-        result: Result of the study.
         measures: Measures to confirm; empty: those of the objective, or all if the study has no objective.
         total: Total number of setups. Those that are not proposed tests are divided equally among the ends of all
             measures; the first ones get the remainder.
@@ -202,9 +201,6 @@ def write_selection(selection: Selection, result: StudyResult, path: str | Path,
     The column `file` names the record that `eightpost compare --measured` reads from the folder of the list.
 
     Args:
-        selection: Setups to test.
-        result: Result of the study.
-        path: List.
         twice: Maximum number of setups with a second run; see `repeated`.
     """
     corners = tuple(result.study.corners)

@@ -51,7 +51,6 @@ def levels_of(space: SetupSpace, indices: Integers) -> Integers:
     """Return the builds of setups as indices into the factors' builds.
 
     Args:
-        space: Space of the setups.
         indices: Numbers of setups (N,); each must satisfy `alike` of the space.
 
     Returns:
@@ -186,10 +185,8 @@ def sensitivity(factors: Sequence[Factor], levels: Integers, values: Array, meas
     """Return the sensitivity of a measure to the factors.
 
     Args:
-        factors: The F factors, each with two or more builds.
         levels: Index of the build of each factor (N, F), one row per setup, no setup twice.
         values: Values of the measure (N,); failed setups (NaN) are ignored.
-        measure: Name of the measure.
 
     Raises:
         InputError: The shapes disagree, a setup occurs twice, or too few setups were run for the main effects.
@@ -284,13 +281,7 @@ class _Design:
 
 @lru_cache(maxsize=2)  # most measures of a study are known for the same setups
 def _design(sizes: tuple[int, ...], levels: bytes, pairs: tuple[tuple[int, int], ...]) -> _Design | None:
-    """Return the design of the mean, all main effects and some pairs; None if the setups do not determine them.
-
-    Args:
-        sizes: Number of builds of each factor.
-        levels: Content of the levels (N, F), 64-bit integers.
-        pairs: Pairs of factors that interact.
-    """
+    """Return the design of the mean, all main effects and some pairs; None if the setups do not determine them."""
     columns = np.frombuffer(levels, dtype=np.int64).reshape(-1, len(sizes)).T
     coded = [np.asarray(helmert(size).T, dtype=np.float64) for size in sizes]  # columns of sum 0, orthonormal
     cells = [np.zeros_like(columns[0]), *columns, *(columns[i] * sizes[j] + columns[j] for i, j in pairs)]
@@ -343,11 +334,6 @@ def write_terms(sensitivities: Sequence[Sensitivity], units: Mapping[str, str], 
 
     Columns: `measure`, its SI `unit`, the factors `first` and `second` (empty for a main effect) and their builds, the
     `effect` [unit] of these builds, the `share` of the variance [1] of the term, and the `method`.
-
-    Args:
-        sensitivities: Sensitivities of the measures.
-        units: SI units by measure.
-        path: The file.
     """
     rows = [row for one in sensitivities for row in _rows(one, units[one.measure])]
     with atomic_path(path) as temporary:
@@ -427,10 +413,8 @@ def what_if(
 
     Args:
         result: Result of a study; its FMUs and drive files must still exist at their paths.
-        workers: Workers that run the two setups.
         changes: Parameters that change, by corner, such as `{"lr": {"clicks.rebound": 13.0}}`.
         setup: Number of the setup; None: the baseline, or else the best setup.
-        before: Parameters of the run without the change, where they differ from those of the setup.
 
     Raises:
         InputError: There is no such corner or setup, or nothing changes.

@@ -252,8 +252,6 @@ class ErrorSources:
 
         Args:
             scales: Factors of the scales (M,), the same for all draws.
-            count: Number of draws.
-            generator: Random number generator.
         """
         corners = self.builds.shape[1]
         normal = generator.standard_normal
@@ -284,12 +282,6 @@ def error_sources(
     vehicle: VehicleSource = VehicleSource.MODEL,
 ) -> ErrorSources:
     """Return the sources of the errors of a study's measures.
-
-    Args:
-        result: Result of the study.
-        effects: Effects of uncertain parameters of shocks and vehicle.
-        run_to_run: Standard deviation of one rig run by measure, SI.
-        vehicle: Origin of the uncertainty of the vehicle.
 
     The relative error of a measure that is zero or negative for a setup is not known.
     """
@@ -445,11 +437,7 @@ def effects_of(
     setups among which the choice is made. Runs that are in the folder are not repeated.
 
     Args:
-        result: Result of the study.
-        parameters: Uncertain parameters.
         sweep: The study, whose FMUs the runs use.
-        workers: Workers that run the setups.
-        progress: Called after each part of the runs.
         vehicles: FMUs of equivalent vehicles, such as fits of other records. All vehicles are taken to have
             errors of the same size, so that half of the square of a difference belongs to the study's.
     """

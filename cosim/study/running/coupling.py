@@ -274,11 +274,7 @@ def _pilots(evaluator: Evaluator) -> list[Setup]:
 
 
 def _compare(evaluator: Evaluator, coarse: Batches, fine: Batches, setups: Sequence[Setup]) -> list[Pilot]:
-    """Return the errors of the setups that both finish, of each drive.
-
-    Raises:
-        NotInBatchError: The machine finishes no setup.
-    """
+    """Return the errors of the setups that both finish, of each drive."""
     pairs = zip(coarse.runs(setups), fine.runs(setups), strict=True)
     found = [
         _machine_pilot(runs[drive.name], right[drive.name], evaluator.study.settling)
@@ -315,11 +311,7 @@ class Compared(NamedTuple):
 def _compared(
     evaluator: Evaluator, machine: MachineCoupling, has: Callable[[Setup], bool]
 ) -> tuple[MachineCoupling, Coupling]:
-    """Return the machine's coupling with its comparisons, and that of runs through the FMUs.
-
-    Raises:
-        NotInBatchError: No setup could be compared, or one does not agree.
-    """
+    """Return the machine's coupling with its comparisons, and that of runs through the FMUs."""
     compared = list[Compared]()
     for setup in _with_every_build(evaluator, has):
         try:

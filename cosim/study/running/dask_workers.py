@@ -47,9 +47,7 @@ class TimeLimit:
     setup has run, each is assumed to take as long as the whole choice of the coupling, or else the patience.
 
     Args:
-        client: Client of the cluster.
         patience: Time that a worker may do nothing [s].
-        report: Function that receives messages about workers that are ended.
     """
 
     def __init__(self, client: Client, patience: float, report: Callable[[str], None]) -> None:
@@ -70,11 +68,7 @@ class TimeLimit:
         return self._patience + (_SLOWER * self._slowest or self._bound) * setups
 
     def check(self, tasks: Mapping[str, int]) -> set[str]:
-        """End the workers that exceed the time limit, and return the keys of their tasks.
-
-        Args:
-            tasks: Number of setups of each running task by its key.
-        """
+        """End the workers that exceed the time limit, and return the keys of their tasks."""
         now = time.monotonic()
         if now - self._asked < _ASK * self._patience:
             return set()
@@ -231,11 +225,7 @@ class DaskWorkers:
         self._client.close()
 
     def _count_now(self) -> int:
-        """Return the number of threads of the current workers; workers may join and leave.
-
-        Raises:
-            WorkersLostError: The scheduler has ended.
-        """
+        """Return the number of threads of the current workers; workers may join and leave."""
         if self._client.status != "running":
             self._say(
                 f"{self._address}: the connection to the scheduler is lost; trying again for {self._patience:g} s"
@@ -246,11 +236,7 @@ class DaskWorkers:
             raise self._lost(error) from error
 
     def _presence(self) -> int:
-        """Return the number of threads of the current workers; report if no worker is connected.
-
-        Raises:
-            WorkersLostError: The scheduler has ended, or there were no workers for a long time.
-        """
+        """Return the number of threads of the current workers; report if no worker is connected."""
         count, now = self._count_now(), time.monotonic()
         if count:
             if self._alone_since is not None:

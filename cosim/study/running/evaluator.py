@@ -199,9 +199,6 @@ _COUPLING: TypeAdapter[Coupling] = TypeAdapter(Coupling)
 class Evaluator:
     """Evaluator of the setups of one study in this process; an FMU's instance is kept and reset between runs.
 
-    Args:
-        study: Study to run.
-
     Raises:
         FmuError: An FMU cannot be used.
         InputError: The study's corners are not those of the vehicle.
@@ -322,9 +319,7 @@ class Evaluator:
         """Return the machine's runs of a setup by drive, with channels and without measures.
 
         Args:
-            setup: Setup.
             step: Step [s].
-            recorded: Names of the channels.
 
         Raises:
             NotInBatchError: The machine cannot run the setup, or does not finish it.
@@ -520,7 +515,6 @@ def traces(result: StudyResult, setups: Iterable[int], evaluator: Evaluator | No
 
     Args:
         result: Result of the study; its FMUs and drive files must still exist at their paths.
-        setups: Numbers of the setups.
         evaluator: Evaluator of the study; None: a new one.
 
     Raises:

@@ -100,8 +100,6 @@ class Cutter:
 
     Args:
         indices: Numbers of all setups of the study (S,).
-        done: Positions of the completed setups among them.
-        workers: Function that returns the number of workers.
     """
 
     def __init__(self, indices: Integers, done: Sequence[range], workers: Callable[[], int]) -> None:
@@ -160,9 +158,7 @@ class ChunkFolder:
     The name of a file states the number of the chunk and its number of setups.
 
     Args:
-        folder: Output folder of the study.
         digest: Digest of the study; each digest has a folder of its own.
-        schema: Schema of the table.
     """
 
     def __init__(self, folder: Path, digest: str, schema: pa.Schema) -> None:
@@ -282,13 +278,7 @@ _MOVING = ("m/s", "m/s2", "W")
 
 
 def _check_study(evaluator: Evaluator) -> None:
-    """Raise an error if a study cannot be run.
-
-    Raises:
-        FmuError: An FMU cannot be used.
-        WiringError: A build does not fit a corner, or a channel or parameter does not exist.
-        InputError: A measure, its unit or its window is invalid.
-    """
+    """Raise an error if a study cannot be run."""
     study = evaluator.study
     first = study.space.setup(int(_indices(study)[0]))
     system = evaluator.system(first)
@@ -365,10 +355,7 @@ class Sweep:
     Completed setups are kept in the folder, so that none is run again, in this session or another one.
 
     Args:
-        study: Study to run.
-        folder: Output folder for results.parquet and completed chunks.
         evaluator: Evaluator of the study; None: a new one.
-        digests: SHA-256 of files by path, as far as they are known.
 
     Raises:
         InputError: The study cannot be run; no simulation was started.
@@ -432,8 +419,6 @@ class Sweep:
         """Run the remaining setups and write the result. Ctrl-C lets running chunks finish; the result is then partial.
 
         Args:
-            workers: Workers that run the setups.
-            coupling: Coupling of the setups.
             progress: Callback that receives the number of completed setups and their total number, several times per
                 second.
 
@@ -586,14 +571,7 @@ def run_study(study: Study, folder: str | Path, workers: Workers, progress: Prog
 
 
 class Trials:
-    """Runs of one study's vehicle and drives with any shocks, which need not be in its bank.
-
-    Args:
-        study: Study with vehicle, drives and measures.
-        units: SI units of the measures.
-        workers: Workers that run the trials.
-        coupling: Coupling of all runs.
-    """
+    """Runs of one study's vehicle and drives with any shocks, which need not be in its bank."""
 
     def __init__(self, study: Study, units: Mapping[str, str], workers: Workers, coupling: Coupling) -> None:
         self.study, self._units, self._workers, self._coupling = study, dict(units), workers, coupling

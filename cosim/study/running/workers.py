@@ -154,7 +154,6 @@ class ProcessWorkers:
     """Worker processes of this machine. If an FMU makes one crash or hang, only one setup fails.
 
     Args:
-        count: Number of processes.
         patience: Time without a heartbeat after which a process is ended [s].
     """
 
