@@ -1,4 +1,4 @@
-"""Statistics of signals: RMS, spectra and bands."""
+"""Measures of a study: statistics of ride height, tire force and other signals, by family, and their spectra."""
 
 from __future__ import annotations
 
@@ -207,12 +207,10 @@ def sections_of(low: float, high: float, rate: float) -> Sections | None:
 
 
 def _designed(low: float, high: float, rate: float) -> Sections:
-    if low > 0.0 and np.isfinite(high):
-        rows = scipy.signal.butter(_ORDER, (low, high), btype="bandpass", fs=rate, output="sos")
-    elif low > 0.0:
-        rows = scipy.signal.butter(_ORDER, low, btype="highpass", fs=rate, output="sos")
-    else:
-        rows = scipy.signal.butter(_ORDER, high, btype="lowpass", fs=rate, output="sos")
+    open_high = not np.isfinite(high)
+    kind = "highpass" if open_high else "bandpass" if low > 0.0 else "lowpass"
+    edges = low if open_high else (low, high) if low > 0.0 else high
+    rows = scipy.signal.butter(_ORDER, edges, btype=kind, fs=rate, output="sos")
     return Sections(np.asarray(rows), np.asarray(scipy.signal.sosfilt_zi(rows)))
 
 
@@ -249,11 +247,7 @@ class Filtered:
         return self._kept[name, band]
 
 
-# ==== Measures of a study: levels of ride height, tire force and other signals, by family, and their spectra =========
-
 # ==== Measures, and those of the user's own ==========================================================================
-
-# ---- User-defined measures ------------------------------------------------------------------------------------------
 
 OwnFunction = Callable[[Response], float]
 
@@ -285,8 +279,6 @@ def own_function(entry: str) -> OwnFunction:
     function: OwnFunction = found
     return function
 
-
-# ---- Response measures ----------------------------------------------------------------------------------------------
 
 _STATISTICS = (("RMS", "rms"), ("mean", "mean"))
 
@@ -419,46 +411,26 @@ def channel_measures(series: TimeSeries) -> tuple[Measure, ...]:
     )
 
 
-def ride_measures(vehicle: str, corners: Sequence[str] = CORNERS) -> tuple[Measure, ...]:
-    """Return the measures of chapter 7 for a car with the channels of docs/reference/ports.md.
-
-    They cover total tire force (from which the grip number is computed), ride heights (aero number), tire forces, hub
-    accelerations and shock velocities.
-    """
-    tires = tuple(f"{vehicle}.{corner}.tire_force" for corner in corners)
-    measures = [
-        Measure("total tire force, RMS", tires, "rms", "lbf"),
-        Measure("total tire force, mean", tires, "mean", "lbf"),
-    ]
-    for axle in ("front", "rear"):
-        channel = (f"{vehicle}.{axle}.ride_height",)
-        measures += [
-            Measure(f"{axle} ride height, RMS", channel, "rms", "in"),
-            Measure(f"{axle} ride height, mean", channel, "mean", "in"),
-        ]
-    for corner, tire in zip(corners, tires, strict=True):
-        measures.append(Measure(f"{corner} tire force, RMS", (tire,), "rms", "lbf"))
-    for corner in corners:
-        channel = (f"{vehicle}.{corner}.hub_acceleration",)
-        measures.append(Measure(f"{corner} hub acceleration, RMS", channel, "rms", "g"))
-    for corner in corners:
-        measures.append(Measure(f"{corner} shock velocity, RMS", (f"{vehicle}.{corner}.velocity",), "rms", "in/s"))
-    return tuple(measures)
-
-
 # ==== Families by name, for the channels that a vehicle and its shocks have ==========================================
 
 #: Limit between low and high shock speed, as commonly used by teams [m/s].
 LOW_SPEED = convert(2.0, "in/s", "m/s")
 
-#: Bands of tire load [Hz]: chassis motion and wheel hop (Tables 4.2 and 5.2 have modes in both).
-BANDS = (("chassis", (0.5, 8.0)), ("wheel hop", (8.0, 30.0)))
+#: Bands of tire load [Hz]: chassis motion and wheel hop (Tables 4.2 and 5.2 have modes in both), and octaves from below
+#: the chassis modes to above the wheel modes.
+_BANDS = {"chassis (0.5 to 8 Hz)": (0.5, 8.0), "wheel hop (8 to 30 Hz)": (8.0, 30.0)}
+_OCTAVES = {f"{0.5 * 2.0**k:g} to {2.0**k:g} Hz": (0.5 * 2.0**k, 2.0**k) for k in range(6)}
 
-#: Octaves of the tire load spectra [Hz], from below the chassis modes to above the wheel modes.
-OCTAVES = tuple((0.5 * 2.0**k, 2.0**k) for k in range(6))
+#: Ranges of shock velocity [m/s].
+_SPEEDS = {
+    "high-speed rebound": (-np.inf, -LOW_SPEED),
+    "low-speed rebound": (-LOW_SPEED, 0.0),
+    "low-speed bump": (0.0, LOW_SPEED),
+    "high-speed bump": (LOW_SPEED, np.inf),
+}
 
 #: Signs of lf, rf, lr, rr in each mode of the four tire loads.
-MODES: Mapping[str, tuple[float, float, float, float]] = {
+_MODES = {
     "heave": (1.0, 1.0, 1.0, 1.0),
     "pitch": (-1.0, -1.0, 1.0, 1.0),
     "roll": (1.0, -1.0, 1.0, -1.0),
@@ -472,12 +444,16 @@ class Car:
 
     name: str  #: Name of the vehicle's component.
     corners: Sequence[str]  #: Names of the shocks' components.
-    channels: Collection[str]  #: All channels that can be recorded, as `component.variable`.
+    channels: Collection[str] = ()  #: All channels that can be recorded, as `component.variable`.
 
     def port(self, corner: str, variable: str) -> str:
         """Return the channel of a variable at a corner; those of a quarter car have no corner in the name."""
-        own = f"{self.name}.{corner}.{variable}"
-        return own if own in self.channels else f"{self.name}.{variable}"
+        own, plain = f"{self.name}.{corner}.{variable}", f"{self.name}.{variable}"
+        return plain if plain in self.channels and own not in self.channels else own
+
+    def ports(self, variable: str) -> tuple[str, ...]:
+        """Return the channels of a variable at all corners."""
+        return tuple(self.port(corner, variable) for corner in self.corners)
 
 
 def family(name: str, car: Car) -> tuple[Measure, ...]:
@@ -499,26 +475,39 @@ def _measures(name: str, car: Car) -> tuple[Measure, ...]:
     return tuple(m for m in FAMILIES[name](car) if set(m.channels) <= set(car.channels))
 
 
+def ride_measures(vehicle: str, corners: Sequence[str] = CORNERS) -> tuple[Measure, ...]:
+    """Return the measures of chapter 7 for a car with the channels of docs/reference/ports.md.
+
+    They cover total tire force (from which the grip number is computed), ride heights (aero number), tire forces, hub
+    accelerations and shock velocities.
+    """
+    return tuple(_ride(Car(vehicle, corners)))
+
+
 def _ride(car: Car) -> Iterator[Measure]:
-    """Yield the measures of chapter 7."""
-    yield from ride_measures(car.name, car.corners)
+    levels = {"total tire force": (car.ports("tire_force"), "lbf")}
+    levels |= {f"{axle} ride height": ((f"{car.name}.{axle}.ride_height",), "in") for axle in ("front", "rear")}
+    for name, (channels, unit) in levels.items():
+        yield from (Measure(f"{name}, {label}", channels, kind, unit) for label, kind in _STATISTICS)
+    for variable, unit in (("tire_force", "lbf"), ("hub_acceleration", "g"), ("velocity", "in/s")):
+        words = variable.replace("_", " ").replace("velocity", "shock velocity")
+        for corner in car.corners:
+            yield Measure(f"{corner} {words}, RMS", (car.port(corner, variable),), "rms", unit)
 
 
 def _numbers(car: Car) -> Iterator[Measure]:
     """Yield grip number and aero number (2.5); lower is better."""
-    tires = tuple(car.port(corner, "tire_force") for corner in car.corners)
     heights = tuple(f"{car.name}.{axle}.ride_height" for axle in ("front", "rear"))
-    yield Measure("grip number", tires, "rms", "lbf")
+    yield Measure("grip number", car.ports("tire_force"), "rms", "lbf")
     yield Measure("aero number", heights, "joint_rms", "in")
 
 
 def _tires(car: Car) -> Iterator[Measure]:
-    tires = tuple(car.port(corner, "tire_force") for corner in car.corners)
-    for corner, tire in zip(car.corners, tires, strict=True):
+    for corner, tire in zip(car.corners, car.ports("tire_force"), strict=True):
         yield Measure(f"{corner} tire force variation", (tire,), "variation", "1")
         yield Measure(f"{corner} tire force, RMS", (tire,), "rms", "lbf")
         yield Measure(f"{corner} tire force, 1st percentile", (tire,), "percentile", "lbf", options={"percent": 1.0})
-    yield Measure("total tire force variation", tires, "variation", "1")
+    yield Measure("total tire force variation", car.ports("tire_force"), "variation", "1")
 
 
 def _accelerations(car: Car) -> Iterator[Measure]:
@@ -530,50 +519,29 @@ def _accelerations(car: Car) -> Iterator[Measure]:
 
 
 def _travel(car: Car) -> Iterator[Measure]:
-    for corner in car.corners:
-        channel = (car.port(corner, "displacement"),)
-        yield Measure(f"{corner} suspension travel, RMS", channel, "rms", "in")
-        yield Measure(f"{corner} suspension travel, range", channel, "range", "in")
+    for corner, channel in zip(car.corners, car.ports("displacement"), strict=True):
+        yield Measure(f"{corner} suspension travel, RMS", (channel,), "rms", "in")
+        yield Measure(f"{corner} suspension travel, range", (channel,), "range", "in")
 
 
 def _energy(car: Car) -> Iterator[Measure]:
-    for corner in car.corners:
-        channels = (f"{corner}.force", car.port(corner, "velocity"))
-        yield Measure(f"{corner} energy into the shock", channels, "work", "J")
+    for corner, velocity in zip(car.corners, car.ports("velocity"), strict=True):
+        yield Measure(f"{corner} energy into the shock", (f"{corner}.force", velocity), "work", "J")
 
 
 def _velocities(car: Car) -> Iterator[Measure]:
     """Yield the shares of time in four ranges of shock velocity."""
-    inf = float("inf")
-    bins = {
-        "high-speed rebound": (-inf, -LOW_SPEED),
-        "low-speed rebound": (-LOW_SPEED, 0.0),
-        "low-speed bump": (0.0, LOW_SPEED),
-        "high-speed bump": (LOW_SPEED, inf),
-    }
-    for corner in car.corners:
-        channel = (car.port(corner, "velocity"),)
-        for label, (low, high) in bins.items():
-            yield Measure(f"{corner} time in {label}", channel, "share", "1", options={"from": low, "to": high})
+    for corner, channel in zip(car.corners, car.ports("velocity"), strict=True):
+        for label, (low, high) in _SPEEDS.items():
+            yield Measure(f"{corner} time in {label}", (channel,), "share", "1", options={"from": low, "to": high})
 
 
-def _tire_modes(car: Car) -> Iterator[Measure]:
-    """Yield heave, pitch, roll and warp of the four tire loads, each in two bands."""
-    for mode in MODES:
-        for label, band in BANDS:
-            yield _tire_mode(car, mode, f"{label} ({band[0]:g} to {band[1]:g} Hz)", band)
-
-
-def _tire_spectra(car: Car) -> Iterator[Measure]:
-    """Yield octave spectra of heave, pitch, roll and warp."""
-    for mode in MODES:
-        for band in OCTAVES:
-            yield _tire_mode(car, mode, f"{band[0]:g} to {band[1]:g} Hz", band)
-
-
-def _tire_mode(car: Car, mode: str, label: str, band: tuple[float, float]) -> Measure:
+def _tire_modes(car: Car, bands: Mapping[str, tuple[float, float]]) -> Iterator[Measure]:
+    """Yield heave, pitch, roll and warp of the four tire loads, each in some bands."""
     tires = tuple(f"{car.name}.{corner}.tire_force" for corner in CORNERS)
-    return Measure(f"tire load {mode}, {label}, RMS", tires, "rms", "lbf", weights=MODES[mode], band=band)
+    for mode, weights in _MODES.items():
+        for label, band in bands.items():
+            yield Measure(f"tire load {mode}, {label}, RMS", tires, "rms", "lbf", weights=weights, band=band)
 
 
 #: Functions that yield the measures of a family, by the family's name in study files.
@@ -585,8 +553,8 @@ FAMILIES: Mapping[str, Callable[[Car], Iterator[Measure]]] = {
     "travel": _travel,
     "energy": _energy,
     "velocities": _velocities,
-    "tire_modes": _tire_modes,
-    "tire_spectra": _tire_spectra,
+    "tire_modes": lambda car: _tire_modes(car, _BANDS),
+    "tire_spectra": lambda car: _tire_modes(car, _OCTAVES),
 }
 
 

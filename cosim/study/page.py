@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -222,8 +222,7 @@ def _between(placed: Integers, levels: Array) -> float:
 MATTERS = 0.05
 
 
-@dataclass(frozen=True, slots=True)
-class Share:
+class Share(NamedTuple):
     """Shares of a measure's variance [1]: of each corner with its interactions, and of all interactions of two."""
 
     column: int
@@ -237,33 +236,22 @@ def headline(sheet: Sheet) -> str:
     """Return a summary: how many setups ran, failed and are marked, which one is best, and remarks on it."""
     failed, marked, done = len(sheet.failures), len(sheet.marks), int(sheet.done.sum())
     counts = f"{done} setups ran{f', {failed} failed' if failed else ''}, {marked} marked."
-    return " ".join((counts, *_best(sheet)))
-
-
-def _best(sheet: Sheet) -> Iterator[str]:
     feasible = int(np.sum(sheet.allowed & sheet.done))
-    if feasible:
-        best = int(sheet.order[0])
-        yield f"Best prediction: setup {sheet.numbers[best]} ({sheet.fitted(best)})."
-        if sheet.background.constraints:
-            yield f"{feasible} setups meet all constraints."
-        yield from _remarks_on_best(sheet, best)
+    if not feasible:
+        return counts
+    best = int(sheet.order[0])
+    words = [counts, f"Best prediction: setup {sheet.numbers[best]} ({sheet.fitted(best)})."]
+    words += [f"{feasible} setups meet all constraints."] if sheet.background.constraints else []
+    words += [f"This setup is marked: {sheet.marks[best]}."] if best in sheet.marks else []
+    return " ".join(words)
 
 
-def _remarks_on_best(sheet: Sheet, best: int) -> Iterator[str]:
-    """Yield remarks on the setup with the best prediction: its mark."""
-    if best in sheet.marks:
-        yield f"This setup is marked: {sheet.marks[best]}."
-
-
-def tiles(sheet: Sheet) -> tuple[Tile, ...]:
-    """Return the figures at the top of the page."""
-    return tuple(_tiles(sheet)) if sheet.done.any() else ()
-
-
-def _tiles(sheet: Sheet) -> Iterator[Tile]:
+def tiles(sheet: Sheet) -> Iterator[Tile]:
+    """Yield the figures at the top of the page; none if no setup ran."""
+    if not sheet.done.any():
+        return
     column, best = sheet.ranked_by, int(sheet.order[0])
-    us, metric = _both(column.scale, float(column.values[best]))
+    us, metric = (_with_unit(one, float(column.values[best])) for one in column.scale)
     yield Tile(f"best {column.name}", us, f"setup {sheet.numbers[best]}", metric)
     if sheet.baseline is not None and sheet.done[sheet.baseline]:
         base = float(column.values[sheet.baseline])
@@ -277,10 +265,6 @@ def _tiles(sheet: Sheet) -> Iterator[Tile]:
         yield Tile("largest coupling error", worst, f"median {percent(float(np.median(known)))}")
     ran = f"{int(sheet.done.sum())}"
     yield Tile("setups", ran, f"{len(sheet.failures)} failed, {len(sheet.marks)} marked")
-
-
-def _both(scale: Scale, value: float) -> tuple[str, str]:
-    return _with_unit(scale.us, value), _with_unit(scale.metric, value)
 
 
 def _with_unit(shown: Display, value: float) -> str:
@@ -331,11 +315,19 @@ def page(sheet: Sheet, extras: Extras) -> str:
     groups = _groups(sheet, extras.selection)
     picked = sorted({row for _, rows in groups for row in rows})
     manifest, numbers = packed(sheet, extras, picked)
-    context = _words(sheet) | _choices(sheet) | _effects(sheet, extras.sensitivities)
+    problems = sorted(sheet.failures.items()) + sorted(sheet.marks.items())
+    context = _choices(sheet) | _effects(sheet, extras.sensitivities)
     return html.page(
         "cosim.study",
         [f"script/{name}.js" for name in _SCRIPTS],
         **context,
+        verdict=sheet.background.verdict,
+        fold=_FOLDED,
+        headline=headline(sheet),
+        tiles=tuple(tiles(sheet)),
+        problems=problems[:_LISTED],
+        more_problems=max(0, len(problems) - _LISTED),
+        versions=versions(),
         title=sheet.background.title,
         places=_places(sheet, groups),
         sheet=sheet,
@@ -346,7 +338,7 @@ def page(sheet: Sheet, extras: Extras) -> str:
         aim=extras.aim,
         links={extras.aim.path: "Curves to aim at"} if extras.aim else {},
         ranks=np.argsort(sheet.order) + 1,
-        selection_columns=_selected_for(sheet, extras.selection),
+        selection_columns=[one for one in sheet.measures if one.name in {s.measure for s in extras.selection}],
         traced=sorted(extras.traces),
         data={"manifest": manifest, "numbers": numbers},
     )
@@ -354,26 +346,12 @@ def page(sheet: Sheet, extras: Extras) -> str:
 
 def _places(sheet: Sheet, groups: Sequence[Any]) -> Iterator[tuple[str, str]]:
     yield from (("table", "Ranking"), ("levels", "Levels"), ("tradeoffs", "Trade-offs"), ("parallel", "Measures"))
-    yield from (("setup", "Setup"), ("comparison", "Side by side"))
-    yield "sensitivity", "Sensitivity"
+    yield from (("setup", "Setup"), ("comparison", "Side by side"), ("sensitivity", "Sensitivity"))
     if groups:
         yield "selected", "Selected"
     if sheet.failures or sheet.marks:
         yield "doubtful", "Failed, marked"
     yield "provenance", "Provenance"
-
-
-def _words(sheet: Sheet) -> dict[str, Any]:
-    problems = sorted(sheet.failures.items()) + sorted(sheet.marks.items())
-    return {
-        "verdict": sheet.background.verdict,
-        "fold": _FOLDED,
-        "headline": headline(sheet),
-        "tiles": tiles(sheet),
-        "problems": problems[:_LISTED],
-        "more_problems": max(0, len(problems) - _LISTED),
-        "versions": versions(),
-    }
 
 
 def _choices(sheet: Sheet) -> dict[str, Any]:
@@ -412,25 +390,7 @@ def _groups(sheet: Sheet, selection: Sequence[Selected]) -> list[tuple[str, list
     return list(groups.items())
 
 
-def _selected_for(sheet: Sheet, selection: Sequence[Selected]) -> list[Column]:
-    named = {selected.measure for selected in selection}
-    return [column for column in sheet.measures if column.name in named]
-
-
-# ==== Files of the report of a study =================================================================================
-
 # ---- Files of a study's report --------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class ReportPaths:
-    """The files of a report."""
-
-    page: Path  #: The page.
-    workbook: Path  #: Ranking, units and provenance as a workbook.
-    ranking: Path  #: The ranking as CSV.
-    #: CSV files with the traces of the best setup and the baseline by setup number, if traces were given.
-    traces: Mapping[int, Path]
 
 
 def write_study_report(
@@ -444,8 +404,8 @@ def write_study_report(
     shock_pages: Mapping[str, str] | None = None,
     aim: AimPage | None = None,
     trace_command: str = "",
-) -> ReportPaths:
-    """Write all files of a study's report without running a simulation.
+) -> Path:
+    """Write all files of a study's report without running a simulation: its page, which is returned, and tables.
 
     Args:
         out_dir: Output folder; existing files of the same names are replaced, each after the new file is complete.
@@ -455,13 +415,9 @@ def write_study_report(
     sheet, folder = sheet_of(result, certainty=certainty, trace_command=trace_command), Path(out_dir)
     chosen = selection.chosen if selection else ()
     extras = Extras(traces or {}, available_sensitivities(result), chosen, curves or {}, shock_pages or {}, aim)
-    return ReportPaths(
-        page=write_page(folder / "report.html", page(sheet, extras)),
-        workbook=write_workbook(sheet, folder / "ranking.xlsx"),
-        ranking=write_ranking(sheet, folder / "ranking.csv"),
-        traces={
-            number: write_traces(sheet, number, series, folder / "traces" / f"setup_{number}.csv")
-            for number, series in extras.traces.items()
-            if sheet.row(number) in (sheet.order[0], sheet.baseline)
-        },
-    )
+    write_workbook(sheet, folder / "ranking.xlsx")
+    write_ranking(sheet, folder / "ranking.csv")
+    for number, series in extras.traces.items():
+        if sheet.row(number) in (sheet.order[0], sheet.baseline):
+            write_traces(sheet, number, series, folder / "traces" / f"setup_{number}.csv")
+    return write_page(folder / "report.html", page(sheet, extras))

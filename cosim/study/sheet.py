@@ -21,7 +21,7 @@ from cosim.session.master import run
 from cosim.study.choice.certainty import OBJECTIVE, TIE, Certainty, Contribution, Levels, Status, TradeOff, chance_text
 from cosim.study.choice.selection import Selected
 from cosim.study.choice.sensitivity import Sensitivity
-from cosim.study.definition import Build, Parameters, Study, Term, Vehicle
+from cosim.study.definition import Build, Parameters, Study
 from cosim.study.measures import Measure
 from cosim.study.table import StoredTable, StudyResult
 from cosim.study.verdict import study_verdict
@@ -51,8 +51,7 @@ _PAGE = "documentation/index.html"
 _OWN = "resources/eightpost.json"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ShockCurve:
+class ShockCurve(NamedTuple):
     """Force of a shock at constant velocities, after its lag has died out."""
 
     velocity: Array  #: Velocities (K,) [m/s], positive in compression.
@@ -112,8 +111,6 @@ def copy_shock_pages(study: Study, folder: Path) -> Mapping[str, str]:
     return pages
 
 
-# ==== Rows ===========================================================================================================
-
 # ---- Colours of the builds of a bank --------------------------------------------------------------------------------
 
 _GOLDEN = 0.618034
@@ -148,8 +145,7 @@ class Scale(NamedTuple):
 # ---- Data of the report ---------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Uncertainty:
+class Uncertainty(NamedTuple):
     """Uncertainty of one measure of S setups; NaN if not known."""
 
     low: Array  #: (S,) lower ends of the 95 % intervals of the true values [SI].
@@ -181,8 +177,7 @@ class Column:
         return (self.values - low) / ((high - low) or 1.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Bound:
+class Bound(NamedTuple):
     """One limit of a constraint (G of Eq 2.3): `measure`, `at least` or `at most`, the value [SI]."""
 
     measure: str
@@ -276,8 +271,7 @@ class Sheet:
 AIM, AIM_PAGE = "shapes.json", "shapes.html"
 
 
-@dataclass(frozen=True, slots=True)
-class AimPage:
+class AimPage(NamedTuple):
     """Page of the curves to aim at."""
 
     path: str  #: Path relative to the page of the study.
@@ -326,8 +320,7 @@ LISTED, TRADES = 5, 8
 _GRADES = ("worse", "even", "better")
 
 
-@dataclass(frozen=True, slots=True)
-class Candidate:
+class Candidate(NamedTuple):
     """One of the tied setups."""
 
     row: int  #: Row of the setup.
@@ -337,8 +330,7 @@ class Candidate:
     high: float  #: Upper end [SI].
 
 
-@dataclass(frozen=True, slots=True)
-class TradeOffLine:
+class TradeOffLine(NamedTuple):
     """Change of a measure of the leading setup from the baseline, with its 95 % interval, as text."""
 
     measure: str
@@ -386,7 +378,9 @@ def answer_of(sheet: Sheet) -> Answer | None:
         contributions=known.contributions,
         trade_offs=lines[:TRADES] or _predicted_trade_offs(sheet, rows[0]),
         unlisted=_unlisted(lines[TRADES:]),
-        tests=tuple(_tests(sheet, known)),
+        tests=tuple(
+            (row, percent(100.0 * test.remaining)) for test in known.tests if (row := sheet.row(test.setup)) is not None
+        ),
         exact=known.assumes_exact_runs,
     )
 
@@ -499,13 +493,6 @@ def _signed(share: float) -> str:
     return f"+{text}" if share > 0.0 else text
 
 
-def _tests(sheet: Sheet, known: Certainty) -> Iterator[tuple[int, str]]:
-    for test in known.tests:
-        row = sheet.row(test.setup)
-        if row is not None:
-            yield row, percent(100.0 * test.remaining)
-
-
 def tied_rows(best: Array) -> Flags:
     """Return the smallest set of rows that contains the best one with a probability of 95 %, as flags (S,).
 
@@ -522,8 +509,6 @@ def tied_rows(best: Array) -> Flags:
 
 # ==== Data of the report from the result of a study ==================================================================
 
-# ---- Uncertainty of the measures of a study, setup by setup ---------------------------------------------------------
-
 
 def _uncertainty_of(levels: Levels | None) -> Uncertainty | None:
     """Return the uncertainty of a measure; None if it is not known."""
@@ -531,15 +516,6 @@ def _uncertainty_of(levels: Levels | None) -> Uncertainty | None:
         return None
     low, high = levels.interval()
     return Uncertainty(low, high, levels.best, tied_rows(levels.best))
-
-
-def _better_end(result: StudyResult, measure: str) -> Literal["low", "high"]:
-    """Return whether low or high values of a measure are better: high if its weight in the objective is negative."""
-    rewarded = any(term.measure == measure and term.weight < 0.0 for term in result.study.objective)
-    return "high" if rewarded else "low"
-
-
-# ---- Conversion of a study's result into the data of the report -----------------------------------------------------
 
 
 def sheet_of(result: StudyResult, *, certainty: Certainty | None = None, trace_command: str = "") -> Sheet:
@@ -550,23 +526,26 @@ def sheet_of(result: StudyResult, *, certainty: Certainty | None = None, trace_c
         trace_command: Command that computes the traces of a setup, with `{setup}` in place of its number.
     """
     levels = certainty.levels if certainty else {}
-    builds = tuple(result.study.bank)
+    builds, messages = tuple(result.study.bank), result.table["message"]
     return Sheet(
         corners=tuple(result.study.corners),
         builds=builds,
         numbers=result.setups,
         placed=result.places(builds),
-        measures=tuple(
-            _column(result, measure.name, levels.get(measure.name)) for measure in _by_interest(result.study)
-        ),
+        measures=tuple(_column(result, one.name, levels.get(one.name)) for one in _by_interest(result.study)),
         allowed=result.feasible,
         coupling_error=_numbers(result.table, "coupling_error_percent"),
         objective=_objective(result, levels.get(OBJECTIVE)),
-        failures=_failures(result),
+        failures={row: messages[row].as_py() or "it did not finish" for row in np.flatnonzero(~result.done).tolist()},
         marks=_texts(result.table, "marks"),
         baseline=result.baseline_row,
         certainty=certainty,
-        terms=tuple(_weighted(result, term) for term in result.study.objective),
+        terms=tuple(
+            Weighted(
+                one.measure, one.weight, Display.of(result.unit(one.measure), one.unit or result.unit(one.measure))
+            )
+            for one in result.study.objective
+        ),
         background=background(result, trace_command, certainty),
     )
 
@@ -597,17 +576,13 @@ def _by_interest(study: Study) -> list[Measure]:
 
 def _column(result: StudyResult, name: str, levels: Levels | None) -> Column:
     scale = Scale.of(result.unit(name), result.display(name))
-    return Column(name, scale, result.values(name), _better_end(result, name), _uncertainty_of(levels))
+    rewarded = any(term.measure == name and term.weight < 0.0 for term in result.study.objective)
+    return Column(name, scale, result.values(name), "high" if rewarded else "low", _uncertainty_of(levels))
 
 
 def _objective(result: StudyResult, levels: Levels | None) -> Column | None:
     values = result.objective
     return None if values is None else Column(OBJECTIVE, Scale.of("1"), values, uncertainty=_uncertainty_of(levels))
-
-
-def _weighted(result: StudyResult, term: Term) -> Weighted:
-    own = result.unit(term.measure)
-    return Weighted(term.measure, term.weight, Display.of(own, term.unit or own))
 
 
 def _numbers(table: pa.Table | StoredTable, name: str) -> Array:
@@ -618,11 +593,6 @@ def _texts(table: pa.Table | StoredTable, name: str) -> dict[int, str]:
     texts = table[name]
     given = np.flatnonzero(pa.compute.not_equal(texts, "").fill_null(False))
     return {row: texts[row].as_py() for row in given.tolist()}
-
-
-def _failures(result: StudyResult) -> dict[int, str]:
-    messages = result.table["message"]
-    return {row: messages[row].as_py() or "it did not finish" for row in np.flatnonzero(~result.done).tolist()}
 
 
 def _bounds(result: StudyResult) -> Iterator[Bound]:
@@ -676,13 +646,8 @@ def _origins(result: StudyResult) -> Iterator[Origin]:
     """Yield the vehicle, the builds, the drives, and the other files that were read."""
     study, source = result.study, result.provenance
     guids, digests = _by_name(source.guids), _by_name(source.digests)
-    models: dict[str, Vehicle | Build] = {
-        "vehicle": study.vehicle,
-        **{f"build {name}": build for name, build in study.bank.items()},
-    }
-    files: dict[str, tuple[PurePath, Parameters]] = {
-        what: (model.fmu, model.parameters) for what, model in models.items()
-    }
+    files: dict[str, tuple[PurePath, Parameters]] = {"vehicle": (study.vehicle.fmu, study.vehicle.parameters)}
+    files |= {f"build {name}": (build.fmu, build.parameters) for name, build in study.bank.items()}
     files |= {f"drive {drive.name}": (drive.file, {}) for drive in study.drives}
     known = {str(file) for file, _ in files.values()}
     files |= {f"file {PurePath(path).name}": (PurePath(path), {}) for path in source.digests if path not in known}

@@ -143,7 +143,11 @@ def study_schema(study: Study, measure_units: Mapping[str, str]) -> pa.Schema:
             *(pa.field(corner, pa.string()) for corner in study.corners),
             *(pa.field(m.name, pa.float64(), metadata=_words(m, measure_units[m.name])) for m in study.measures),
             *(pa.field(name, tail.get(name, pa.string())) for name in TAIL),
-            *(_error_field(m, measure_units[m.name]) for m in study.measures),
+            *(
+                pa.field(name, pa.float64(), metadata=_words(m, measure_units[m.name]) | {"label": name})
+                for m in study.measures
+                for name in (error_column(m.name),)
+            ),
         ]
     )
 
@@ -154,25 +158,11 @@ def result_table(rows: Sequence[Mapping[str, Any]], schema: pa.Schema) -> pa.Tab
     Raises:
         InputError: Two rows have the same setup number.
     """
-    return in_order(pa.Table.from_pylist(list(rows), schema=schema))
-
-
-def in_order(table: pa.Table) -> pa.Table:
-    """Return a table sorted by setup number.
-
-    Raises:
-        InputError: Two rows have the same setup number.
-    """
-    table = table.sort_by("setup")
+    table = pa.Table.from_pylist(list(rows), schema=schema).sort_by("setup")
     numbers = table["setup"].to_numpy()
     if np.unique(numbers).size < numbers.size:
         raise InputError("two rows have the same setup number")
     return table
-
-
-def _error_field(measure: Measure, unit: str) -> pa.Field:
-    name = error_column(measure.name)
-    return pa.field(name, pa.float64(), metadata=_words(measure, unit) | {"label": name})
 
 
 def _words(measure: Measure, unit: str) -> dict[str, str]:

@@ -554,7 +554,7 @@ class StudyFolder:
             shock_pages=copy_shock_pages(study, self.path),
             aim=AimPage.of(self.path, result.provenance.digest),
             trace_command=trace_command,
-        ).page
+        )
 
     def _certainty_of(self, digest: str) -> Certainty | None:
         path = self.path / CERTAINTY

@@ -30,10 +30,7 @@ if TYPE_CHECKING:
 
     from eightpost.report.pictures import Axes, Figure, Picture
 
-# ==== Comparison =====================================================================================================
-
 # ---- Comparison of measured with predicted levels -------------------------------------------------------------------
-
 
 #: Half-width of a band, in standard deviations (Fig 7.7).
 REACH = 2.0
@@ -257,29 +254,16 @@ def _faults(one: Comparison, rank: float, level: float | None) -> Iterator[Reaso
         yield WRONG_LEVEL.reason("the study's levels differ from those of the rig", figure=figure, origin=one.measure)
 
 
-def percent_change(values: Sequence[float]) -> float | None:
-    """Return the change of a measure from the first run to the last [%]; None if it is 0 in the first run."""
-    return 100.0 * (values[-1] / values[0] - 1.0) if values[0] else None
-
-
-def verdict_of_runs(documents: Mapping[str, Mapping[str, Any]]) -> Verdict:
-    """Return the verdict on compared runs, given their result.json by folder."""
-    return Verdict(
-        replace(reason, origin=f"{folder}: {reason.origin}")
-        for folder, document in documents.items()
-        for reason in _of_run(document).reasons
-    )
-
-
-def _of_run(document: Mapping[str, Any]) -> Verdict:
+def _of_run(label: str, run: Result | SavedRun) -> Iterator[Reason]:
+    """Yield the reasons of the verdict on a run, with its label in their origins."""
     try:
-        return Verdict.from_json(document.get("verdict"))
+        verdict = run.verdict if isinstance(run, Result) else Verdict.from_json(run.document.get("verdict"))
     except InputError:
-        statement = "the run has no verdict"
-        return Verdict([OLD_RUN.reason(statement, figure="0 reasons stated", origin="result.json")])
+        verdict = Verdict([OLD_RUN.reason("the run has no verdict", figure="0 reasons stated", origin="result.json")])
+    yield from (replace(reason, origin=f"{label}: {reason.origin}") for reason in verdict.reasons)
 
 
-# ==== Response measures of runs ======================================================================================
+# ---- Response measures of runs --------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -296,7 +280,8 @@ class RunComparison(Summarized):
 
     def change(self, measure: Measure) -> float | None:
         """Return the change of a measure from the first run to the last [%]; None if it is 0 in the first run."""
-        return percent_change(self.values(measure))
+        first, *_, last = self.values(measure)
+        return 100.0 * (last / first - 1.0) if first else None
 
     def _summary(self) -> Summary:
         changes = {one.name: self.change(one) for one in self.measures}
@@ -318,7 +303,7 @@ class RunComparison(Summarized):
         rows = [self.values(measure) for measure in self.measures]
         columns: dict[str, Any] = {"unit": [measure.display for measure in self.measures]}
         columns |= {label: [row[k] for row in rows] for k, label in enumerate(self.runs)}
-        columns["change"] = [percent_change(row) for row in rows]
+        columns["change"] = [self.change(measure) for measure in self.measures]
         return data_frame(columns, [measure.name for measure in self.measures], "measure", {"change": "%"})
 
     def plot(self) -> Picture:
@@ -344,19 +329,11 @@ def compare_runs(runs: Mapping[str, Result | SavedRun], vehicle: str = "car") ->
     measures = available(ride_measures(vehicle), *series) or available(channel_measures(series[0]), *series)
     if not measures:
         raise InputError(f"{next(iter(runs))} and the other runs have no channel in common")
-    documents = {
-        label: {"verdict": one.verdict.to_json()} if isinstance(one, Result) else one.document
-        for label, one in runs.items()
-    }
-    return RunComparison(settled, measures, verdict_of_runs(documents))
+    verdict = Verdict(reason for label, run in runs.items() for reason in _of_run(label, run))
+    return RunComparison(settled, measures, verdict)
 
-
-# ==== Files and plots of comparisons =================================================================================
 
 # ---- JSON file of the comparisons of measured with predicted levels -------------------------------------------------
-
-#: Schema version of the files that are written.
-SCHEMA = 1
 
 
 def write_comparisons(
@@ -364,7 +341,7 @@ def write_comparisons(
 ) -> None:
     """Write comparisons as JSON, levels in SI."""
     document = sealed({
-        "schema": SCHEMA,
+        "schema": 1,
         "kind": "comparison",
         "tool": f"eightpost {__version__}",
         "verdict": verdict.to_json(),

@@ -134,7 +134,7 @@ def _tell(algorithm: Any, population: Any, scores: Scores) -> None:
 
 # ==== Search for the best setups of a bank that is too large to run completely =======================================
 
-# ---- Pareto front of setups and its hypervolume ---------------------------------------------------------------------
+# ---- Pareto front of setups: without pymoo, as small banks are evaluated completely without it ----------------------
 
 
 def pareto_front(values: Array) -> Flags:
@@ -157,37 +157,11 @@ def pareto_front(values: Array) -> Flags:
     return front
 
 
-def hypervolume(values: Array, reference: Array) -> float:
-    """Return the hypervolume that a set of setups dominates, up to a reference point.
-
-    The volume is sliced along the last response, recursively; this is suitable for fronts of up to some hundred setups.
-
-    Args:
-        values: Responses (N, M); lower is better.
-        reference: Reference point (M,); setups that do not dominate it are ignored.
-
-    Returns:
-        Hypervolume, in the product of the M units.
-    """
-    front = values[(values < reference).all(axis=1)]
-    front = np.unique(front[pareto_front(front)], axis=0)
-    if front.shape[0] == 0:
-        return 0.0
-    if front.shape[1] == 1:
-        return float(reference[0] - front.min())
-    front = front[np.argsort(front[:, -1], kind="stable")]
-    heights = np.diff(front[:, -1], append=reference[-1])
-    slices = (hypervolume(front[: n + 1, :-1], reference[:-1]) for n in range(front.shape[0]))
-    return float(sum(area * height for area, height in zip(slices, heights, strict=True)))
-
-
 # ---- Integer optimisation -------------------------------------------------------------------------------------------
 
 
 #: Number of setups in a generation; with 7 builds at 4 corners, 10 to 40 need the same number of evaluations.
 POPULATION = 20
-
-Evaluate = Callable[[Integers], Scores]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -223,7 +197,7 @@ class Optimum:
 
 def optimise(
     space: SetupSpace,
-    evaluate: Evaluate,
+    evaluate: Callable[[Integers], Scores],
     *,
     evaluations: int,
     seed: int = 0,
@@ -248,34 +222,21 @@ def optimise(
         )
     factors = factors_of(space)
     counts = tuple(len(factor.builds) for factor in factors)
-    trials = _Trials(space, evaluate)
+    indices, scores = list[Integers](), list[Scores]()
+
+    def run(levels: Integers) -> Scores:
+        indices.append(indices_of(space, levels))
+        scores.append(evaluate(indices[-1]))
+        return scores[-1]
+
+    status = "every setup was evaluated"
     if prod(counts) <= evaluations:
-        trials.run(np.stack(np.unravel_index(np.arange(prod(counts)), counts), axis=-1))
-        return trials.optimum(seed, "every setup was evaluated")
-    first = _first_generation(counts, population, levels_of(space, np.array(start, dtype=np.int64)), seed)
-    status = evolve(trials.run, counts, first, evaluations=evaluations, seed=seed)
-    return trials.optimum(seed, status)
-
-
-@dataclass(slots=True)
-class _Trials:
-    """Setups evaluated so far."""
-
-    space: SetupSpace  #: Space of the setups.
-    evaluate: Evaluate  #: Function that runs setups by number.
-    indices: list[Integers] = field(default_factory=list)  #: Numbers of the setups, batch by batch.
-    scores: list[Scores] = field(default_factory=list)  #: Objectives and violations of the setups, batch by batch.
-
-    def run(self, levels: Integers) -> Scores:
-        """Evaluate a batch of setups by their levels (K, F)."""
-        self.indices.append(indices_of(self.space, levels))
-        self.scores.append(self.evaluate(self.indices[-1]))
-        return self.scores[-1]
-
-    def optimum(self, seed: int, status: str) -> Optimum:
-        """Return the evaluated setups with the reason why the search ended."""
-        objectives, violations = (np.concatenate(part) for part in zip(*self.scores, strict=True))
-        return Optimum(np.concatenate(self.indices), objectives, violations, seed, status)
+        run(np.stack(np.unravel_index(np.arange(prod(counts)), counts), axis=-1))
+    else:
+        first = _first_generation(counts, population, levels_of(space, np.array(start, dtype=np.int64)), seed)
+        status = evolve(run, counts, first, evaluations=evaluations, seed=seed)
+    objectives, violations = (np.concatenate(part) for part in zip(*scores, strict=True))
+    return Optimum(np.concatenate(indices), objectives, violations, seed, status)
 
 
 def _first_generation(counts: tuple[int, ...], population: int, start: Integers, seed: int) -> Integers:
@@ -376,8 +337,6 @@ def objectives_in_words(study: Study, search: Search) -> str:
 
 
 # ==== Search over continuous numbers of the shocks at each corner, for the best mean plus scatter of the objective ===
-
-# ==== The search =====================================================================================================
 # scipy's SLSQP minimises the study's objective under its constraints from several starts; gradients are differences of
 # runs, a batch for each step, so that all cores are busy (D. Kraft, DFVLR-FB 88-28, 1988).
 
@@ -585,7 +544,7 @@ class Problem:
         return scores_of(result, result.setups, self._objectives)
 
 
-# ---- The search -----------------------------------------------------------------------------------------------------
+# ---- The search with SLSQP ------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,8 +28,7 @@ from eightpost.signals import TimeSeries
 _MISSING = 2.0
 
 
-@dataclass(frozen=True, slots=True)
-class MeasuredRun:
+class MeasuredRun(NamedTuple):
     """One run on the rig."""
 
     file: Path  #: Record of the run.
@@ -36,8 +36,7 @@ class MeasuredRun:
     drive: str  #: Name of the drive.
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Measured:
+class Measured(NamedTuple):
     """Measures of R runs on one or several drives."""
 
     setups: Integers  #: Setup number of each run (R,).
@@ -170,7 +169,10 @@ def _setup(cells: Mapping[str, str], space: SetupSpace) -> int:
         raise InputError(
             f"there is no setup; state its number in a column `setup`, or builds at {', '.join(space.corners)}"
         )
-    number = _number(cells["setup"]) if cells.get("setup") else None
+    text = cells.get("setup", "")
+    if text and not text.isdecimal():
+        raise InputError(f"setup must be a number, not {text!r}")
+    number = int(text) if text else None
     if not builds and number is not None:
         return space.setup(number).index
     found = space.find(builds).index
@@ -180,12 +182,6 @@ def _setup(cells: Mapping[str, str], space: SetupSpace) -> int:
             "the builds"
         )
     return found
-
-
-def _number(text: str) -> int:
-    if not text.isdecimal():
-        raise InputError(f"setup must be a number, not {text!r}")
-    return int(text)
 
 
 def _measures(series: TimeSeries, drive: Drive, study: Study, file: Path) -> Iterator[tuple[str, float]]:
@@ -235,7 +231,7 @@ def compare_with_rig(
     if means:
         notes.append(f"left out, because the zero of the rig differs: {', '.join(means)}; compare one with --measure")
     names = [name for name in measures or rig.values if name in rig.values and name not in means]
-    compared = comparisons(result, replace(rig, values={name: rig.values[name] for name in names}), certainty)
+    compared = comparisons(result, rig._replace(values={name: rig.values[name] for name in names}), certainty)
     if not compared:
         raise InputError(f"{path}: no measure can be compared: {'; '.join(notes)}")
     return len(runs), compared, notes
@@ -366,12 +362,8 @@ def repeated_noise(runs: Sequence[ConfirmedRun]) -> Mapping[str, float]:
 
     It is increased for the number of repeats; see `usable_deviation`.
     """
-    names = dict.fromkeys(name for run in runs for name in run.values)
-    return dict(_repeated(runs, names))
-
-
-def _repeated(runs: Sequence[ConfirmedRun], names: Mapping[str, None]) -> Iterator[tuple[str, float]]:
-    for name in names:
+    found = dict[str, float]()
+    for name in dict.fromkeys(name for run in runs for name in run.values):
         squares, freedom = 0.0, 0
         for setup in dict.fromkeys((run.setup, run.drive) for run in runs):
             values = [run.values[name] for run in runs if (run.setup, run.drive) == setup and name in run.values]
@@ -379,4 +371,5 @@ def _repeated(runs: Sequence[ConfirmedRun], names: Mapping[str, None]) -> Iterat
                 squares += float(np.sum((np.array(values) - np.mean(values)) ** 2))
                 freedom += len(values) - 1
         if freedom:
-            yield name, usable_deviation(float(np.sqrt(squares / freedom)), freedom)
+            found[name] = usable_deviation(float(np.sqrt(squares / freedom)), freedom)
+    return found

@@ -102,7 +102,8 @@ def select(
     if share is None:
         names = _names(result, measures, total)
         tests = _tests(result, rows, certainty, total - 2 * len(names))
-        counts: Mapping[str, int] = _divided(names, total - len(tests))
+        each, left = divmod((total - len(tests)) // 2, len(names))
+        counts: Mapping[str, int] = {name: each + (place < left) for place, name in enumerate(names)}
     else:
         counts = share
         tests = _tests(result, rows, certainty, rows.size - 2 * sum(share.values()))
@@ -153,12 +154,6 @@ def _names(result: StudyResult, measures: Sequence[str], total: int) -> list[str
             f"{total} setups are too few for both ends of {len(names)} measures; select {2 * len(names)} or more"
         )
     return names
-
-
-def _divided(names: Sequence[str], total: int) -> dict[str, int]:
-    """Return the number of setups at each end by measure."""
-    each, left = divmod(total // 2, len(names))
-    return {name: each + (place < left) for place, name in enumerate(names)}
 
 
 def _order(rows: Integers, values: Array) -> Integers:
@@ -237,20 +232,16 @@ def read_selection(path: str | Path, result: StudyResult) -> Selection:
     path = Path(path)
     text = read_text(path)
     try:
-        rows = [row for row in _rows(text) if row["end"] in _ENDS]
-        return selection_of(result, [_selection_file_selected(row, result) for row in rows])
+        heads, *lines = csv.reader(io.StringIO(text, newline=""))
+        rows = [dict(zip(map(plain_cell, heads), map(plain_cell, line), strict=True)) for line in lines if line]
+        return selection_of(result, [_read(row, result) for row in rows if row["end"] in _ENDS])
     except (csv.Error, *MALFORMED) as error:
         raise FileFormatError(
             f"is not a selection of this study ({error}); run `eightpost select` again", path=path
         ) from error
 
 
-def _rows(text: str) -> list[dict[str, str]]:
-    heads, *lines = csv.reader(io.StringIO(text, newline=""))
-    return [dict(zip(map(plain_cell, heads), map(plain_cell, line), strict=True)) for line in lines if line]
-
-
-def _selection_file_selected(row: dict[str, str], result: StudyResult) -> Selected:
+def _read(row: dict[str, str], result: StudyResult) -> Selected:
     setup = result.study.space.setup(int(row["setup"]))
     if (place := result.row(setup.builds)) is None:
         raise InputError(f"setup {setup.index} was not run in the study")

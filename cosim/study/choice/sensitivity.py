@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations
+from math import prod
 from pathlib import Path
 from typing import Any, Literal
 
@@ -86,11 +87,6 @@ def _groups(space: SetupSpace) -> list[tuple[str, ...]]:
     return list(dict.fromkeys(sorted_groups))
 
 
-def varied(factors: Sequence[Factor]) -> list[int]:
-    """Return the indices of the factors with two or more builds."""
-    return [place for place, factor in enumerate(factors) if len(factor.builds) > 1]
-
-
 # ---- Sensitivity of measures to the corners -------------------------------------------------------------------------
 
 
@@ -121,7 +117,8 @@ class Sensitivity:
 
     def share(self, *names: str) -> float:
         """Return the share of the variance [1] of a factor, or of the interaction of two factors."""
-        term = self.main[names[0]] if len(names) == 1 else self._pair(*names)
+        pairs = {**self.pairs, **{(second, first): term for (first, second), term in self.pairs.items()}}
+        term = self.main[names[0]] if len(names) == 1 else pairs[names[0], names[1]]
         return self._part(float(np.mean(term**2)))
 
     def total(self, name: str) -> float:
@@ -132,15 +129,6 @@ class Sensitivity:
     def rest_share(self) -> float:
         """Share of the variance [1] that neither main effects nor pairs explain."""
         return self._part(self.rest)
-
-    def shares(self) -> Iterator[tuple[str, float]]:
-        """Yield names and shares of the variance [1]: factors, pairs (`lf x rf`), rest."""
-        yield from ((name, self.share(name)) for name in self.main)
-        yield from ((" x ".join(pair), self.share(*pair)) for pair in self.pairs)
-        yield "rest", self.rest_share
-
-    def _pair(self, first: str, second: str) -> Array:
-        return self.pairs[first, second] if (first, second) in self.pairs else self.pairs[second, first]
 
     def _part(self, variance: float) -> float:
         return variance / self.variance if self.variance > 0.0 else 0.0
@@ -177,7 +165,7 @@ def available_sensitivities(result: StudyResult) -> tuple[Sensitivity, ...]:
 def _varied(result: StudyResult) -> tuple[list[Factor], Integers]:
     """Return the factors with two or more builds, and their levels (N, F), one row per setup."""
     factors = factors_of(result.study.space)
-    free = varied(factors)
+    free = [place for place, factor in enumerate(factors) if len(factor.builds) > 1]
     return [factors[k] for k in free], levels_of(result.study.space, result.setups)[:, free]
 
 
@@ -189,26 +177,12 @@ def sensitivity(factors: Sequence[Factor], levels: Integers, values: Array, meas
         values: Values of the measure (N,); failed setups (NaN) are ignored.
 
     Raises:
-        InputError: The shapes disagree, a setup occurs twice, or too few setups were run for the main effects.
+        InputError: Too few setups were run for the main effects.
     """
-    shape = tuple(len(factor.builds) for factor in factors)
-    levels, values = _checked(shape, levels, values, measure)
-    if values.size == np.prod(shape, dtype=np.int64):
-        return _exact(factors, levels, values, measure)
-    return _fitted(factors, levels, values, measure)
-
-
-def _checked(shape: tuple[int, ...], levels: Integers, values: Array, measure: str) -> tuple[Integers, Array]:
-    if levels.shape != (values.size, len(shape)):
-        raise InputError(
-            f"{measure}: {values.size} values of {len(shape)} factors need levels of the shape "
-            f"{(values.size, len(shape))}, not {levels.shape}"
-        )
     done = np.isfinite(values)
-    numbers = np.ravel_multi_index(tuple(levels[done].T), shape)
-    if np.unique(numbers).size != numbers.size:
-        raise InputError(f"{measure}: a setup occurs twice; give each setup once")
-    return np.ascontiguousarray(levels[done], dtype=np.int64), values[done]
+    levels, values = np.ascontiguousarray(levels[done], dtype=np.int64), values[done]
+    whole = values.size == prod(len(factor.builds) for factor in factors)
+    return (_exact if whole else _fitted)(factors, levels, values, measure)
 
 
 def _exact(factors: Sequence[Factor], levels: Integers, values: Array, measure: str) -> Sensitivity:
@@ -236,7 +210,11 @@ def _fitted(factors: Sequence[Factor], levels: Integers, values: Array, measure:
         if design is not None:
             break
     else:
-        raise InputError(_too_few(factors, values.size, measure))
+        needed = 2 + sum(len(f.builds) - 1 for f in factors)
+        raise InputError(
+            f"{measure}: {values.size} setups are too few to separate the factors; run {needed} or more, with every "
+            "build at every position and no two positions always alike"
+        )
     (mean, *effects), squares = design.solve(values)
     main = {factor.name: effect for factor, effect in zip(factors, effects, strict=False)}
     joint = {
@@ -304,29 +282,12 @@ def _block(first: tuple[Integers, Array], second: tuple[Integers, Array]) -> Arr
     return np.asarray(code.T @ counts @ coded, dtype=np.float64)
 
 
-def _too_few(factors: Sequence[Factor], setups: int, measure: str) -> str:
-    needed = 2 + sum(len(f.builds) - 1 for f in factors)
-    return (
-        f"{measure}: {setups} setups are too few to separate the factors; run {needed} or more, with every build at "
-        "every position and no two positions always alike"
-    )
-
-
 # ---- Table of sensitivities, with one row per term and builds, for other programs and for plots ---------------------
 
-_COLUMNS = pa.schema(
-    [
-        ("measure", pa.string()),
-        ("unit", pa.string()),
-        ("first", pa.string()),
-        ("second", pa.string()),
-        ("first_build", pa.string()),
-        ("second_build", pa.string()),
-        ("effect", pa.float64()),
-        ("share", pa.float64()),
-        ("method", pa.string()),
-    ]
-)
+_COLUMNS = pa.schema({
+    **dict.fromkeys(("measure", "unit", "first", "second", "first_build", "second_build"), pa.string()),
+    "effect": pa.float64(), "share": pa.float64(), "method": pa.string(),
+})  # fmt: skip
 
 
 def write_terms(sensitivities: Sequence[Sensitivity], units: Mapping[str, str], path: str | Path) -> None:

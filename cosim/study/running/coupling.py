@@ -80,21 +80,15 @@ def choose_coupling(evaluator: Evaluator) -> Coupling:
         f"{scheme} at {1e3 * coupling.step:.4g} ms; coupling error from compared runs: {', '.join(steps)}",
         f"chosen on: {'; '.join(map(str, pilots))}",
     )
-    model = _error_model(evaluator, [*pilots, *random_setups(evaluator, pilots)], coupling)
+    model = _error_model(evaluator, [*pilots, *_random_setups(evaluator.study, _PILOTS, pilots)], coupling)
     return replace(coupling, errors=model, stated_error=max(errors), notes=notes)
 
 
-def random_setups(evaluator: Evaluator, known: list[Setup]) -> list[Setup]:
-    """Return random setups of the study other than the known ones; they are the same for every call."""
-    found = random_indices(evaluator.study, _PILOTS, [setup.index for setup in known])
-    return [evaluator.study.space.setup(index) for index in found]
-
-
-def random_indices(study: Study, count: int, known: Sequence[int] = ()) -> list[int]:
-    """Return up to so many numbers of random setups other than the known ones; they are the same for every call."""
-    left = np.setdiff1d(study.space.indices, known)
-    chosen: list[int] = np.random.default_rng(_SEED).choice(left, min(count, left.size), replace=False).tolist()
-    return chosen
+def _random_setups(study: Study, count: int, known: Sequence[Setup] = ()) -> list[Setup]:
+    """Return up to so many random setups other than the known ones; they are the same for every call."""
+    left = np.setdiff1d(study.space.indices, [setup.index for setup in known])
+    chosen = np.random.default_rng(_SEED).choice(left, min(count, left.size), replace=False)
+    return [study.space.setup(index) for index in chosen.tolist()]
 
 
 def _error_model(evaluator: Evaluator, setups: list[Setup], coupling: Coupling) -> ErrorModel | None:
@@ -244,7 +238,8 @@ def _choose_machine(evaluator: Evaluator) -> tuple[MachineCoupling, tuple[str, .
     which also calibrates the estimate of a setup's error.
     """
     study = evaluator.study
-    parts, tried, pilots = ceil(study.record_step / _FIRST - 1e-9), list[str](), _pilots(evaluator)
+    parts, tried, pilots = ceil(study.record_step / _FIRST - 1e-9), list[str](), candidates(evaluator)
+    pilots += _random_setups(study, _PILOTS, pilots)
     before = inf
     recorded = sorted(evaluator.decisive(pilots[0]))
     while True:
@@ -266,11 +261,6 @@ def _choose_machine(evaluator: Evaluator) -> tuple[MachineCoupling, tuple[str, .
         f"{coarse.lanes} setups at once ({width}), step and largest error of {len(found)} setups: {', '.join(tried)}",
     )
     return MachineCoupling(step, fit_error_model(found), worst), notes, coarse
-
-
-def _pilots(evaluator: Evaluator) -> list[Setup]:
-    known = candidates(evaluator)
-    return [*known, *random_setups(evaluator, known)]
 
 
 def _compare(evaluator: Evaluator, coarse: Batches, fine: Batches, setups: Sequence[Setup]) -> list[Pilot]:
@@ -332,7 +322,7 @@ def _with_every_build(evaluator: Evaluator, has: Callable[[Setup], bool]) -> Ite
     """Yield the baseline, and setups of the machine with all builds of the bank, if not too many."""
     study, seen = evaluator.study, set[str]()
     baseline = [setup for setup in (study.baseline_setup,) if setup and has(setup)]
-    left = [*filter(has, map(study.space.setup, random_indices(study, _SEARCHED)))]
+    left = [*filter(has, _random_setups(study, _SEARCHED))]
     for _ in range(min(_MOST_COMPARED, len(left))):
         chosen = baseline.pop() if baseline else max(left, key=lambda setup: len({*setup.builds.values()} - seen))
         if {*chosen.builds.values()} <= seen:

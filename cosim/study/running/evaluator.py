@@ -1,4 +1,4 @@
-"""Estimate of a study's coupling errors from the local errors that the bonds of each run measure."""
+"""Evaluation of setups: coupled runs of a vehicle and the shocks of a setup, reduced to measures, and their errors."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -32,6 +32,8 @@ from eightpost.errors import EightpostError, WiringError
 from eightpost.machine.reasons import NotInBatchError
 from eightpost.signals import TimeSeries
 from eightpost.workers.pool import heartbeat
+
+# ---- Estimate of coupling errors from the local errors that the bonds of each run measure ---------------------------
 
 
 class CoupledRun(Protocol):
@@ -73,8 +75,7 @@ class ErrorModel:
         return np.array([local[end] for end in self.ends]) ** 2
 
 
-@dataclass(frozen=True, slots=True)
-class Pilot:
+class Pilot(NamedTuple):
     """A run with known coupling errors."""
 
     result: CoupledRun  #: Run at the study's step.
@@ -135,8 +136,6 @@ def _mean(estimated: Array, known_squares: Array) -> float:
     """Return the factor of the mean squares; the errors of measures change sign, and may be zero by chance."""
     return float(estimated.mean() / known_squares.mean()) or 1.0
 
-
-# ==== Evaluation of setups: coupled runs of a vehicle and the shocks of a setup, reduced to measures =================
 
 # ---- Evaluator of setups --------------------------------------------------------------------------------------------
 
@@ -270,6 +269,7 @@ class Evaluator:
 
     def row(self, setup: Setup, coupling: Coupling) -> Row:
         """Run a setup on every drive and return its row; failures are reported in the row and not raised."""
+        heartbeat()
         began = clock.perf_counter()
         found: Row = {"setup": setup.index, **setup.builds, **dict.fromkeys(m.name for m in self.study.measures)}
         try:
@@ -285,9 +285,9 @@ class Evaluator:
         """
         batches = self.batches(coupling)
         if batches is None:
-            return [self._row_alive(setup, coupling) for setup in setups]
+            return [self.row(setup, coupling) for setup in setups]
         return [
-            self._row_alive(setup, coupling) if runs is None else self._batch_row(setup, coupling, runs, seconds)
+            self.row(setup, coupling) if runs is None else self._batch_row(setup, coupling, runs, seconds)
             for setup, runs, seconds in batches.runs(setups)
         ]
 
@@ -336,28 +336,15 @@ class Evaluator:
             StepError: An FMU failed, or the coupling diverged.
         """
         recorded = tuple(dict.fromkeys(channel for measure in self.study.measures for channel in measure.channels))
-        for setup, runs in self._machine_or_none(setups, coupling, recorded):
+        found: Iterable[tuple[Setup, dict[str, BatchRun] | None, float]] = ((setup, None, 0.0) for setup in setups)
+        if coupling.machine is not None:
+            with suppress(NotInBatchError, EightpostError):
+                found = Batches(self, coupling.machine.step, recorded, measured=False).runs(setups)
+        for setup, runs, _ in found:
             if runs is None:
                 yield setup, {d.name: self.run(setup, d, coupling).series for d in self.study.drives}
             else:
                 yield setup, {name: run.channels() for name, run in runs.items()}
-
-    def _machine_or_none(
-        self, setups: Sequence[Setup], coupling: Coupling, recorded: Sequence[str]
-    ) -> Iterator[tuple[Setup, dict[str, BatchRun] | None]]:
-        """Yield setups with the machine's runs; None if they run through the FMUs."""
-        batches = None
-        if coupling.machine is not None:
-            with suppress(NotInBatchError, EightpostError):
-                batches = Batches(self, coupling.machine.step, recorded, measured=False)
-        if batches is None:
-            yield from ((setup, None) for setup in setups)
-        else:
-            yield from ((setup, runs) for setup, runs, _ in batches.runs(setups))
-
-    def _row_alive(self, setup: Setup, coupling: Coupling) -> Row:
-        heartbeat()
-        return self.row(setup, coupling)
 
     def _batch_row(self, setup: Setup, coupling: Coupling, runs: Mapping[str, BatchRun], seconds: float) -> Row:
         found: Row = {"setup": setup.index, **setup.builds}

@@ -91,7 +91,7 @@ def test_later_repeats_replace_a_run_to_run_deviation_unless_it_is_stated(tmp_pa
             time = np.arange(0.0, 30.001, 0.01)
             wave = np.sqrt(2.0) * level * np.sin(2.0 * np.pi * time)
             series = TimeSeries.from_channels(time, {"o0": ("1", wave)})
-            known = with_rig_runs(study, known, [MeasuredRun(file, setup, "lap")], lambda _, s=series: s).known
+            known = with_rig_runs(study, known, [MeasuredRun(file, setup, "lap")], lambda _, s=series: s)[0]
     factor = 1.0 if stated else usable_deviation(1.0, 2)
     assert known.run_to_run["a"] == pytest.approx(factor * expected, rel=0.01)
 
