@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cached_property
@@ -57,16 +57,13 @@ def check_corners(corners: Collection[str], vehicle: Component, file: Path) -> N
     if not known:
         raise InputError(f"vehicle.fmu: {file} has no port for a shock, so it is no vehicle that a study can run; name "
                          "a vehicle file or the FMU of a vehicle (docs/reference/ports.md)")  # fmt: skip
-    listed = f"{file} has {_counted(known)}"
+    count = f"the port {known[0]!r} only" if len(known) == 1 else f"ports at {', '.join(known)}"
+    listed = f"{file} has {count}"
     if unknown := [corner for corner in corners if corner not in known]:
         raise InputError(f"corners: the vehicle has no port {unknown[0]!r}; {listed}. Name its ports in [corners], or "
                          "a vehicle that has these corners")  # fmt: skip
     if missing := [corner for corner in known if corner not in corners]:
         raise InputError(f"corners: {missing[0]} has no shock; {listed}. Name the builds allowed at {missing[0]}")
-
-
-def _counted(known: Sequence[str]) -> str:
-    return f"the port {known[0]!r} only" if len(known) == 1 else f"ports at {', '.join(known)}"
 
 
 # ---- Setups: one build of the bank at every corner, numbered --------------------------------------------------------
@@ -317,7 +314,11 @@ class Study:
         self._check_unique("measure", [measure.name for measure in self.measures])
         self._check_unique("drive", [drive.name for drive in self.drives])
         for drive in self.drives:
-            self._check_times(drive)
+            if not 0.0 <= self.settling < drive.stop:
+                raise InputError(
+                    f"settling is {self.settling:g} s; it must be shorter than the run on {drive.name!r} "
+                    f"({drive.stop:g} s)"
+                )
         for measure in self.measures:
             if measure.drive and measure.drive not in [drive.name for drive in self.drives]:
                 raise InputError(
@@ -393,17 +394,11 @@ class Study:
         if repeated := sorted({name for name in names if names.count(name) > 1}):
             raise InputError(f"two {what}s are called {repeated[0]!r}; names must be unique")
 
-    def _check_times(self, drive: Drive) -> None:
-        if not 0.0 <= self.settling < drive.stop:
-            raise InputError(
-                f"settling is {self.settling:g} s; it must be shorter than the run on {drive.name!r} ({drive.stop:g} s)"
-            )
-
 
 _ADAPTER: TypeAdapter[Study] = TypeAdapter(Study)
 
 
-# ==== Drive files of a study for the co-simulation master ============================================================
+# ---- Drive files ----------------------------------------------------------------------------------------------------
 
 #: Number of cached samples; a run requests the drive at its start and at all of its steps.
 _CACHED = 4

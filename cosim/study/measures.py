@@ -207,10 +207,12 @@ def sections_of(low: float, high: float, rate: float) -> Sections | None:
 
 
 def _designed(low: float, high: float, rate: float) -> Sections:
-    open_high = not np.isfinite(high)
-    kind = "highpass" if open_high else "bandpass" if low > 0.0 else "lowpass"
-    edges = low if open_high else (low, high) if low > 0.0 else high
-    rows = scipy.signal.butter(_ORDER, edges, btype=kind, fs=rate, output="sos")
+    if low > 0.0 and np.isfinite(high):
+        rows = scipy.signal.butter(_ORDER, (low, high), btype="bandpass", fs=rate, output="sos")
+    elif low > 0.0:
+        rows = scipy.signal.butter(_ORDER, low, btype="highpass", fs=rate, output="sos")
+    else:
+        rows = scipy.signal.butter(_ORDER, high, btype="lowpass", fs=rate, output="sos")
     return Sections(np.asarray(rows), np.asarray(scipy.signal.sosfilt_zi(rows)))
 
 

@@ -38,7 +38,7 @@ from eightpost.report.page import write_page
 from eightpost.report.tables import Tile
 from eightpost.signals import TimeSeries
 
-# ==== Data ===========================================================================================================
+# ---- Data of the page's script --------------------------------------------------------------------------------------
 
 #: Highest frequency of the spectra of the page [Hz].
 _HIGHEST = 60.0
@@ -46,7 +46,7 @@ _HIGHEST = 60.0
 
 def packed(sheet: Sheet, extras: Extras, picked: Sequence[int]) -> tuple[dict[str, Any], str]:
     """Return the manifest, which states where each number is stored, and the numbers."""
-    store = Store()
+    store, known = Store(), sheet.certainty
     order, done = sheet.order, int(sheet.done.sum())
     place = {column.name: k for k, column in enumerate(shown_columns(sheet))}
     manifest = {
@@ -60,7 +60,9 @@ def packed(sheet: Sheet, extras: Extras, picked: Sequence[int]) -> tuple[dict[st
         "rank": store.add(np.argsort(order).astype(float) + 1.0),
         "allowed": store.add(sheet.allowed.astype(float)),
         "error": store.add(sheet.coupling_error),
-        "chance": _chance(store, sheet),
+        "chance": None
+        if known is None or known.leader is None
+        else {"name": chance(known), "at": store.add(known.best)},
         "ties": tied(sheet),
         "columns": [_column(store, column) for column in shown_columns(sheet)],
         "objective": sheet.objective.name if sheet.objective else None,
@@ -75,20 +77,15 @@ def packed(sheet: Sheet, extras: Extras, picked: Sequence[int]) -> tuple[dict[st
         "trace_command": sheet.background.trace_command,
         "sensitivities": list(_sensitivities(sheet, extras.sensitivities)),
         "spectra": dict(_spectra(store, extras.traces)),
-        "curves": {name: _curve(store, curve) for name, curve in extras.curves.items()},
+        "curves": {
+            name: {"velocity": store.add(one.velocity), "force": store.add(one.force), "count": one.velocity.size}
+            for name, one in extras.curves.items()
+        },
         "force": _scale(Scale.of("N")),
         "velocity": _scale(Scale.of("m/s")),
         "pages": extras.shock_pages,
     }
     return manifest, store.text
-
-
-def _chance(store: Store, sheet: Sheet) -> dict[str, Any] | None:
-    """Return the probability of each setup of being the best, and its heading; None if it was not computed."""
-    known = sheet.certainty
-    if known is None or known.leader is None:
-        return None
-    return {"name": chance(known), "at": store.add(known.best)}
 
 
 def _limits(sheet: Sheet) -> dict[str, dict[str, float | None]]:
@@ -163,10 +160,6 @@ def _spectra(store: Store, recorded: Mapping[int, TimeSeries]) -> Iterator[tuple
         yield number, {"at": store.add_single(found.frequency[kept]), "count": int(kept.sum()), "channels": channels}
 
 
-def _curve(store: Store, curve: ShockCurve) -> dict[str, Any]:
-    return {"velocity": store.add(curve.velocity), "force": store.add(curve.force), "count": curve.velocity.size}
-
-
 def _channel(store: Store, name: str, unit: str, values: Array) -> dict[str, Any]:
     return {
         "name": name,
@@ -195,8 +188,6 @@ def _sensitivities(sheet: Sheet, terms: Sequence[Sensitivity]) -> Iterator[dict[
             ],
         }
 
-
-# ==== Page ===========================================================================================================
 
 # ---- Corner whose build explains most of a measure ------------------------------------------------------------------
 

@@ -535,7 +535,9 @@ def sheet_of(result: StudyResult, *, certainty: Certainty | None = None, trace_c
         measures=tuple(_column(result, one.name, levels.get(one.name)) for one in _by_interest(result.study)),
         allowed=result.feasible,
         coupling_error=_numbers(result.table, "coupling_error_percent"),
-        objective=_objective(result, levels.get(OBJECTIVE)),
+        objective=None
+        if result.objective is None
+        else Column(OBJECTIVE, Scale.of("1"), result.objective, uncertainty=_uncertainty_of(levels.get(OBJECTIVE))),
         failures={row: messages[row].as_py() or "it did not finish" for row in np.flatnonzero(~result.done).tolist()},
         marks=_texts(result.table, "marks"),
         baseline=result.baseline_row,
@@ -554,11 +556,17 @@ def background(result: StudyResult, trace_command: str, certainty: Certainty | N
     """Return objective, constraints, notes, settings and files of a result."""
     study = result.study
     terms = " + ".join(f"{term.weight:g} × ({term.measure} [{term.unit}])" for term in study.objective)
+    notes = list[str]()
+    if result.partial:
+        counts = f"{len(result)} of {len(study.space)} setups were run"
+        notes.append(f"The study is not complete: {counts}. Levels and ranks are of these.")
+    if not study.vehicle.means_trusted:
+        notes.append("The vehicle's response to constant inputs is not trusted, so the study has no measures of means.")
     return Background(
         title=study.name or "Setup study",
         objective=terms,
         constraints=tuple(_bounds(result)),
-        notes=tuple(_notes(result)),
+        notes=tuple(notes),
         facts=tuple(_facts(result)),
         origins=tuple(_origins(result)),
         trace_command=trace_command,
@@ -580,11 +588,6 @@ def _column(result: StudyResult, name: str, levels: Levels | None) -> Column:
     return Column(name, scale, result.values(name), "high" if rewarded else "low", _uncertainty_of(levels))
 
 
-def _objective(result: StudyResult, levels: Levels | None) -> Column | None:
-    values = result.objective
-    return None if values is None else Column(OBJECTIVE, Scale.of("1"), values, uncertainty=_uncertainty_of(levels))
-
-
 def _numbers(table: pa.Table | StoredTable, name: str) -> Array:
     return np.asarray(table[name].to_numpy(zero_copy_only=False), dtype=np.float64)
 
@@ -603,14 +606,6 @@ def _bounds(result: StudyResult) -> Iterator[Bound]:
             yield Bound(name, "at least", constraint.at_least, scale)
         if isfinite(constraint.at_most):
             yield Bound(name, "at most", constraint.at_most, scale)
-
-
-def _notes(result: StudyResult) -> Iterator[str]:
-    if result.partial:
-        total = len(result.study.space)
-        yield f"The study is not complete: {len(result)} of {total} setups were run. Levels and ranks are of these."
-    if not result.study.vehicle.means_trusted:
-        yield "The vehicle's response to constant inputs is not trusted, so the study has no measures of means."
 
 
 def _facts(result: StudyResult) -> Iterator[tuple[str, str]]:

@@ -270,7 +270,7 @@ class _Reader:
         common = [m for name in self._content.families for m in family(name, known)]
         common = [m for m in common if vehicle.means_trusted or not m.absolute]
         several = drives if len(drives) > 1 else ()
-        spread = [_of_drive(m, drive) for drive in several for m in common] or common
+        spread = [replace(m, name=f"{d.name}: {m.name}", drive=d.name) for d in several for m in common] or common
         unique = {m.name: m for m in spread}
         return (*unique.values(), *(self._measure(m) for m in self._content.measure))
 
@@ -339,10 +339,6 @@ def _not_a_shock(component: FmuComponent) -> str:
         causality = " and ".join(f"{name} is of causality {known[name].causality}" for name in ("velocity", "force"))
         return f"its {causality} (input and output in a shock)"
     return ""
-
-
-def _of_drive(measure: Measure, drive: Drive) -> Measure:
-    return replace(measure, name=f"{drive.name}: {measure.name}", drive=drive.name)
 
 
 def _term(term: _Term, measures: tuple[Measure, ...]) -> Term:

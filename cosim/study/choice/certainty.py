@@ -300,13 +300,12 @@ def _trade_offs(certainty: Certainty) -> Iterator[str]:
     better = sorted((one for one in certainty.trade_offs if one.high < 0.0), key=lambda one: one.change)
     for words, found in (("worse", worse), ("better", better)):
         if found:
-            named = ", ".join(_change(one) for one in found[:_MEASURES])
+            named = ", ".join(
+                f"{one.measure} {100 * one.change:+.1f} % ({100 * one.low:+.1f} to {100 * one.high:+.1f})"
+                for one in found[:_MEASURES]
+            )
             more = f" and {len(found) - _MEASURES} more" if len(found) > _MEASURES else ""
             yield f"{words} than the baseline with a probability of 97.5 %: {named}{more}"
-
-
-def _change(one: TradeOff) -> str:
-    return f"{one.measure} {100 * one.change:+.1f} % ({100 * one.low:+.1f} to {100 * one.high:+.1f})"
 
 
 # ---- Reasons of a study's verdict that concern the certainty of the choice ------------------------------------------
@@ -439,7 +438,13 @@ def write_certainty(certainty: Certainty, path: str | Path) -> None:
         for probability, half in zip(PROBABILITIES, levels.half_widths, strict=True):
             columns[half_width_column(name, probability)] = _column(half)
         columns[best_column(name)] = _column(levels.best)
-    header = {"schema": "eightpost.certainty", "schema_version": SCHEMA, **_header_of(certainty)}
+    measures = tuple(
+        _Measure(name, one.relative, one.basis, one.run_to_run if np.isfinite(one.run_to_run) else None)
+        for name, one in certainty.levels.items()
+    )
+    own = {name: getattr(certainty, name) for name in _ENTRIES}
+    content: dict[str, Any] = _Header(measures=measures, **own).model_dump(mode="json")
+    header = {"schema": "eightpost.certainty", "schema_version": SCHEMA, **content}
     table = pa.table(columns).replace_schema_metadata({_KEY: json.dumps(header, allow_nan=False)})
     with atomic_path(path) as temporary:
         pyarrow.parquet.write_table(table, temporary, compression="zstd")
@@ -457,7 +462,11 @@ def read_certainty(path: str | Path, *, digest: str | None = None) -> Certainty:
     """
     path = Path(path)
     table = open_table(path, advice="run `eightpost study` again, or `eightpost robust`")
-    content = _content(path, table)
+    metadata = table.schema.metadata or {}
+    content: Any = parse_json(metadata[_KEY], path) if _KEY in metadata else None
+    if not isinstance(content, dict) or content.get("schema") != "eightpost.certainty":
+        raise FileFormatError("is not the certainty of a study; name the certainty.parquet of a study", path=path)
+    check_schema(content, SCHEMA, path, key="schema_version")
     try:
         header = _Header.model_validate(content)
         own = {name: getattr(header, name) for name in _ENTRIES}
@@ -480,16 +489,6 @@ def read_certainty(path: str | Path, *, digest: str | None = None) -> Certainty:
         raise FileFormatError(what, path=path) from error
 
 
-def _header_of(certainty: Certainty) -> dict[str, Any]:
-    measures = tuple(
-        _Measure(name, one.relative, one.basis, one.run_to_run if np.isfinite(one.run_to_run) else None)
-        for name, one in certainty.levels.items()
-    )
-    own = {name: getattr(certainty, name) for name in _ENTRIES}
-    found: dict[str, Any] = _Header(measures=measures, **own).model_dump(mode="json")
-    return found
-
-
 def _column(values: Array, kind: pa.DataType | None = None) -> pa.Array:
     """Return a column; NaN is written as null."""
     return pa.array(values, kind or pa.float32(), mask=np.isnan(values))
@@ -508,12 +507,3 @@ def _levels(table: pa.Table | StoredTable, measure: _Measure) -> Levels:
         measure.basis,
         np.nan if measure.run_to_run is None else measure.run_to_run,
     )
-
-
-def _content(path: Path, table: pa.Table | StoredTable) -> Mapping[str, Any]:
-    metadata = table.schema.metadata or {}
-    found: Any = parse_json(metadata[_KEY], path) if _KEY in metadata else None
-    if not isinstance(found, dict) or found.get("schema") != "eightpost.certainty":
-        raise FileFormatError("is not the certainty of a study; name the certainty.parquet of a study", path=path)
-    check_schema(found, SCHEMA, path, key="schema_version")
-    return found

@@ -338,8 +338,6 @@ def _chance(sources: ErrorSources, seen: Observations, position: int, others: In
 
 # ==== Choice among setups under uncertainty: probability of being best, ties, and the most informative tests =========
 
-# ==== Choice =========================================================================================================
-
 #: Number of groups of draws; the scales of Student's t distributions are the same within a group.
 _GROUPS = 64
 
@@ -522,9 +520,9 @@ def draw_choice(
     size = max(count // _GROUPS, 2)
     best, among = np.zeros((2, rows.size)), np.zeros(rows.size)
     near = rows.size <= _COVERED
-    covered = np.arange(rows.size) if near else _lowest(posterior, criterion, rows)
-    sums, products, none, total = np.zeros(covered.size), np.zeros((covered.size, covered.size)), 0, 0
     middle = criterion.values(posterior.sources.predicted)[rows]
+    covered = np.arange(rows.size) if near else np.sort(np.argsort(middle, kind="stable")[:_COVERED])
+    sums, products, none, total = np.zeros(covered.size), np.zeros((covered.size, covered.size)), 0, 0
     for group, (levels, meets) in enumerate(_groups(posterior, criterion, limits, rows, size, seed)):
         values = np.where(meets, levels, np.inf)
         some = np.isfinite(values).any(axis=1)
@@ -551,12 +549,6 @@ def _among(values: Array, top: int) -> Integers:
     places = np.argpartition(values, top - 1, axis=1)[:, :top]
     found = np.isfinite(np.take_along_axis(values, places, axis=1))
     return np.asarray(np.bincount(places[found], minlength=values.shape[1]), dtype=np.int64)
-
-
-def _lowest(posterior: Posterior, criterion: Criterion, rows: Integers) -> Integers:
-    """Return the positions of the setups with the lowest predicted values."""
-    values = criterion.values(posterior.sources.predicted)[rows]
-    return np.sort(np.argsort(values, kind="stable")[:_COVERED])
 
 
 def _groups(
@@ -668,8 +660,6 @@ def tests_of(result: StudyResult, drawn: Drawn, ties: Integers, noise: float, co
 #: Number of groups of draws with the same scales, and number of draws in each; half of them are the others negated.
 _VEHICLE_GROUPS, _PER_GROUP = 64, 4
 
-_SEED = 20270
-
 
 @dataclass(frozen=True, eq=False)
 class VehicleDraws:
@@ -685,7 +675,7 @@ class VehicleDraws:
     unknown: tuple[str, ...]  #: Measures whose uncertainty is not known; their errors are 0.
 
     @classmethod
-    def of(cls, result: StudyResult, posterior: Posterior, seed: int = _SEED) -> VehicleDraws | None:
+    def of(cls, result: StudyResult, posterior: Posterior, seed: int = 20270) -> VehicleDraws | None:
         """Return drawn errors; None if the vehicle of the study states no uncertainty."""
         sources = posterior.sources
         generator = np.random.default_rng(seed)

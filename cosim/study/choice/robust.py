@@ -273,7 +273,12 @@ def knowledge_of(
     kept = len(parameters)
     for part in uncertain.parts:
         entries = _parameters(part, _values_in_study(result, part))
-        notes += tuple(_departures(part, entries))
+        notes += tuple(
+            f"{part.part}: the study has {one.stated.name} = {one.value:.4g}, the uncertainty file {value:.4g}; only "
+            "its deviation is used"
+            for one, value in zip(entries, part.values.tolist(), strict=True)
+            if abs(one.value - value) > _APART * one.stated.deviation
+        )
         parameters += entries
     found = effects_of(result, parameters, sweep, workers, progress, vehicles=uncertain.vehicles)
     effects, place = list(found[:kept]), kept
@@ -306,15 +311,6 @@ def _parameters(part: Uncertain, values: Mapping[str, float]) -> list[UncertainP
     return [
         UncertainParameter(part.part, values[name], ParameterUncertainty(name, deviation, None, *limits), part.left_out)
         for name, deviation, *limits in rows
-    ]
-
-
-def _departures(part: Uncertain, entries: Sequence[UncertainParameter]) -> list[str]:
-    return [
-        f"{part.part}: the study has {one.stated.name} = {one.value:.4g}, the uncertainty file {value:.4g}; only its "
-        "deviation is used"
-        for one, value in zip(entries, part.values.tolist(), strict=True)
-        if abs(one.value - value) > _APART * one.stated.deviation
     ]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import hypot, inf
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy as np
 
 from cosim.components.fmu_component import FmuComponent
 from cosim.study.choice.certainty import Effect, VehicleSource
-from cosim.study.definition import Study
+from cosim.study.definition import Study, Vehicle
 from cosim.study.measures import AboveBand, Measure
 from cosim.study.running.evaluator import coupling_of
 from cosim.study.running.sweep import Sweep
@@ -441,12 +441,13 @@ def effects_of(
         vehicles: FMUs of equivalent vehicles, such as fits of other records. All vehicles are taken to have
             errors of the same size, so that half of the square of a difference belongs to the study's.
     """
-    base = _best(result)
+    ranking = result.ranking()
+    rows = ranking if ranking.size else np.flatnonzero(result.done)
     own = [one for one in parameters if one.part in result.study.bank]
     cars = [one for one in parameters if one.part == result.study.vehicle.name]
-    if base is None or not (own or cars or vehicles):
+    if not rows.size or not (own or cars or vehicles):
         return ()
-    runs = _Runs(result, base, sweep, workers)
+    runs = _Runs(result, result.setup(int(rows[0])).builds, sweep, workers)
     corners = list(result.study.corners)
     total, count = len(corners) * (1 + len(cars) + len(vehicles)), 0
     nominal, shocks = _Table(), _Table()
@@ -456,13 +457,16 @@ def effects_of(
             (shocks if _CHANGED in key[1] else nominal)[key] = row
         progress(count := count + 1, total)
     found = correlated([runs.shock_effect(one, nominal, shocks) for one in own], [one.left_out for one in own])
-    others = [(one.stated.name, one.stated.deviation, one.sign, runs.with_vehicle(one)) for one in cars]
+    vehicle, others = result.study.vehicle, list[tuple[str, float, float, Vehicle]]()
+    for one in cars:
+        changed_car = replace(vehicle, parameters={**vehicle.parameters, one.stated.name: one.changed})
+        others.append((one.stated.name, one.stated.deviation, one.sign, changed_car))
     share = (2.0 * len(vehicles)) ** -0.5 if vehicles else 0.0
-    others += [(path.name, 1.0, share, runs.with_other_vehicle(path)) for path in vehicles]
-    for name, deviation, factor, study in others:
+    others += [(path.name, 1.0, share, replace(vehicle, fmu=path)) for path in vehicles]
+    for name, deviation, factor, car in others:
         changed = _Table()
         for corner in corners:
-            changed |= runs.at(corner, study)
+            changed |= runs.at(corner, replace(result.study, vehicle=car))
             progress(count := count + 1, total)
         found.append(runs.vehicle_effect(name, deviation, factor, nominal, changed))
     return tuple(found)
@@ -482,12 +486,6 @@ def correlated(effects: Sequence[Effect], left_out: Sequence[LeftOutBlocks | Non
         replace(effect, correlations={effects[k].part: float(row[k]) for k in places})
         for effect, row, places in zip(effects, table, others, strict=True)
     ]
-
-
-def _best(result: StudyResult) -> Mapping[str, str] | None:
-    ranking = result.ranking()
-    rows = ranking if ranking.size else np.flatnonzero(result.done)
-    return result.setup(int(rows[0])).builds if rows.size else None
 
 
 #: Measures of setups that differ from the best one at one corner, by corner and build.
@@ -526,12 +524,6 @@ class _Runs:
             if found.done[rows[index]]
         }
 
-    def with_vehicle(self, one: UncertainParameter) -> Study:
-        """Return the study with a changed parameter of the vehicle."""
-        vehicle = self.result.study.vehicle
-        vehicle = replace(vehicle, parameters={**vehicle.parameters, one.stated.name: one.changed})
-        return replace(self.result.study, vehicle=vehicle)
-
     def shock_effect(self, one: UncertainParameter, nominal: _Table, shocks: _Table) -> Effect:
         """Return the effect of a parameter of a build."""
         name = one.part + _CHANGED + one.stated.name
@@ -542,10 +534,6 @@ class _Runs:
         }
         copies = 0.0 if one.stated.copies is None else one.stated.copies / one.stated.deviation
         return Effect(one.part, one.stated.name, one.stated.deviation, copies, {}, changes)
-
-    def with_other_vehicle(self, fmu: Path) -> Study:
-        """Return the study with an equivalent vehicle."""
-        return replace(self.result.study, vehicle=replace(self.result.study.vehicle, fmu=fmu))
 
     def vehicle_effect(self, name: str, deviation: float, factor: float, nominal: _Table, changed: _Table) -> Effect:
         """Return the effect of a change of the vehicle: that at the best setup, and what each build changes in it."""
@@ -559,11 +547,9 @@ class _Runs:
 
 
 def _logarithms(changed: Mapping[str, float], nominal: Mapping[str, float], sign: float) -> dict[str, float]:
-    return dict(_ratios(changed, nominal, sign))
-
-
-def _ratios(changed: Mapping[str, float], nominal: Mapping[str, float], sign: float) -> Iterator[tuple[str, float]]:
-    """Yield the logarithm of the ratio of each measure that is positive."""
-    for name, value in changed.items():
-        if 0.0 < value < inf and 0.0 < nominal[name] < inf:
-            yield name, sign * float(np.log(value / nominal[name]))
+    """Return the logarithm of the ratio of each measure that is positive."""
+    return {
+        name: sign * float(np.log(value / nominal[name]))
+        for name, value in changed.items()
+        if 0.0 < value < inf and 0.0 < nominal[name] < inf
+    }

@@ -56,19 +56,16 @@ class ErrorModel:
 
     def worst_channel(self, result: CoupledRun) -> float:
         """Return the largest estimated error of the compared channels, in percent of the channel's scale."""
-        return float(np.sqrt(self._of_channels @ self._squares(result)).max(initial=0.0))
+        return float(np.sqrt(self._gains["channels"] @ self._squares(result)).max(initial=0.0))
 
     def of_measures(self, result: CoupledRun) -> dict[str, float]:
         """Return the estimated error of every measure that the pilots had, in its SI unit."""
-        return dict(zip(self.measures, np.sqrt(self._of_measures @ self._squares(result)).tolist(), strict=True))
+        return dict(zip(self.measures, np.sqrt(self._gains["measures"] @ self._squares(result)).tolist(), strict=True))
 
     @cached_property
-    def _of_channels(self) -> Array:
-        return np.array([*self.channels.values()]).reshape(-1, len(self.ends))
-
-    @cached_property
-    def _of_measures(self) -> Array:
-        return np.array([*self.measures.values()]).reshape(-1, len(self.ends))
+    def _gains(self) -> dict[str, Array]:
+        gains = {"channels": self.channels, "measures": self.measures}
+        return {what: np.array([*one.values()]).reshape(-1, len(self.ends)) for what, one in gains.items()}
 
     def _squares(self, result: CoupledRun) -> Array:
         local = local_errors(result)

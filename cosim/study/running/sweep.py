@@ -269,8 +269,6 @@ def _name(number: int, count: int) -> str:
     return f"chunk_{number:07d}_{count}.parquet"
 
 
-# ==== Sweep over setups: stored rows, resumed studies, requested setups, checks by finer runs ========================
-
 # ---- Checks of a study before any simulation ------------------------------------------------------------------------
 
 #: Signals whose mean is zero in any steady state.
@@ -282,8 +280,8 @@ def _check_study(evaluator: Evaluator) -> None:
     study = evaluator.study
     first = study.space.setup(int(_indices(study)[0]))
     system = evaluator.system(first)
-    for setup in beats(_every_build(study, first)):
-        evaluator.system(setup)
+    for corner, build in beats((corner, build) for corner, builds in study.corners.items() for build in builds):
+        evaluator.system(Setup(-1, {**first.builds, corner: build}))
     found = evaluator.measure_units
     for measure in study.measures:
         _check_measure(study, measure, found[measure.name])
@@ -297,11 +295,6 @@ def _indices(study: Study) -> list[int]:
     if not indices:
         raise InputError("the study has no setups: no builds are allowed at all corners of a group in alike")
     return indices
-
-
-def _every_build(study: Study, first: Setup) -> list[Setup]:
-    """Return setups in which every build is once at every corner where it is allowed."""
-    return [Setup(-1, {**first.builds, corner: build}) for corner, builds in study.corners.items() for build in builds]
 
 
 def _check_measure(study: Study, measure: Measure, unit: str) -> None:
