@@ -9,7 +9,7 @@ from dataclasses import fields, replace
 from builder.documents.reference import Disclosure
 from eightpost.errors import InputError
 from eightpost.shock import Shock
-from eightpost.shock.fit_uncertainty import shock_uncertainty
+from eightpost.shock.file import shock_uncertainty
 from eightpost.validity import MEMBER, Range, Validity
 from eightpost.vehicle import StructuralVehicle, Vehicle
 from eightpost.vehicle.plausibility import doubts

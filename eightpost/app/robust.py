@@ -95,7 +95,7 @@ def _plan(console: Console, known: Uncertainty, draws: int, seed: int) -> Draws:
     """Add the uncertainty of the fits to that of the file, and print all distributions."""
     from cosim.study.choice.robust import Draws, Uncertain
     from eightpost.shock import read_shock
-    from eightpost.shock.fit_uncertainty import fitted_parameters
+    from eightpost.shock.file import fitted_parameters
 
     parts = list(known.parts)
     for build, path in known.fits.items():

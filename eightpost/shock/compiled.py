@@ -23,9 +23,8 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 from eightpost.array_types import Array
 from eightpost.cache import kept
 from eightpost.shock.curve import INNER_ORDER, KNOTS, OUTER_ORDER, CurveNumbers
-from eightpost.shock.law import Piece, ShockLaw, Valve, valve_force
+from eightpost.shock.law import Piece, Port, ShockLaw, Valve, valve_force
 from eightpost.shock.laws import LAWS, law_module, own_size, own_values, state_names
-from eightpost.shock.port import Port
 
 # ---- Compilation of functions from other files ----------------------------------------------------------------------
 

@@ -12,8 +12,7 @@ from scipy.optimize import lsq_linear
 from eightpost.ident import evaluate, fit_shock
 from eightpost.ident.shock.curve import KnotBasis, curve_forces
 from eightpost.ident.shock.force import limits_for
-from eightpost.ident.shock.hysteresis import LaggedVelocity, Projection, non_negative
-from eightpost.ident.shock.hysteresis_fit import fit_hysteresis
+from eightpost.ident.shock.hysteresis import LaggedVelocity, Projection, fit_hysteresis, non_negative
 from eightpost.ident.shock.law_fit import Choices
 from eightpost.ident.shock.runs import prepare_runs
 from eightpost.ident.shock.simulation import simulate

@@ -10,30 +10,28 @@ from typing import Any, Literal
 import numpy as np
 
 from eightpost.array_types import Array
-from eightpost.ident.dyno_report.curve import (
+from eightpost.ident.dyno_report.loop import (
+    SLOW,
     STROKES,
     Branches,
+    Cycles,
+    Found,
+    SlowFigures,
     Stroke,
     StrokeFigures,
+    Unknown,
     VelocityCurve,
     branches_of,
     closed_loop,
     curve_of_law,
     curve_of_series,
     curve_of_table,
-    force_at_zero,
-    stroke_figures,
-)
-from eightpost.ident.dyno_report.cycles import (
-    SLOW,
-    Cycles,
-    Found,
-    SlowFigures,
-    Unknown,
     cycles_of,
     energy_over_time,
     force_at_rest,
+    force_at_zero,
     slow_figures,
+    stroke_figures,
 )
 from eightpost.rig.dyno_test import DynoTest, temperature_drift
 from eightpost.rig.motion import force_lag

@@ -11,8 +11,7 @@ from scipy.optimize import minimize_scalar
 from eightpost.array_types import Array
 from eightpost.ident.shock.curve import KnotBasis
 from eightpost.ident.shock.force import Dynamics, ForceModel, Limits, linear_solution
-from eightpost.ident.shock.lag import lag, lag_sensitivity
-from eightpost.ident.shock.simulation import array_form
+from eightpost.ident.shock.simulation import array_form, lag, lag_sensitivity
 from eightpost.shock import CurveNumbers, FitParameter, ShockLaw, Valve, fit_form, fit_parameters, law_module
 
 # ==== Laws that are fitted by stepping their own functions ===========================================================

@@ -12,12 +12,21 @@ from threadpoolctl import threadpool_limits
 
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError
-from eightpost.ident.shock.cross_validation import CrossValidation, HeldOutErrors
 from eightpost.ident.shock.curve import CurveBasis, working_basis
 from eightpost.ident.shock.dynamics import FadingLag, FullLag, NoLag, dynamics_for
 from eightpost.ident.shock.force import FORCE, ForceModel, GasTreatment, gas_columns, limits_for, linear_solution
-from eightpost.ident.shock.hysteresis_fit import fit_hysteresis
-from eightpost.ident.shock.law_fit import Choices, LawName, RecipeName, Robust, fit_law, has_own_recipe, screened_runs
+from eightpost.ident.shock.hysteresis import fit_hysteresis
+from eightpost.ident.shock.law_fit import (
+    Choices,
+    CrossValidation,
+    HeldOutErrors,
+    LawName,
+    RecipeName,
+    Robust,
+    fit_law,
+    has_own_recipe,
+    screened_runs,
+)
 from eightpost.ident.shock.problem import Solution, block_changes, covariances
 from eightpost.ident.shock.result import ShockFit, Story, result_of
 from eightpost.ident.shock.runs import Runs, prepare_runs, slower_peak

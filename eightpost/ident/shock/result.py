@@ -14,9 +14,9 @@ import numpy as np
 from eightpost.array_types import Array
 from eightpost.display import Summarized, Summary
 from eightpost.errors import ParameterError, suggestion
-from eightpost.ident.shock.cross_validation import HeldOutErrors
 from eightpost.ident.shock.curve import fitted_curve
 from eightpost.ident.shock.force import GasColumns
+from eightpost.ident.shock.law_fit import HeldOutErrors
 from eightpost.ident.shock.problem import LEVEL, CurveBand, Solution, blocks_of, curve_band, factor_rows, quantile
 from eightpost.ident.shock.runs import Prepared, Runs
 from eightpost.ident.shock.simulation import simulate

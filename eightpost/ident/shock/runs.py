@@ -14,7 +14,7 @@ from scipy.optimize import minimize_scalar
 
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError, TooShortError
-from eightpost.ident.shock.lag import RowFilter
+from eightpost.ident.shock.simulation import RowFilter
 from eightpost.rig.dyno_test import SMALLEST_SPREAD, DynoTest
 from eightpost.rig.plausibility import SEGMENT
 from eightpost.signals import TimeSeries, lowpass

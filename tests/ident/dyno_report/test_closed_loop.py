@@ -9,11 +9,18 @@ import pytest
 from scipy.signal import lfilter
 
 from eightpost.ident.dyno_report.builds import CarCorner, dyno_report
-from eightpost.ident.dyno_report.curve import STROKES
-from eightpost.ident.dyno_report.cycles import Unknown
 from eightpost.ident.dyno_report.entry import Setting, entry_of_test
-from eightpost.ident.dyno_report.figures import branches_figure, curves_figure, loops_figure
-from eightpost.ident.dyno_report.page import branch_table, damping_tables, force_table, peak_table, sections_of
+from eightpost.ident.dyno_report.loop import STROKES, Unknown
+from eightpost.ident.dyno_report.page import (
+    branch_table,
+    branches_figure,
+    curves_figure,
+    damping_tables,
+    force_table,
+    loops_figure,
+    peak_table,
+    sections_of,
+)
 from eightpost.report.tables import Amount
 from eightpost.rig.dynamometer import random_multisine
 from eightpost.signals import TimeSeries

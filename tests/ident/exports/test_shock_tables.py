@@ -17,7 +17,7 @@ from scipy.io import loadmat
 from eightpost.__main__ import main
 from eightpost.app.export import export
 from eightpost.errors import InputError, ParameterError
-from eightpost.ident.exports.shock_table import TABLE_FORMATS, Setting, shock_table, table_points
+from eightpost.ident.shock_table import TABLE_FORMATS, Setting, shock_table, table_points
 from eightpost.rig.peak_velocity import read_peak_velocity
 from eightpost.shock import (
     LAWS,

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eightpost.ident.shock.joint import JointProjection
 from eightpost.ident.shock.runs import prepare_runs
-from eightpost.ident.shock.settings.joint import JointProjection
-from eightpost.ident.shock.settings.result import fit_settings, held_out_percent
-from eightpost.ident.shock.settings.table import SettingsTable
+from eightpost.ident.shock.settings import fit_settings, held_out_percent
+from eightpost.ident.shock.settings_table import SettingsTable
 from eightpost.ident.shock.simulation import simulate
 from eightpost.rig.dynamometer import random_multisine
 from eightpost.rig.dyno_test import DynoTest

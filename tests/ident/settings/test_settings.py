@@ -15,12 +15,12 @@ from hypothesis import strategies as st
 
 from eightpost.__main__ import main
 from eightpost.errors import FileFormatError, InputError, ParameterError
+from eightpost.ident.shock.clicks import TargetCurve, best_clicks, read_target
 from eightpost.ident.shock.dynamics import dynamics_for
 from eightpost.ident.shock.force import gas_columns, limits_for
+from eightpost.ident.shock.joint import _joint_model
 from eightpost.ident.shock.runs import Runs, prepare_runs
-from eightpost.ident.shock.settings.clicks import TargetCurve, best_clicks, read_target
-from eightpost.ident.shock.settings.joint import _joint_model
-from eightpost.ident.shock.settings.result import (
+from eightpost.ident.shock.settings import (
     _counting,
     _prediction,
     _preload,
@@ -28,7 +28,7 @@ from eightpost.ident.shock.settings.result import (
     fit_settings,
     held_out_percent,
 )
-from eightpost.ident.shock.settings.table import SettingsTable, joined_temperatures, read_settings_table
+from eightpost.ident.shock.settings_table import SettingsTable, joined_temperatures, read_settings_table
 from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.validation.records import evaluate
 from eightpost.rig.dynamometer import random_multisine
@@ -256,10 +256,10 @@ def test_a_constant_force_between_shock_and_target_is_noted():
 
 def test_more_combinations_than_can_be_computed_are_refused_with_their_number(monkeypatch):
     target = TargetCurve("target", np.array([-0.1, 0.1]), np.array([-1.0, 1.0]))
-    monkeypatch.setattr("eightpost.ident.shock.settings.clicks.MOST_COMBINATIONS", 440)
+    monkeypatch.setattr("eightpost.ident.shock.clicks.MOST_COMBINATIONS", 440)
     with pytest.raises(ParameterError, match=r"441 combinations of settings, more than 440; fix an adjuster"):
         best_clicks(two_adjusters(), target)
-    monkeypatch.setattr("eightpost.ident.shock.settings.clicks.MOST_COMBINATIONS", 441)
+    monkeypatch.setattr("eightpost.ident.shock.clicks.MOST_COMBINATIONS", 441)
     assert best_clicks(two_adjusters(), target).combinations == 441
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eightpost.errors import FileFormatError
-from eightpost.ident.shock.settings.table import read_settings_table
+from eightpost.ident.shock.settings_table import read_settings_table
 
 ADJUSTER = "[adjuster.rebound]\ncounted = 'from full hard'\nlowest = 0\nhighest = 9\n"
 

@@ -15,8 +15,15 @@ from eightpost.ident.shock.curve import CELLS, KnotBasis, basis_on
 from eightpost.ident.shock.dynamics import projected
 from eightpost.ident.shock.fit import fit_of
 from eightpost.ident.shock.force import Dynamics, ForceModel, GasColumns, gas_columns
-from eightpost.ident.shock.hysteresis import Found, Projected, Projection, minimum_from, non_negative
-from eightpost.ident.shock.hysteresis_fit import HysteresisFit, search_coordinates
+from eightpost.ident.shock.hysteresis import (
+    Found,
+    HysteresisFit,
+    Projected,
+    Projection,
+    minimum_from,
+    non_negative,
+    search_coordinates,
+)
 from eightpost.ident.shock.law_fit import Choices, FittedLaw, LawFit, Robust, has_own_recipe, nearly_equal, weights_for
 from eightpost.ident.shock.problem import (
     CLEAR_SLOPE,

@@ -13,16 +13,18 @@ from threadpoolctl import threadpool_limits
 
 from eightpost.array_types import Array
 from eightpost.errors import InputError
+from eightpost.ident.shock.joint import JointFit, fit_jointly
 from eightpost.ident.shock.law_fit import Choices, screened_runs
 from eightpost.ident.shock.result import ShockFit, Story, result_of
 from eightpost.ident.shock.runs import Runs, prepare_runs
-from eightpost.ident.shock.settings.joint import JointFit, fit_jointly
-from eightpost.ident.shock.settings.table import SettingsTable
+from eightpost.ident.shock.settings_table import SettingsTable
 from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.shock.verdict import DOUBT, error_reason
+from eightpost.report.console import Table, console_table, right, unbroken
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Axis, Settings, Shock, ShockLaw, StaticCurve, Term
 from eightpost.shock.curve import KNOTS
+from eightpost.shock.file import setting_text
 from eightpost.shock.settings import LAGGED_SLOPE, TEMPERATURE
 from eightpost.validity import Validity, judged
 from eightpost.verdict import Reason, Verdict
@@ -478,3 +480,21 @@ def held_out_percent(law: ShockLaw, runs: Runs) -> float:
         squares += float(np.sum((error - error.mean()) ** 2))
         count += error.size
     return 100.0 * float(np.sqrt(squares / count)) / runs.deviation
+
+
+# ---- Console table ------------------------------------------------------------------------------------------------
+
+
+def settings_table(fit: SettingsFit) -> Table:
+    """Return a table of the measured settings: error of the fit, and error with which the other settings predict it."""
+    columns = [*unbroken("setting"), "files", *right("fit, % of std", "predicted by the others, % of std")]
+    rows = [
+        (
+            setting_text(fit.settings, group.setting),
+            ", ".join(group.names),
+            f"{one.percent:.2f}",
+            "-" if predicted is None else f"{predicted:.2f}",
+        )
+        for group, one, predicted in zip(fit.groups, fit.fits, fit.predicted, strict=True)
+    ]
+    return console_table(columns, rows, title=f"{fit.shock.name}: {fit.shock.law_name} over its settings")

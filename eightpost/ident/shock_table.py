@@ -18,8 +18,8 @@ from eightpost.errors import FileFormatError, InputError, ParameterError
 from eightpost.files import atomic_path, sha256_of
 from eightpost.ident.shock.simulation import simulate
 from eightpost.shock import Polylinear, Shock, law_title, own_parameters, parameter_units, read_shock
-from eightpost.shock.at_setting import ABOUT as SETTING
-from eightpost.shock.at_setting import setting_text
+from eightpost.shock.file import ABOUT as SETTING
+from eightpost.shock.file import setting_text
 from eightpost.shock.law import ShockLaw, valve_force
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
