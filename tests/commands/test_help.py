@@ -16,7 +16,9 @@ from builder.check import Scope
 from cosim.study.choice import selection
 from cosim.study.running import workers
 from eightpost.__main__ import VERBS, main
-from eightpost.ident.shock.law_fit import GasTreatment, RecipeName, Robust
+from eightpost.ident.shock.force import GasTreatment
+from eightpost.ident.shock.law_fit import RecipeName
+from eightpost.least_squares import Robust
 from eightpost.ident.vehicle.recipes import RECIPES
 from eightpost.rig.post.program import PROGRAMS
 from eightpost.rig.post.truths import TRUTHS

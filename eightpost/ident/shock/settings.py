@@ -12,9 +12,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from eightpost.array_types import Array
-from eightpost.errors import InputError
-from eightpost.ident.shock.joint import JointFit, fit_jointly
-from eightpost.ident.shock.law_fit import Choices, screened_runs
+from eightpost.errors import InputError, ParameterError
+from eightpost.ident.shock.fit import fit_of, screened_runs
+from eightpost.ident.shock.law_fit import Choices, has_own_recipe
+from eightpost.ident.shock.problem import JointFit
 from eightpost.ident.shock.result import ShockFit, Story, result_of
 from eightpost.ident.shock.runs import Runs, prepare_runs
 from eightpost.ident.shock.settings_table import SettingsTable
@@ -22,7 +23,7 @@ from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.shock.verdict import DOUBT, error_reason
 from eightpost.report.console import Table, console_table, right, unbroken
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.shock import Axis, Settings, Shock, ShockLaw, StaticCurve, Term
+from eightpost.shock import LAWS, Axis, Settings, Shock, ShockLaw, StaticCurve, Term, fit_parameters, own_parameters
 from eightpost.shock.curve import KNOTS
 from eightpost.shock.file import setting_text
 from eightpost.shock.settings import LAGGED_SLOPE, TEMPERATURE
@@ -199,6 +200,14 @@ class SettingsFit:
         return self.shock.validity.verdict
 
 
+#: Laws that can be fitted: their parameters are numbers with bounds of their own, or the law has a recipe of its own.
+_OVER_SETTINGS = tuple(
+    name
+    for name, law in LAWS.items()
+    if own_parameters(law) == tuple(p.name for p in fit_parameters(law)) or has_own_recipe(name)
+)
+
+
 def fit_settings(
     table: SettingsTable,
     *,
@@ -225,6 +234,11 @@ def fit_settings(
     started = time.perf_counter()
     choices = Choices(gas=gas or table.gas, robust=robust)  # type: ignore[arg-type]
     law = choices.law(law or table.law)
+    if law not in _OVER_SETTINGS:
+        raise ParameterError(
+            f"law {law!r} cannot be fitted over settings, because its file does not declare how its own parameters are "
+            f"fitted; use one of {', '.join(_OVER_SETTINGS)}"
+        )
     groups = _grouped(table)
 
     def prepared(tests: Sequence[DynoTest]) -> Runs:
@@ -235,7 +249,9 @@ def fit_settings(
             screened_runs(list(g.tests), prepared) if choices.is_screened else (prepared(g.tests), 0, [])
             for g in groups
         ]
-        joint = fit_jointly([runs for runs, _, _ in screened], law, choices)
+        fitted = fit_of([runs for runs, _, _ in screened], law, choices).fit
+        joint = fitted.solution()
+        joint = replace(joint, notes=(*fitted.notes, *joint.notes))
         fits = tuple(_fits(groups, joint, screened, choices.gas))
         parameters, values = _values(table.axes, groups, joint)
         effects = effects_of(table.axes, [group.setting for group in groups], values)
