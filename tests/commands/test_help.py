@@ -18,8 +18,8 @@ from cosim.study.running import workers
 from eightpost.__main__ import VERBS, main
 from eightpost.ident.shock.force import GasTreatment
 from eightpost.ident.shock.law_fit import RecipeName
-from eightpost.least_squares import Robust
 from eightpost.ident.vehicle.recipes import RECIPES
+from eightpost.least_squares import Robust
 from eightpost.rig.post.program import PROGRAMS
 from eightpost.rig.post.truths import TRUTHS
 from eightpost.shock import LAWS

@@ -18,7 +18,8 @@ from eightpost.errors import FileFormatError, InputError, ParameterError
 from eightpost.ident.shock.clicks import TargetCurve, best_clicks, read_target
 from eightpost.ident.shock.dynamics import dynamics_for
 from eightpost.ident.shock.force import gas_columns, limits_for
-from eightpost.ident.shock.joint import _joint_model
+from eightpost.ident.shock.law_fit import joint_model
+from eightpost.ident.shock.problem import Problem
 from eightpost.ident.shock.runs import Runs, prepare_runs
 from eightpost.ident.shock.settings import (
     _counting,
@@ -450,9 +451,10 @@ def test_the_jacobian_of_all_settings_is_the_difference_of_their_weighted_residu
     """Without a law of its own, the force is linear in every parameter."""
     groups = [prepare_runs([record(true_law(clicks), 1)]) for clicks in (0.0, 28.0)]
     gas, _ = gas_columns(Runs.of([runs.first for runs in groups]), "estimate")
-    model = _joint_model(groups, gas, dynamics_for(Polylinear, limits_for(groups[0].measured, RATE)))
+    model = joint_model(groups, gas, dynamics_for(Polylinear, limits_for(groups[0].measured, RATE)))
     random = np.random.default_rng(0)
     model = model.weighted(random.uniform(0.1, 1.0, model.runs.target.size))
     x, none = random.standard_normal(model.size), np.zeros(model.size)
-    moved = model.residual(x) - model.residual(none)
-    np.testing.assert_allclose(model.jacobian(none) @ x, moved, atol=1e-9 * np.abs(moved).max())
+    problem = Problem(model)
+    moved = problem.residual(x) - problem.residual(none)
+    np.testing.assert_allclose(problem.jacobian(none) @ x, moved, atol=1e-9 * np.abs(moved).max())
