@@ -152,7 +152,7 @@ class Parameters:
         """Return the highest value that leaves enough range for the parameters above."""
         name = self.declared[i].name
         rooms = [self._highest(j) - p.gap for j, p in enumerate(self.declared) if p.above == name]
-        return min([self.declared[i].high, *rooms])
+        return float(min([self.declared[i].high, *rooms]))
 
     def _logarithms(self, values: Array) -> Array:
         return np.where(self.logarithmic, np.log(np.where(self.logarithmic, values, 1.0)), values)
@@ -196,8 +196,8 @@ class Residual:
     """A point that is given by its residual and its Jacobian, real or complex."""
 
     parameters: Array  #: Parameters (s,).
-    residual: NDArray[np.number]  #: Residual (R,).
-    slopes: Callable[[], NDArray[np.number]]  #: Function that returns the Jacobian (R, s).
+    residual: NDArray[Any]  #: Residual (R,).
+    slopes: Callable[[], NDArray[Any]]  #: Function that returns the Jacobian (R, s).
 
     @cached_property
     def cost(self) -> float:
@@ -205,7 +205,7 @@ class Residual:
         return float(np.real(np.vdot(self.residual, self.residual)))
 
     @cached_property
-    def jacobian(self) -> NDArray[np.number]:
+    def jacobian(self) -> NDArray[Any]:
         """Jacobian (R, s), computed once."""
         return self.slopes()
 

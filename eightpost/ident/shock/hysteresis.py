@@ -510,19 +510,23 @@ class HysteresisFit(FittedLaw):
         """Whether the search ended at a minimum."""
         return self.found.converged
 
-    def searched(self, model: FitModel, *, is_thin: bool = True) -> HysteresisFit:
-        """Return the fit of a model, searched from this minimum on thinned records or on the whole ones."""
-        found = HysteresisProblem(model, is_thin).search(self.found.end.parameters, _FINE)
-        return replace(self, model=model, found=found)
+    def again(self, weights: Array) -> HysteresisFit:
+        """Return the fit on thinned records with weights (R,) of the rows, searched from this minimum."""
+        model = self.model.weighted(weights)
+        return replace(self, model=model, found=self._searched(model, is_thin=True))
 
-    def finished(self, weigh: Weigh | None) -> HysteresisFit:
-        """Return the minimum on the whole records, with weights that follow its own residuals."""
+    def robust(self, weigh: Weigh | None) -> HysteresisFit:
+        """Return the fit on thinned records with weights that follow its own residuals."""
+        if weigh is None:
+            return self
+        return reweighted(self, lambda fit: fit.robust_weights(weigh), HysteresisFit.again, _WEIGHINGS)
 
-        def again(fit: HysteresisFit, weights: Array) -> HysteresisFit:
-            return fit.searched(fit.model.weighted(weights))
+    def whole(self) -> HysteresisFit:
+        """Return the fit on the whole records, searched from this minimum."""
+        return replace(self, found=self._searched(self.model, is_thin=False))
 
-        fit = self if weigh is None else reweighted(self, lambda fit: fit.robust_weights(weigh), again, _WEIGHINGS)
-        return fit.searched(fit.model, is_thin=False)
+    def _searched(self, model: FitModel, *, is_thin: bool) -> Minimum[HysteresisPoint]:
+        return HysteresisProblem(model, is_thin).search(self.found.end.parameters, _FINE)
 
     def refitted_rows(self, weights: Array) -> Array:
         """Return the force (R,) [N] of a free simulation, fitted again with weights (R,) from this minimum.
@@ -530,7 +534,8 @@ class HysteresisFit(FittedLaw):
         The fit uses a thinned record, the simulation the whole one.
         """
         thin = HysteresisProblem(self.model.weighted(weights), is_thin=True)
-        return self.found.end.problem.rows(thin.search(self.found.end.parameters, _REFIT).end)
+        whole = HysteresisProblem(self.model, is_thin=False)
+        return whole.rows(thin.search(self.found.end.parameters, _REFIT).end)
 
     def solution(self) -> JointFit:
         """Return the solution with its covariance; what is at a bound is fixed."""
@@ -587,20 +592,19 @@ def fit_hysteresis(groups: Sequence[Runs], law: str, choices: Choices) -> CrossV
         start = np.append(first.found.end.parameters, _start_forces(problem, first))
         every = "both curves depend on the setting"
         fit = HysteresisFit(law, (*first.notes, *notes, every), model, problem.search(start, _FINE), first.stop_note)
-        return CrossValidation(fit.finished(weigh))
+        return CrossValidation(fit.robust(weigh).whole())
     dynamics = LaggedVelocity.of(LAWS[law], limits_for(runs.measured, runs.rate), runs.rate)
     model = _model_of(groups, gas, dynamics)
-    starts = [np.full(NODES, np.log(tau)) for tau in _TAUS]
-    problem = HysteresisProblem(model, is_thin=True)
-    fit = HysteresisFit(law, tuple(notes), model, _followed(problem, _rough(problem, starts))).finished(weigh)
+    problem, starts = HysteresisProblem(model, is_thin=True), [np.full(NODES, np.log(tau)) for tau in _TAUS]
+    fit = HysteresisFit(law, tuple(notes), model, _followed(problem, _rough(problem, starts))).robust(weigh)
     if runs.has_one_motion:
-        return CrossValidation(replace(fit, stop_note=_ONE_SPEED))
+        return CrossValidation(replace(fit, stop_note=_ONE_SPEED).whole())
     model = replace(model, models=(replace(model.first, dynamics=dynamics.with_stop()),)).weighted(fit.weights)
     taus, problem = fit.found.end.parameters, HysteresisProblem(model, is_thin=True)
     rough = _rough(problem, [np.append(taus, np.log(stop)) for stop in _STOPS])
-    if rough[0].cost > (1.0 - WORTHWHILE) * HysteresisProblem(fit.model, is_thin=True).at(taus).cost:
-        return CrossValidation(fit)
-    stopped = replace(fit, model=model, found=_followed(problem, rough)).finished(weigh)
+    if rough[0].cost > (1.0 - WORTHWHILE) * fit.found.cost:
+        return CrossValidation(fit.whole())
+    stopped = replace(fit, model=model, found=_followed(problem, rough)).robust(weigh)
     return _better(CrossValidation(fit), CrossValidation(stopped))
 
 
@@ -628,9 +632,9 @@ def _better(without: CrossValidation, stopped: CrossValidation) -> CrossValidati
 
 
 def _with_note(found: CrossValidation, note: str) -> CrossValidation:
-    """Return a fit with its note on the stop; computed predictions are kept."""
+    """Return the fit on the whole records with its note on the stop; computed predictions are kept."""
     assert isinstance(found.fit, HysteresisFit)
-    other = CrossValidation(replace(found.fit, stop_note=note))
+    other = CrossValidation(replace(found.fit, stop_note=note).whole())
     other.__dict__.update({name: value for name, value in found.__dict__.items() if name != "fit"})
     return other
 
