@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from math import inf, sqrt
 from pathlib import Path
 from statistics import NormalDist
-from typing import Any
+from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -19,9 +19,9 @@ from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError, ParameterError
 from eightpost.files import MALFORMED, atomic_path, check_schema, json_content
 from eightpost.shock.curve import KNOTS, StaticCurve
-from eightpost.shock.law import Port, ShockLaw
+from eightpost.shock.law import ShockLaw
 from eightpost.shock.laws import FORMER, LAWS, law_name, law_title, own_parameters, parameter_units
-from eightpost.shock.settings import TEMPERATURE, Axis, Settings, Term, is_tested, setting_of
+from eightpost.shock.settings import TEMPERATURE, Axis, Settings, is_tested, setting_of
 from eightpost.uncertainty import LeftOutBlocks, left_out_of
 from eightpost.validity import ModelUncertainty, ParameterUncertainty, Validity, judged
 from eightpost.verdict import Grade, Reason, Rules, Verdict
@@ -398,37 +398,30 @@ def read_shock(path: str | Path) -> Shock:
         ParameterError: A parameter is missing, unknown or out of range, or the law is a former one; the message names
             file and parameter.
     """
-    document = _read_document(Path(path))
+    path = Path(path)
+    document = _read_document(path)
     if document.get("law") in FORMER:
-        raise ParameterError(_no_longer_supported(document, Path(path)))
+        raise ParameterError(_no_longer_supported(document, path))
     law_class = LAWS.get(str(document.get("law")))
     if law_class is None:
         raise ParameterError(f"{path}: law is {document.get('law')!r}; it must be one of {', '.join(LAWS)}")
     try:
-        curve = _build(StaticCurve, "curve", document)
-        port = _build(Port, "port", document)
-        parameters = {**_section(document, "parameters"), "curve": curve, "port": port}
-        law = _construct(law_class, "parameters", parameters)
+        curve, port = ({name: _object(document, name)} for name in ("curve", "port"))
+        law = _construct(law_class, "parameters", _object(document, "parameters") | curve | port)
         validity = Validity.from_json(document["validity"]) if "validity" in document else None
-        settings = _settings(document) if "settings" in document else None
+        settings = _construct(Settings, "settings", document["settings"]) if "settings" in document else None
         if settings is not None:
             settings.law_at(law, settings.reference)
+        conditions, fit, inputs = _object(document, "conditions"), _object(document, "fit"), _inputs(document)
     except MALFORMED as error:
         raise ParameterError(f"{path}: {error}") from error
-    shock = Shock(
-        name=str(document.get("name") or Path(path).stem),
-        law=law,
-        conditions=_table(document, "conditions", Path(path)),
-        fit=_table(document, "fit", Path(path)),
-        inputs=_inputs(document, Path(path)),
-        settings=settings,
-    )
-    return shock if validity is None else replace(shock, validity=validity.checked(shock.numbers, Path(path).name))
+    shock = Shock(str(document.get("name") or path.stem), law, conditions, fit, inputs, settings=settings)
+    return shock if validity is None else replace(shock, validity=validity.checked(shock.numbers, path.name))
 
 
 def _no_longer_supported(document: dict[str, Any], path: Path) -> str:
     """Return what is wrong with a file of a former law, and the command that fits its records again."""
-    records = " ".join(entry["name"] for entry in _inputs(document, path) if "name" in entry) or "RECORD"
+    records = " ".join(entry["name"] for entry in _inputs(document) if "name" in entry) or "RECORD"
     command = "settings TABLE" if "settings" in document else f"fit {records}"
     return (
         f"{path}: the law {law_title(document['law'])} is no longer supported; fit the record again: "
@@ -436,70 +429,13 @@ def _no_longer_supported(document: dict[str, Any], path: Path) -> str:
     )
 
 
-def _settings(document: dict[str, Any]) -> Settings:
-    """Return the settings of a document; ValueError if an entry is missing, unknown or wrong."""
-    section = _section(document, "settings")
-    axes = tuple(_construct_axis(entry) for entry in _entries(section, "axes"))
-    terms = tuple(_construct_term(entry) for entry in _entries(section, "terms"))
-    return Settings(
-        axes=axes,
-        parameters=tuple(str(name) for name in section.get("parameters", ())),
-        terms=terms,
-        tested=_rows(section, "tested"),
-        half_width=_rows(section, "half_width"),
-    )
-
-
-def _entries(section: dict[str, Any], name: str) -> tuple[dict[str, Any], ...]:
-    entries = section.get(name, ())
-    if not isinstance(entries, tuple) or not all(isinstance(entry, dict) for entry in entries):
-        raise ValueError(f"settings: {name} must be a list of objects, not {entries!r}")
-    return entries
-
-
-def _construct_axis(entry: dict[str, Any]) -> Axis:
-    texts = {name: entry[name] for name in ("name", "unit", "counted") if name in entry}
-    if not all(isinstance(text, str) for text in texts.values()):
-        raise ValueError(f"settings: name, unit and counted of an axis must be texts, not {texts!r}")
-    stops = {name: entry.get(name) for name in ("lowest", "highest")}
-    for name, value in stops.items():
-        if value is not None and type(value) not in (int, float):
-            raise ValueError(f"settings: {name} must be a number, not {value!r}")
-    (nodes,) = _rows({"nodes": (entry.get("nodes", ()),)}, "nodes")
-    reference = _rows({"reference": ((entry.get("reference"),),)}, "reference")[0][0]
-    return Axis(nodes=nodes, reference=reference, lowest=stops["lowest"], highest=stops["highest"], **texts)
-
-
-def _construct_term(entry: dict[str, Any]) -> Term:
-    return Term(tuple(str(name) for name in entry.get("axes", ())), _rows(entry, "deviations"))
-
-
-def _rows(section: dict[str, Any], name: str) -> tuple[tuple[float, ...], ...]:
-    """Return rows of numbers; ValueError if they are something else."""
-    rows = section.get(name, ())
-    if not isinstance(rows, (list, tuple)) or not all(isinstance(row, (list, tuple)) for row in rows):
-        raise ValueError(f"settings: {name} must be rows of numbers")
-    if not all(type(value) in (int, float) for row in rows for value in row):
-        raise ValueError(f"settings: {name} must contain numbers only")
-    return tuple(tuple(float(value) for value in row) for row in rows)
-
-
-def _table(document: dict[str, Any], name: str, path: Path) -> dict[str, Any]:
-    table = document.get(name, {})
-    if not isinstance(table, dict):
-        raise FileFormatError(f"{name} must be an object, not {table!r}", path=path)
-    return table
-
-
-def _inputs(document: dict[str, Any], path: Path) -> tuple[Mapping[str, str], ...]:
-    found = document.get("inputs", [])
-    if not isinstance(found, list) or not all(
-        isinstance(entry, dict) and all(isinstance(text, str) for text in entry.values()) for entry in found
+def _inputs(document: dict[str, Any]) -> tuple[Mapping[str, str], ...]:
+    inputs = document.get("inputs", [])
+    if not isinstance(inputs, list) or not all(
+        isinstance(entry, dict) and all(isinstance(text, str) for text in entry.values()) for entry in inputs
     ):
-        raise FileFormatError(
-            "inputs must be a list of objects with text values: the files that the shock was made from", path=path
-        )
-    return tuple(found)
+        raise ValueError("inputs must be a list of objects with text values: the files that the shock was made from")
+    return tuple(inputs)
 
 
 def _read_document(path: Path) -> dict[str, Any]:
@@ -510,18 +446,17 @@ def _read_document(path: Path) -> dict[str, Any]:
     return document
 
 
-def _section(document: dict[str, Any], name: str) -> dict[str, Any]:
+def _object(document: dict[str, Any], name: str) -> dict[str, Any]:
     section = document.get(name, {})
     if not isinstance(section, dict):
         raise ValueError(f"{name} must be an object, not {section!r}")
-    return {key: tuple(value) if isinstance(value, list) else value for key, value in section.items()}
+    return section
 
 
-def _build(kind: type[Any], name: str, document: dict[str, Any]) -> Any:
-    return _construct(kind, name, _section(document, name))
-
-
-def _construct(kind: type[Any], section: str, values: dict[str, Any]) -> Any:
+def _construct(kind: type[Any], section: str, values: Any) -> Any:
+    """Return a record of JSON values; ValueError if one is missing, unknown or of another type than its field."""
+    if not isinstance(values, dict):
+        raise ValueError(f"{section} must be an object, not {values!r}")
     fields = dataclasses.fields(kind)
     known = {f.name for f in fields}
     needed = {f.name for f in fields if f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING}
@@ -529,11 +464,23 @@ def _construct(kind: type[Any], section: str, values: dict[str, Any]) -> Any:
         raise ValueError(f"{section}: unknown {', '.join(unknown)}; known are {', '.join(sorted(known))}")
     if missing := sorted(needed - set(values)):
         raise ValueError(f"{section}: {', '.join(missing)} missing")
-    for name, value in values.items():
-        numbers = value if isinstance(value, tuple) else (value,)
-        if name not in ("curve", "port") and not all(type(n) in (int, float) for n in numbers):
-            raise ValueError(f"{section}: {name} must be a number, not {value!r}")
-    return kind(**values)
+    hints = get_type_hints(kind)
+    return kind(**{name: _value(hints[name], section, name, value) for name, value in values.items()})
+
+
+def _value(kind: Any, section: str, name: str, value: Any) -> Any:
+    """Return a JSON value as the type of a field; ValueError if it is of another type."""
+    if get_origin(kind) is tuple:
+        if not isinstance(value, list):
+            raise ValueError(f"{section}: {name} must be a list, not {value!r}")
+        return tuple(_value(get_args(kind)[0], section, name, item) for item in value)
+    if dataclasses.is_dataclass(kind):
+        return _construct(kind, name, value)  # type: ignore[arg-type]
+    if kind is str and not isinstance(value, str):
+        raise ValueError(f"{section}: {name} must be a text, not {value!r}")
+    if kind is not str and not (value is None and kind is not float) and type(value) not in (int, float):
+        raise ValueError(f"{section}: {name} must be a number, not {value!r}")
+    return value
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -46,12 +46,9 @@ _TOLERANCE = "tol"
 class Limits:
     """A master curve with its tolerance."""
 
-    #: Name of the file.
-    name: str
-    #: Curve in the middle of the limits.
-    master: VelocityCurve
-    #: Tolerance in either direction at the velocities of the curve (K,) [N].
-    tolerance: Array
+    name: str  #: Name of the file.
+    master: VelocityCurve  #: Curve in the middle of the limits.
+    tolerance: Array  #: Tolerance in either direction at the velocities of the curve (K,) [N].
 
     def at(self, speed: float, stroke: Stroke) -> tuple[float, float] | None:
         """Return the force of the master and its tolerance [N] at a speed [m/s]; None beyond the curve."""
@@ -74,8 +71,7 @@ class Judgement:
 
     entry: Entry
     stroke: Stroke
-    #: Number of speeds that were judged.
-    count: int
+    count: int  #: Number of speeds that were judged.
     #: Speed [m/s], force [N], and force and tolerance of the master [N] there.
     speed: float
     force: float
@@ -190,12 +186,9 @@ def short_names(names: Iterable[str]) -> dict[str, str]:
 class Variant:
     """A build at one setting of the adjusters."""
 
-    #: Display name: the build in short, and the clicks if the report has several of this build.
-    label: str
-    #: Name of the build.
-    build: str
-    #: Entries in the order of the files.
-    entries: tuple[Entry, ...]
+    label: str  #: Display name: the build in short, and the clicks if the report has several of this build.
+    build: str  #: Name of the build.
+    entries: tuple[Entry, ...]  #: Entries in the order of the files.
 
     @property
     def runs(self) -> tuple[Entry, ...]:
@@ -279,12 +272,9 @@ class CarCorner:
     """A corner of a car; a ParameterError is raised if a value is not positive."""
 
     name: str
-    #: Sprung mass on the corner [kg].
-    mass: float
-    #: Rate of the suspension at the wheel [N/m].
-    wheel_rate: float
-    #: Damper travel per wheel travel [1].
-    motion_ratio: float = 1.0
+    mass: float  #: Sprung mass on the corner [kg].
+    wheel_rate: float  #: Rate of the suspension at the wheel [N/m].
+    motion_ratio: float = 1.0  #: Damper travel per wheel travel [1].
 
     def __post_init__(self) -> None:
         for what, value, option in (
@@ -343,18 +333,12 @@ def corners_of_car(path: Path, motion_ratio: float = 1.0) -> tuple[CarCorner, ..
 class DynoReport:
     """Content of a report."""
 
-    #: Runs, tables and laws.
-    entries: tuple[Entry, ...]
-    #: Builds with their clicks; the reference is the first.
-    variants: tuple[Variant, ...]
-    #: Speeds of the tables [m/s].
-    speeds: tuple[float, ...]
-    #: Corners for damping ratios.
-    corners: tuple[CarCorner, ...] = ()
-    #: Build of corners of the car: a name for each corner.
-    fitted_to: Mapping[str, str] = field(default_factory=dict)
-    #: Curve with tolerances that the measured curves must meet.
-    limits: Limits | None = None
+    entries: tuple[Entry, ...]  #: Runs, tables and laws.
+    variants: tuple[Variant, ...]  #: Builds with their clicks; the reference is the first.
+    speeds: tuple[float, ...]  #: Speeds of the tables [m/s].
+    corners: tuple[CarCorner, ...] = ()  #: Corners for damping ratios.
+    fitted_to: Mapping[str, str] = field(default_factory=dict)  #: Build of corners of the car: a name for each corner.
+    limits: Limits | None = None  #: Curve with tolerances that the measured curves must meet.
     #: Velocities of the shaft on a track (N,) [m/s] by name of the file.
     track: Mapping[str, Array] = field(default_factory=dict)
 
@@ -428,10 +412,8 @@ class Reading:
     #: Build, and settings of the adjusters, of files, by name of the file.
     builds: Mapping[str, str] = field(default_factory=dict)
     clicks: Mapping[str, str] = field(default_factory=dict)
-    #: Whether to split records into runs.
-    split: bool = False
-    #: Cycle of a steady sine that is shown: `mean` of all, the `last`, or its number.
-    cycle: str | int = "mean"
+    split: bool = False  #: Whether to split records into runs.
+    cycle: str | int = "mean"  #: Cycle of a steady sine that is shown: `mean` of all, the `last`, or its number.
 
     def check(self, paths: Sequence[Path]) -> None:
         """Check that every file that an option names is given.

@@ -49,24 +49,18 @@ CORRELATED = 0.3
 class Setting:
     """Build and conditions of an entry; unknown conditions are None."""
 
-    #: Name of the build.
-    build: str
-    #: Settings of the adjusters, in the team's words.
-    clicks: str | None = None
-    #: Gas pressure [Pa].
-    gas_pressure: float | None = None
-    #: Mean temperature [K].
-    temperature: float | None = None
+    build: str  #: Name of the build.
+    clicks: str | None = None  #: Settings of the adjusters, in the team's words.
+    gas_pressure: float | None = None  #: Gas pressure [Pa].
+    temperature: float | None = None  #: Mean temperature [K].
 
 
 @dataclass(frozen=True, slots=True)
 class Warming:
     """Temperature and energy of a run."""
 
-    #: Mean temperature of the first tenth [K].
-    start: Found
-    #: Mean temperature of the last tenth minus that of the first [K].
-    drift: Found
+    start: Found  #: Mean temperature of the first tenth [K].
+    drift: Found  #: Mean temperature of the last tenth minus that of the first [K].
     #: Energy from the first to the last sample [J], and mean power [W].
     energy: Found
     power: Found
@@ -92,30 +86,22 @@ class Entry:
     #: Path of the file, None for data in memory, and its digest, empty without a file.
     source: Path | None
     sha256: str
-    #: Mean force over velocity, without `level` and, of a run, without its lag.
-    curve: VelocityCurve | Unknown
-    #: Knee and slopes of each stroke.
-    strokes: Mapping[Stroke, StrokeFigures]
-    #: Force at zero velocity [N], of a run after its lag is removed.
-    offset: Found
-    #: Constant part of the force [N] that the curve is without: gas force of a slow run, else `offset`.
-    level: Found
+    curve: VelocityCurve | Unknown  #: Mean force over velocity, without `level` and, of a run, without its lag.
+    strokes: Mapping[Stroke, StrokeFigures]  #: Knee and slopes of each stroke.
+    offset: Found  #: Force at zero velocity [N], of a run after its lag is removed.
+    level: Found  #: Constant part of the force [N] that the curve is without: gas force of a slow run, else `offset`.
     #: Cycles of a run, with the peaks of its closed loop, or the reason why they are unknown.
     cycles: Cycles | Unknown
-    #: Lag of force behind velocity [s]; of a law its time constant, at zero velocity if it has several.
-    lag: Found
+    lag: Found  #: Lag of force behind velocity [s]; of a law its time constant, at zero velocity if it has several.
     #: Gas force and friction.
     slow: SlowFigures
     warming: Warming
-    #: Measured branches of a run, without `level`.
-    branches: Branches | None = None
-    #: Record of a run with an even time step.
-    test: DynoTest | None = None
+    branches: Branches | None = None  #: Measured branches of a run, without `level`.
+    test: DynoTest | None = None  #: Record of a run with an even time step.
     #: Shock of a law, and the 95 % band of its static curve.
     shock: Shock | None = None
     band: Band | None = None
-    #: Notes on the file.
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = field(default=())  #: Notes on the file.
 
     @property
     def highest(self) -> float:

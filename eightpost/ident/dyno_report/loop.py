@@ -72,19 +72,14 @@ UNLIKE = Unknown("the motion is not one steady cycle; split a record of several 
 class Crossing:
     """A change of direction."""
 
-    #: Time at which the velocity is zero [s].
-    time: float
-    #: Force at that time [N].
-    force: float
+    time: float  #: Time at which the velocity is zero [s].
+    force: float  #: Force at that time [N].
     #: Last sample before it, and first sample after it, beyond the threshold of velocity.
     start: int
     stop: int
-    #: Whether compression follows.
-    upward: bool
-    #: Acceleration at that time [m/s2].
-    acceleration: float
-    #: Displacement at that time [m]; 0 if it was not measured.
-    displacement: float
+    upward: bool  #: Whether compression follows.
+    acceleration: float  #: Acceleration at that time [m/s2].
+    displacement: float  #: Displacement at that time [m]; 0 if it was not measured.
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,33 +89,24 @@ class Peaks:
     #: Mean speed [m/s] and mean force magnitude [N], gas included.
     speed: float
     force: float
-    #: Standard deviation of the forces [N]; None of a single one.
-    scatter: float | None
-    #: Number of half cycles.
-    count: int
+    scatter: float | None  #: Standard deviation of the forces [N]; None of a single one.
+    count: int  #: Number of half cycles.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cycles:
     """Cycles of a run."""
 
-    #: Velocity at the peak of each half cycle (H,) [m/s], positive in compression.
-    peak_velocity: Array
-    #: Force there (H,) [N].
-    peak_force: Array
-    #: Number of whole cycles; of steady ones, those that are alike.
-    count: int
-    #: Whether the cycles have the same stroke and duration.
-    is_steady: bool
-    #: Mean frequency [Hz].
-    frequency: Found
-    #: Force at zero velocity at the compressed end minus that at the extended end [N].
-    width: Found
+    peak_velocity: Array  #: Velocity at the peak of each half cycle (H,) [m/s], positive in compression.
+    peak_force: Array  #: Force there (H,) [N].
+    count: int  #: Number of whole cycles; of steady ones, those that are alike.
+    is_steady: bool  #: Whether the cycles have the same stroke and duration.
+    frequency: Found  #: Mean frequency [Hz].
+    width: Found  #: Force at zero velocity at the compressed end minus that at the extended end [N].
     #: Energy dissipated per cycle [J], and its standard deviation between cycles [J].
     energy: Found
     energy_scatter: Found
-    #: Start and end of the chosen cycle [s]; None if all cycles count.
-    span: tuple[float, float] | None = None
+    span: tuple[float, float] | None = None  #: Start and end of the chosen cycle [s]; None if all cycles count.
 
     def peaks(self, sign: float) -> tuple[Peaks, ...]:
         """Return the peaks of one direction at each speed that is repeated; nothing for a random motion."""
@@ -310,14 +296,10 @@ CUTOFF = 10.0
 class SlowFigures:
     """Figures of the slow parts: F = gas force + stiffness (x - middle) + friction sign(v) + viscous rate v."""
 
-    #: Gas force in the middle of the stroke [N].
-    gas_force: Found
-    #: Gas stiffness [N/m].
-    stiffness: Found
-    #: Friction force in either direction [N].
-    friction: Found
-    #: RMS of the forces about this equation [N].
-    residual: Found
+    gas_force: Found  #: Gas force in the middle of the stroke [N].
+    stiffness: Found  #: Gas stiffness [N/m].
+    friction: Found  #: Friction force in either direction [N].
+    residual: Found  #: RMS of the forces about this equation [N].
 
 
 def slow_figures(series: TimeSeries) -> SlowFigures:
@@ -450,10 +432,8 @@ class LoopClasses:
 
     #: Number of the class and branch of each sample (N,): class times 2, plus 1 while the velocity rises.
     cell: NDArray[np.intp]
-    #: Number of samples of each class and branch (4 CLASSES,).
-    counts: NDArray[np.intp]
-    #: Whether each class (2 CLASSES,) has enough samples on both branches.
-    kept: NDArray[np.bool_]
+    counts: NDArray[np.intp]  #: Number of samples of each class and branch (4 CLASSES,).
+    kept: NDArray[np.bool_]  #: Whether each class (2 CLASSES,) has enough samples on both branches.
 
     @classmethod
     def of(cls, velocity: Array, rises: NDArray[np.bool_]) -> LoopClasses:
@@ -730,8 +710,7 @@ class StrokeFigures:
     #: Slopes below and above the knee [N.s/m]; equal if the stroke is one line.
     low: Found
     high: Found
-    #: Highest speed of the curve [m/s].
-    highest: float
+    highest: float  #: Highest speed of the curve [m/s].
 
 
 def stroke_figures(curve: VelocityCurve | Unknown, stroke: Stroke) -> StrokeFigures:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 from eightpost.array_types import Array
 from eightpost.ident.shock.clicks import ClickAnswer, TargetCurve
 from eightpost.ident.shock.curve import curve_forces
-from eightpost.ident.shock.problem import CurveBand
 from eightpost.report.console import Table, console_table, right, unbroken
 from eightpost.report.pictures import Axes, Figure, new_figure, panels_of, save
 from eightpost.rig.peak_velocity import PeakVelocityTable
 from eightpost.shock import Axis, Shock, StaticCurve, law_title
 from eightpost.shock.file import force_half_width
-from eightpost.signals import TimeSeries
 from eightpost.units import convert
 
 _INCH, _POUND = convert(1.0, "m/s", "in/s"), convert(1.0, "N", "lbf")
@@ -27,38 +25,8 @@ _INCH, _POUND = convert(1.0, "m/s", "in/s"), convert(1.0, "N", "lbf")
 _DOTS, _LOOP = 6000, 1.0
 
 
-class DrawnFit(Protocol):
-    """What a picture shows of a fit: see the attributes of `ShockFit`."""
-
-    @property
-    def shock(self) -> Shock:
-        """Fitted shock."""
-        ...
-
-    @property
-    def measured(self) -> TimeSeries:
-        """Measured `velocity` [m/s] and `force` [N]."""
-        ...
-
-    @property
-    def predicted(self) -> TimeSeries:
-        """Fitted `force` [N] and `gas_force` [N] at the measured times."""
-        ...
-
-    @property
-    def band(self) -> CurveBand:
-        """95 % band of the static curve."""
-        ...
-
-    @property
-    def rms(self) -> float:
-        """RMS force error [N]."""
-        ...
-
-    @property
-    def percent(self) -> float:
-        """RMS force error [% of the standard deviation of the force]."""
-        ...
+#: A `ShockFit`, which draws itself with this module, or what has the same attributes.
+DrawnFit = Any
 
 
 def plot_force_velocity(fits: DrawnFit | Sequence[DrawnFit], path: str | Path) -> None:
