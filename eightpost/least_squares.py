@@ -161,7 +161,7 @@ class Parameters:
 # ---- The search: damped Gauss-Newton steps within the bounds --------------------------------------------------------
 
 
-class Point(Protocol):
+class SearchPoint(Protocol):
     """Parameters of a problem, at which everything else has its best value."""
 
     @property
@@ -177,8 +177,8 @@ class Point(Protocol):
         """Matrix (s, s) = J' J and right side (s,) = -J' r of a step of the parameters."""
 
 
-PointType = TypeVar("PointType", bound=Point)
-_Reached_co = TypeVar("_Reached_co", bound=Point, covariant=True)
+PointType = TypeVar("PointType", bound=SearchPoint)
+_Reached_co = TypeVar("_Reached_co", bound=SearchPoint, covariant=True)
 
 
 class SearchProblem(Protocol[_Reached_co]):
@@ -370,7 +370,7 @@ def downweighted_rows(weights: Array) -> int:
     return int(np.sum(weights < _DOWN))
 
 
-class Weighted(Protocol):
+class WeightedFit(Protocol):
     """A fit whose rows have weights."""
 
     @property
@@ -378,7 +378,7 @@ class Weighted(Protocol):
         """Weights (R,) of the rows."""
 
 
-Fit = TypeVar("Fit", bound=Weighted)
+Fit = TypeVar("Fit", bound=WeightedFit)
 
 
 def reweighted(first: Fit, weigh: Callable[[Fit], Array], again: Callable[[Fit, Array], Fit], times: int) -> Fit:

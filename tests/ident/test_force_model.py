@@ -8,7 +8,7 @@ import pytest
 from eightpost.ident.shock.curve import knot_basis
 from eightpost.ident.shock.dynamics import SteppedLaw, dynamics_for
 from eightpost.ident.shock.force import ForceModel, gas_columns, limits_for
-from eightpost.ident.shock.problem import FitModel, Problem
+from eightpost.ident.shock.problem import FitModel, FitProblem
 from eightpost.ident.shock.runs import prepare_runs
 from eightpost.least_squares import linear_solution
 from eightpost.shock import LAWS, Lpf1, Lpnl2
@@ -31,7 +31,7 @@ def model_of(runs, law):
 def case(request, runs):
     model = model_of(runs, request.param)
     linear = linear_solution(np.hstack([model.curve_rows(), model.gas_rows]), runs.target)
-    return Problem(FitModel((model,))), np.append(linear, THETA[request.param])
+    return FitProblem(FitModel((model,))), np.append(linear, THETA[request.param])
 
 
 @pytest.mark.repeated

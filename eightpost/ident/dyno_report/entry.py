@@ -46,7 +46,7 @@ CORRELATED = 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class EntrySetting:
     """Build and conditions of an entry; unknown conditions are None."""
 
     build: str  #: Name of the build.
@@ -67,7 +67,7 @@ class Warming:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Band:
+class ForceBand:
     """A band about a curve: velocities (M,) [m/s], lower and upper forces (M,) [N]."""
 
     velocity: Array
@@ -82,7 +82,7 @@ class Entry:
     kind: Kind
     #: Unique display name.
     name: str
-    setting: Setting
+    setting: EntrySetting
     #: Path of the file, None for data in memory, and its digest, empty without a file.
     source: Path | None
     sha256: str
@@ -100,7 +100,7 @@ class Entry:
     test: DynoTest | None = None  #: Record of a run with an even time step.
     #: Shock of a law, and the 95 % band of its static curve.
     shock: Shock | None = None
-    band: Band | None = None
+    band: ForceBand | None = None
     notes: tuple[str, ...] = field(default=())  #: Notes on the file.
 
     @property
@@ -149,7 +149,7 @@ def entry_of_test(test: DynoTest, name: str, build: str, *, cycle: str | int = "
     known = test.conditions
     heat = float(series["temperature"].mean()) if "temperature" in series else known.temperature
     return Entry(
-        "run", name, Setting(build, known.clicks, known.gas_pressure, heat), test.source, test.sha256,
+        "run", name, EntrySetting(build, known.clicks, known.gas_pressure, heat), test.source, test.sha256,
         curve, _strokes_of(curve), offset, offset, cycles, _lag(series), slow_figures(series), _warming(series, test),
         branches, test=replace(test, series=series),
         notes=(*test.derived, *test.notes, *([whole] if cycle != "mean" and cycles.span is None else [])),
@@ -237,8 +237,8 @@ def entry_of_table(table: PeakVelocityTable, name: str, build: str) -> Entry:
     no_time = SlowFigures(gas, _NO_TIME, _NO_TIME, _NO_TIME)
     notes = (f"the gas force was found from {table.gas_source}",) if table.gas_source else ()
     return Entry(
-        "table", name, Setting(build, table.clicks), table.source, table.sha256, curve, _strokes_of(curve), gas, gas,
-        _NO_TIME, _NO_TIME, no_time, Warming(*(_NO_TIME,) * 4), notes=notes,
+        "table", name, EntrySetting(build, table.clicks), table.source, table.sha256, curve, _strokes_of(curve),
+        gas, gas, _NO_TIME, _NO_TIME, no_time, Warming(*(_NO_TIME,) * 4), notes=notes,
     )  # fmt: skip
 
 
@@ -260,7 +260,7 @@ def entry_of_shock(shock: Shock, name: str, build: str, *, source: Path | None =
     curve, port, known = curve_of_law(shock.law), shock.law.port, shock.conditions
     heat = _numbers(known.get("temperature_range [K]"))
     pressure, clicks = known.get("gas_pressure [Pa]"), known.get("clicks")
-    setting = Setting(
+    setting = EntrySetting(
         build,
         str(clicks) if clicks else None,
         float(pressure) if isinstance(pressure, int | float) else None,
@@ -292,7 +292,7 @@ def _estimate(known: Mapping[str, Any], key: str) -> Found:
     return Unknown("the shock file states no estimate of the gas force")
 
 
-def _band(shock: Shock) -> Band | None:
+def _band(shock: Shock) -> ForceBand | None:
     """Return the band of the fit section; None if it is missing or has another form."""
     found = shock.fit.get("curve_band")
     if not isinstance(found, Mapping):
@@ -302,7 +302,7 @@ def _band(shock: Shock) -> Band | None:
         return None
     velocity, force, half = columns
     assert velocity is not None and force is not None and half is not None
-    return Band(velocity, force - half, force + half)
+    return ForceBand(velocity, force - half, force + half)
 
 
 def _numbers(value: object) -> Array | None:

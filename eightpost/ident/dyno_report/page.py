@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from eightpost.array_types import Array
 from eightpost.ident.dyno_report.builds import (
+    BuildVariant,
     CarCorner,
     DynoReport,
-    Variant,
     deviation_of,
     heat_effect,
     mean_force,
     repeated_runs,
 )
-from eightpost.ident.dyno_report.entry import Band, Entry
+from eightpost.ident.dyno_report.entry import Entry, ForceBand
 from eightpost.ident.dyno_report.loop import (
     BEND,
     STROKES,
@@ -121,7 +121,7 @@ def _curve(figure: Figure, entry: Entry, name: str, color: str, dash: str) -> No
         figure.line(0, *points, name=name, color=color, dash=dash)
 
 
-def _limits(figure: Figure, band: Band) -> None:
+def _limits(figure: Figure, band: ForceBand) -> None:
     """Shade the limits over velocity, and over the speed of each stroke."""
     figure.ribbon(0, band.velocity, band.low, band.high, name=_LIMITS, color=_GREY)
     for edge in (band.low, band.high):
@@ -347,7 +347,7 @@ def at_speeds(
     return explained(title, columns, shown, unit)
 
 
-def _labelled(report: DynoReport) -> Iterator[tuple[Variant, Entry]]:
+def _labelled(report: DynoReport) -> Iterator[tuple[BuildVariant, Entry]]:
     return ((variant, entry) for variant in report.variants for entry in variant.entries)
 
 
@@ -375,7 +375,7 @@ def _plain(value: Found) -> Found | Cell:
     return value if isinstance(value, Unknown) else Amount(value, "1")
 
 
-def _fitted(report: DynoReport, variant: Variant) -> tuple[str, ...]:
+def _fitted(report: DynoReport, variant: BuildVariant) -> tuple[str, ...]:
     if not report.fitted_to:
         return ()
     names = [name for name, build in report.fitted_to.items() if build in (variant.label, variant.build)]

@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.curve import KnotBasis
-from eightpost.ident.shock.force import Dynamics, ForceModel, Limits
+from eightpost.ident.shock.force import Dynamics, ForceModel, LawLimits
 from eightpost.ident.shock.simulation import array_form, lag, lag_sensitivity
 from eightpost.least_squares import Parameters, linear_solution
 from eightpost.shock import CurveNumbers, FitParameter, ShockLaw, Valve, fit_form, fit_parameters, law_module
@@ -69,7 +69,7 @@ class SteppedLaw(OwnParameters):
     theta are the law's own parameters; see `Parameters`.
     """
 
-    limits: Limits  #: Bounds for the record; LPF1's lag is searched within them.
+    limits: LawLimits  #: Bounds for the record; LPF1's lag is searched within them.
     kind: type[ShockLaw]  #: The law's class.
     own: Parameters = field(init=False)  #: The law's own parameters as declared in its file.
     _last: list[tuple[object, Array]] = field(init=False, default_factory=list, repr=False, compare=False)
@@ -188,7 +188,7 @@ _FULL_SHARES, _ZERO_SHARES = (0.03, 0.15, 0.5), (0.4, 0.8, 1.6)
 class NoLag(Dynamics):
     """No lag: F = F_s."""
 
-    limits: Limits
+    limits: LawLimits
     kind: type[ShockLaw] | None = None
     is_costly = False
 
@@ -210,7 +210,7 @@ class NoLag(Dynamics):
 class FullLag(OwnParameters):
     """Full lag: F = F_lag (Eq 3.24); theta = (tau,) [s]."""
 
-    limits: Limits
+    limits: LawLimits
     kind: type[ShockLaw] | None = None
     is_costly = False  # a lag adds almost no cost in the spectrum
 
@@ -247,7 +247,7 @@ class FadingLag(OwnParameters):
     theta = (tau [s], F_1 [N], share of the range left to F_2), so that F_2 - F_1 is at least the gap.
     """
 
-    limits: Limits
+    limits: LawLimits
     kind: type[ShockLaw]
 
     @cached_property
@@ -323,7 +323,7 @@ class FadingLag(OwnParameters):
         return self.own.theta(np.array([time_constant, full, zero]))
 
 
-def _time_constant(limits: Limits) -> FitParameter:
+def _time_constant(limits: LawLimits) -> FitParameter:
     low, high = limits.time_constant
     return FitParameter("time_constant", "s", low, low, high, "linear")
 
@@ -331,7 +331,7 @@ def _time_constant(limits: Limits) -> FitParameter:
 # ---- Choice of the dynamics -----------------------------------------------------------------------------------------
 
 
-def dynamics_for(law: type[ShockLaw], limits: Limits) -> Dynamics:
+def dynamics_for(law: type[ShockLaw], limits: LawLimits) -> Dynamics:
     """Return the dynamics of a law."""
     forms: dict[str, type[NoLag | FullLag | FadingLag]] = {"no lag": NoLag, "lag": FullLag, "fading lag": FadingLag}
     form = fit_form(law)

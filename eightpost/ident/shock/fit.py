@@ -29,7 +29,7 @@ from eightpost.ident.shock.law_fit import (
 )
 from eightpost.ident.shock.problem import Solution, blocks_of, covariances
 from eightpost.ident.shock.result import ShockFit, Story, result_of
-from eightpost.ident.shock.runs import Prepared, Runs, prepare_runs, slower_peak
+from eightpost.ident.shock.runs import PreparedRun, Runs, prepare_runs, slower_peak
 from eightpost.ident.shock.verdict import BuildSpread, build_spread
 from eightpost.least_squares import NORMAL, Directions, Robust, linear_solution
 from eightpost.progress import portion
@@ -231,7 +231,7 @@ def _spikes_of(raw: Array, predicted: Array, deviation: float) -> tuple[Array, N
     return clean, clean != raw
 
 
-def without_spikes(test: DynoTest, prepared: Prepared, force: Array) -> tuple[DynoTest, int]:
+def without_spikes(test: DynoTest, prepared: PreparedRun, force: Array) -> tuple[DynoTest, int]:
     """Return a test whose force has no spikes over the prepared segment, and the number of replaced samples.
 
     Args:

@@ -113,7 +113,7 @@ _HEADROOM = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class LawLimits:
     """Bounds of the dynamic parameters."""
 
     time_constant: tuple[float, float]  #: Lowest and highest tau [s].
@@ -124,7 +124,7 @@ class Limits:
     force_changes: tuple[str, ...] = ()
 
 
-def limits_for(force: Array, rate: float, *, ceiling: float = float("inf")) -> Limits:
+def limits_for(force: Array, rate: float, *, ceiling: float = float("inf")) -> LawLimits:
     """Return the bounds that suit a record.
 
     Args:
@@ -135,7 +135,7 @@ def limits_for(force: Array, rate: float, *, ceiling: float = float("inf")) -> L
     peak = float(np.abs(force - force.mean()).max())
     time_constant, lag_changes = _time_constant(rate)
     forces, gap = (min(FORCE[0], 0.1 * peak), min(_HEADROOM * peak, ceiling)), min(GAP, 0.05 * peak)
-    return Limits(time_constant, forces, gap, lag_changes, _force_changes(forces, gap, peak))
+    return LawLimits(time_constant, forces, gap, lag_changes, _force_changes(forces, gap, peak))
 
 
 def _time_constant(rate: float) -> tuple[tuple[float, float], tuple[str, ...]]:
@@ -186,7 +186,7 @@ class Dynamics(ABC):
     units: tuple[str, ...] = ()
     #: Whether starting points, shape and outliers are found on a thinned record.
     is_costly: bool = True
-    limits: Limits
+    limits: LawLimits
     kind: type[ShockLaw] | None
 
     @abstractmethod

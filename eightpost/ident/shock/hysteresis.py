@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.curve import RIDGE, KnotBasis
-from eightpost.ident.shock.force import Dynamics, ForceModel, GasColumns, Limits, gas_columns, limits_for
+from eightpost.ident.shock.force import Dynamics, ForceModel, GasColumns, LawLimits, gas_columns, limits_for
 from eightpost.ident.shock.law_fit import (
     WORTHWHILE,
     Choices,
@@ -127,13 +127,13 @@ class LaggedVelocity(Dynamics):
     given by its force at its yield travel [N] and the logarithms of yield travel and time constant.
     """
 
-    limits: Limits  #: Bounds for the record; only the sampling interval matters.
+    limits: LawLimits  #: Bounds for the record; only the sampling interval matters.
     kind: type[ShockLaw]  #: The law's class.
     shortest: float = TIME_CONSTANT[0]  #: Lower bound of tau [s].
     has_stop: bool = False  #: Whether the stop is fitted.
 
     @classmethod
-    def of(cls, kind: type[ShockLaw], limits: Limits, rate: float) -> LaggedVelocity:
+    def of(cls, kind: type[ShockLaw], limits: LawLimits, rate: float) -> LaggedVelocity:
         """Return the dynamics without stop for records of a sampling rate [Hz]."""
         return cls(limits, kind, max(TIME_CONSTANT[0], _SHORTEST_SHARE / rate))
 

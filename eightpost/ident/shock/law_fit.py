@@ -17,7 +17,7 @@ from eightpost.errors import ParameterError
 from eightpost.ident.shock.curve import CELLS, KnotBasis, basis_on
 from eightpost.ident.shock.dynamics import FadingLag, FullLag, NoLag, best_lag, dynamics_for, projected
 from eightpost.ident.shock.force import Dynamics, ForceModel, GasColumns, GasTreatment, gas_columns, limits_for
-from eightpost.ident.shock.problem import TOLERANCE, FitModel, JointFit, Problem
+from eightpost.ident.shock.problem import TOLERANCE, FitModel, FitProblem, JointFit
 from eightpost.ident.shock.runs import Runs
 from eightpost.least_squares import Minimum, Residual, Robust, Weigh, downweighted_rows, reweighted, weights_for
 from eightpost.progress import beats
@@ -194,7 +194,7 @@ _REFIT = 1e-5
 class LawFit(FittedLaw):
     """A law fitted to runs, or a sketch of it."""
 
-    problem: Problem  #: Problem on the samples used: those of thinned records in the sketch of a costly law.
+    problem: FitProblem  #: Problem on the samples used: those of thinned records in the sketch of a costly law.
     minimum: Minimum[Residual]  #: Its minimum.
     full_lag: Minimum[Residual] | None  #: Minimum of LPF1 from which the search started; None for a law without lag.
 
@@ -220,7 +220,7 @@ class LawFit(FittedLaw):
     def reweighted(self, weights: Array) -> LawFit:
         """Return the sketch with other weights (R,) of the rows, optimised from its minimum."""
         model = self.model.weighted(weights)
-        problem = Problem(model) if self.is_final else _sketched(model)
+        problem = FitProblem(model) if self.is_final else _sketched(model)
         minimum = problem.minimum_from(self.minimum.end.parameters)
         return replace(self, model=model, problem=problem, minimum=minimum)
 
@@ -228,7 +228,7 @@ class LawFit(FittedLaw):
         """Return the sketch optimised on the whole record."""
         if self.is_final:
             return self
-        problem = Problem(self.model)
+        problem = FitProblem(self.model)
         minimum = problem.minimum_from(self.minimum.end.parameters)
         if self.full_lag is not None and isinstance(self.model.dynamics, FadingLag):
             minimum = min((minimum, _like(self.full_lag, problem)), key=lambda found: found.cost)
@@ -252,7 +252,7 @@ def fit_law(groups: Sequence[Runs], law: str, choices: Choices) -> LawFit:
     if len(groups) > 1:
         first = fit_law([hardest(groups)], law, choices)
         model = joint_model(groups, gas, first.model.dynamics)
-        problem, notes = Problem(model), (*first.notes, *gas_notes)
+        problem, notes = FitProblem(model), (*first.notes, *gas_notes)
         theta = first.minimum.end.parameters[first.model.first.linear_count :]
         joint = LawFit(law, notes, model, problem, problem.minimum_from(_static_start(model, theta)), None)
         return joint if weigh is None else _reweighted(joint, weigh)
@@ -273,14 +273,14 @@ def _static_start(model: FitModel, theta: Array) -> Array:
     return x
 
 
-def _searched(model: FitModel) -> tuple[Problem, Minimum[Residual], Minimum[Residual] | None]:
+def _searched(model: FitModel) -> tuple[FitProblem, Minimum[Residual], Minimum[Residual] | None]:
     """Return the problem of a sketch with its minimum, and that of LPF1 from which the search started."""
     dynamics, single = model.dynamics, model.first
     tau = None if isinstance(dynamics, NoLag) else float(best_lag(single, dynamics.limits.time_constant)[-1])
     start = projected(single, single.curve_rows(tau))[0]
     if tau is None:
-        return Problem(model), Problem(model).minimum_from(start), None
-    lagged = Problem(model.with_dynamics(FullLag(dynamics.limits, dynamics.kind)))
+        return FitProblem(model), FitProblem(model).minimum_from(start), None
+    lagged = FitProblem(model.with_dynamics(FullLag(dynamics.limits, dynamics.kind)))
     full_lag = lagged.minimum_from(np.append(start, tau))
     if isinstance(dynamics, FullLag):
         return lagged, full_lag, full_lag
@@ -290,12 +290,12 @@ def _searched(model: FitModel) -> tuple[Problem, Minimum[Residual], Minimum[Resi
     return problem, problem.minimum_from(best), full_lag
 
 
-def _sketched(model: FitModel) -> Problem:
+def _sketched(model: FitModel) -> FitProblem:
     """Return the problem with which a model of the whole record is sketched, and fitted to parts of it."""
-    return Problem(model.coarse if model.dynamics.is_costly else model, tolerance=_REFIT)
+    return FitProblem(model.coarse if model.dynamics.is_costly else model, tolerance=_REFIT)
 
 
-def _best(problem: Problem, starts: Sequence[Array]) -> Array:
+def _best(problem: FitProblem, starts: Sequence[Array]) -> Array:
     """Return the end of a rough search from the best of some starting points."""
     if len(starts) == 1:
         return starts[0]
@@ -303,7 +303,7 @@ def _best(problem: Problem, starts: Sequence[Array]) -> Array:
     return min(guides, key=lambda guide: guide.cost).end.parameters
 
 
-def _like(full_lag: Minimum[Residual], problem: Problem) -> Minimum[Residual]:
+def _like(full_lag: Minimum[Residual], problem: FitProblem) -> Minimum[Residual]:
     """Return LPF1's minimum as parameters of the problem of a law that fades."""
     parameters, model = full_lag.end.parameters, problem.model
     same = np.append(parameters[:-1], model.dynamics.like_full_lag(model.first, parameters))

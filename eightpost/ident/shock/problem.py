@@ -367,7 +367,7 @@ TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Problem:
+class FitProblem:
     """Weighted force error of a model at the rows, followed by the penalties of its curves."""
 
     model: FitModel  #: Model of the force.

@@ -166,7 +166,7 @@ _OTHER_LEVEL = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Group:
+class SettingGroup:
     """All files of one setting."""
 
     setting: tuple[float, ...]  #: Value per axis.
@@ -179,7 +179,7 @@ class SettingsFit:
     """A shock fitted over its settings."""
 
     shock: Shock  #: Shock that `write_shock` writes.
-    groups: tuple[Group, ...]  #: Files of each setting.
+    groups: tuple[SettingGroup, ...]  #: Files of each setting.
     fits: tuple[ShockFit, ...]  #: Fit of each setting, in the order of `groups`.
     #: Error with which the other settings predict each setting's records, in percent of the force's standard deviation
     #: and without the level; None where the others do not surround it.
@@ -262,17 +262,17 @@ def fit_settings(
     return SettingsFit(shock, groups, fits, predicted, joint, time.perf_counter() - started)
 
 
-def _grouped(table: SettingsTable) -> tuple[Group, ...]:
+def _grouped(table: SettingsTable) -> tuple[SettingGroup, ...]:
     groups = []
     for setting in sorted(set(table.settings)):
         here = [k for k, other in enumerate(table.settings) if other == setting]
         tests = tuple(test for k in here for test in table.tests[k])
-        groups.append(Group(setting, tests, tuple(table.files[k].name for k in here)))
+        groups.append(SettingGroup(setting, tests, tuple(table.files[k].name for k in here)))
     return tuple(groups)
 
 
 def _fits(
-    groups: Sequence[Group], joint: JointFit, screened: Sequence[tuple[Runs, int, list[str]]], gas: str
+    groups: Sequence[SettingGroup], joint: JointFit, screened: Sequence[tuple[Runs, int, list[str]]], gas: str
 ) -> Iterator[ShockFit]:
     for number, (group, (runs, spikes, notes)) in enumerate(zip(groups, screened, strict=True)):
         story = Story("joint", gas, ", ".join(group.names), (*runs.changes, *notes), spikes)
@@ -282,7 +282,7 @@ def _fits(
 # ---- From the curves to the effects of the adjusters ----------------------------------------------------------------
 
 
-def _values(axes: Sequence[Axis], groups: Sequence[Group], joint: JointFit) -> tuple[tuple[str, ...], Array]:
+def _values(axes: Sequence[Axis], groups: Sequence[SettingGroup], joint: JointFit) -> tuple[tuple[str, ...], Array]:
     """Return the names of the varying parameters and the values (G, P) of each setting, as in `Settings.terms`."""
     numbers = range(len(groups))
     slopes = np.array([joint.slopes(number) for number in numbers])
@@ -292,7 +292,7 @@ def _values(axes: Sequence[Axis], groups: Sequence[Group], joint: JointFit) -> t
     return names, np.hstack([slopes, *([np.array(lagged)] if lagged else []), preload[:, None]])
 
 
-def _preload(axes: Sequence[Axis], groups: Sequence[Group], measured: Array) -> Array:
+def _preload(axes: Sequence[Axis], groups: Sequence[SettingGroup], measured: Array) -> Array:
     """Return the gas preload (G,) [N]: a straight line over the temperature; adjusters do not change it."""
     for number, axis in enumerate(axes):
         if axis.name == TEMPERATURE:
@@ -303,7 +303,7 @@ def _preload(axes: Sequence[Axis], groups: Sequence[Group], measured: Array) -> 
 
 
 def _settings(
-    axes: Sequence[Axis], groups: Sequence[Group], parameters: tuple[str, ...], effects: Effects, joint: JointFit
+    axes: Sequence[Axis], groups: Sequence[SettingGroup], parameters: tuple[str, ...], effects: Effects, joint: JointFit
 ) -> Settings:
     """Return the settings section; what the effects leave unexplained widens the band of its setting."""
     design = joint.model.basis.subdivided(np.zeros(joint.model.basis.count))[0]
@@ -325,7 +325,7 @@ def _knot_forces(velocity: Array, slopes: Array) -> Array:
     return np.asarray(forces - forces[:, KNOTS // 2, None])
 
 
-def _reference_law(joint: JointFit, groups: Sequence[Group], axes: Sequence[Axis], effects: Effects) -> ShockLaw:
+def _reference_law(joint: JointFit, groups: Sequence[SettingGroup], axes: Sequence[Axis], effects: Effects) -> ShockLaw:
     """Return the law at the reference setting: that of its files, or without files that of the effects."""
     reference = tuple(axis.reference for axis in axes)
     own = [number for number, group in enumerate(groups) if group.setting == reference]
@@ -338,7 +338,7 @@ def _reference_law(joint: JointFit, groups: Sequence[Group], axes: Sequence[Axis
 def _shock(
     table: SettingsTable,
     fits: Sequence[ShockFit],
-    groups: Sequence[Group],
+    groups: Sequence[SettingGroup],
     joint: JointFit,
     settings: Settings,
     law: ShockLaw,
@@ -390,7 +390,12 @@ def _label(axes: Sequence[Axis], setting: Sequence[float]) -> str:
 
 
 def _doubts(
-    table: SettingsTable, groups: Sequence[Group], joint: JointFit, settings: Settings, law: ShockLaw, left: Array
+    table: SettingsTable,
+    groups: Sequence[SettingGroup],
+    joint: JointFit,
+    settings: Settings,
+    law: ShockLaw,
+    left: Array,
 ) -> Iterator[Reason]:
     """Yield reasons: adjusters that act against their counting, files of another level, and slower ones."""
     shares = [abs(level) / model.runs.deviation for level, model in zip(left, joint.model.models, strict=True)]
@@ -444,7 +449,7 @@ def _counting(axis: Axis, settings: Settings, law: ShockLaw, origin: str) -> Ite
 # ---- Prediction of each setting by the others -----------------------------------------------------------------------
 
 
-def _prediction(groups: Sequence[Group], predicted: Sequence[float | None]) -> Iterator[Reason]:
+def _prediction(groups: Sequence[SettingGroup], predicted: Sequence[float | None]) -> Iterator[Reason]:
     """Yield the reason of the setting that the other ones predict worst, if they surround one."""
     known = [(error, group) for error, group in zip(predicted, groups, strict=True) if error is not None]
     if known:
@@ -455,7 +460,7 @@ def _prediction(groups: Sequence[Group], predicted: Sequence[float | None]) -> I
 
 
 def _predicted(
-    settings: Settings, reference: ShockLaw, groups: Sequence[Group], number: int, values: Array, joint: JointFit
+    settings: Settings, reference: ShockLaw, groups: Sequence[SettingGroup], number: int, values: Array, joint: JointFit
 ) -> float | None:
     """Return the error [%] with which the other settings' curves predict a setting; None outside of them."""
     kept = [k for k in range(len(groups)) if k != number]

@@ -19,7 +19,7 @@ from eightpost.ident.shock.clicks import TargetCurve, best_clicks, read_target
 from eightpost.ident.shock.dynamics import dynamics_for
 from eightpost.ident.shock.force import gas_columns, limits_for
 from eightpost.ident.shock.law_fit import joint_model
-from eightpost.ident.shock.problem import Problem
+from eightpost.ident.shock.problem import FitProblem
 from eightpost.ident.shock.runs import Runs, prepare_runs
 from eightpost.ident.shock.settings import (
     _counting,
@@ -455,6 +455,6 @@ def test_the_jacobian_of_all_settings_is_the_difference_of_their_weighted_residu
     random = np.random.default_rng(0)
     model = model.weighted(random.uniform(0.1, 1.0, model.runs.target.size))
     x, none = random.standard_normal(model.size), np.zeros(model.size)
-    problem = Problem(model)
+    problem = FitProblem(model)
     moved = problem.residual(x) - problem.residual(none)
     np.testing.assert_allclose(problem.jacobian(none) @ x, moved, atol=1e-9 * np.abs(moved).max())
