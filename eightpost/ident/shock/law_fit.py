@@ -54,9 +54,6 @@ class Choices:
     def law(self, name: str | None) -> str:
         """Return the law to fit, if all options are known.
 
-        Args:
-            name: Name of the law; None for the default.
-
         Raises:
             ParameterError: An option or the law is unknown.
         """
@@ -139,14 +136,7 @@ class FittedLaw(ABC):
 
 
 def joint_model(groups: Sequence[Runs], gas: GasColumns, dynamics: Dynamics, *, cells: int = CELLS) -> FitModel:
-    """Return the model of the runs of each setting: their curves have the same knots.
-
-    Args:
-        groups: Runs of each setting.
-        gas: Columns of the gas force over the samples of all of them.
-        dynamics: Dynamics of the law.
-        cells: Number of cells of a curve on each side.
-    """
+    """Return the model of the runs of each setting: their curves have the same knots."""
     knots = KnotBasis.of(np.concatenate([runs.velocity[runs.inside] for runs in groups]), cells=cells)
     models, start, offset = [], 0, 0
     for runs in groups:
