@@ -155,17 +155,6 @@ def test_a_full_grid_gives_the_interaction_and_one_at_a_time_gives_none():
     assert not alone.left.any()
 
 
-def test_three_adjusters_in_a_full_grid_are_reproduced_at_every_measured_setting():
-    random = np.random.default_rng(3)
-    axes = tuple(Axis(name, (0.0, 1.0, 2.0), 1.0) for name in "abc")
-    settings = [(a, b, c) for a in (0.0, 1.0, 2.0) for b in (0.0, 1.0, 2.0) for c in (0.0, 1.0, 2.0)]
-    values = random.standard_normal((27, 26))
-    found = effects_of(axes, settings, values)
-    whole = Settings(axes, (), found.terms, tuple(settings), ((0.0,) * 25,) * 27)
-    for setting, value in zip(settings, values, strict=True):
-        assert np.add(found.reference, whole.deviations(setting)) == pytest.approx(value)
-
-
 def test_adjusters_that_change_together_are_refused_by_name():
     axes = (Axis("rebound", (0.0, 5.0), 0.0), Axis("compression", (0.0, 3.0), 0.0))
     with pytest.raises(InputError, match="do not separate the effects of rebound, compression"):
@@ -315,14 +304,6 @@ def test_the_gas_preload_is_a_straight_line_over_the_temperature_and_no_adjuster
     measured = np.array([168.0, 172.0, 200.0, 245.0])  # 200 N and 1.5 N/K, with an error of 2 N at 300 K
     assert _preload(axes, groups, measured) == pytest.approx([170.0, 170.0, 200.0, 245.0])
     assert _preload(axes[:1], groups, measured) == pytest.approx([196.25] * 4)
-
-
-@pytest.mark.nightly
-def test_clicks_counted_the_wrong_way_are_a_doubt():
-    wrong = rebound_table()
-    wrong = replace(wrong, axes=(replace(wrong.axes[0], counted="from full soft"),))
-    reasons = fit_settings(wrong).verdict.reasons
-    assert any("rebound acts against its counting, from full soft" in reason.statement for reason in reasons)
 
 
 def test_a_file_with_another_level_of_force_is_a_doubt_with_its_difference_from_the_mean():
