@@ -90,7 +90,7 @@ def _peaks(path: Path) -> Any:
 
 
 def _rig(path: Path) -> Any:
-    from eightpost.rig.post.rig_test import read_rig_test  # noqa: PLC0415
+    from eightpost.rig.rig_test import read_rig_test  # noqa: PLC0415
 
     return read_rig_test(path)
 

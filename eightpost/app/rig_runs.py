@@ -20,7 +20,7 @@ def record_reader(console: Console, channel_map: ChannelMap | None) -> Callable[
 
     It prints which channels the checks of sign and corner do not cover.
     """
-    from eightpost.rig.post import read_rig_test
+    from eightpost.rig import read_rig_test
 
     def read(file: Path) -> TimeSeries:
         test = read_rig_test(file, channel_map=channel_map, needs=())

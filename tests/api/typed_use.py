@@ -10,8 +10,7 @@ from cosim.study import StudyResult
 from cosim.study.choice.compare import RunComparison
 from eightpost.ident import ShockFit
 from eightpost.ident.vehicle import VehicleFit
-from eightpost.rig import DynoTest
-from eightpost.rig.post import RigTest
+from eightpost.rig import DynoTest, RigTest
 
 test = ep.read("dyno.csv", "dyno")
 assert_type(test, DynoTest)

@@ -27,8 +27,8 @@ from eightpost.ident.preparation.lags import (
 from eightpost.ident.preparation.plausibility import record_findings
 from eightpost.ident.preparation.plausibility_rules import WRONG_DELAY, Finding
 from eightpost.ident.threads import for_each
-from eightpost.rig.post.car import MODES, Geometry, displacement_modes, force_modes, ride_heights
-from eightpost.rig.post.rig_test import CHANNEL_UNITS, RigTest
+from eightpost.rig.geometry import MODES, Geometry, displacement_modes, force_modes, ride_heights
+from eightpost.rig.rig_test import CHANNEL_UNITS, RigTest
 from eightpost.signals.filters import velocity_from_displacement
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert, quantity

@@ -16,7 +16,7 @@ from eightpost.ident.response import FrequencyResponse
 from eightpost.ident.validation.records import STANDING, ErrorSpectrum, Kind, Recognition, Record, error_spectrum
 from eightpost.ident.vehicle.experiment import quantity
 from eightpost.ident.vehicle.static_rating import holds
-from eightpost.rig.post import RigConditions, RigTest
+from eightpost.rig import RigConditions, RigTest
 from eightpost.signals import TimeSeries
 from eightpost.signals.filters import lowpass
 from eightpost.vehicle import StateSpace

@@ -15,9 +15,9 @@ from eightpost.ident.dyno_report.entry import Setting, entry_of_test
 from eightpost.ident.dyno_report.figures import branches_figure, curves_figure, loops_figure
 from eightpost.ident.dyno_report.page import branch_table, damping_tables, force_table, peak_table, sections_of
 from eightpost.report.tables import Amount
-from eightpost.rig.dynamometer import random_multisine
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
+from eightpost.virtual.dynamometer import random_multisine
 
 from .conftest import RATE, run, two_lines
 

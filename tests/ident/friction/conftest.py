@@ -9,9 +9,9 @@ import pytest
 from scipy.signal import decimate
 
 from eightpost.ident.vehicle.experiment import Experiment, experiment_of
-from eightpost.rig.post import NO_DRIFT, Car, Friction, LinearDamper, RigSensors, quarter_truth, random_drive, run_test
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
+from eightpost.virtual import NO_DRIFT, Car, Friction, LinearDamper, RigSensors, quarter_truth, random_drive, run_test
 
 COULOMB = convert(15.0, "lbf", "N")
 STIFFNESS = convert(4000.0, "lbf/in", "N/m")

@@ -10,9 +10,10 @@ from eightpost.ident.vehicle import VehicleFit
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.port_search import FrictionSearch
 from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
-from eightpost.rig.post import NO_DRIFT, LinearDamper, RigSensors, RigTest, random_drive, run_test
+from eightpost.rig import RigTest
 from eightpost.shock import Polylinear, StaticCurve
 from eightpost.signals import TimeSeries
+from eightpost.virtual import NO_DRIFT, LinearDamper, RigSensors, random_drive, run_test
 
 from .conftest import BASELINE, COULOMB, rubbing_car
 

@@ -27,10 +27,11 @@ from eightpost.ident.preparation.plausibility_rules import (
     clipped,
     spikes,
 )
-from eightpost.rig.post import NO_DRIFT, LinearDamper, RigTest, flexible_truth, run_test, track_drive
+from eightpost.rig import RigTest
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import read_vehicle
 from eightpost.verdict import Grade
+from eightpost.virtual import NO_DRIFT, LinearDamper, flexible_truth, run_test, track_drive
 
 from ..linear_rig import DAMPING, record
 from .test_bad_rig_files import run, written

@@ -24,9 +24,10 @@ from eightpost.ident.preparation import (
     time_lag,
 )
 from eightpost.ident.response import LocalPolynomial, contribution_error, estimate_response, response_of
-from eightpost.rig.post import LinearDamper, RigTest, quarter_truth, run_test, sine_drive, stand_in_truth
-from eightpost.rig.post.car import displacement_modes, force_modes
+from eightpost.rig import RigTest
+from eightpost.rig.geometry import displacement_modes, force_modes
 from eightpost.signals import TimeSeries
+from eightpost.virtual import LinearDamper, quarter_truth, run_test, sine_drive, stand_in_truth
 
 from ..linear_rig import RATE, car, record, spectrum
 

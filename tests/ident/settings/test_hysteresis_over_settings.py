@@ -14,10 +14,10 @@ from eightpost.ident.shock.settings.joint import JointProjection
 from eightpost.ident.shock.settings.result import fit_settings, held_out_percent
 from eightpost.ident.shock.settings.table import SettingsTable
 from eightpost.ident.shock.simulation import simulate
-from eightpost.rig.dynamometer import random_multisine
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Axis, Hysteresis, Port, StaticCurve, read_shock, write_shock
 from eightpost.signals import TimeSeries
+from eightpost.virtual.dynamometer import random_multisine
 
 RATE, FINE = 500.0, 2000.0
 SHARES = np.sign(np.linspace(-1.0, 1.0, 25)) * np.abs(np.linspace(-1.0, 1.0, 25)) ** 1.8

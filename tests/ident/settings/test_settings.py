@@ -31,12 +31,12 @@ from eightpost.ident.shock.settings.result import (
 from eightpost.ident.shock.settings.table import SettingsTable, joined_temperatures, read_settings_table
 from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.validation.records import evaluate
-from eightpost.rig.dynamometer import random_multisine
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Axis, Lpf1, Polylinear, Port, Settings, Shock, StaticCurve, Term, read_shock, write_shock
 from eightpost.shock.settings import node_weights
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade
+from eightpost.virtual.dynamometer import random_multisine
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "settings"
 RATE = 500.0

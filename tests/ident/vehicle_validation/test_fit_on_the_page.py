@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from eightpost.ident.vehicle import VehicleFit
-    from eightpost.rig.post import RigTest
+    from eightpost.rig import RigTest
 
 TRIED = (OrderCandidate(2, 1.1, (PolePair(3.0, 0.1, False),)), OrderCandidate(4, 40.0, (PolePair(3.0, 0.1, True),)))
 TRUST = Trust(

@@ -9,9 +9,9 @@ import pytest
 
 from eightpost.errors import InputError
 from eightpost.ident.vehicle.static_rating import StaticRating, rate_statically
-from eightpost.rig.post import NO_DRIFT, Car, LinearDamper, RigSensors, run_test, stand_in_truth, static_drive
-from eightpost.rig.post.car import displacement_modes, force_modes
+from eightpost.rig.geometry import displacement_modes, force_modes
 from eightpost.signals import TimeSeries
+from eightpost.virtual import NO_DRIFT, Car, LinearDamper, RigSensors, run_test, stand_in_truth, static_drive
 
 LOADS = ("lf.aero", "rf.aero", "lr.aero", "rr.aero")
 
