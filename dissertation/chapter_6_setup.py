@@ -24,8 +24,7 @@ from eightpost.rig.geometry import displacement_modes, force_modes
 from eightpost.units import si_factor
 from eightpost.vehicle import CORNERS
 from eightpost.virtual import random_drive, shim_build, static_drive
-from eightpost.virtual.drivefiles import HEAVE_SINES, TILT_SINES
-from eightpost.virtual.synthetic import AEROLOADER, WHEELLOADER
+from eightpost.virtual.drivefiles import AEROLOADER, HEAVE_SINES, TILT_SINES, WHEELLOADER
 
 _INCH, _POUND, _DAMPING = (si_factor(unit) for unit in ("in", "lbf", "lbf/(in/s)"))
 

@@ -106,7 +106,7 @@ def rig(  # one parameter per option
     """
     from eightpost.virtual import program
     from eightpost.virtual.program import Bench
-    from eightpost.virtual.truths import shocks_named
+    from eightpost.virtual.shocks import shocks_named
 
     bench = Bench.of(truth, car_seed=car_seed, friction=friction == "on", noise=noise == "rig", run=run_seed, seed=seed)
     names = bench.shocks(shocks or ("demo:A",))

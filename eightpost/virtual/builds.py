@@ -271,11 +271,11 @@ def _rebound_forces(base: Valving, speeds: Array) -> Array:
     """Return the force [N] with each rebound stack and each number of clicks (19, 29, N) at speeds (N,) [m/s]."""
     damper = base.damper()
     rod, area = damper.cylinder.rod_area, damper.cylinder.rebound_area
-    opened, closed = (replace(base, clicks=clicks).damper().plant.main.backward.orifice for clicks in (0, CLICKS[-1]))
+    opened, closed = (replace(base, clicks=clicks).damper().main_valve.backward.orifice for clicks in (0, CLICKS[-1]))
     orifices = [opened + (closed - opened) * clicks / CLICKS[-1] for clicks in CLICKS]
     shims = _main_passages(base, "rebound")
     main = np.stack([[_drops(shim._replace(orifice=o), area * speeds) for o in orifices] for shim in shims])
-    drop = _drops(damper.plant.head.backward, rod * speeds)
+    drop = _drops(damper.head_valve.backward, rod * speeds)
     pressure = np.maximum(damper.gas.charge - drop, damper.fluid.vapour_pressure)
     return np.asarray(damper.seals.drag - _rod_force(damper, pressure, pressure + main), dtype=np.float64)
 
@@ -289,25 +289,14 @@ def _rod_force(damper: PhysicalDamper, compression: Array, rebound: Array) -> Ar
 
 def _main_passages(base: Valving, side: str) -> list[Passage]:
     """Return the main piston's passage of one side with each stack."""
-    valves = [replace(base, compression=code, rebound=code).damper().plant.main for code in _CODES]
+    valves = [replace(base, compression=code, rebound=code).damper().main_valve for code in _CODES]
     return [valve.forward if side == "compression" else valve.backward for valve in valves]
 
 
 def _head_passages(base: Valving) -> list[Passage]:
-    return [replace(base, head=code).damper().plant.head.forward for code in _CODES]
+    return [replace(base, head=code).damper().head_valve.forward for code in _CODES]
 
 
 def _drops(passage: Passage, flows: Array) -> Array:
     """Return the pressure drops (N,) [Pa] of a passage at flows (N,) [m3/s], from a table of its flow."""
-    return np.asarray(np.interp(flows, _flows(passage), _DROPS), dtype=np.float64)
-
-
-def _flows(passage: Passage) -> Array:
-    """Return the flow [m3/s] of a passage at `_DROPS`, as `passage_flow` in valves.py."""
-    orifice, transition, opening, port, preload = passage
-    lift = _DROPS - preload
-    if preload > 0.0:
-        lift = np.where(2.0 * preload <= _DROPS, lift, 0.25 * _DROPS * _DROPS / preload)
-    gap = opening * lift
-    small = orifice * _DROPS / np.sqrt(np.sqrt(_DROPS * _DROPS + transition * transition))
-    return np.asarray(small + gap * np.sqrt(_DROPS / (1.0 + (gap / port) ** 2)))
+    return np.asarray(np.interp(flows, passage.flow(_DROPS), _DROPS), dtype=np.float64)

@@ -4,94 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Protocol, TypeVar
 
 import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.corners import channel
 from eightpost.rig.geometry import Geometry
-
-# ---- Car on the virtual rig -----------------------------------------------------------------------------------------
-
-
-Self = TypeVar("Self", bound="RigCar")
-
-
-class RigCar(Protocol):
-    """What the rig knows of a car with C corners, A loads and D coordinates in which its motion is recorded."""
-
-    @property
-    def name(self) -> str:
-        """Name of the car."""
-        ...
-
-    @property
-    def corners(self) -> tuple[str, ...]:
-        """Names of the corners; one empty name for a quarter car."""
-        ...
-
-    @property
-    def loads(self) -> tuple[str, ...]:
-        """Names of the loads, as in a drive file."""
-        ...
-
-    @property
-    def load_units(self) -> tuple[str, ...]:
-        """Units of the loads, N or N.m."""
-        ...
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """Names of roads and loads, in the order of a drive."""
-        ...
-
-    @property
-    def shock(self) -> Array:
-        """Rows (C, D) of the compression of the shocks."""
-        ...
-
-    @property
-    def wheel(self) -> Array:
-        """Rows (C, D) of the heights of the wheels at the tires."""
-        ...
-
-    @property
-    def chassis(self) -> Array:
-        """Rows (C, D) of the heights of the chassis above the wheels."""
-        ...
-
-    @property
-    def load(self) -> Array:
-        """Rows (A, D) of the travel of the loads in their own direction."""
-        ...
-
-    @property
-    def points(self) -> Mapping[str, Array]:
-        """Rows (D,) of the heights or angles of other measured points, by name."""
-        ...
-
-    @property
-    def geometry(self) -> Geometry | None:
-        """Positions of actuators and measurements, None for a quarter car."""
-        ...
-
-    @property
-    def static_load(self) -> Array:
-        """Static loads of the tires (C, 1) [N]; 0 if their forces are changes from static."""
-        ...
-
-    def named(self, quantity: str) -> tuple[str, ...]:
-        """Return `<corner>.<quantity>` for every corner; for a quarter car only the quantity."""
-        ...
-
-    def changed(self: Self, friction: float, tire: float) -> Self:
-        """Return the car with its friction and the stiffness of its tires multiplied by factors."""
-        ...
-
-    def without_friction(self: Self) -> Self:
-        """Return the same car without friction."""
-        ...
+from eightpost.virtual.kernel import CarNumbers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,6 +57,30 @@ class Car:
     def without_friction(self) -> Car:
         """Return the same car without friction."""
         return replace(self, friction=self.friction.scaled(0.0))
+
+    def numbers(self) -> CarNumbers:
+        """Return the car as arrays for the compiled integration."""
+        springs, tires, friction, corners = self.springs, self.tires, self.friction, len(self.corners)
+        none, stribeck = np.zeros((corners, 1)), np.full_like(friction.coulomb, friction.stribeck_velocity)
+        return CarNumbers(
+            mass=self.mass,
+            stiffness=self.stiffness,
+            damping=self.damping,
+            struts=np.vstack([self.shock, self.spring]).astype(np.float64),
+            ratios=np.tile([1.0, 0.0, 0.0], (2 * corners, 1)),
+            springs=np.hstack([none, springs.rate, springs.progression, springs.stop_gap, springs.stop_rate]),
+            wheels=self.wheel.astype(np.float64),
+            tires=np.hstack([tires.stiffness, none, none - np.inf, tires.damping, tires.static_load]),
+            hysteresis=np.zeros((0, 3)),
+            rubs=self.shock.astype(np.float64),
+            friction=np.hstack([friction.coulomb, friction.breakaway, friction.stiffness, stribeck]),
+            loads=self.load.astype(np.float64),
+        )
+
+    def motion(self, records: Array) -> tuple[Array, Array, Array]:
+        """Return coordinates, velocities and accelerations (D, N) of records of the compiled integration."""
+        q, v, a = np.split(records.T[: 3 * self.mass.size], 3)
+        return q, v, a
 
 
 # ---- Nonlinear elements of the cars ---------------------------------------------------------------------------------

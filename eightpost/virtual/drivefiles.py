@@ -1,9 +1,9 @@
-"""Drive files of the virtual rig."""
+"""Drive files of the virtual rigs and of a synthetic track."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,16 +11,156 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import fftconvolve, firwin2
 
 from eightpost.array_types import Array
+from eightpost.corners import CORNERS
 from eightpost.errors import ParameterError
 from eightpost.rig.geometry import aeroloader_forces
 from eightpost.signals.drivefile import Drivefile
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
-from eightpost.virtual.synthetic import AEROLOADER, WHEELLOADER, Track, track_drivefile
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from eightpost.rig.geometry import Geometry
-    from eightpost.virtual.car import RigCar
+    from eightpost.virtual.flexible import AnyCar
+
+
+# ---- Track for the seven-DOF car: rough road and slow body loads (dissertation 6.1.3) -------------------------------
+
+#: Table 6.3, wheelloader: frequency [Hz] and relative amplitude [1]; zero above 30 Hz.
+WHEELLOADER = (
+    (0.0, 1.0), (0.5, 1.0), (1.0, 1.0), (2.0, 0.8), (3.0, 0.7), (5.0, 0.5), (8.0, 0.3), (10.0, 0.3),
+    (15.0, 0.3), (20.0, 0.1), (30.0, 0.01),
+)  # fmt: skip
+
+#: Table 6.3, aeroloader: frequency [Hz] and relative amplitude [1]; zero above 5 Hz.
+AEROLOADER = ((0.0, 1.0), (0.5, 1.0), (3.0, 1.0), (4.0, 0.1), (5.0, 0.01))
+
+#: Time over which a drive file grows from its mean to its full amplitude [s].
+TAPER = 1.0
+
+#: Time that is generated before and after the record and cut off, so that the periodic noise does not wrap around [s].
+_MARGIN = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """Parameters of a track drive file, from section 6.1.3 if it gives them, otherwise our own choice."""
+
+    speed: float = 45.0  #: Speed of the car [m/s].
+    #: Wheelbase [m]; the rear axle follows the road of the front axle after wheelbase / speed.
+    wheelbase: float = convert(110.0, "in", "m")
+    track_width: float = convert(70.0, "in", "m")  #: Distance between the wheels of an axle [m].
+    #: Ratio [1]; left and right are similar above wavelengths of track_width / coherence_width.
+    coherence_width: float = 0.3
+    road_peak: float = convert(0.4, "in", "m")  #: Maximum wheelloader displacement [m]; 0.4 in (6.1.3).
+    downforce: float = convert(1000.0, "lbf", "N")  #: Mean downforce [N].
+    #: Root mean square of the heave force about its mean [N]; 160 lbf, the value per aeroloader in 6.1.3.
+    heave_rms: float = convert(160.0, "lbf", "N")
+    roll_rms: float = convert(4800.0, "lbf.in", "N.m")  #: Root mean square of the roll moment [N.m].
+    pitch_rms: float = convert(8000.0, "lbf.in", "N.m")  #: Root mean square of the pitch moment [N.m].
+
+    @property
+    def delay(self) -> float:
+        """Time from the front axle to the rear [s]."""
+        return self.wheelbase / self.speed
+
+    def likeness(self, frequency: Array) -> Array:
+        """Return the coherence (not squared) of the left and right road (K,) [1] at `frequency` (K,) [Hz].
+
+            gamma(f) = exp(-f w / (c v)),  w track width, v speed, c coherence width
+
+        The coherence is one at long wavelengths and decreases with frequency, as on measured roads.
+        """
+        return np.asarray(np.exp(-frequency * self.track_width / (self.coherence_width * self.speed)))
+
+
+def track_drivefile(seed: int, *, duration: float = 30.0, rate: float = 500.0, track: Track | None = None) -> Drivefile:
+    """Return a synthetic track drive file for the seven-DOF car.
+
+    Gaussian noise is shaped to the spectra of Table 6.3. The four roads have the spectrum of the wheelloaders; left and
+    right are similar only at long wavelengths, and the rear axle has the delayed road of the front axle. Heave force
+    (about a mean downforce, so negative), roll and pitch moment have the spectrum of the aeroloaders. In the first
+    second all channels grow from their means, so that a run can start in equilibrium.
+
+    Args:
+        seed: Seed of the noise generator.
+        duration: Duration [s].
+        rate: Sample rate [Hz], above 60.
+        track: Speed, geometry and amplitudes.
+
+    Returns:
+        Drive file with `lf.road`, `rf.road`, `lr.road`, `rr.road` [m, up], `heave_force` [N, up],
+        `roll_moment` and `pitch_moment` [N.m].
+
+    Raises:
+        ValueError: The sample rate is too low for the spectrum.
+    """
+    if rate <= 60.0:
+        raise ValueError(f"the sample rate must be above 60 Hz for a spectrum up to 30 Hz, not {rate:g} Hz")
+    track = track or Track()
+    generator = np.random.default_rng(seed)
+    samples = round(duration * rate) + 1
+    noise = _Noise(generator, samples, round(_MARGIN * rate), rate)
+    taper = _taper(samples, rate)
+    roads = _roads(noise, track) * taper
+    roads *= track.road_peak / np.abs(roads).max()
+    channels = {f"{corner}.road": ("m", road) for corner, road in zip(CORNERS, roads, strict=True)}
+    for name, unit, rms, mean in (
+        ("heave_force", "N", track.heave_rms, -track.downforce),
+        ("roll_moment", "N.m", track.roll_rms, 0.0),
+        ("pitch_moment", "N.m", track.pitch_rms, 0.0),
+    ):
+        load = noise.cut(noise.shaped(AEROLOADER))
+        channels[name] = (unit, mean + taper * load * (rms / np.std(load)))
+    return Drivefile(TimeSeries.from_channels(np.arange(samples) / rate, channels))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Noise:
+    """White noise for a record with a margin on both sides, shaped in the frequency domain."""
+
+    generator: np.random.Generator
+    samples: int
+    margin: int
+    rate: float
+
+    @property
+    def frequency(self) -> Array:
+        return np.asarray(np.fft.rfftfreq(self.samples + 2 * self.margin, 1.0 / self.rate))
+
+    def shaped(self, table: tuple[tuple[float, float], ...]) -> NDArray[np.complex128]:
+        """Return the Fourier coefficients (K,) of new zero-mean noise with the amplitude spectrum of a table."""
+        white = self.generator.standard_normal(self.samples + 2 * self.margin)
+        frequencies, amplitudes = np.array(table).T
+        shape = np.interp(self.frequency, frequencies, amplitudes, right=0.0)
+        shape[0] = 0.0
+        return np.asarray(np.fft.rfft(white) * shape, dtype=np.complex128)
+
+    def cut(self, lines: NDArray[np.complex128]) -> Array:
+        """Return the record (N,) of Fourier coefficients (K,) without the margins."""
+        whole = np.fft.irfft(lines, self.samples + 2 * self.margin)
+        return np.asarray(whole[self.margin : self.margin + self.samples], dtype=np.float64)
+
+
+def _roads(noise: _Noise, track: Track) -> Array:
+    """Return the roads (4, N) under lf, rf, lr, rr, in any unit.
+
+    With a common part c and an opposed part d, left = c + d and right = c - d have the same spectrum. Their coherence
+    is gamma if the power of c is (1 + gamma) / 2 and that of d is (1 - gamma) / 2.
+    """
+    likeness = track.likeness(noise.frequency)
+    common = noise.shaped(WHEELLOADER) * np.sqrt(0.5 * (1.0 + likeness))
+    opposed = noise.shaped(WHEELLOADER) * np.sqrt(0.5 * (1.0 - likeness))
+    later = np.exp(-2j * np.pi * noise.frequency * track.delay)
+    sides = (common + opposed, common - opposed)
+    return np.stack([noise.cut(side * axle) for axle in (np.ones_like(later), later) for side in sides])
+
+
+def _taper(samples: int, rate: float) -> Array:
+    """Return a raised cosine (N,) that grows from 0 to 1 over the first second."""
+    time = np.arange(samples) / rate
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.minimum(time / TAPER, 1.0)), dtype=np.float64)
 
 
 #: Sample rate of the rig's records (6.1.5) [Hz], and integration steps per sample, which give 5 kHz.
@@ -66,7 +206,7 @@ STATIC_PUSH, STATIC_PULL = 1000.0 * _POUND, 500.0 * _POUND
 
 
 def random_drive(
-    car: RigCar, seed: int, *, duration: float = 800.0, active: Sequence[str] = (), road_peak: float = ROAD_PEAK
+    car: AnyCar, seed: int, *, duration: float = 800.0, active: Sequence[str] = (), road_peak: float = ROAD_PEAK
 ) -> Drivefile:
     """Return the random test: Gaussian noise with the spectra of Table 6.3 on all actuators, or on `active` ones only.
 
@@ -123,7 +263,7 @@ def _with_loads(roads: Mapping[str, Array], count: int) -> dict[str, tuple[str, 
 
 
 def sine_drive(
-    car: RigCar, frequency: float, amplitude: float, *, mode: str = "heave", duration: float = 20.0
+    car: AnyCar, frequency: float, amplitude: float, *, mode: str = "heave", duration: float = 20.0
 ) -> Drivefile:
     """Return a sine of the wheelloaders in a mode; the amplitude grows during the first second.
 
@@ -140,7 +280,7 @@ def sine_drive(
     return _drivefile(car, time.size, _in_mode(car, mode, wave))
 
 
-def bump_drive(car: RigCar, *, height: float = 0.4 * _INCH, period: float = 10.0, duration: float = 50.0) -> Drivefile:
+def bump_drive(car: AnyCar, *, height: float = 0.4 * _INCH, period: float = 10.0, duration: float = 50.0) -> Drivefile:
     """Return a square wave of all wheelloaders, `height` [m] from peak to peak (6.1.3: 0.4 in, 10 s period, 50 s long).
 
     The edges take 20 ms (two moving averages of 10 ms), because actuators cannot jump. Section 4.5.1 has 1 in, a period
@@ -155,7 +295,7 @@ def bump_drive(car: RigCar, *, height: float = 0.4 * _INCH, period: float = 10.0
 
 
 def static_drive(
-    car: RigCar, kind: str = "heave", *, most: float | None = None, levels: int = 5, hold: float = 5.0
+    car: AnyCar, kind: str = "heave", *, most: float | None = None, levels: int = 5, hold: float = 5.0
 ) -> Drivefile:
     """Return the spring-rating test of 6.1.3: the aeroloader forces increase in levels from zero to `most`, and back.
 
@@ -197,14 +337,14 @@ def _check_duration(duration: float) -> None:
         raise ParameterError(f"the duration must be above 0, not {duration:g} s")
 
 
-def _in_mode(car: RigCar, mode: str, wave: Array) -> dict[str, Array]:
+def _in_mode(car: AnyCar, mode: str, wave: Array) -> dict[str, Array]:
     if mode not in SIGNS:
         raise ParameterError(f"there is no mode {mode!r}; there are {', '.join(SIGNS)}")
     signs = SIGNS[mode] if len(car.corners) == 4 else (1,)
     return {name: sign * wave for name, sign in zip(car.named("road"), signs, strict=True)}
 
 
-def _drivefile(car: RigCar, count: int, commands: Mapping[str, Array], *, rest: bool = True) -> Drivefile:
+def _drivefile(car: AnyCar, count: int, commands: Mapping[str, Array], *, rest: bool = True) -> Drivefile:
     """Return the drive file of the inputs that move; with `rest`, the mean forces of the aeroloaders are added."""
     zero, channels = np.zeros(count), {}
     units = (*("m",) * len(car.corners), *car.load_units)
@@ -214,14 +354,14 @@ def _drivefile(car: RigCar, count: int, commands: Mapping[str, Array], *, rest: 
     return Drivefile(TimeSeries.from_channels(np.arange(count) / RATE, channels))
 
 
-def _mean_load(car: RigCar, name: str) -> float:
+def _mean_load(car: AnyCar, name: str) -> float:
     """Return the mean of an input, which is the downforce for aeroloaders and 0 otherwise."""
     if car.loads != car.named("aero") or name not in car.loads:
         return 0.0
     return DOWNFORCE[0] if car.loads.index(name) < 2 else DOWNFORCE[1]
 
 
-def _load_peak(car: RigCar, name: str) -> float:
+def _load_peak(car: AnyCar, name: str) -> float:
     """Return the peak of a load: 560 lbf, or a moment of 560 lbf with half the wheelbase as lever arm."""
     if car.geometry is None or not name.endswith("_moment"):
         return AERO_PEAK
@@ -263,7 +403,7 @@ _LAP = replace(
 )
 
 
-def track_drive(car: RigCar, seed: int, *, duration: float = 33.0) -> Drivefile:
+def track_drive(car: AnyCar, seed: int, *, duration: float = 33.0) -> Drivefile:
     """Return a synthetic lap for a four-wheeled car; the aeroloaders apply the loads if the car has any.
 
     The spectra are those of `track_drivefile`. The aeroloaders have the mean forces of the identification tests.

@@ -12,12 +12,19 @@ from eightpost.array_types import Array
 from eightpost.corners import CORNERS, channel
 from eightpost.rig.geometry import Geometry
 from eightpost.units import convert
+from eightpost.virtual.car import Car
+from eightpost.virtual.kernel import CarNumbers
 
 # ==== Parameters and coordinates =====================================================================================
 
 #: Coordinates in which the rig measures the motion: shock travel, wheel, chassis and aeroloader mount of every corner,
 #: then heave, pitch and roll at the centre of gravity and the height at the driver.
 MEASURED = 4 * len(CORNERS) + 4
+
+#: Numbers of coordinates: the shell's five, with the engine's two, with the wheels' four.
+SHELL, ENGINE, COORDINATES = 5, 7, 11
+
+_GRAVITY = convert(1.0, "g_0", "m/s2")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,6 +91,10 @@ class Sliders:
         """Return sliders with forces multiplied by `factor` and the same distance before they slide."""
         stiffness = self.stiffness * max(factor, 1e-9)
         return Sliders(self.sliding * factor, self.breakaway * factor, stiffness)
+
+    def numbers(self) -> Array:
+        """Return sliding force, breakaway force and stiffness (n, 3)."""
+        return np.column_stack([self.sliding, self.breakaway, self.stiffness])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,29 +192,87 @@ class FlexibleCar:
         return self.changed(0.0, 1.0)
 
     @property
-    def corner_rows(self) -> Array:
-        """Rows (4, 5) from the shell's coordinates to its heights above the wheels."""
-        g = self.geometry
-        places = ((g.front_axle, self.tracks[0]), (-g.rear_axle, self.tracks[1]))
-        return np.stack([self.shell.row(x, 0.5 * side * track) for x, track in places for side in (1.0, -1.0)])
+    def rows(self) -> _Rows:
+        """Rows from the shell's coordinates to its points."""
+        g, tracks = self.geometry, self.tracks
 
-    @property
-    def load_rows(self) -> Array:
-        """Rows (4, 5) from the shell's coordinates to the heights of the aeroloaders' mounts."""
-        g = self.geometry
-        places = ((g.front_aero, g.front_aero_track), (-g.rear_aero, g.rear_aero_track))
-        return np.stack([self.shell.row(x, 0.5 * side * track) for x, track in places for side in (1.0, -1.0)])
+        def pairs(front: float, front_track: float, rear: float, rear_track: float) -> Array:
+            places = ((front, front_track), (-rear, rear_track))
+            return np.stack([self.shell.row(x, 0.5 * side * track) for x, track in places for side in (1.0, -1.0)])
 
-    @property
-    def point_rows(self) -> Array:
-        """Rows (4, 5) from the shell's coordinates to `points`."""
         heave = self.shell.row(0.0, 0.0)
-        return np.stack([heave, np.eye(5)[1], np.eye(5)[2], self.shell.row(*self.driver)])
+        return _Rows(
+            pairs(g.front_axle, tracks[0], g.rear_axle, tracks[1]),
+            pairs(g.front_aero, g.front_aero_track, g.rear_aero, g.rear_aero_track),
+            np.stack([heave, np.eye(5)[1], np.eye(5)[2], self.shell.row(*self.driver)]),
+        )
+
+    def numbers(self) -> CarNumbers:
+        """Return the car as arrays for the compiled integration, in (shell, engine, wheels) coordinates."""
+        shell, engine, own, tires = self.shell, self.engine, self.suspension, self.tires
+        masses = [shell.mass, shell.pitch_inertia, shell.roll_inertia, shell.bending[0], shell.torsion[0]]
+        preload = (tires.static_load - _GRAVITY * self.wheels) / own.ratio[:, 0]
+        wheels, travel = np.eye(COORDINATES)[ENGINE:], np.eye(COORDINATES)[ENGINE:]
+        travel[:, :SHELL] -= self.rows.corners
+        twist = travel[[0, 2]] - travel[[1, 3]]
+        loads = np.zeros((4, COORDINATES))
+        loads[:, :SHELL] = -self.rows.loads
+        stiffness, damping = np.zeros((2, COORDINATES, COORDINATES))
+        for k, (mass, frequency, ratio) in enumerate((shell.bending, shell.torsion), start=3):
+            rate = 2.0 * np.pi * frequency
+            stiffness[k, k], damping[k, k] = mass * rate**2, 2.0 * ratio * mass * rate
+        for arm, spring, loss in zip(engine.arms, engine.stiffness, engine.damping, strict=True):
+            mount = np.array([*-shell.row(engine.ahead + arm, 0.0), 1.0, -arm, 0.0, 0.0, 0.0, 0.0])
+            stiffness += spring * np.outer(mount, mount)
+            damping += loss * np.outer(mount, mount)
+        stiffness += twist.T @ np.diag(own.bars) @ twist
+        damping += travel.T @ np.diag(own.damping) @ travel
+        return CarNumbers(
+            mass=np.array([*masses, engine.mass, engine.pitch_inertia, *self.wheels]),
+            stiffness=stiffness,
+            damping=damping,
+            struts=np.vstack([travel, travel]),
+            ratios=np.vstack([own.ratio, own.ratio]),
+            springs=np.column_stack([preload, own.rate, np.zeros(4), own.stop_gap, own.stop_rate]),
+            wheels=wheels,
+            tires=np.column_stack([tires.stiffness, tires.stiffening, -0.5 * tires.stiffness / tires.stiffening,
+                                   tires.damping, tires.static_load]),
+            hysteresis=tires.hysteresis.numbers(),
+            rubs=np.vstack([travel, twist]),
+            friction=np.column_stack([self.friction.numbers(), np.zeros(6)]),
+            loads=loads,
+        )  # fmt: skip
+
+    def motion(self, records: Array) -> tuple[Array, Array, Array]:
+        """Return the motion in measured coordinates, its velocity and its acceleration (MEASURED, N)."""
+        rows = np.zeros((16, COORDINATES))
+        rows[:4, ENGINE:] = np.eye(4)
+        rows[4:, :SHELL] = np.vstack(self.rows)
+        place, speed, rate = (rows @ part for part in np.split(records.T[: 3 * COORDINATES], 3))
+        w, dw, ddw = (x[:4] - x[4:8] for x in (place, speed, rate))
+        r0, r1, r2 = self.suspension.ratio.T[:, :, None]
+        ratio, bend = r0 + w * (r1 + 0.5 * w * r2), r1 + w * r2
+        travel = w * (r0 + w * (r1 / 2.0 + w * r2 / 6.0))
+        return (
+            np.concatenate([travel, place]),
+            np.concatenate([ratio * dw, speed]),
+            np.concatenate([ratio * ddw + bend * dw**2, rate]),
+        )
+
+
+class _Rows(NamedTuple):
+    """Rows (4, 5) from the shell's coordinates to its heights above the wheels, at the aeroloaders, and to `points`."""
+
+    corners: Array
+    loads: Array
+    points: Array
+
+
+#: A car that the virtual rig can test.
+AnyCar = Car | FlexibleCar
 
 
 # ==== The car, and cars drawn at random around it ====================================================================
-
-_GRAVITY = convert(1.0, "g_0", "m/s2")
 
 
 class _Spread(NamedTuple):

@@ -2,34 +2,36 @@
 
     q+ = q + h v + h^2/2 a,  a+ = acceleration(q+, v + h a),  v+ = v + h/2 (a + a+)
 
-The functions work on arrays and numbers only; `simulate.py` fills them from cars and shocks. This is the only module of
-the rig that imports numba; `compiled` compiles the functions of other cars.
+The functions work on arrays and numbers only, which cars and shocks fill (`numbers`). This is the only module of the
+package that imports numba.
 """
 
 from __future__ import annotations
 
 import math
-import zlib
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numba import njit
+from scipy.interpolate import CubicSpline
 
 from eightpost.array_types import Array
 from eightpost.cache import kept
-from eightpost.shock.compiled import LAW_FILES, law_step
+from eightpost.errors import ParameterError, StepError
+from eightpost.shock.compiled import LAW_FILES, LAW_NUMBERS, law_step
 from eightpost.vehicle.compiled import BRISTLE_FILE, deflection_after
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from eightpost.signals.timeseries import TimeSeries
+
     Counts = NDArray[np.int64]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-#: Types of shocks. The functions below document the contents of their rows of numbers.
+#: Types of shocks.
 LINEAR, LAW, FLUID, PHYSICAL = range(4)
 
 #: Length of a row of numbers, and number of states of a shock.
@@ -38,23 +40,44 @@ NUMBERS, STATES = 36, 5
 #: The L-stable second-order method ROS2.
 _GAMMA = 1.0 + math.sqrt(0.5)
 
-#: Number that changes with the files of the laws and with this file, whose functions other cars compile too.
-_FILES = LAW_FILES + BRISTLE_FILE + zlib.crc32(Path(__file__).read_bytes())
+#: Number that changes with the files of the laws and of the bristle.
+_FILES = LAW_FILES + BRISTLE_FILE
 
 #: Number of samples between checks that the motion is finite.
 _CHECK_INTERVAL = 500
 
+#: Longest step along a motion of the dynamometer [s], and number of samples whose steps are in memory together.
+LONGEST_STEP, _BLOCK = 1.25e-5, 5000
+
 
 class CarNumbers(NamedTuple):
-    """Arrays of a car with D coordinates, C corners and U inputs."""
+    """A car with D coordinates and C corners as rows (D,), and the elements along them.
 
-    ports: Array  #: Displacements per q (3 C, D), in rows of shocks, wheels, springs.
-    push: Array  #: Accelerations per force (D, 3 C + loads).
-    stiffness: Array  #: Accelerations per q (D, D).
-    damping: Array  #: Accelerations per q' (D, D).
-    springs: Array  #: Rate, progression, stop gap and stop rate of the springs (C, 4).
-    tires: Array  #: Stiffness, damping and static load of the tires (C, 3).
-    friction: Array  #: Sliding friction, breakaway force, stiffness and Stribeck velocity (C, 4).
+    An element with the force f resists the motion of its row r: the generalised force is -f r. A strut has the travel
+    s(w) = r0 w + r1 w^2 / 2 + r2 w^3 / 6 over the travel w of its row.
+    """
+
+    mass: Array  #: Masses of the coordinates (D,) [kg] or [kg.m2].
+    stiffness: Array  #: Stiffness K (D, D).
+    damping: Array  #: Damping C (D, D).
+    struts: Array  #: Rows (2 C, D) of the shocks and of the springs.
+    ratios: Array  #: r0, r1 and r2 of the struts (2 C, 3).
+    springs: Array  #: Preload at s = 0, rate, progression, stop gap and stop rate of the springs (C, 5).
+    wheels: Array  #: Rows (C, D) of the heights of the wheels.
+    tires: Array  #: Stiffness, stiffening, its end, damping and static load of the tires (C, 5).
+    hysteresis: Array  #: Sliding force, breakaway force and stiffness of sliders, H / C in each tire (H, 3).
+    rubs: Array  #: Rows (F, D) along which there is friction, those of the corners first.
+    #: Sliding force, breakaway force, stiffness and Stribeck velocity of the friction (F, 4); velocity 0: a slider.
+    friction: Array
+    loads: Array  #: Rows (A, D) of the travel of the loads in their own direction.
+
+
+class ShockRow(NamedTuple):
+    """A shock as numbers; the functions below document the order of those of each type."""
+
+    kind: int  #: Type of the shock.
+    numbers: Sequence[float] = ()  #: At most NUMBERS parameters.
+    start: Sequence[float] = ()  #: At most STATES initial states; the others are 0.
 
 
 class ShockNumbers(NamedTuple):
@@ -98,13 +121,12 @@ def march(car: CarNumbers, which: Counts, shocks: ShockNumbers, inputs: Inputs, 
     Returns:
         Sample at which the motion is no longer finite, or -lead - 1 if it is always finite.
     """
-    corners, dofs = which.size, car.push.shape[0]
+    corners, n, rubs = which.size, car.mass.size, car.friction.shape[0]
     steps, count = inputs.weights.shape[1], inputs.values.shape[1]
     h = 1.0 / (inputs.rate * steps)
-    q, v, a, guess = np.zeros(dofs), np.zeros(dofs), np.zeros(dofs), np.zeros(dofs)
-    places, speeds = np.zeros(3 * corners), np.zeros(3 * corners)
-    before, bend, outputs = np.zeros(corners), np.zeros(corners), np.zeros((3, corners))
-    forces = np.zeros(car.push.shape[1])
+    q, v, a, guess, force = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+    before, ratio, rubbing = np.zeros(corners), np.zeros(corners), np.zeros(rubs)
+    stuck, lost, outputs = np.zeros((rubs, 3)), np.zeros((car.hysteresis.shape[0], 3)), np.zeros((3, corners))
     states, work = np.empty((corners, STATES)), np.empty((10, 3))
     for c in range(corners):
         states[c] = shocks.starts[which[c]]
@@ -114,32 +136,63 @@ def march(car: CarNumbers, which: Counts, shocks: ShockNumbers, inputs: Inputs, 
             _record(records[sample], q, v, a, outputs)
         if sample % _CHECK_INTERVAL == 0 and not np.isfinite(q).all():
             return sample
-        fill_knots(inputs, sample, knots)
-        for k in range(steps):
-            drive_at(inputs, k, knots, drive, slope)
-            for i in range(dofs):
+        _fill_knots(inputs, sample, knots)
+        for step in range(steps):
+            _drive_at(inputs, step, knots, drive, slope)
+            for i in range(n):
                 q[i] += h * (v[i] + 0.5 * h * a[i])
                 guess[i] = v[i] + h * a[i]
-            _multiply(car.ports, q, places)
-            _multiply(car.ports, guess, speeds)
+            for i in range(n):
+                force[i] = -_dot(car.stiffness[i], q) - _dot(car.damping[i], guess)
             for c in range(corners):
-                s = which[c]
-                force = shock_force(
-                    shocks.kinds[s], shocks.numbers[s], shocks.laws[s], states[c], before[c], speeds[c], places[c], h,
-                    work,
+                row, s = car.struts[c], which[c]
+                place, ratio[c] = _travel(car.ratios[c], _dot(row, q))
+                outputs[0, c] = shock_force(
+                    shocks.kinds[s], shocks.numbers[s], shocks.laws[s], states[c], before[c],
+                    ratio[c] * _dot(row, guess), place, h, work,
                 )  # fmt: skip
-                bend[c] = _bend(car.friction[c], bend[c], 0.5 * (before[c] + speeds[c]), h)
-                w, p = corners + c, 2 * corners + c
-                tire, sticking = car.tires[c], car.friction[c, 2] * bend[c]
-                load = max(tire[0] * (drive[c] - places[w]) + tire[1] * (slope[c] - speeds[w]), -tire[2])
-                outputs[0, c], outputs[1, c], outputs[2, c] = force, sticking, load
-                forces[c], forces[w], forces[p] = force + sticking, load, _spring(car.springs[c], places[p])
+                _push(row, -ratio[c] * outputs[0, c], force)
+            _springs_and_tires(car, q, guess, drive, slope, lost, outputs[2], force)
+            _rub(car, q, guess, rubbing, h, stuck, force)
+            outputs[1] = stuck[:corners, 0]
             for j in range(corners, count):
-                forces[2 * corners + j] = drive[j]
-            _accelerate(car, forces, q, guess, v, a, h)
+                _push(car.loads[j - corners], drive[j], force)
+            for i in range(n):
+                new = force[i] / car.mass[i]
+                v[i] += 0.5 * h * (a[i] + new)
+                a[i] = new
             for c in range(corners):
-                before[c] = _dot(car.ports[c], v)
+                before[c] = ratio[c] * _dot(car.struts[c], v)
+            for j in range(rubs):
+                rubbing[j] = _dot(car.rubs[j], v)
     return -inputs.lead - 1
+
+
+@compiled
+def _springs_and_tires(
+    car: CarNumbers, q: Array, v: Array, drive: Array, slope: Array, lost: Array, loads: Array, force: Array
+) -> None:
+    """Add the forces of springs and tires, and fill the changes of the tire forces from static (C,) [N]."""
+    corners = loads.size
+    for c in range(corners):
+        row = car.struts[corners + c]
+        _push(row, -_spring(car.springs[c], car.ratios[corners + c], _dot(row, q)), force)
+        row = car.wheels[c]
+        loads[c] = _tire(car, c, drive[c] - _dot(row, q), slope[c] - _dot(row, v), lost)
+        _push(row, loads[c], force)
+
+
+@compiled
+def _rub(car: CarNumbers, q: Array, v: Array, before: Array, h: float, stuck: Array, force: Array) -> None:
+    """Add the friction, and update its forces [N] and states (F, 3)."""
+    for j in range(stuck.shape[0]):
+        row, own = car.rubs[j], car.friction[j]
+        if own[3] > 0.0:
+            stuck[j, 1] = _bend(own, stuck[j, 1], 0.5 * (before[j] + _dot(row, v)), h)
+            stuck[j, 0] = own[2] * stuck[j, 1]
+        else:
+            slide(own, stuck[j], _dot(row, q))
+        _push(row, -stuck[j, 0], force)
 
 
 @compiled
@@ -151,7 +204,74 @@ def _record(row: Array, q: Array, v: Array, a: Array, outputs: Array) -> None:
 
 
 @compiled
-def fill_knots(inputs: Inputs, sample: int, knots: Array) -> None:
+def march_shock(
+    kind: int, numbers: Array, law: Any, places: Array, speeds: Array, h: float, steps: int, states: Array
+) -> None:
+    """Fill the states (N, STATES) of a shock at every `steps` samples of a motion; the first row is the initial state.
+
+    Args:
+        kind: Type of the shock.
+        numbers: Parameters (NUMBERS,).
+        law: Law as a record of `LAW_NUMBERS`.
+        places: Displacements (steps (N - 1) + 1,) [m].
+        speeds: Velocities at the same times [m/s].
+        h: Time between them [s].
+        steps: Steps from one row to the next.
+        states: Output array.
+    """
+    state, work = states[0].copy(), np.empty((10, 3))
+    for k in range(1, places.size):
+        shock_force(kind, numbers, law, state, speeds[k - 1], speeds[k], places[k], h, work)
+        if k % steps == 0:
+            states[k // steps] = state
+
+
+def along(
+    row: ShockRow,
+    motion: TimeSeries,
+    rate: float,
+    start: Callable[[float, float], Sequence[float]],
+    *,
+    longest: float = LONGEST_STEP,
+) -> tuple[Array, Array, Array, Array]:
+    """Integrate a shock along a displacement command, which is interpolated by a cubic spline.
+
+    Args:
+        row: Shock as numbers.
+        motion: Evenly sampled series with the channel `displacement` [m].
+        rate: Sample rate of the result [Hz].
+        start: Initial states at a displacement [m] and a velocity [m/s].
+        longest: Longest step of the integration [s].
+
+    Returns:
+        Times (N,) [s], displacement [m], velocity [m/s] and states (N, STATES).
+
+    Raises:
+        ParameterError: The command is not evenly sampled.
+        StepError: A state is no longer finite.
+    """
+    intervals = np.diff(motion.time)
+    if intervals.size < 3 or np.ptp(intervals) > 1e-6 * intervals[0]:
+        raise ParameterError("the displacement must have at least 4 evenly spaced samples; resample it first")
+    spline, steps = CubicSpline(motion.time, motion["displacement"]), math.ceil(1.0 / (rate * longest))
+    time = motion.time[0] + np.arange(int(motion.duration * rate * (1.0 + 1e-12)) + 1) / rate
+    places, speeds = spline(time), spline(time, 1)
+    numbers, states = np.zeros(NUMBERS), np.zeros((time.size, STATES))
+    numbers[: len(row.numbers)] = row.numbers
+    first = start(float(places[0]), float(speeds[0]))
+    states[0, : len(first)] = first
+    for block in range(0, time.size - 1, _BLOCK):
+        part = states[block : block + _BLOCK + 1]
+        fine = time[block] + np.arange(steps * (len(part) - 1) + 1) / (rate * steps)
+        h = 1.0 / (rate * steps)
+        march_shock(row.kind, numbers, np.zeros(1, LAW_NUMBERS)[0], spline(fine), spline(fine, 1), h, steps, part)
+    if not np.isfinite(states).all():
+        raise StepError("the integration of the damper failed: a state is not finite; check its parts and its motion")
+    return time, places, speeds, states
+
+
+@compiled
+def _fill_knots(inputs: Inputs, sample: int, knots: Array) -> None:
     """Fill the values and slopes (4, U) at a sample and at the next; outside the drive, its end values are held."""
     last = inputs.values.shape[0] - 1
     for side in range(2):
@@ -166,7 +286,7 @@ def fill_knots(inputs: Inputs, sample: int, knots: Array) -> None:
 
 
 @compiled
-def drive_at(inputs: Inputs, step: int, knots: Array, drive: Array, slope: Array) -> None:
+def _drive_at(inputs: Inputs, step: int, knots: Array, drive: Array, slope: Array) -> None:
     """Fill the drive (U,) and its slope per second (U,) at the end of a step."""
     w, g = inputs.weights[0, step], inputs.weights[1, step]
     for j in range(drive.size):
@@ -184,24 +304,55 @@ def _dot(row: Array, x: Array) -> float:
 
 
 @compiled
-def _multiply(matrix: Array, x: Array, out: Array) -> None:
-    for k in range(out.size):
-        out[k] = _dot(matrix[k], x)
+def _push(row: Array, force: float, generalised: Array) -> None:
+    for i in range(row.size):
+        generalised[i] += row[i] * force
 
 
 @compiled
-def _accelerate(car: CarNumbers, forces: Array, q: Array, guess: Array, v: Array, a: Array, h: float) -> None:
-    """Update the accelerations and velocities to the end of the step."""
-    for i in range(a.size):
-        new = _dot(car.push[i], forces) + _dot(car.stiffness[i], q) + _dot(car.damping[i], guess)
-        v[i] += 0.5 * h * (a[i] + new)
-        a[i] = new
+def _travel(r: Array, w: float) -> tuple[float, float]:
+    """Return the travel of a strut and its ratio to the travel of its row."""
+    return w * (r[0] + w * (r[1] / 2.0 + w * r[2] / 6.0)), r[0] + w * (r[1] + 0.5 * w * r[2])
 
 
 @compiled
-def _spring(spring: Array, s: float) -> float:
-    into = max(s - spring[2], 0.0)
-    return float(spring[0] * s * (1.0 + spring[1] * s) + spring[3] * into * into)
+def _spring(spring: Array, r: Array, w: float) -> float:
+    """Return the change of a spring's force from static along its row [N]."""
+    s, ratio = _travel(r, w)
+    into = max(s - spring[3], 0.0)
+    pushed = spring[0] + spring[1] * s * (1.0 + spring[2] * s) + spring[4] * into * into
+    return float(pushed * ratio - spring[0] * r[0])
+
+
+@compiled
+def _tire(car: CarNumbers, c: int, deflection: float, rate: float, lost: Array) -> float:
+    """Return the change of a tire's force from static [N]."""
+    own, sliders = car.tires[c], lost.shape[0] // car.tires.shape[0]
+    bent = max(deflection, own[2])
+    change = own[0] * bent + own[1] * bent * bent + own[3] * rate
+    for k in range(sliders * c, sliders * (c + 1)):
+        change += slide(car.hysteresis[k], lost[k], deflection)
+    return float(max(change, -own[4]))
+
+
+@compiled
+def slide(slider: Array, state: Array, place: float) -> float:
+    """Return the force of a slider at a displacement [N], and update its state: force, displacement, direction.
+
+    It sticks as a spring until its force exceeds the breakaway force, and then slides with the sliding force until the
+    direction reverses.
+    """
+    trial = state[0] + slider[2] * (place - state[1])
+    state[1] = place
+    direction = 1.0 if trial >= 0.0 else -1.0
+    limit = slider[0] if state[2] == direction else slider[1]
+    if abs(trial) > limit:
+        state[0], state[2] = direction * slider[0], direction
+    elif abs(trial) < slider[0]:
+        state[0], state[2] = trial, 0.0
+    else:
+        state[0] = trial
+    return float(state[0])
 
 
 @compiled

@@ -32,11 +32,12 @@ from eightpost.virtual.drivefiles import (
     static_drive,
     track_drive,
 )
+from eightpost.virtual.shocks import Shock, shocks_named
 from eightpost.virtual.simulate import RigSensors, Run, commands, sensor_channels, simulate, with_math
-from eightpost.virtual.truths import AnyCar, shocks_named, truth_named
+from eightpost.virtual.truths import truth_named
 
 if TYPE_CHECKING:
-    from eightpost.virtual.truths import Shock
+    from eightpost.virtual.flexible import AnyCar
 
 
 # ==== Programs =======================================================================================================

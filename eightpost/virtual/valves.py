@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq
 
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError
@@ -65,22 +66,11 @@ class Fluid:
         """Return the level ln((p - p_v) / (p_0 - p_v)) [1] of an absolute pressure [Pa]; it is the integrated state."""
         return math.log((pressure - self.vapour_pressure) / self.span)
 
-    def pressure(self, level: float) -> float:
-        """Return the absolute pressure [Pa] of a level [1]."""
-        return self.vapour_pressure + self.span * math.exp(level)
-
-    def expansion(self, pressure: float) -> float:
-        """Return the relative volume phi [1] at an absolute pressure [Pa]."""
-        liquid = (1.0 - self.gas_fraction) * math.exp((ATMOSPHERE - pressure) / self.bulk_modulus)
-        return liquid + self.free_gas(pressure)
-
-    def free_gas(self, pressure: float) -> float:
-        """Return the free gas and vapour at an absolute pressure [Pa] per unit of fluid at atmospheric pressure [1]."""
-        return self.gas_fraction * math.exp(-self.level(pressure) / self.gas_exponent)
-
     def content(self, pressure: float) -> float:
         """Return the fluid volume at atmospheric pressure that is in a unit of rigid chamber volume [1]."""
-        return math.exp((pressure - ATMOSPHERE) / self.wall_modulus) / self.expansion(pressure)
+        liquid = (1.0 - self.gas_fraction) * math.exp((ATMOSPHERE - pressure) / self.bulk_modulus)
+        gas = self.gas_fraction * math.exp(-self.level(pressure) / self.gas_exponent)
+        return math.exp((pressure - ATMOSPHERE) / self.wall_modulus) / (liquid + gas)
 
 
 # ---- Cylinder, rod, gas chamber and seals ---------------------------------------------------------------------------
@@ -148,20 +138,10 @@ class Seals:
     drag: float = convert(4.5, "lbf", "N")  #: Sliding friction F_c [N]; 3 to 5 lbf (3.4.3).
     length: float = 5e-5  #: Displacement F_c / s over which the friction reverses [m].
 
-    def force(self, displacement: Array) -> Array:
-        """Return the friction (N,) [N] for a displacement (N,) [m], starting from zero; exact if turns are sampled."""
-        drag, force = self.drag, 0.0
-        found = [0.0]
-        for step in np.diff(displacement).tolist():
-            end = math.copysign(drag, step)
-            force = end + (force - end) * math.exp(-abs(step) / self.length)
-            found.append(force)
-        return np.array(found)
-
 
 # ==== Valves =========================================================================================================
 
-# ---- Flow through an orifice in parallel with a shim stack, as pure functions of floats in [Pa] and -----------------
+# ---- Flow through an orifice in parallel with a shim stack ----------------------------------------------------------
 
 
 class Passage(NamedTuple):
@@ -182,28 +162,29 @@ class Passage(NamedTuple):
     port: float = 1.0  #: Conductance P of the port [m3/s/Pa^0.5].
     preload: float = 0.0  #: Mean pressure s at which the edge opens [Pa].
 
+    def flow(self, drop: Array) -> Array:
+        """Return the flows (N,) [m3/s] at pressure drops (N,) >= 0 [Pa]."""
+        lift = drop - self.preload
+        if self.preload > 0.0:
+            lift = np.where(2.0 * self.preload <= drop, lift, 0.25 * drop * drop / self.preload)
+        gap = self.opening * lift
+        small = self.orifice * drop / np.sqrt(np.sqrt(drop * drop + self.transition * self.transition))
+        return np.asarray(small + gap * np.sqrt(drop / (1.0 + (gap / self.port) ** 2)))
 
-def passage_flow(drop: float, passage: Passage) -> float:
-    """Return the flow [m3/s] at a pressure drop >= 0 [Pa]."""
-    orifice, transition, opening, port, preload = passage
-    lift = drop - preload if drop >= 2.0 * preload else 0.25 * drop * drop / preload
-    gap = opening * lift
-    ratio = gap / port
-    small = orifice * drop / math.sqrt(math.sqrt(drop * drop + transition * transition))
-    return small + gap * math.sqrt(drop / (1.0 + ratio * ratio))
 
+class Valve(NamedTuple):
+    """Passages of a valve between two chambers, one for each flow direction."""
 
-def passage_slope(drop: float, passage: Passage) -> float:
-    """Return the slope dQ / d(dp) [m3/s/Pa] at a pressure drop >= 0 [Pa]."""
-    orifice, transition, opening, port, preload = passage
-    size = drop * drop + transition * transition
-    slope = orifice * (1.0 - 0.5 * drop * drop / size) / math.sqrt(math.sqrt(size))
-    if opening == 0.0 or drop == 0.0:
-        return slope
-    whole = drop >= 2.0 * preload
-    lift, growth = (drop - preload, 1.0) if whole else (0.25 * drop * drop / preload, 0.5 * drop / preload)
-    series = 1.0 + (opening * lift / port) ** 2
-    return slope + opening / math.sqrt(series) * (growth * math.sqrt(drop) / series + 0.5 * lift / math.sqrt(drop))
+    forward: Passage
+    backward: Passage
+
+    def drop(self, flow: float) -> float:
+        """Return the signed pressure drop [Pa] at a signed flow [m3/s]."""
+        passage, reach = self.forward if flow >= 0.0 else self.backward, 1e5
+        while passage.flow(np.float64(reach)) < abs(flow):
+            reach *= 2.0
+        found = brentq(lambda drop: float(passage.flow(np.float64(drop))) - abs(flow), 0.0, reach, xtol=1e-6)
+        return math.copysign(float(found), flow)
 
 
 # ---- Shim stacks, by their codes in Table 7.2 -----------------------------------------------------------------------

@@ -18,7 +18,7 @@ from eightpost.units import convert
 from eightpost.vehicle import shipped
 from eightpost.verdict import Grade
 from eightpost.virtual import RigSensors, quarter_truth, run_test
-from eightpost.virtual.truths import LinearDamper
+from eightpost.virtual.shocks import LinearDamper
 
 #: The damper of Table 4.1, so that the linear car of the table is the car on the rig.
 DAMPER = "16.67 lbf.s/in"

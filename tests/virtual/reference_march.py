@@ -12,8 +12,8 @@ from eightpost.array_types import Array
 from eightpost.shock import ShockLaw
 from eightpost.virtual import Car, Friction, LinearDamper, Motion, PhysicalDamper, Run, Shock, Springs, Tires
 from eightpost.virtual.drivefiles import LEAD, RATE, STEPS
+from eightpost.virtual.shocks import TruthDamper, ValveSide
 from eightpost.virtual.simulate import Drives, _inputs, _motion
-from eightpost.virtual.synthetic import TruthDamper, ValveSide
 
 # ---- Shocks ---------------------------------------------------------------------------------------------------------
 

@@ -14,7 +14,7 @@ from eightpost.signals import read_series
 from eightpost.virtual import LinearDamper, configuration
 from eightpost.virtual.dynamometer import Specimen, drivefile_of
 from eightpost.virtual.program import Bench
-from eightpost.virtual.truths import shocks_named
+from eightpost.virtual.shocks import shocks_named
 
 
 def test_a_shock_is_found_by_its_name() -> None:

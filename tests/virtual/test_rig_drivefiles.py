@@ -24,7 +24,7 @@ from eightpost.virtual import (
     static_drive,
     track_drive,
 )
-from eightpost.virtual.synthetic import WHEELLOADER
+from eightpost.virtual.drivefiles import WHEELLOADER
 
 INCH, POUND = convert(1.0, "in", "m"), convert(1.0, "lbf", "N")
 CAR = stand_in_truth()

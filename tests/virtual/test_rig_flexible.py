@@ -16,8 +16,8 @@ from eightpost.errors import ParameterError
 from eightpost.signals import TimeSeries
 from eightpost.virtual import LinearDamper, Run, flexible_truth, shim_build, simulate, truth_named
 from eightpost.virtual.drivefiles import RATE
-from eightpost.virtual.flexible import Sliders, base_car
-from eightpost.virtual.flexible_motion import numbers_of, slide
+from eightpost.virtual.flexible import Sliders, base_car, numbers_of
+from eightpost.virtual.kernel import slide
 from eightpost.virtual.truths import TRUTHS
 
 DAMPING = 3000.0

@@ -7,7 +7,7 @@ from scipy.signal import csd, welch
 
 from eightpost.corners import CORNERS
 from eightpost.units import convert
-from eightpost.virtual.synthetic import AEROLOADER, WHEELLOADER, Track, track_drivefile
+from eightpost.virtual.drivefiles import AEROLOADER, WHEELLOADER, Track, track_drivefile
 
 TRACK = Track()
 LONG = track_drivefile(1, duration=600.0, rate=200.0).series

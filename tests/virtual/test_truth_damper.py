@@ -7,7 +7,7 @@ from scipy.integrate import cumulative_trapezoid
 from eightpost.signals import Drivefile, TimeSeries
 from eightpost.units import convert
 from eightpost.virtual.dynamometer import Sensors, measure, random_multisine
-from eightpost.virtual.synthetic import TruthDamper, demo_damper
+from eightpost.virtual.shocks import TruthDamper, demo_damper
 
 BUILDS = ("A", "B", "C")
 
