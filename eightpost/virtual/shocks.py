@@ -62,9 +62,14 @@ class ValveSide:
         """Return the flow velocity [m/s] at a valve force of magnitude `force` [N]."""
         root = math.sqrt(self.bleed_linear**2 + 4.0 * self.bleed_square * force)
         bleed = 2.0 * force / (root + self.bleed_linear)
-        rise = np.logaddexp(0.0, (force - self.opening_force) / self.opening_width)
-        rest = np.logaddexp(0.0, -self.opening_force / self.opening_width)
-        return float(bleed + self.opening_width / self.open_damping * (rise - rest))
+        rise = _softplus((force - self.opening_force) / self.opening_width)
+        rest = _softplus(-self.opening_force / self.opening_width)
+        return bleed + self.opening_width / self.open_damping * (rise - rest)
+
+
+def _softplus(x: float) -> float:
+    """Return ln(1 + exp(x)) without overflow."""
+    return max(x, 0.0) + math.log1p(math.exp(-abs(x)))
 
 
 @dataclass(frozen=True, slots=True)
