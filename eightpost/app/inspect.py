@@ -16,7 +16,7 @@ from eightpost.report.console import Table, console_table
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from eightpost.ident.preparation.plausibility_rules import Finding
+    from eightpost.checks import Fault
     from eightpost.rig import DynoTest, PeakVelocityTable, RigTest
     from eightpost.signals import ChannelMap, TimeSeries
     from eightpost.signals.raw_record import RawRecord
@@ -235,7 +235,7 @@ def _channel_table(series: TimeSeries, statistics: Sequence[str]) -> Table:
     return console_table(["channel", "unit", *statistics], rows)
 
 
-def _show_lags(console: Console, test: RigTest, findings: Sequence[Finding]) -> bool:
+def _show_lags(console: Console, test: RigTest, findings: Sequence[Fault]) -> bool:
     """Print the lags, with a warning if a channel is late and no finding says so; return whether there is a warning."""
     from eightpost.ident.preparation import drifts, record_lags
     from eightpost.ident.preparation.preparation import unexplained_lags

@@ -11,8 +11,15 @@ from numpy.typing import NDArray
 
 from eightpost.array_types import Array
 from eightpost.ident.validation import shocks as tables
-from eightpost.ident.validation.records import DynoRecord, RandomValidation
-from eightpost.ident.validation.shock_tests import BumpEvent, BumpValidation, Hold, Loop, StaticValidation
+from eightpost.ident.validation.records import DynoRecord
+from eightpost.ident.validation.shock_tests import (
+    BumpEvent,
+    BumpValidation,
+    Hold,
+    Loop,
+    RandomValidation,
+    StaticValidation,
+)
 from eightpost.ident.validation.shocks import ShockCase, ShockValidation, names_of, notes_on, shock_verdict
 from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, Panel, grid_figure
 from eightpost.report.page import Block, Section, digest, document, soft, write_page

@@ -1,95 +1,20 @@
-"""Findings about the channels of a rig record: their rules, their text, and faults that single channels show."""
+"""Faults that single channels of a rig record show: wrong units, spikes, dropouts, clipping."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
+from eightpost.checks.fault import Fault
+from eightpost.checks.rig import RULES, fault
 from eightpost.ident.preparation.lags import longest_hold, others_move
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
-from eightpost.verdict import Grade, Reason, Rule, Rules
 
-# ==== Findings, the rules of the verdict that they break, and their text =============================================
-
-ABOUT = "rig record"
-
-RULES = Rules()
-
-WRONG_SCALE = RULES.add("a channel has the wrong scale", ABOUT, Grade.NOT_USABLE,
-    condition="the gain of one channel, or of one quantity at all corners, explains why laws of mechanics are violated "
-    "by more than their tolerance and four standard deviations (docs/how_to/rig_data.md)",
-    why="responses with this channel are wrong by the same factor, and shock forces that do not match the tire forces "
-    "become false stiffness and damping",
-    remedy="check its calibration and its unit",
-)  # fmt: skip
-WRONG_SIGN = RULES.add("a channel has the wrong sign", ABOUT, Grade.NOT_USABLE,
-    condition="a ratio of a law of mechanics is negative, and reversing this channel removes most violations of its "
-    "laws (docs/how_to/rig_data.md)",
-    why="responses with this channel have a false phase of 180 degrees",
-    remedy="set gain = -1 in the channel map, or pass --flip with the channel",
-)  # fmt: skip
-WRONG_DELAY = RULES.add("a channel is out of step", ABOUT, Grade.NOT_USABLE,
-    condition="the delay of one channel, or of one quantity at all corners, explains why laws of mechanics are "
-    "violated by more than their tolerance and four standard deviations (docs/how_to/rig_data.md)",
-    why="a delay of 5 ms is a phase of 27 degrees at 15 Hz",
-    remedy="correct it with delays (docs/how_to/rig_data.md)",
-)  # fmt: skip
-SWAPPED = RULES.add("channels of two corners are swapped", ABOUT, Grade.NOT_USABLE,
-    condition="the laws of two corners explain their channels with an exchange of one quantity, and not without",
-    why="the ports of the vehicle would be at the wrong corners",
-    remedy="exchange the columns in the channel map",
-)  # fmt: skip
-DISCONNECTED = RULES.add("a channel is disconnected", ABOUT, Grade.NOT_USABLE,
-    condition="the other channels explain less than 30 % of a channel's power from 0.7 to 15 Hz, and they explain most "
-    "channels well",
-    why="noise in an input hides the response to it; noise in an output has no response",
-    remedy="check its cable and connector, or remove it from the channel map",
-)  # fmt: skip
-CLIPPED = RULES.add("a channel is clipped", ABOUT, Grade.NOT_USABLE,
-    condition="at least 0.35 % of the samples of a broadband record, in four separate peaks or more, are within 0.04 "
-    "standard deviations of the highest or lowest value",
-    why="clipped peaks are a nonlinearity that no vehicle has",
-    remedy="record again with a larger range, or with a smaller drive",
-)  # fmt: skip
-SPIKES = RULES.add("a channel has spikes or dropouts", ABOUT, Grade.UNKNOWN,
-    condition="samples deviate from their neighbours by 12 times the usual deviation and by half the channel's "
-    "standard deviation (accelerations: three), or repeat one value for 20 ms, while no other channel does",
-    why="a few spikes of 8 standard deviations add as much power as 1 % of noise; bumps are seen by several channels",
-    remedy="check its connector, and cut out this part of the record",
-)  # fmt: skip
-CONTRADICTION = RULES.add("channels contradict each other", ABOUT, Grade.UNKNOWN,
-    condition="a law of mechanics is violated, but no single channel explains it",
-    why="one of the channels of the law is wrong, or the car has a part that the law does not describe",
-    remedy="check the calibration and the units of these channels",
-)  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """A fault that the laws of mechanics show: what is wrong with some channels, and what to do."""
-
-    rule: Rule
-    channels: tuple[str, ...]
-    text: str  #: a clause: channel, figure and limit
-    remedy: str
-
-    def reason(self, origin: str) -> Reason:
-        """Return the finding as a reason of a verdict; `origin` is the name of the record."""
-        return self.rule.reason(self.rule.name, figure=self.text, origin=origin, remedy=self.remedy)
-
-    def __str__(self) -> str:
-        return f"{self.text}: {self.remedy}"
-
-
-def found(rule: Rule, channels: tuple[str, ...], text: str, remedy: str = "") -> Finding:
-    """Return a finding; the rule's remedy is the default one."""
-    return Finding(rule, channels, text, remedy or rule.remedy)
-
+# ==== Advice on a unit ===============================================================================================
 
 #: Units (of a column, in which it is read) that a gain betrays within a tolerance, by kind of quantity.
 UNIT_TOLERANCE = 0.08
@@ -109,7 +34,7 @@ def unit_remedy(channel: str, gain: float) -> str:
     for own, read in _UNITS["velocity" if quantity == "velocity" else kind]:
         if abs(gain / convert(1.0, read, own) - 1.0) < UNIT_TOLERANCE:
             return f"its unit is probably {own}, but it is read as {read}; give unit = '{own}' in the channel map"
-    return WRONG_SCALE.remedy
+    return RULES.named("a channel has the wrong scale").remedy
 
 
 # ==== Faults that the samples of one channel show: spikes, dropouts, clipping ========================================
@@ -124,7 +49,7 @@ HELD, REPEATS = 0.02, 0.2  # time for which a dropout repeats a value [s]; share
 # ---- Spikes and dropouts --------------------------------------------------------------------------------------------
 
 
-def spikes(series: TimeSeries, *, computed: Sequence[str] = ()) -> Iterator[Finding]:
+def spikes(series: TimeSeries, *, computed: Sequence[str] = ()) -> Iterator[Fault]:
     """Yield the channels with spikes or steps; channels that may be `computed` from others are no witnesses of a bump.
 
     A sample is predicted by the cubic through its neighbours, x_0 = (4 (x_-d + x_d) - (x_-2d + x_2d)) / 6.
@@ -141,7 +66,7 @@ def spikes(series: TimeSeries, *, computed: Sequence[str] = ()) -> Iterator[Find
                 near = slice(max(0, at - reach), at + reach + 1)
                 if not any(other[near].max() > BUMP for other in others):
                     places[name].add(at)
-    yield from (_finding(series, name, np.array(sorted(own))) for name, own in places.items() if own)
+    yield from (_spike(series, name, np.array(sorted(own))) for name, own in places.items() if own)
 
 
 def _deviations(values: Array, d: int) -> Array:
@@ -164,16 +89,16 @@ def _scores(values: Array, distance: int, block: int) -> Array:
     return np.asarray(deviations / usual[np.minimum(np.arange(values.size) // size, count - 1)])
 
 
-def _finding(series: TimeSeries, name: str, places: NDArray[np.intp]) -> Finding:
+def _spike(series: TimeSeries, name: str, places: NDArray[np.intp]) -> Fault:
     deviations = np.max([np.abs(_deviations(series[name], distance)) for distance in DISTANCES], axis=0)[places]
     groups = np.split(np.arange(places.size), 1 + np.flatnonzero(np.diff(places) > 4 * max(DISTANCES)))
     peak = groups[0][int(np.argmax(deviations[groups[0]]))]
     many = f"{len(groups)} spikes or steps, the first" if len(groups) > 1 else "a spike"
     where = f"at {series.time[places[peak]]:.4g} s ({deviations[peak] / series[name].std():.1f} standard deviations)"
-    return found(SPIKES, (name,), f"{name} has {many} {where}, which no other channel sees")
+    return fault("a channel has spikes or dropouts", (name,), f"{name} has {many} {where}, which no other channel sees")
 
 
-def dropouts(series: TimeSeries) -> Iterator[Finding]:
+def dropouts(series: TimeSeries) -> Iterator[Fault]:
     """Yield the channels that repeat a value while the others move; not those whose resolution is coarse."""
     for name in series.names:
         values = series[name]
@@ -183,7 +108,11 @@ def dropouts(series: TimeSeries) -> Iterator[Finding]:
             continue
         if others_move(series, series.names, name, slice(start, stop)):
             where = f"from {series.time[start]:.5g} s to {series.time[stop]:.5g} s"
-            yield found(SPIKES, (name,), f"{name} repeats one value {where} while the other channels move")
+            yield fault(
+                "a channel has spikes or dropouts",
+                (name,),
+                f"{name} repeats one value {where} while the other channels move",
+            )
 
 
 # ---- Clipping -------------------------------------------------------------------------------------------------------
@@ -193,7 +122,7 @@ VALLEY = 0.5  # distance that separates two peaks [standard deviations]
 UNLOADED = 0.05  # share of a tire's mean force below which it is off the ground
 
 
-def clipped(series: TimeSeries) -> Iterator[Finding]:
+def clipped(series: TimeSeries) -> Iterator[Fault]:
     """Yield the channels of a broadband record of which several peaks end at one value."""
     for name in series.names:
         scale, mean = float(series[name].std()), float(series[name].mean())
@@ -205,7 +134,7 @@ def clipped(series: TimeSeries) -> Iterator[Finding]:
             flat = values > top - FLAT * scale
             if (share := float(np.mean(flat))) > CLIPPED_SHARE and _peaks(flat, values > top - VALLEY * scale) >= PEAKS:
                 text = f"{100.0 * share:.1f} % of the samples of {name} are at the {side} value {sign * top:.6g} (SI)"
-                yield found(CLIPPED, (name,), text)
+                yield fault("a channel is clipped", (name,), text)
 
 
 def _peaks(flat: NDArray[np.bool_], high: NDArray[np.bool_]) -> int:
