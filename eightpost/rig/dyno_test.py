@@ -445,17 +445,10 @@ def _stretches(test: DynoTest, path: Array, pause: float) -> list[tuple[int, int
     # If a window is at rest, all of its samples belong to the pause, not only the middle one.
     resting = maximum_filter1d(still.astype(np.int8), width).astype(bool)
     turns = np.array(turning_points(path, threshold=SMALLEST * float(np.ptp(path))))
-    for start, stop in _intervals(resting):
+    for start, stop in faults.runs(resting):
         if stop - start < PAUSE_SHARE * _half_cycle_beside(turns, start, stop):
             resting[start:stop] = False
-    return _intervals(~resting) or [(0, path.size)]
-
-
-def _intervals(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return the first sample and the sample after the last of each sequence of True."""
-    edges = np.diff(np.concatenate(([0], flags.astype(np.int8), [0])))
-    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    return [(int(start), int(stop)) for start, stop in zip(starts, stops, strict=True)]
+    return faults.runs(~resting) or [(0, path.size)]
 
 
 def _half_cycle_beside(turns: NDArray[np.int64], start: int, stop: int) -> float:

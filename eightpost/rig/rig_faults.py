@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import hilbert
 
 from eightpost.array_types import Array
@@ -62,17 +61,7 @@ class SwappedCornersError(DataError):
 
 
 def _check_corners_and_signs(series: TimeSeries, corners: tuple[str, ...], *, origin: Origin) -> None:
-    """Check the relations between channels of the same corner and of different corners.
-
-    Args:
-        series: Record; quantities are compared if all corners have them (`RELATED`).
-        corners: Names of the corners; one empty name for a quarter car.
-        origin: Origin of the record.
-
-    Raises:
-        SwappedCornersError: A channel belongs to another corner.
-        WrongSignError: A channel has the wrong sign.
-    """
+    """Raise SwappedCornersError or WrongSignError if channels of the corners contradict each other (`RELATED`)."""
     record, (damper, shock, tire) = _Record(series, corners, origin), RELATED
     if record.has(*damper):
         _check_pairs(record, *damper, record.low("force"), record.low("velocity"))
@@ -86,18 +75,15 @@ def _check_corners_and_signs(series: TimeSeries, corners: tuple[str, ...], *, or
 def unchecked(measured: TimeSeries, series: TimeSeries, corners: tuple[str, ...]) -> tuple[str, ...]:
     """Return the measured channels that are in none of the comparisons of signs and corners, as others are missing.
 
-    Args:
-        measured: Record.
-        series: Record with velocities that were derived from displacements; they check these only by the forces.
-        corners: Corners of the record.
+    The velocities in `series` that are derived from displacements check these only by the forces.
     """
     record = _Record(series, corners, IN_MEMORY)
     if not record.has(*RELATED[0]):
         record = _Record(measured, corners, IN_MEMORY)
     checked = {name for related in RELATED if record.has(*related) for name in related}
-    names = {name for related in RELATED for name in related} - checked
-    return tuple(name for corner in corners for name in (channel(corner, one) for one in sorted(names))
-                 if name in measured)  # fmt: skip
+    others = sorted({name for related in RELATED for name in related} - checked)
+    names = (channel(corner, quantity) for corner in corners for quantity in others)
+    return tuple(name for name in names if name in measured)
 
 
 class _Record:
@@ -113,7 +99,7 @@ class _Record:
 
     def name(self, corner: int, quantity: str) -> str:
         """Return the channel of a quantity at a corner."""
-        return f"{self.corners[corner]}.{quantity}" if self.corners[corner] else quantity
+        return channel(self.corners[corner], quantity)
 
     def has(self, *quantities: str) -> bool:
         """Return whether all corners have all these quantities."""
@@ -162,7 +148,8 @@ class _Record:
 
 def _check_pairs(record: _Record, quantity: str, against: str, values: Array, references: Array) -> None:
     """Raise an exception unless the values (C, N) of every corner match their own reference (C, N) best."""
-    likeness = _complex_correlations(values, references)
+    # The real part is the correlation, the magnitude that at the best phase.
+    likeness = np.asarray(_unit(values) @ np.stack([hilbert(row) for row in _unit(references)]).T)
     for place in sorted({*record.moving(quantity)} & {*record.moving(against)}):
         own, best = likeness[place, place], int(np.argmax(np.abs(likeness[place])))
         other = likeness[place, best]
@@ -250,12 +237,9 @@ class _Tires(NamedTuple):
 
 
 def _explained_share(first: float, second: float, between: float) -> float:
-    """Return the share of variance explained by the best sum of two regressors with non-negative factors.
+    """Return the share of variance that the best sum of two regressors with non-negative factors explains.
 
-    Args:
-        first: Correlation of the dependent variable with the first regressor.
-        second: Correlation of the dependent variable with the second regressor.
-        between: Correlation of the two regressors.
+    `first` and `second` are their correlations with the dependent variable, `between` that of each other.
     """
     free = 1.0 - between**2
     if free > 1e-9:
@@ -268,11 +252,6 @@ def _explained_share(first: float, second: float, between: float) -> float:
 def _correlations(values: Array, references: Array) -> Array:
     """Return the correlations (C, D) of rows (C, N) with rows (D, N), 0 if a row is constant."""
     return np.asarray(_unit(values) @ _unit(references).T)
-
-
-def _complex_correlations(values: Array, references: Array) -> NDArray[np.complex128]:
-    """Return complex correlations (C, D): the real part is the correlation, the magnitude that at the best phase."""
-    return np.asarray(_unit(values) @ np.stack([hilbert(row) for row in _unit(references)]).T)
 
 
 def _unit(rows: Array) -> Array:
@@ -301,77 +280,54 @@ def check_rig_record(series: TimeSeries, corners: tuple[str, ...], *, origin: Or
     """Check a rig record and raise an exception for the first fault."""
     faults.check_gaps(series.time, origin=origin)
     faults.check_length(series.time, shortest=SHORTEST, fewest=FEWEST, origin=origin)
-    checks = _ChannelChecks(series, corners, origin)
-    checks.check_dead_channels()
-    checks.check_held_channels()
-    checks.check_clipped_loads()
+
+    def of(*quantities: str) -> list[str]:
+        names = (channel(corner, quantity) for corner in corners for quantity in quantities)
+        return [name for name in names if name in series]
+
+    driven = [name for name in series.names if f"{name}_command" in series and np.ptp(series[f"{name}_command"]) > 0.0]
+    for name in (*of(*_RESPONSES), *driven):
+        faults.check_moves(series[name], channel=name, origin=origin)
+    for name in of("road", *_RESPONSES):
+        _check_not_held(series, name, origin)
+    for name in of("tire_force", "force", "aero"):
+        _check_not_clipped(series, name, origin)
     _check_corners_and_signs(series, corners, origin=origin)
 
 
-class _ChannelChecks:
-    """Checks of the individual channels of a record."""
+def _check_not_held(series: TimeSeries, name: str, origin: Origin) -> None:
+    """Raise MismatchedRateError if a channel repeats most of its samples, at regular times.
 
-    def __init__(self, series: TimeSeries, corners: tuple[str, ...], origin: Origin) -> None:
-        self._series, self._corners, self._origin = series, corners, origin
-        self._rate = series.sample_rate
+    A slow signal of a coarse sensor also repeats samples, but for irregular times.
+    """
+    values = series[name]
+    changes = np.flatnonzero(values[1:] != values[:-1])
+    share = 1.0 - changes.size / (values.size - 1)
+    if share <= HELD or changes.size < 2 or changes[-1] - changes[0] < MOVING * values.size:
+        return
+    hold = float(np.median(np.diff(changes)))
+    if hold >= 2.0 and float(np.mean(np.diff(changes) == hold)) > 0.8:
+        what = (
+            f"it changes only every {hold:.0f} samples, at {series.sample_rate / hold:.4g} Hz in a record of "
+            f"{series.sample_rate:.4g} Hz: two loggers with different sample rates; export both at one rate"
+        )
+        raise origin.header_fault(MismatchedRateError, what, channel=name)
 
-    def check_dead_channels(self) -> None:
-        """Check that every response varies, and every actuator whose command varies."""
-        for corner in self._corners:
-            for quantity in _RESPONSES:
-                name = channel(corner, quantity)
-                if name in self._series:
-                    faults.check_moves(self._series[name], channel=name, origin=self._origin)
-        for name in self._series.names:
-            command = f"{name}_command"
-            if command in self._series and np.ptp(self._series[command]) > 0.0:
-                faults.check_moves(self._series[name], channel=name, origin=self._origin)
 
-    def check_held_channels(self) -> None:
-        """Check that no measured channel repeats most of its samples."""
-        for corner in self._corners:
-            for quantity in ("road", *_RESPONSES):
-                name = channel(corner, quantity)
-                if name in self._series:
-                    self._check_not_held(name)
-
-    def _check_not_held(self, name: str) -> None:
-        values = self._series[name]
-        changes = np.flatnonzero(values[1:] != values[:-1])
-        share = 1.0 - changes.size / (values.size - 1)
-        if share <= HELD or changes.size < 2 or changes[-1] - changes[0] < MOVING * values.size:
-            return
-        hold = float(np.median(np.diff(changes)))
-        # A slow signal of a coarse sensor also repeats samples, but for irregular times.
-        even = float(np.mean(np.diff(changes) == hold))
-        if hold >= 2.0 and even > 0.8:
+def _check_not_clipped(series: TimeSeries, name: str, origin: Origin) -> None:
+    """Raise ClippedChannelError if a load cell is clipped; an unloaded tire with zero force is not."""
+    values, velocity = series[name], f"{name.rpartition('.')[0]}.velocity".lstrip(".")
+    moving = np.full(values.size, True)
+    if velocity in series:  # while the car is at rest, as in static loading, a constant load is normal
+        speed = np.abs(series[velocity])
+        moving = speed > 1e-3 * speed.max()
+    if np.ptp(values) <= 1e-12 * np.abs(values).max():
+        return
+    for signed, end in ((values, "highest"), (-values, "lowest")):
+        found = faults.clipped_samples(signed, moving)
+        if found.size and abs(values[found[0]]) > 1e-6 * np.ptp(values):
             what = (
-                f"it changes only every {hold:.0f} samples, at {self._rate / hold:.4g} Hz in a record of "
-                f"{self._rate:.4g} Hz: two loggers with different sample rates; export both at one rate"
+                f"{found.size} of {values.size} samples are equal to the {end} value {values[found[0]]:.6g} N: the "
+                "load cell or its amplifier is clipped; record again with a larger range, or with a smaller drive"
             )
-            raise self._origin.header_fault(MismatchedRateError, what, channel=name)
-
-    def check_clipped_loads(self) -> None:
-        """Check that no load cell is clipped; an unloaded tire with zero force is not clipped."""
-        for corner in self._corners:
-            for quantity in ("tire_force", "force", "aero"):
-                name = channel(corner, quantity)
-                if name in self._series:
-                    self._check_not_clipped(name, channel(corner, "velocity"))
-
-    def _check_not_clipped(self, name: str, velocity: str) -> None:
-        values = self._series[name]
-        moving = np.full(values.size, True)
-        if velocity in self._series:  # while the car is at rest, as in static loading, a constant load is normal
-            speed = np.abs(self._series[velocity])
-            moving = speed > 1e-3 * speed.max()
-        if np.ptp(values) <= 1e-12 * np.abs(values).max():
-            return
-        for signed, end in ((values, "highest"), (-values, "lowest")):
-            found = faults.clipped_samples(signed, moving)
-            if found.size and abs(values[found[0]]) > 1e-6 * np.ptp(values):
-                what = (
-                    f"{found.size} of {values.size} samples are equal to the {end} value {values[found[0]]:.6g} N: the "
-                    "load cell or its amplifier is clipped; record again with a larger range, or with a smaller drive"
-                )
-                raise self._origin.fault(ClippedChannelError, what, channel=name, sample=int(found[0]))
+            raise origin.fault(ClippedChannelError, what, channel=name, sample=int(found[0]))

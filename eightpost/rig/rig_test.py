@@ -40,11 +40,6 @@ SAME = 0.8
 def check_rig_units(series: TimeSeries, corners: tuple[str, ...], *, origin: Origin) -> None:
     """Check the sample rate, and the slope of each shock's displacement against its measured velocity.
 
-    Args:
-        series: Rig record with its measured channels.
-        corners: Corners of the record, or an empty text for a rig with one corner.
-        origin: File of the record.
-
     Raises:
         UnknownUnitError: The sample rate is below 20 Hz, or slope and velocity differ by the ratio of two units.
     """
@@ -73,34 +68,18 @@ def check_rig_units(series: TimeSeries, corners: tuple[str, ...], *, origin: Ori
 # ---- Names and units of the rig's channels (Table 6.1; docs/explanation/rig.md) --------------------------------------
 
 _AT_CORNERS = {
-    "road": "m",
-    "road_command": "m",
-    "aero": "N",
-    "aero_command": "N",
-    "aero_position": "m",
-    "tire_force": "N",
-    "displacement": "m",
-    "velocity": "m/s",
-    "force": "N",
-    "hub_acceleration": "m/s2",
-    "chassis_acceleration": "m/s2",
-}
+    "road": "m", "road_command": "m", "aero": "N", "aero_command": "N", "aero_position": "m", "tire_force": "N",
+    "displacement": "m", "velocity": "m/s", "force": "N", "hub_acceleration": "m/s2", "chassis_acceleration": "m/s2",
+}  # fmt: skip
 _ONCE = {
-    "aero_force": "N",
-    "aero_force_command": "N",
-    "ride_height": "m",
-    "front.ride_height": "m",
-    "rear.ride_height": "m",
-    "driver.acceleration": "m/s2",
-    **{f"cg.{axis}_acceleration": "m/s2" for axis in ("vertical", "longitudinal", "lateral")},
-    "heave_force": "N",
-    "heave_force_command": "N",
-    **{f"{mode}_moment{kind}": "N.m" for mode in ("roll", "pitch") for kind in ("", "_command")},
-    "aero.heave": "m",
-    **{f"aero.{mode}": "rad" for mode in ("pitch", "roll", "warp")},
-    **{f"aero.heave_force{kind}": "N" for kind in ("", "_command")},
-    **{f"aero.{mode}_moment{kind}": "N.m" for mode in ("pitch", "roll", "warp") for kind in ("", "_command")},
-}
+    **{f"{name}{kind}": "N" for name in ("aero_force", "heave_force", "aero.heave_force") for kind in ("", "_command")},
+    **dict.fromkeys(("ride_height", "front.ride_height", "rear.ride_height", "aero.heave"), "m"),
+    **dict.fromkeys(("driver.acceleration", "cg.vertical_acceleration", "cg.longitudinal_acceleration",
+                     "cg.lateral_acceleration"), "m/s2"),
+    **{f"{mode}_moment{kind}": "N.m" for mode in ("roll", "pitch", "aero.pitch", "aero.roll", "aero.warp")
+       for kind in ("", "_command")},
+    **dict.fromkeys(("aero.pitch", "aero.roll", "aero.warp"), "rad"),
+}  # fmt: skip
 
 #: SI unit of every channel that a rig test may have.
 CHANNEL_UNITS = {
@@ -217,7 +196,7 @@ def read_rig_test(
     6.1.2.
 
     Args:
-        path: Path of a .parquet, .csv, .mat or .mf4 file.
+        path: Path of a file in one of the formats of docs/reference/dyno_files.md.
         channel_map: Columns by channel; without a map, the columns must have the names of the channels.
         units: Units by channel, for columns without a unit in the header.
         flip: Names of the channels whose sign is changed.

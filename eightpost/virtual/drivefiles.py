@@ -21,7 +21,6 @@ from eightpost.units import convert
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from eightpost.rig.geometry import Geometry
     from eightpost.virtual.flexible import AnyCar
 
 
@@ -102,7 +101,7 @@ def track_drivefile(seed: int, *, duration: float = 30.0, rate: float = 500.0, t
     generator = np.random.default_rng(seed)
     samples = round(duration * rate) + 1
     noise = _Noise(generator, samples, round(_MARGIN * rate), rate)
-    taper = _taper(samples, rate)
+    taper = 0.5 - 0.5 * np.cos(np.pi * np.minimum(np.arange(samples) / rate / TAPER, 1.0))
     roads = _roads(noise, track) * taper
     roads *= track.road_peak / np.abs(roads).max()
     channels = {f"{corner}.road": ("m", road) for corner, road in zip(CORNERS, roads, strict=True)}
@@ -155,12 +154,6 @@ def _roads(noise: _Noise, track: Track) -> Array:
     later = np.exp(-2j * np.pi * noise.frequency * track.delay)
     sides = (common + opposed, common - opposed)
     return np.stack([noise.cut(side * axle) for axle in (np.ones_like(later), later) for side in sides])
-
-
-def _taper(samples: int, rate: float) -> Array:
-    """Return a raised cosine (N,) that grows from 0 to 1 over the first second."""
-    time = np.arange(samples) / rate
-    return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.minimum(time / TAPER, 1.0)), dtype=np.float64)
 
 
 #: Sample rate of the rig's records (6.1.5) [Hz], and integration steps per sample, which give 5 kHz.
@@ -231,8 +224,11 @@ def random_drive(
     for name in car.inputs:
         is_road = name in car.named("road")
         noise = _shaped_noise(generator, count, WHEELLOADER if is_road else AEROLOADER)
+        peak = road_peak if is_road else AERO_PEAK
+        if car.geometry is not None and name.endswith("_moment"):  # with half the wheelbase as lever arm
+            peak *= 0.5 * (car.geometry.front_axle + car.geometry.rear_axle)
         if not active or name in active:
-            commands[name] = (road_peak if is_road else _load_peak(car, name)) * noise
+            commands[name] = peak * noise
     return _drivefile(car, count, commands)
 
 
@@ -255,11 +251,8 @@ def quarter_random(seed: int, *, duration: float = 120.0) -> Drivefile:
     wave = np.fft.irfft(lines, period)
     count = round(duration * RATE) + 1
     values = np.resize(wave * (ROAD_PEAK / np.abs(wave).max()), count)
-    return Drivefile(TimeSeries.from_channels(np.arange(count) / RATE, _with_loads({"road": values}, count)))
-
-
-def _with_loads(roads: Mapping[str, Array], count: int) -> dict[str, tuple[str, Array]]:
-    return {**{name: ("m", row) for name, row in roads.items()}, "aero_force": ("N", np.zeros(count))}
+    channels = {"road": ("m", values), "aero_force": ("N", np.zeros(count))}
+    return Drivefile(TimeSeries.from_channels(np.arange(count) / RATE, channels))
 
 
 def sine_drive(
@@ -361,13 +354,6 @@ def _mean_load(car: AnyCar, name: str) -> float:
     return DOWNFORCE[0] if car.loads.index(name) < 2 else DOWNFORCE[1]
 
 
-def _load_peak(car: AnyCar, name: str) -> float:
-    """Return the peak of a load: 560 lbf, or a moment of 560 lbf with half the wheelbase as lever arm."""
-    if car.geometry is None or not name.endswith("_moment"):
-        return AERO_PEAK
-    return AERO_PEAK * 0.5 * (car.geometry.front_axle + car.geometry.rear_axle)
-
-
 def _shaped_noise(generator: np.random.Generator, count: int, table: Sequence[tuple[float, float]]) -> Array:
     """Return zero-mean Gaussian noise (count,) with the amplitude spectrum of a table and a peak of 1."""
     frequencies, amplitudes = np.array(table).T
@@ -424,16 +410,10 @@ def track_drive(car: AnyCar, seed: int, *, duration: float = 33.0) -> Drivefile:
     roads *= LAP_ROAD / np.sqrt(np.mean(roads**2))
     channels = {name: ("m", row) for name, row in zip(car.named("road"), roads, strict=True)}
     if car.loads == car.named("aero"):
-        means = [_mean_load(car, name) for name in car.loads]
-        for name, mean, force in zip(car.loads, means, _aeroloaders(lap, car.geometry), strict=True):
-            channels[name] = ("N", mean + force)
+        # The forces for the variations of the body loads about their means.
+        modes = [lap["heave_force"] + _LAP.downforce, lap["pitch_moment"], lap["roll_moment"], np.zeros(len(lap))]
+        for name, force in zip(car.loads, aeroloader_forces(np.stack(modes), car.geometry), strict=True):
+            channels[name] = ("N", _mean_load(car, name) + force)
     else:
         channels |= {name: (lap.unit(name), lap[name]) for name in car.loads}
     return Drivefile(TimeSeries.from_channels(lap.time, channels))
-
-
-def _aeroloaders(lap: TimeSeries, geometry: Geometry) -> Array:
-    """Return the variation of the aeroloader forces about their means (4, N) [N, down] for the body loads of a lap."""
-    heave = lap["heave_force"] + _LAP.downforce
-    modes = np.stack([heave, lap["pitch_moment"], lap["roll_moment"], np.zeros(len(lap))])
-    return aeroloader_forces(modes, geometry)

@@ -7,7 +7,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -22,6 +21,7 @@ from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
 from eightpost.virtual.builds import CONFIGURATIONS, SHIMS_OF_BUILD, configuration, shim_build
 from eightpost.virtual.damper import PhysicalDamper
+from eightpost.virtual.shocks import TruthDamper
 from eightpost.virtual.valves import cavitation
 
 # ==== Excitations: multisines, single sines and steps ================================================================
@@ -277,8 +277,7 @@ RANDOM_PEAK, LARGEST_PEAK = convert(1.0, "in", "m"), convert(2.0, "in", "m")
 def program(*, seed: int) -> dict[str, Drivefile]:
     """Return all tests of 3.2.3 by name. There are two random tests: one to fit, and another draw to validate.
 
-    Args:
-        seed: Seed of the phases of the first random test; the second test uses the next seed.
+    The second random test uses the next seed.
     """
     tests = {
         "random": random_multisine(seed, duration=RANDOM_DURATION),
@@ -291,14 +290,10 @@ def program(*, seed: int) -> dict[str, Drivefile]:
 def drivefile_of(
     test: str, seed: int, *, amplitude: float | None = None, speed: float | None = None, duration: float | None = None
 ) -> Drivefile:
-    """Return the motion of a test of 3.2.3.
+    """Return the motion of a test of 3.2.3: random, sine, static or bump.
 
-    Args:
-        test: Kind of the test: random, sine, static or bump.
-        seed: Seed of the random phases.
-        amplitude: Amplitude of a sine, or peak displacement of a random test [m].
-        speed: Peak velocity of a sine [m/s].
-        duration: Length of a random test [s].
+    The amplitude [m] is that of a sine or the peak of a random test, the speed [m/s] that of a sine, the duration [s]
+    that of a random test.
 
     Raises:
         ParameterError: The duration or the peak displacement of a random test, or the speed of a sine is out of range.
@@ -344,17 +339,6 @@ class Actuator:
 # ---- Sensors and measurement ----------------------------------------------------------------------------------------
 
 
-class Damper(Protocol):
-    """Interface of a damper that the dynamometer can test."""
-
-    def respond(self, motion: TimeSeries, *, rate: float) -> TimeSeries:
-        """Return displacement [m], velocity [m/s], force [N] and optional channels for a displacement command [m].
-
-        An optional channel `warming` [K] is the temperature rise of the body since the start.
-        """
-        ...
-
-
 @dataclass(frozen=True, slots=True)
 class Sensor:
     """A sensor that adds white noise and rounds to its resolution."""
@@ -387,7 +371,7 @@ WARM_START = convert(110.0, "degF", "K")
 
 
 def measure(
-    damper: Damper,
+    damper: TruthDamper | PhysicalDamper,
     drivefile: Drivefile,
     *,
     rate: float = 2000.0,
@@ -416,24 +400,19 @@ def measure(
 
 def read_out(response: TimeSeries, *, sensors: Sensors | None = None, seed: int = 0) -> TimeSeries:
     """Return the sensor readings for a damper's response; see `measure` for arguments and result."""
-    sensors = sensors or Sensors()
-    generator = np.random.default_rng(seed)
+    sensors, generator = sensors or Sensors(), np.random.default_rng(seed)
+    temperature = START_TEMPERATURE + WARMING * (response.time - response.time[0])
+    if "warming" in response:
+        temperature = WARM_START + response["warming"]
     return TimeSeries.from_channels(
         response.time,
         {
             "displacement": ("m", sensors.displacement.read(response["displacement"], generator)),
             "velocity": ("m/s", sensors.velocity.read(response["velocity"], generator)),
             "force": ("N", sensors.force.read(response["force"], generator)),
-            "temperature": ("K", sensors.temperature.read(_temperature(response), generator)),
+            "temperature": ("K", sensors.temperature.read(temperature, generator)),
         },
     )
-
-
-def _temperature(response: TimeSeries) -> Array:
-    """Return the body's temperature (N,) [K]."""
-    if "warming" in response:
-        return WARM_START + response["warming"]
-    return np.asarray(START_TEMPERATURE + WARMING * (response.time - response.time[0]), dtype=np.float64)
 
 
 # ---- Physical shocks under test, with the files that the dynamometer writes -----------------------------------------
@@ -464,13 +443,7 @@ class Specimen:
 
     @classmethod
     def built(cls, build: str, *, clicks: int | None = None, gas: float | None = None) -> Specimen:
-        """Return a shock of Table 7.3.
-
-        Args:
-            build: Shim codes, such as `C/B`.
-            clicks: Rebound bleed in clicks from fully open; None: 1.
-            gas: Gauge gas pressure [Pa]; None: 150 psi.
-        """
+        """Return a shock of Table 7.3, such as `C/B`: by default 1 click from fully open and 150 psi [Pa]."""
         gas = convert(150.0, "psi", "Pa") if gas is None else gas
         clicks = 1 if clicks is None else clicks
         damper = shim_build(build, clicks=clicks, gas_pressure=gas)
@@ -479,17 +452,7 @@ class Specimen:
         return cls(damper, f"{title}; nominal damping {nominal:.1f} lbf/(in/s)")
 
     def test(self, drivefile: Drivefile, name: str, seed: int, path: Path) -> str:
-        """Run a test and write its record.
-
-        Args:
-            drivefile: Motion of the dynamometer.
-            name: Name of the test.
-            seed: Seed of the sensor noise.
-            path: Record to write, .csv or .parquet.
-
-        Returns:
-            A sentence about the test.
-        """
+        """Run a test, write its record as .csv or .parquet, and return a sentence about it."""
         response = self.damper.respond(Actuator().follow(drivefile.series), rate=2000.0)
         record = read_out(response, seed=seed)
         note = f"SYNTHETIC: eightpost dyno {__version__}, {self.title}, test {name}, seed {seed}"

@@ -11,7 +11,6 @@ import numpy as np
 from scipy.signal import butter, lfilter, lfilter_zi
 
 from eightpost import __version__, units
-from eightpost.array_types import Array
 from eightpost.errors import InputError, ParameterError
 from eightpost.rig.rig_test import RigConditions, RigTest
 from eightpost.signals.drivefile import Drivefile
@@ -59,15 +58,10 @@ class Actuators:
         channels = {}
         for name in car.inputs:
             bandwidth = self.wheelloader if name in roads else self.aeroloader
-            channels[name] = (grid.unit(name), _filter(grid[name], bandwidth))
+            numerator, denominator = butter(2, bandwidth, fs=RATE)
+            state = lfilter_zi(numerator, denominator) * grid[name][0]  # in steady state at the first value
+            channels[name] = (grid.unit(name), lfilter(numerator, denominator, grid[name], zi=state)[0])
         return TimeSeries.from_channels(grid.time, channels)
-
-
-def _filter(command: Array, bandwidth: float) -> Array:
-    """Return a command (N,) after a Butterworth low-pass that starts in steady state at the first value."""
-    numerator, denominator = butter(2, bandwidth, fs=RATE)
-    state = lfilter_zi(numerator, denominator) * command[0]
-    return np.asarray(lfilter(numerator, denominator, command, zi=state)[0], dtype=np.float64)
 
 
 # ---- Random drift of a rig and a car from run to run ----------------------------------------------------------------
@@ -232,11 +226,6 @@ def _sine_program(car: AnyCar) -> tuple[PlannedTest, ...]:
     )
 
 
-def _bump_program(car: AnyCar) -> tuple[PlannedTest, ...]:
-    """Return the test `bump`."""
-    return (PlannedTest("bump", "bump", partial(bump_test, car)),)
-
-
 def _static_program(car: AnyCar) -> tuple[PlannedTest, ...]:
     """Return `static_<mode>` and `static_<corner>` of the spring rating (6.1.3); none for a car without aeroloaders."""
     if car.loads != car.named("aero"):
@@ -283,7 +272,7 @@ def program(
         # Other seeds than the identification, because validation records must differ from those of the fit.
         "single": partial(_single_program, car, seed + 100),
         "sine": partial(_sine_program, car),
-        "bump": partial(_bump_program, car),
+        "bump": lambda: (PlannedTest("bump", "bump", partial(bump_test, car)),),
         "static": partial(_static_program, car),
         "track": partial(_track_program, car, seed + 200),
     }
@@ -323,13 +312,7 @@ class Bench:
     ) -> Bench:
         """Return the bench of a car.
 
-        Args:
-            truth: Name of the car, one of `TRUTHS`.
-            car_seed: Seed of the parameters of the flexible car; None gives its base parameters.
-            friction: Whether the car has friction.
-            noise: Whether the sensors have noise and the rig drifts.
-            run: Seed of noise and drift.
-            seed: Seed of the drive files, for the note.
+        `car_seed` draws the flexible car's parameters, `run` noise and drift; the note states the drive files' `seed`.
         """
         car = truth_named(truth, car_seed)
         car = car if friction else car.without_friction()
@@ -348,14 +331,7 @@ class Bench:
         return (*names,) * corners if len(names) == 1 else (*names,)
 
     def record(self, drivefile: Drivefile, shocks: Sequence[str], words: str, number: int = 0) -> RigTest:
-        """Run a test.
-
-        Args:
-            drivefile: Commands of the actuators.
-            shocks: Name of the shock at each corner.
-            words: Description of the drive file.
-            number: Number of the test; each is another run with its own drift and noise.
-        """
+        """Run a test with a named shock at each corner; each `number` is another run with its own drift and noise."""
         bank = shocks_named(shocks)
         return run_test(
             self.car,
@@ -384,16 +360,10 @@ class Bench:
         frequency: float = 2.0,
         amplitude: float = 0.0127,
     ) -> Drivefile:
-        """Return the drive file of a single test.
+        """Return the drive file of a test: random, single, sine, bump, static or track.
 
-        Args:
-            test: Kind of the test: random, single, sine, bump, static or track.
-            seed: Seed of the drive file.
-            duration: Length of the test [s]; None: that of the dissertation.
-            only: Actuator of a single or static test.
-            mode: Mode of a sine or static test.
-            frequency: Sine frequency [Hz].
-            amplitude: Sine amplitude [m].
+        Without a duration [s], its length is that of the dissertation. `only` names the actuator of a single or static
+        test; mode, frequency [Hz] and amplitude [m] are those of a sine.
 
         Raises:
             InputError: A single test has no actuator.

@@ -108,6 +108,13 @@ _TWIST_DAMPING = 0.03
 #: Front anti-roll bar, moment per relative roll angle (our choice) [N.m/rad].
 _BAR = 4.0e4
 
+#: Sliding friction and breakaway force of rod ends, bushings and spring seats along each shock [N]. The dissertation
+#: gives no values, but shows their effects: hysteresis in the spring rating (6.4.4) and third harmonics in tire force
+#: and hub acceleration for sines below 6 to 8 Hz (6.4.3). The sliding friction is that of our prototypes and 4 to 6
+#: times the friction of a shock's own seals (3.4.3). With 4000 lbf/in, three times the front spring, it starts to slide
+#: after 0.004 to 0.005 in. Left and right differ slightly, as on real cars.
+_SLIDING = _column((15, 14, 19, 20), _POUND), _column((17, 16, 22, 23), _POUND)
+
 
 def stand_in_truth() -> Car:
     """Return the 8-post stand-in: the seven-DOF car with additional features of a real car.
@@ -116,50 +123,48 @@ def stand_in_truth() -> Car:
     anti-roll bar, progressive springs, bump stops, tire damping, tires that lift off, and stick-slip friction along
     every shock. The loads are the four aeroloaders, positive down.
     """
-    chassis = _stand_in_rows(_chassis_row)
-    spring = _stand_in_rows(_spring_row)
-    weights = _column((0.5 * 1430.0,) * 2 + (0.5 * 1570.0,) * 2, _POUND)
+    hubs, sides = np.stack([_unit(_LF), _unit(_RF)]), (1.0, -1.0)
+    chassis = np.stack([_chassis_at(ahead, side * 0.5 * _TRACK) for ahead in (_FRONT, -_REAR) for side in sides])
+
+    def axle(half: float) -> Array:
+        return np.stack([_unit(_AXLE) + side * half * _unit(_AXLE_ROLL) for side in sides])
+
+    def inboard(half: float) -> Array:
+        return axle(half) - np.stack([_chassis_at(-_REAR, side * half) for side in sides])
+
     aero = _geometry(70.0 * _INCH, 62.0 * _INCH, 40.0 * _INCH, 40.0 * _INCH)
-    stiffness = _twist() * _CHASSIS_TWIST + _bar() * _BAR
+    stations = ((aero.front_aero, aero.front_aero_track), (-aero.rear_aero, aero.rear_aero_track))
+    twist = _unit(_ROLL_F) - _unit(_ROLL_R)
+    bar = _unit(_ROLL_F) - (_unit(_LF) - _unit(_RF)) / _TRACK
     mass = [2550.0, 0.5 * 1.5e6 * _INCH**2, 0.5 * 1.5e6 * _INCH**2, 5.5e6 * _INCH**2]
     mass += [101.0, 101.0, 248.0, 248.0 * (0.33 * 70.0 * _INCH) ** 2]
+    loss = _TWIST_DAMPING * 2.0 * np.sqrt(_CHASSIS_TWIST * 0.25 * mass[_ROLL_F] * _MASS)
     return Car(
         name="eight_post",
         corners=CORNERS,
         mass=np.array(mass) * _MASS,
-        shock=_stand_in_rows(_shock_row),
-        spring=spring,
-        wheel=_stand_in_rows(_wheel_row),
+        shock=np.vstack([_FRONT_RATIO * (hubs - chassis[:2]), inboard(_REAR_SHOCK)]),
+        spring=np.vstack([hubs - chassis[:2], inboard(_REAR_SPRING)]),
+        wheel=np.vstack([hubs, axle(0.5 * _TRACK)]),
         chassis=chassis,
         loads=tuple(f"{corner}.aero" for corner in CORNERS),
         load_units=("N",) * 4,
-        load=-_aero_rows(aero),
-        stiffness=stiffness,
-        damping=_twist() * (_TWIST_DAMPING * 2.0 * np.sqrt(_CHASSIS_TWIST * 0.25 * mass[_ROLL_F] * _MASS)),
+        load=-np.stack([_chassis_at(ahead, side * 0.5 * track) for ahead, track in stations for side in sides]),
+        stiffness=np.outer(twist, twist) * _CHASSIS_TWIST + np.outer(bar, bar) * _BAR,
+        damping=np.outer(twist, twist) * loss,
         springs=Springs(
             _column((1280, 1280, 700, 700), _RATE),
             _column((0.6, 0.6, 0.8, 0.8)),
             _column((2.2, 2.2, 2.8, 2.8), _INCH),
             _column((6000,) * 4, _RATE / _INCH),
         ),
-        tires=Tires(_column((2000,) * 4, _RATE), _column((2.5,) * 4, _DAMPING), weights),
-        friction=_stand_in_friction(),
+        tires=Tires(
+            _column((2000,) * 4, _RATE), _column((2.5,) * 4, _DAMPING), _column((715.0, 715.0, 785.0, 785.0), _POUND)
+        ),
+        friction=Friction(*_SLIDING, _column((4000,) * 4, _RATE)),
         points=_points(_unit(_Z), _unit(_PITCH), _roll_at),
         geometry=aero,
     )
-
-
-def _stand_in_friction() -> Friction:
-    """Return the friction of rod ends, bushings and spring seats along each shock.
-
-    The dissertation gives no values, but shows its effects: hysteresis in the spring rating (6.4.4) and third harmonics
-    in tire force and hub acceleration for sines below 6 to 8 Hz (6.4.3). The sliding friction of 14 to 20 lbf is that
-    of our prototypes and 4 to 6 times the friction of a shock's own seals (3.4.3); the breakaway force is 2 to 3 lbf
-    larger. With 4000 lbf/in, three times the front spring, it starts to slide after 0.004 to 0.005 in. Left and right
-    differ slightly, as on real cars.
-    """
-    sliding, breakaway = (15, 14, 19, 20), (17, 16, 22, 23)
-    return Friction(_column(sliding, _POUND), _column(breakaway, _POUND), _column((4000,) * 4, _RATE))
 
 
 def _unit(index: int) -> Array:
@@ -174,54 +179,6 @@ def _roll_at(ahead: float) -> Array:
 
 def _chassis_at(ahead: float, left: float) -> Array:
     return _unit(_Z) - ahead * _unit(_PITCH) + left * _roll_at(ahead)
-
-
-def _stand_in_rows(row: Callable[[bool, float], Array]) -> Array:
-    return np.stack([row(front, side) for front in (True, False) for side in (1.0, -1.0)])
-
-
-def _chassis_row(front: bool, side: float) -> Array:
-    return _chassis_at(_FRONT if front else -_REAR, side * 0.5 * _TRACK)
-
-
-def _wheel_row(front: bool, side: float) -> Array:
-    return _front_wheel(side) if front else _axle_at(side * 0.5 * _TRACK)
-
-
-def _spring_row(front: bool, side: float) -> Array:
-    return _front_wheel(side) - _chassis_row(True, side) if front else _inboard(side * _REAR_SPRING)
-
-
-def _shock_row(front: bool, side: float) -> Array:
-    return _FRONT_RATIO * _spring_row(True, side) if front else _inboard(side * _REAR_SHOCK)
-
-
-def _front_wheel(side: float) -> Array:
-    return _unit(_LF if side > 0.0 else _RF)
-
-
-def _axle_at(left: float) -> Array:
-    return _unit(_AXLE) + left * _unit(_AXLE_ROLL)
-
-
-def _inboard(left: float) -> Array:
-    return _axle_at(left) - _chassis_at(-_REAR, left)
-
-
-def _aero_rows(geometry: Geometry) -> Array:
-    """Return the matrix (4, 8) from q to the heights of the aeroloaders' mounts."""
-    stations = ((geometry.front_aero, geometry.front_aero_track), (-geometry.rear_aero, geometry.rear_aero_track))
-    return np.stack([_chassis_at(ahead, side * 0.5 * track) for ahead, track in stations for side in (1.0, -1.0)])
-
-
-def _twist() -> Array:
-    row = _unit(_ROLL_F) - _unit(_ROLL_R)
-    return np.outer(row, row)
-
-
-def _bar() -> Array:
-    row = _unit(_ROLL_F) - (_unit(_LF) - _unit(_RF)) / _TRACK
-    return np.outer(row, row)
 
 
 def _points(heave: Array, pitch: Array, roll_at: Callable[[float], Array]) -> dict[str, Array]:

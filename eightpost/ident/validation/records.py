@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import label, uniform_filter1d
+from scipy.ndimage import uniform_filter1d
 
 from eightpost.array_types import Array
 from eightpost.errors import InputError
@@ -125,14 +125,6 @@ def standing(series: TimeSeries) -> Mask:
 def _half_window(series: TimeSeries) -> int:
     window = max(_WINDOW * series.duration, _SHORTEST_WINDOW)
     return max(1, round(0.5 * window * series.sample_rate))
-
-
-def stretches(mask: Mask) -> list[tuple[int, int]]:
-    """Return the first and last sample of every run of true values of a mask (N,)."""
-    labels, count = label(mask)
-    starts = np.flatnonzero(np.diff(labels, prepend=0) > 0) if count else np.empty(0, int)
-    ends = np.flatnonzero(np.diff(labels, append=0) < 0) if count else np.empty(0, int)
-    return [(int(a), int(b)) for a, b in zip(starts, ends, strict=True)]
 
 
 def moving_part(series: TimeSeries) -> TimeSeries:

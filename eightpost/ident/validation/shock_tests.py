@@ -21,12 +21,12 @@ from eightpost.ident.validation.records import (
     frequency_of,
     moving_part,
     standing,
-    stretches,
 )
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.motion import displacement_of
 from eightpost.shock import Shock, ShockLaw
 from eightpost.signals import TimeSeries
+from eightpost.signals.faults import runs
 
 #: Start and end of a part of a record, from its start [s].
 Segment = tuple[float, float]
@@ -410,8 +410,8 @@ def _holds(series: TimeSeries) -> tuple[tuple[Hold, ...], float]:
     """Return the holds, and the time excluded at their beginning [s]."""
     found: list[Hold] = []
     settling = SETTLING
-    for first, last in stretches(standing(series)):
-        start, stop = float(series.time[first]), float(series.time[last])
+    for first, last in runs(standing(series)):
+        start, stop = float(series.time[first]), float(series.time[last - 1])
         length = stop - start
         if length < _SHORTEST_HOLD:
             continue
@@ -514,8 +514,8 @@ def _spans(series: TimeSeries) -> list[tuple[float, float]]:
     smooth = block_means(even, int(0.002 * even.sample_rate))
     speed, time = np.abs(smooth["velocity"]), smooth.time - even.time[0]
     spans: list[tuple[float, float]] = []
-    for first, last in stretches(speed > _MOVES * speed.max()):
-        start, stop = float(time[first]), float(time[last])
+    for first, last in runs(speed > _MOVES * speed.max()):
+        start, stop = float(time[first]), float(time[last - 1])
         joins = spans and start - spans[-1][1] < _APART
         spans.append((spans.pop()[0] if joins else start, stop))
     return [(max(start - _BEFORE, 0.0), min(stop + _AFTER, even.duration)) for start, stop in spans]
