@@ -252,11 +252,6 @@ def with_readable_columns(
     A displacement is not needed beside a velocity, nor the reverse, nor one of several columns that could be a channel.
     Columns that the caller named are kept, and so is what is needed, for a message about its fault. Empty cells between
     temperatures are interpolated: it is often logged more slowly than the force.
-
-    Args:
-        record: Columns of the file.
-        given: Channel map of the caller.
-        units: Units of the caller, by channel or column.
     """
     named = set(given.channels) if given is not None else set()
     faults: list[Fault] = []
@@ -357,11 +352,6 @@ def check_one_time(record: RawRecord, mapping: ChannelMap, given: ChannelMap | N
 
     Tables side by side, and channels with a time of their own, repeat the column of time. It applies to the columns
     behind it, up to the next one. A column of time that the caller named is not questioned.
-
-    Args:
-        record: Columns of the file.
-        mapping: Columns of the channels.
-        given: Channel map of the caller.
     """
     is_named = given is not None and given.time is not None
     if is_named or mapping.time is None or mapping.time.source not in record.names:

@@ -135,8 +135,7 @@ class DynoTest(Recording):
     def judged(self, *, until: float = SEGMENT[1]) -> DynoTest:
         """Return the test with the reasons about samples and changes (`PART_RULES`) that this series has.
 
-        Args:
-            until: End of the fitted seconds, from the start of the series [s].
+        The fitted seconds end at `until` [s] from the start of the series.
         """
         kept = tuple(reason for reason in self.reasons if reason.rule not in PART_RULES)
         found = part_faults(self.series, measured=self.measured, until=until)

@@ -110,11 +110,7 @@ _WINDOW, _SHORTEST_WINDOW = 1.0 / 200.0, 0.05
 
 
 def standing(series: TimeSeries) -> Mask:
-    """Return where a record stands still (N,): within 1/200 of its length it moves less than 1 % of its stroke.
-
-    Args:
-        series: `displacement` [m], or `velocity` [m/s] to integrate.
-    """
+    """Return where a record stands still (N,): within 1/200 of its length it moves less than 1 % of its stroke."""
     half = _half_window(series)
     # Means over a quarter of the window keep the sensor's noise from being taken for motion.
     smooth = uniform_filter1d(displacement_of(series), max(1, half // 2), mode="nearest")
@@ -160,9 +156,6 @@ def recognise_motion(test: DynoTest) -> Recognition:
     2. static: it stands still at least half of the time and is never faster than 1 in/s (Fig 3.12: 0.2 in/s);
     3. bump: it stands still at least half of the time and is faster (Fig 3.13: 30 in/s);
     4. random: everything else, including track records.
-
-    Args:
-        test: Test with displacement; if displacement is missing, the velocity is integrated.
     """
     series = _coarse(test.series)
     frequency = frequency_of(series)
@@ -228,13 +221,7 @@ class DynoRecord(Record):
 
 
 def dyno_record(test: DynoTest, *, name: str | None = None, kind: Kind | None = None) -> DynoRecord:
-    """Return a record; its kind is recognised if it is not given.
-
-    Args:
-        test: Measured test.
-        name: Display name; default the file's name.
-        kind: Kind of the test, which replaces the recognised one.
-    """
+    """Return a record; its kind is recognised if it is not given."""
     seen = Recognition(kind, "given by the user") if kind else recognise_motion(test)
     return DynoRecord(
         name=name or (test.source.stem if test.source else "record"),

@@ -42,12 +42,6 @@ def write_shock_page(
 
     Names of shocks, records and files are escaped.
 
-    Args:
-        path: File to write, such as out/report.html.
-        study: Validation to show.
-        limit: Maximum error [percent of standard deviation], for the verdict.
-        title: Heading of the page.
-
     Returns:
         Path of the written file.
     """
@@ -172,8 +166,7 @@ _ALIKE = 0.1
 def _sine_figures(rows: list[tuple[ShockCase, ...]]) -> Iterator[Figure]:
     """Return the figures of the sine records of one damper.
 
-    Args:
-        rows: Cases of each record, with the same shocks in the same order.
+    Each row has the cases of a record, with the same shocks in the same order.
     """
     if len(rows) > 1:
         yield _over_frequency(rows)

@@ -281,11 +281,6 @@ def _place(case: ShockCase) -> str:
 def keep_verdicts(study: ShockValidation, paths: Sequence[Path], limit: float | None = None) -> Iterator[Path]:
     """Write the verdict into each shock file; a shock that was compared with no record keeps its file.
 
-    Args:
-        study: Validation.
-        paths: Files of the shocks, in the order of the study.
-        limit: Limit of the error [percent of standard deviation].
-
     Yields:
         Each file that was written.
     """
