@@ -181,9 +181,9 @@ class Valve(NamedTuple):
     def drop(self, flow: float) -> float:
         """Return the signed pressure drop [Pa] at a signed flow [m3/s]."""
         passage, reach = self.forward if flow >= 0.0 else self.backward, 1e5
-        while passage.flow(np.float64(reach)) < abs(flow):
+        while passage.flow(np.asarray(reach)) < abs(flow):
             reach *= 2.0
-        found = brentq(lambda drop: float(passage.flow(np.float64(drop))) - abs(flow), 0.0, reach, xtol=1e-6)
+        found = brentq(lambda drop: float(passage.flow(np.asarray(drop))) - abs(flow), 0.0, reach, xtol=1e-6)
         return math.copysign(float(found), flow)
 
 

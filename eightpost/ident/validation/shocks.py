@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import isclose
 from pathlib import Path
@@ -144,11 +144,13 @@ def _check_segment(segment: tuple[float, float], record: DynoRecord) -> None:
         )
 
 
+_DYNAMIC: dict[str, Callable[..., Outcome]] = {"random": validate_random, "sine": validate_sine, "bump": validate_bump}
+
+
 def _outcome(shock: Shock, record: DynoRecord, cutoff: float | None, segment: tuple[float, float] | None) -> Outcome:
     if record.kind == "static":  # the holds are averaged, so there is no low-pass
         return validate_static(shock, record, segment=segment)
-    validate = {"random": validate_random, "sine": validate_sine, "bump": validate_bump}[record.kind]
-    return validate(shock, record, segment=segment, cutoff=cutoff)
+    return _DYNAMIC[record.kind](shock, record, segment=segment, cutoff=cutoff)
 
 
 def _mismatch(shock: Shock, record: DynoRecord) -> str | None:
