@@ -7,29 +7,34 @@ import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from colorsys import hls_to_rgb
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Literal, NamedTuple
+from math import isfinite
+from pathlib import Path, PurePath
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute
 
 from cosim.components.fmu_component import FmuComponent
 from cosim.report.page import Origin
 from cosim.session.master import run
-from cosim.study.certainty import Certainty, Contribution, Status, TradeOff, certainty
-from cosim.study.certainty.certainty import TIE
+from cosim.study.choice.certainty import OBJECTIVE, TIE, Certainty, Contribution, Levels, Status, TradeOff, chance_text
 from cosim.study.choice.selection import Selected
 from cosim.study.choice.sensitivity import Sensitivity
-from cosim.study.study import Build, Study
+from cosim.study.definition import Build, Parameters, Study
+from cosim.study.measures import Measure
+from cosim.study.table import StoredTable, StudyResult
+from cosim.study.verdict import study_verdict
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost.array_types import Array, Flags, Integers
-from eightpost.errors import EightpostError
-from eightpost.files import atomic_path
+from eightpost.errors import EightpostError, FileFormatError
+from eightpost.files import MALFORMED, atomic_path, json_content
 from eightpost.report.charts import COLORS
 from eightpost.report.numbers import Display, percent
 from eightpost.signals import Drivefile, TimeSeries
 from eightpost.units import metric
-from eightpost.verdict import Grade, Verdict
+from eightpost.verdict import Grade, Verdict, is_intact
 
 # ==== Curves of the shocks of a bank, measured on their FMUs, and the pages that the FMUs carry ======================
 
@@ -46,8 +51,7 @@ _PAGE = "documentation/index.html"
 _OWN = "resources/eightpost.json"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ShockCurve:
+class ShockCurve(NamedTuple):
     """Force of a shock at constant velocities, after its lag has died out."""
 
     velocity: Array  #: Velocities (K,) [m/s], positive in compression.
@@ -107,8 +111,6 @@ def copy_shock_pages(study: Study, folder: Path) -> Mapping[str, str]:
     return pages
 
 
-# ==== Rows ===========================================================================================================
-
 # ---- Colours of the builds of a bank --------------------------------------------------------------------------------
 
 _GOLDEN = 0.618034
@@ -134,7 +136,6 @@ class Scale(NamedTuple):
         """Return the display units of an SI unit; an unknown unit of a user-defined measure is shown unchanged.
 
         Args:
-            si: SI unit.
             display: US customary unit that the measure asks for; default: that of the table of display units.
         """
         us = display if display != si else ""
@@ -144,8 +145,7 @@ class Scale(NamedTuple):
 # ---- Data of the report ---------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Uncertainty:
+class Uncertainty(NamedTuple):
     """Uncertainty of one measure of S setups; NaN if not known."""
 
     low: Array  #: (S,) lower ends of the 95 % intervals of the true values [SI].
@@ -177,8 +177,7 @@ class Column:
         return (self.values - low) / ((high - low) or 1.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Bound:
+class Bound(NamedTuple):
     """One limit of a constraint (G of Eq 2.3): `measure`, `at least` or `at most`, the value [SI]."""
 
     measure: str
@@ -268,14 +267,31 @@ class Sheet:
         return ", ".join(f"{corner.upper()} {self.builds[build]}" for corner, build in places)
 
 
-@dataclass(frozen=True, slots=True)
-class AimPage:
+#: Content and page of the curves to aim at, which `eightpost shapes` writes.
+AIM, AIM_PAGE = "shapes.json", "shapes.html"
+
+
+class AimPage(NamedTuple):
     """Page of the curves to aim at."""
 
     path: str  #: Path relative to the page of the study.
     gain: float  #: Predicted gain over the best setup of the bank, as a share of its objective [1].
     assured: float  #: Gain that is exceeded with a probability of 95 % over the draws [1].
     is_sure: bool  #: Whether the errors of the vehicle are included in it.
+
+    @classmethod
+    def of(cls, folder: Path, digest: str) -> AimPage | None:
+        """Return the page in the folder of a study; None if it has none of the study with this digest, unedited."""
+        if not (folder / AIM_PAGE).is_file():
+            return None
+        try:
+            found = json_content(folder / AIM, advice="run eightpost shapes again")
+            if found["digest"] != digest or not is_intact(found):
+                return None
+            gain, best = found["gain"], abs(found["objective"]["best_of_bank"])
+            return cls(AIM_PAGE, gain["predicted"] / best, gain["assured"] / best, bool(gain["includes_car"]))
+        except (FileFormatError, *MALFORMED):
+            return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -304,8 +320,7 @@ LISTED, TRADES = 5, 8
 _GRADES = ("worse", "even", "better")
 
 
-@dataclass(frozen=True, slots=True)
-class Candidate:
+class Candidate(NamedTuple):
     """One of the tied setups."""
 
     row: int  #: Row of the setup.
@@ -315,8 +330,7 @@ class Candidate:
     high: float  #: Upper end [SI].
 
 
-@dataclass(frozen=True, slots=True)
-class TradeOffLine:
+class TradeOffLine(NamedTuple):
     """Change of a measure of the leading setup from the baseline, with its 95 % interval, as text."""
 
     measure: str
@@ -364,7 +378,9 @@ def answer_of(sheet: Sheet) -> Answer | None:
         contributions=known.contributions,
         trade_offs=lines[:TRADES] or _predicted_trade_offs(sheet, rows[0]),
         unlisted=_unlisted(lines[TRADES:]),
-        tests=tuple(_tests(sheet, known)),
+        tests=tuple(
+            (row, percent(100.0 * test.remaining)) for test in known.tests if (row := sheet.row(test.setup)) is not None
+        ),
         exact=known.assumes_exact_runs,
     )
 
@@ -425,7 +441,7 @@ def _candidate(sheet: Sheet, known: Certainty, row: int) -> Candidate:
 
 
 def _share(probability: float) -> str:
-    return certainty.percent(probability) if np.isfinite(probability) else "unknown"
+    return chance_text(probability) if np.isfinite(probability) else "unknown"
 
 
 def _sure(known: Certainty) -> str:
@@ -477,13 +493,6 @@ def _signed(share: float) -> str:
     return f"+{text}" if share > 0.0 else text
 
 
-def _tests(sheet: Sheet, known: Certainty) -> Iterator[tuple[int, str]]:
-    for test in known.tests:
-        row = sheet.row(test.setup)
-        if row is not None:
-            yield row, percent(100.0 * test.remaining)
-
-
 def tied_rows(best: Array) -> Flags:
     """Return the smallest set of rows that contains the best one with a probability of 95 %, as flags (S,).
 
@@ -496,3 +505,155 @@ def tied_rows(best: Array) -> Flags:
     flags = np.zeros(chance.size, dtype=np.bool_)
     flags[order[:count]] = chance[order[:count]] > 0.0
     return flags
+
+
+# ==== Data of the report from the result of a study ==================================================================
+
+
+def _uncertainty_of(levels: Levels | None) -> Uncertainty | None:
+    """Return the uncertainty of a measure; None if it is not known."""
+    if levels is None or not levels.is_known:
+        return None
+    low, high = levels.interval()
+    return Uncertainty(low, high, levels.best, tied_rows(levels.best))
+
+
+def sheet_of(result: StudyResult, *, certainty: Certainty | None = None, trace_command: str = "") -> Sheet:
+    """Return the report data of a result.
+
+    Args:
+        certainty: Certainty of the study; None if it was not computed.
+        trace_command: Command that computes the traces of a setup, with `{setup}` in place of its number.
+    """
+    levels = certainty.levels if certainty else {}
+    builds, messages = tuple(result.study.bank), result.table["message"]
+    return Sheet(
+        corners=tuple(result.study.corners),
+        builds=builds,
+        numbers=result.setups,
+        placed=result.places(builds),
+        measures=tuple(_column(result, one.name, levels.get(one.name)) for one in _by_interest(result.study)),
+        allowed=result.feasible,
+        coupling_error=_numbers(result.table, "coupling_error_percent"),
+        objective=None
+        if result.objective is None
+        else Column(OBJECTIVE, Scale.of("1"), result.objective, uncertainty=_uncertainty_of(levels.get(OBJECTIVE))),
+        failures={row: messages[row].as_py() or "it did not finish" for row in np.flatnonzero(~result.done).tolist()},
+        marks=_texts(result.table, "marks"),
+        baseline=result.baseline_row,
+        certainty=certainty,
+        terms=tuple(
+            Weighted(
+                one.measure, one.weight, Display.of(result.unit(one.measure), one.unit or result.unit(one.measure))
+            )
+            for one in result.study.objective
+        ),
+        background=background(result, trace_command, certainty),
+    )
+
+
+def background(result: StudyResult, trace_command: str, certainty: Certainty | None = None) -> Background:
+    """Return objective, constraints, notes, settings and files of a result."""
+    study = result.study
+    terms = " + ".join(f"{term.weight:g} × ({term.measure} [{term.unit}])" for term in study.objective)
+    notes = list[str]()
+    if result.partial:
+        counts = f"{len(result)} of {len(study.space)} setups were run"
+        notes.append(f"The study is not complete: {counts}. Levels and ranks are of these.")
+    if not study.vehicle.means_trusted:
+        notes.append("The vehicle's response to constant inputs is not trusted, so the study has no measures of means.")
+    return Background(
+        title=study.name or "Setup study",
+        objective=terms,
+        constraints=tuple(_bounds(result)),
+        notes=tuple(notes),
+        facts=tuple(_facts(result)),
+        origins=tuple(_origins(result)),
+        trace_command=trace_command,
+        verdict=study_verdict(result, certainty),
+    )
+
+
+def _by_interest(study: Study) -> list[Measure]:
+    """Return the measures in display order: objective, constraints, others, and last those that depend on a mean."""
+    names = (*(term.measure for term in study.objective), *(bound.measure for bound in study.constraints))
+    named = [study.measure(name) for name in dict.fromkeys(names)]
+    others = [measure for measure in study.measures if measure not in named]
+    return [*named, *sorted(others, key=lambda measure: measure.absolute)]
+
+
+def _column(result: StudyResult, name: str, levels: Levels | None) -> Column:
+    scale = Scale.of(result.unit(name), result.display(name))
+    rewarded = any(term.measure == name and term.weight < 0.0 for term in result.study.objective)
+    return Column(name, scale, result.values(name), "high" if rewarded else "low", _uncertainty_of(levels))
+
+
+def _numbers(table: pa.Table | StoredTable, name: str) -> Array:
+    return np.asarray(table[name].to_numpy(zero_copy_only=False), dtype=np.float64)
+
+
+def _texts(table: pa.Table | StoredTable, name: str) -> dict[int, str]:
+    texts = table[name]
+    given = np.flatnonzero(pa.compute.not_equal(texts, "").fill_null(False))
+    return {row: texts[row].as_py() for row in given.tolist()}
+
+
+def _bounds(result: StudyResult) -> Iterator[Bound]:
+    for constraint in result.study.constraints:
+        name = constraint.measure
+        scale = Scale.of(result.unit(name), result.display(name))
+        if isfinite(constraint.at_least):
+            yield Bound(name, "at least", constraint.at_least, scale)
+        if isfinite(constraint.at_most):
+            yield Bound(name, "at most", constraint.at_most, scale)
+
+
+def _facts(result: StudyResult) -> Iterator[tuple[str, str]]:
+    study, seconds = result.study, _numbers(result.table, "seconds")
+    yield "Setups", f"{len(result)} of {len(study.space)}, from {len(study.bank)} builds"
+    if study.alike:
+        yield "Corners with the same build", "; ".join(" and ".join(group) for group in study.alike)
+    for drive in study.drives:
+        yield f"Drive {drive.name}", f"{drive.file}, from {drive.start:g} to {drive.start + drive.stop:g} s"
+    yield "Settling, left out of every measure", f"{study.settling:g} s"
+    yield "Target coupling error", f"{study.accuracy:g} % of each signal's standard deviation"
+    yield "Record step of the measured signals", f"{1e3 * study.record_step:g} ms"
+    yield from _settings(result.provenance.settings)
+    for name, one in result.provenance.above_band.items():
+        yield f"Power of {name} above {one.high:.3g} Hz, where the vehicle was not identified", f"{one.share:.1%}"
+    yield "Total wall time of all runs", f"{np.nansum(seconds):.4g} s"
+    yield "Digest of the study", result.provenance.digest
+    yield "Computed by", f"eightpost {result.provenance.tool_version}"
+
+
+def _settings(settings: Mapping[str, Any], within: str = "") -> Iterator[tuple[str, str]]:
+    """Yield settings and nested settings, one row each."""
+    for name, value in settings.items():
+        words = f"{within}{name.replace('_', ' ')}"
+        if isinstance(value, Mapping):
+            yield from _settings(value, f"{words}: ")
+        else:
+            values = value if isinstance(value, list | tuple) else (value,)
+            yield words.capitalize(), "; ".join(f"{one:.6g}" if isinstance(one, float) else str(one) for one in values)
+
+
+def _origins(result: StudyResult) -> Iterator[Origin]:
+    """Yield the vehicle, the builds, the drives, and the other files that were read."""
+    study, source = result.study, result.provenance
+    guids, digests = _by_name(source.guids), _by_name(source.digests)
+    files: dict[str, tuple[PurePath, Parameters]] = {"vehicle": (study.vehicle.fmu, study.vehicle.parameters)}
+    files |= {f"build {name}": (build.fmu, build.parameters) for name, build in study.bank.items()}
+    files |= {f"drive {drive.name}": (drive.file, {}) for drive in study.drives}
+    known = {str(file) for file, _ in files.values()}
+    files |= {f"file {PurePath(path).name}": (PurePath(path), {}) for path in source.digests if path not in known}
+    for what, (file, parameters) in files.items():
+        identity, digest = (found.get(str(file)) or found.get(file.name, "") for found in (guids, digests))
+        changed = tuple(f"{name} = {value}" for name, value in parameters.items())
+        yield Origin(what, file.name, identity, "", digest, changed)
+
+
+def _by_name(known: Mapping[str, str]) -> dict[str, str]:
+    """Return values by path, and also by file name if only one path has that name."""
+    names = [PurePath(path).name for path in known]
+    single = {PurePath(path).name: value for path, value in known.items() if names.count(PurePath(path).name) == 1}
+    return single | dict(known)

@@ -14,8 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet
 from pydantic import create_model
 
-from cosim.study.result import StudyResult
-from cosim.study.table import StoredTable, open_table
+from cosim.study.table import StoredTable, StudyResult, open_table
 from eightpost.array_types import Array, Flags, Integers
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json
@@ -255,7 +254,7 @@ def summary_lines(result: StudyResult, certainty: Certainty) -> Iterator[str]:
         yield "no setup meets the constraints with a notable probability"
         return
     leader = result.study.space.setup(certainty.leader)
-    chance = percent(certainty.probability(leader.index))
+    chance = chance_text(certainty.probability(leader.index))
     if certainty.is_known:
         yield f"most probably the best by {certainty.criterion}: setup {leader.index} ({leader}), {chance}"
     else:
@@ -265,7 +264,7 @@ def summary_lines(result: StudyResult, certainty: Certainty) -> Iterator[str]:
     yield from _trade_offs(certainty)
     if certainty.tests:
         names = ", ".join(str(test.setup) for test in certainty.tests)
-        left = percent(certainty.tests[-1].remaining)
+        left = chance_text(certainty.tests[-1].remaining)
         left = left if certainty.tests[-1].remaining < 0.001 else f"about {left}"
         exact = ", if rig runs repeat exactly" if certainty.assumes_exact_runs else ""
         yield f"test next: {names}; {left} of the uncertainty about the ties remains{exact} (eightpost confirm)"
@@ -275,10 +274,10 @@ def summary_lines(result: StudyResult, certainty: Certainty) -> Iterator[str]:
     yield from (f"approximation: {text}" for text in (*certainty.notes, *certainty.remarks))
 
 
-def percent(probability: float) -> str:
+def chance_text(probability: float) -> str:
     """Return a probability in percent.
 
-    >>> percent(0.6234), percent(0.9996), percent(0.0001)
+    >>> chance_text(0.6234), chance_text(0.9996), chance_text(0.0001)
     ('62 %', 'above 99.9 %', 'below 0.1 %')
     """
     if 0.001 <= probability <= 0.999:
@@ -290,7 +289,7 @@ def _ties(certainty: Certainty) -> str:
     count = len(certainty.ties)
     if count == 1:
         return f"no other setup is needed to contain the best one with a probability of {100 * TIE:g} %"
-    named = ", ".join(f"{setup} {percent(certainty.probability(setup))}" for setup in certainty.ties[:_TIES])
+    named = ", ".join(f"{setup} {chance_text(certainty.probability(setup))}" for setup in certainty.ties[:_TIES])
     more = f" and {count - _TIES} more" if count > _TIES else ""
     return f"{count} setups are tied; one of them is the best with a probability of {100 * TIE:g} %: {named}{more}"
 
@@ -301,13 +300,12 @@ def _trade_offs(certainty: Certainty) -> Iterator[str]:
     better = sorted((one for one in certainty.trade_offs if one.high < 0.0), key=lambda one: one.change)
     for words, found in (("worse", worse), ("better", better)):
         if found:
-            named = ", ".join(_change(one) for one in found[:_MEASURES])
+            named = ", ".join(
+                f"{one.measure} {100 * one.change:+.1f} % ({100 * one.low:+.1f} to {100 * one.high:+.1f})"
+                for one in found[:_MEASURES]
+            )
             more = f" and {len(found) - _MEASURES} more" if len(found) > _MEASURES else ""
             yield f"{words} than the baseline with a probability of 97.5 %: {named}{more}"
-
-
-def _change(one: TradeOff) -> str:
-    return f"{one.measure} {100 * one.change:+.1f} % ({100 * one.low:+.1f} to {100 * one.high:+.1f})"
 
 
 # ---- Reasons of a study's verdict that concern the certainty of the choice ------------------------------------------
@@ -375,7 +373,7 @@ def certainty_reasons(certainty: Certainty | None) -> Iterator[Reason]:
     if certainty.contradictions:
         worst = min(certainty.contradictions, key=lambda one: one.probability)
         change = 100.0 * (worst.measured / worst.predicted - 1.0)
-        figure = f"{worst.measure} {change:+.2g} % from the prediction, probability {percent(worst.probability)}"
+        figure = f"{worst.measure} {change:+.2g} % from the prediction, probability {chance_text(worst.probability)}"
         names = listed(one.file for one in certainty.contradictions)
         yield CONTRADICTED.reason("a record contradicts the prediction", figure=figure, origin=names)
 
@@ -440,7 +438,13 @@ def write_certainty(certainty: Certainty, path: str | Path) -> None:
         for probability, half in zip(PROBABILITIES, levels.half_widths, strict=True):
             columns[half_width_column(name, probability)] = _column(half)
         columns[best_column(name)] = _column(levels.best)
-    header = {"schema": "eightpost.certainty", "schema_version": SCHEMA, **_header_of(certainty)}
+    measures = tuple(
+        _Measure(name, one.relative, one.basis, one.run_to_run if np.isfinite(one.run_to_run) else None)
+        for name, one in certainty.levels.items()
+    )
+    own = {name: getattr(certainty, name) for name in _ENTRIES}
+    content: dict[str, Any] = _Header(measures=measures, **own).model_dump(mode="json")
+    header = {"schema": "eightpost.certainty", "schema_version": SCHEMA, **content}
     table = pa.table(columns).replace_schema_metadata({_KEY: json.dumps(header, allow_nan=False)})
     with atomic_path(path) as temporary:
         pyarrow.parquet.write_table(table, temporary, compression="zstd")
@@ -458,7 +462,11 @@ def read_certainty(path: str | Path, *, digest: str | None = None) -> Certainty:
     """
     path = Path(path)
     table = open_table(path, advice="run `eightpost study` again, or `eightpost robust`")
-    content = _content(path, table)
+    metadata = table.schema.metadata or {}
+    content: Any = parse_json(metadata[_KEY], path) if _KEY in metadata else None
+    if not isinstance(content, dict) or content.get("schema") != "eightpost.certainty":
+        raise FileFormatError("is not the certainty of a study; name the certainty.parquet of a study", path=path)
+    check_schema(content, SCHEMA, path, key="schema_version")
     try:
         header = _Header.model_validate(content)
         own = {name: getattr(header, name) for name in _ENTRIES}
@@ -481,16 +489,6 @@ def read_certainty(path: str | Path, *, digest: str | None = None) -> Certainty:
         raise FileFormatError(what, path=path) from error
 
 
-def _header_of(certainty: Certainty) -> dict[str, Any]:
-    measures = tuple(
-        _Measure(name, one.relative, one.basis, one.run_to_run if np.isfinite(one.run_to_run) else None)
-        for name, one in certainty.levels.items()
-    )
-    own = {name: getattr(certainty, name) for name in _ENTRIES}
-    found: dict[str, Any] = _Header(measures=measures, **own).model_dump(mode="json")
-    return found
-
-
 def _column(values: Array, kind: pa.DataType | None = None) -> pa.Array:
     """Return a column; NaN is written as null."""
     return pa.array(values, kind or pa.float32(), mask=np.isnan(values))
@@ -509,12 +507,3 @@ def _levels(table: pa.Table | StoredTable, measure: _Measure) -> Levels:
         measure.basis,
         np.nan if measure.run_to_run is None else measure.run_to_run,
     )
-
-
-def _content(path: Path, table: pa.Table | StoredTable) -> Mapping[str, Any]:
-    metadata = table.schema.metadata or {}
-    found: Any = parse_json(metadata[_KEY], path) if _KEY in metadata else None
-    if not isinstance(found, dict) or found.get("schema") != "eightpost.certainty":
-        raise FileFormatError("is not the certainty of a study; name the certainty.parquet of a study", path=path)
-    check_schema(found, SCHEMA, path, key="schema_version")
-    return found

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cosim.study.certainty.certainty import (
+from cosim.study.choice.certainty import (
     OBJECTIVE,
     PROBABILITIES,
     RUN_TO_RUN,
@@ -22,20 +22,22 @@ from cosim.study.certainty.certainty import (
     TradeOff,
     VehicleSource,
 )
-from cosim.study.certainty.choice import (
+from cosim.study.choice.posterior import (
     Criterion,
     Drawn,
+    Observations,
+    Posterior,
+    Surprise,
     candidates,
     draw_choice,
     drawn_levels,
     feasible_probability,
     limits_of,
+    surprises_of,
     tests_of,
 )
-from cosim.study.certainty.posterior import Observations, Posterior, Surprise, surprises_of
-from cosim.study.certainty.sources import FILE, OUTPUT, UNKNOWN, ErrorSources, error_sources
-from cosim.study.result import StudyResult
-from cosim.study.table import error_column
+from cosim.study.choice.sources import FILE, OUTPUT, UNKNOWN, ErrorSources, error_sources
+from cosim.study.table import StudyResult, error_column
 from eightpost.array_types import Array, Integers
 
 # ---- Contributions to the uncertainty: which are included, which are not, and which are unknown ---------------------
@@ -52,12 +54,8 @@ def contributions_of(
     """Return the contributions to the uncertainty of a criterion.
 
     Args:
-        result: Result of the study.
-        sources: Sources of the errors.
-        effects: Effects of uncertain parameters.
         unstated: Builds whose parameters' uncertainty is not known.
         chosen: Criterion by which setups are ranked.
-        confirmed: Whether rig runs are taken into account.
     """
     return (
         _vehicle(result, sources, chosen),
@@ -170,12 +168,8 @@ def certainty_of(
     """Return the certainty of a study.
 
     Args:
-        result: Result of the study.
         known: Knowledge beyond its table; None: nothing is known.
         criterion: Measure to rank by; None: the objective, or the first measure if the study has none.
-        top: Number k of the best setups.
-        tests: Number of next tests.
-        draws: Number of draws of the errors.
         seed: Seed of the draws; the same seed gives the same result.
 
     Raises:
@@ -192,7 +186,7 @@ def certainty_of(
     drawn, left_out = _drawn(result, posterior, chosen, feasible, top, draws, seed)
     ties = drawn.ties(TIE)
     best, among = (_spread(part, drawn.rows, len(result)) for part in (drawn.probability, drawn.among))
-    noise = _criterion_noise(chosen, sources)
+    run_to_run = np.nan_to_num(sources.run_to_run[chosen.measures])  # 0 where it is not known
     return Certainty(
         digest=result.provenance.digest,
         criterion=name,
@@ -204,7 +198,7 @@ def certainty_of(
         ties=tuple(int(result.setups[drawn.rows[k]]) for k in ties.tolist()),
         levels=dict(_levels(result, posterior, feasible, chosen, best, min(draws, _FEWER), seed)),
         contributions=contributions_of(result, sources, known.effects, known.unstated, chosen, bool(known.runs)),
-        tests=tests_of(result, drawn, ties, noise, tests),
+        tests=tests_of(result, drawn, ties, float(np.sum((chosen.weights * run_to_run) ** 2)), tests),
         trade_offs=tuple(_trade_offs(result, posterior, chosen, drawn, ties, min(draws, _FEWER), seed)),
         effects=known.effects,
         runs=known.runs,
@@ -269,11 +263,6 @@ def _spread(values: Array, rows: Integers, count: int) -> Array:
     return found
 
 
-def _criterion_noise(chosen: Criterion, sources: ErrorSources) -> float:
-    """Return the variance of a measured value of the criterion; 0 for measures whose run-to-run noise is not known."""
-    return float(np.sum((chosen.weights * np.nan_to_num(sources.run_to_run[chosen.measures])) ** 2))
-
-
 def _levels(
     result: StudyResult, posterior: Posterior, feasible: Array, chosen: Criterion, best: Array, draws: int, seed: int
 ) -> Iterator[tuple[str, Levels]]:
@@ -290,15 +279,13 @@ def _levels(
         weights = np.zeros(sources.predicted.shape)
         weights[:, m] = 1.0
         middle, half = posterior.half_widths(PROBABILITIES, weights)
-        own = best if chosen.name == name else _best_by(result, posterior, name, feasible, draws, seed)
+        own = best
+        if chosen.name != name:
+            others, _ = _drawn(result, posterior, Criterion.of(result, name), feasible, 1, draws, seed)
+            own = _spread(others.probability, others.rows, len(result))
         expected = sources.predicted[:, m] * np.exp(middle)
         yield name, Levels(expected, np.where(result.done, half, np.nan), own, True, sources.bases[m],
                            float(sources.run_to_run[m]))  # fmt: skip
-
-
-def _best_by(result: StudyResult, posterior: Posterior, name: str, feasible: Array, draws: int, seed: int) -> Array:
-    drawn, _ = _drawn(result, posterior, Criterion.of(result, name), feasible, 1, draws, seed)
-    return _spread(drawn.probability, drawn.rows, len(result))
 
 
 def _objective_levels(result: StudyResult, posterior: Posterior, criterion: Criterion, best: Array | None) -> Levels:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.study.report.sheet import Sheet, shown_columns
+from cosim.study.sheet import Sheet, shown_columns
 from eightpost.errors import OutputError
 from eightpost.extras import needs
 from eightpost.files import atomic_path, safe_cell
@@ -27,19 +27,19 @@ Cell = str | int | float
 
 
 def write_ranking(sheet: Sheet, path: Path) -> Path:
-    """Write all setups, best first, in the display units of the measures; failed setups have empty cells.
-
-    Args:
-        sheet: Report data.
-        path: The file.
-
-    Returns:
-        The file.
-    """
+    """Write all setups, best first, in the display units of the measures; failed setups have empty cells."""
     columns = shown_columns(sheet)
     names = ["rank", "setup", *sheet.corners, *(column.name for column in columns), "coupling error", "remark"]
     units = ["", "", *("" for _ in sheet.corners), *(column.scale.us.unit for column in columns), "%", ""]
-    return _write(path, _csv_tables_settings(sheet), names, units, _ranking_rows(sheet))
+    source = sheet.background
+    settings = [
+        ("Format", "eightpost setup study"),
+        ("Study", source.title),
+        ("Ranked by", source.objective or sheet.ranked_by.name),
+        ("Constraints", "; ".join(map(str, source.constraints)) or "none"),
+        *source.facts,
+    ]
+    return _write(path, settings, names, units, _ranking_rows(sheet))
 
 
 def _ranking_rows(sheet: Sheet) -> Iterator[list[Cell]]:
@@ -57,17 +57,7 @@ def _ranking_rows(sheet: Sheet) -> Iterator[list[Cell]]:
 
 
 def write_traces(sheet: Sheet, number: int, series: TimeSeries, path: Path) -> Path:
-    """Write the traces of one setup in SI, in the layout of MoTeC i2's CSV export.
-
-    Args:
-        sheet: Report data for the preamble.
-        number: Number of the setup.
-        series: Traces of the setup.
-        path: The file.
-
-    Returns:
-        The file.
-    """
+    """Write the traces of one setup in SI, in the layout of MoTeC i2's CSV export."""
     row = sheet.row(number)
     settings = [
         ("Format", "MoTeC CSV File"),
@@ -78,17 +68,6 @@ def write_traces(sheet: Sheet, number: int, series: TimeSeries, path: Path) -> P
     ]
     rows = np.column_stack([series.time, series.values.T]).tolist()
     return _write(path, settings, ["Time", *series.names], ["s", *series.units], rows)
-
-
-def _csv_tables_settings(sheet: Sheet) -> list[tuple[str, str]]:
-    source = sheet.background
-    return [
-        ("Format", "eightpost setup study"),
-        ("Study", source.title),
-        ("Ranked by", source.objective or sheet.ranked_by.name),
-        ("Constraints", "; ".join(map(str, source.constraints)) or "none"),
-        *source.facts,
-    ]
 
 
 def _cell(value: float) -> Cell:
@@ -123,13 +102,6 @@ MOST_ROWS = 20_000
 
 def write_workbook(sheet: Sheet, path: Path) -> Path:
     """Write the workbook; text is never interpreted as a formula.
-
-    Args:
-        sheet: Report data.
-        path: The file.
-
-    Returns:
-        The file.
 
     Raises:
         OutputError: The file cannot be written.

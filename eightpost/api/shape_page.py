@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim.study.choice.continuous import ASSURED
-from eightpost.app.shape_search import VERIFIED, Aim, Target
+from cosim.study.choice.optimise import ASSURED
+from eightpost.api.shapes import VERIFIED, Aim, Target
 from eightpost.files import atomic_path
 from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, grid_figure
 from eightpost.report.page import Block, Section, document, write_page

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cosim.report.page import versions
-from cosim.study.choice.selection import Selected
-from cosim.study.choice.sensitivity import Sensitivity
-from cosim.study.report.sheet import (
+from cosim.study.choice.certainty import Certainty
+from cosim.study.choice.selection import Selected, Selection
+from cosim.study.choice.sensitivity import Sensitivity, available_sensitivities
+from cosim.study.sheet import (
+    AimPage,
     Column,
     Extras,
     Scale,
@@ -21,31 +24,29 @@ from cosim.study.report.sheet import (
     answer_of,
     build_colors,
     chance,
+    sheet_of,
     shown_columns,
     tied,
 )
+from cosim.study.table import StudyResult
+from cosim.study.tables import write_ranking, write_traces, write_workbook
 from eightpost.array_types import Array, Integers
 from eightpost.report import page as html
 from eightpost.report.numbers import Display, fixed, percent
 from eightpost.report.packing import TRACES_CAPACITY, Store, spectra, traces
+from eightpost.report.page import write_page
 from eightpost.report.tables import Tile
 from eightpost.signals import TimeSeries
 
-# ==== Data ===========================================================================================================
+# ---- Data of the page's script --------------------------------------------------------------------------------------
 
 #: Highest frequency of the spectra of the page [Hz].
 _HIGHEST = 60.0
 
 
 def packed(sheet: Sheet, extras: Extras, picked: Sequence[int]) -> tuple[dict[str, Any], str]:
-    """Return the manifest, which states where each number is stored, and the numbers.
-
-    Args:
-        sheet: Report data.
-        extras: Optional content.
-        picked: Rows that are picked when the page opens.
-    """
-    store = Store()
+    """Return the manifest, which states where each number is stored, and the numbers."""
+    store, known = Store(), sheet.certainty
     order, done = sheet.order, int(sheet.done.sum())
     place = {column.name: k for k, column in enumerate(shown_columns(sheet))}
     manifest = {
@@ -59,7 +60,9 @@ def packed(sheet: Sheet, extras: Extras, picked: Sequence[int]) -> tuple[dict[st
         "rank": store.add(np.argsort(order).astype(float) + 1.0),
         "allowed": store.add(sheet.allowed.astype(float)),
         "error": store.add(sheet.coupling_error),
-        "chance": _chance(store, sheet),
+        "chance": None
+        if known is None or known.leader is None
+        else {"name": chance(known), "at": store.add(known.best)},
         "ties": tied(sheet),
         "columns": [_column(store, column) for column in shown_columns(sheet)],
         "objective": sheet.objective.name if sheet.objective else None,
@@ -74,20 +77,15 @@ def packed(sheet: Sheet, extras: Extras, picked: Sequence[int]) -> tuple[dict[st
         "trace_command": sheet.background.trace_command,
         "sensitivities": list(_sensitivities(sheet, extras.sensitivities)),
         "spectra": dict(_spectra(store, extras.traces)),
-        "curves": {name: _curve(store, curve) for name, curve in extras.curves.items()},
+        "curves": {
+            name: {"velocity": store.add(one.velocity), "force": store.add(one.force), "count": one.velocity.size}
+            for name, one in extras.curves.items()
+        },
         "force": _scale(Scale.of("N")),
         "velocity": _scale(Scale.of("m/s")),
         "pages": extras.shock_pages,
     }
     return manifest, store.text
-
-
-def _chance(store: Store, sheet: Sheet) -> dict[str, Any] | None:
-    """Return the probability of each setup of being the best, and its heading; None if it was not computed."""
-    known = sheet.certainty
-    if known is None or known.leader is None:
-        return None
-    return {"name": chance(known), "at": store.add(known.best)}
 
 
 def _limits(sheet: Sheet) -> dict[str, dict[str, float | None]]:
@@ -162,10 +160,6 @@ def _spectra(store: Store, recorded: Mapping[int, TimeSeries]) -> Iterator[tuple
         yield number, {"at": store.add_single(found.frequency[kept]), "count": int(kept.sum()), "channels": channels}
 
 
-def _curve(store: Store, curve: ShockCurve) -> dict[str, Any]:
-    return {"velocity": store.add(curve.velocity), "force": store.add(curve.force), "count": curve.velocity.size}
-
-
 def _channel(store: Store, name: str, unit: str, values: Array) -> dict[str, Any]:
     return {
         "name": name,
@@ -195,8 +189,6 @@ def _sensitivities(sheet: Sheet, terms: Sequence[Sensitivity]) -> Iterator[dict[
         }
 
 
-# ==== Page ===========================================================================================================
-
 # ---- Corner whose build explains most of a measure ------------------------------------------------------------------
 
 
@@ -221,8 +213,7 @@ def _between(placed: Integers, levels: Array) -> float:
 MATTERS = 0.05
 
 
-@dataclass(frozen=True, slots=True)
-class Share:
+class Share(NamedTuple):
     """Shares of a measure's variance [1]: of each corner with its interactions, and of all interactions of two."""
 
     column: int
@@ -236,33 +227,22 @@ def headline(sheet: Sheet) -> str:
     """Return a summary: how many setups ran, failed and are marked, which one is best, and remarks on it."""
     failed, marked, done = len(sheet.failures), len(sheet.marks), int(sheet.done.sum())
     counts = f"{done} setups ran{f', {failed} failed' if failed else ''}, {marked} marked."
-    return " ".join((counts, *_best(sheet)))
-
-
-def _best(sheet: Sheet) -> Iterator[str]:
     feasible = int(np.sum(sheet.allowed & sheet.done))
-    if feasible:
-        best = int(sheet.order[0])
-        yield f"Best prediction: setup {sheet.numbers[best]} ({sheet.fitted(best)})."
-        if sheet.background.constraints:
-            yield f"{feasible} setups meet all constraints."
-        yield from _remarks_on_best(sheet, best)
+    if not feasible:
+        return counts
+    best = int(sheet.order[0])
+    words = [counts, f"Best prediction: setup {sheet.numbers[best]} ({sheet.fitted(best)})."]
+    words += [f"{feasible} setups meet all constraints."] if sheet.background.constraints else []
+    words += [f"This setup is marked: {sheet.marks[best]}."] if best in sheet.marks else []
+    return " ".join(words)
 
 
-def _remarks_on_best(sheet: Sheet, best: int) -> Iterator[str]:
-    """Yield remarks on the setup with the best prediction: its mark."""
-    if best in sheet.marks:
-        yield f"This setup is marked: {sheet.marks[best]}."
-
-
-def tiles(sheet: Sheet) -> tuple[Tile, ...]:
-    """Return the figures at the top of the page."""
-    return tuple(_tiles(sheet)) if sheet.done.any() else ()
-
-
-def _tiles(sheet: Sheet) -> Iterator[Tile]:
+def tiles(sheet: Sheet) -> Iterator[Tile]:
+    """Yield the figures at the top of the page; none if no setup ran."""
+    if not sheet.done.any():
+        return
     column, best = sheet.ranked_by, int(sheet.order[0])
-    us, metric = _both(column.scale, float(column.values[best]))
+    us, metric = (_with_unit(one, float(column.values[best])) for one in column.scale)
     yield Tile(f"best {column.name}", us, f"setup {sheet.numbers[best]}", metric)
     if sheet.baseline is not None and sheet.done[sheet.baseline]:
         base = float(column.values[sheet.baseline])
@@ -276,10 +256,6 @@ def _tiles(sheet: Sheet) -> Iterator[Tile]:
         yield Tile("largest coupling error", worst, f"median {percent(float(np.median(known)))}")
     ran = f"{int(sheet.done.sum())}"
     yield Tile("setups", ran, f"{len(sheet.failures)} failed, {len(sheet.marks)} marked")
-
-
-def _both(scale: Scale, value: float) -> tuple[str, str]:
-    return _with_unit(scale.us, value), _with_unit(scale.metric, value)
 
 
 def _with_unit(shown: Display, value: float) -> str:
@@ -330,11 +306,19 @@ def page(sheet: Sheet, extras: Extras) -> str:
     groups = _groups(sheet, extras.selection)
     picked = sorted({row for _, rows in groups for row in rows})
     manifest, numbers = packed(sheet, extras, picked)
-    context = _words(sheet) | _choices(sheet) | _effects(sheet, extras.sensitivities)
+    problems = sorted(sheet.failures.items()) + sorted(sheet.marks.items())
+    context = _choices(sheet) | _effects(sheet, extras.sensitivities)
     return html.page(
-        "cosim.study.report",
+        "cosim.study",
         [f"script/{name}.js" for name in _SCRIPTS],
         **context,
+        verdict=sheet.background.verdict,
+        fold=_FOLDED,
+        headline=headline(sheet),
+        tiles=tuple(tiles(sheet)),
+        problems=problems[:_LISTED],
+        more_problems=max(0, len(problems) - _LISTED),
+        versions=versions(),
         title=sheet.background.title,
         places=_places(sheet, groups),
         sheet=sheet,
@@ -345,7 +329,7 @@ def page(sheet: Sheet, extras: Extras) -> str:
         aim=extras.aim,
         links={extras.aim.path: "Curves to aim at"} if extras.aim else {},
         ranks=np.argsort(sheet.order) + 1,
-        selection_columns=_selected_for(sheet, extras.selection),
+        selection_columns=[one for one in sheet.measures if one.name in {s.measure for s in extras.selection}],
         traced=sorted(extras.traces),
         data={"manifest": manifest, "numbers": numbers},
     )
@@ -353,26 +337,12 @@ def page(sheet: Sheet, extras: Extras) -> str:
 
 def _places(sheet: Sheet, groups: Sequence[Any]) -> Iterator[tuple[str, str]]:
     yield from (("table", "Ranking"), ("levels", "Levels"), ("tradeoffs", "Trade-offs"), ("parallel", "Measures"))
-    yield from (("setup", "Setup"), ("comparison", "Side by side"))
-    yield "sensitivity", "Sensitivity"
+    yield from (("setup", "Setup"), ("comparison", "Side by side"), ("sensitivity", "Sensitivity"))
     if groups:
         yield "selected", "Selected"
     if sheet.failures or sheet.marks:
         yield "doubtful", "Failed, marked"
     yield "provenance", "Provenance"
-
-
-def _words(sheet: Sheet) -> dict[str, Any]:
-    problems = sorted(sheet.failures.items()) + sorted(sheet.marks.items())
-    return {
-        "verdict": sheet.background.verdict,
-        "fold": _FOLDED,
-        "headline": headline(sheet),
-        "tiles": tiles(sheet),
-        "problems": problems[:_LISTED],
-        "more_problems": max(0, len(problems) - _LISTED),
-        "versions": versions(),
-    }
 
 
 def _choices(sheet: Sheet) -> dict[str, Any]:
@@ -411,6 +381,34 @@ def _groups(sheet: Sheet, selection: Sequence[Selected]) -> list[tuple[str, list
     return list(groups.items())
 
 
-def _selected_for(sheet: Sheet, selection: Sequence[Selected]) -> list[Column]:
-    named = {selected.measure for selected in selection}
-    return [column for column in sheet.measures if column.name in named]
+# ---- Files of a study's report --------------------------------------------------------------------------------------
+
+
+def write_study_report(
+    result: StudyResult,
+    out_dir: str | Path,
+    *,
+    traces: Mapping[int, TimeSeries] | None = None,
+    selection: Selection | None = None,
+    certainty: Certainty | None = None,
+    curves: Mapping[str, ShockCurve] | None = None,
+    shock_pages: Mapping[str, str] | None = None,
+    aim: AimPage | None = None,
+    trace_command: str = "",
+) -> Path:
+    """Write all files of a study's report without running a simulation: its page, which is returned, and tables.
+
+    Args:
+        out_dir: Output folder; existing files of the same names are replaced, each after the new file is complete.
+        shock_pages: Pages of the shocks relative to the folder, by build.
+        trace_command: Command that computes the traces of a setup, with `{setup}` in place of its number.
+    """
+    sheet, folder = sheet_of(result, certainty=certainty, trace_command=trace_command), Path(out_dir)
+    chosen = selection.chosen if selection else ()
+    extras = Extras(traces or {}, available_sensitivities(result), chosen, curves or {}, shock_pages or {}, aim)
+    write_workbook(sheet, folder / "ranking.xlsx")
+    write_ranking(sheet, folder / "ranking.csv")
+    for number, series in extras.traces.items():
+        if sheet.row(number) in (sheet.order[0], sheet.baseline):
+            write_traces(sheet, number, series, folder / "traces" / f"setup_{number}.csv")
+    return write_page(folder / "report.html", page(sheet, extras))

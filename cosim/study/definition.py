@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cached_property
 from math import inf, isfinite, prod
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import ConfigDict, TypeAdapter
 
 from cosim.components.component import Component
@@ -18,6 +19,7 @@ from cosim.study.measures import Measure
 from cosim.systems.system import Bond
 from eightpost.array_types import Integers
 from eightpost.errors import InputError
+from eightpost.signals import ChannelMap, Drivefile, MappedChannel
 
 # ---- Ports of a vehicle for the shocks (docs/reference/ports.md) ----------------------------------------------------
 
@@ -39,10 +41,7 @@ def bond_at(vehicle: Component, name: str, corner: str, shock: Component) -> Bon
     """Return the bond of a shock at a corner; the port of a quarter car has no corner in its name.
 
     Args:
-        vehicle: Vehicle.
-        name: Name of the vehicle's component.
         corner: Corner, which is also the name of the shock's component.
-        shock: Shock.
     """
     port = f"{name}.{corner}" if f"{corner}.velocity" in vehicle.variables else name
     return Bond.between(port, corner, displacement="displacement" in shock.variables, name=corner)
@@ -51,11 +50,6 @@ def bond_at(vehicle: Component, name: str, corner: str, shock: Component) -> Bon
 def check_corners(corners: Collection[str], vehicle: Component, file: Path) -> None:
     """Refuse corners that are not the vehicle's: a port without a shock would have no damping.
 
-    Args:
-        corners: Corners that a study names.
-        vehicle: Vehicle.
-        file: File of the vehicle, for the message.
-
     Raises:
         InputError: The vehicle has no port for a shock, or not that of a corner, or a port has no shock.
     """
@@ -63,16 +57,13 @@ def check_corners(corners: Collection[str], vehicle: Component, file: Path) -> N
     if not known:
         raise InputError(f"vehicle.fmu: {file} has no port for a shock, so it is no vehicle that a study can run; name "
                          "a vehicle file or the FMU of a vehicle (docs/reference/ports.md)")  # fmt: skip
-    listed = f"{file} has {_counted(known)}"
+    count = f"the port {known[0]!r} only" if len(known) == 1 else f"ports at {', '.join(known)}"
+    listed = f"{file} has {count}"
     if unknown := [corner for corner in corners if corner not in known]:
         raise InputError(f"corners: the vehicle has no port {unknown[0]!r}; {listed}. Name its ports in [corners], or "
                          "a vehicle that has these corners")  # fmt: skip
     if missing := [corner for corner in known if corner not in corners]:
         raise InputError(f"corners: {missing[0]} has no shock; {listed}. Name the builds allowed at {missing[0]}")
-
-
-def _counted(known: Sequence[str]) -> str:
-    return f"the port {known[0]!r} only" if len(known) == 1 else f"ports at {', '.join(known)}"
 
 
 # ---- Setups: one build of the bank at every corner, numbered --------------------------------------------------------
@@ -323,7 +314,11 @@ class Study:
         self._check_unique("measure", [measure.name for measure in self.measures])
         self._check_unique("drive", [drive.name for drive in self.drives])
         for drive in self.drives:
-            self._check_times(drive)
+            if not 0.0 <= self.settling < drive.stop:
+                raise InputError(
+                    f"settling is {self.settling:g} s; it must be shorter than the run on {drive.name!r} "
+                    f"({drive.stop:g} s)"
+                )
         for measure in self.measures:
             if measure.drive and measure.drive not in [drive.name for drive in self.drives]:
                 raise InputError(
@@ -399,11 +394,62 @@ class Study:
         if repeated := sorted({name for name in names if names.count(name) > 1}):
             raise InputError(f"two {what}s are called {repeated[0]!r}; names must be unique")
 
-    def _check_times(self, drive: Drive) -> None:
-        if not 0.0 <= self.settling < drive.stop:
-            raise InputError(
-                f"settling is {self.settling:g} s; it must be shorter than the run on {drive.name!r} ({drive.stop:g} s)"
-            )
-
 
 _ADAPTER: TypeAdapter[Study] = TypeAdapter(Study)
+
+
+# ---- Drive files ----------------------------------------------------------------------------------------------------
+
+#: Number of cached samples; a run requests the drive at its start and at all of its steps.
+_CACHED = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RememberedDrive(Drivefile):
+    """Drive file with cached samples: every setup requests the same times."""
+
+    _samples: dict[bytes, NDArray[np.float64]] = field(init=False, repr=False, default_factory=dict)
+
+    def sample(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the values (C, K) at `times` (K,) [s]."""
+        key = times.tobytes()
+        if key not in self._samples:
+            found = Drivefile.sample(self, times)
+            found.setflags(write=False)
+            if len(self._samples) == _CACHED:
+                self._samples.clear()
+            self._samples[key] = found
+        return self._samples[key]
+
+
+def driving_channels(drive: Drive) -> Drivefile:
+    """Read the channels that drive; the other channels of a record are not read.
+
+    Raises:
+        DataError: The file cannot be read.
+    """
+    mapping = ChannelMap.read(drive.channel_map) if drive.channel_map else None
+    if not drive.targets:
+        return Drivefile.read(drive.file, channel_map=mapping, units=drive.units)
+    named = mapping or ChannelMap()
+    channels = {name: named.channels.get(name, MappedChannel(name)) for name in drive.targets}
+    read = {"time", *channels, *(pick.source for pick in channels.values())}
+    given = {name: unit for name, unit in drive.units.items() if name in read}
+    return Drivefile.read(drive.file, channel_map=replace(named, channels=channels), units=given)
+
+
+def read_drive(drive: Drive) -> RememberedDrive:
+    """Read a drive file.
+
+    Raises:
+        InputError: The run exceeds the time range of the file.
+        DataError: The file cannot be read.
+    """
+    found = driving_channels(drive)
+    first, last = float(found.series.time[0]), float(found.series.time[-1])
+    if drive.start < first - 1e-9 or drive.start + drive.stop > last * (1.0 + 1e-9) + 1e-9:
+        raise InputError(
+            f"drive {drive.name!r}: the run needs {drive.start:g} to {drive.start + drive.stop:g} s of {drive.file}, "
+            f"which contains {first:g} to {last:g} s; change stop or start"
+        )
+    return RememberedDrive(found.series)

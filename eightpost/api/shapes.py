@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -10,31 +10,29 @@ import numpy as np
 from scipy.stats import qmc
 
 from builder.build import build
-from cosim.study.certainty import OBJECTIVE
-from cosim.study.certainty.assess import Knowledge, posterior_of
-from cosim.study.certainty.choice import DrawnCar, VehicleDraws
-from cosim.study.choice.continuous import (
+from cosim.study.choice.assess import Knowledge, posterior_of
+from cosim.study.choice.certainty import OBJECTIVE, Certainty
+from cosim.study.choice.optimise import (
     ASSURED,
     Band,
     Evaluation,
-    Optimum,
     Problem,
-    Progress,
     Range,
     Robustness,
+    Search,
+    ShapeOptimum,
     ShockSpace,
     band,
     groups_of,
     search,
+    search_study,
 )
-from cosim.study.choice.optimise import Search, search_study
-from cosim.study.folder import chosen_so_far
-from cosim.study.result import StudyResult
+from cosim.study.choice.posterior import DrawnCar, VehicleDraws
+from cosim.study.definition import Build, Study
 from cosim.study.running.evaluator import Coupling
-from cosim.study.running.sweep import Requested
-from cosim.study.running.trials import Trials
+from cosim.study.running.sweep import Sweep, Trials
 from cosim.study.running.workers import Workers
-from cosim.study.study import Build, Study
+from cosim.study.table import StudyResult
 from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.shock import Shock, read_shock, write_shock
@@ -110,9 +108,6 @@ VERIFIED = ("best of the bank", "targets", "nearest builds of the bank", "neares
 def shapes_of_bank(sources: Mapping[str, Path]) -> dict[str, ShapeFit]:
     """Return the shape of each build of a bank from its shock file.
 
-    Args:
-        sources: Shock file by name of the build.
-
     Raises:
         InputError: There is no shock file.
     """
@@ -134,7 +129,7 @@ class Curves:
     bank: Mapping[str, str]  #: Builds of the best setup of the bank, by corner.
     bases: Mapping[tuple[str, ...], Shape]  #: Shape of the best setup of the bank, by group of corners.
     reference: Evaluation  #: Values of that setup, its shocks as shapes.
-    optimum: Optimum  #: Result of the search.
+    optimum: ShapeOptimum  #: Result of the search.
     car: DrawnCar | None  #: Cars that the true one may be; None if the vehicle is taken to be exact.
     gains: Array  #: Gain over the best setup of the bank, for each draw of shocks and cars (N,).
     band: Band | None  #: Band that keeps the assured gain; None without one.
@@ -161,24 +156,25 @@ class Curves:
 
 
 def find_curves(
-    requested: Requested,
+    requested: Sweep,
     sources: Mapping[str, Path],
     workers: Workers,
     coupling: Coupling,
     request: Request,
-    progress: Progress = lambda _runs: None,
+    certainty: Certainty | None = None,
+    progress: Callable[[int], None] = lambda _runs: None,
 ) -> Curves:
     """Search for the curves to aim at and their band; see `aim` for the arguments and errors."""
     study = requested.study
     fits = shapes_of_bank(sources)
     known, best = _best_of_bank(requested, workers, coupling, request.objective)
     bank = known.setup(best).builds
-    car = drawn_car(known, best, requested.folder, request.objective) if request.uncertain else None
+    car = drawn_car(known, best, certainty, request.objective) if request.uncertain else None
     groups = searched_groups(study, request.corners)
     bases = {group: _base(fits, bank[group[0]]) for group in groups}
     folder = requested.folder / "shapes"
     space = _space(study, bank, bases, fits, _fmu(bases[groups[0]], folder), request)
-    trials = Trials(study, workers, coupling)
+    trials = Trials(study, requested.units, workers, coupling)
     own = space.point([bases[group].numbers() for group in groups])
     starts = _starts(space, own, study, fits, request)
     planned = search(Problem(trials, space, objective=request.objective), starts, progress=progress)
@@ -214,27 +210,24 @@ class Aim:
 
 
 def aim(
-    requested: Requested,
+    requested: Sweep,
     sources: Mapping[str, Path],
     workers: Workers,
     coupling: Coupling,
     request: Request,
-    progress: Progress = lambda _runs: None,
+    certainty: Certainty | None = None,
+    progress: Callable[[int], None] = lambda _runs: None,
 ) -> Aim:
     """Search for the curves to aim at, describe them, and verify them by runs of their own FMUs.
 
     Args:
         requested: Checked study with the runs of its bank; the bank is run first where it was not.
-        sources: Shock file by name of the build.
-        workers: Workers that run the setups.
-        coupling: Coupling of all runs.
-        request: Numbers, ranges and settings of the search.
-        progress: Function that receives the number of trials so far.
+        certainty: Certainty of the study, whose rig runs are taken into account; None: without.
 
     Raises:
         InputError: A corner, number or limit is wrong, or the bank has no shock file.
     """
-    found = find_curves(requested, sources, workers, coupling, request, progress)
+    found = find_curves(requested, sources, workers, coupling, request, certainty, progress)
     shapes = found.shapes_at(found.optimum.point)
     problem = Problem(found.trials, found.space, objective=request.objective)
     targets = targets_of(problem, found.optimum, found.band, shapes, found.bases, found.fits, sources)
@@ -267,16 +260,14 @@ _POLISHING = 12
 _EXHAUSTIVE = 5000
 
 
-def bank_plan(requested: Requested) -> str:
+def bank_plan(requested: Sweep) -> str:
     """Return which setups of the bank are run before the curves are searched."""
     if len(requested.study.space) > _EXHAUSTIVE:
         return f"at most {Search().evaluations} to be evaluated; then the curves are searched"
     return f"{requested.left} to be run; then the curves are searched"
 
 
-def _best_of_bank(
-    requested: Requested, workers: Workers, coupling: Coupling, objective: str
-) -> tuple[StudyResult, int]:
+def _best_of_bank(requested: Sweep, workers: Workers, coupling: Coupling, objective: str) -> tuple[StudyResult, int]:
     """Return the runs of the bank, and the row of its best setup."""
     study = requested.study
     if len(study.space) > _EXHAUSTIVE:
@@ -289,19 +280,14 @@ def _best_of_bank(
     return result, int(rows[0])
 
 
-def drawn_car(result: StudyResult, best: int, folder: Path, objective: str = "") -> DrawnCar | None:
-    """Return the cars that the true one may be, given the rig runs in a study's folder.
+def drawn_car(result: StudyResult, best: int, certainty: Certainty | None, objective: str = "") -> DrawnCar | None:
+    """Return the cars that the true one may be, given the rig runs so far; None if the vehicle states no uncertainty.
 
     Args:
-        result: Runs of the bank.
         best: Row of its best setup, which others are compared with.
-        folder: Folder of the study; rig runs of its certainty are taken into account.
+        certainty: Certainty with the rig runs; None: there are none.
         objective: Measure to minimise; empty: the objective of the study.
-
-    Returns:
-        None if the vehicle states no uncertainty.
     """
-    certainty = chosen_so_far(result, folder).certainty
     known = Knowledge.of(certainty) if certainty else Knowledge()
     draws = VehicleDraws.of(result, posterior_of(result, known))
     name = objective or (OBJECTIVE if result.study.objective else result.measures[0].name)
@@ -352,7 +338,7 @@ def _fmu(shape: Shape, folder: Path) -> Path:
 
 
 def _verified(
-    requested: Requested, workers: Workers, coupling: Coupling, bank: Mapping[str, str], targets: Sequence[Target]
+    requested: Sweep, workers: Workers, coupling: Coupling, bank: Mapping[str, str], targets: Sequence[Target]
 ) -> StudyResult:
     """Run the setups of `VERIFIED`; the rows are in this order."""
     study, folder = requested.study, requested.folder / "shapes"
@@ -371,7 +357,7 @@ def _verified(
             setup.update(dict.fromkeys(target.corners, name))
     allowed = {corner: tuple(dict.fromkeys(one[corner] for one in setups)) for corner in study.corners}
     checked = replace(study, bank=own, corners=allowed, alike=(), baseline=bank, name=f"{study.name}: targets")
-    runs = Requested(checked, folder)
+    runs = requested.variant(checked, folder)
     numbers = [checked.space.find(one).index for one in setups]
     result = runs.request(workers, coupling, numbers)
     rows = np.searchsorted(result.setups, numbers)
@@ -430,7 +416,7 @@ _AT_LIMIT = 0.01
 
 def targets_of(
     problem: Problem,
-    optimum: Optimum,
+    optimum: ShapeOptimum,
     kept: Band | None,
     shapes: Mapping[tuple[str, ...], Shape],
     bases: Mapping[tuple[str, ...], Shape],
@@ -490,7 +476,7 @@ def _force_band(
 
 
 def _intervals(
-    space: ShockSpace, optimum: Optimum, kept: Band | None, place: int
+    space: ShockSpace, optimum: ShapeOptimum, kept: Band | None, place: int
 ) -> tuple[dict[str, tuple[float, float]], tuple[str, ...]]:
     """Return the interval of each number that keeps the gain alone, and the numbers at an end of their range."""
     own = slice(place * len(space.ranges), (place + 1) * len(space.ranges))
