@@ -1,13 +1,16 @@
-"""Blocks: a component's signals and C functions, as arrays and addresses."""
+"""Blocks of the loop: a component's signals and C functions as arrays and addresses; marks for compiled functions."""
 
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
 from functools import cache, lru_cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+# ==== Blocks: a component's signals and C functions, as arrays and addresses =========================================
 
 # ---- Calls of FMI functions by their addresses, from Python through ctypes and from compiled code -------------------
 
@@ -194,3 +197,17 @@ def _words(value: Any) -> tuple[int, ...]:
         return value.address, 0, 0
     number = np.float64(value).view(np.int64) if isinstance(value, float) else value
     return int(number), 0, 0
+
+
+# ==== Machine code for functions of the loop: compiled by numba once per machine, stored on disk, called withou ======
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+#: All functions that compiled code calls.
+SHARED: list[Callable[..., Any]] = []
+
+
+def shared(function: Function) -> Function:
+    """Mark a function that is also called by compiled code."""
+    SHARED.append(function)
+    return function

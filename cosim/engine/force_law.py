@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from cosim.engine import blocks
-from cosim.engine.compiled import shared
+from cosim.engine.blocks import shared
 from cosim.engine.plan import GET, RESTORE, SAVE, SET, SLOPES, STEP, Integers, Reals
 
 #: Operations of `operate`.

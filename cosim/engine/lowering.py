@@ -25,8 +25,7 @@ from numba.np import arrayobj
 from numba.np.numpy_support import from_dtype
 
 from cosim.engine import blocks
-from cosim.engine.blocks import FAILED, INTEGERS, REALS, WORDS, Kind, described
-from cosim.engine.compiled import SHARED
+from cosim.engine.blocks import FAILED, INTEGERS, REALS, SHARED, WORDS, Kind, described
 from cosim.engine.machine_code import Request, optimised
 
 # ---- Blocks as types of numba ---------------------------------------------------------------------------------------

@@ -1,13 +1,14 @@
-"""The march over coupling steps, fixed and adaptive, and its energy meters."""
+"""The loop over coupling steps, fixed and adaptive; compiled, or the same functions in plain Python."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from math import isnan
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from cosim.engine import blocks
-from cosim.engine.compiled import shared
-from cosim.engine.implicit import restore_parts, save_parts, step_group
+from cosim.engine.blocks import Block, shared
 from cosim.engine.plan import (
     DISCARD,
     DIVERGED,
@@ -29,7 +30,19 @@ from cosim.engine.plan import (
     Reals,
     Step,
 )
-from cosim.engine.sweep import call, failed, missed_effects, pace_of, step_from
+from cosim.engine.sweep import (
+    call,
+    failed,
+    missed_effects,
+    pace_of,
+    restore_parts,
+    save_parts,
+    step_from,
+    step_group,
+    step_once,
+)
+
+# ==== The march over coupling steps, fixed and adaptive, and its energy meters =======================================
 
 # ---- Measures summed over a run, step by step -----------------------------------------------------------------------
 
@@ -407,3 +420,51 @@ def march_adaptive(  # noqa: PLR0911 -- one return for each reason to stop
             if knots.recorded[p.event[0] - 1] == 1 and _record_end(plan, m, tape, event, p.drive, 1, mode.values):
                 return REFUSED
     return DONE
+
+
+# ==== Selection of the loop: compiled, or the same functions in plain Python =========================================
+
+#: Number of steps between checks for Ctrl-C and updates of the progress bar.
+COMPILED_CHUNK, PYTHON_CHUNK = 20_000, 100
+
+ENGINES = ("auto", "compiled", "python")
+
+
+Bind = Callable[..., Callable[..., int]]
+
+
+def bound(function: Callable[..., int]) -> Bind:
+    """Return a function that takes the named tuples of `function` and returns a function of its other arguments."""
+    return lambda *tuples: partial(function, *tuples)
+
+
+def compiled(function: Callable[..., int], instead: dict[str, Callable[..., int]]) -> Bind:
+    """Return the same as machine code; the named tuples become blocks, the other arguments are integers.
+
+    Args:
+        function: Function of the loop.
+        instead: Replacements of called functions, by name.
+    """
+
+    def bind(*tuples: Any) -> Callable[..., int]:
+        from cosim.engine.machine_code import machine_code  # noqa: PLC0415 -- LLVM, which the interpreted loop does not need
+
+        blocks = tuple(map(Block, tuples))
+        machine = machine_code(function, tuple(block.kind for block in blocks), instead)
+        return lambda *numbers: machine(*(block.address for block in blocks), *numbers)
+
+    return bind
+
+
+def loop(engine: str, *, adaptive: bool, implicit: bool) -> tuple[Bind, int]:
+    """Return the function that binds the loop, and the number of steps per call.
+
+    Args:
+        engine: `python`, else the compiled loop.
+        adaptive: Whether an error estimate controls the steps.
+        implicit: Whether steps are repeated.
+    """
+    function = march_adaptive if adaptive else march
+    if engine == "python":
+        return bound(function), PYTHON_CHUNK
+    return compiled(function, {} if implicit else {"step_group": step_once}), COMPILED_CHUNK

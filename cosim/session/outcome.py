@@ -10,21 +10,61 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.components.component import Component, to_si
+from cosim.components.component import Component, FunctionTable, free_states, to_si
 from cosim.components.fmu_file import OpenedFmu
-from cosim.engine.plan import ITERATIONS, LOOSE, REJECTED, STEPS, STOPPED, STUCK
-from cosim.results.error_estimate import judged_by
-from cosim.results.result import Result
-from cosim.results.run_data import BondEnergy, Coupled
-from cosim.results.validity import models_of
+from cosim.engine.march import Tape
+from cosim.engine.plan import ITERATIONS, LOOSE, REJECTED, STEPS, STOPPED, STUCK, Memory, Plan
 from cosim.session.planning import real_names, recorded_series
-from cosim.session.running import Ending, Equilibrium, Running
+from cosim.session.result import Result, judged_by
 from cosim.session.setup import Setup
+from cosim.session.verdict import BondEnergy, Coupled, models_of
 from cosim.systems.algorithm import Algorithm
 from cosim.systems.coupling import Coupling
 from cosim.systems.system import Connection, System
 from eightpost.errors import StepError
 from eightpost.signals import TimeSeries
+
+# ---- State of a run, and its end ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Equilibrium:
+    """Status of the equilibrium start."""
+
+    converged: bool  #: Whether every connection agrees to 1e-9 of its size.
+    sweeps: int  #: Number of evaluations of all components.
+    residual: float  #: Largest remaining disagreement, relative to its connection's size.
+
+
+@dataclass(frozen=True)
+class Running:
+    """Components that have begun, in the form that the loop uses."""
+
+    plan: Plan  #: Arrays that do not change.
+    memory: Memory  #: Arrays that the run changes.
+    tape: Tape  #: Recorded values.
+    tables: Mapping[str, FunctionTable]  #: Functions by component.
+
+    def stop(self) -> None:
+        """Make the loop stop before its next step."""
+        self.memory.stop.fill(1)
+
+    def free_states(self, setup: Setup) -> None:
+        """Free the states that the loop saved."""
+        free_states([self.tables[name] for name in setup.layout.parts], self.memory.states, self.memory.calls)
+
+
+@dataclass(frozen=True)
+class Ending:
+    """Ending of the loop."""
+
+    why: int  #: Reason: DONE, STOPPED or STUCK of cosim.engine.plan.
+    time: float  #: Time that was reached [s].
+    least: float  #: Smallest step [s].
+    largest: float  #: Largest step [s].
+    began: float  #: Value of the clock (time.perf_counter) before the first step [s].
+    ended_by: str = ""  #: Component that ended the simulation before the stop time; empty if none did.
+
 
 # ---- Check that a repeated run gives the same bits, for systems with FMUs that this project did not build -----------
 

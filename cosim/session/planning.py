@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.components.component import DISCRETE, Conversion, to_si
-from cosim.components.functions import FunctionTable
+from cosim.components.component import DISCRETE, Conversion, FunctionTable, to_si
 from cosim.engine.march import Tape
 from cosim.engine.plan import Bonds, Direct, Driven, Indices, Inputs, Levels, Loops, Parts, Plan, Signals, Terms, Watch
 from cosim.systems.coupling import Coupling, Feed, Scenario

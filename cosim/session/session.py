@@ -1,4 +1,4 @@
-"""Session: one run after another of a system with loaded FMUs, at fixed or adaptive steps."""
+"""One run of a system with loaded FMUs, from the equilibrium start to the end, at fixed or adaptive steps."""
 
 from __future__ import annotations
 
@@ -6,42 +6,334 @@ import signal
 import threading
 import time as clock
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import scipy
+from numpy.typing import NDArray
 
-from cosim.components.component import to_si
-from cosim.components.functions import Native
-from cosim.components.watch import calling_loop
-from cosim.engine.loop import loop
-from cosim.engine.march import Control, Grid, Knots, record
+from cosim.components.component import Callbacks, FunctionTable, Native, function_table, to_si
+from cosim.components.fmu_component import FmuComponent
+from cosim.components.watch import Surroundings, calling_loop, loop_words, watching
+from cosim.engine.march import Bind, Control, Grid, Knots, loop, record
 from cosim.engine.march import Progress as Reached
-from cosim.engine.plan import DONE, IMPLICIT, STOPPED, STUCK, Drive, Integers, memory
-from cosim.results.result import Result
-from cosim.session.outcome import Outcome, check_repeat
-from cosim.session.running import (
-    CHUNK,
-    Ending,
-    Marching,
-    Running,
-    begin,
-    ended_or_failed,
-    equilibrium_start,
-    guarded,
-    prepare,
-    terminated_at,
-    undoing,
-    watched,
+from cosim.engine.plan import (
+    DISCARD,
+    DIVERGED,
+    DONE,
+    IMPLICIT,
+    JACOBI,
+    STEP,
+    STOPPED,
+    STUCK,
+    Drive,
+    Integers,
+    Mode,
+    memory,
 )
+from cosim.session.outcome import Ending, Equilibrium, Outcome, Running, check_repeat
+from cosim.session.planning import blank_tape, make_plan, real_names
+from cosim.session.result import Result
 from cosim.session.setup import ROUNDING, Setup, Times, among, coupling_times, joined, merged, step_sizes
 from cosim.systems.algorithm import Adaptive, Algorithm
-from cosim.systems.coupling import Scenario
+from cosim.systems.coupling import Coupling, Scenario
 from cosim.systems.system import System
-from eightpost.errors import WiringError
+from eightpost.errors import DivergedError, StepError, TerminatedError, WiringError
 from eightpost.progress import Progress
 from eightpost.signals import Drivefile
+
+# ==== State of a run: equilibrium start, components in progress, and errors that name the component that fails =======
+
+# ==== Equilibrium start: inputs and outputs that agree in initialization mode, before t = 0 ==========================
+
+_SWEEPS = 30
+_TOLERANCE = 1e-12
+
+
+def solve_equilibrium(coupling: Coupling, order: tuple[str, ...]) -> Equilibrium:
+    """Make inputs and outputs agree in initialization mode, gas force included; leave the outputs in `coupling.now`.
+
+    The components are evaluated one after the other first, which is sufficient for weak springs across a bond. If this
+    does not converge, the connected outputs are solved for by a Newton-like method (MINPACK's hybrd).
+    """
+    names = _connected(coupling)
+    _sweep(coupling, order)
+    residual = np.inf
+    for sweep in range(2, _SWEEPS):
+        before = _vector(coupling, names)
+        _sweep(coupling, order)
+        residual = _relative(_vector(coupling, names) - before, before)
+        if residual <= _TOLERANCE:
+            return Equilibrium(converged=True, sweeps=sweep, residual=residual)
+    return _solve(coupling, order, names)
+
+
+def _solve(coupling: Coupling, order: tuple[str, ...], names: list[str]) -> Equilibrium:
+    evaluations = 0
+
+    def disagreement(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        nonlocal evaluations
+        evaluations += 1
+        coupling.now.update(zip(names, values.tolist(), strict=True))
+        _sweep_at_once(coupling, order)
+        return np.asarray(_vector(coupling, names) - values)
+
+    start = np.nan_to_num(_vector(coupling, names), posinf=0.0, neginf=0.0)
+    solution = scipy.optimize.root(
+        disagreement, np.where(np.abs(start) < 1e12, start, 0.0), method="hybr", tol=_TOLERANCE
+    )
+    residual = _relative(disagreement(solution.x), solution.x)
+    return Equilibrium(converged=residual <= 1e-9, sweeps=_SWEEPS + evaluations, residual=residual)
+
+
+def _connected(coupling: Coupling) -> list[str]:
+    return sorted({term.source for feeds in coupling.feeds.values() for feed in feeds for term in feed.terms})
+
+
+def _sweep(coupling: Coupling, order: tuple[str, ...]) -> None:
+    """Evaluate the components one after the other, each with the newest values."""
+    for name in order:
+        coupling.feed_start(name)
+        coupling.now.update(coupling.read(name))
+
+
+def _sweep_at_once(coupling: Coupling, order: tuple[str, ...]) -> None:
+    """Evaluate every component with the same values."""
+    for name in order:
+        coupling.feed_start(name)
+        coupling.ahead.update(coupling.read(name))
+    coupling.accept()
+
+
+def _vector(coupling: Coupling, names: list[str]) -> NDArray[np.float64]:
+    return np.array([coupling.now[name] for name in names])
+
+
+def _relative(change: NDArray[np.float64], values: NDArray[np.float64]) -> float:
+    return float(np.max(np.abs(change) / (np.abs(values) + 1.0), initial=0.0))
+
+
+# ==== Components in progress =========================================================================================
+
+# ---- Guard of a run -------------------------------------------------------------------------------------------------
+
+#: Number of steps of the compiled loop between checks of shared state.
+CHUNK = 1000
+
+
+def guarded(setup: Setup) -> dict[str, FmuComponent]:
+    """Return the components of a run that are checked."""
+    parts = setup.system.components.items()
+    return {name: part for name, part in parts if isinstance(part, FmuComponent) and part.is_guarded}
+
+
+def watched(setup: Setup) -> AbstractContextManager[None]:
+    """Return a context that watches the run if it has components to check."""
+    if not guarded(setup):
+        return nullcontext()
+    return watching([f"{name!r} ({setup.system.components[name].source})" for name in setup.layout.parts])
+
+
+def undoing(setup: Setup, progress: Progress) -> Progress:
+    """Return `progress`, extended to undo changes that FMUs made while the loop ran, and to record them as notes.
+
+    FMUs that this project built are suspected only if there are no others.
+    """
+    parts, before = guarded(setup), Surroundings.now()
+    if not parts:
+        return progress
+    parts = {name: part for name, part in parts.items() if not part.is_ours} or parts
+
+    def check(done: float, total: float) -> None:
+        for changed in before.restore():
+            for name, part in parts.items():
+                others = [f"{other!r}" for other in parts if other != name]
+                part.blame(f"{changed} while stepping" + (f", or {' or '.join(others)} did" if others else ""))
+        progress(done, total)
+
+    return check
+
+
+# ---- State of a run while its components step -----------------------------------------------------------------------
+
+
+#: Maximum number of solutions of the equilibrium start, which is repeated if a discrete value has changed.
+_ROUNDS = 10
+
+
+@dataclass(frozen=True)
+class Marching:
+    """The loop and the parameters of its calls."""
+
+    bind: Bind  #: Function that takes the loop's named tuples and returns the loop.
+    chunk: int  #: Number of steps per call.
+    mode: Mode  #: Settings of the scheme for a step.
+    progress: Progress  #: Callback that receives the completed share and 1, after each call of the loop.
+
+
+def begin(setup: Setup) -> None:
+    """Begin every component, which is then in initialization.
+
+    Raises:
+        StepError: A component failed.
+    """
+    setup.discrete.begin()
+    for name, component in setup.system.components.items():
+        component.begin(0.0, setup.scenario.stop, setup.system.start_values(name))
+
+
+def equilibrium_start(setup: Setup) -> Equilibrium:
+    """Find the state in which inputs and outputs agree; discrete values, which may jump, are exchanged in between.
+
+    Raises:
+        StepError: A component failed.
+    """
+    setup.discrete.exchange(0.0)
+    for _ in range(_ROUNDS):
+        equilibrium = solve_equilibrium(setup.coupling, setup.layout.parts)
+        if not setup.discrete.exchange(0.0):
+            return equilibrium
+    return replace(equilibrium, converged=False)
+
+
+def prepare(setup: Setup) -> Running:
+    """Leave initialization; return the loop's arrays for components that are at the equilibrium start.
+
+    Raises:
+        StepError: A component failed.
+    """
+    for name in setup.layout.parts:
+        setup.system.components[name].end_initialization()
+        setup.coupling.now.update(setup.coupling.read(name))
+    tables = {name: function_table(component) for name, component in setup.system.components.items()}
+    plan = make_plan(
+        setup.system,
+        setup.coupling,
+        setup.layout,
+        tables,
+        watched=setup.limits.watched,
+        following=setup.following,
+        recorded=real_names(setup.system, setup.names),
+        sequential=setup.algorithm.mode(0.0).kind != JACOBI,
+    )
+    m = memory(plan)
+    if (words := loop_words()) is not None:
+        m = m._replace(calls=words[0], clock=words[1])
+    m.now[:] = m.ahead[:] = m.past[:] = m.older[:] = [setup.coupling.now[name] for name in setup.layout.signals]
+    rows = int(setup.recorded.sum()) + 1
+    return Running(plan, m, blank_tape(setup.layout, real_names(setup.system, setup.names), rows), tables)
+
+
+# ---- Errors for a loop that ended early -----------------------------------------------------------------------------
+
+#: Size of an exchanged signal in its SI unit from which a discarded step is a divergence of the coupling.
+_FAR = 1e7
+
+#: Descriptions of the loop's calls, by their numbers.
+_CALLS = (
+    "set inputs", "set input derivatives", "step", "give outputs", "save its state", "restore its state",
+    "give directional derivatives",
+)  # fmt: skip
+
+#: Schemes that may be stable if a scheme diverged.
+_OTHERS = {"jacobi": ", gauss-seidel, or implicit", "gauss-seidel": ", or implicit"}
+
+
+def failure(setup: Setup, running: Running, end: int, time: float) -> BaseException:
+    """Return the error for the loop's ending; if a component raised an exception, that one.
+
+    Args:
+        setup: Setup of the run.
+        running: State in which the loop left the run.
+        end: Reason why it ended, a constant of cosim.engine.plan.
+        time: Time at which it ended [s].
+    """
+    if end == DIVERGED:
+        return _divergence(setup, running, time)
+    status, part, call, _ = (int(number) for number in running.memory.failure)
+    name, what = setup.layout.parts[part], _CALLS[call]
+    if (raised := _raised(running.tables[name])) is not None:
+        return raised
+    component = setup.system.components[name]
+    if (status, call) == (DISCARD, STEP) and (far := _far_signal(setup, running)):
+        return _diverged(setup, *far, time)
+    if isinstance(component, Native):
+        return component.refused(what, status, time, _inputs(setup, running, part))
+    return StepError(f"component {name!r} ({component.source}) failed to {what} at {time:g} s")
+
+
+def ended_or_failed(setup: Setup, running: Running, end: int, time: float) -> str:
+    """Return the name of the component that ended the simulation; for arguments see `failure`.
+
+    Raises:
+        StepError: The loop ended for another reason, or before the settling time.
+    """
+    error = failure(setup, running, end, time)
+    if not isinstance(error, TerminatedError) or time <= setup.scenario.settling:
+        raise error
+    return setup.layout.parts[int(running.memory.failure[1])]
+
+
+def terminated_at(setup: Setup, running: Running, time: float, step: float) -> str:
+    """Return the name of the component that ended the simulation, if the last step was discarded; else an empty string.
+
+    An adaptive run restores its components to `time` [s] before it gives up, which clears their status. Therefore the
+    smallest `step` [s] is tried once more.
+    """
+    status, part, call, _ = (int(number) for number in running.memory.failure)
+    if (status, call) != (DISCARD, STEP) or time <= setup.scenario.settling:
+        return ""
+    name = setup.layout.parts[part]
+    try:
+        setup.system.components[name].step(time, step)
+    except TerminatedError:
+        return name
+    except StepError:
+        return ""
+    return ""
+
+
+def _divergence(setup: Setup, running: Running, time: float) -> DivergedError:
+    signal = int(running.memory.failure[1])
+    return _diverged(setup, setup.layout.signals[signal], float(running.memory.ahead[signal]), time)
+
+
+def _diverged(setup: Setup, signal: str, value: float, time: float) -> DivergedError:
+    return DivergedError(
+        f"the coupling diverged: {signal} is {value:g} after {time:g} s; "
+        f"use a smaller coupling step{_OTHERS.get(setup.algorithm.name, '')} (docs/explanation/coupling.md)"
+    )
+
+
+def _far_signal(setup: Setup, running: Running) -> tuple[str, float] | None:
+    """Return the largest exchanged signal before the step and its value; None if all are of a sensible size.
+
+    An FMU whose forces grow with powers of its motion (the springs at the ports of a vehicle) can refuse a step of a
+    diverging coupling before any signal is as large as the loop's own limit.
+    """
+    values = dict(zip(setup.layout.signals, running.memory.now.tolist(), strict=True))
+    worst = max(values, key=lambda name: abs(values[name]), default=None)
+    return None if worst is None or abs(values[worst]) < _FAR else (worst, values[worst])
+
+
+def _raised(table: FunctionTable) -> BaseException | None:
+    """Return the exception that a Python component raised in a callback."""
+    keep = table.keep
+    return keep[0].error if isinstance(keep, tuple) and isinstance(keep[0], Callbacks) else None
+
+
+def _inputs(setup: Setup, running: Running, part: int) -> dict[str, float]:
+    """Return the last values given to a part, in its own units."""
+    rows = running.plan.parts.inputs
+    feeds = setup.coupling.feeds[setup.layout.parts[part]]
+    moving = [feed.target for feed in feeds if feed.terms or feed.drive is not None]
+    return dict(zip(moving, running.memory.value[rows[part] : rows[part + 1]].tolist(), strict=True))
+
+
+# ==== Session: one run after another of a system with loaded FMUs, at fixed or adaptive steps ========================
 
 # ---- Ctrl-C handling between steps ----------------------------------------------------------------------------------
 

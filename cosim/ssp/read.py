@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 
 from cosim.components.component import DISCRETE, Component, Conversion, Variable, convert_between, named_unit, to_si
 from cosim.components.fmu_component import FmuComponent
-from cosim.session.master import Case
+from cosim.session.run import Case
 from cosim.ssp import flatten
 from cosim.ssp.description import read_structure
 from cosim.ssp.flatten import Hop, Network, Port, SystemPath, compose

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from cosim import Algorithm, Bond, Capabilities, Result, Scenario, System, run
-from cosim.components.functions import StateCallbacks, address_of
+from cosim.components.component import StateCallbacks, address_of
 from cosim.engine import blocks
 from cosim.engine.plan import DISCARD
 from eightpost.errors import StepError

@@ -24,8 +24,8 @@ from cosim import (
     System,
     run,
 )
+from cosim.components.component import StateCallbacks, address_of
 from cosim.components.fmu_file import FmuFile
-from cosim.components.functions import StateCallbacks, address_of
 from cosim.engine import blocks
 from cosim.systems.system import Connection
 from eightpost.corners import CORNERS

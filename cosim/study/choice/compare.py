@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy import stats
 
-from cosim.results.result import Result, SavedRun
+from cosim.session.result import Result, SavedRun
 from cosim.study.choice.robust import REACH
 from cosim.study.measures import Measure, available, channel_measures, ride_measures
 from eightpost import units

@@ -14,7 +14,7 @@ import numpy as np
 
 from cosim.components.fmu_component import FmuComponent
 from cosim.report.page import Origin
-from cosim.session.master import run
+from cosim.session.run import run
 from cosim.study.certainty import Certainty, Contribution, Status, TradeOff, certainty
 from cosim.study.certainty.certainty import TIE
 from cosim.study.choice.selection import Selected

@@ -7,9 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from cosim.results.error_estimate import difference
-from cosim.results.result import Result
-from cosim.session.automatic import FIRST_STEP, Automatic, Refinement
+from cosim.session.result import Result, difference
+from cosim.session.run import FIRST_STEP, Automatic, Refinement
 from cosim.study.running.error_model import ErrorModel, Pilot, fit_error_model
 from cosim.study.running.evaluator import Coupling, Evaluator, local_error
 from cosim.study.study import Drive, Setup, Study

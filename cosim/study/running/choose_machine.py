@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.results.error_estimate import difference
-from cosim.session.automatic import Automatic, Refinement
+from cosim.session.result import difference
+from cosim.session.run import Automatic, Refinement
 from cosim.study.running.batches import Batches, BatchRun
 from cosim.study.running.choose_coupling import AIM, candidates, choose_coupling, finer, random_indices, random_setups
 from cosim.study.running.error_model import Pilot, fit_error_model

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from cosim.results.run_data import Coupled
+from cosim.session.verdict import Coupled
 from eightpost.array_types import Array
 
 

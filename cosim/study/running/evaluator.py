@@ -15,10 +15,10 @@ from pydantic import TypeAdapter
 
 from cosim.components.component import Component, to_si
 from cosim.components.fmu_component import FmuComponent
-from cosim.results.result import Result
-from cosim.results.rules import LARGEST_ERROR
-from cosim.session.automatic import default_scheme
+from cosim.session.result import Result
+from cosim.session.run import default_scheme
 from cosim.session.session import Session
+from cosim.session.verdict import LARGEST_ERROR
 from cosim.study.measures import AboveBand, above_band, band_ends
 from cosim.study.result import StudyResult
 from cosim.study.running.batches import Batches, BatchRun, RunSummary

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.session.automatic import default_scheme
+from cosim.session.run import default_scheme
 from cosim.session.setup import Setup as SessionSetup
 from cosim.study import Build, Drive, Measure, Study, Vehicle
 from cosim.study.machine.car import read_vehicle
