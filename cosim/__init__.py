@@ -5,11 +5,11 @@ from cosim.components.fmu_component import FmuComponent
 from cosim.components.isolated import IsolatedComponent
 from cosim.force_law import ExtrapolatedForce, ForceLaw, HeldForce
 from cosim.session.result import Result
-from cosim.session.run import SCHEMES, Automatic, Verification, run, verify
+from cosim.session.run import Verification, run, verify
 from cosim.session.session import RunInterrupted
 from cosim.session.verdict import BondEnergy, Coupled
 from cosim.system_file import open_component
-from cosim.systems.algorithm import Adaptive, Algorithm, GaussSeidel, Implicit, Jacobi
+from cosim.systems.algorithm import SCHEMES, Adaptive, Algorithm, Automatic, GaussSeidel, Implicit, Jacobi
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import DEFAULT_STEP, Bond, Connection, System
 

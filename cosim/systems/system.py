@@ -125,6 +125,14 @@ class Connection:
     offset: float = 0.0
     convert: bool = False
 
+    @property
+    def ends(self) -> tuple[str, str]:
+        """Source and target."""
+        return self.source, self.target
+
+    def __str__(self) -> str:
+        return f"{self.source} -> {self.target}"
+
 
 @dataclass(frozen=True, slots=True)
 class Bond:
@@ -249,6 +257,16 @@ class System(Summarized):
     def ramps(self) -> bool:
         """Whether all components can ramp their inputs over a step."""
         return all(c.capabilities.interpolates_inputs for c in self.components.values())
+
+    @property
+    def can_repeat_steps(self) -> bool:
+        """Whether every component can save and restore its state."""
+        return all(c.capabilities.state for c in self.components.values())
+
+    @property
+    def accepts_any_step(self) -> bool:
+        """Whether every component accepts steps of any size."""
+        return all(c.capabilities.variable_step for c in self.components.values())
 
     @property
     def coupled_with_held(self) -> frozenset[str]:

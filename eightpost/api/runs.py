@@ -13,8 +13,9 @@ from eightpost.errors import InputError, check_number, suggestion
 if TYPE_CHECKING:
     from builder.build import Built
     from cosim import Algorithm, Automatic, Result, Scenario, System
+    from cosim.session.parameter_sweep import ParameterSweep
     from cosim.session.result import SavedRun
-    from cosim.session.run import Case, ParameterSweep
+    from cosim.session.run import Case
     from cosim.study import Study, StudyResult
     from cosim.study.choice.compare import RunComparison
     from eightpost.progress import Progress
@@ -119,7 +120,7 @@ def sweep(
         >>> found = ep.sweep("car.toml", parameters={"lf.compression_scale": [0.8, 1.0, 1.2]})
         >>> found.to_pandas()[["lf.compression_scale", "car.lf.tire_force"]]
     """
-    from cosim.session.run import sweep_parameters
+    from cosim.session.parameter_sweep import sweep_parameters
     from eightpost.progress import reported_to
 
     case = _case(system, scenario, algorithm, step, tolerance)
@@ -174,8 +175,9 @@ def _case(
     tolerance: float | None,
 ) -> Case:
     """Return the system to run with its scenario and coupling."""
-    from cosim.session.run import SCHEMES, Case
+    from cosim.session.run import Case
     from cosim.system_file import read_case
+    from cosim.systems.algorithm import SCHEMES
     from cosim.systems.coupling import Scenario
     from cosim.systems.system import System
 

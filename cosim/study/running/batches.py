@@ -14,9 +14,8 @@ import numpy as np
 
 from cosim.components.component import to_si
 from cosim.components.fmu_component import FmuComponent
-from cosim.session.planning import Limit
 from cosim.session.result import judged_by
-from cosim.session.run import default_scheme
+from cosim.session.setup import Limit
 from cosim.session.setup import Setup as SessionSetup
 from cosim.session.verdict import LARGEST_ERROR, BondEnergy, Coupled
 from cosim.study.machine.car import FmuVehicle, read_vehicle
@@ -25,6 +24,7 @@ from cosim.study.machine.plan import Plan
 from cosim.study.machine.shocks import read_shock
 from cosim.study.statistics import Filtered
 from cosim.study.study import Build, Drive, Setup, Study
+from cosim.systems.algorithm import default_scheme
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost.array_types import Array

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from cosim.session.result import Result, difference
-from cosim.session.run import FIRST_STEP, Automatic, Refinement
+from cosim.session.run import FIRST_STEP, run
 from cosim.study.running.error_model import ErrorModel, Pilot, fit_error_model
 from cosim.study.running.evaluator import Coupling, Evaluator, local_error
 from cosim.study.study import Drive, Setup, Study
+from cosim.systems.algorithm import Automatic
 from eightpost.errors import DivergedError, EightpostError, StepError
 from eightpost.workers.pool import heartbeat
 
@@ -155,7 +156,7 @@ def _reference(evaluator: Evaluator, setup: Setup) -> Result:
     study = evaluator.study
     system, extra = evaluator.system(setup), sorted(evaluator.decisive(setup))
     scenario = replace(evaluator.scenario(study.drives[0], extra=extra), record=tuple(extra))
-    return Refinement(system, scenario, Automatic(_REFERENCE * study.accuracy), "auto", heartbeat).result()
+    return run(system, scenario, algorithm=Automatic(_REFERENCE * study.accuracy), progress=heartbeat)
 
 
 def _errors(evaluator: Evaluator, pilots: list[Setup], references: list[Result], coupling: Coupling) -> list[float]:

@@ -10,12 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.session.result import difference
-from cosim.session.run import Automatic, Refinement
+from cosim.session.run import run
 from cosim.study.running.batches import Batches, BatchRun
 from cosim.study.running.choose_coupling import AIM, candidates, choose_coupling, finer, random_indices, random_setups
 from cosim.study.running.error_model import Pilot, fit_error_model
 from cosim.study.running.evaluator import Check, Coupling, Evaluator, MachineCoupling
 from cosim.study.study import Setup
+from cosim.systems.algorithm import Automatic
 from eightpost.errors import EightpostError
 from eightpost.machine.library import instruction_set
 from eightpost.machine.reasons import NotInBatchError
@@ -202,7 +203,7 @@ def check_setup(evaluator: Evaluator, setup: Setup, machine: MachineCoupling) ->
     steps, scheme = [study.record_step], "gauss-seidel"
     for drive in study.drives:
         scenario = replace(evaluator.scenario(drive), record=tuple(names))
-        right = Refinement(evaluator.system(setup), scenario, Automatic(study.accuracy), "auto", heartbeat).result()
+        right = run(evaluator.system(setup), scenario, algorithm=Automatic(study.accuracy), progress=heartbeat)
         differences = difference(right.settled(), _settled(runs[drive.name], study.settling))
         apart = float(np.max([apart, *differences.values()]))  # NaN if one is
         own = max(own, machine.errors.worst_channel(runs[drive.name].summary))

@@ -16,7 +16,6 @@ from pydantic import TypeAdapter
 from cosim.components.component import Component, to_si
 from cosim.components.fmu_component import FmuComponent
 from cosim.session.result import Result
-from cosim.session.run import default_scheme
 from cosim.session.session import Session
 from cosim.session.verdict import LARGEST_ERROR
 from cosim.study.measures import AboveBand, above_band, band_ends
@@ -27,6 +26,7 @@ from cosim.study.running.error_model import ErrorModel
 from cosim.study.statistics import Filtered
 from cosim.study.study import Drive, Setup, Study, bond_at, check_corners
 from cosim.study.table import DONE, FAILED, error_column
+from cosim.systems.algorithm import default_scheme
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost.errors import EightpostError, WiringError
