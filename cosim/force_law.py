@@ -178,7 +178,7 @@ class Corners:
             StepError: An FMU cannot save its state.
         """
         for k, table in enumerate(self._tables):
-            status = blocks.save_state(table.save, table.instance, self.motion.states, k)
+            status = blocks.call_state(table.save, table.instance, self.motion.states.ctypes.data + 8 * k)
             if status > 1:
                 raise self.components[k].refused("save its state", status, self.motion.clock[0], self._named(k))
 

@@ -17,8 +17,6 @@ from cosim.engine import blocks
 from eightpost import units
 from eightpost.errors import EightpostError, StepError, UnknownUnitError, WiringError
 
-# ==== Protocol of a component for the master, whether it is an FMU or a Python object, and conversion of units =======
-
 # ---- Component ------------------------------------------------------------------------------------------------------
 
 #: Types of variables that are numbers but not Real; enumerations are integers to FMI.
@@ -173,10 +171,15 @@ def _defined(definition: UnitDefinition) -> UnitDefinition:
         raise WiringError(f"unit {definition.name!r} is neither defined by its component nor known: {error}") from error
 
 
-# ==== Addresses of a component's functions for the loop: an FMU's own functions, or callbacks into a Python com ======
+# ---- Functions of a component for the loop: an FMU's own, or callbacks into a Python component -----------------------
 
 #: fmi2Status returned by callbacks.
 OK, ERROR = 0, 3
+
+#: FMI names of the functions in a table that the loop calls directly, in the order of its fields.
+FUNCTIONS = (
+    "SetReal", "SetRealInputDerivatives", "DoStep", "GetReal", "GetFMUstate", "SetFMUstate", "GetDirectionalDerivative",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -197,12 +200,6 @@ class FunctionTable:
     instance: int
     references: Mapping[str, int]
     keep: Any = None
-
-
-#: FMI names of the functions in a table that the loop calls directly, in the order of its fields.
-FUNCTIONS = (
-    "SetReal", "SetRealInputDerivatives", "DoStep", "GetReal", "GetFMUstate", "SetFMUstate", "GetDirectionalDerivative",
-)  # fmt: skip
 
 
 @runtime_checkable
@@ -238,38 +235,49 @@ def free_states(
     """
     for k in np.flatnonzero(states):
         place = int(k) % len(tables)
-        table = tables[place]
         if calls is not None:
             calls[:] = calls[0] + 1, place
-        if table.free:
-            blocks.save_state(table.free, table.instance, states, int(k))
+        if tables[place].free:
+            blocks.call_state(tables[place].free, tables[place].instance, states.ctypes.data + 8 * int(k))
 
 
 class Callbacks:
-    """Calls from the loop to a Python component; an exception is kept in `error`, and the status is an error."""
+    """Calls from the loop to a Python component; an exception is kept in `error`, and the status is an error.
 
-    def __init__(self, component: Component) -> None:
+    The loop identifies a saved state by a number, as an FMU's by an address.
+
+    Args:
+        component: Component to call; it must have begun before the loop calls.
+    """
+
+    def __init__(self, component: Any) -> None:
         self._component = component
         self._names = [v.name for v in component.variables.values()]
+        self._named_before: dict[bytes, tuple[str, ...]] = {}
+        self._numbers = count(1)
+        self._states: dict[int, object] = {}
         self.error: BaseException | None = None
-        self._known: dict[bytes, tuple[str, ...]] = {}
 
     def table(self) -> FunctionTable:
-        """Return the addresses of callbacks."""
-        functions = self._functions()
-        addresses = dict.fromkeys(("save", "restore", "derive", "free"), 0)
-        addresses |= {name: address_of(function) for name, function in functions.items()}
-        references = {name: k for k, name in enumerate(self._names)}
-        return FunctionTable(**addresses, instance=0, references=references, keep=(self, functions))
-
-    def _functions(self) -> dict[str, Any]:
-        """Return callbacks by their names in a table; functions that are not listed are missing."""
-        return {
+        """Return the addresses of callbacks; `save`, `restore`, `free` and `derive` only if the component has them."""
+        functions = {
             "set_real": blocks.EXCHANGE(self._guarded(self._set)),
             "set_slopes": blocks.SLOPES(self._guarded(self._set_slopes)),
             "do_step": blocks.STEP(self._guarded(self._step)),
             "get_real": blocks.EXCHANGE(self._guarded(self._get)),
         }
+        if hasattr(self._component, "save"):
+            functions |= {
+                "save": blocks.STATE(self._guarded(self._save)),
+                "restore": blocks.STATE(self._guarded(self._restore)),
+                "free": blocks.STATE(self._free_quietly),
+            }
+        if hasattr(self._component, "derive"):
+            functions["derive"] = blocks.DERIVE(self._guarded(self._derive))
+        addresses = dict.fromkeys(("save", "restore", "derive", "free"), 0)
+        addresses |= {name: address_of(function) for name, function in functions.items()}
+        references = {name: k for k, name in enumerate(self._names)}
+        return FunctionTable(**addresses, instance=0, references=references, keep=(self, functions))
 
     def _guarded(self, function: Callable[..., None]) -> Callable[..., int]:
         def call(_instance: Any, *arguments: Any) -> int:
@@ -284,9 +292,9 @@ class Callbacks:
 
     def _named(self, address: int, count: int) -> tuple[str, ...]:
         key = ctypes.string_at(address, 4 * count)
-        if key not in self._known:
-            self._known[key] = tuple(self._names[k] for k in np.frombuffer(key, np.uint32))
-        return self._known[key]
+        if key not in self._named_before:
+            self._named_before[key] = tuple(self._names[k] for k in np.frombuffer(key, np.uint32))
+        return self._named_before[key]
 
     def _set(self, references: int, count: int, values: int) -> None:
         self._component.set(self._named(references, count), _array(values, count).tolist())
@@ -301,74 +309,28 @@ class Callbacks:
     def _step(self, time: float, step: float, _final: int) -> None:
         self._component.step(time, step)
 
-
-def _array(address: int, count: int) -> NDArray[np.float64]:
-    return np.ctypeslib.as_array((ctypes.c_double * count).from_address(address))
-
-
-class _Restorable(Component, Protocol):
-    """Component that can return to earlier states, and knows the direct effect of its inputs on its outputs."""
-
-    def derive(self, outputs: Sequence[str], inputs: Sequence[str], changes: Sequence[float]) -> list[float]:
-        """Return how outputs change, without delay, with small changes of inputs; only if `derivatives`."""
-
-    def save(self) -> object:
-        """Return the current state.
-
-        Raises:
-            StepError: The component cannot save it.
-        """
-
-    def restore(self, state: object) -> None:
-        """Restore a state that `save` returned; the state remains valid.
-
-        Raises:
-            StepError: The state is not one of this run, or cannot be restored.
-        """
-
-    def free(self, state: object) -> None:
-        """Free a state that is no longer needed."""
-
-
-class StateCallbacks(Callbacks):
-    """Callbacks including those for states: the loop identifies a state by a number, as an FMU's by an address.
-
-    Args:
-        component: Component to call; it must have begun before the loop calls.
-    """
-
-    def __init__(self, component: _Restorable) -> None:
-        super().__init__(component)
-        self._restorable = component
-        self._numbers = count(1)
-        self._states: dict[int, object] = {}
-
-    def _functions(self) -> dict[str, Any]:
-        return super()._functions() | {
-            "save": blocks.SAVE(self._guarded(self._save)),
-            "restore": blocks.RESTORE(self._guarded(self._restore)),
-            "free": blocks.SAVE(self._free_quietly),
-            "derive": blocks.DERIVE(self._guarded(self._derive)),
-        }
-
     def _derive(self, unknowns: int, sought: int, knowns: int, given: int, changes: int, result: int) -> None:
         outputs, inputs = self._named(unknowns, sought), self._named(knowns, given)
-        _array(result, sought)[:] = self._restorable.derive(outputs, inputs, _array(changes, given).tolist())
+        _array(result, sought)[:] = self._component.derive(outputs, inputs, _array(changes, given).tolist())
 
     def _save(self, slot: int) -> None:
         number = ctypes.c_int64.from_address(slot)
         if number.value in self._states:
-            self._restorable.free(self._states.pop(number.value))
+            self._component.free(self._states.pop(number.value))
         number.value = next(self._numbers)
-        self._states[number.value] = self._restorable.save()
+        self._states[number.value] = self._component.save()
 
     def _restore(self, number: int) -> None:
-        self._restorable.restore(self._states[number])
+        self._component.restore(self._states[number])
 
     def _free_quietly(self, _instance: Any, slot: int) -> int:
         """Free a state at the end of a run; errors are ignored, because a failure has been reported already."""
         state = self._states.pop(ctypes.c_int64.from_address(slot).value, None)
         if state is not None:
             with suppress(EightpostError):
-                self._restorable.free(state)
+                self._component.free(state)
         return OK
+
+
+def _array(address: int, count: int) -> NDArray[np.float64]:
+    return np.ctypeslib.as_array((ctypes.c_double * count).from_address(address))

@@ -18,10 +18,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from cosim.components.component import FunctionTable, StateCallbacks
+from cosim.components.component import Callbacks, FunctionTable
 from cosim.components.fmu_component import FmuComponent
-from cosim.components.fmu_file import FmuFile, OpenedFmu
-from cosim.components.fmu_log import ComponentLog
+from cosim.components.fmu_file import FmuFile
+from cosim.components.fmu_log import ComponentLog, OpenedFmu
 from eightpost.errors import EightpostError, FmuError, InputError, StepError, TerminatedError
 from eightpost.workers.process import Child, EndedError, ParentChannel, leave
 from eightpost.workers.supervision import TIME_LIMIT
@@ -64,7 +64,8 @@ class IsolatedComponent(OpenedFmu):
 
     Inputs, slopes and saved states are sent with the next step, and the variables that were read after the last step
     are returned with it, so a step needs one request and one reply. If an input is refused, that step or reading
-    reports it.
+    reports it. Every call of a run raises StepError if the component is not running, or the FMU refuses it, crashes or
+    hangs. Values are in the FMU's own units.
 
     Args:
         path: FMU file (.fmu).
@@ -101,7 +102,7 @@ class IsolatedComponent(OpenedFmu):
 
     def functions(self) -> FunctionTable:
         """Return the addresses of callbacks that call the child process, for the loop."""
-        return StateCallbacks(self).table()
+        return Callbacks(self).table()
 
     def refused(self, what: str, status: int, time: float, inputs: Mapping[str, float]) -> StepError:
         """Return the error for a call that failed without an error of its own; for arguments see FmuComponent."""
@@ -109,11 +110,7 @@ class IsolatedComponent(OpenedFmu):
         return self._failure(f"failed to {what}", f"it returned {status}.")
 
     def begin(self, start: float, stop: float, parameters: Mapping[str, float | bool | str]) -> None:
-        """Begin a run as FmuComponent does; in a new process if the last one has ended.
-
-        Raises:
-            StepError: The FMU fails, crashes or hangs.
-        """
+        """Begin a run as FmuComponent does; in a new process if the last one has ended."""
         self.finish()
         self._log.messages.clear()
         self._asked.clear()
@@ -124,39 +121,23 @@ class IsolatedComponent(OpenedFmu):
         self._do(("begin", start, stop, dict(parameters)))
 
     def end_initialization(self) -> None:
-        """Leave initialization mode.
-
-        Raises:
-            StepError: The component is not running, or the FMU fails, crashes or hangs.
-        """
+        """Leave initialization mode."""
         self._do(("end_initialization",))
 
     def set(self, names: Sequence[str], values: Sequence[float]) -> None:
-        """Set real inputs (N,) to values (N,) in the FMU's own units, with the next step or reading.
-
-        Raises:
-            StepError: The component is not running.
-        """
+        """Set real inputs (N,) to values (N,) in the FMU's own units, with the next step or reading."""
         numbers = tuple(map(float, values))
         self._inputs.update(zip(names, numbers, strict=True))
         self._later(("set", tuple(names), numbers))
 
     def set_derivatives(self, names: Sequence[str], values: Sequence[float]) -> None:
-        """Set first derivatives (N,) of real inputs (N,), in the FMU's own units per second, with the next step.
-
-        Raises:
-            StepError: The component is not running.
-        """
+        """Set first derivatives (N,) of real inputs (N,), in the FMU's own units per second, with the next step."""
         self._later(("set_derivatives", tuple(names), tuple(map(float, values))))
 
     def get(self, names: Sequence[str]) -> list[float]:
         """Return the values (N,) of real variables (N,), in the FMU's own units.
 
-        Variables that were read after the last step are available without a call.
-
-        Raises:
-            StepError: The component is not running, or the FMU refuses, crashes or hangs.
-        """
+        Variables that were read after the last step are available without a call."""
         key = tuple(names)
         self._asked[key] = None
         if key not in self._known:
@@ -165,20 +146,12 @@ class IsolatedComponent(OpenedFmu):
         return list(self._known[key])
 
     def derive(self, outputs: Sequence[str], inputs: Sequence[str], changes: Sequence[float]) -> list[float]:
-        """Return how real outputs (N,) change, without delay, with small changes (M,) of real inputs (M,).
-
-        Raises:
-            StepError: The component is not running, or the FMU refuses, crashes or hangs.
-        """
+        """Return how real outputs (N,) change, without delay, with small changes (M,) of real inputs (M,)."""
         (*_, effects) = self._do(("derive", tuple(outputs), tuple(inputs), tuple(changes)))
         return list(effects)
 
     def step(self, time: float, step: float) -> None:
-        """Make one step from `time` by `step` [s], and read the variables that were read after the last one.
-
-        Raises:
-            StepError: The component is not running, or the FMU refuses the step, crashes or hangs.
-        """
+        """Make one step from `time` by `step` [s], and read the variables that were read after the last one."""
         self._time = time
         requested, self._asked = tuple(self._asked), {}
         results = self._do(("step", float(time), float(step)), *(("get", names) for names in requested))
@@ -186,13 +159,8 @@ class IsolatedComponent(OpenedFmu):
         self._known = dict(zip(requested, results[len(results) - len(requested) :], strict=True))
 
     def save(self) -> object:
-        """Save the state as FmuComponent does; the child process identifies it by a number.
-
-        Raises:
-            StepError: The FMU cannot save its state (`capabilities.state`), or the component is not running.
-        """
-        if not self.capabilities.state:
-            raise self._no_state()
+        """Save the state as FmuComponent does; the child process identifies it by a number."""
+        self._check_state()
         self._check_running()
         state = _State(next(self._numbers), self._time, dict(self._inputs))
         self._pending.append(("save", state.number))
@@ -200,21 +168,13 @@ class IsolatedComponent(OpenedFmu):
         return state
 
     def restore(self, state: object) -> None:
-        """Restore a state that `save` returned, with the next step or reading.
-
-        Raises:
-            StepError: The component is not running, or the state is not one of this run.
-        """
+        """Restore a state that `save` returned, with the next step or reading."""
         known = self._checked(state)
         self._later(("restore", known.number))
         self._stand(known.time, known.inputs)
 
     def free(self, state: object) -> None:
-        """Free a state.
-
-        Raises:
-            StepError: The component is not running, or the state is not one of this run.
-        """
+        """Free a state."""
         known = self._checked(state)
         self._states.discard(known)
         self._pending.append(("free", known.number))

@@ -24,8 +24,7 @@ _BOOL = ctypes.c_bool
 EXCHANGE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER, _SIZE, _POINTER)
 SLOPES = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER, _SIZE, _POINTER, _POINTER)
 STEP = ctypes.CFUNCTYPE(_INT, _POINTER, _REAL, _REAL, _INT)
-SAVE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER)
-RESTORE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER)
+STATE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER)
 DERIVE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER, _SIZE, _POINTER, _SIZE, _POINTER, _POINTER)
 #: fmi3SetFloat64, fmi3GetFloat64; fmi3DoStep; fmi3GetDirectionalDerivative; fmi3IntermediateUpdateCallback.
 EXCHANGE_SIZED = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER, _SIZE, _POINTER, _SIZE)
@@ -54,18 +53,6 @@ def set_slopes(address: int, instance: int, references: int, count: int, orders:
 def do_step(address: int, instance: int, time: float, step: float, final: int) -> int:
     """Step from `time` by `step` [s]; `final` is 1 if no earlier state will be restored."""
     status: int = _function(STEP, int(address))(int(instance), time, step, final)
-    return status
-
-
-def save_state(address: int, instance: int, states: Integers, index: int) -> int:
-    """Save the state into states[index], a pointer that the FMU provides (0 at first)."""
-    status: int = _function(SAVE, int(address))(int(instance), states.ctypes.data + 8 * int(index))
-    return status
-
-
-def restore_state(address: int, instance: int, states: Integers, index: int) -> int:
-    """Restore the state that states[index] points to."""
-    status: int = _function(RESTORE, int(address))(int(instance), int(states[index]))
     return status
 
 
@@ -106,8 +93,8 @@ def derive_sized(
 
 
 def call_state(address: int, instance: int, pointer: int) -> int:
-    """Call a function for states with a pointer."""
-    status: int = _function(RESTORE, int(address))(int(instance), int(pointer))
+    """Restore the state at the address `pointer`, or save it at the address that is there (0 at first), or free it."""
+    status: int = _function(STATE, int(address))(int(instance), int(pointer))
     return status
 
 

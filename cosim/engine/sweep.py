@@ -398,7 +398,7 @@ def save_parts(plan: Plan, m: Memory, first: int, last: int, slot: int) -> int:
     for c in range(first, last):
         index = slot * plan.parts.instance.size + c
         call(m, c)
-        status = blocks.save_state(plan.parts.save[c], plan.parts.instance[c], m.states, index)
+        status = blocks.call_state(plan.parts.save[c], plan.parts.instance[c], m.states.ctypes.data + 8 * index)
         if failed(m, status, c, SAVE):
             return 1
     return 0
@@ -410,7 +410,7 @@ def restore_parts(plan: Plan, m: Memory, first: int, last: int, slot: int) -> in
     for c in range(first, last):
         index = slot * plan.parts.instance.size + c
         call(m, c)
-        status = blocks.restore_state(plan.parts.restore[c], plan.parts.instance[c], m.states, index)
+        status = blocks.call_state(plan.parts.restore[c], plan.parts.instance[c], m.states[index])
         if failed(m, status, c, RESTORE):
             return 1
     return 0

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.components.component import Component, FunctionTable, free_states, to_si
-from cosim.components.fmu_file import OpenedFmu
+from cosim.components.fmu_log import OpenedFmu
 from cosim.engine.march import Tape
 from cosim.engine.plan import ITERATIONS, LOOSE, REJECTED, STEPS, STOPPED, STUCK, Memory, Plan
 from cosim.session.planning import recorded_series
