@@ -47,6 +47,7 @@ class Variable:
     minimum: float | None = None  #: Declared minimum value.
     maximum: float | None = None  #: Declared maximum value.
     direct: frozenset[str] = frozenset()  #: Inputs that an output follows without delay; empty for other variables.
+    items: Mapping[str, int] = field(default_factory=dict)  #: Numbers of an enumeration's items, by name.
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +56,8 @@ class Capabilities:
 
     interpolates_inputs: bool = False
     variable_step: bool = True
+    #: Size of the steps of a component that accepts one size only [s]; None if it does not state it.
+    only_step: float | None = None
     state: bool = False
     derivatives: bool = False  #: Whether it states how outputs follow inputs without delay.
 

@@ -511,11 +511,7 @@ class FmuComponent(OpenedFmu):
 
     def _refusal(self, what: str, status: int, function: str) -> StepError:
         """Return the error for an FMI status above a warning, and apply the FMI rules for later calls."""
-        why, to_do, terminated = (
-            returned(status, function, self._fmu.version),
-            ADVICE.get(status, "tell its maker"),
-            False,
-        )
+        why, to_do, terminated = returned(status, function, self._fmu.version), self._advice(what, status), False
         if status == DISCARD:
             to_do = "its inputs may be out of its range"
             if what.startswith("step"):
@@ -542,3 +538,11 @@ class FmuComponent(OpenedFmu):
             how = "fmi2Terminated" if self._fmu.version == 2 else "terminateSimulation"
             return f"{until} It ended the simulation ({how}).", to_do, True
         return until, "use a smaller coupling step", False
+
+    def _advice(self, what: str, status: int) -> str:
+        """Return what to do about a call that was refused with a status."""
+        if what.startswith("step") and status == ERROR and not self.capabilities.variable_step:
+            only = self.capabilities.only_step
+            size = "the size that its maker names" if only is None else f"{only:g} s"
+            return f"it accepts steps of one size only: give {size} as the coupling step (step, --step)"
+        return ADVICE.get(status, "tell its maker")

@@ -18,7 +18,7 @@ from threading import Lock
 import fmpy
 
 from cosim.components.component import Capabilities, Variable
-from cosim.components.fmu_description import Rows, read_description
+from cosim.components.fmu_description import Rows, only_step, read_description
 from eightpost.archive import extract_archive
 from eightpost.cache import keep, recall
 from eightpost.compilers import find_compiler
@@ -40,6 +40,7 @@ class FmuFile:
     path: Path  #: FMU file (.fmu).
     folder: Path  #: Folder in which it is unpacked.
     description: Description  #: Content of modelDescription.xml.
+    notes: tuple[str, ...] = ()  #: Notes about the archive.
 
     @classmethod
     def unpack(cls, path: str | Path, folder: str | Path, *, compile_missing: bool = False) -> FmuFile:
@@ -54,8 +55,8 @@ class FmuFile:
             FmuError: The file is missing, damaged or unsafe, is not an FMU of FMI 2.0 or 3.0 for co-simulation, or has
                 no binary for this platform.
         """
-        extract_archive(path, folder)
-        fmu = cls(Path(path), Path(folder), read_description(Path(path), Path(folder)))
+        notes = extract_archive(path, folder)
+        fmu = cls(Path(path), Path(folder), read_description(Path(path), Path(folder)), notes)
         if compile_missing and not fmu.has_binary:
             compile_sources(fmu.path, fmu.library, fmu.sources, fmu.build_options, version=fmu.version)
         fmu._check_platform()
@@ -139,11 +140,8 @@ class FmuFile:
     @property
     def conditions(self) -> tuple[str, ...]:
         """Conditions of its results other than the file itself."""
-        if not self.needs_tool:
-            return ()
-        return (
-            "it needs the tool that made it (needsExecutionTool): the results depend on the version installed here",
-        )
+        tool = "it needs the tool that made it (needsExecutionTool): the results depend on the version installed here"
+        return (*([tool] if self.needs_tool else []), *self.notes)
 
     @property
     def log_categories(self) -> frozenset[str]:
@@ -175,6 +173,7 @@ class FmuFile:
         return Capabilities(
             interpolates_inputs=can("canInterpolateInputs") and (self.version == 2 or self.rows.ramps_all),
             variable_step=can("canHandleVariableCommunicationStepSize"),
+            only_step=None if can("canHandleVariableCommunicationStepSize") else only_step(self.description),
             state=can("canGetAndSetFMUstate"),
             derivatives=can("providesDirectionalDerivative") and (self.version == 2 or self.rows.derives_all),
         )

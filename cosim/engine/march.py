@@ -135,10 +135,12 @@ class Tape(NamedTuple):
 class Grid(NamedTuple):
     """Communication points (K+1,) [s], the steps between them (K,) [s], and flags of recorded points (K+1,).
 
-    `drive`: drive at these points and at its own points between them; `begins` (K+1,) are the indices of the former.
+    `points` (K+1,) are the communication points as components get them: rounded as the sum of the steps. `drive`: drive
+    at these points and at its own points between them; `begins` (K+1,) are the indices of the former.
     """
 
     times: Reals
+    points: Reals
     steps: Reals
     recorded: Integers
     begins: Integers
@@ -251,7 +253,7 @@ def march(plan: Plan, m: Memory, tape: Tape, grid: Grid, mode: Mode, first: int,
         if m.stop[0] != 0:
             return STOPPED
         end = grid.times[k + 1]
-        step = step_from(m, grid.times[k], grid.steps[k], grid.begins[k], grid.begins[k + 1])
+        step = step_from(m, grid.points[k], grid.steps[k], grid.begins[k], grid.begins[k + 1])
         if _one_step(plan, m, grid.drive, step, mode):
             return REFUSED
         bad = _end_step(plan, m, end, step.size, mode)
@@ -364,7 +366,10 @@ def _try_step(
     if save_parts(plan, m, 0, count, 0):
         return -1.0
     for half in range(3):
-        at, part = (time, h) if half == 0 else (time + (half - 1) * (0.5 * h), 0.5 * h)
+        at = time + 0.5 * h if half == 2 else time
+        part = (
+            h if half == 0 else 0.5 * h if half == 1 else time + h - at
+        )  # the sum of the steps is the end, to the bit
         if _driven_step(plan, m, knots, p, at, part, mode):
             return -1.0
         if half == 0:

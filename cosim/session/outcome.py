@@ -90,7 +90,7 @@ def check_repeat(setup: Setup, series: TimeSeries) -> None:
         StepError: The bits differ; the message names the foreign FMUs whose values differ first.
     """
     system, scenario = setup.system, setup.scenario
-    if not any(map(_is_foreign, system.components.values())):
+    if not system.has_foreign_fmus:
         return
     if id(system) not in _first_runs:
         _first_runs[id(system)] = {}
@@ -238,6 +238,7 @@ class Outcome:
             parameters={name: dict(values) for name, values in system.parameters.items() if values},
             settling=setup.scenario.settling,
             **setup.limits.shares(m.watched.tolist()),
+            has_loop=setup.coupling.has_loop,
             decisive=system.decisive,
             models=models_of(system, setup.names),
         )

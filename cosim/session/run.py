@@ -18,7 +18,7 @@ from cosim.systems.algorithm import SCHEMES, Adaptive, Algorithm, Automatic, Gau
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import DEFAULT_STEP, System
 from eightpost.display import Summarized, Summary
-from eightpost.errors import DivergedError, InputError, WiringError, check_number
+from eightpost.errors import DivergedError, InputError, StepError, WiringError, check_number
 from eightpost.progress import Progress, continued
 from eightpost.signals import TimeSeries
 from eightpost.wiring import Wiring
@@ -78,8 +78,9 @@ def run(
             components are not loaded again, and the system does not change.
         algorithm: Algorithm object; by default (Automatic) a scheme that suits the components is chosen and, if no step
             is given, the step as well.
-        step: Coupling step [s]; 1 ms by default for algorithms other than Automatic. The last step is shortened to end
-            at the stop time. For Adaptive: the first step to try.
+        step: Coupling step [s]; by default the step of components that make steps of one size only, if they state it
+            (stepSize), else 1 ms for algorithms other than Automatic. The last step is shortened to end at the stop
+            time. For Adaptive: the first step to try.
         compared: Whether a run at a given step is compared with one at twice the step, or half of it, to state its
             coupling error. If false, the error is not stated.
         progress: Callback that receives the number of completed coupling steps and the total number, about ten times
@@ -99,6 +100,7 @@ def run(
         raise InputError(f"parameters is {parameters!r}; give values by name: {{'lf.compression_scale': 1.2}}")
     request = Request(system, scenario, algorithm or Automatic(), step, compared, engine, progress)
     request = replace(request, system=system.with_parameters(parameters or {}))
+    step = request.system.only_step if step is None else step
     if isinstance(request.algorithm, Automatic):
         return _Refinement(request, request.algorithm).result() if step is None else _default_at_step(request, step)
     return _run_at_step(request, request.algorithm, DEFAULT_STEP if step is None else step)
@@ -239,7 +241,11 @@ def _run_at_step(request: Request, algorithm: Algorithm, step: float) -> Result:
     planned = (1.5 if request.compared else 1.0) * request.scenario.stop / step
     runs = DenseRuns(request, request.scenario.record_step or step, planned)
     result = runs.run(algorithm, step)
-    if request.compared and not result.partial:
+    if request.compared and not result.partial and request.system.only_step is not None:
+        only = [name for name, c in request.system.components.items() if c.capabilities.only_step]
+        text = f"{', '.join(only)}: steps of {request.system.only_step:g} s only (stepSize)"
+        result = replace(result, notes=(*result.notes, f"{text}, so no run at another step shows the coupling error"))
+    elif request.compared and not result.partial:
         try:
             result = replace(result, stated_error=_Companions(runs, request, algorithm, result).stated_error())
         except RunInterrupted as interrupted:
@@ -271,7 +277,7 @@ class _Companions:
                 return stated
         fine = self._at(0.5)
         if fine is None:
-            return dict.fromkeys(self.run.series.names, inf)
+            return dict.fromkeys(self.run.series.names, inf) if self.request.system.accepts_any_step else {}
         comparisons.append(self._compared(self.run, fine))
         # The error of the coarser of two runs: their difference plus the finer run's error.
         finer, apart = stated_error(comparisons, held), comparisons[-1].difference
@@ -287,7 +293,7 @@ class _Companions:
         return doubled <= stop and fits
 
     def _at(self, ratio: float) -> Result | None:
-        """Return the run at `ratio` times the step; None if it diverged."""
+        """Return the run at `ratio` times the step; None if it diverged, or a component does not make such steps."""
         algorithm, step = self.algorithm, ratio * self.run.step
         if isinstance(algorithm, Adaptive):
             tolerance = _TOLERANCE_RATIO if ratio > 1.0 else 1.0 / _TOLERANCE_RATIO
@@ -296,6 +302,10 @@ class _Companions:
             result = self.runs.run(algorithm, step)
         except DivergedError:
             return None
+        except StepError:
+            if self.request.system.accepts_any_step:
+                raise
+            return None  # a component for one step size does not make this one
         return None if result.partial else result
 
     def _compared(self, coarse: Result, fine: Result) -> Comparison:

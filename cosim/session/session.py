@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import lru_cache
+from math import isnan
 
 import numpy as np
 import scipy
@@ -24,7 +25,7 @@ from cosim.engine.plan import DONE, IMPLICIT, STOPPED, STUCK, Drive, Integers, m
 from cosim.session.outcome import Ending, Equilibrium, Outcome, Running, check_repeat
 from cosim.session.planning import blank_tape, make_plan
 from cosim.session.result import Result
-from cosim.session.setup import ROUNDING, Setup, Times, among, coupling_times, joined, merged, step_sizes
+from cosim.session.setup import ROUNDING, Setup, Times, among, coupling_times, joined, merged, step_sizes, summed_steps
 from cosim.systems.algorithm import Adaptive, Algorithm
 from cosim.systems.coupling import Coupling, Scenario
 from cosim.systems.system import System
@@ -280,7 +281,12 @@ def _grid(setup: Setup) -> Grid:
     else:
         arguments = scenario.stop, setup.step, scenario.drive_start, bool(setup.following), setup.system.ramps
         begins, drive = _driven(scenario.drive, *arguments)
-    return Grid(times, step_sizes(times, setup.step), setup.recorded, begins, drive)
+    if not setup.system.has_foreign_fmus:
+        return Grid(times, times, step_sizes(times, setup.step), setup.recorded, begins, drive)
+    points, steps = summed_steps(times, setup.step)
+    moved = drive.times.copy()
+    moved[begins] = points
+    return Grid(times, points, steps, setup.recorded, begins, drive._replace(times=moved))
 
 
 @lru_cache(maxsize=4)
@@ -408,6 +414,15 @@ _OTHERS = {"jacobi": ", gauss-seidel, or implicit", "gauss-seidel": ", or implic
 def _failure(setup: Setup, running: Running, end: int, time: float) -> BaseException:
     """Return the error for the reason `end` why the loop ended at `time` [s]; an exception that a component raised."""
     m, layout = running.memory, setup.layout
+    sizes = dict(zip(layout.signals, m.now.tolist(), strict=True))
+    worst = max(sizes, key=lambda signal: abs(sizes[signal]), default="")
+    lost = next((s for s, value in zip(layout.signals, m.ahead.tolist(), strict=True) if isnan(value)), "")
+    if lost and not any(abs(size) >= _FAR for size in sizes.values()):
+        name, _, output = lost.partition(".")
+        return StepError(
+            f"component {name!r} ({setup.system.components[name].source}): its output {output} is not a number after "
+            f"the step from {time:g} s; check its inputs and its log, or ask its maker"
+        )
     if end == reasons.DIVERGED:
         signal_number = int(m.failure[1])
         return _diverged(setup, layout.signals[signal_number], float(m.ahead[signal_number]), time)
@@ -418,8 +433,6 @@ def _failure(setup: Setup, running: Running, end: int, time: float) -> BaseExcep
         return keep[0].error
     # An FMU whose forces grow with powers of its motion (the springs at the ports of a vehicle) can refuse a step of a
     # diverging coupling before any signal is as large as the loop's own limit.
-    sizes = dict(zip(layout.signals, m.now.tolist(), strict=True))
-    worst = max(sizes, key=lambda signal: abs(sizes[signal]), default="")
     if _discards_step(running) and worst and not abs(sizes[worst]) < _FAR:
         return _diverged(setup, worst, sizes[worst], time)
     component = setup.system.components[name]

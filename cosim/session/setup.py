@@ -62,6 +62,25 @@ def step_sizes(times: Times, step: float) -> Times:
     return steps
 
 
+#: Number of steps after which the sum of the steps is a communication point to the bit.
+_SUMMED = 32
+
+
+def summed_steps(times: Times, step: float) -> tuple[Times, Times]:
+    """Return communication points (K+1,) [s] and the steps between them (K,) [s]: a point is the sum of the steps.
+
+    An FMU may compare the point that it is given with the sum of its steps, to the bit. The steps are `step` to the
+    bit except every 32nd, which leads to a point of `times` again, and the last one, which ends at the stop time.
+    """
+    points, steps, count = times.copy(), np.full(times.size - 1, step), times.size - 1
+    for k in range(1, _SUMMED):
+        points[k::_SUMMED] = points[k - 1 : count : _SUMMED] + step
+    points[-1] = times[-1]
+    for last in (slice(_SUMMED, None, _SUMMED), slice(count, None)):
+        steps[np.arange(times.size)[last] - 1] = points[last] - points[np.arange(times.size)[last] - 1]
+    return points, steps
+
+
 def joined(times: Times, others: Times) -> Times:
     """Return all times in order; of times that differ by rounding only, those of the first array, to the bit.
 

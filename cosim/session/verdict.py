@@ -69,7 +69,7 @@ COUPLING_UNKNOWN = RULES.add("coupling error not stated", "coupling", Grade.UNKN
     remedy="leave out --no-comparison (compared=False), or use the default algorithm; both state the error",
 )  # fmt: skip
 COUPLING_NONE = RULES.add("nothing is coupled", "coupling", Grade.USABLE,
-    condition="the system has no bonds and no error is stated",
+    condition="no connections form a loop, and no error is stated",
     why="components that only follow a drive, or feed each other one way, have no coupling loop",
 )  # fmt: skip
 LOCAL_ERROR = RULES.add("local error of a bond", "coupling", Grade.NOT_USABLE,
@@ -301,6 +301,7 @@ class RunData:
     #: (cosim.session.result.scales) after settling; empty if only one run was made.
     stated_error: Mapping[str, float] = field(default_factory=dict)
     scheme: str = ""  #: Algorithm that the default chose; empty if an algorithm was given.
+    has_loop: bool = False  #: Whether connections form a loop of components.
     #: Channels whose coupling error the verdict judges: velocities and forces of bonds, tire forces.
     decisive: frozenset[str] = frozenset()
     models: Mapping[str, Model] = field(default_factory=dict)  #: Components with the information that the verdict uses.
@@ -558,7 +559,7 @@ def _local(run: RunData) -> Iterator[Reason]:
 
 
 def _not_stated(run: RunData) -> Reason:
-    if not run.energy and not run.coupled:
+    if not (run.energy or run.coupled or run.has_loop):
         return COUPLING_NONE.reason("there is no coupling loop", figure="0 bonds", origin="the system")
     return COUPLING_UNKNOWN.reason(
         "the coupling error is not stated",

@@ -181,6 +181,16 @@ class Coupling:
         except CycleError:
             return tuple(self.components), False
 
+    @property
+    def has_loop(self) -> bool:
+        """Whether components form a loop of connections."""
+        takes = {name: {t.part for f in feeds for t in f.terms} - {name} for name, feeds in self.feeds.items()}
+        try:
+            TopologicalSorter(takes).prepare()
+        except CycleError:
+            return True
+        return False
+
     def direct_inputs(self, name: str) -> frozenset[str]:
         """Return the inputs that connected outputs follow without delay; if no output is connected, use all outputs."""
         variables = self.components[name].variables

@@ -14,6 +14,7 @@ import numpy as np
 
 from cosim.components.component import DISCRETE, Component, Variable, convert_between, named_unit
 from cosim.components.fmu_component import FmuComponent
+from cosim.components.fmu_log import OpenedFmu
 from eightpost import units
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import UnknownUnitError, WiringError, suggestion
@@ -48,6 +49,10 @@ def own_unit(components: Mapping[str, Component], name: str, value: bool | float
     variable = find_variable(components, name)
     if isinstance(value, np.generic):
         value = value.item()
+    if variable.type == "Enumeration" and isinstance(value, str):
+        if value not in variable.items:
+            raise WiringError(f"{name} = {value!r}: {suggestion(value, variable.items)}")
+        return variable.items[value]
     if variable.type in DISCRETE:
         return int(value) if isinstance(value, float) and value.is_integer() else value
     if variable.type != "Real":
@@ -267,6 +272,26 @@ class System(Summarized):
     def accepts_any_step(self) -> bool:
         """Whether every component accepts steps of any size."""
         return all(c.capabilities.variable_step for c in self.components.values())
+
+    @property
+    def has_foreign_fmus(self) -> bool:
+        """Whether a component is an FMU that this project did not build."""
+        return any(isinstance(c, OpenedFmu) and not c.is_ours for c in self.components.values())
+
+    @property
+    def only_step(self) -> float | None:
+        """Coupling step that suits components which accept steps of one size only [s]; None if none states its size.
+
+        Raises:
+            WiringError: Two of them state different sizes.
+        """
+        sizes = {c.capabilities.only_step: name for name, c in self.components.items() if c.capabilities.only_step}
+        if len(sizes) > 1:
+            stated = " and ".join(f"{name} of {size:g} s" for size, name in sizes.items())
+            raise WiringError(
+                f"no coupling step suits the components: {stated} only (stepSize); export one of them again"
+            )
+        return next(iter(sizes), None)
 
     @property
     def coupled_with_held(self) -> frozenset[str]:
