@@ -17,7 +17,7 @@ from builder.fmu.product import shock_product, vehicle_product
 from builder.native.native_fmu import without_binaries
 from builder.python_fmu import python_fmu
 from cosim import FmuComponent
-from cosim.results.result import SavedRun
+from cosim.session.result import SavedRun
 from cosim.study.choice.compare import compare_runs
 from eightpost.__main__ import main
 from eightpost.archive import read_archive, write_archive

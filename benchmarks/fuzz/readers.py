@@ -225,7 +225,7 @@ def _comparison(path: Path) -> Any:
 
 
 def _result(path: Path) -> Any:
-    from cosim.results.result import SavedRun  # noqa: PLC0415
+    from cosim.session.result import SavedRun  # noqa: PLC0415
 
     return SavedRun.load(path.parent)
 

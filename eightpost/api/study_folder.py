@@ -504,7 +504,7 @@ class StudyFolder:
 
     def _record_reader(self, channel_map: ChannelMap | None) -> Callable[[Path], TimeSeries]:
         """Return a function that reads and checks the channels of a rig record, whichever it has."""
-        from eightpost.rig.post import read_rig_test
+        from eightpost.rig.rig_test import read_rig_test
 
         def read(file: Path) -> TimeSeries:
             test = read_rig_test(file, channel_map=channel_map, needs=())

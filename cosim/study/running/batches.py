@@ -14,18 +14,17 @@ import numpy as np
 
 from cosim.components.component import to_si
 from cosim.components.fmu_component import FmuComponent
-from cosim.results.error_estimate import judged_by
-from cosim.results.rules import LARGEST_ERROR
-from cosim.results.run_data import BondEnergy, Coupled
-from cosim.session.automatic import default_scheme
-from cosim.session.planning import Limit
+from cosim.session.result import judged_by
+from cosim.session.setup import Limit
 from cosim.session.setup import Setup as SessionSetup
+from cosim.session.verdict import LARGEST_ERROR, BondEnergy, Coupled
 from cosim.study.definition import Build, Drive, Setup, Study
 from cosim.study.machine.car import FmuVehicle, read_vehicle
 from cosim.study.machine.measures import BatchMeasures, ChannelBand
 from cosim.study.machine.plan import Plan
 from cosim.study.machine.shocks import read_shock
 from cosim.study.measures import Filtered
+from cosim.systems.algorithm import default_scheme
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost.array_types import Array
@@ -62,7 +61,7 @@ class Models(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RunSummary:
-    """What a row states of one run besides its measures; the names are those of cosim.results.result.Result."""
+    """What a row states of one run besides its measures; the names are those of cosim.session.result.Result."""
 
     share_beyond_fit: Mapping[str, float]  #: Share of time beyond the fit of each shock.
     #: Share of time without tire load by channel; None if the static load is unknown.

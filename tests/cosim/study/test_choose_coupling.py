@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from cosim.results.error_estimate import difference
+from cosim.session.result import difference
 from cosim.study import Build
 from cosim.study.running.coupling import choose_coupling
 from cosim.study.running.evaluator import Evaluator

@@ -22,17 +22,8 @@ from eightpost.__main__ import main
 from eightpost.api.study_folder import StudyFolder
 from eightpost.corners import CORNERS
 from eightpost.errors import FileFormatError
-from eightpost.rig import RigTest, read_rig_test
 from eightpost.progress import Listener
-from eightpost.rig.post import (
-    NO_DRIFT,
-    Actuators,
-    RigSensors,
-    RigTest,
-    read_rig_test,
-    run_test,
-    seven_dof_truth,
-)
+from eightpost.rig import RigTest, read_rig_test
 from eightpost.shock import Port
 from eightpost.signals import Drivefile
 from eightpost.uncertainty import TOTAL, MeasureUncertainty

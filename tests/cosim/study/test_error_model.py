@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cosim.results.run_data import Coupled
+from cosim.session.verdict import Coupled
 from cosim.study.running.evaluator import Pilot, fit_error_model, local_errors
 from eightpost.corners import CORNERS
 

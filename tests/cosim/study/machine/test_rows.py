@@ -6,7 +6,7 @@ from dataclasses import asdict, replace
 import pytest
 
 from cosim.components.fmu_component import FmuComponent
-from cosim.results.error_estimate import difference
+from cosim.session.result import difference
 from cosim.study import Build, Measure, Term, Vehicle
 from cosim.study.machine.car import read_vehicle
 from cosim.study.measures import STATISTICS, Filtered

@@ -1,19 +1,21 @@
-"""Result of a run: recorded signals, coupling error, notes, and the verdict."""
+"""Result of a run: recorded signals with verdict and files, and its coupling error, estimated from several runs."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from math import isfinite
+from itertools import pairwise
+from math import inf, log2
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from cosim.results import rules
-from cosim.results.run_data import RunData
-from cosim.results.validity import LARGEST_SHARE, NOTABLE_SHARE, model_reasons
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.session.verdict import Coupled, RunData, verdict_of
 from eightpost import __version__
 from eightpost.array_types import Array
 from eightpost.completion import warn_of_earlier_results
@@ -21,188 +23,12 @@ from eightpost.display import Summary
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path, json_content
 from eightpost.signals import Recording, TimeSeries, read_series, write_series
-from eightpost.verdict import Reason, Verdict, edited, is_intact, sealed
+from eightpost.verdict import Verdict, edited, is_intact, sealed
 
 if TYPE_CHECKING:
     import xarray as xr
 
-
-# ==== Reasons from limits that are watched at every step: velocities, settings, tires off the ground =================
-
-
-def limit_reasons(run: RunData) -> Iterator[Reason]:
-    """Yield the reasons from the shares of time beyond the limits of shocks and tires."""
-    yield from _fitted(run)
-    yield from _settings(run)
-    yield from _tires(run)
-
-
-def _fitted(run: RunData) -> Iterator[Reason]:
-    for shock, time in run.share_beyond_fit.items():
-        energy = _energy_beyond(run, shock)
-        share = max(time, energy or 0.0)
-        beyond = rules.BEYOND_FIT if share <= LARGEST_SHARE else rules.MOSTLY_BEYOND_FIT
-        rule, within = (rules.WITHIN_FIT, "stays within") if share <= NOTABLE_SHARE else (beyond, "leaves")
-        dissipated = "" if energy is None else f", {energy:.1%} of its energy"
-        yield rule.reason(
-            f"the shock {within} the velocities that it was fitted on",
-            figure=f"outside {time:.1%} of the time{dissipated}; limits {NOTABLE_SHARE:.0%} and {LARGEST_SHARE:.0%}",
-            origin=f"component {shock}",
-        )
-
-
-def _settings(run: RunData) -> Iterator[Reason]:
-    """Yield the reasons about the settings of shocks that have them."""
-    for shock, beyond in run.share_beyond_settings.items():
-        far = run.share_far_beyond_settings.get(shock, 0.0)
-        untested = run.share_untested_settings.get(shock, 0.0)
-        origin = f"component {shock}"
-        if beyond > 0.0:
-            yield (rules.FAR_BEYOND_SETTINGS if far > 0.0 else rules.BEYOND_SETTINGS).reason(
-                "the shock is set beyond the settings that were measured",
-                figure=f"{beyond:.0%} of the time, by more than an interval between measured settings {far:.0%}",
-                origin=origin,
-            )
-        if untested > 0.0:
-            figure = f"{untested:.0%} of the time"
-            yield rules.UNTESTED_SETTINGS.reason(
-                "the shock is at a combination of settings that was not measured", figure=figure, origin=origin
-            )
-        if not beyond and not untested:
-            figure = "0 % of the time beyond or at an untested combination"
-            yield rules.WITHIN_SETTINGS.reason("the shock is at measured settings", figure=figure, origin=origin)
-
-
-def _energy_beyond(run: RunData, shock: str) -> float | None:
-    """Return the share of a shock's dissipated energy outside its fitted velocities; None if not recorded."""
-    names = (f"{shock}.dissipated_power", f"{shock}.beyond_fit")
-    if not set(names) <= set(run.series.names):
-        return None
-    settled = run.settled()
-    power, beyond = (abs(settled[name]) for name in names)
-    total = float(power.sum())
-    return float(power[beyond > 0.5].sum()) / total if total else 0.0
-
-
-def _tires(run: RunData) -> Iterator[Reason]:
-    for tire, off in run.share_tire_off.items():
-        if off is None:
-            yield rules.STATIC_LOAD_UNKNOWN.reason(
-                "lift-off of tires cannot be detected: no static tire force is given", figure="0 N", origin=tire
-            )
-        elif off > 0.0:
-            rule = rules.TIRE_OFF if off <= LARGEST_SHARE else rules.MOSTLY_TIRE_OFF
-            figure = f"{off:.1%} of the time; limit {LARGEST_SHARE:.0%}"
-            yield rule.reason("a tire is off the ground", figure=figure, origin=tire)
-
-
-# ==== Verdict: coupling error, energy, convergence, and the limits of the models =====================================
-
-
-def verdict_of(run: RunData) -> Verdict:
-    """Return the verdict on a run."""
-    return Verdict(
-        (
-            *_coupling(run),
-            *_energy(run),
-            *_convergence(run),
-            *limit_reasons(run),
-            *model_reasons(run.models, run.settled()),
-        )
-    )
-
-
-def _coupling(run: RunData) -> Iterator[Reason]:
-    yield from _local(run)
-    known = run.stated_error
-    decisive = {name: error for name, error in known.items() if name in run.decisive} or known
-    if not decisive or not all(map(isfinite, decisive.values())):
-        yield _not_stated(run)
-        return
-    yield _stated(run, *max(decisive.items(), key=lambda item: item[1]))
-    others = {name: e for name, e in known.items() if name not in decisive and e > rules.LARGEST_ERROR}
-    if others:
-        name = max(others, key=lambda each: others[each])
-        yield rules.CHANNEL_ERROR.reason(
-            f"the coupling error of {_counted(len(others), 'other channel')} is too large; largest: {name}",
-            figure=f"{_percent(others[name])}; limit {rules.LARGEST_ERROR:g} %",
-            origin="coupling error per channel",
-        )
-
-
-def _local(run: RunData) -> Iterator[Reason]:
-    for bond, coupled in run.coupled.items():
-        if not coupled.percent <= rules.LARGEST_ERROR:
-            yield rules.LOCAL_ERROR.reason(
-                "the values that the ends of a bond assume of each other are wrong in every step",
-                figure=f"{_percent(coupled.percent)} of the scale; limit {rules.LARGEST_ERROR:g} %",
-                origin=f"bond {bond}",
-            )
-
-
-def _not_stated(run: RunData) -> Reason:
-    if not run.energy and not run.coupled:
-        return rules.COUPLING_NONE.reason("there is no coupling loop", figure="0 bonds", origin="the system")
-    return rules.COUPLING_UNKNOWN.reason(
-        "the coupling error is not stated",
-        figure=f"known for 0 of {len(run.series.names)} channels",
-        origin=f"{run.algorithm} at {1e3 * run.step:g} ms",
-    )
-
-
-def _stated(run: RunData, name: str, error: float) -> Reason:
-    limit = run.tolerance or rules.GOOD_ERROR
-    origin = f"channel {name}, {run.scheme or run.algorithm} at {1e3 * run.step:g} ms"
-    if error > rules.LARGEST_ERROR:
-        figure = f"{_percent(error)} of the scale; limit {rules.LARGEST_ERROR:g} %"
-        return rules.COUPLING_ERROR.reason("the coupling error is too large", figure=figure, origin=origin)
-    named = "tolerance" if run.tolerance else "good up to"
-    figure = f"{_percent(error)} of the scale; {named} {limit:g} %"
-    if error > limit:
-        return rules.COUPLING_TOLERANCE.reason(
-            "the coupling error is larger than requested", figure=figure, origin=origin
-        )
-    return rules.COUPLING_GOOD.reason("the coupling error is small", figure=figure, origin=origin)
-
-
-def _energy(run: RunData) -> Iterator[Reason]:
-    shares = {bond: abs(energy.relative) for bond, energy in run.energy.items()}
-    bad = {bond: share for bond, share in shares.items() if not share <= rules.DOUBTFUL_RESIDUAL}
-    for bond, share in bad.items():
-        rule = rules.ENERGY_DOUBTFUL if share <= rules.LARGEST_RESIDUAL else rules.ENERGY_RESIDUAL
-        yield rule.reason(
-            "the coupling adds or loses energy",
-            figure=f"{share:.2%} of the energy transferred; limit {rules.LARGEST_RESIDUAL:.0%}",
-            origin=f"bond {bond}",
-        )
-    if shares and not bad:
-        worst = max(shares, key=lambda bond: shares[bond])
-        yield rules.ENERGY_GOOD.reason(
-            "the coupling conserves energy",
-            figure=f"{shares[worst]:.2%}; limit {rules.LARGEST_RESIDUAL:.0%}",
-            origin=f"bond {worst}",
-        )
-
-
-def _convergence(run: RunData) -> Iterator[Reason]:
-    end = f"{float(run.series.time[-1]):g} s" if len(run.series) else "0 s"
-    if run.partial:
-        yield rules.ENDED_EARLY.reason("the run ended early", figure=f"at {end}", origin=run.algorithm)
-    if not run.converged:
-        notes = run.notes[0] if run.notes else "no note"
-        yield rules.NOT_CONVERGED.reason("the run did not converge", figure=notes, origin=run.algorithm)
-    if run.converged and not run.partial:
-        figure = f"{run.steps} steps, {end}"
-        yield rules.CONVERGED.reason("the run reached its stop time", figure=figure, origin="the run")
-
-
-def _counted(count: int, what: str) -> str:
-    return f"{count} {what}{'' if count == 1 else 's'}"
-
-
-def _percent(value: float) -> str:
-    return f"{value:.2g} %" if abs(value) < 10.0 else f"{value:.0f} %"
-
+# ==== Result of a run: recorded signals, coupling error, notes, and the verdict ======================================
 
 # ==== Result =========================================================================================================
 
@@ -382,3 +208,157 @@ def _sources(document: Mapping[str, Any], path: Path) -> str:
             raise FileFormatError(f"parameters.{name} must be an object", path=path)
         parts += [f"{name}.{parameter} = {value}" for parameter, value in values.items()]
     return ", ".join(parts)
+
+
+# ==== Coupling error of a run, estimated from how differences between runs fall as the step halves ===================
+
+# ---- Difference of two runs of one system at different steps, in percent of each channel's scale --------------------
+
+Signal = TypeVar("Signal", bound=Hashable)
+
+#: Smallest scale of a channel by SI unit, far below the resolution of sensors; used for a signal at rest.
+FLOORS: Mapping[str, float] = {"m/s": 1e-6, "m": 1e-8, "N": 1e-3, "m/s2": 1e-3}
+
+#: Smallest scale of a channel whose unit has no floor above.
+_OTHER_FLOOR = 1e-9
+
+#: Smallest scale of a channel as a share of the largest standard deviation of all channels of its unit [1].
+_SHARE_OF_LARGEST = 1e-2
+
+
+def scales(series: TimeSeries) -> dict[str, float]:
+    """Return the scale of each channel, to which its percentages refer, in its SI unit.
+
+    The scale is the standard deviation; at least 1 % of the largest standard deviation among channels of that unit, and
+    at least the unit's floor. A signal that is nearly at rest therefore gets a scale from other signals of its unit.
+    """
+    spread = {name: float(np.std(series[name])) for name in series.names}
+    return judged_by(spread, {name: series.unit(name) for name in series.names})
+
+
+def judged_by(spread: Mapping[Signal, float], units: Mapping[Signal, str]) -> dict[Signal, float]:
+    """Return the scale of each signal.
+
+    Args:
+        spread: Standard deviation of each signal, in its SI unit.
+        units: SI unit of each signal.
+    """
+    largest: dict[str, float] = {}
+    for name, value in spread.items():
+        largest[units[name]] = max(value, largest.get(units[name], 0.0))
+    largest["1"] = 0.0  # signals without a unit may be of different kinds
+    return {
+        name: max(value, _SHARE_OF_LARGEST * largest[units[name]], FLOORS.get(units[name], _OTHER_FLOOR))
+        for name, value in spread.items()
+    }
+
+
+def difference(coarse: TimeSeries, fine: TimeSeries) -> dict[str, float]:
+    """Return the root mean square difference of each channel that both have, in percent of the finer run's scale.
+
+    Args:
+        coarse: Series of one run, without its settling time.
+        fine: Series of the finer run. Times of both runs are compared; the result is infinite without such times.
+    """
+    names = [name for name in fine.names if name in coarse.names]
+    first, second = _common(coarse.time, fine.time)
+    if first.size == 0:
+        return dict.fromkeys(names, float("inf"))
+    scale = scales(fine)
+    return {
+        name: 100.0 * float(np.sqrt(np.mean((coarse[name][first] - fine[name][second]) ** 2))) / scale[name]
+        for name in names
+    }
+
+
+def _common(first: NDArray[np.float64], second: NDArray[np.float64]) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
+    """Return the indices of times that two time axes have in common, except for rounding."""
+    _, a, b = np.intersect1d(np.round(first, 12), np.round(second, 12), assume_unique=True, return_indices=True)
+    return a, b
+
+
+# ---- Coupling error of a run, estimated from how differences between runs fall as the step halves -------------------
+
+#: Smallest order that the error is assumed to have [1].
+_SLOWEST = 0.38
+
+#: Largest order that the error is assumed to have [1]: if the channel's differences showed at least that, and if only
+#: the bonds' local errors did, because a difference may fall fast by chance.
+_FASTEST, _FASTEST_UNSEEN = 2.0, 1.5
+
+#: Largest order of everything coupled with a component that holds its inputs [1]: if the channel's differences showed
+#: at least that, and if not.
+_OF_HELD, _OF_HELD_UNSEEN = 1.0, 0.5
+
+#: Smallest value of a difference as a share of the one before [1], because it may be small by chance.
+_LUCK = 1.0 / 8.0
+
+#: Local errors below this share of the largest one are not used for the order [1].
+_NEGLIGIBLE = 1e-2
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Two runs, the finer one at half the step of the coarser."""
+
+    difference: Mapping[str, float]  #: Difference of both runs per channel, in percent of its scale.
+    reliable: bool  #: Whether both runs passed the check of their bonds' local errors.
+    #: Order at which the bonds' local errors fell from one run to the other [1]; None without bonds.
+    local_order: float | None
+
+
+def compare(coarse: Result, fine: Result) -> Comparison:
+    """Compare two runs of one system at all times that both recorded after settling."""
+    return Comparison(
+        difference=difference(coarse.settled(), fine.settled()),
+        reliable=coarse.is_clean and fine.is_clean,
+        local_order=_local_order(coarse.coupled, fine.coupled),
+    )
+
+
+def stated_error(comparisons: Sequence[Comparison], held: Collection[str] = ()) -> dict[str, float]:
+    """Return per channel the coupling error of the finest run, in percent of the channel's scale.
+
+    The error is the last difference divided by 2^p - 1. The order p is the smallest that the last comparisons showed,
+    from the channel's differences and from the bonds' local errors. It is at least 0.38, at most 2 if the channel's
+    differences were compared, else at most 1.5; 1 if nothing was observed. For a channel of `held` it is at most 1 if
+    the channel's differences were compared, else at most 0.5.
+
+    Args:
+        comparisons: Comparisons of runs at steps that halve, the coarsest first; at least one.
+        held: Components that hold their inputs, and all components coupled with them.
+    """
+    return {name: _stated(name, comparisons, held) for name in comparisons[-1].difference}
+
+
+def _stated(name: str, comparisons: Sequence[Comparison], held: Collection[str]) -> float:
+    differences = [c.difference.get(name, inf) for c in comparisons]
+    last = differences[-1]
+    if len(differences) > 1 and comparisons[-2].reliable and differences[-2] < inf:
+        last = max(last, _LUCK * differences[-2])
+    seen = _orders_seen(differences, comparisons)
+    if name.partition(".")[0] in held:
+        fastest = _OF_HELD if seen else _OF_HELD_UNSEEN
+    else:
+        fastest = _FASTEST if seen else _FASTEST_UNSEEN
+    local = comparisons[-1].local_order if comparisons[-1].reliable else None
+    order = min([*seen, *([] if local is None else [local])], default=1.0)
+    return last / (float(2.0 ** min(max(order, _SLOWEST), fastest)) - 1.0)
+
+
+def _orders_seen(differences: Sequence[float], comparisons: Sequence[Comparison]) -> list[float]:
+    """Return the orders at which a channel's last differences fell, between comparisons that are reliable."""
+    recent = list(zip(comparisons, differences, strict=True))[-3:]
+    return [
+        log2(before / after)
+        for (coarser, before), (finer, after) in pairwise(recent)
+        if coarser.reliable and finer.reliable and 0.0 < before < inf and after > 0.0
+    ]
+
+
+def _local_order(coarse: Mapping[str, Coupled], fine: Mapping[str, Coupled]) -> float | None:
+    """Return the smallest order at which a bond's local error fell, among the errors that are not negligible."""
+    pairs = [(coarse[name].percent, fine[name].percent) for name in fine if name in coarse]
+    largest = max((after for _, after in pairs), default=0.0)
+    orders = [log2(before / after) for before, after in pairs if after > _NEGLIGIBLE * largest and before > 0.0]
+    return min(orders, default=None)

@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import itertools
 import logging
+import mmap
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
 import weakref
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from cosim.components.fmu_file import FmuFile, OpenedFmu
-from cosim.components.fmu_log import ComponentLog
-from cosim.components.functions import FunctionTable, StateCallbacks
+from cosim.components.component import Callbacks, FunctionTable
+from cosim.components.fmu_component import FmuComponent
+from cosim.components.fmu_file import FmuFile
+from cosim.components.fmu_log import ComponentLog, OpenedFmu
 from eightpost.errors import EightpostError, FmuError, InputError, StepError, TerminatedError
-from eightpost.workers.process import Child, EndedError
+from eightpost.workers.process import Child, EndedError, ParentChannel, leave
 from eightpost.workers.supervision import TIME_LIMIT
+
+# ==== Component in its own process: a crash of its FMU is an error that names the component ==========================
 
 _STARTING = 60.0  # s: for Python and fmpy, without the FMU
 _PRINTED = 65536  # bytes of the FMU's output per run that are passed on
@@ -57,7 +64,8 @@ class IsolatedComponent(OpenedFmu):
 
     Inputs, slopes and saved states are sent with the next step, and the variables that were read after the last step
     are returned with it, so a step needs one request and one reply. If an input is refused, that step or reading
-    reports it.
+    reports it. Every call of a run raises StepError if the component is not running, or the FMU refuses it, crashes or
+    hangs. Values are in the FMU's own units.
 
     Args:
         path: FMU file (.fmu).
@@ -94,7 +102,7 @@ class IsolatedComponent(OpenedFmu):
 
     def functions(self) -> FunctionTable:
         """Return the addresses of callbacks that call the child process, for the loop."""
-        return StateCallbacks(self).table()
+        return Callbacks(self).table()
 
     def refused(self, what: str, status: int, time: float, inputs: Mapping[str, float]) -> StepError:
         """Return the error for a call that failed without an error of its own; for arguments see FmuComponent."""
@@ -102,11 +110,7 @@ class IsolatedComponent(OpenedFmu):
         return self._failure(f"failed to {what}", f"it returned {status}.")
 
     def begin(self, start: float, stop: float, parameters: Mapping[str, float | bool | str]) -> None:
-        """Begin a run as FmuComponent does; in a new process if the last one has ended.
-
-        Raises:
-            StepError: The FMU fails, crashes or hangs.
-        """
+        """Begin a run as FmuComponent does; in a new process if the last one has ended."""
         self.finish()
         self._log.messages.clear()
         self._asked.clear()
@@ -117,39 +121,23 @@ class IsolatedComponent(OpenedFmu):
         self._do(("begin", start, stop, dict(parameters)))
 
     def end_initialization(self) -> None:
-        """Leave initialization mode.
-
-        Raises:
-            StepError: The component is not running, or the FMU fails, crashes or hangs.
-        """
+        """Leave initialization mode."""
         self._do(("end_initialization",))
 
     def set(self, names: Sequence[str], values: Sequence[float]) -> None:
-        """Set real inputs (N,) to values (N,) in the FMU's own units, with the next step or reading.
-
-        Raises:
-            StepError: The component is not running.
-        """
+        """Set real inputs (N,) to values (N,) in the FMU's own units, with the next step or reading."""
         numbers = tuple(map(float, values))
         self._inputs.update(zip(names, numbers, strict=True))
         self._later(("set", tuple(names), numbers))
 
     def set_derivatives(self, names: Sequence[str], values: Sequence[float]) -> None:
-        """Set first derivatives (N,) of real inputs (N,), in the FMU's own units per second, with the next step.
-
-        Raises:
-            StepError: The component is not running.
-        """
+        """Set first derivatives (N,) of real inputs (N,), in the FMU's own units per second, with the next step."""
         self._later(("set_derivatives", tuple(names), tuple(map(float, values))))
 
     def get(self, names: Sequence[str]) -> list[float]:
         """Return the values (N,) of real variables (N,), in the FMU's own units.
 
-        Variables that were read after the last step are available without a call.
-
-        Raises:
-            StepError: The component is not running, or the FMU refuses, crashes or hangs.
-        """
+        Variables that were read after the last step are available without a call."""
         key = tuple(names)
         self._asked[key] = None
         if key not in self._known:
@@ -158,20 +146,12 @@ class IsolatedComponent(OpenedFmu):
         return list(self._known[key])
 
     def derive(self, outputs: Sequence[str], inputs: Sequence[str], changes: Sequence[float]) -> list[float]:
-        """Return how real outputs (N,) change, without delay, with small changes (M,) of real inputs (M,).
-
-        Raises:
-            StepError: The component is not running, or the FMU refuses, crashes or hangs.
-        """
+        """Return how real outputs (N,) change, without delay, with small changes (M,) of real inputs (M,)."""
         (*_, effects) = self._do(("derive", tuple(outputs), tuple(inputs), tuple(changes)))
         return list(effects)
 
     def step(self, time: float, step: float) -> None:
-        """Make one step from `time` by `step` [s], and read the variables that were read after the last one.
-
-        Raises:
-            StepError: The component is not running, or the FMU refuses the step, crashes or hangs.
-        """
+        """Make one step from `time` by `step` [s], and read the variables that were read after the last one."""
         self._time = time
         requested, self._asked = tuple(self._asked), {}
         results = self._do(("step", float(time), float(step)), *(("get", names) for names in requested))
@@ -179,13 +159,8 @@ class IsolatedComponent(OpenedFmu):
         self._known = dict(zip(requested, results[len(results) - len(requested) :], strict=True))
 
     def save(self) -> object:
-        """Save the state as FmuComponent does; the child process identifies it by a number.
-
-        Raises:
-            StepError: The FMU cannot save its state (`capabilities.state`), or the component is not running.
-        """
-        if not self.capabilities.state:
-            raise self._no_state()
+        """Save the state as FmuComponent does; the child process identifies it by a number."""
+        self._check_state()
         self._check_running()
         state = _State(next(self._numbers), self._time, dict(self._inputs))
         self._pending.append(("save", state.number))
@@ -193,21 +168,13 @@ class IsolatedComponent(OpenedFmu):
         return state
 
     def restore(self, state: object) -> None:
-        """Restore a state that `save` returned, with the next step or reading.
-
-        Raises:
-            StepError: The component is not running, or the state is not one of this run.
-        """
+        """Restore a state that `save` returned, with the next step or reading."""
         known = self._checked(state)
         self._later(("restore", known.number))
         self._stand(known.time, known.inputs)
 
     def free(self, state: object) -> None:
-        """Free a state.
-
-        Raises:
-            StepError: The component is not running, or the state is not one of this run.
-        """
+        """Free a state."""
         known = self._checked(state)
         self._states.discard(known)
         self._pending.append(("free", known.number))
@@ -287,7 +254,7 @@ class _Process(Child):
         (folder / "call").write_bytes(b"\0")
         with (folder / "printed").open("wb") as printed:
             super().__init__(
-                "cosim.components.isolated_child",
+                "cosim.components.isolated",
                 *(str(path), name, str(folder)),
                 bare="cosim",
                 folder=str(folder),
@@ -344,3 +311,93 @@ def _description(call: _Call) -> str:
     if call[0] == "step":
         return f"step from {call[1]:g} s by {call[2]:g} s"
     return _CALLS[call[0]]
+
+
+# ==== Child process of an isolated component: an FMU and the calls that the parent sends =============================
+
+_LINE_BUFFERED = 1  # glibc's _IOLBF
+
+
+def serve(channel: str, path: str, name: str, folder: str) -> None:
+    """Run an FMU for the parent until the parent closes the channel or ends.
+
+    Args:
+        channel: Number of the channel.
+        path: FMU file (.fmu).
+        name: Name of the component.
+        folder: Folder with the unpacked FMU in `fmu`, the working folder `work` and the counter of calls `call`.
+    """
+    with suppress(Exception):  # works with glibc; elsewhere the last lines before a crash may be lost in the buffer
+        library = ctypes.CDLL(None)
+        library.setvbuf(ctypes.c_void_p.in_dll(library, "stdout"), None, _LINE_BUFFERED, 0)
+    parent = ParentChannel(channel)
+    os.chdir(Path(folder, "work"))
+    with Path(folder, "call").open("r+b") as counter:
+        component = FmuComponent(path, name, folder=Path(folder, "fmu"))
+        parent.serve(_Service(parent, component, name, counter).answer)
+        component.finish()
+        component.close()
+    _flush()
+    leave(folder)
+
+
+class _Service:
+    """Answers to batches of calls; each saved state has the number that the parent gave it."""
+
+    def __init__(self, parent: ParentChannel, component: FmuComponent, name: str, counter: Any) -> None:
+        self._component = component
+        self._states: dict[int, object] = {}
+        self._counter = mmap.mmap(counter.fileno(), 1)
+        logger = logging.getLogger(f"cosim.fmu.{name}")
+        logger.setLevel(logging.DEBUG)
+        logger.propagate = False
+        logger.addHandler(_Forward(parent))
+
+    def answer(self, batch: Sequence[tuple[Any, ...]]) -> tuple[Any, ...]:
+        """Make calls in order; return ("done", results), or ("failed", ...) with the first error."""
+        results = []
+        for index, (what, *arguments) in enumerate(batch):
+            self._counter[0] = min(index, 255)  # the counter keeps this value after a crash
+            try:
+                results.append(self._call(what, arguments))
+            except EightpostError as error:
+                return "failed", type(error).__name__, str(error), self._component.usable
+        return "done", results
+
+    def _call(self, what: str, arguments: Sequence[Any]) -> Any:
+        if what == "save":
+            self._states[arguments[0]] = self._component.save()
+        elif what == "restore":
+            self._component.restore(self._states[arguments[0]])
+        elif what == "free":
+            self._component.free(self._states.pop(arguments[0]))
+        else:
+            if what == "begin":
+                self._states.clear()
+            result = getattr(self._component, what)(*arguments)
+            if what == "finish":
+                _flush()
+            return result
+        return None
+
+
+class _Forward(logging.Handler):
+    """Log handler that sends messages at once, so that the last messages before a crash arrive."""
+
+    def __init__(self, parent: ParentChannel) -> None:
+        super().__init__()
+        self._parent = parent
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Send one message."""
+        self._parent.notify((record.levelno, record.getMessage()))
+
+
+def _flush() -> None:
+    """Flush the FMU's output from the C library's buffer, if this process shares that library."""
+    with suppress(Exception):
+        ctypes.CDLL(None).fflush(None)
+
+
+if __name__ == "__main__":
+    serve(*sys.argv[1:])
