@@ -10,9 +10,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from builder.check.groups import GROUPS
 from builder.check.probes.library import FREEING_NOTHING
-from builder.check.rules import RULES, Finding, Rule, listed
+from builder.check.rules import GROUPS, RULES, Finding, Rule, listed
 from eightpost.errors import EightpostError
 from eightpost.workers.process import python_command, run
 

@@ -8,16 +8,22 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from builder.check.groups import GROUPS
+from builder.check.archive import Subject, read_subject
+from builder.check.description import static_findings
 from builder.check.probes.bench import REACH
 from builder.check.probes.library import binary_members, platform_folders
 from builder.check.process import Outcome, Unpacked, in_an_empty_folder, surroundings
-from builder.check.report import CheckReport
-from builder.check.rules import Finding, Level, Scope, Skipped
-from builder.check.static import static_findings
-from builder.check.subject import Subject, read_subject
+from builder.check.rules import (
+    GROUPS,
+    CheckReport,
+    Finding,
+    Level,
+    Scope,
+    Skipped,
+    finding_in_version_3,
+    text_in_version_3,
+)
 from builder.check.tools import rebuild, tool_findings
-from builder.check.version3 import finding_in_version_3, text_in_version_3
 from eightpost.errors import FmuError
 from eightpost.files import sha256_of
 

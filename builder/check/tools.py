@@ -22,7 +22,7 @@ from eightpost.fmi.description import BUILD
 from eightpost.workers.process import python_command, run
 
 if TYPE_CHECKING:  # the process that compiles would spend a second on its imports
-    from builder.check.subject import Subject
+    from builder.check.archive import Subject
 
 # ---- Checkers -------------------------------------------------------------------------------------------------------
 

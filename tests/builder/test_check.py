@@ -13,10 +13,10 @@ import pytest
 from click.testing import CliRunner
 
 from builder.check import CATALOGUE, GROUPS, Level, Scope, check, process, tools
+from builder.check.archive import read_subject
+from builder.check.description import _integers, units_of
 from builder.check.rules import findings
-from builder.check.static.variables import _integers, units_of
-from builder.check.subject import read_subject
-from builder.native.toolchain import this_platform
+from builder.toolchain import this_platform
 from eightpost.app.check import check as command
 from eightpost.archive import read_archive, write_archive
 from eightpost.errors import EightpostError, FmuError

@@ -10,7 +10,7 @@ import pytest
 from fmpy import read_model_description
 
 from builder.build import build
-from builder.fmu.interface import source_folder
+from builder.interface import source_folder
 from eightpost import units
 from eightpost.shock import LAWS, write_shock
 from eightpost.vehicle import shipped

@@ -10,8 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TextIO
 
-from builder.check.probes.bench import Bench, Result, Results, Skip
-from builder.check.probes.instance import CallError, TerminatedError
+from builder.check.probes.bench import Bench, CallError, Result, Results, Skip, TerminatedError
 from builder.check.probes.library import MissingFunctionError
 from builder.check.rules import RULES, Finding
 

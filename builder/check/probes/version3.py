@@ -8,10 +8,8 @@ from collections.abc import Iterator, Sequence
 from ctypes import c_char_p, c_double, c_size_t, c_uint
 from typing import Any
 
-from builder.check.probes.bench import Bench, Results, Skip
-from builder.check.probes.instance import CallError, Instance, refused
-from builder.check.probes.library import CO_SIMULATION, MODEL_EXCHANGE, MissingFunctionError
-from builder.check.probes.library3 import TYPES, Library3
+from builder.check.probes.bench import Bench, CallError, Instance, Results, Skip, refused
+from builder.check.probes.library import CO_SIMULATION, MODEL_EXCHANGE, TYPES, Library3, MissingFunctionError
 from builder.check.rules import RULES, Finding, listed
 from eightpost.fmi.description import Variable, whole_number
 
