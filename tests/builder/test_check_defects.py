@@ -1,7 +1,6 @@
 """Seeded defects: each is added to a copy of a native FMU, and `check` must find it with the right rule.
 
-Defects of modelDescription.xml and of the C code are in check_defects.toml, those of model exchange in
-check_defects_exchange.toml; defects of the archive are in this file.
+Defects of modelDescription.xml and of the C code are in check_defects.toml, defects of the archive in this file.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ from .check_defects import (
     without,
 )  # fmt: skip
 
-TABLES = defects.read_tables("check_defects.toml", "check_defects_exchange.toml")
+TABLES = defects.read_tables("check_defects.toml")
 
 LINUX, WINDOWS, MAC = "binaries/linux64/lpnl2.so", "binaries/win64/lpnl2.dll", "binaries/darwin64/lpnl2.dylib"
 WIN32, ARM, ARM_MAC = (
