@@ -158,10 +158,10 @@ GROUPS = {
     "steps": Group("steps from 1e-7 s to 0.05 s in irregular order, from another start time", "simulation"),
     "instances": Group("instances: two interleaved, fifty at once, four threads, 300 created and freed", "instances"),
     "footprint": Group("effects of steps on the process: locale, standard output, memory", "instances"),
-    "surroundings": Group("an empty environment, a read-only folder, a path with special characters"),
+    "surroundings": Group("an empty environment, a read-only folder, a path with special characters", "simulation"),
     "ports": Group("signs and energy of shocks and vehicles with velocity/force ports", "simulation"),
     "reference": Group("reference results in extra/, computed again", "simulation"),
-    "rebuild": Group("sources compiled with `fmpy compile`, and outputs compared"),
+    "rebuild": Group("sources compiled, and outputs compared"),
 }
 
 

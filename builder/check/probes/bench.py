@@ -279,6 +279,10 @@ class _Timing:
         return self.start + point * self.step
 
 
+#: Binaries of which there has been an instance in this process.
+_USED: set[Path] = set()
+
+
 class Bench:
     """An unpacked FMU with its binary loaded.
 
@@ -303,7 +307,6 @@ class Bench:
         self._sines = [_sine_of(variable) for variable in self.inputs]
         timing = _timing(self.description)
         self.timing = timing if reach is None else replace(timing, count=max(1, min(timing.count, reach)))
-        self._used = False
 
     @property
     def birth(self) -> Birth:
@@ -317,9 +320,9 @@ class Bench:
         Raises:
             CallError: fmi2Instantiate returned NULL.
         """
-        if self._used and self.description.can("canBeInstantiatedOnlyOncePerProcess"):
+        if self.library.path in _USED and self.description.can("canBeInstantiatedOnlyOncePerProcess"):
             self.library = self.library.again()  # with new static memory, as in another process
-        self._used = True
+        _USED.add(self.library.path)
         created = Instance(self.library, birth or self.birth)
         if created.address is None:
             raise CallError(f"fmi2Instantiate returned NULL{created.last_message()}")

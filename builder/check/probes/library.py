@@ -91,6 +91,7 @@ class Library:
     """
 
     version = 2  #: Version of FMI.
+    calls = 0  #: Number of calls that were begun in this process.
 
     def __init__(self, path: Path, progress: Path) -> None:
         self.path, self.progress = path, progress
@@ -116,6 +117,7 @@ class Library:
 
     def begin(self, call: str) -> None:
         """Record the name of a call before it is made."""
+        Library.calls += 1
         text = call.encode()[:500]
         self._progress[: len(text) + 1] = text + b"\0"
 

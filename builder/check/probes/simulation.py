@@ -283,7 +283,7 @@ def _is_at_rest(bench: Bench, inputs: Values, start: float, outputs: Values) -> 
 # ---- Digest of the outputs, to compare a run with the same run elsewhere --------------------------------------------
 
 
-def probe_trace(bench: Bench) -> Results:
+def probe_surroundings(bench: Bench) -> Results:
     """Run and yield the digest of the outputs."""
     with bench.running() as instance:
         rows = [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, bench.all_points())]
