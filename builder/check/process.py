@@ -130,13 +130,12 @@ def trace(unpacked: Unpacked, folder: Path, environment: Mapping[str, str] | Non
     return _run(["surroundings"], unpacked, folder, environment)[0][1]
 
 
-def surroundings(unpacked: Unpacked) -> Outcome:
+def surroundings(unpacked: Unpacked, plain: Outcome) -> Outcome:
     """Compare runs in unusual surroundings with a plain one."""
+    if not plain.completed:
+        return plain
     with tempfile.TemporaryDirectory(prefix="eightpost_folder_") as name:
         folder = Path(name)
-        plain = trace(unpacked, folder)
-        if not plain.completed:
-            return plain
         bare = folder / "read-only"
         bare.mkdir(mode=0o555)
         needed = {name: os.environ[name] for name in ("SYSTEMROOT",) if name in os.environ}

@@ -141,7 +141,7 @@ GROUPS = {
         "exchange",
     ),
     "reset": Group(
-        "reset after changed parameters and inputs, and after twice the default experiment, then the same run again",
+        "reset after changed parameters and inputs, and after the default experiment, then the same run again",
         "instances",
     ),
     "state": Group("FMU state: rollback; serialized, restored in another instance and another process", "instances"),

@@ -124,11 +124,14 @@ def _outcomes(subject: Subject, selected: list[str], unpacked: Unpacked) -> dict
 
     Valid calls share a process, so that an FMU is loaded and Python starts once; invalid ones share another.
     """
-    apart = {"surroundings": lambda: surroundings(unpacked), "rebuild": lambda: rebuild(subject, unpacked)}
-    others = [group for group in selected if group not in (*apart, "simulation")]
-    misuses = [group for group in others if GROUPS[group].crash == "crash-misuse"]
-    outcomes = dict(probed(["simulation", *(group for group in others if group not in misuses)], unpacked))
-    first = outcomes["simulation"]
+    apart = {
+        "surroundings": lambda: surroundings(unpacked, plain),
+        "rebuild": lambda: rebuild(subject, unpacked, plain),
+    }
+    misuses = [group for group in selected if GROUPS[group].crash == "crash-misuse"]
+    shared = [group for group in selected if group not in ("simulation", "rebuild", "surroundings", *misuses)]
+    outcomes = dict(probed(["simulation", *(["surroundings"] if apart.keys() & selected else []), *shared], unpacked))
+    first, plain = outcomes["simulation"], outcomes.pop("surroundings", Outcome())
     if not first.completed:
         return outcomes
     if REACH in first.values:

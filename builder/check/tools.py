@@ -135,12 +135,12 @@ def _errors_logged(name: str) -> Iterator[list[str]]:
 # ---- Sources, compiled and compared with the binary -----------------------------------------------------------------
 
 _TIMEOUT, _TRIAL_TIMEOUT = 120.0, 30.0  # s
-_OPTIONS = ("-shared", "-fPIC", "-O1", "-w", "-ffp-contract=off",
+_OPTIONS = ("-shared", "-fPIC", "-w", "-ffp-contract=off",
             "-DFMI2_OVERRIDE_FUNCTION_PREFIX", "-DFMI3_OVERRIDE_FUNCTION_PREFIX")  # fmt: skip
 
 
-def rebuild(subject: Subject, unpacked: Unpacked) -> Outcome:
-    """Compile the sources with the C compiler of this machine, and compare a run with one of the FMU's binary."""
+def rebuild(subject: Subject, unpacked: Unpacked, plain: Outcome) -> Outcome:
+    """Compile the sources with the C compiler of this machine, and compare a run with that of the FMU's binary."""
     fmu = subject.description
     if fmu is None or not fmu.sources.files:
         return Outcome(skipped=(("", "no sources are listed"),))
@@ -167,7 +167,6 @@ def rebuild(subject: Subject, unpacked: Unpacked) -> Outcome:
         command = [compiler, *_OPTIONS, *definitions, *includes, *fmu.sources.files, "-o", str(binary), "-lm"]
         if message := _run(command, copy / "sources", _TIMEOUT):
             return Outcome((RULES["sources-compile"].finding(message),))
-        plain = trace(unpacked, folder)
         return Outcome(tuple(differences(RULES["rebuilt-same"], plain, trace(replace(unpacked, folder=copy), folder))))
 
 

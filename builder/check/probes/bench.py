@@ -222,8 +222,15 @@ class Instance:
         return status, list(values)
 
 
+#: Arrays of value references by the variables' references: each step needs those of inputs and outputs.
+_ARRAYS: dict[tuple[str, ...], Any] = {}
+
+
 def _references(variables: Sequence[Variable]) -> Any:
-    return (c_uint * len(variables))(*(int(variable.reference) for variable in variables))
+    key = tuple([variable.reference for variable in variables])
+    if key not in _ARRAYS:
+        _ARRAYS[key] = (c_uint * len(key))(*map(int, key))
+    return _ARRAYS[key]
 
 
 def status_name(status: int) -> str:

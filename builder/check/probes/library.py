@@ -6,6 +6,7 @@ import ctypes
 import mmap
 import os
 import platform
+import re
 import shutil
 import sys
 import tempfile
@@ -28,6 +29,7 @@ from ctypes import (
     c_void_p,
 )
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import urlparse
@@ -101,6 +103,7 @@ class Library:
             stream.flush()
             self._progress = mmap.mmap(stream.fileno(), 512)
         self._functions: dict[str, Any] = {}
+        self._called: dict[str, Any] = {}  # by the names of FMI 2.0
         self.begin(f"loading {path.name}")
         self._library = ctypes.CDLL(str(path), mode=getattr(os, "RTLD_NOW", 0) | getattr(os, "RTLD_LOCAL", 0))
 
@@ -115,10 +118,10 @@ class Library:
     def _copied(self, path: Path) -> Library:
         return Library(path, self.progress)
 
-    def begin(self, call: str) -> None:
+    def begin(self, call: str, note: str = "") -> None:
         """Record the name of a call before it is made."""
         Library.calls += 1
-        text = call.encode()[:500]
+        text = f"{call}{note}".encode()[:500]
         self._progress[: len(text) + 1] = text + b"\0"
 
     def call(self, name: str, *arguments: Any, note: str = "") -> int:
@@ -127,8 +130,10 @@ class Library:
         Raises:
             MissingFunctionError: The function is not exported.
         """
-        function = self.function(name)
-        self.begin(f"fmi2{name}{note}")
+        function = self._called.get(name)
+        if function is None:
+            function = self._called[name] = self.function(name)
+        self.begin(f"fmi2{name}", note)
         return int(function(*arguments) or 0)
 
     def function(self, name: str) -> Any:
@@ -231,7 +236,11 @@ class _Live:
     slopes: dict[int, float] = field(default_factory=dict)
     begin: float = 0.0
     requests: list[float] = field(default_factory=list)
-    step: Step3 | None = None
+
+    def __post_init__(self) -> None:
+        #: eventHandlingNeeded, terminateSimulation, earlyReturn and lastSuccessfulTime of the last step.
+        self.results = c_bool(), c_bool(), c_bool(), c_double()
+        self.pointers = tuple(map(ctypes.byref, self.results))
 
 
 class Library3(Library):
@@ -262,17 +271,14 @@ class Library3(Library):
         return getattr(self, f"_{name}", None) or self.native(function_name(name))
 
     def last_step(self, address: int | None) -> Step3:
-        """Return what the last step of an instance reported; it must have been called."""
-        step = self._of(address).step
-        assert step is not None
-        return step
+        """Return what the last step of an instance reported."""
+        live = self._of(address)
+        event, terminate, early, last = (result.value for result in live.results)
+        return Step3(event, terminate, early, last, tuple(live.requests))
 
-    def begin(self, call: str) -> None:
+    def begin(self, call: str, note: str = "") -> None:
         """Record the name of a call before it is made, with the function of FMI 3.0."""
-        name, blank, note = call.removeprefix("fmi2").partition(" ")
-        plain, bracket, rest = name.partition("(")
-        translated = f"fmi3{function_name(plain)}{bracket}{rest}" if call.startswith("fmi2") else f"{name}"
-        super().begin(f"{translated}{blank}{note}")
+        super().begin(_name_3(call), note)
 
     def _of(self, address: int | None) -> _Live:
         return self._live.setdefault(address or 0, _Live())
@@ -327,7 +333,7 @@ class Library3(Library):
         """Set or get variables one after another if a type has several types in FMI 3.0."""
         if references is None or values is None:
             return int(self.native(f"{way}{_USUAL[kind]}")(address, references, count, None, count))
-        natives = [self._native_of(references[k], kind) for k in range(count)]
+        natives = [self._native_of(reference, kind) for reference in references[:count]]
         if kind == "Real" and way == "Set":
             self._of(address).inputs.update((references[k], values[k]) for k in range(count))
         if kind in ("Real", "String") and set(natives) <= {_USUAL[kind]}:
@@ -343,8 +349,8 @@ class Library3(Library):
 
     def _native_of(self, reference: int, kind: str) -> str:
         native = self._natives.get(reference, "")
-        kinds = {"Integer": ("Integer", "Enumeration")}.get(kind, (kind,))
-        return native if OLD_TYPES.get(native) in kinds else _USUAL[kind]
+        old = OLD_TYPES.get(native)
+        return native if old == kind or (kind, old) == ("Integer", "Enumeration") else _USUAL[kind]
 
     def _SetRealInputDerivatives(self, address: int, references: Any, count: int, orders: Any, slopes: Any) -> int:  # noqa: N802
         if references is None or orders is None or slopes is None:
@@ -382,19 +388,19 @@ class Library3(Library):
 
     def _DoStep(self, address: int, time: float, h: float, final: int) -> int:  # noqa: N802
         live = self._of(address)
-        live.begin, live.requests = time, []
-        event, terminate, early, last = c_bool(), c_bool(), c_bool(), c_double(time)
-        flags = ctypes.byref(event), ctypes.byref(terminate), ctypes.byref(early)
-        status = int(self.native("DoStep")(address, time, h, bool(final), *flags, ctypes.byref(last)))
+        live.begin = time
+        live.requests.clear()
+        event, terminate, early, last = live.results
+        event.value = terminate.value = early.value = False
+        last.value = time
+        status: int = self.native("DoStep")(address, time, h, bool(final), *live.pointers)
         for reference, slope in live.slopes.items():
             live.inputs[reference] = live.inputs.get(reference, self._start(reference)) + slope * h
         live.slopes.clear()
-        live.step = Step3(event.value, terminate.value, early.value, last.value, tuple(live.requests))
         return max(status, DISCARD) if terminate.value else status
 
     def _GetBooleanStatus(self, address: int, kind: int, value: Any) -> int:  # noqa: N802
-        step = self._of(address).step
-        value._obj.value = int(kind == TERMINATED and step is not None and step.terminate)
+        value._obj.value = int(kind == TERMINATED and self._of(address).results[1].value)
         return 0
 
     # ---- Model exchange --------------------------------------------------------------------------------------------
@@ -413,6 +419,12 @@ class Library3(Library):
         status = int(self.native("CompletedIntegratorStep")(address, bool(final), *map(ctypes.byref, flags)))
         enter._obj.value, end._obj.value = (int(flag.value) for flag in flags)
         return status
+
+
+@cache
+def _name_3(call: str) -> str:
+    name, mark, rest = re.fullmatch(r"(\w*)(\W?)(.*)", call, re.DOTALL).groups()  # type: ignore[union-attr]
+    return f"fmi3{function_name(name[4:])}{mark}{rest}" if name.startswith("fmi2") else call
 
 
 def _path_of(resources: bytes) -> bytes:
