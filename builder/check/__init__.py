@@ -11,6 +11,7 @@ from pathlib import Path
 
 from builder.check.rules import (
     GROUPS,
+    LIMITS,
     RULES,
     CheckReport,
     Finding,
@@ -27,6 +28,7 @@ CATALOGUE = tuple(RULES.values())
 __all__ = [
     "CATALOGUE",
     "GROUPS",
+    "LIMITS",
     "CheckReport",
     "Finding",
     "Level",

@@ -10,7 +10,7 @@ import xml.etree.ElementTree as ET
 import zipfile
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -52,6 +52,7 @@ class Binary:
     undefined: frozenset[str] = frozenset()
     libraries: tuple[str, ...] = ()
     glibc: tuple[int, int] = (0, 0)
+    faults: Mapping[str, str] = field(default_factory=dict)  # by rule; of ELF files
 
     def exports_without(self, identifier: str) -> frozenset[str]:
         """Return the exports without the prefix for static linking."""
@@ -120,7 +121,41 @@ def _elf(name: str, platform: str, elf: Any, size: int) -> Binary:
         undefined=frozenset(str(s.name) for s in dynamic if s.shndx == 0 and s.name),
         libraries=tuple(str(library) for library in elf.libraries),
         glibc=max(versions, default=(0, 0)),
+        faults={
+            "executable-stack": "" if _has_data_stack(elf) else "its stack is executable",
+            "runpath": some(_own_paths(elf), "it searches "),
+            "processor": _processor_needed(elf),
+        },
     )
+
+
+def _has_data_stack(elf: Any) -> bool:
+    """Return whether the file asks for a stack that is not executable; without a statement it is executable."""
+    stacks = [s for s in elf.segments if s.type == lief.ELF.Segment.TYPE.GNU_STACK]
+    return bool(stacks) and not any(int(s.flags) & 1 for s in stacks)
+
+
+def _own_paths(elf: Any) -> list[str]:
+    """Return the folders in which the file searches libraries, except those beside it."""
+    kinds = (lief.ELF.DynamicEntry.TAG.RUNPATH, lief.ELF.DynamicEntry.TAG.RPATH)
+    paths = [path for entry in elf.dynamic_entries if entry.tag in kinds for path in entry.paths]
+    return [str(path) for path in paths if not str(path).startswith("$ORIGIN")]
+
+
+#: Moves and arithmetic of doubles: in AVX, and in SSE2, which each x86-64 processor has; a question for abilities.
+_AVX = re.compile(rb"\xc5.[\x10\x11\x28\x29\x58\x59\x5c\x5e\x6f\x7f]|\xc4[\xe2\xc2].[\x98-\xbf]", re.DOTALL)
+_SSE = re.compile(rb"[\xf2\x66]\x0f[\x10\x11\x28\x29\x51\x58\x59\x5c\x5e]")
+_ASKS = b"\x0f\xa2"
+_FEW = 4
+
+
+def _processor_needed(elf: Any) -> str:
+    """Return what the code needs of an x86-64 processor beyond the first ones: AVX only, and no question for it."""
+    code = b"".join(bytes(s.content) for s in elf.sections if s.name == ".text")
+    if _machine(elf.header.machine_type) != "x86_64" or _ASKS in code:
+        return ""
+    needs_avx = len(_AVX.findall(code)) >= _FEW and not _SSE.search(code)
+    return "its arithmetic needs AVX, and it does not ask whether the processor has it" if needs_avx else ""
 
 
 def _version(text: str) -> tuple[int, int]:
@@ -275,6 +310,7 @@ def entries(subject: Subject) -> Faults:
     folded = Counter(name.casefold() for name in counts)
     alike = sorted(name for name in counts if folded[name.casefold()] > 1)
     yield "archive-case", some(alike, after=" are the same file on some systems")
+    yield "archive-windows", some(name for name in counts if _is_refused_by_windows(name))
     plain = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
     odd = (entry.filename for entry in subject.entries if entry.compress_type not in plain)
     yield "archive-compression", some(odd, "compressed with other methods: ")
@@ -287,9 +323,23 @@ def entries(subject: Subject) -> Faults:
         yield "archive-stray", some(sorted(foreign), "unknown: ")
     if subject.xml_error:
         yield "xml-wellformed", f"{subject.xml_error}; its content could not be checked"
+    head = subject.members.get(XML, b"")[:4]
+    if head.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in head:
+        yield "xml-encoding", "it is UTF-16 or UTF-32"
     declared = _DECLARATION.match(subject.members.get(XML, b"").removeprefix(b"\xef\xbb\xbf"))
     if declared and declared[1].lower() not in (b"utf-8", b"utf8"):
         yield "xml-encoding", f"it declares {declared[1].decode('latin-1')}"
+
+
+#: Names that Windows reserves, characters that it forbids, and the length of an entry that leaves 60 characters of its
+#: 260 for the folder of a host.
+_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
+_FORBIDDEN, _LONGEST = re.compile(r'[<>:"|?*\x00-\x1f]|[ .]$'), 200
+
+
+def _is_refused_by_windows(name: str) -> bool:
+    parts = PurePosixPath(name).parts
+    return len(name) > _LONGEST or any(_RESERVED.fullmatch(part) or _FORBIDDEN.search(part) for part in parts)
 
 
 # ---- Documents, sources, reference results --------------------------------------------------------------------------
@@ -493,6 +543,7 @@ def binaries(subject: Subject, fmu: Description) -> Faults:
             yield "glibc", f"{binary.name} needs GLIBC {binary.glibc[0]}.{binary.glibc[1]}"
     for binary in sound:
         yield from _runtimes(binary, fmu)
+        yield from ((rule, fault and f"{binary.name}: {fault}") for rule, fault in binary.faults.items())
 
 
 def _presence(subject: Subject, fmu: Description) -> Faults:

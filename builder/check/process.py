@@ -16,8 +16,9 @@ from builder.check.rules import GROUPS, RULES, Finding, Rule, listed
 from eightpost.errors import EightpostError
 from eightpost.workers.process import python_command, run
 
-#: Longest processor time of a valid and of an invalid call [s], and time for a process [s].
-_PATIENCE, _MISUSE_PATIENCE, _TIMEOUT = 15.0, 5.0, 900.0
+#: Longest processor time of a valid and of an invalid call, and that of all groups; time for a process [s].
+_PATIENCE, _MISUSE_PATIENCE, _BUDGET, _TIMEOUT = 6.0, 0.7, 8.0, 900.0
+_LEAST = 1.0  # s of processor time with which another process begins
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,7 @@ class Outcome:
     #: Pairs of a skipped part and the reason; an empty part stands for the whole group.
     skipped: tuple[tuple[str, str], ...] = ()
     completed: bool = True  #: Whether the group finished.
+    used: float = 0.0  #: Processor time of the process, if it was ended because groups take too long [s].
     values: Mapping[str, str] = field(default_factory=dict)  #: Measured values by name.
 
 
@@ -40,31 +42,43 @@ class Unpacked:
 
 
 def probed(groups: Sequence[str], unpacked: Unpacked) -> Iterator[tuple[str, Outcome]]:
-    """Run the probes of groups in a process with an empty working folder; yield the outcome of each that was begun.
+    """Run the probes of groups in a process with empty folders; yield the outcome of each that was begun.
 
-    After a crash, the groups that are left run in another process, except after a crash of `simulation`. A file in the
-    folder is a finding.
+    After a crash, the groups that are left run in another process, except after a crash of `simulation`. Files left in
+    the working folder or in that of temporary files are findings.
 
     Raises:
         EightpostError: A process ended before it loaded the FMU.
     """
-    remaining = list(groups)
+    remaining, budget = list(groups), _BUDGET
     while remaining:
         with tempfile.TemporaryDirectory(prefix="eightpost_folder_") as name:
-            folder = Path(name)
-            outcomes = _run(remaining, unpacked, folder)
-            files = sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
+            folders = {"working-folder": Path(name) / "work", "temporary-files": Path(name) / "temporary"}
+            for folder in folders.values():
+                folder.mkdir()
+            temporary = dict.fromkeys(("TMPDIR", "TMP", "TEMP"), str(folders["temporary-files"]))
+            outcomes = _run(remaining, unpacked, folders["working-folder"], {**os.environ, **temporary}, budget)
+            files = {rule: sorted(str(path.relative_to(f)) for path in f.rglob("*")) for rule, f in folders.items()}
         (last, outcome), remaining = outcomes[-1], remaining[len(outcomes) :]
-        if files and outcome.completed:  # after a crash, the system may write files such as core
-            stray = RULES["working-folder"].finding(f"it left {listed(files)}")
-            outcomes[-1] = last, replace(outcome, findings=(*outcome.findings, stray))
+        if outcome.completed:  # after a crash, the system may write files such as core
+            stray = tuple(RULES[rule].finding(f"it left {listed(names)}") for rule, names in files.items() if names)
+            outcomes[-1] = last, replace(outcome, findings=(*outcome.findings, *stray))
         yield from outcomes
+        budget -= outcome.used
+        if budget < _LEAST:
+            skipped = Outcome(skipped=(("", "it would take too much processor time"),))
+            yield from ((group, skipped) for group in remaining)
+            return
         if last == "simulation" and not outcome.completed:
             return
 
 
 def _run(
-    groups: Sequence[str], unpacked: Unpacked, folder: Path, environment: Mapping[str, str] | None = None
+    groups: Sequence[str],
+    unpacked: Unpacked,
+    folder: Path,
+    environment: Mapping[str, str] | None = None,
+    budget: float = _BUDGET,
 ) -> list[tuple[str, Outcome]]:
     """Run the probes of groups in a process; return the outcomes of those that were begun, of which the last may fail.
 
@@ -74,7 +88,7 @@ def _run(
     with tempfile.NamedTemporaryFile(prefix="eightpost_call_") as progress:
         patience = _MISUSE_PATIENCE if GROUPS[groups[0]].crash == "crash-misuse" else _PATIENCE
         reach = "" if unpacked.reach is None else str(unpacked.reach)
-        words = (str(unpacked.folder), progress.name, str(patience), reach, *groups)
+        words = (str(unpacked.folder), progress.name, str(patience), str(budget), reach, *groups)
         ran = run(python_command("builder.check.probes", *words), _TIMEOUT, folder=folder, environment=environment)
         call = Path(progress.name).read_bytes().partition(b"\0")[0].decode("utf-8", "replace")
     outcomes, hung = _read(ran.output)
@@ -116,6 +130,7 @@ def _outcome(entries: Sequence[dict[str, Any]]) -> Outcome:
         tuple(RULES[e["rule"]].finding(e["message"]) for e in entries if "rule" in e),
         tuple((e["skipped"], e["reason"]) for e in entries if "skipped" in e),
         any(e.get("completed") for e in entries),
+        next((e["used"] for e in entries if "used" in e), 0.0),
         {e["value"]: e["is"] for e in entries if "value" in e},
     )
 

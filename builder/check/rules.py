@@ -81,6 +81,12 @@ def _rules() -> Iterator[Rule]:
             yield Rule(identifier, Level(level), *texts)
 
 
+#: What a check cannot see.
+LIMITS = (
+    "not seen: whether the model is right, how binaries for other platforms run, and what depends on the date, on the "
+    "machine, or on inputs and times other than those of the check"
+)
+
 #: All rules by identifier.
 RULES = {rule.identifier: rule for rule in _rules()}
 
@@ -131,6 +137,9 @@ GROUPS = {
         "simulation: start values, constant inputs, then a sine on every input, twice, with and without logs",
         "simulation",
     ),
+    "inputs": Group(
+        "inputs kept after initialization and after steps; tunable parameters changed between steps", "simulation"
+    ),
     "state_machine": _misuse("calls in the wrong order, invalid steps, stop time, locked variables, GUID", "misuse"),
     "values": _misuse("unknown references, NaN, infinity and out-of-range values", "misuse"),
     "null": _misuse("NULL arguments", "misuse"),
@@ -157,7 +166,7 @@ GROUPS = {
     ),
     "steps": Group("steps from 1e-7 s to 0.05 s in irregular order, from another start time", "simulation"),
     "instances": Group("instances: two interleaved, fifty at once, four threads, 300 created and freed", "instances"),
-    "footprint": Group("effects of steps on the process: locale, standard output, memory", "instances"),
+    "footprint": Group("effects on the process: locale, folder, signals, streams, arithmetic, memory", "instances"),
     "surroundings": Group("an empty environment, a read-only folder, a path with special characters", "simulation"),
     "ports": Group("signs and energy of shocks and vehicles with velocity/force ports", "simulation"),
     "reference": Group("reference results in extra/, computed again", "simulation"),

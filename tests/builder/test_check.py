@@ -307,6 +307,18 @@ def test_a_hang_is_a_finding(python_fmus, tmp_path, monkeypatch):
     assert ["did not end within 1 s of processor time" in finding.message for finding in report.findings] == [True]
 
 
+@pytest.mark.slow
+def test_an_fmu_that_is_slow_is_skipped_from_there_on_without_a_finding(python_fmus, tmp_path, monkeypatch):
+    monkeypatch.setattr(process, "_BUDGET", 1.6)
+    slow = in_slave(b"def advance(self, step):", b"def advance(self, step):\n        sum(range(300000))")
+    path = altered(python_fmus["lpnl2"], tmp_path / "lpnl2.fmu", slow)
+    report = check(path, groups=("simulation", "reset", "steps", "instances"))
+    assert rules(report) == set()
+    reasons = {skipped.what: skipped.reason for skipped in report.skipped}
+    assert "too much processor time" in reasons["simulation: remaining calls"]
+    assert "too much processor time" in reasons["instances"]
+
+
 @pytest.mark.parametrize("unit", SI_UNITS)
 def test_correct_si_exponents_of_a_unit_are_accepted_and_others_reported(unit, fmus, tmp_path):
     def described(exponents):

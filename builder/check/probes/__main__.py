@@ -1,4 +1,4 @@
-"""Command `python -m builder.check.probes FMU PROGRESS PATIENCE REACH GROUP...`, which prints JSON lines."""
+"""Command `python -m builder.check.probes FMU PROGRESS PATIENCE BUDGET REACH GROUP...`, which prints JSON lines."""
 
 from __future__ import annotations
 
@@ -13,34 +13,38 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from builder.check.probes.bench import REACH, Bench, CallError, Measured, Result, Results, Skip, TerminatedError
+from builder.check.probes.instances import process_state
 from builder.check.probes.library import Library, MissingFunctionError
 from builder.check.rules import GROUPS, RULES, Finding
 
-#: Time that a group may take [s of processor time], and that a call may take that uses none [s].
-_BUDGET, _STILL = 10.0, 60.0
+#: Time that a call may take that uses no processor time [s].
+_STILL = 60.0
 _LOOK = 0.2  # s
 
 
-def main(folder: Path, progress: Path, patience: float, reach: int | None, groups: list[str]) -> None:
+def main(folder: Path, progress: Path, patience: float, budget: float, reach: int | None, groups: list[str]) -> None:
     """Run the probes of groups in turn; everything that the FMU itself prints goes to stderr.
 
     Args:
         folder: Folder of the unpacked FMU.
         progress: File for the name of the current call.
         patience: Longest processor time of a call [s].
+        budget: Processor time for all groups, of which one may take half [s].
         reach: Number of steps after which the FMU ends the simulation itself; None if it does not.
         groups: Names of groups. If the first one, `simulation`, fails, the others do not run.
     """
     channel = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
-    threading.Thread(target=_watch, args=(channel, patience), daemon=True).start()
+    os.environ["LC_ALL"] = "C.UTF-8"  # a call of setlocale(LC_ALL, "") selects it; Python starts with "C"
+    process = process_state()
+    threading.Thread(target=_watch, args=(channel, patience, budget), daemon=True).start()
     for group in groups:
         _write(channel, group=group)
         probe: Callable[[Bench], Results] = getattr(
             importlib.import_module(f"builder.check.probes.{GROUPS[group].module}"), f"probe_{group}"
         )
         completed = True
-        for result in _results(probe, folder, progress, reach):
+        for result in _results(probe, folder, progress, reach, process):
             completed &= not isinstance(result, Stopped)
             reach = int(result.value) if isinstance(result, Measured) and result.name == REACH else reach
             _write(channel, **_line(result))
@@ -53,9 +57,9 @@ class Stopped(Finding):
     """A finding after which the group cannot go on."""
 
 
-def _results(probe: Callable[[Bench], Results], folder: Path, progress: Path, reach: int | None) -> Iterator[Result]:
+def _results(probe: Callable[[Bench], Results], *bench_of: Any) -> Iterator[Result]:
     try:
-        bench = Bench(folder, progress, reach)
+        bench = Bench(*bench_of)
         try:
             yield from probe(bench)
         except TerminatedError as error:
@@ -74,8 +78,8 @@ def _undeclared(bench: Bench) -> Iterator[Finding]:
         yield RULES["log-undeclared"].finding(f"it uses the category {name!r}")
 
 
-def _watch(channel: TextIO, patience: float) -> None:
-    """End the process if a call does not return, or if a group takes too long."""
+def _watch(channel: TextIO, patience: float, budget: float) -> None:
+    """End the process if a call does not return, or if groups take too long."""
     call, began, still = -1, 0.0, 0.0
     while True:
         time.sleep(_LOOK)
@@ -83,12 +87,11 @@ def _watch(channel: TextIO, patience: float) -> None:
         if Library.calls != call:
             call, began, still = Library.calls, busy, now
         if busy - began > patience or now - still > _STILL:
-            how = f"{patience:g} s of processor time" if busy - began > patience else f"{_STILL:g} s"
-            _write(channel, hung=how)
+            _write(channel, hung=f"{patience:g} s of processor time" if busy - began > patience else f"{_STILL:g} s")
             os._exit(1)
-        if busy - _started > _BUDGET:
-            _write(channel, skipped="remaining calls", reason=f"they take more than {_BUDGET:g} s of processor time")
-            _write(channel, completed=True)
+        if busy > budget or busy - _started > 0.5 * budget:
+            _write(channel, skipped="remaining calls", reason="they would take too much processor time")
+            _write(channel, completed=True, used=busy)
             os._exit(1)
 
 
@@ -113,5 +116,5 @@ def _write(channel: TextIO, **line: Any) -> None:
 
 if __name__ == "__main__":
     words = sys.argv[1:]
-    main(Path(words[0]), Path(words[1]), float(words[2]), int(words[3]) if words[3] else None, words[4:])
+    main(Path(words[0]), Path(words[1]), *map(float, words[2:4]), int(words[4]) if words[4] else None, words[5:])
     os._exit(0)  # skip the exit handlers of loaded libraries, whose errors are not caused by the FMU

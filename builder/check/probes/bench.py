@@ -6,7 +6,7 @@ import ctypes
 import math
 import random
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from ctypes import c_char_p, c_double, c_int, c_int64, c_size_t, c_uint, c_uint64, c_void_p
 from dataclasses import dataclass, replace
@@ -297,13 +297,16 @@ class Bench:
         folder: Folder of the unpacked FMU.
         progress: File for the name of the current call.
         reach: Number of steps after which the FMU ends the simulation itself; None if it does not.
+        process: State of the process before an FMU was loaded.
 
     Raises:
         OSError: There is no binary for this platform, or it cannot be loaded.
     """
 
-    def __init__(self, folder: Path, progress: Path, reach: int | None = None) -> None:
-        self.folder = folder
+    def __init__(
+        self, folder: Path, progress: Path, reach: int | None = None, process: Mapping[str, str] | None = None
+    ) -> None:
+        self.folder, self.process = folder, process or {}
         self.description: Description = read_description(ET.parse(folder / "modelDescription.xml").getroot())
         binary = binary_path(folder, self.description.identifier, self.description.fmi)
         if binary is None:

@@ -246,7 +246,7 @@ def _arrays(host: Host) -> Iterator[Finding]:
 
 
 def _repeated(host: Host) -> Iterator[Finding]:
-    """Evaluate two points in turns."""
+    """Evaluate two points in turns, and change the inputs alone."""
     with host.continuous() as instance:
         if instance is None:
             return
@@ -259,6 +259,14 @@ def _repeated(host: Host) -> Iterator[Finding]:
             yield RULES["derivatives-repeatable"].finding(
                 "the same inputs and states gave other derivatives or outputs after others"
             )
+        elif host.inputs:
+            host.go(instance, *second)
+            expected = host.go(instance, second[0], first[1])
+            for point in (second, first):
+                host.go(instance, *point)
+            instance.set_reals(host.inputs, second[0])
+            if [*host.vector(instance, "GetDerivatives"), *instance.reals(host.bench.outputs)] != expected:
+                yield RULES["derivatives-repeatable"].finding("a change of inputs alone is ignored or used late")
 
 
 def _evaluations(host: Host, instance: Instance, base: tuple[Values, Values]) -> Callable[[int, float], Values]:

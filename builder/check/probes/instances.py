@@ -111,6 +111,10 @@ def _fifty(bench: Bench, alone: list[Values]) -> Iterator[Finding]:
         yield RULES["fifty-instances"].finding("their outputs differ from those of one alone")
 
 
+def _descriptors() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
 def _instance_growth(bench: Bench) -> Iterator[Finding]:
     def cycle() -> None:
         with bench.running() as instance:
@@ -118,10 +122,12 @@ def _instance_growth(bench: Bench) -> Iterator[Finding]:
 
     for _ in range(_WARM_CYCLES):
         cycle()
-    before = _resident()
+    before, files = _resident(), _descriptors()
     for _ in range(_CYCLES):
         cycle()
-    grown = _resident() - before
+    grown, opened = _resident() - before, _descriptors() - files
+    if opened >= _CYCLES // 2:
+        yield RULES["descriptors"].finding(f"after {_CYCLES} instances {opened} more descriptors are open")
     if grown > _INSTANCE_GROWTH:
         yield RULES["growth"].finding(f"creating and freeing {_CYCLES} instances leaked {grown / 1e6:.1f} MB")
 
@@ -249,22 +255,42 @@ _STEP_GROWTH = 1.5e5  # bytes in each of two blocks: 50 bytes per step, more tha
 
 def probe_footprint(bench: Bench) -> Results:
     """Compare the process before and after a run, and over many steps."""
-    os.environ["LC_ALL"] = "C.UTF-8"  # a call of setlocale(LC_ALL, "") selects it; Python starts with "C"
-    before = locale.setlocale(locale.LC_ALL)
     with _standard_output() as caught:
         with bench.running() as instance:
             bench.run(instance, bench.excitation, bench.all_points())
             instance.need("Terminate")
         printed = _read(caught)
-    after = locale.setlocale(locale.LC_ALL)
-    if after != before:
-        yield RULES["locale"].finding(f"a run changed it from {before!r} to {after!r}")
+    for what, after in process_state().items():
+        if after != (before := bench.process[what]):
+            rule = RULES["locale" if what == "locale" else "process-state"]
+            yield rule.finding(f"it changed the {what} from {before} to {after}")
     if printed:
         text = printed[:80].decode("utf-8", "replace")
         yield RULES["standard-output"].finding(
             f"a run of {bench.timing.count} steps printed {len(printed)} bytes, starting with {text!r}"
         )
     yield from _step_growth(bench) if sys.platform == "linux" else [Skip("memory is only measured on Linux", "memory")]
+
+
+def process_state() -> dict[str, str]:
+    """Return what belongs to the host: locale, working folder, signals, standard streams, arithmetic."""
+    state = {"locale": locale.setlocale(locale.LC_ALL), "working folder": str(Path.cwd())}
+    tiny, one = sys.float_info.min, float(len("1"))
+    state["small numbers"] = "0" if tiny / 2 == 0.0 else "numbers"
+    state["rounding"] = "to nearest" if one + 1e-30 == one == one - 1e-30 and -one - 1e-30 == -one else "in a direction"
+    for number, name in enumerate(("standard input", "standard output", "standard error")):
+        try:
+            status = os.fstat(number)
+            state[name] = f"file {status.st_dev}:{status.st_ino}"
+        except OSError:
+            state[name] = "closed"
+    masks = {"SigIgn": "ignored signals", "SigCgt": "handled signals", "SigBlk": "blocked signals"}
+    with suppress(OSError):  # Linux
+        for line in Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines():
+            name, _, mask = line.partition(":")
+            if name in masks:
+                state[masks[name]] = listed([str(k + 1) for k in range(64) if int(mask, 16) >> k & 1]) or "none"
+    return state
 
 
 @contextmanager
@@ -340,6 +366,8 @@ def probe_state(bench: Bench) -> Results:
     yield from _rollback(bench)
     yield from _start(bench)
     yield from _freed(bench)
+    if sys.platform == "linux":
+        yield from _state_growth(bench)
     if bench.description.can("canSerializeFMUstate"):
         yield from _serialized(bench)
     else:
@@ -385,6 +413,21 @@ def _freed(bench: Bench) -> Iterator[Finding]:
             yield RULES["state-freed"].finding("the pointer is not NULL after fmi2FreeFMUstate")
         elif refused(instance.call("FreeFMUstate", ctypes.byref(state), note=" of NULL")):
             yield RULES["state-freed"].finding("fmi2FreeFMUstate of NULL is rejected")
+
+
+_STATES, _STATE_GROWTH = 1000, 5e4  # states, and bytes in each of two blocks of them
+
+
+def _state_growth(bench: Bench) -> Iterator[Finding]:
+    with bench.running() as instance:
+        sizes = []
+        for count in (_STATES // 10, _STATES, _STATES):
+            for _ in range(count):
+                state = instance.state()
+                instance.call("FreeFMUstate", ctypes.byref(state))
+            sizes.append(_resident())
+    if (grown := min(after - before for before, after in itertools.pairwise(sizes))) > _STATE_GROWTH:
+        yield RULES["state-growth"].finding(f"{_STATES} states that were freed leaked {grown / 1e6:.2f} MB")
 
 
 def _serialized(bench: Bench) -> Iterator[Finding]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 import mmap
 import os
 import platform
@@ -200,6 +201,8 @@ def platform_folders(fmi: int) -> tuple[str, ...]:
 Logger3 = ctypes.CFUNCTYPE(None, c_void_p, c_int, c_char_p, c_char_p)
 Update = ctypes.CFUNCTYPE(None, c_void_p, c_double, c_bool, c_bool, c_bool, c_bool, POINTER(c_bool), POINTER(c_double))
 
+Clock = ctypes.CFUNCTYPE(None, c_void_p)
+
 TYPES: Final[dict[str, Any]] = {
     "Float64": c_double, "Float32": c_float, "Int8": c_int8, "UInt8": c_uint8, "Int16": c_int16, "UInt16": c_uint16,
     "Int32": c_int32, "UInt32": c_uint32, "Int64": c_int64, "UInt64": c_uint64, "Boolean": c_bool, "String": c_char_p,
@@ -247,6 +250,7 @@ class Library3(Library):
     """A loaded binary of FMI 3.0; `call` and `function` take names and arguments of FMI 2.0."""
 
     version = 3
+    unset = False  #: Value of the flags that a step returns before the FMU sets them.
 
     def __init__(self, description: Description, path: Path, progress: Path) -> None:
         super().__init__(path, progress)
@@ -293,7 +297,7 @@ class Library3(Library):
         log = Logger3(lambda _environment, status, category, text: logger(None, b"", status, category, text))
         update = Update(lambda *arguments: self._update(live, *arguments))
         live.callbacks = (log, update)
-        place = _path_of(resources)
+        place = path_of(resources)
         if kind == CO_SIMULATION:
             required = self.intermediate_inputs
             references = (c_uint * len(required))(*required)
@@ -391,8 +395,8 @@ class Library3(Library):
         live.begin = time
         live.requests.clear()
         event, terminate, early, last = live.results
-        event.value = terminate.value = early.value = False
-        last.value = time
+        event.value = terminate.value = early.value = self.unset
+        last.value = math.nan if self.unset else time
         status: int = self.native("DoStep")(address, time, h, bool(final), *live.pointers)
         for reference, slope in live.slopes.items():
             live.inputs[reference] = live.inputs.get(reference, self._start(reference)) + slope * h
@@ -427,7 +431,7 @@ def _name_3(call: str) -> str:
     return f"fmi3{function_name(name[4:])}{mark}{rest}" if name.startswith("fmi2") else call
 
 
-def _path_of(resources: bytes) -> bytes:
+def path_of(resources: bytes) -> bytes:
     """Return the path of a folder with a separator at its end (FMI 3.0) from its URI (FMI 2.0)."""
     from urllib.request import url2pathname  # noqa: PLC0415 -- a third of a probe's start, also of FMI 2.0
 

@@ -49,6 +49,7 @@ _CONVERSION = re.compile(rb"%[-+ #0]*\d*(\.\d+)?(l|ll|h|z)?[diufFeEgGxXsScp]")
 
 def probe_simulation(bench: Bench) -> Results:
     """Simulate and check start values, outputs, repeatability and log messages."""
+    yield from _versions(bench)
     with bench.instance(replace(bench.birth, logging=True)) as instance:
         bench.initialize(instance)
         reached = _count_steps(bench, instance, bench.held)
@@ -72,6 +73,18 @@ def probe_simulation(bench: Bench) -> Results:
     if first and differ(first, second):
         yield RULES["deterministic"].finding("a second run in the same process gave different outputs")
     yield from _messages(messages)
+
+
+def _versions(bench: Bench) -> Iterator[Finding]:
+    """Compare what the binary says about itself with the description."""
+    stated = bench.description.attributes.get("fmiVersion", "")
+    returned = {name: (bench.library.native(name)() or b"").decode("utf-8", "replace")
+                for name in ("GetVersion", "GetTypesPlatform")[: 4 - bench.description.fmi]}  # fmt: skip
+    version = returned["GetVersion"]
+    if version != stated and (bench.description.fmi == 2 or version.split(".")[:2] != stated.split(".")[:2]):
+        yield RULES["version-string"].finding(f"it returns {version!r}, the description states {stated!r}")
+    if returned.get("GetTypesPlatform", "default") != "default":
+        yield RULES["types-platform"].finding(f"it returns {returned['GetTypesPlatform']!r}")
 
 
 def _count_steps(bench: Bench, instance: Instance, signal: Callable[[float], Values]) -> int:
@@ -175,6 +188,79 @@ def _is_unformatted(message: Message) -> bool:
 
 def _shown(text: bytes) -> str:
     return text.decode("utf-8", "replace").strip()[:200]
+
+
+# ---- Inputs and tunable parameters ----------------------------------------------------------------------------------
+
+_FEW, _SOME, _MOST_TUNED = 5, 50, 20  # steps, steps, parameters
+
+
+def probe_inputs(bench: Bench) -> Results:
+    """Set inputs once, and tunable parameters between steps."""
+    yield from _kept(bench)
+    parameters = [v for v in bench.description.of("parameter") if v.variability == "tunable"][:_MOST_TUNED]
+    idle = [variable.name for variable in parameters if _is_idle(bench, variable)]
+    if idle:
+        yield RULES["tunable-used"].finding(f"without effect between steps, but with one before: {listed(idle)}")
+
+
+def _kept(bench: Bench) -> Iterator[Finding]:
+    """Compare steps after inputs that are set in initialization mode only with steps before each of which they are."""
+    values = [other_value(variable, random.Random(4)) for variable in bench.inputs]
+    rows: list[list[Values]] = []
+    read: list[Values] = []
+    try:
+        for is_repeated in (True, False):
+            with bench.instance() as instance:
+                bench.enter(instance)
+                bench.drive(instance, values)
+                instance.need("ExitInitializationMode")
+                read = [instance.reals(bench.inputs)]
+                rows.append([])
+                for point in range(min(_FEW, bench.timing.count)):
+                    if is_repeated:
+                        bench.drive(instance, values)
+                    step(instance, bench.timing.at(point), bench.timing.step)
+                    rows[-1].append(instance.reals(bench.outputs))
+                read.append(instance.reals(bench.inputs))
+    except CallError:
+        return  # other probes report this
+    for when, found in zip(("at the end of initialization", "in a step"), read, strict=True):
+        if lost := [v.name for v, a, b in zip(bench.inputs, values, found, strict=True) if abs(a - b) > 1e-6 * abs(a)]:
+            yield RULES["inputs-kept"].finding(f"changed {when}: {listed(lost)}")
+            return
+    if differ(*rows) > _EQUAL:
+        yield RULES["inputs-kept"].finding("outputs differ from those after the same inputs are set before each step")
+
+
+_EQUAL = 1e-9
+
+
+def _is_idle(bench: Bench, variable: Variable) -> bool:
+    """Return whether a parameter has an effect if it is set before the first step, and none if it is set after two."""
+    value = next(
+        (v for k in range(9) if (v := other_value(variable, random.Random(k))) != variable.number("start")), 0.0
+    )
+    try:
+        plain, early, late = (_tuned(bench, variable, value, at) for at in (None, 0, 2))
+    except CallError:
+        return False  # it contradicts another parameter
+    return differ(plain, early) > _EQUAL and plain == late
+
+
+def _tuned(bench: Bench, variable: Variable, value: float, at: int | None) -> list[Values]:
+    """Return the outputs of a run in which a parameter is set in initialization mode (0) or after some steps."""
+    rows = []
+    with bench.instance() as instance:
+        bench.enter(instance)
+        for point in range(min(_SOME, bench.timing.count) + 1):
+            if point == 1:
+                instance.need("ExitInitializationMode")
+            if point == at and refused(instance.set(variable, value)):
+                raise CallError(f"{variable.name} was rejected")
+            if point:
+                rows += bench.run(instance, bench.excitation, range(point - 1, point))
+    return rows
 
 
 # ---- Steps of irregular length, also from other start times ---------------------------------------------------------
