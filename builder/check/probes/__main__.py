@@ -34,11 +34,14 @@ def main(folder: Path, progress: Path, patience: float, budget: float, reach: in
         groups: Names of groups. If the first one, `simulation`, fails, the others do not run.
     """
     channel = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)
+    errors = os.dup(2)
+    os.dup2(errors, 1)
     os.environ["LC_ALL"] = "C.UTF-8"  # a call of setlocale(LC_ALL, "") selects it; Python starts with "C"
     process = process_state()
     threading.Thread(target=_watch, args=(channel, patience, budget), daemon=True).start()
     for group in groups:
+        for stream in (1, 2):  # an FMU may have closed it, and the next file would take its place
+            os.dup2(errors, stream)
         _write(channel, group=group)
         probe: Callable[[Bench], Results] = getattr(
             importlib.import_module(f"builder.check.probes.{GROUPS[group].module}"), f"probe_{group}"
