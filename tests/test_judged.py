@@ -15,9 +15,8 @@ from hypothesis import strategies as st
 from scipy.io import loadmat
 
 from builder.build import product_of
-from builder.documents.reference import Disclosure
-from builder.documents.validity import combined_member, validity_member
-from builder.native.native_fmu import without_binaries
+from builder.native_fmu import without_binaries
+from builder.reference import Disclosure, combined_member, validity_member
 from eightpost.errors import InputError
 from eightpost.ident.dyno_report.entry import entry_of_shock
 from eightpost.ident.dyno_report.page import report_verdict

@@ -117,7 +117,7 @@ def _shock(path: Path) -> Any:
 def _shock_origin(path: Path) -> Any:
     """Read a shock file as a build does: create its product and its documents."""
     from builder.build import product_of  # noqa: PLC0415
-    from builder.documents.archive import open_shock_origin  # noqa: PLC0415
+    from builder.documents import open_shock_origin  # noqa: PLC0415
     from eightpost.shock import read_shock  # noqa: PLC0415
 
     product_of(path)
@@ -157,8 +157,8 @@ def _fmu(path: Path) -> Any:
 
 
 def _check(path: Path) -> Any:
-    from builder.check.static import static_findings  # noqa: PLC0415
-    from builder.check.subject import read_subject  # noqa: PLC0415
+    from builder.check.archive import read_subject  # noqa: PLC0415
+    from builder.check.description import static_findings  # noqa: PLC0415
 
     return list(static_findings(read_subject(path)))
 

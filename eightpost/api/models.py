@@ -236,7 +236,7 @@ def build(
         >>> shock.path
     """
     from builder.build import build as build_fmus
-    from builder.documents.reference import Disclosure
+    from builder.reference import Disclosure
 
     several = isinstance(sources, Sequence) and not isinstance(sources, str)
     if several and not sources:

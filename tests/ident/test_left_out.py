@@ -8,8 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from builder.documents.reference import Disclosure
-from builder.documents.validity import validity_member
+from builder.reference import Disclosure, validity_member
 from eightpost.ident import fit_shock
 from eightpost.ident.shock.problem import blocks_of
 from eightpost.ident.shock.result import _by_speed

@@ -9,11 +9,9 @@ from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import Any
 
-from builder.documents.page import Contents, page, terminals_and_icons
-from builder.documents.picture import LOOP_FREQUENCY, shock_picture, vehicle_picture
-from builder.documents.reference import SECRET, Disclosure, Subject, customary, quantity, results
-from builder.documents.validity import validity_member
-from builder.fmu.interface import source_folder
+from builder.interface import source_folder
+from builder.page import LOOP_FREQUENCY, Contents, page, shock_picture, terminals_and_icons, vehicle_picture
+from builder.reference import SECRET, Disclosure, Subject, customary, quantity, results, validity_member
 from eightpost import units
 from eightpost.extras import needs
 from eightpost.report.static import Column, Picture, Section, bullets, paragraph, table

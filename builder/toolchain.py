@@ -18,7 +18,7 @@ from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 
-from builder.fmu.interface import source_folder
+from builder.interface import source_folder
 from eightpost.cache import cache_folder, digest, keep, recall
 from eightpost.errors import FmuError
 from eightpost.extras import MissingExtraError, install_command

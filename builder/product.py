@@ -1,4 +1,4 @@
-"""The content of an FMU, for any target: an interface, and the shock or vehicle that it represents."""
+"""What an FMU is built from: a shock or vehicle, its variables, its states."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from builder.fmu.interface import (
+from builder.interface import (
     Interface,
     Variable,
     friction_ports,

@@ -9,8 +9,8 @@ from itertools import groupby
 
 import numpy as np
 
-from builder.fmu.interface import PORT_PARAMETERS, Interface, Variable, friction_ports, spring_ports
-from builder.fmu.product import BEYOND_SETTINGS
+from builder.interface import PORT_PARAMETERS, Interface, Variable, friction_ports, spring_ports
+from builder.product import BEYOND_SETTINGS
 from eightpost.array_types import Array
 from eightpost.shock import Settings, ShockLaw
 from eightpost.shock.curve import KNOTS

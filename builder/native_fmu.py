@@ -14,12 +14,11 @@ from pathlib import Path
 
 import builder
 import eightpost
-from builder.documents.reference import SECRET, Disclosure, Subject
-from builder.fmu.description import Description, content_guid, model_description
-from builder.fmu.interface import Interface, source_folder
-from builder.fmu.product import Product
-from builder.native.tables import interface_header, interface_source, kept_numbers, layout, settings_data, vehicle_data
-from builder.native.toolchain import Library, Toolchain, compile_libraries, fmi_headers, headers_of
+from builder.interface import Description, Interface, content_guid, model_description, source_folder
+from builder.product import Product
+from builder.reference import SECRET, Disclosure, Subject
+from builder.tables import interface_header, interface_source, kept_numbers, layout, settings_data, vehicle_data
+from builder.toolchain import Library, Toolchain, compile_libraries, fmi_headers, headers_of
 from eightpost import __version__
 from eightpost.cache import digest, keep, recall
 from eightpost.progress import Progress
@@ -307,7 +306,7 @@ def _unpacked(content: bytes) -> dict[str, dict[str, bytes]]:
 
 
 def _without_binaries(product: Product, disclosure: Disclosure, fmi: int) -> Source:
-    from builder.documents.archive import documents  # noqa: PLC0415 -- drawing starts slowly, and most FMUs are kept
+    from builder.documents import documents  # noqa: PLC0415 -- drawing starts slowly, and most FMUs are kept
 
     visible = _visible(product.interface, disclosure)
     # By default, a shock has the name of its record, which is confidential.
