@@ -28,8 +28,8 @@ from eightpost.shock import Port, Shock, read_shock, write_shock
 from eightpost.shock.fit_uncertainty import fitted_parameters
 from eightpost.validity import MEMBER, Range, Validity, judged
 from eightpost.vehicle import Friction, IdentifiedVehicle, add_port_damping, read_vehicle, shipped, write_vehicle
-from eightpost.vehicle.bristle import Bristle
-from eightpost.vehicle.storage import from_document
+from eightpost.vehicle.friction import Bristle
+from eightpost.vehicle.vehicles import from_document
 from eightpost.verdict import Grade, Reason, Verdict, digest_of, edits_in
 
 SHIPPED = Path(__file__).parents[1] / "examples"

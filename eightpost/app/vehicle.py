@@ -47,7 +47,7 @@ def vehicle(path: Path, parameter: str | None, factors: str, names: tuple[str, .
     from eightpost.ident.vehicle.magnitude_plots import plot_magnitudes
     from eightpost.ident.vehicle.parameter_study import frequencies_to, variants_of
     from eightpost.vehicle import StructuralVehicle, read_vehicle
-    from eightpost.vehicle.plausibility import doubts
+    from eightpost.vehicle.structural import doubts
 
     frequency = frequencies_to(high)
     car = read_vehicle(path)

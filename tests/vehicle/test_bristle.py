@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 
 from eightpost.errors import FileFormatError, ParameterError
 from eightpost.vehicle import Bristle, Friction, IdentifiedVehicle, read_vehicle, shipped, write_vehicle
-from eightpost.vehicle.bristle import deflection_after, sliding_deflection
 from eightpost.vehicle.compiled import deflections
+from eightpost.vehicle.friction import deflection_after, sliding_deflection
 
 LAW = Bristle(200.0, 1e-4, 1.2, 0.01)
 LAWS = st.builds(Bristle, st.floats(1.0, 500.0), st.floats(1e-6, 1e-3), st.floats(1.0, 2.0), st.floats(1e-3, 0.1))

@@ -23,7 +23,7 @@ from eightpost.ident.response import FrequencyResponse, frequency_response, read
 from eightpost.validity import judged
 from eightpost.vehicle import IdentifiedVehicle, read_vehicle
 from eightpost.vehicle.statespace import Channel
-from eightpost.vehicle.storage import document
+from eightpost.vehicle.vehicles import document
 
 # ==== Models and responses: MATLAB, modal analysis (universal files) and python-control ==============================
 # MATLAB files (version 5) have the property names of MATLAB's own objects:

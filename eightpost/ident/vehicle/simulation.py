@@ -17,7 +17,7 @@ from eightpost.shock import ShockLaw
 from eightpost.shock.law import State
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace, kernel
-from eightpost.vehicle.bristle import deflection_after
+from eightpost.vehicle.friction import deflection_after
 
 
 def ports_of(model: StateSpace) -> tuple[str, ...]:

@@ -29,7 +29,7 @@ from eightpost.vehicle import (
     shipped,
     write_vehicle,
 )
-from eightpost.vehicle.storage import from_document
+from eightpost.vehicle.vehicles import from_document
 
 DAMPING = {"": 3000.0}
 

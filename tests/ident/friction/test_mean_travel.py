@@ -11,7 +11,7 @@ import pytest
 from eightpost.ident.vehicle import plan
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.port_search import about_loads, about_tests
-from eightpost.vehicle import Friction, IdentifiedVehicle, LinearStepper, QuarterCar, quarter_car
+from eightpost.vehicle import Friction, IdentifiedVehicle, LinearStepper, QuarterCar
 from eightpost.vehicle import friction as port_friction
 
 #: Spring of the true car: k1 d + k2 d^2.
@@ -25,7 +25,7 @@ def travel(load: float) -> float:
 
 def car_about(load: float) -> IdentifiedVehicle:
     """Return the car as tests with this mean load find it."""
-    model = quarter_car.with_damper(QuarterCar(300.0, 40.0, K1 + 2.0 * K2 * travel(load), 220e3, 1500.0))
+    model = QuarterCar(300.0, 40.0, K1 + 2.0 * K2 * travel(load), 220e3, 1500.0).with_damper()
     return IdentifiedVehicle("car", model, {"": 1500.0}, friction={"": Friction(20.0, 0.004, spring=K2)})
 
 
@@ -65,7 +65,7 @@ def test_a_car_about_the_loads_of_a_drive_is_the_one_that_tests_with_these_loads
 
 def test_a_car_without_a_state_without_loads_is_unchanged():
     """The force in extension, k1 d - k2 d^2, is at most k1^2 / 4 k2."""
-    model = quarter_car.with_damper(QuarterCar(300.0, 40.0, K1, 220e3, 1500.0))
+    model = QuarterCar(300.0, 40.0, K1, 220e3, 1500.0).with_damper()
     car = IdentifiedVehicle("car", model, {"": 1500.0}, friction={"": Friction(spring=K2)})
     assert about_tests(car, {"aero_force": 1.01 * K1**2 / (4.0 * K2)}) is car
 
