@@ -13,7 +13,7 @@ from dissertation.effort import Effort
 from dissertation.findings import Findings
 from dissertation.plots import FREQUENCY, Line, Plot, decibel_axis, decibels, figure_of
 from eightpost.array_types import Array, Complex
-from eightpost.ident.response import HighResidual, LowResidual
+from eightpost.ident.vehicle.frequency_response import HighResidual, LowResidual
 from eightpost.report.charts import Figure
 from eightpost.units import si_factor
 from eightpost.vehicle import (

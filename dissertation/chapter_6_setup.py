@@ -16,7 +16,7 @@ from dissertation.findings import Findings
 from dissertation.plots import TIME, Line, Plot, figure_of
 from dissertation.rig_bench import EIGHT_POST, tests
 from eightpost.array_types import Array, Complex
-from eightpost.ident.response.frequency_response import feedback_paths
+from eightpost.ident.vehicle.frequency_response import feedback_paths
 from eightpost.ident.vehicle.siso_models import AEROLOADERS, WHEELLOADERS
 from eightpost.report.charts import Axis
 from eightpost.report.tables import ResultTable

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eightpost.corners import CORNERS
-from eightpost.ident.vehicle.many_setups import ManySetups
+from eightpost.ident.vehicle.simulation import ManySetups
 from eightpost.rig.post import stand_in_truth
 from eightpost.shock import read_shock
 from eightpost.signals import read_series

@@ -22,7 +22,7 @@ from cosim.study.result import StudyResult
 from cosim.study.study import Build, Drive, Study, Vehicle
 from cosim.study.table import Provenance, result_table, study_schema
 from eightpost.corners import CORNERS
-from eightpost.ident.response import FrequencyResponse, response_of, write_response
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, response_of, write_response
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, write_fit
 from eightpost.shock import Lpnl2, Port, Shock, StaticCurve, write_shock
 from eightpost.signals import TimeSeries, write_series

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from cosim.results.result import SavedRun
     from cosim.session.master import Case
     from cosim.study import StudyResult
-    from eightpost.ident.vehicle import VehicleFit
+    from eightpost.ident.vehicle.vehicle_fit import VehicleFit
     from eightpost.rig import DynoTest, PeakVelocityTable
     from eightpost.rig.post import RigTest
     from eightpost.shock import Shock

@@ -18,7 +18,7 @@ from eightpost.drivefile.iteration import Outcome, Pass, Problem, Settings, Star
 from eightpost.drivefile.target import LimitHit, Limits, Target, at_rate, read_channels
 from eightpost.errors import DataError, FileFormatError, InputError, TooShortError, WrongSignError
 from eightpost.files import MALFORMED, atomic_path, check_schema, json_content, sha256_of
-from eightpost.ident.response import read_response, write_response
+from eightpost.ident.vehicle.frequency_response import read_response, write_response
 from eightpost.outputs import check_folder
 from eightpost.rig.post.program import Bench
 from eightpost.signals import ChannelMap, Drivefile, TimeSeries

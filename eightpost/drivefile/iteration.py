@@ -14,8 +14,8 @@ from eightpost.array_types import Array, Complex
 from eightpost.corners import channel
 from eightpost.drivefile.target import LimitHit, Limits, Lines, PassErrors, Target, pass_errors, within_limits
 from eightpost.errors import ParameterError
-from eightpost.ident.response import FrequencyResponse
-from eightpost.ident.vehicle.port_laws import bristle_force
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse
+from eightpost.ident.vehicle.simulation import bristle_force
 from eightpost.shock import ShockLaw
 from eightpost.signals import TimeSeries
 from eightpost.signals.filters import velocity_from_displacement

@@ -9,7 +9,7 @@ from cosim.session.master import ParameterSweep
 from cosim.study import StudyResult
 from cosim.study.choice.compare import RunComparison
 from eightpost.ident import ShockFit
-from eightpost.ident.vehicle import VehicleFit
+from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.rig import DynoTest
 from eightpost.rig.post import RigTest
 

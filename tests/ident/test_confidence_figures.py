@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import t as student
 
 from eightpost.ident.shock.problem import blocks_of, covariance, covariances, curve_band, quantile, standard_error
-from eightpost.ident.vehicle.common_poles.deviations import (
+from eightpost.ident.vehicle.common_poles import (
     correlation_length,
     response_deviation,
     sampled_models,
@@ -296,7 +296,7 @@ def test_the_band_of_the_fit_includes_its_edges():
 
 
 def test_the_requested_number_of_models_is_sampled(monkeypatch):
-    module = "eightpost.ident.vehicle.common_poles.deviations"
+    module = "eightpost.ident.vehicle.common_poles"
     monkeypatch.setattr(f"{module}._sampled", lambda _, noise: noise)
     rng = np.random.default_rng(2)
     shape = (2, 3, 4000)

@@ -11,11 +11,11 @@ import pytest
 
 from eightpost.corners import CORNERS
 from eightpost.errors import FileFormatError, InputError, ParameterError
-from eightpost.ident.response import contribution_error, response_of
+from eightpost.ident.vehicle.boggs import CHAPTER_4, CHAPTER_5, CHAPTER_6, Boggs, chapter_of
 from eightpost.ident.vehicle.experiment import Experiment, experiment_of, find_baseline
+from eightpost.ident.vehicle.frequency_response import contribution_error, response_of
 from eightpost.ident.vehicle.measured_levels import MeasuredLevels
-from eightpost.ident.vehicle.recipes import recipe
-from eightpost.ident.vehicle.recipes.boggs import CHAPTER_4, CHAPTER_5, CHAPTER_6, Boggs, chapter_of
+from eightpost.ident.vehicle.plan import recipe
 from eightpost.ident.vehicle.stability import closed_loop_stability
 from eightpost.ident.vehicle.trust import NOT_SIMULATED, UNUSABLE, Trust
 from eightpost.ident.vehicle.vehicle_fit import (

@@ -10,8 +10,7 @@ import pytest
 
 from eightpost.drivefile.iteration import _added_damping
 from eightpost.errors import InputError
-from eightpost.ident.vehicle.many_setups import ManySetups
-from eightpost.ident.vehicle.simulation import open_at_ports, port_by_port, simulate_with_shocks
+from eightpost.ident.vehicle.simulation import ManySetups, open_at_ports, port_by_port, simulate_with_shocks
 from eightpost.shock.file import read_shock
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import (

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eightpost.ident.response.estimators import _multiple_coherence, _response_variance, partial_coherence, regress
+from eightpost.ident.vehicle.estimators import _multiple_coherence, _response_variance, partial_coherence, regress
 
 
 @pytest.fixture(scope="module")

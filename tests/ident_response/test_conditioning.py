@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eightpost.errors import ParameterError
-from eightpost.ident.response import (
+from eightpost.ident.vehicle.frequency_response import (
     FrequencyResponse,
     HighResidual,
     LowResidual,

@@ -6,17 +6,9 @@ import numpy as np
 import pytest
 
 from eightpost.errors import InputError
-from eightpost.ident.response import (
-    H1,
-    Blocks,
-    FrequencyResponse,
-    LocalPolynomial,
-    Recipe,
-    SameDrive,
-    contribution_error,
-    estimate_response,
-    response_of,
-)
+from eightpost.ident.vehicle.estimators import H1, LocalPolynomial, Recipe, SameDrive, estimate_response
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, contribution_error, response_of
+from eightpost.ident.vehicle.records import Blocks
 
 from .rig_tests import Rig
 

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eightpost.ident.response import H1, LocalPolynomial
-from eightpost.ident.response.estimators import input_noise
-from eightpost.ident.response.records import Record, Records
+from eightpost.ident.vehicle.estimators import H1, LocalPolynomial, input_noise
+from eightpost.ident.vehicle.records import Record, Records
 from eightpost.vehicle import Channel
 
 RATE, COUNT = 125.0, 50_000

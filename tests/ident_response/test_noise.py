@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eightpost.ident.response import H1, Blocks, FrequencyResponse, LocalPolynomial, Recipe, estimate_response
+from eightpost.ident.vehicle.estimators import H1, LocalPolynomial, Recipe, estimate_response
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse
+from eightpost.ident.vehicle.records import Blocks
 from eightpost.signals import TimeSeries
 
 RATE, SAMPLES, GAIN = 100.0, 100_000, 3.0

@@ -7,15 +7,15 @@ import pytest
 from scipy.signal import residue
 
 from eightpost.errors import InputError, ParameterError, TooShortError
-from eightpost.ident.response import FrequencyResponse, response_of
-from eightpost.ident.vehicle import (
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, response_of
+from eightpost.ident.vehicle.simulation import simulate_with_shocks
+from eightpost.ident.vehicle.siso_models import (
     BandWeights,
     RationalFit,
     SisoFits,
     TransferFunction,
     has_direct_term,
     parallel_model,
-    simulate_with_shocks,
 )
 from eightpost.shock import Polylinear, StaticCurve
 from eightpost.signals import TimeSeries

@@ -10,11 +10,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from eightpost.errors import FmuError, InputError, ParameterError, StepError
-from eightpost.ident.response import FrequencyResponse, response_of
-from eightpost.ident.response.frequency_response import Preconditioning
-from eightpost.ident.vehicle import parallel_model, simulate_with_shocks
-from eightpost.ident.vehicle.many_setups import ManySetups
-from eightpost.ident.vehicle.siso_models import TransferFunction, balance
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, Preconditioning, response_of
+from eightpost.ident.vehicle.simulation import ManySetups, simulate_with_shocks
+from eightpost.ident.vehicle.siso_models import TransferFunction, balance, parallel_model
 from eightpost.shock import Lpf1, Lpnl2
 from eightpost.shock.file import read_shock
 from eightpost.signals import TimeSeries

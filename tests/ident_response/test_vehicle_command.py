@@ -10,8 +10,8 @@ from click.testing import CliRunner, Result
 
 from eightpost.__main__ import main
 from eightpost.errors import InputError
-from eightpost.ident.response import read_response
-from eightpost.ident.vehicle.parameter_study import vary
+from eightpost.ident.vehicle.frequency_response import read_response
+from eightpost.ident.vehicle.plots import variants_of
 from eightpost.vehicle import StructuralVehicle, read_vehicle, shipped
 
 F = np.linspace(0.1, 25.0, 500)
@@ -28,14 +28,15 @@ def _quarter_car() -> StructuralVehicle:
 
 
 def test_damping_reduces_the_resonance_and_increases_the_response_above_it_as_in_fig_4_2() -> None:
-    soft, hard = vary(_quarter_car(), "damping", [0.5, 3.0], F)
+    soft, hard = variants_of(_quarter_car(), "damping", [0.5, 3.0], F).values()
     low, high = (np.abs(variant.response.between("tire_force", "road")) for variant in (soft, hard))
     assert high[np.argmin(np.abs(F - 3.0))] < low[np.argmin(np.abs(F - 3.0))]
     assert high[np.argmin(np.abs(F - 8.0))] > low[np.argmin(np.abs(F - 8.0))]
 
 
 def test_stiffness_increases_the_frequency_and_reduces_the_damping_ratio_as_in_fig_4_4() -> None:
-    modes = [variant.modes[0] for variant in vary(_quarter_car(), "suspension_stiffness", [0.5, 1.0, 3.0], F)]
+    variants = variants_of(_quarter_car(), "suspension_stiffness", [0.5, 1.0, 3.0], F)
+    modes = [variant.modes[0] for variant in variants.values()]
     assert [m.frequency_hz for m in modes] == sorted(m.frequency_hz for m in modes)
     assert [m.damping_ratio for m in modes] == sorted((m.damping_ratio for m in modes), reverse=True)
 
@@ -92,4 +93,4 @@ def test_a_parameter_that_is_not_given_cannot_be_varied() -> None:
     car = read_vehicle(shipped("seven_dof"))
     assert isinstance(car, StructuralVehicle)
     with pytest.raises(InputError, match="cannot be varied"):
-        vary(car, "driver_ahead_of_cg", [1.0], F)
+        variants_of(car, "driver_ahead_of_cg", [1.0], F)

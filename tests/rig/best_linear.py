@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import decimate
 
-from eightpost.ident.response import LocalPolynomial, estimate_response
+from eightpost.ident.vehicle.estimators import LocalPolynomial, estimate_response
 from eightpost.rig.post import Actuators, LinearDamper, Run, random_drive, simulate, simulate_setups, track_drive
 from eightpost.rig.post.car import ride_heights
 from eightpost.rig.post.drivefiles import RATE

@@ -14,7 +14,7 @@ from eightpost.array_types import Array
 from eightpost.corners import CORNERS, channel
 from eightpost.errors import InputError, ParameterError
 from eightpost.ident.preparation import Prepared
-from eightpost.ident.response import FrequencyResponse
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse
 from eightpost.signals import TimeSeries
 from eightpost.signals.filters import lowpass
 

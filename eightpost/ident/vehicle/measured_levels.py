@@ -13,7 +13,7 @@ from eightpost.array_types import Array
 from eightpost.corners import channel
 from eightpost.errors import StepError
 from eightpost.ident.vehicle.experiment import Experiment, quantity
-from eightpost.ident.vehicle.many_setups import around_dampers, free_running, port_slope
+from eightpost.ident.vehicle.simulation import around_dampers, free_running, port_slope
 from eightpost.progress import parts
 from eightpost.signals import TimeSeries
 from eightpost.uncertainty import TOTAL, MeasuredLevel, MeasureUncertainty, band_shares, separation

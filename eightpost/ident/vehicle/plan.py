@@ -5,18 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from importlib import import_module
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
 from eightpost.corners import CORNERS, channel
+from eightpost.errors import ParameterError
 from eightpost.ident.preparation import Prepared
 from eightpost.ident.vehicle.experiment import Baseline, Experiment, find_baseline, quantity
-from eightpost.ident.vehicle.many_setups import port_slope
 from eightpost.ident.vehicle.port_search import about_tests
-from eightpost.ident.vehicle.recipes import recipe
+from eightpost.ident.vehicle.simulation import port_slope
 from eightpost.ident.vehicle.static_rating import StaticRating, rate_tests
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, with_validity
 from eightpost.rig.post import RigTest
@@ -400,6 +401,42 @@ def _is_same(records: Sequence[TimeSeries], name: str) -> bool:
         return False
     size = min(map(len, records))
     return bool(np.min(np.corrcoef([record[name][:size] for record in records])[0]) > _SAME)
+
+
+# ==== Recipes ========================================================================================================
+
+#: Modules of the recipes by name, each with its recipe as `RECIPE`; a module is imported when its recipe is requested.
+#: `eightpost identify` repeats the names.
+RECIPES = {
+    "boggs": "eightpost.ident.vehicle.boggs",
+    "common-poles": "eightpost.ident.vehicle.common_poles",
+    "grey-box": "eightpost.ident.grey_box.recipe",
+}
+
+
+class VehicleRecipe(Protocol):
+    """Method of identifying a vehicle from rig tests: a frozen dataclass of settings."""
+
+    def identify(self, tests: Sequence[TimeSeries], experiment: Experiment) -> VehicleFit:
+        """Identify a vehicle.
+
+        Args:
+            tests: Records of rig tests with the channels of the experiment, all at one sample rate, the baseline test
+                first. Each test may have any shocks.
+            experiment: Inputs, shock forces and outputs of the tests.
+
+        Raises:
+            InputError: Tests and experiment do not match, or the effects of the inputs cannot be separated.
+        """
+        ...
+
+
+def recipe(name: str) -> VehicleRecipe:
+    """Return the recipe with the given name and its default settings; ParameterError if there is none."""
+    if name not in RECIPES:
+        raise ParameterError(f"there is no recipe {name!r}; use one of {', '.join(RECIPES)}")
+    chosen: VehicleRecipe = import_module(RECIPES[name]).RECIPE
+    return chosen
 
 
 # ==== The plan =======================================================================================================

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from eightpost.array_types import Array, Complex
 from eightpost.corners import channel
 from eightpost.errors import TooShortError
-from eightpost.ident.response.records import Records, gather
 from eightpost.ident.threads import for_each
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.port_laws import bristle_force, direction
+from eightpost.ident.vehicle.records import Records, gather
+from eightpost.ident.vehicle.simulation import bristle_force, direction
 from eightpost.ident.vehicle.trust import SIGNIFICANT, ForceEstimate
 from eightpost.progress import parts, portion
 from eightpost.signals import TimeSeries

@@ -14,7 +14,7 @@ from scipy.sparse import coo_array, csr_array
 
 from eightpost.array_types import Array, Complex
 from eightpost.errors import InputError, ParameterError, TooShortError
-from eightpost.ident.response import FrequencyResponse
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse
 from eightpost.progress import parts
 from eightpost.vehicle.statespace import Channel, Mode, StateSpace
 

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from eightpost.corners import CORNERS, channel
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError, ParameterError, suggestion
 from eightpost.files import MALFORMED, atomic_path, check_schema, json_content, sha256_of
-from eightpost.ident.response import FrequencyResponse, read_response, response_of, write_response
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, read_response, response_of, write_response
 from eightpost.ident.vehicle.measured_levels import level_errors
 from eightpost.ident.vehicle.trust import UNUSABLE, OutputTrust, Trust
 from eightpost.labelled import Labelled, data_frame, dataset
@@ -269,7 +269,7 @@ class VehicleFit(Summarized):
         Raises:
             ParameterError: There is no such output.
         """
-        from eightpost.ident.vehicle.magnitude_plots import magnitudes  # noqa: PLC0415 -- matplotlib takes long to load
+        from eightpost.ident.vehicle.plots import magnitudes  # noqa: PLC0415 -- matplotlib takes long to load
         from eightpost.report.pictures import Picture  # noqa: PLC0415
 
         shown = output or max(self.residual, key=lambda name: self.residual[name])
@@ -279,6 +279,18 @@ class VehicleFit(Summarized):
         estimate = self.response.select(outputs=[shown])
         model = response_of(self.vehicle.state_space.select(outputs=[shown]), estimate.frequency)
         return Picture(magnitudes({"estimate": estimate, "model": model}, shown))
+
+    def write_plots(self, folder: Path, outputs: Literal["none", "main", "all"]) -> list[Path]:
+        """Write PNGs of the key outputs (main) or of all, and the stabilisation diagram; return their paths."""
+        from eightpost.ident.vehicle.plots import KEY_OUTPUTS, plot_fits, plot_stabilisation  # noqa: PLC0415 -- as in `plot`
+
+        names = [n for n in self.residual if outputs == "all" or (outputs == "main" and n.endswith(KEY_OUTPUTS))]
+        model = self.vehicle.state_space.select(outputs=names)
+        drawn = plot_fits(self.response.select(outputs=names), model, self.recipe, folder)
+        if outputs != "none" and self.trust is not None and self.trust.orders is not None:
+            drawn.append(folder / "stabilisation.png")
+            plot_stabilisation(self.trust.orders, drawn[-1])
+        return drawn
 
     def write(self, path: str | Path) -> Path:
         """Write the vehicle file (.json) that `build` makes an FMU of, with response and report beside it.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eightpost.ident.response import FrequencyResponse, response_of
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, response_of
 from eightpost.units import convert
 from eightpost.vehicle import StateSpace, add_port_damping, read_vehicle, shipped
 

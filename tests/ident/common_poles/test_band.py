@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eightpost.errors import ParameterError
-from eightpost.ident.response import FrequencyResponse
 from eightpost.ident.vehicle.experiment import CoherentBand
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse
 from eightpost.vehicle import Channel
 
 FREQUENCY = np.arange(0.1, 32.0, 0.1)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from eightpost.errors import InputError
-from eightpost.ident.response.estimators import powered
-from eightpost.ident.vehicle import Experiment
-from eightpost.ident.vehicle.common_poles import CommonPoleFit
-from eightpost.ident.vehicle.common_poles.deviations import Excitation, _relative, output_trust
+from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit
+from eightpost.ident.vehicle.common_poles import Excitation, _relative, output_trust
+from eightpost.ident.vehicle.estimators import powered
+from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import StateSpace, add_port_damping
 

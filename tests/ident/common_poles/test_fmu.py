@@ -9,8 +9,8 @@ import pytest
 
 import cosim
 from builder.build import build
-from eightpost.ident.vehicle import simulate_with_shocks
-from eightpost.ident.vehicle.common_poles import CommonPoleFit
+from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit
+from eightpost.ident.vehicle.simulation import simulate_with_shocks
 from eightpost.shock import Lpf1, Lpnl2, Polylinear, Shock, StaticCurve, write_shock
 from eightpost.signals import Drivefile, TimeSeries
 from eightpost.vehicle import Friction, IdentifiedVehicle, add_port_damping, discretise, write_vehicle

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from eightpost.errors import InputError, ParameterError
-from eightpost.ident.response import FrequencyResponse, response_of
-from eightpost.ident.vehicle.common_poles import CommonPoleFit, Refinement, response_deviation, sampled_models
-from eightpost.ident.vehicle.common_poles.deviations import correlation_length
-from eightpost.ident.vehicle.common_poles.points import Blocks, Feedthrough, points_of
-from eightpost.ident.vehicle.common_poles.refinement import curvature, evaluate
+from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit
+from eightpost.ident.vehicle.common_poles import correlation_length, response_deviation, sampled_models
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, response_of
+from eightpost.ident.vehicle.points import Blocks, Feedthrough, points_of
+from eightpost.ident.vehicle.refinement import Refinement, curvature, evaluate
 from eightpost.vehicle import StateSpace
 
 from .conftest import FREQUENCY, noisy

@@ -7,8 +7,8 @@ import warnings
 import numpy as np
 import pytest
 
-from eightpost.ident.response import FrequencyResponse, response_of
-from eightpost.ident.vehicle.common_poles import CommonPoleFit
+from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, response_of
 from eightpost.vehicle import StateSpace
 
 from .conftest import FREQUENCY

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eightpost.ident.response import FrequencyResponse, response_of
-from eightpost.ident.vehicle.common_poles import CommonPoleFit, Refinement
-from eightpost.ident.vehicle.common_poles.points import Blocks, points_of
-from eightpost.ident.vehicle.common_poles.refinement import FASTEST, plausibly_damped
+from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, response_of
+from eightpost.ident.vehicle.points import Blocks, points_of
+from eightpost.ident.vehicle.refinement import FASTEST, Refinement, plausibly_damped
 from eightpost.vehicle import Channel, StateSpace, discretise
 
 from .conftest import FREQUENCY, noisy

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eightpost.ident.vehicle.common_poles.common_pole_fit import _bring_to_rest
+from eightpost.ident.vehicle.common_pole_fit import _bring_to_rest
 from eightpost.vehicle.statespace import Channel, StateSpace
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eightpost.corners import CORNERS
-from eightpost.ident.vehicle.common_poles import Ranges
+from eightpost.ident.vehicle.experiment import Ranges
 from eightpost.ident.vehicle.stability import safe_slopes
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel, StateSpace

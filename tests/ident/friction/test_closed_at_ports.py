@@ -6,10 +6,10 @@ import pytest
 
 from eightpost.ident.validation.comparison import rig_record
 from eightpost.ident.validation.vehicles import validate_vehicle
-from eightpost.ident.vehicle import VehicleFit
+from eightpost.ident.vehicle.common_poles import CommonPoles
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.port_search import FrictionSearch
-from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
+from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.rig.post import NO_DRIFT, LinearDamper, RigSensors, RigTest, random_drive, run_test
 from eightpost.shock import Polylinear, StaticCurve
 from eightpost.signals import TimeSeries

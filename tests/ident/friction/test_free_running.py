@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
+from eightpost.ident.vehicle.common_poles import CommonPoles
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.many_setups import fault_in_simulation, free_running, with_dampers
-from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
+from eightpost.ident.vehicle.simulation import fault_in_simulation, free_running, with_dampers
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Bristle, Friction, IdentifiedVehicle, add_port_damping, read_vehicle, shipped
 
@@ -99,7 +99,7 @@ def test_the_recipe_falls_back_to_simpler_laws_if_a_car_cannot_be_simulated(
     def no_bristles(vehicle: IdentifiedVehicle, _tests: object) -> str | None:
         return "it failed" if any(law.bristle.force for law in vehicle.friction.values()) else None
 
-    monkeypatch.setattr("eightpost.ident.vehicle.recipes.common_poles.fault_in_simulation", no_bristles)
+    monkeypatch.setattr("eightpost.ident.vehicle.common_poles.fault_in_simulation", no_bristles)
     found = CommonPoles(samples=0).identify(rubbing, experiment)
     assert found.vehicle.friction[""].force > 0.8 * COULOMB
     assert not found.vehicle.friction[""].bristle.force

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from eightpost.errors import ParameterError
-from eightpost.ident.vehicle import simulate_with_shocks
+from eightpost.ident.vehicle.common_poles import CommonPoles
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.port_laws import direction, with_friction
+from eightpost.ident.vehicle.plan import recipe
 from eightpost.ident.vehicle.port_search import Band, ForceSolution, FrictionSearch, _BandFit, _estimate
-from eightpost.ident.vehicle.recipes import recipe
-from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
+from eightpost.ident.vehicle.simulation import direction, simulate_with_shocks, with_friction
 from eightpost.ident.vehicle.vehicle_fit import read_fit, write_fit
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eightpost.ident.vehicle.port_laws import bristle_force, with_friction, with_port_laws
+from eightpost.ident.vehicle.simulation import bristle_force, with_friction, with_port_laws
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Bristle, Friction
 from eightpost.vehicle.compiled import deflections

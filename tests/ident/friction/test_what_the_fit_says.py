@@ -7,12 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eightpost.ident.response import LocalPolynomial
-from eightpost.ident.vehicle.common_poles import CommonPoleFit
-from eightpost.ident.vehicle.common_poles.deviations import Excitation
+from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit
+from eightpost.ident.vehicle.common_poles import CommonPoles, Excitation
+from eightpost.ident.vehicle.estimators import LocalPolynomial
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.port_search import FrictionSearch, SpringSearch, nonlinear_spring_sentence
-from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
 from eightpost.ident.vehicle.trust import ForceEstimate, Trust
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel, StateSpace, add_port_damping, read_vehicle, shipped

@@ -13,8 +13,8 @@ from eightpost.corners import CORNERS
 from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.ident.grey_box.family import GreyBoxCar, bristle_of, declared, linear_model, start_values
 from eightpost.ident.grey_box.recipe import GreyBox, _misfit, _notes, _record, _springs, _unused, sampled_cars
-from eightpost.ident.response import response_of
 from eightpost.ident.vehicle.experiment import Experiment
+from eightpost.ident.vehicle.frequency_response import response_of
 from eightpost.ident.vehicle.vehicle_fit import read_fit, write_fit
 from eightpost.signals import TimeSeries
 from eightpost.uncertainty import TOTAL

@@ -23,7 +23,8 @@ from eightpost.ident.preparation import (
     record_lags,
     time_lag,
 )
-from eightpost.ident.response import LocalPolynomial, contribution_error, estimate_response, response_of
+from eightpost.ident.vehicle.estimators import LocalPolynomial, estimate_response
+from eightpost.ident.vehicle.frequency_response import contribution_error, response_of
 from eightpost.rig.post import LinearDamper, RigTest, quarter_truth, run_test, sine_drive, stand_in_truth
 from eightpost.rig.post.car import displacement_modes, force_modes
 from eightpost.signals import TimeSeries

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from eightpost.ident.vehicle import common_poles
+from eightpost.ident.vehicle.common_poles import CommonPoles
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.measured_levels import MeasuredLevels
-from eightpost.ident.vehicle.recipes import common_poles
-from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
 from eightpost.ident.vehicle.trust import UNUSABLE
 from eightpost.ident.vehicle.vehicle_fit import NOT_SIMULATED, fit_verdict, with_validity
 from eightpost.verdict import Grade

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from eightpost.errors import ParameterError
-from eightpost.ident.response import response_of
-from eightpost.ident.vehicle import VehicleFit
+from eightpost.ident.vehicle.frequency_response import response_of
 from eightpost.ident.vehicle.trust import OutputTrust, Trust
+from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 
 from .conftest import truth_fit
 

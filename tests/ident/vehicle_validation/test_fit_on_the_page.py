@@ -12,9 +12,8 @@ from eightpost.errors import FileFormatError
 from eightpost.ident.validation.vehicle_page import write_vehicle_page
 from eightpost.ident.validation.vehicle_tables import certainty_table, port_table
 from eightpost.ident.validation.vehicles import validate_vehicle, vehicle_verdict
-from eightpost.ident.vehicle import read_fit, write_fit
 from eightpost.ident.vehicle.trust import ForceEstimate, OrderCandidate, Orders, OutputTrust, PolePair, Trust
-from eightpost.ident.vehicle.vehicle_fit import with_validity
+from eightpost.ident.vehicle.vehicle_fit import read_fit, with_validity, write_fit
 from eightpost.uncertainty import MeasureUncertainty
 from eightpost.verdict import Grade
 
@@ -23,7 +22,7 @@ from .conftest import records_of
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from eightpost.ident.vehicle import VehicleFit
+    from eightpost.ident.vehicle.vehicle_fit import VehicleFit
     from eightpost.rig.post import RigTest
 
 TRIED = (OrderCandidate(2, 1.1, (PolePair(3.0, 0.1, False),)), OrderCandidate(4, 40.0, (PolePair(3.0, 0.1, True),)))

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image, ImageChops
 
-from eightpost.ident.vehicle import VehicleFit
 from eightpost.ident.vehicle.plots import plot_fits
+from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 
 from .conftest import truth_fit
 
@@ -24,7 +24,8 @@ def fit() -> VehicleFit:
 
 def drawn(fit: VehicleFit, folder: Path, *outputs: str) -> list[Image.Image]:
     folder.mkdir()
-    return [Image.open(path).convert("RGB") for path in plot_fits(fit, outputs, folder)]
+    paths = plot_fits(fit.response.select(outputs=outputs), fit.vehicle.state_space.select(outputs=outputs), "", folder)
+    return [Image.open(path).convert("RGB") for path in paths]
 
 
 def differ(one: Image.Image, other: Image.Image) -> bool:

@@ -11,12 +11,16 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.errors import InputError
-from eightpost.ident.response import H1, Blocks, FrequencyResponse, Recipe, SameDrive, contribution_error, response_of
-from eightpost.ident.response.estimators import input_noise, input_power
-from eightpost.ident.response.frequency_response import Preconditioning
-from eightpost.ident.response.records import Records, gather
+from eightpost.ident.vehicle.estimators import H1, Recipe, SameDrive, input_noise, input_power
 from eightpost.ident.vehicle.experiment import Experiment
+from eightpost.ident.vehicle.frequency_response import (
+    FrequencyResponse,
+    Preconditioning,
+    contribution_error,
+    response_of,
+)
 from eightpost.ident.vehicle.measured_levels import MeasuredLevels
+from eightpost.ident.vehicle.records import Blocks, Records, gather
 from eightpost.ident.vehicle.siso_models import (
     AEROLOADERS,
     QUARTER_CAR,

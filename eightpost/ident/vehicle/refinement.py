@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array, Complex
-from eightpost.ident.response import FrequencyResponse
 from eightpost.ident.threads import for_each
-from eightpost.ident.vehicle.common_poles.points import Blocks, Feedthrough, Points, Row, solve_row
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse
+from eightpost.ident.vehicle.points import Blocks, Feedthrough, Points, Row, solve_row
 from eightpost.progress import advance
 from eightpost.vehicle.statespace import Channel, StateSpace
 

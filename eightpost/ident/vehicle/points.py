@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 
 from eightpost.array_types import Array, Complex
 from eightpost.errors import InputError, TooShortError
-from eightpost.ident.response import FrequencyResponse
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse
 
 # ==== Points, and the model's form ===================================================================================
 

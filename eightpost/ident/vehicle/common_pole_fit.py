@@ -11,17 +11,9 @@ from scipy.linalg import block_diag
 
 from eightpost.array_types import Array, Complex
 from eightpost.errors import ParameterError
-from eightpost.ident.response import FrequencyResponse
-from eightpost.ident.vehicle.common_poles.points import (
-    Blocks,
-    Feedthrough,
-    Points,
-    Subspace,
-    points_of,
-    solve_inputs,
-    subspace_of,
-)
-from eightpost.ident.vehicle.common_poles.refinement import (
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse
+from eightpost.ident.vehicle.points import Blocks, Feedthrough, Points, Subspace, points_of, solve_inputs, subspace_of
+from eightpost.ident.vehicle.refinement import (
     FASTEST,
     Refinement,
     RefinementResult,
