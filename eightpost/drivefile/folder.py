@@ -60,11 +60,8 @@ def read_rig_record(
 
     Args:
         path: Path of the record, in any format of `read_series`.
-        problem: Target, response and settings.
         drive: Commands (m, N) that were played.
-        channel_map: Columns by channel (docs/explanation/rig.md).
         units: Units by channel, for columns without a unit in the header.
-        flip: Names of the channels whose sign is changed.
 
     Raises:
         DataError: The record has a fault, or is not a record of this drive.
@@ -145,11 +142,8 @@ def check_signs(problem: Problem, H: Complex, drive: Array, record: RigRecord, p
     """Return notes on channels that do not agree with the prediction.
 
     Args:
-        problem: Target, response and settings.
         H: Response (K, p, m) before the pass.
         drive: Commands (m, N) that were played.
-        record: Record of the pass.
-        path: File of the record, for messages.
 
     Raises:
         WrongSignError: A channel has the opposite sign of its prediction.
@@ -200,12 +194,6 @@ class IterationFolder:
         cls, path: str | Path, problem: Problem, *, sources: Mapping[str, str] | None = None, suffix: str = "parquet"
     ) -> IterationFolder:
         """Create the folder and write the first drive file.
-
-        Args:
-            path: Folder, which must not contain an iteration.
-            problem: Target, response and settings.
-            sources: SHA-256 digests of the files of track record and car, by name.
-            suffix: Format of the drive files for the rig.
 
         Raises:
             InputError: The folder contains an iteration, or is a file.
@@ -323,9 +311,6 @@ class IterationFolder:
     ) -> tuple[str, ...]:
         """Add the rig's record of the last drive file; see `read_rig_record`.
 
-        Returns:
-            Notes for the user, one sentence each.
-
         Raises:
             InputError: No drive file waits for a record.
             DataError: The record has a fault, or is not a record of the drive file.
@@ -407,11 +392,6 @@ def play(folder: IterationFolder, bench: Bench, shocks: Sequence[str]) -> Path:
     """Play the waiting drive file on the virtual rig, and return the file of the rig's record.
 
     Each pass is another run with its own noise and drift.
-
-    Args:
-        folder: Iteration with a waiting drive file.
-        bench: Car on the virtual rig.
-        shocks: Name of the shock at each corner.
     """
     number = folder.waiting or folder.played + 1
     place = folder.pass_path(number)
@@ -430,10 +410,6 @@ def iterate(
     """Run passes on the virtual rig until there are `passes`, or until the iteration diverged.
 
     Args:
-        folder: Iteration, which may have passes.
-        bench: Car on the virtual rig.
-        shocks: Name of the shock at each corner.
-        passes: Number of passes at the end, including those before.
         report: Function that receives the state after each pass; default none.
     """
     outcome = folder.write_next()

@@ -74,8 +74,6 @@ def start_response(
     track record: c = <F v> / <v^2>.
 
     Args:
-        vehicle: Identified or structural car.
-        target: Target.
         shocks: Shock law on the car by corner; a corner without one has the damping of the identification.
         actuators: Bandwidths of the actuators; default those of 6.1.1.
         measured: Response of the identification, for its coherence; None if it is not known.
@@ -211,7 +209,6 @@ def regularised_inverse(H: Complex, outputs: Array, units: tuple[str, ...], regu
     Args:
         H: Response (K, p, m).
         outputs: Amplitudes Y of the channels (K, p).
-        units: SI units of the m inputs.
         regularisation: Ratio r of lambda to the largest singular value of each line [1].
 
     Raises:
@@ -273,8 +270,6 @@ def correction(H: Complex, passes: Sequence[PassSpectra], lines: Lines, width: f
 
     Args:
         H: Starting response (K, p, m).
-        passes: Passes in their order.
-        lines: Lines of the drive file.
         width: Width of the bands [Hz].
     """
     measured = np.zeros((len(H), H.shape[1]), dtype=np.complex128)
@@ -311,7 +306,6 @@ def start_gains(coherence: Array | None, shape: tuple[int, int], highest: float)
 
     Args:
         coherence: Coherence of the identification (p, K); None if it is not known, which is then taken as 1.
-        shape: Numbers K of lines and p of channels.
         highest: Maximum gain [1].
     """
     if coherence is None:
@@ -456,7 +450,6 @@ def advance(problem: Problem, passes: Sequence[Pass]) -> Outcome:
     best pass, and the gains are halved for each rejected pass in a row. Before the first pass, X and Y are 0.
 
     Args:
-        problem: Target, response and settings.
         passes: Passes so far, in their order; empty for the first drive.
     """
     target, settings = problem.target, problem.settings

@@ -68,13 +68,7 @@ _OF_STATUS = {
 
 
 def iteration_verdict(problem: Problem, outcome: Outcome, hits: Sequence[str] = ()) -> Verdict:
-    """Return the verdict on an iteration.
-
-    Args:
-        problem: Target, response and settings.
-        outcome: State of the iteration.
-        hits: Sentences on the limits that changed the drive of the best pass.
-    """
+    """Return the verdict on an iteration."""
     return Verdict(_reasons(problem, outcome, hits))
 
 

@@ -104,7 +104,6 @@ class Target:
     high: float  #: Highest frequency to reproduce [Hz].
 
     def __post_init__(self) -> None:
-        """Check the record."""
         if not self.series.is_uniform:
             raise ParameterError("the track record is not evenly sampled; resample it")
         if self.series.duration < _SHORTEST:
@@ -228,7 +227,6 @@ def read_channels(
         optional: Names of channels to read if the record has them.
         channel_map: Columns by channel; other columns must have the names of the channels (docs/explanation/rig.md).
         units: Units by channel, for columns without a unit in the header.
-        flip: Names of the channels whose sign is changed.
 
     Raises:
         DataError: The record has a fault; the message says which and where.
@@ -394,10 +392,6 @@ def within_limits(
 
     Args:
         rows: Commands (m, N), SI.
-        names: Names of the m inputs.
-        units: SI units of the m inputs.
-        lines: Lines of the drive file.
-        limits: Limits.
         window: Weight (N,) of the drive, 0 at its ends.
     """
     limited, hits = rows.copy(), []

@@ -47,9 +47,6 @@ def discretise(A: Array, B: Array, step: float) -> Discrete:
         B: Input matrix (n, m).
         step: Step h [s], above zero.
 
-    Returns:
-        Matrices of one step.
-
     Raises:
         ValueError: The step is not a finite number above zero.
 

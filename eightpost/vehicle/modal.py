@@ -59,7 +59,6 @@ class ModalForm:
     steady: bool  #: Whether constant inputs have a unique steady state, according to `kernel.equilibrium`.
 
     def __post_init__(self) -> None:
-        """Make the arrays read-only."""
         for name in ("sigma", "omega", "B_re", "B_im", "C_re", "C_im", "D", "coupling"):
             array = np.array(getattr(self, name), dtype=np.float64, order="C") + 0.0  # no negative zeros
             array.setflags(write=False)

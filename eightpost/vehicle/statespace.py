@@ -52,7 +52,6 @@ class Channel:
     unit: str
 
     def __post_init__(self) -> None:
-        """Check the name and the unit."""
         if not self.name or self.name != self.name.strip() or ":" in self.name:
             raise ParameterError(
                 f"channel name {self.name!r} is invalid: it must not be empty, begin or end with a blank, or contain "
@@ -84,7 +83,6 @@ class StateSpace:
     name: str = "model"  #: Name of the model.
 
     def __post_init__(self) -> None:
-        """Make the matrices read-only and check names and shapes."""
         for field in ("A", "B", "C", "D"):
             object.__setattr__(self, field, _frozen(getattr(self, field), f"{self.name}: {field}"))
         for field in ("inputs", "outputs"):
@@ -258,8 +256,6 @@ class StateSpace:
 
         Args:
             system: A `control.StateSpace` (or anything that `control.ss` accepts) with a defined time base.
-            input_units: SI units, one per input.
-            output_units: SI units, one per output.
             name: Name of the model; None takes the system's name.
 
         Raises:
@@ -361,12 +357,7 @@ def discretise(model: StateSpace, step: float, hold: Hold = "zero") -> StateSpac
     up to the sample. With a shock it gives an algebraic loop; coupled runs use the continuous model.
 
     Args:
-        model: Continuous model.
         step: Sample time [s].
-        hold: Input values between samples: "zero" (held) or "first" (linear).
-
-    Returns:
-        Discrete model with the same channels.
 
     Raises:
         ParameterError: The model is already discrete, or the step or the hold is invalid.

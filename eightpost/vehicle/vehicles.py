@@ -550,10 +550,6 @@ def _content(path: Path) -> dict[str, Any]:
 def from_document(path: Path, content: dict[str, Any]) -> IdentifiedVehicle:
     """Return the vehicle of a document that `document` made.
 
-    Args:
-        path: Path of the file, for messages.
-        content: Document.
-
     Raises:
         FileFormatError: The schema is not supported.
         ParameterError: The model is not consistent.

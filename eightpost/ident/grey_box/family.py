@@ -548,8 +548,6 @@ class GreyBoxCar:
     """Model of the family for the output-error engine: inputs are roads, loads and port forces minus c v.
 
     Args:
-        experiment: Inputs, outputs and baseline damping of the tests.
-        names: Names of the parameters in the order of the values.
         static: Static tire loads (4,) [N]; infinite where they are not known, which excludes lift-off.
 
     Raises:

@@ -286,7 +286,6 @@ def comparisons(spectra: Spectra, corners: Sequence[str], mass: float | None = N
     """Yield the comparisons of all laws whose channels are known.
 
     Args:
-        spectra: Spectra of a record.
         corners: Names of its corners; one empty name for a quarter car.
         mass: Mass of the car [kg], None if it is unknown.
     """

@@ -54,7 +54,6 @@ class Decimation:
     ripple: float = 0.005
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         if not (np.isfinite(self.rate) and self.rate > 0.0 and 0.0 < self.band < 1.0):
             raise ParameterError(f"{self}: rate must be above 0 Hz and band between 0 and 1")
         if self.order < 1 or not self.ripple > 0.0:
@@ -125,7 +124,6 @@ def math_channels(
     """Compute the math channels of a rig record.
 
     Args:
-        series: Rig record at its own rate.
         corners: Names of its corners; one empty name for a quarter car.
         pot_cutoff: Cut-off frequency of the potentiometers' low-pass for the shock velocities [Hz]; None computes none.
         geometry: Geometry of the rig for the aeroloaders' modes and the ride heights; None computes none.
@@ -146,11 +144,6 @@ def _velocities_of(series: TimeSeries, corners: Sequence[str], cutoff: float) ->
     A corner without a potentiometer keeps its own velocity. Central differences return `sin(x) / x` of the true
     velocity with `x = 2 pi f / rate`: 0.4 % low at 30 Hz for a rate of 1250 Hz. They are therefore computed before a
     record is decimated.
-
-    Args:
-        series: Rig record at its own rate.
-        corners: Names of its corners; one empty name for a quarter car.
-        cutoff: Cut-off frequency of the low-pass [Hz], at most 0.4 of the sample rate.
     """
     rate = series.sample_rate
     cutoff = min(cutoff, HIGHEST_CUTOFF * rate)
@@ -166,12 +159,7 @@ def _velocities_of(series: TimeSeries, corners: Sequence[str], cutoff: float) ->
 
 
 def _modes_of(series: TimeSeries, geometry: Geometry) -> MathChannels:
-    """Compute the aeroloaders' modes (Eq 6.1, 6.2) and the ride heights, if the record has the channels for them.
-
-    Args:
-        series: Rig record of a car with four aeroloaders.
-        geometry: Positions of the aeroloaders and of the points where ride heights are defined [m].
-    """
+    """Compute the aeroloaders' modes (Eq 6.1, 6.2) and the ride heights, if the record has the channels for them."""
     steps: list[str] = []
     channels: dict[str, Array] = {}
     heights, loads, roads = (_corners(series, quantity) for quantity in ("aero_position", "aero", "road"))
@@ -285,7 +273,6 @@ class Preparation:
     mass: float | None = None  #: Mass of the car [kg], by which the forces are checked; None if it is unknown.
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         if self.pot_cutoff is not None and not self.pot_cutoff > 0.0:
             raise ParameterError(f"the potentiometers' cut-off must be above 0 Hz, not {self.pot_cutoff:g}")
         if self.settling < 0.0:
@@ -301,7 +288,6 @@ def prepare(tests: Iterable[RigTest], preparation: Preparation | None = None) ->
     only one at a time is in memory.
 
     Args:
-        tests: One or more tests of one car.
         preparation: Settings; None takes the defaults.
 
     Raises:

@@ -41,12 +41,6 @@ _FREQUENCIES, _REGULAR = 100, 1e-12
 def _bring_to_rest(model: StateSpace, slow: int, s: Complex, weight: Array) -> StateSpace:
     """Return the model with velocities that have no response to constant inputs.
 
-    Args:
-        model: Stable continuous model; velocities have no direct term.
-        slow: Number of leading states whose inputs may change; the road lags after them stay unchanged.
-        s: Values of s at which the change is evaluated [1/s] (K,).
-        weight: Weight of the outputs' responses (p, K); 0 where they are unknown.
-
     A singular system, such as that of two velocities that are the same, is solved in the sense of least squares.
     """
     velocities = [i for i, name in enumerate(model.output_names) if name.rpartition(".")[2] == "velocity"]
@@ -140,14 +134,7 @@ def _is_stable(frequency: float, damping: float, before: Array) -> bool:
 
 
 def _study_orders(points: Points, subspace: Subspace, through: Feedthrough, orders: tuple[int, ...]) -> OrderStudy:
-    """Compare the models of several orders that one subspace gives.
-
-    Args:
-        points: Response values.
-        subspace: Subspace of the response.
-        through: Direct terms and lags.
-        orders: Even numbers of states in increasing order.
-    """
+    """Compare the models of several orders that one subspace gives."""
     values = subspace.values
     found = [_start(points, subspace, order, through)[0] for order in parts(orders)]
     p, m = through.direct.shape
@@ -207,7 +194,6 @@ class CommonPoleFit:
     refinement: Refinement = field(default_factory=Refinement)  #: Settings of the likelihood maximisation.
 
     def __post_init__(self) -> None:
-        """Check the settings."""
         if self.order is not None and (self.order < 2 or self.order % 2):
             raise ParameterError(f"the order is {self.order}; a model consists of pairs of poles; give 2, 4, 6 ...")
         if not (0.0 <= self.low < self.high and self.floor > 0.0 and self.max_states >= 2):
@@ -383,8 +369,6 @@ def refitted(found: CommonPoleModel, response: FrequencyResponse, *, floor: floa
     """Return a model of another response, one step of the refinement from a model; its order does not change.
 
     Args:
-        found: Model of the response of all tests.
-        response: Response of some of the tests, with the channels of the first one.
         floor: Lower limit of the standard deviation; see `CommonPoleFit`.
     """
     solution = found.refined.solution

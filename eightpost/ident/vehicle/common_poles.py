@@ -44,13 +44,7 @@ _UNCORRELATED = 0.1
 
 
 def sampled_models(found: CommonPoleModel, count: int = 20, *, seed: int = 0) -> tuple[StateSpace, ...]:
-    """Return models of the response with resampled noise.
-
-    Args:
-        found: Common-pole model.
-        count: Number of models.
-        seed: Seed of the noise generator.
-    """
+    """Return models of the response with resampled noise."""
     generator, length = np.random.default_rng(seed), correlation_length(found.refined.solution.misfit)
     drawn = [_noise(found, generator, length) for _ in range(count)]
     return tuple(for_each(drawn, lambda noise: _sampled(found, noise)))
@@ -66,7 +60,6 @@ def spread(models: tuple[StateSpace, ...], measures: Callable[[StateSpace], Arra
     """Return the standard deviation of measures over sampled models, in the shape of the measures.
 
     Args:
-        models: Sampled models.
         measures: Function that returns the measures of a model, an array of any shape (...,).
 
     Returns:
@@ -150,9 +143,7 @@ def output_trust(
     The standard deviations due to noise are multiplied by the misfit where it is larger than noise explains.
 
     Args:
-        found: Common-pole model.
         tests: Records of the tests; the first one drives the setups.
-        experiment: Rig inputs and baseline damping.
         samples: Number of models with resampled noise that give the standard deviations; at least 2.
         with_friction: Mean square of the part that no linear response explains, with friction relative to without, by
             output.
@@ -180,10 +171,6 @@ def relative_deviations(
     """Return the relative standard deviations over sampled models of each output's responses (p,) and RMS (p,).
 
     Args:
-        model: Model.
-        models: Models that noise could have given instead.
-        test: Test that drives the setups.
-        experiment: Rig inputs and baseline damping.
         band: Lowest and highest frequency of the fit [Hz].
     """
     frequency = np.geomspace(*band, _FREQUENCIES)
@@ -220,8 +207,6 @@ def unmodelled(
     """Return one sentence for each sign of an effect that is not in the model, by kind of effect.
 
     Args:
-        response: Response that was fitted.
-        found: Common-pole model.
         tests: Records of the tests, without means.
         means: Mean tire forces that the original records had [N], by channel.
     """

@@ -26,7 +26,6 @@ def input_power(records: Records, frequency: Array) -> Array:
     """Return the power spectral density of each input, averaged over all tests (m, K) [unit^2/Hz].
 
     Args:
-        records: Tests.
         frequency: Frequencies (K,) [Hz], about evenly spaced; the spacing determines the length of the blocks.
     """
     spacing = float(np.mean(np.diff(frequency))) if frequency.size > 1 else float(frequency[0])
@@ -60,13 +59,7 @@ def partial_coherence(solved: _Regression) -> Array:
 
 
 def _response_variance(solved: _Regression, blocks: int, independent: float) -> Array:
-    """Return the variance of H (p, m, K) for noise on the outputs.
-
-    Args:
-        solved: Solution of the regression.
-        blocks: Number of overlapping blocks R.
-        independent: Equivalent number of independent blocks.
-    """
+    """Return the variance of H (p, m, K) for noise on the outputs."""
     freedom = np.maximum(blocks - solved.active.sum(axis=0), 1)
     noise = solved.residual / freedom * (blocks / independent)
     return np.asarray(noise[:, None, :] * solved.spread[None], dtype=np.float64)
@@ -95,9 +88,6 @@ def estimate_response(
 
     Args:
         records: Records, one per test; sequential recipes define their order.
-        inputs: Names of the inputs in every record, including shock forces.
-        outputs: Names of the outputs in every record.
-        recipe: Estimator.
         baseline_damping: C-bar by port [N.s/m]: `c v` is subtracted from the shock forces (Eq 6.4), and the result is
             the response of the vehicle with these dampers. None uses the forces without change.
 
@@ -130,7 +120,6 @@ def regress(U: Complex, Y: Complex, *, power_floor: float, names: Sequence[str])
         U: Inputs (K, R, m).
         Y: Outputs (K, R, p).
         power_floor: Amplitude of an input, relative to its largest over frequency, below which it is dropped [1].
-        names: Names of the inputs, for messages.
 
     Raises:
         InputError: There are not more blocks than inputs, an input is zero, or inputs depend on each other.
@@ -331,7 +320,6 @@ class LocalPolynomial:
         return cls(half_width=0.5 * width, spacing=0.2 * width, high=high)
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         if self.degree < 0 or self.spare <= 1.0 or self.spacing <= 0.0 or self.high <= 0.0:
             raise ParameterError(f"{self}: degree must be at least 0, spare above 1, spacing and high above 0")
 
@@ -494,11 +482,7 @@ class InputNoise:
     quiet: tuple[float, float]  #: Frequencies from which the noise was taken [Hz].
 
     def summary(self, estimator: object) -> str:
-        """Return the estimator and its bias as a sentence.
-
-        Args:
-            estimator: Estimator of the response, or of the parameters of a simulated model.
-        """
+        """Return the estimator and its bias as a sentence."""
         kind = type(estimator).__name__
         sentence = f"Estimator: {_KINDS.get(kind, kind)}. Noise of the measured inputs makes its responses too small"
         if not self.bias:
@@ -524,7 +508,6 @@ def input_noise(records: Records, band: tuple[float, float]) -> InputNoise:
     with the spectral matrix S of the measured inputs, noise included.
 
     Args:
-        records: Records, one per test, with shock forces minus c v.
         band: Lowest and highest frequency of the fit [Hz].
     """
     size = min(*(test.u.shape[1] for test in records.tests), round(_BLOCK * records.rate))

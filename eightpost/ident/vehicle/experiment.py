@@ -40,7 +40,6 @@ class Experiment:
     means: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check that every port has a velocity and a damping."""
         for port in self.ports:
             if channel(port, "velocity") not in self.outputs:
                 raise ParameterError(
@@ -92,10 +91,7 @@ def experiment_of(
     """Return the experiment for records with the given channels: a quarter car, a seven-DOF car or an 8-post rig.
 
     Args:
-        names: Names of the channels that all records have, as in docs/explanation/rig.md.
         baseline_damping: Baseline damping C-bar [N.s/m] by port.
-        name: Name of the vehicle.
-        sources: SHA-256 digests of the files, by name.
 
     Raises:
         ParameterError: The channels do not include the road and the force of each shock.
@@ -152,8 +148,6 @@ class Baseline(NamedTuple):
         """Return the experiment about this baseline.
 
         Args:
-            prepared: Prepared records of the baseline and the alternate tests.
-            name: Name of the vehicle.
             damping: Damping of all ports about which the vehicle is identified [N.s/m]; None: that of the baseline.
             outputs: Outputs of the model; empty: all possible ones.
         """
@@ -288,7 +282,6 @@ def lifted_tires(tests: Sequence[TimeSeries], means: Mapping[str, float]) -> tup
 
     Args:
         tests: Records without means.
-        means: Means that the first record had, SI, by channel.
     """
     tires = {n: mean for n, mean in means.items() if quantity(n) == "tire_force" and n in tests[0]}
     return tuple(
@@ -344,7 +337,6 @@ class CoherentBand:
     highest: float = 30.0  #: Highest frequency that is examined [Hz].
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         if not (0.0 < self.coherence < 1.0 and self.highest > _LOWEST):
             raise ParameterError(f"{self}: coherence must be between 0 and 1, highest above {_LOWEST:g} Hz")
 

@@ -49,7 +49,6 @@ class FrequencyResponse:
     variance: Array | None = None
 
     def __post_init__(self) -> None:
-        """Make the arrays read-only and check their shapes."""
         object.__setattr__(self, "inputs", tuple(self.inputs))
         object.__setattr__(self, "outputs", tuple(self.outputs))
         object.__setattr__(self, "frequency", _frozen(self.frequency, np.float64))
@@ -138,8 +137,6 @@ def contribution_error(estimate: FrequencyResponse, reference: FrequencyResponse
     A path that contributes little to its output has little weight, even if it is wrong.
 
     Args:
-        estimate: Response to assess.
-        reference: True response, with the same channels and frequencies.
         input_power: Power S of each input (m, K), in any scale that is common to all frequencies and inputs.
 
     Returns:
@@ -200,13 +197,7 @@ SCHEMA = 1
 
 
 def write_response(path: str | Path, response: FrequencyResponse, *, sources: Mapping[str, str] | None = None) -> None:
-    """Write a frequency response; an existing file is replaced only when the new one is complete.
-
-    Args:
-        path: Path of the .npz file.
-        response: Frequency response to write.
-        sources: SHA-256 digest by name of each file that the response was estimated from.
-    """
+    """Write a frequency response; an existing file is replaced only when the new one is complete."""
     _check_suffix(Path(path))
     header = {**response_header(response), "sources": dict(sources or {})}
     arrays: dict[str, Any] = response.arrays()
@@ -382,8 +373,6 @@ def condition(
     """Return the response with a treatment applied to some of its paths.
 
     Args:
-        response: Estimated or treated response.
-        treatment: Treatment to apply.
         paths: Pairs (output, input); None takes all paths.
 
     Raises:
@@ -404,7 +393,6 @@ def feedback_paths(active: NDArray[np.bool_], velocities: Iterable[int]) -> NDAr
 
     Args:
         active: Mask of the paths from shock force to output that are not zeroed (p, shocks): last columns of Table 6.5.
-        velocities: Rows of the shock velocities, one per shock, in the order of the columns.
 
     Returns:
         Number of feedback paths (p, shocks), Table 6.6.

@@ -43,8 +43,6 @@ def residual_noise(
         e = H n_u + H_F (n_F - c n_v) - n_y
 
     Args:
-        model: Model with the linear dampers c at its ports.
-        test: Record of a test.
         slopes: Damping c of every port [N.s/m].
         combined: Sums of outputs that are judged (q, p), such as the identity.
     """
@@ -143,15 +141,8 @@ class MeasuredLevels:
         """Return the uncertainty of the RMS of every output, and of the sum of the tire forces.
 
         Args:
-            vehicle: Vehicle identified from all tests.
-            tests: Records of the tests.
-            experiment: Ports of the tests.
             refit: Function that identifies the vehicle from some of the tests. A test is left out if every port has
                 two different shocks without it. None simulates all tests with `vehicle`.
-
-        Returns:
-            Uncertainties by measure; empty if the simulation of a test with `vehicle` diverges or does not converge. A
-            vehicle without a test that cannot be simulated is replaced by `vehicle`.
         """
         left = () if refit is None else removable_tests(tests, experiment.ports)
         found = []

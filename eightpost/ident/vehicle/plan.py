@@ -114,7 +114,6 @@ def compare_tests(records: Sequence[TimeSeries], means: Sequence[Mapping[str, fl
 
     Args:
         records: Records of the tests, without means.
-        means: Means of each record, by channel.
     """
     found, rubbing = list(_weights(records, means)), {}
     if all(channel(corner, name) in record for record in records for corner in CORNERS for name in _NEEDED):
@@ -420,11 +419,6 @@ class VehicleRecipe(Protocol):
     def identify(self, tests: Sequence[TimeSeries], experiment: Experiment) -> VehicleFit:
         """Identify a vehicle.
 
-        Args:
-            tests: Records of rig tests with the channels of the experiment, all at one sample rate, the baseline test
-                first. Each test may have any shocks.
-            experiment: Inputs, shock forces and outputs of the tests.
-
         Raises:
             InputError: Tests and experiment do not match, or the effects of the inputs cannot be separated.
         """
@@ -479,12 +473,9 @@ def plan_identification(
     """Plan an identification.
 
     Args:
-        prepared: Prepared records of rig tests.
-        name: Name of the vehicle.
         baseline: Index of the baseline test; None: found from the damping of the shocks.
         damping: Damping about which the vehicle is identified [N.s/m]; None: the slope of each baseline shock.
         outputs: Outputs of the model; empty: all possible ones.
-        static: Tests with held loads.
 
     Raises:
         InputError: The effects of the shocks cannot be separated.

@@ -31,13 +31,7 @@ _NOTHING = 1e-9
 
 
 def plot_magnitudes(responses: Mapping[str, FrequencyResponse], output: str, path: str | Path) -> None:
-    """Write a PNG of `20 log10 |H|` of one output: one panel per input, one line per response (Eq 4.8).
-
-    Args:
-        responses: Responses with the same channels, by label.
-        output: Name of the output to plot.
-        path: Path of the PNG. The file is replaced completely or not at all.
-    """
+    """Write a PNG of `20 log10 |H|` of one output: one panel per input, one line per response (Eq 4.8)."""
     save(magnitudes(responses, output), path, format="png")
 
 
@@ -105,10 +99,6 @@ class _Sheet:
     """Figure with the panels of one output, created once and filled for one output after another to save time.
 
     Positions are computed here, as an automatic layout would double the time.
-
-    Args:
-        estimate: Estimated response; each of its inputs has a panel.
-        recipe: Name of the recipe for the title.
     """
 
     def __init__(self, estimate: FrequencyResponse, recipe: str) -> None:

@@ -208,8 +208,6 @@ def points_of(response: FrequencyResponse, *, floor: float) -> Points:
     values.
 
     Args:
-        response: Frequency response. Its variance is infinite where an input had no power. If it has no variance, all
-            nonzero values are known and the floor alone gives their standard deviation.
         floor: Lower limit of the standard deviation, relative to the size of the output [1].
 
     Raises:
@@ -272,10 +270,7 @@ def solve_row(points: Points, i: int, X: Complex, through: Feedthrough) -> Row:
     """Fit output `i` for given poles and inputs.
 
     Args:
-        points: Response values.
-        i: Index of the output.
         X: Response of the states (s I - A)^-1 B (n, m, K).
-        through: Direct terms and lags.
     """
     weight, (n, m, _) = points.weight[i], X.shape
     target = weight * points.H[i]
@@ -361,10 +356,6 @@ class Subspace:
 
 def subspace_of(points: Points, *, max_states: int) -> Subspace:
     """Return the subspace of a response.
-
-    Args:
-        points: Response values.
-        max_states: Highest order that will be requested.
 
     Raises:
         TooShortError: The response has too few values for the number of states.

@@ -62,7 +62,6 @@ def bands(records: Records, *, low: float, high: float, inputs: int) -> Iterator
     """Yield the bands from `low` to `high` [Hz].
 
     Args:
-        records: Records of the tests.
         low: Lowest frequency [Hz].
         high: Highest frequency [Hz].
         inputs: Number of inputs that are fitted at once; it determines the width of the bands.
@@ -123,7 +122,6 @@ def solve_forces(parts: Sequence[Band], inputs: int, iterations: int) -> ForceSo
     Args:
         parts: Bands with `inputs` inputs, force inputs last, followed by the signal of a unit force at each port.
         inputs: Number of inputs without the signals of unit forces.
-        iterations: Number of Gauss-Newton steps, starting from zero forces.
     """
     ports = parts[0].U.shape[2] - inputs
     forces = np.zeros(ports)
@@ -245,10 +243,6 @@ class FrictionSearch:
 
     def find(self, tests: Sequence[TimeSeries], experiment: Experiment) -> FrictionEstimate:
         """Estimate the friction of every port with the law that leaves least unexplained.
-
-        Args:
-            tests: Records with the channels of the experiment, all at one sample rate.
-            experiment: Inputs, shock forces and outputs of the tests.
 
         Raises:
             TooShortError: The records have too few frequency bins.
@@ -401,11 +395,6 @@ class SpringSearch:
     def find(self, tests: Sequence[TimeSeries], experiment: Experiment) -> Mapping[str, ForceEstimate]:
         """Return F_2 by port, or an empty mapping if the records have no travel of the ports.
 
-        Args:
-            tests: Records with the channels of the experiment and friction included in the forces, all at one sample
-                rate.
-            experiment: Inputs, shock forces and outputs of the tests.
-
         Raises:
             TooShortError: The records have too few frequency bins.
         """
@@ -435,8 +424,6 @@ def port_springs(
 
     Args:
         springs: Estimate of `SpringSearch`.
-        tests: Records of the estimate.
-        ports: Ports of the car.
     """
     found = {port: force.value for port, force in springs.items() if force.is_significant}
     sizes = mean_squares(tests[0], [port for port in ports if port in found])
@@ -449,7 +436,6 @@ def about_tests(vehicle: IdentifiedVehicle, loads: Mapping[str, float]) -> Ident
     It is unchanged if it has no steady state without loads.
 
     Args:
-        vehicle: Vehicle about the mean of its tests.
         loads: Mean loads on the chassis in the tests [N, N.m], by input.
     """
     try:
@@ -464,7 +450,6 @@ def about_loads(vehicle: IdentifiedVehicle, loads: Mapping[str, float]) -> Ident
     """Return a vehicle about the state with the mean loads of a drive, for simulations of the drive without its means.
 
     Args:
-        vehicle: Vehicle that knows the mean travel of its tests.
         loads: Mean loads of the drive [N, N.m], by input.
 
     Raises:
@@ -495,7 +480,6 @@ def nonlinear_spring_sentence(springs: Mapping[str, ForceEstimate], *, held: str
 
     Args:
         springs: Estimate of `SpringSearch`.
-        held: Sentence on the springs of the model.
     """
     found = {port: force for port, force in springs.items() if force.is_significant}
     if not found:

@@ -41,7 +41,6 @@ class Blocks:
     high: float = 30.0  #: Highest frequency [Hz]; the lowest one is 1 / length.
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         if not (self.length > 0.0 and 0.0 <= self.overlap < 1.0 and self.high > 0.0):
             raise ParameterError(f"{self}: length and high must be above zero, overlap from 0 to below 1")
 
@@ -128,9 +127,6 @@ def gather(
     """Collect the channels of several records and remove their means.
 
     Args:
-        series: Records.
-        inputs: Names of the inputs.
-        outputs: Names of the outputs.
         damping: Diagonal of C-bar by port [N.s/m]: "lf", "rf", ...; "" is the port of a quarter car. From the force of
             each of these ports `c v` is subtracted (Eq 4.24, 5.36, 6.4).
 

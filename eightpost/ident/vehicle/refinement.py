@@ -293,7 +293,6 @@ def plausibly_damped(blocks: Blocks, fastest: float) -> Blocks:
     ring in simulations, or be unstable with other shocks.
 
     Args:
-        blocks: Poles and inputs.
         fastest: Highest angular frequency w_max of the band [1/s].
     """
     least = np.clip(0.5 * (blocks.w / fastest - 1.0), _LEAST, _BEYOND)

@@ -144,7 +144,6 @@ def open_at_ports(vehicle: IdentifiedVehicle, record: TimeSeries) -> TimeSeries:
     with the measured force F, the measured velocity v and displacement d, and the bristle's deflection z under v.
 
     Args:
-        vehicle: Identified vehicle.
         record: Record without means; inputs of the vehicle that are not in it are zero.
     """
     model = vehicle.state_space
@@ -163,9 +162,7 @@ def port_by_port(vehicle: IdentifiedVehicle, drive: TimeSeries, laws: Mapping[st
     """Return the vehicle's outputs with arbitrary shock laws, at the drive's samples.
 
     Args:
-        vehicle: Identified vehicle, with the friction at its ports.
         drive: Inputs without means, as for `simulate_with_shocks`.
-        laws: Shock law of every port.
 
     Raises:
         StepError: The laws are too stiff even for an eighth of the drive's step.
@@ -230,9 +227,6 @@ def simulate_with_shocks(vehicle: IdentifiedVehicle, shocks: Mapping[str, ShockL
         shocks: Shock law by port ("lf", ...; "" for a quarter car). A port without a shock has no shock force.
         drive: Inputs of the vehicle by name; missing ones are zero, and forces of ports act in addition to the shocks.
             Its sample rate is that of the simulation.
-
-    Returns:
-        Outputs of the vehicle and the whole force of each shock, as `force` of its port, at the times of the drive.
 
     Raises:
         InputError: The drive or the shocks do not match the vehicle.
@@ -397,9 +391,6 @@ class ManySetups:
     def run(self, setups: Sequence[Sequence[int]]) -> Array:
         """Simulate setups from rest, on the machine if it can run them, or else step by step in Python.
 
-        Args:
-            setups: Bank indices of the shocks of each setup, in the order of the vehicle's ports.
-
         Returns:
             Outputs of the vehicle (setups, p, output samples).
 
@@ -463,10 +454,8 @@ def with_dampers(vehicle: IdentifiedVehicle, drive: TimeSeries, damping: Mapping
     """Return the outputs (p, N / every) of a vehicle with linear dampers, from rest.
 
     Args:
-        vehicle: Continuous vehicle with friction and springs at its ports.
         drive: Inputs of the vehicle without means; `force` of a port acts in addition to its damper.
         damping: Damping of every port [N.s/m].
-        every: Interval of the output samples, in samples of the drive.
 
     Raises:
         StepError: The forces of a step do not converge.
@@ -487,9 +476,7 @@ def closed_at_ports(vehicle: IdentifiedVehicle, record: TimeSeries, laws: Mappin
     """Return the vehicle's outputs with shock laws at its ports, under a record's roads and loads, from rest.
 
     Args:
-        vehicle: Identified vehicle, with the friction at its ports.
         record: Record without means.
-        laws: Shock law of every port.
     """
     model, forces = vehicle.state_space, {channel(port, "force") for port in ports_of(vehicle.state_space)}
     drive = record.select(n for n in model.input_names if n in record and n not in forces)
@@ -533,11 +520,6 @@ def free_running(vehicle: IdentifiedVehicle, record: TimeSeries, ports: Sequence
 
     The shocks of the test are linear dampers c, its forces over its velocities, in the simulation, and the rest of
     their measured force, F - c v, as an input. Nothing else is fed back from the measurement.
-
-    Args:
-        vehicle: Continuous vehicle with friction and springs at its ports.
-        record: Evenly sampled test.
-        ports: Ports of the vehicle.
 
     Raises:
         StepError: The forces of a step do not converge.
@@ -585,12 +567,7 @@ _LARGEST = {1.0: 1.5, 0.4: 6.0, 2.5: 6.0}
 
 
 def fault_in_simulation(vehicle: IdentifiedVehicle, tests: Sequence[TimeSeries]) -> str | None:
-    """Return why a vehicle cannot be simulated with its port laws and other dampers; None if it can.
-
-    Args:
-        vehicle: Continuous vehicle with friction and springs at its ports.
-        tests: Records of its tests, the baseline first, which drives it.
-    """
+    """Return why a vehicle cannot be simulated with its port laws and other dampers; None if it can."""
     stability = closed_loop_stability(vehicle)
     if not stability.stable:
         return stability.summary()

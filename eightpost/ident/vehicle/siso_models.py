@@ -85,7 +85,6 @@ class BandWeights:
     bands: tuple[tuple[float, float, float], ...]
 
     def __post_init__(self) -> None:
-        """Check the bands."""
         for low, high, weight in self.bands:
             if not (0.0 <= low < high and weight >= 0.0):
                 raise ParameterError(f"the band ({low:g}, {high:g}, {weight:g}) needs 0 <= low < high and weight >= 0")
@@ -123,7 +122,6 @@ class TransferFunction:
     direct: float  #: Direct term d.
 
     def __post_init__(self) -> None:
-        """Check that there is one residue per pole."""
         if self.poles.shape != self.residues.shape or self.poles.ndim != 1:
             raise ParameterError(
                 f"poles have shape {self.poles.shape}, residues {self.residues.shape}; give one residue per pole"
@@ -186,7 +184,6 @@ class RationalFit:
     iterations: int = 30
 
     def __post_init__(self) -> None:
-        """Check the degrees."""
         if not 0 <= self.numerator <= self.denominator or self.denominator < 1:
             raise ParameterError(
                 f"a numerator of degree {self.numerator} over a denominator of degree {self.denominator} cannot be "
@@ -526,9 +523,6 @@ def parallel_model(
 
     Args:
         paths: Transfer function by (output, input); missing paths are zero.
-        inputs: Inputs of the model.
-        outputs: Outputs of the model.
-        name: Name of the model.
     """
     rows, columns = [channel.name for channel in outputs], [channel.name for channel in inputs]
     n = sum(path.order for path in paths.values())

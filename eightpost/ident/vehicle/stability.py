@@ -62,9 +62,6 @@ def closed_loop_stability(vehicle: IdentifiedVehicle) -> Stability:
 
     Without dampers, motions may grow slowly: a car that is nearly undamped may be found so. Only the states between
     shock forces and shock velocities are in the loop (Fig 6.25); all others are stable as fitted.
-
-    Args:
-        vehicle: Identified continuous vehicle.
     """
     ports = tuple(vehicle.baseline_damping)
     loop = _port_model(vehicle.state_space, ports)
@@ -156,7 +153,6 @@ def safe_slopes(model: StateSpace, baseline: Mapping[str, float]) -> _SafeSlopes
     Source: H. K. Khalil, "Nonlinear Systems", 3rd ed., 2002, section 7.1 (multivariable circle criterion).
 
     Args:
-        model: Identified model around the baseline damping.
         baseline: Baseline damping C-bar [N.s/m] by port.
     """
     ports = model.select(

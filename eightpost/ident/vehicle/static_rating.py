@@ -96,7 +96,6 @@ def rate_statically(records: Sequence[TimeSeries], loads: Sequence[str]) -> Stat
     Args:
         records: Measured records with their means, at any sample rate; loads step from level to level and roads are at
             rest.
-        loads: Names of the load channels.
 
     Raises:
         InputError: The records hold fewer than two levels, or have no load in common.

@@ -293,11 +293,7 @@ class VehicleFit(Summarized):
         return drawn
 
     def write(self, path: str | Path) -> Path:
-        """Write the vehicle file (.json) that `build` makes an FMU of, with response and report beside it.
-
-        Returns:
-            Path of the vehicle file.
-        """
+        """Write the vehicle file (.json) that `build` makes an FMU of, with response and report beside it."""
         return write_fit(path, self)[0]
 
 
@@ -317,11 +313,7 @@ def fit_files(path: str | Path) -> tuple[Path, Path, Path]:
 
 
 def write_fit(path: str | Path, fit: VehicleFit) -> tuple[Path, ...]:
-    """Write a fit: the vehicle as .json and, in the same folder, its response and its report.
-
-    Returns:
-        Paths of the files written.
-    """
+    """Write a fit: the vehicle as .json and, in the same folder, its response and its report."""
     path = Path(path)
     write_vehicle(path, fit.vehicle)
     write_response(_response_path(path), fit.response, sources=fit.sources)
