@@ -13,7 +13,7 @@ from eightpost.ident.vehicle.common_poles import CommonPoles
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.plan import recipe
 from eightpost.ident.vehicle.port_search import Band, ForceSolution, FrictionSearch, _BandFit, _estimate
-from eightpost.ident.vehicle.simulation import direction, simulate_with_shocks, with_friction
+from eightpost.ident.vehicle.simulation import direction, simulate_with_shocks, with_port_laws
 from eightpost.ident.vehicle.vehicle_fit import read_fit, write_fit
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import (
@@ -97,7 +97,7 @@ def test_friction_that_sticks_is_recognised_with_its_force_and_its_reach(
 @pytest.mark.nightly
 def test_friction_that_creeps_is_recognised(smooth: list[TimeSeries], experiment: Experiment) -> None:
     law = Friction(-80.0, 0.012)  # subtracting 80 N from the measured forces makes a friction of 80 N
-    creeping = [with_friction(test, {"": law}) for test in smooth]
+    creeping = [with_port_laws(test, {"": law}) for test in smooth]
     found = FrictionSearch(velocities=(0.006, 0.012, 0.024), reaches=(6e-5, 1.5e-4)).find(creeping, experiment)
     assert not found.sticks
     assert found.acts
@@ -126,7 +126,7 @@ def test_friction_that_follows_the_law_is_found_within_its_deviation(
 ) -> None:
     law = Friction(-50.0, 0.006)  # subtracting 50 N from the measured forces makes a friction of 50 N
     found = FrictionSearch(velocities=(0.006,), reaches=()).find(
-        [with_friction(test, {"": law}) for test in smooth], experiment
+        [with_port_laws(test, {"": law}) for test in smooth], experiment
     )
     assert found.forces[""].value == pytest.approx(50.0, abs=4.0 * found.forces[""].deviation + 0.05)
     assert found.friction[""].velocity == pytest.approx(0.006)
