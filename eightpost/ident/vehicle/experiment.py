@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -168,7 +168,7 @@ def find_baseline(records: Sequence[TimeSeries], ports: Sequence[str], *, test: 
     Raises:
         InputError: All tests have the same shock at a port, so the effect of its force cannot be separated.
     """
-    slopes = np.array([[_slope(record, port) for port in ports] for record in records])
+    slopes = np.array([[_line(record, port)[0] for port in ports] for record in records])
     usual = np.sort(slopes, axis=0)[len(slopes) // 2]  # with two tests, the larger damping
     chosen = int(np.argmin(np.abs(slopes / usual - 1.0).max(axis=1))) if test is None else test
     changes = np.abs(slopes / slopes[chosen] - 1.0)
@@ -178,25 +178,17 @@ def find_baseline(records: Sequence[TimeSeries], ports: Sequence[str], *, test: 
                 f"no test has another shock at {port or 'the port'}: the damping is {slopes[chosen, place]:.0f} N.s/m "
                 f"within {100.0 * _OTHER:.0f} % in all {len(records)} tests; add a test with about half of it (6.1.4)"
             )
-    deviations = {port: _deviation(records[chosen], port, slopes[chosen, i]) for i, port in enumerate(ports)}
+    deviations = {port: _line(records[chosen], port)[1] for port in ports}
     others = sorted((k for k in range(len(records)) if k != chosen), key=lambda k: (int(np.argmax(changes[k])), k))
-    damping = {port: float(slopes[chosen, i]) for i, port in enumerate(ports)}
+    damping = dict(zip(ports, slopes[chosen].tolist(), strict=True))
     return Baseline(chosen, damping, deviations, (chosen, *others))
 
 
-def _slope(record: TimeSeries, port: str) -> float:
-    v, force = _moving(record, port)
-    return float(v @ force / (v @ v))
-
-
-def _deviation(record: TimeSeries, port: str, slope: float) -> float:
-    v, force = _moving(record, port)
-    return float(np.std(force - slope * v) / np.std(slope * v))
-
-
-def _moving(record: TimeSeries, port: str) -> tuple[Array, Array]:
-    v, force = (record[channel(port, quantity)] for quantity in ("velocity", "force"))
-    return v - v.mean(), force - force.mean()
+def _line(record: TimeSeries, port: str) -> tuple[float, float]:
+    """Return the slope c of a shock's force over its velocity, and the RMS of F - c v relative to that of c v."""
+    v, force = (record[channel(port, name)] - record[channel(port, name)].mean() for name in ("velocity", "force"))
+    slope = float(v @ force / (v @ v))
+    return slope, float(np.std(force - slope * v) / np.std(slope * v))
 
 
 # ==== Ranges that the tests covered, and where another record or a simulation leaves them ============================
@@ -237,7 +229,27 @@ class Ranges:
 
     def beyond(self, series: TimeSeries) -> tuple[str, ...]:
         """Return up to two sentences on where a series without means leaves the tests' amplitudes and frequencies."""
-        return (*self._amplitudes(series), *self._frequencies(series))
+        sentences = []
+        peaks = {name: _peak(series, name) for name in self.channels if name in series and self._covered(name) > 0.0}
+        times = {
+            name: peak / self._covered(name) for name, peak in peaks.items() if peak > _BEYOND * self._covered(name)
+        }
+        if times:
+            over = sorted(times, key=lambda name: -times[name])
+            listed = ", ".join(f"{n} {times[n]:.2g} times ({peaks[n]:.3g} {series.unit(n)})" for n in over)
+            sentences.append(f"amplitudes beyond the fit's tests: {listed}")
+        if self.frequency is None:
+            return tuple(sentences)
+        high = self.frequency[1]
+        moving = [name for name in series.names if quantity(name) in ("velocity", "tire_force")]
+        shares = {name: share for name in moving if (share := _share_above(series, name, high)) > _ABOVE}
+        if shares:
+            over = sorted(shares, key=lambda name: -shares[name])
+            listed = ", ".join(f"{name} {100.0 * shares[name]:.0f} %" for name in over)
+            sentences.append(
+                f"power above {high:.3g} Hz, where the model was not fitted and no criterion applies: {listed}"
+            )
+        return tuple(sentences)
 
     def is_gentle(self, series: TimeSeries) -> bool:
         """Return whether all shocks stay below 5 % of the velocities of the tests; False if that is not known."""
@@ -246,25 +258,6 @@ class Ranges:
 
     def _covered(self, name: str) -> float:
         return max(abs(end) for end in self.channels[name])
-
-    def _amplitudes(self, series: TimeSeries) -> Iterator[str]:
-        names = [name for name in self.channels if name in series and self._covered(name) > 0.0]
-        peaks = {name: _peak(series, name) for name in names}
-        times = {name: peaks[name] / self._covered(name) for name in names}
-        over = sorted((name for name in names if times[name] > _BEYOND), key=lambda name: -times[name])
-        if over:
-            listed = ", ".join(f"{n} {times[n]:.2g} times ({peaks[n]:.3g} {series.unit(n)})" for n in over)
-            yield f"amplitudes beyond the fit's tests: {listed}"
-
-    def _frequencies(self, series: TimeSeries) -> Iterator[str]:
-        if self.frequency is None:
-            return
-        high = self.frequency[1]
-        shares = {n: _share_above(series, n, high) for n in series.names if quantity(n) in ("velocity", "tire_force")}
-        over = sorted((name for name in shares if shares[name] > _ABOVE), key=lambda name: -shares[name])
-        if over:
-            listed = ", ".join(f"{name} {100.0 * shares[name]:.0f} %" for name in over)
-            yield f"power above {high:.3g} Hz, where the model was not fitted and no criterion applies: {listed}"
 
 
 def ranges_of(tests: Sequence[TimeSeries], experiment: Experiment, frequency: tuple[float, float]) -> Ranges:
