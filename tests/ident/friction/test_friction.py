@@ -89,9 +89,6 @@ def test_friction_that_sticks_is_recognised_with_its_force_and_its_reach(
     # The law is not that of the rig: on five drives, its reach is 0.70 to 0.77 of the rig's bristle.
     assert found.friction[""].bristle.reach == pytest.approx(0.74 * COULOMB / STIFFNESS, rel=0.08)
     assert abs(found.forces[""].value - COULOMB) < 0.03 * COULOMB + 3.0 * found.forces[""].deviation
-    costs = {name: min(tried.cost for tried in found.profile if bool(tried.law.bristle.force) is sticks)
-             for name, sticks in (("bristle", True), ("tanh", False))}  # fmt: skip
-    assert costs["bristle"] < 0.85 * costs["tanh"]  # 0.73 to 0.80 on five drives
 
 
 @pytest.mark.nightly
@@ -116,7 +113,7 @@ def test_friction_is_not_significant_on_a_car_without_friction(
 def test_only_positive_forces_above_four_standard_deviations_are_friction() -> None:
     tested = SimpleNamespace(ports=("lf", "rf", "lr"), outputs=("lf.velocity",))
     forces = ForceSolution(np.array([7.9, 8.1, -20.0]), 4.0 * np.eye(3), np.array([0.5]))
-    found = _estimate(tested, forces, Friction(1.0, 0.006), ())
+    found = _estimate(tested, forces, Friction(1.0, 0.006))
     assert {port: law.force for port, law in found.friction.items()} == {"lf": 0.0, "rf": 8.1, "lr": 0.0}
     assert {port: law.velocity for port, law in found.friction.items()} == dict.fromkeys(tested.ports, 0.006)
 
