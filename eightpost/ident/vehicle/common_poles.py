@@ -15,7 +15,7 @@ from eightpost.array_types import Array, Complex
 from eightpost.ident.threads import for_each
 from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit, CommonPoleModel, refitted, state_space
 from eightpost.ident.vehicle.estimators import LocalPolynomial, Recipe, estimate_response, input_noise
-from eightpost.ident.vehicle.experiment import CoherentBand, Experiment, Ranges, SupportedBand, lifted_tires, ranges_of
+from eightpost.ident.vehicle.experiment import CoherentBand, Experiment, SupportedBand, lifted_tires, ranges_of
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse
 from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.port_search import (
@@ -26,7 +26,7 @@ from eightpost.ident.vehicle.port_search import (
     nonlinear_spring_sentence,
     port_springs,
 )
-from eightpost.ident.vehicle.records import Records, gather
+from eightpost.ident.vehicle.records import gather
 from eightpost.ident.vehicle.refinement import Refinement, integrals
 from eightpost.ident.vehicle.simulation import fault_in_simulation, with_port_laws
 from eightpost.ident.vehicle.stability import closed_loop_stability, safe_slopes
@@ -37,35 +37,36 @@ from eightpost.signals import TimeSeries
 from eightpost.uncertainty import MeasureUncertainty
 from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace, add_port_damping
 
-# ---- Uncertainty of a common-pole model due to noise, from models of responses with resampled noise -----------------
+# ==== Uncertainty of a common-pole model due to noise, from models of responses with resampled noise =================
 
 #: Correlation below which values count as uncorrelated [1].
 _UNCORRELATED = 0.1
 
+#: Linear dampers with which the RMS of an output is evaluated, relative to the baseline damping [1].
+DAMPERS = (0.5, 1.0, 2.0)
+
+#: Duration of the first test that is used as the drive [s], and number of frequencies for comparing responses.
+_SECONDS, _FREQUENCIES = 60.0, 100
+
 
 def sampled_models(found: CommonPoleModel, count: int = 20, *, seed: int = 0) -> tuple[StateSpace, ...]:
     """Return models of the response with resampled noise."""
-    generator, length = np.random.default_rng(seed), correlation_length(found.refined.solution.misfit)
-    drawn = [_noise(found, generator, length) for _ in range(count)]
-    return tuple(for_each(drawn, lambda noise: _sampled(found, noise)))
+    points, solution = found.points, found.refined.solution
+    generator, length = np.random.default_rng(seed), correlation_length(solution.misfit)
+    size = np.where(points.known, points.deviation, 0.0)
 
+    def noise() -> Complex:
+        """Return noise of standard deviation 1 (p, m, K), correlated over neighbouring frequencies."""
+        white = generator.standard_normal((2, *points.H.shape[:2], points.s.size + length - 1)) * np.sqrt(0.5)
+        window = np.lib.stride_tricks.sliding_window_view(white[0] + 1j * white[1], length, axis=2)
+        return np.asarray(window.sum(axis=3) / np.sqrt(length))
 
-def response_deviation(models: tuple[StateSpace, ...], frequency_hz: ArrayLike) -> Array:
-    """Return the standard deviation of |H| over sampled models (p, m, K) at `frequency_hz` (K,) [Hz]."""
-    H = np.stack([model.frequency_response(frequency_hz) for model in models])
-    return np.asarray(np.sqrt(np.mean(np.abs(H - H.mean(axis=0)) ** 2, axis=0) * len(models) / (len(models) - 1)))
+    def model(drawn: Complex) -> StateSpace:
+        noisy = replace(points, H=points.H + size * drawn)
+        refined = Refinement(max_iterations=1).refine(noisy, solution.blocks, solution.through)
+        return state_space(refined.solution, noisy, found.inputs, found.fitted, found.model.outputs)
 
-
-def spread(models: tuple[StateSpace, ...], measures: Callable[[StateSpace], Array]) -> Array:
-    """Return the standard deviation of measures over sampled models, in the shape of the measures.
-
-    Args:
-        measures: Function that returns the measures of a model, an array of any shape (...,).
-
-    Returns:
-        Standard deviations (...,) in the units of the measures.
-    """
-    return np.asarray(np.std(np.stack([measures(model) for model in models]), axis=0, ddof=1))
+    return tuple(for_each([noise() for _ in range(count)], model))
 
 
 def correlation_length(misfit: Complex) -> int:
@@ -78,28 +79,15 @@ def correlation_length(misfit: Complex) -> int:
     return int(misfit.shape[2])
 
 
-def _noise(found: CommonPoleModel, generator: np.random.Generator, length: int) -> Complex:
-    """Return noise of standard deviation 1 (p, m, K), correlated over `length` neighbouring frequencies."""
-    points = found.points
-    white = generator.standard_normal((2, *points.H.shape[:2], points.s.size + length - 1)) * np.sqrt(0.5)
-    window = np.lib.stride_tricks.sliding_window_view(white[0] + 1j * white[1], length, axis=2)
-    return np.asarray(window.sum(axis=3) / np.sqrt(length))
+def response_deviation(models: tuple[StateSpace, ...], frequency_hz: ArrayLike) -> Array:
+    """Return the standard deviation of |H| over sampled models (p, m, K) at `frequency_hz` (K,) [Hz]."""
+    H = np.stack([model.frequency_response(frequency_hz) for model in models])
+    return np.asarray(np.sqrt(np.mean(np.abs(H - H.mean(axis=0)) ** 2, axis=0) * len(models) / (len(models) - 1)))
 
 
-def _sampled(found: CommonPoleModel, noise: Complex) -> StateSpace:
-    points, solution = found.points, found.refined.solution
-    noisy = replace(points, H=points.H + np.where(points.known, points.deviation, 0.0) * noise)
-    refined = Refinement(max_iterations=1).refine(noisy, solution.blocks, solution.through)
-    return state_space(refined.solution, noisy, found.inputs, found.fitted, found.model.outputs)
-
-
-# ---- Uncertainty due to noise of each output of a common-pole model -------------------------------------------------
-
-#: Linear dampers with which the RMS of an output is evaluated, relative to the baseline damping [1].
-DAMPERS = (0.5, 1.0, 2.0)
-
-#: Duration of the first test that is used as the drive [s], and number of frequencies for comparing responses.
-_SECONDS, _FREQUENCIES = 60.0, 100
+def spread(models: tuple[StateSpace, ...], measures: Callable[[StateSpace], Array]) -> Array:
+    """Return the standard deviation of measures (...,) over sampled models (...,)."""
+    return np.asarray(np.std(np.stack([measures(model) for model in models]), axis=0, ddof=1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,9 +104,9 @@ class Excitation:
         rows = np.stack([test[name] for name in names])[:, : round(_SECONDS * test.sample_rate)]
         rows = (rows - rows.mean(axis=1, keepdims=True)) * np.hanning(rows.shape[1])
         frequency = np.fft.rfftfreq(rows.shape[1], 1.0 / test.sample_rate)
-        kept = (frequency >= band[0]) & (frequency <= band[1])
-        spectra = np.asarray(np.fft.rfft(rows, axis=1)[:, kept], dtype=np.complex128)
-        return cls(tuple(names), np.asarray(frequency[kept], dtype=np.float64), spectra)
+        inside = (frequency >= band[0]) & (frequency <= band[1])
+        spectra = np.asarray(np.fft.rfft(rows, axis=1)[:, inside], dtype=np.complex128)
+        return cls(tuple(names), np.asarray(frequency[inside], dtype=np.float64), spectra)
 
     def rms(self, model: StateSpace, baseline: Mapping[str, float]) -> Array:
         """Return values proportional to the outputs' RMS with each of `DAMPERS` at all ports (3, p)."""
@@ -150,14 +138,12 @@ def output_trust(
     """
     models = sampled_models(found, samples)
     response, measure = relative_deviations(found.model, models, tests[0], experiment, found.band)
-    trusts = {}
+    # Displacements are not fitted and have the misfit of the velocity.
+    velocities, trusts = integrals(found.model.output_names), {}
     for k, name in enumerate(found.model.output_names):
-        misfit = _misfit(found, name)
-        times = max(misfit, 1.0)
-        left = with_friction.get(name)
-        trusts[name] = OutputTrust(
-            float(response[k] * times), float(measure[k] * times), misfit, None if left is None else float(left**0.5)
-        )
+        misfit, left = found.excess[velocities.get(name, name)], with_friction.get(name)
+        times, rest = max(misfit, 1.0), None if left is None else float(left**0.5)
+        trusts[name] = OutputTrust(float(response[k] * times), float(measure[k] * times), misfit, rest)
     return trusts
 
 
@@ -170,29 +156,18 @@ def relative_deviations(
 ) -> tuple[Array, Array]:
     """Return the relative standard deviations over sampled models of each output's responses (p,) and RMS (p,).
 
-    Args:
-        band: Lowest and highest frequency of the fit [Hz].
+    All inputs have equal weight in the responses; `test` drives the setups; `band` is that of the fit [Hz].
     """
     frequency = np.geomspace(*band, _FREQUENCIES)
-    response = _relative(response_deviation(models, frequency), np.abs(model.frequency_response(frequency)))
+    whole = np.maximum(np.mean(np.abs(model.frequency_response(frequency)) ** 2, axis=2), 1e-300)
+    parts = np.mean(response_deviation(models, frequency) ** 2, axis=2) / whole
     drive = Excitation.of(test, experiment.rig, band)
     sizes = drive.rms(model, experiment.baseline_damping)
     scatter = spread(models, lambda one: drive.rms(one, experiment.baseline_damping))
-    return response, np.asarray((scatter / np.maximum(sizes, 1e-300)).max(axis=0))
+    return np.sqrt(np.mean(parts, axis=1)), np.asarray((scatter / np.maximum(sizes, 1e-300)).max(axis=0))
 
 
-def _misfit(found: CommonPoleModel, name: str) -> float:
-    """Return an output's misfit in standard deviations; displacements are not fitted and have that of the velocity."""
-    return found.excess[integrals(found.model.output_names).get(name, name)]
-
-
-def _relative(deviation: Array, size: Array) -> Array:
-    """Return the relative standard deviation of each output's responses (p,); all inputs have equal weight."""
-    whole = np.maximum(np.mean(size**2, axis=2), 1e-300)
-    return np.asarray(np.sqrt(np.mean(np.mean(deviation**2, axis=2) / whole, axis=1)))
-
-
-# ---- Effects in the car that a model does not have ------------------------------------------------------------------
+# ==== Effects in the car that a model does not have ==================================================================
 
 #: Misfit, in standard deviations of the estimate, above which it is reported as more than noise [1].
 EXCESS = 1.5
@@ -210,65 +185,89 @@ def unmodelled(
         tests: Records of the tests, without means.
         means: Mean tire forces that the original records had [N], by channel.
     """
-    sentences = {
-        "misfit": _misfits(found),
-        "lift-off": _lifted(tests, means),
-        "unexplained": _coherence(response, found),
-    }
-    return {what: sentence for what, sentence in sentences.items() if sentence}
-
-
-def _misfits(found: CommonPoleModel) -> str:
-    worst: dict[str, float] = {}
+    sentences, worst = {}, dict[str, float]()
     for name, value in found.excess.items():
         quantity = name.rpartition(".")[2]
         worst[quantity] = max(value, worst.get(quantity, 0.0))
-    listed = ", ".join(f"{quantity} {value:.1f}" for quantity, value in worst.items() if value > EXCESS)
-    if not listed:
-        return ""
-    return (
-        f"The misfit is larger than noise (in standard deviations, worst of each: {listed}). Likely causes are "
-        "nonlinear effects, above all stick-slip, or too few states. The reported standard deviations are increased "
-        "accordingly."
-    )
+    if listed := ", ".join(f"{quantity} {value:.1f}" for quantity, value in worst.items() if value > EXCESS):
+        sentences["misfit"] = (
+            f"The misfit is larger than noise (in standard deviations, worst of each: {listed}). Likely causes are "
+            "nonlinear effects, above all stick-slip, or too few states. The reported standard deviations are "
+            "increased accordingly."
+        )
+    if listed := ", ".join(sorted(lifted_tires(tests, means))):
+        sentences["lift-off"] = (
+            f"Tires leave the ground ({listed}), which the linear model cannot represent; lower the road's peak."
+        )
+    if listed := ", ".join(_noisy_outputs(response, found.band)):
+        sentences["unexplained"] = (
+            f"Not explained by any linear response although coherence is good: {listed} of the output. If the sensors "
+            "are less noisy than that, the cause is friction or nonlinear springs."
+        )
+    return sentences
 
 
-def _lifted(tests: Sequence[TimeSeries], means: Mapping[str, float]) -> str:
-    names = sorted(lifted_tires(tests, means))
-    if not names:
-        return ""
-    return (
-        f"Tires leave the ground ({', '.join(names)}), which the linear model cannot represent; lower the road's peak."
-    )
+def _noisy_outputs(response: FrequencyResponse, band: tuple[float, float]) -> Iterator[str]:
+    """Yield outputs that are noisy although their coherence is good: a sign of friction or springs."""
+    if response.coherence is not None:
+        inside = (response.frequency >= band[0]) & (response.frequency <= band[1])
+        left = np.sqrt(1.0 - np.median(response.coherence[:, inside], axis=1))
+        for name, share in zip(response.output_names, left, strict=True):
+            if _NOISY < share < np.sqrt(1.0 - _FINE**2):
+                yield f"{name} {100.0 * share:.0f} %"
 
 
-def _coherence(response: FrequencyResponse, found: CommonPoleModel) -> str:
-    """Return a sentence on outputs that are noisy although their coherence is good: a sign of friction or springs."""
-    if response.coherence is None:
-        return ""
-    low, high = found.band
-    inside = (response.frequency >= low) & (response.frequency <= high)
-    left = np.sqrt(1.0 - np.median(response.coherence[:, inside], axis=1))
-    names = [
-        f"{name} {100.0 * share:.0f} %"
-        for name, share in zip(response.output_names, left, strict=True)
-        if _NOISY < share < np.sqrt(1.0 - _FINE**2)
-    ]
-    if not names:
-        return ""
-    return (
-        f"Not explained by any linear response although coherence is good: {', '.join(names)} of the output. If the "
-        "sensors are less noisy than that, the cause is friction or nonlinear springs."
-    )
-
-
-# ==== The recipe ======================================================================================================
+# ==== The recipe =====================================================================================================
 
 #: Shares of the band that are tried one after the other, if a model cannot be used [1].
 _SHARES = (1.0, 0.65)
 
 #: Flag of a vehicle that fails in its own simulation, as all simpler ones did.
 _NONE_USABLE = "No model could be used; the first one was kept."
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _PortLaws:
+    """Laws of the ports that a response is estimated around."""
+
+    friction: FrictionEstimate | None  #: Estimate of the friction; None if it was not estimated.
+    springs: Mapping[str, ForceEstimate]  #: Estimate of the nonlinear springs.
+    of_ports: Mapping[str, Friction]  #: Friction and springs of the vehicle, by port.
+
+    def added_to(self, tests: Sequence[TimeSeries]) -> list[TimeSeries]:
+        """Return the tests with the laws' forces included in the shock forces."""
+        return [with_port_laws(test, self.of_ports) for test in tests]
+
+    @property
+    def flags(self) -> dict[str, str]:
+        """Sentences on the friction, and on springs that are not linear."""
+        flags = {"friction": self.friction.summary()} if self.friction is not None and self.friction.acts else {}
+        if any(law.spring for law in self.of_ports.values()):
+            sentence, key = nonlinear_spring_sentence(self.springs, held=MODELLED), "port springs"
+        else:
+            sentence, key = nonlinear_spring_sentence(self.springs), "springs"
+        return flags if sentence is None else flags | {key: sentence}
+
+    @property
+    def text(self) -> str:
+        """Names of the laws."""
+        laws = list(self.of_ports.values())
+        names = {
+            "friction that sticks": any(law.bristle.force for law in laws),
+            "friction that creeps": any(law.force for law in laws),
+            "port springs": any(law.spring for law in laws),
+        }
+        return " and ".join(name for name, acts in names.items() if acts) or "linear ports"
+
+
+class _Car(NamedTuple):
+    """A vehicle with its fit, the response that was fitted, the laws of its ports, and the band that was found."""
+
+    vehicle: IdentifiedVehicle
+    found: CommonPoleModel
+    response: FrequencyResponse
+    laws: _PortLaws
+    supported: SupportedBand | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -295,47 +294,26 @@ class CommonPoles:
     levels: MeasuredLevels | None = field(default_factory=MeasuredLevels)
 
     def identify(self, tests: Sequence[TimeSeries], experiment: Experiment) -> VehicleFit:
-        """Identify a vehicle; see `VehicleRecipe`."""
-        return self.explain(tests, experiment).vehicle_fit
-
-    def explain(self, tests: Sequence[TimeSeries], experiment: Experiment) -> Identification:
-        """Identify a vehicle and return all intermediate results.
+        """Identify a vehicle; see `VehicleRecipe`.
 
         Raises:
             InputError: Tests and experiment do not match, or the effects of the inputs cannot be separated.
             TooShortError: The records have too few frequency bins.
         """
-        started = process_time()
+        started, rejected = process_time(), list[str]()
+        cars = list[_Car]()
         with portion(0.0, 0.78):
-            car, failed, usable = self._usable_car(tests, experiment)
+            for laws, share in product(self._port_laws(tests, experiment), _SHARES):
+                cars.append(self._car(tests, experiment, laws, share))
+                fault = fault_in_simulation(cars[-1].vehicle, tests)
+                if fault is None:
+                    break
+                high = cars[-1].found.band[1]
+                rejected.append(f"A model with {laws.text} up to {high:.3g} Hz was rejected: {fault}.")
+        is_usable = len(rejected) < len(cars)
         with portion(0.78, 1.0):
-            return self._identification(car, tests, experiment, (started, failed, usable))
-
-    def vehicle(self, tests: Sequence[TimeSeries], experiment: Experiment) -> IdentifiedVehicle:
-        """Return the vehicle without its uncertainty, which takes less time.
-
-        Raises:
-            InputError: Tests and experiment do not match, or the effects of the inputs cannot be separated.
-            TooShortError: The records have too few frequency bins.
-        """
-        return self._usable_car(tests, experiment)[0].vehicle
-
-    def _usable_car(self, tests: Sequence[TimeSeries], experiment: Experiment) -> tuple[_Car, tuple[str, ...], bool]:
-        """Return the first car that can be simulated, or else the first one.
-
-        Also return notes on those that were rejected, and whether the car can be simulated.
-        """
-        failed: list[str] = []
-        first: _Car | None = None
-        for laws, share in product(self._port_laws(tests, experiment), _SHARES):
-            car = self._car(tests, experiment, laws, share)
-            fault = fault_in_simulation(car.vehicle, tests)
-            if fault is None:
-                return car, tuple(failed), True
-            failed.append(f"A model with {laws.text} up to {car.found.band[1]:.3g} Hz was rejected: {fault}.")
-            first = first or car
-        assert first is not None
-        return first, tuple(failed), False
+            fit = self._fit(cars[-1] if is_usable else cars[0], tests, experiment, rejected, is_usable=is_usable)
+        return replace(fit, seconds=process_time() - started)
 
     def _port_laws(self, tests: Sequence[TimeSeries], experiment: Experiment) -> Iterator[_PortLaws]:
         """Yield the laws of the ports, the best first, then simpler ones."""
@@ -343,19 +321,19 @@ class CommonPoles:
         for search in searches:
             with portion(0.0, 0.13):
                 friction = search.find(tests, experiment)
-            laws = _PortLaws.of(friction)
+            laws = _PortLaws(friction, {}, {port: law for port, law in friction.friction.items() if law.acts})
             springs = {} if self.springs is None else self.springs.find(laws.added_to(tests), experiment)
             stiff = port_springs(springs, tests, experiment.ports)
             if stiff:
-                yield laws.with_springs(springs, stiff)
+                added = {port: laws.of_ports.get(port, Friction())._replace(spring=k2) for port, k2 in stiff.items()}
+                yield _PortLaws(friction, springs, {**laws.of_ports, **added})
             yield replace(laws, springs=springs)
             if friction.sticks:
                 searches.append(search.creeping)
-        plain = _PortLaws.of(None)
         springs = {} if self.springs is None or self.friction is not None else self.springs.find(tests, experiment)
-        yield replace(plain, springs=springs)
+        yield _PortLaws(None, springs, {})
 
-    def _car(self, tests: Sequence[TimeSeries], experiment: Experiment, laws: _PortLaws, share: float = 1.0) -> _Car:
+    def _car(self, tests: Sequence[TimeSeries], experiment: Experiment, laws: _PortLaws, share: float) -> _Car:
         """Return the car for the laws of the ports, fitted in the lower `share` of the band."""
         with portion(0.13, 0.38):
             response = self._response(laws.added_to(tests), experiment)
@@ -363,46 +341,40 @@ class CommonPoles:
         fit = replace(self.fit, high=share * (self.fit.high if supported is None else supported.high))
         with portion(0.38, 1.0):
             found = fit.fit(response)
-        vehicle = IdentifiedVehicle(
-            experiment.name,
-            found.model,
-            experiment.baseline_damping,
-            experiment.static,
-            experiment.sources,
-            laws.of_ports,
-        )
+        baseline, static, sources = experiment.baseline_damping, experiment.static, experiment.sources
+        vehicle = IdentifiedVehicle(experiment.name, found.model, baseline, static, sources, laws.of_ports)
         return _Car(vehicle, found, response, laws, supported)
 
-    def _identification(
+    def _fit(
         self,
         car: _Car,
         tests: Sequence[TimeSeries],
         experiment: Experiment,
-        before: tuple[float, tuple[str, ...], bool],
-    ) -> Identification:
-        """Return the result for a car.
-
-        `before` has the time at the start, notes on the cars that were rejected, and whether the car can be simulated.
-        """
-        found, laws, friction = car.found, car.laws, car.laws.friction
-        started, failed, usable = before
+        rejected: Sequence[str],
+        *,
+        is_usable: bool,
+    ) -> VehicleFit:
+        """Return the fit of a car, with notes on those that were `rejected`."""
+        found, laws, friction, corrected = car.found, car.laws, car.laws.friction, car.laws.added_to(tests)
         with portion(0.0, 0.5):
-            outputs = self._outputs(found, tests, experiment, friction)
+            left = {} if friction is None else friction.residual
+            outputs = {} if self.samples < 2 else output_trust(
+                found, tests, experiment, samples=self.samples, with_friction=left)  # fmt: skip
         with portion(0.5, 1.0):
-            measures = self._measures(car, tests, experiment)
-        ranges = ranges_of(tests, experiment, found.band)
+            measures = {} if self.levels is None else self._measures(self.levels, car, tests, experiment)
         stability = closed_loop_stability(car.vehicle)
         flags = laws.flags | unmodelled(car.response, found, tests, experiment.means)
-        if not usable:
+        if not is_usable:
             flags[UNUSABLE] = _NONE_USABLE
         elif self.levels is not None and not measures:
             flags[UNUSABLE] = NOT_SIMULATED
         unused = friction is not None and not friction.acts
+        records = gather(corrected, experiment.inputs, experiment.outputs, experiment.baseline_damping)
         notes = (
             f"{len(found.model.A)} states from {found.band[0]:g} to {found.band[1]:g} Hz",
             *(() if car.supported is None else (car.supported.summary(),)),
-            *failed,
-            input_noise(_gathered(laws.added_to(tests), experiment), found.band).summary(self.estimate),
+            *rejected,
+            input_noise(records, found.band).summary(self.estimate),
             *found.notes,
             *(("No significant friction was found at the ports.",) if unused else ()),
             *flags.values(),
@@ -410,46 +382,29 @@ class CommonPoles:
             stability.summary(),
             safe_slopes(found.model, experiment.baseline_damping).summary(),
         )
-        trust = Trust(
-            outputs,
-            {} if friction is None else friction.forces,
-            laws.springs,
-            flags,
-            found.orders,
-            self.samples,
-            measures,
+        forces = {} if friction is None else friction.forces
+        return VehicleFit(
+            car.vehicle,
+            "common-poles",
+            car.response,
+            found.residual,
+            notes,
+            stable=stability.stable,
+            ranges=ranges_of(tests, experiment, found.band).as_mapping(),
+            trust=Trust(outputs, forces, laws.springs, flags, found.orders, self.samples, measures),
         )
-        fit = VehicleFit(
-            car.vehicle, "common-poles", car.response, found.residual, notes, process_time() - started,
-            stability.stable, ranges.as_mapping(), trust,
-        )  # fmt: skip
-        return Identification(fit, found, car.response, friction, ranges)
-
-    def _outputs(
-        self,
-        found: CommonPoleModel,
-        tests: Sequence[TimeSeries],
-        experiment: Experiment,
-        friction: FrictionEstimate | None,
-    ) -> dict[str, OutputTrust]:
-        if self.samples < 2:
-            return {}
-        left = {} if friction is None else friction.residual
-        return output_trust(found, tests, experiment, samples=self.samples, with_friction=left)
 
     def _measures(
-        self, car: _Car, tests: Sequence[TimeSeries], experiment: Experiment
+        self, levels: MeasuredLevels, car: _Car, tests: Sequence[TimeSeries], experiment: Experiment
     ) -> dict[str, MeasureUncertainty]:
         """Return the uncertainty of measures on other drives."""
-        if self.levels is None:
-            return {}
-        found, corrected = car.found, car.laws.added_to(tests)
+        corrected = car.laws.added_to(tests)
 
-        def refit(kept: Sequence[int]) -> IdentifiedVehicle:
-            response = self._response([corrected[k] for k in kept], experiment)
-            return replace(car.vehicle, state_space=refitted(found, response, floor=self.fit.floor))
+        def refit(places: Sequence[int]) -> IdentifiedVehicle:
+            response = self._response([corrected[k] for k in places], experiment)
+            return replace(car.vehicle, state_space=refitted(car.found, response, floor=self.fit.floor))
 
-        return self.levels.uncertainty(car.vehicle, tests, experiment, refit=refit)
+        return levels.uncertainty(car.vehicle, tests, experiment, refit=refit)
 
     def _response(self, tests: Sequence[TimeSeries], experiment: Experiment) -> FrequencyResponse:
         return estimate_response(
@@ -459,78 +414,6 @@ class CommonPoles:
             recipe=self.estimate,
             baseline_damping=experiment.baseline_damping,
         )
-
-
-def _gathered(tests: Sequence[TimeSeries], experiment: Experiment) -> Records:
-    return gather(tests, experiment.inputs, experiment.outputs, experiment.baseline_damping)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _PortLaws:
-    """Laws of the ports that a response is estimated around."""
-
-    friction: FrictionEstimate | None  #: Estimate of the friction; None if it was not estimated.
-    springs: Mapping[str, ForceEstimate]  #: Estimate of the nonlinear springs.
-    of_ports: Mapping[str, Friction]  #: Friction and springs of the vehicle, by port.
-
-    @classmethod
-    def of(cls, friction: FrictionEstimate | None) -> _PortLaws:
-        """Return laws without springs."""
-        found = {} if friction is None else friction.friction
-        return cls(friction, {}, {port: law for port, law in found.items() if law.acts})
-
-    def with_springs(self, springs: Mapping[str, ForceEstimate], stiff: Mapping[str, float]) -> _PortLaws:
-        """Return the laws with the coefficients `stiff` [N/m2] of the springs' estimate."""
-        laws = dict(self.of_ports)
-        for port, coefficient in stiff.items():
-            laws[port] = laws.get(port, Friction())._replace(spring=coefficient)
-        return _PortLaws(self.friction, springs, laws)
-
-    def added_to(self, tests: Sequence[TimeSeries]) -> list[TimeSeries]:
-        """Return the tests with the laws' forces included in the shock forces."""
-        return [with_port_laws(test, self.of_ports) for test in tests]
-
-    @property
-    def flags(self) -> dict[str, str]:
-        """Sentences on the friction, and on springs that are not linear."""
-        flags = {"friction": self.friction.summary()} if self.friction is not None and self.friction.acts else {}
-        if any(law.spring for law in self.of_ports.values()):
-            sentence, key = nonlinear_spring_sentence(self.springs, held=MODELLED), "port springs"
-        else:
-            sentence, key = nonlinear_spring_sentence(self.springs), "springs"
-        return flags if sentence is None else flags | {key: sentence}
-
-    @property
-    def text(self) -> str:
-        """Names of the laws."""
-        laws = list(self.of_ports.values())
-        names = [name for name, is_there in (
-            ("friction that sticks", any(law.bristle.force for law in laws)),
-            ("friction that creeps", any(law.force for law in laws)),
-            ("port springs", any(law.spring for law in laws)),
-        ) if is_there]  # fmt: skip
-        return " and ".join(names) or "linear ports"
-
-
-class _Car(NamedTuple):
-    """A vehicle with its fit, the response that was fitted, the laws of its ports, and the band that was found."""
-
-    vehicle: IdentifiedVehicle
-    found: CommonPoleModel
-    response: FrequencyResponse
-    laws: _PortLaws
-    supported: SupportedBand | None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Identification:
-    """A fit with its intermediate results."""
-
-    vehicle_fit: VehicleFit  #: Fit that `identify` returns.
-    model_fit: CommonPoleModel  #: Common-pole model with details of its fit.
-    response: FrequencyResponse  #: Response that was fitted, around baseline damping and friction.
-    friction: FrictionEstimate | None  #: Estimated friction at the ports; None if it was not estimated.
-    ranges: Ranges  #: Ranges that the tests covered.
 
 
 RECIPE = CommonPoles()

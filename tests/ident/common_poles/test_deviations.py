@@ -9,7 +9,7 @@ import pytest
 
 from eightpost.errors import InputError
 from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit
-from eightpost.ident.vehicle.common_poles import Excitation, _relative, output_trust
+from eightpost.ident.vehicle.common_poles import Excitation, output_trust, relative_deviations
 from eightpost.ident.vehicle.estimators import powered
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.signals import TimeSeries
@@ -53,9 +53,14 @@ def test_sizes_are_those_with_half_the_damping_the_damping_and_twice_the_damping
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
-def test_a_relative_deviation_does_not_depend_on_the_size_of_a_response(scale: float) -> None:
-    size = scale * np.array([[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]])
-    assert _relative(0.1 * size, size) == pytest.approx([0.1], rel=1e-12)
+def test_a_relative_deviation_does_not_depend_on_the_size_of_a_response(quarter_car: StateSpace, scale: float) -> None:
+    few, many, model = (
+        replace(quarter_car, B=factor * scale * quarter_car.B, D=factor * scale * quarter_car.D)
+        for factor in (0.9, 1.1, 1.0)
+    )
+    experiment = Experiment("car", ("road",), ("force",), tuple(model.output_names), {"": 0.0})
+    for deviation in relative_deviations(model, (few, many), record(5.0), experiment, BAND):
+        assert deviation == pytest.approx(np.full(len(model.outputs), 0.1 * np.sqrt(2.0)))
 
 
 @pytest.mark.nightly
