@@ -55,18 +55,19 @@ def sampled_models(found: CommonPoleModel, count: int = 20, *, seed: int = 0) ->
     generator, length = np.random.default_rng(seed), correlation_length(solution.misfit)
     size = np.where(points.known, points.deviation, 0.0)
 
-    def noise() -> Complex:
-        """Return noise of standard deviation 1 (p, m, K), correlated over neighbouring frequencies."""
-        white = generator.standard_normal((2, *points.H.shape[:2], points.s.size + length - 1)) * np.sqrt(0.5)
-        window = np.lib.stride_tricks.sliding_window_view(white[0] + 1j * white[1], length, axis=2)
-        return np.asarray(window.sum(axis=3) / np.sqrt(length))
-
     def model(drawn: Complex) -> StateSpace:
         noisy = replace(points, H=points.H + size * drawn)
         refined = Refinement(max_iterations=1).refine(noisy, solution.blocks, solution.through)
         return state_space(refined.solution, noisy, found.inputs, found.fitted, found.model.outputs)
 
-    return tuple(for_each([noise() for _ in range(count)], model))
+    return tuple(for_each([correlated_noise(generator, points.H.shape, length) for _ in range(count)], model))
+
+
+def correlated_noise(generator: np.random.Generator, shape: tuple[int, ...], length: int) -> Complex:
+    """Return noise of standard deviation 1 (p, m, K), correlated over `length` neighbouring frequencies."""
+    white = generator.standard_normal((2, *shape[:2], shape[2] + length - 1)) * np.sqrt(0.5)
+    window = np.lib.stride_tricks.sliding_window_view(white[0] + 1j * white[1], length, axis=2)
+    return np.asarray(window.sum(axis=3) / np.sqrt(length))
 
 
 def correlation_length(misfit: Complex) -> int:
