@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -13,7 +13,7 @@ from dissertation.effort import Effort
 from dissertation.findings import Findings
 from dissertation.plots import FREQUENCY, Line, Plot, decibel_axis, decibels, figure_of
 from eightpost.array_types import Array, Complex
-from eightpost.ident.vehicle.frequency_response import HighResidual, LowResidual
+from eightpost.ident.vehicle.frequency_response import HighResidual, through_points
 from eightpost.report.charts import Figure
 from eightpost.units import si_factor
 from eightpost.vehicle import (
@@ -315,6 +315,22 @@ def equation_5_45(_: Effort) -> Findings:
         columns.append(rest / U[7 + number, at])
     one_by_one = np.hstack([rig, np.stack(columns, axis=1)])
     return Findings(claims={"holds": holds(difference_by_output(one_by_one, together), 1e-6)})
+
+
+@dataclass(frozen=True, slots=True)
+class LowResidual:
+    """Residual fit of Eq 5.49, `H = K exp(i (phi + b f)) / f^N`, through two points, for all below the first."""
+
+    low: float  #: Lower control point [Hz], about 1 in 5.3.2; all below it is replaced.
+    high: float  #: Upper control point [Hz], about 4.
+
+    def apply(self, frequency: Array, path: Complex) -> Complex:
+        """Return the path (K,) with its low frequencies replaced."""
+        order, gain, _, (start, slope) = through_points(frequency, path, self.low, self.high)
+        inside = frequency < self.low
+        changed = path.copy()
+        changed[inside] = gain * np.exp(1j * (start + slope * frequency[inside])) / frequency[inside] ** order
+        return changed
 
 
 def _residual(treatment: HighResidual | LowResidual, slope: float) -> Findings:

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from eightpost.errors import FmuError, InputError, ParameterError, StepError
-from eightpost.ident.vehicle.frequency_response import FrequencyResponse, Preconditioning, response_of
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, Preconditioning
 from eightpost.ident.vehicle.simulation import ManySetups, simulate_with_shocks
 from eightpost.ident.vehicle.siso_models import TransferFunction, balance, parallel_model
 from eightpost.shock import Lpf1, Lpnl2
@@ -78,13 +78,6 @@ def test_a_path_with_low_coherence_is_extrapolated_with_decreasing_magnitude() -
     assert np.abs(path[beyond] / H[beyond]).max() < 3.0
     assert np.abs(path[~lost] / H[~lost] - 1.0).max() < 0.3
     assert "extrapolated" in notes[0]
-
-
-def test_paths_are_zeroed_on_request() -> None:
-    response = response_of(read_vehicle(shipped("quarter_car")).coupled(), np.arange(1, 300) * 0.1)
-    found, notes = Preconditioning(zeroed=(("velocity", "aero_force"),)).apply(response)
-    assert not found.between("velocity", "aero_force").any()
-    assert "1 of" in notes[-1]
 
 
 @pytest.fixture(scope="module")
