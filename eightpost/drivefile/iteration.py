@@ -17,7 +17,6 @@ from eightpost.errors import ParameterError
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse
 from eightpost.ident.vehicle.simulation import bristle_force
 from eightpost.shock import ShockLaw
-from eightpost.signals import TimeSeries
 from eightpost.signals.filters import velocity_from_displacement
 from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace, StructuralVehicle, Vehicle, add_port_damping
 
@@ -401,10 +400,6 @@ class Problem:
     def wanted(self) -> Complex:
         """Lines of the target (K, p)."""
         return self.target.lines.spectrum(self.target.rows)
-
-    def series(self, commands: Array) -> TimeSeries:
-        """Return commands (m, N) in SI as a drive file's series."""
-        return TimeSeries(self.target.time, commands, self.inputs, self.units)
 
     def accepted(self, name: str) -> float:
         """Return the accepted error of a target channel [1]."""
