@@ -182,11 +182,7 @@ class IterationFolder:
 
     @classmethod
     def read(cls, path: str | Path) -> IterationFolder:
-        """Read a folder.
-
-        Raises:
-            FileFormatError: The folder does not contain an iteration of this version.
-        """
+        """Read a folder; FileFormatError: the folder does not contain an iteration of this version."""
         path = Path(path)
         content = json_content(path / _STATE, advice="start an iteration with eightpost drivefile start")
         if not isinstance(content, dict) or content.get("kind") != "drivefile_iteration":

@@ -355,11 +355,7 @@ class Subspace:
 
 
 def subspace_of(points: Points, *, max_states: int) -> Subspace:
-    """Return the subspace of a response.
-
-    Raises:
-        TooShortError: The response has too few values for the number of states.
-    """
+    """Return the subspace of a response; TooShortError: the response has too few values for the number of states."""
     p = len(points.H)
     q = max(8, 2 * (-(-max_states // p) + 1))  # block rows: twice as many as needed, at least 8
     alpha = _MIDDLE * float(np.abs(points.s).max())

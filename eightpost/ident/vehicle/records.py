@@ -45,11 +45,7 @@ class Blocks:
             raise ParameterError(f"{self}: length and high must be above zero, overlap from 0 to below 1")
 
     def spectra(self, records: Records) -> Spectra:
-        """Return the spectra of the blocks of all records.
-
-        Raises:
-            TooShortError: A record is shorter than a block.
-        """
+        """Return the spectra of the blocks of all records; TooShortError: a record is shorter than a block."""
         size = max(2, round(self.length * records.rate))
         frequency: Array = np.arange(size // 2 + 1, dtype=np.float64) * (records.rate / size)
         kept = np.flatnonzero((frequency > 0.0) & (frequency <= min(self.high, 0.499 * records.rate)))

@@ -407,11 +407,7 @@ class SisoFits:
     direct: Callable[[str, str], bool] = has_direct_term
 
     def fit(self, response: FrequencyResponse) -> SisoModels:
-        """Fit every path that is not zero.
-
-        Raises:
-            InputError: All paths are zero in their weighted bands.
-        """
+        """Fit every path that is not zero; InputError: all paths are zero in their weighted bands."""
         paths = {}
         sources, outputs = enumerate(response.input_names), enumerate(response.output_names)
         for (j, source), (i, output) in parts(product(sources, outputs)):
