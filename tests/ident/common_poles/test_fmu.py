@@ -23,7 +23,7 @@ RATE, STOP = 125.0, 1.0
 JUDGED = ("velocity", "tire_force")
 
 
-def _line(rate: float) -> StaticCurve:
+def _line(rate):
     """F = rate v."""
     inner, speed = (rate * 0.4, *[0.0] * 14), 0.4
     return StaticCurve(
@@ -32,7 +32,7 @@ def _line(rate: float) -> StaticCurve:
     )  # fmt: skip
 
 
-def _digressive(rate: float) -> StaticCurve:
+def _digressive(rate):
     """Return a cubic that softens to 0.4 rate at 0.04 m/s, which the road reaches, and continues without a kink."""
     speed = 0.04
     force, soft = rate * speed, 0.4 * rate
@@ -51,13 +51,13 @@ LAWS = {
 
 
 @pytest.fixture(scope="module")
-def vehicle(quarter_car) -> IdentifiedVehicle:
+def vehicle(quarter_car):
     """Vehicle identified from an estimate with 1 % noise, so its poles differ from those of the truth."""
     return IdentifiedVehicle("car", CommonPoleFit().fit(noisy(quarter_car, 0.01, 3)).model, {"": BASELINE})
 
 
 @pytest.fixture(scope="module")
-def drive() -> TimeSeries:
+def drive():
     time = np.arange(round(STOP * RATE) + 1) / RATE
     generator = np.random.default_rng(5)
     tones = [(f, 0.004 / f * generator.uniform(0.5, 1.0), generator.uniform(0.0, 6.0)) for f in (1.1, 2.3, 4.7, 9.1)]

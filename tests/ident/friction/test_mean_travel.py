@@ -18,12 +18,12 @@ from eightpost.vehicle import friction as port_friction
 K1, K2 = 30e3, 4e5
 
 
-def travel(load: float) -> float:
+def travel(load):
     """Return the compression of the true spring under a load."""
     return (np.sqrt(K1**2 + 4.0 * K2 * load) - K1) / (2.0 * K2)
 
 
-def car_about(load: float) -> IdentifiedVehicle:
+def car_about(load):
     """Return the car as tests with this mean load find it."""
     model = QuarterCar(300.0, 40.0, K1 + 2.0 * K2 * travel(load), 220e3, 1500.0).with_damper()
     return IdentifiedVehicle("car", model, {"": 1500.0}, friction={"": Friction(20.0, 0.004, spring=K2)})
@@ -81,7 +81,7 @@ class Fit:
 
     vehicle: IdentifiedVehicle
 
-    def identify(self, _records: object, _experiment: object) -> Fit:
+    def identify(self, _records, _experiment):
         """Return the fit as a recipe does."""
         return self
 

@@ -33,16 +33,16 @@ from ..linear_rig import RATE, car, record, spectrum
 
 
 @pytest.fixture(scope="module")
-def quarter() -> RigTest:
+def quarter():
     return record("quarter_car")
 
 
 @pytest.fixture(scope="module")
-def seven() -> RigTest:
+def seven():
     return record("seven_dof", seconds=8.0)
 
 
-def with_channels(test: RigTest, **changes: np.ndarray) -> RigTest:
+def with_channels(test, **changes):
     """Return a test with replaced channels; a double underscore stands for the dot in a name."""
     series = test.series
     for name, values in changes.items():
@@ -280,12 +280,12 @@ def test_the_summary_lists_records_and_steps(quarter):
         assert text in summary
 
 
-def written(folder: Path, text: str) -> Path:
+def written(folder, text):
     (folder / "prep.toml").write_text(text)
     return folder / "prep.toml"
 
 
-def test_the_example_of_the_page_is_read(tmp_path: Path) -> None:
+def test_the_example_of_the_page_is_read(tmp_path):
     page = (Path(__file__).parents[3] / "docs" / "how_to" / "rig_data.md").read_text()
     (block,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
     how = read_preparation(written(tmp_path, block))
@@ -295,7 +295,7 @@ def test_the_example_of_the_page_is_read(tmp_path: Path) -> None:
     assert how.geometry.rear_aero == pytest.approx(45 * 0.0254)
 
 
-def test_a_file_without_entries_is_the_default_and_own_keeps_velocities(tmp_path: Path) -> None:
+def test_a_file_without_entries_is_the_default_and_own_keeps_velocities(tmp_path):
     assert read_preparation(written(tmp_path, "# as it is")) == Preparation()
     assert read_preparation(written(tmp_path, "pot_cutoff = 'own'")).pot_cutoff is None
 
@@ -314,6 +314,6 @@ def test_a_file_without_entries_is_the_default_and_own_keeps_velocities(tmp_path
         ("rate = ", r"cannot be read as TOML"),
     ],
 )
-def test_an_invalid_preparation_is_rejected_with_the_key(tmp_path: Path, text: str, message: str) -> None:
+def test_an_invalid_preparation_is_rejected_with_the_key(tmp_path, text, message):
     with pytest.raises(InputError, match=rf"prep\.toml.*{message}"):
         read_preparation(written(tmp_path, text))
