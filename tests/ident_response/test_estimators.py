@@ -67,10 +67,3 @@ def test_forces_of_linear_shocks_alone_are_rejected_as_dependent(quarter_car):
             outputs=quarter_car.outputs,
             recipe=LocalPolynomial(spacing=0.2),
         )
-
-
-@pytest.mark.nightly
-def test_errors_of_local_polynomials_are_a_tenth_of_those_of_windows_on_short_tests(seven_dof):
-    # All five tests have the same drive, so blocks of 10 s give only 19 independent blocks for 7 inputs.
-    windowed, local = (_estimate(seven_dof, recipe) for recipe in (H1(Blocks(10.0)), LocalPolynomial(spacing=0.2)))
-    assert 10.0 * _errors(seven_dof, local).max() < _errors(seven_dof, windowed).max() < 0.1

@@ -25,14 +25,6 @@ def generator():
     return np.random.default_rng(11)
 
 
-@pytest.mark.parametrize("ratio", [0.1, 0.5, 2.0])
-def test_the_coherence_of_a_noisy_output_is_signal_over_signal_plus_noise(generator, ratio):
-    u, noise = generator.normal(size=(2, SAMPLES))
-    found = _estimate(_series(u=u, y=GAIN * u + GAIN * ratio * noise), H1(Blocks(2.0)), "u")
-    assert found.coherence is not None
-    assert found.coherence.mean() == pytest.approx(1.0 / (1.0 + ratio**2), abs=0.005)
-
-
 @pytest.mark.nightly
 @pytest.mark.parametrize("recipe", [H1(Blocks(2.0)), LocalPolynomial(spacing=0.5, half_width=0.1)])
 def test_the_variance_is_that_of_repeated_estimates(generator, recipe):
@@ -53,16 +45,6 @@ def test_h1_is_unbiased_by_output_noise_and_too_small_by_input_noise(generator):
         (_series(u=u + 0.5 * noise, y=GAIN * u), GAIN / 1.25),
     ):
         assert _estimate(record, H1(Blocks(2.0)), "u").H.real.mean() == pytest.approx(gain, rel=0.01)
-
-
-def test_the_partial_coherence_of_correlated_inputs_is_of_the_part_that_each_alone_explains(generator):
-    first, own, noise = generator.normal(size=(3, SAMPLES))
-    second = 0.8 * first + 0.6 * own
-    found = _estimate(_series(a=first, b=second, y=2.0 * first + second + noise), H1(Blocks(2.0)), "a", "b")
-    assert found.partial_coherence is not None
-    # After removal of the other input, each keeps 1 - 0.8^2 = 0.36 of its power.
-    expected = [4.0 * 0.36 / (4.0 * 0.36 + 1.0), 0.36 / (0.36 + 1.0)]
-    assert found.partial_coherence[0].mean(axis=1) == pytest.approx(expected, abs=0.01)
 
 
 def test_an_input_is_dropped_where_it_has_no_power(generator):

@@ -19,7 +19,7 @@ from eightpost.ident.vehicle.siso_models import (
 )
 from eightpost.shock import Polylinear, StaticCurve
 from eightpost.signals import TimeSeries
-from eightpost.vehicle import Channel, IdentifiedVehicle, add_port_damping, discretise, read_vehicle, shipped
+from eightpost.vehicle import Channel, IdentifiedVehicle, add_port_damping, read_vehicle, shipped
 
 from .rig_tests import ALTERNATE, BASELINE, noise, respond
 
@@ -129,17 +129,6 @@ def test_feedback_of_the_force_difference_changes_the_shock_of_an_identified_car
         wrong = found[name] - exact[car.output_names.index(name)]
         assert wrong.std() < 2e-3 * found[name].std(), name
     np.testing.assert_allclose(found["force"], ALTERNATE * found["velocity"], rtol=1e-6, atol=1e-6)
-
-
-@pytest.mark.nightly
-def test_a_discrete_model_with_its_baseline_shock_responds_as_identified():
-    dt = 0.004
-    vehicle = IdentifiedVehicle("discrete", discretise(_identified().state_space, dt, "zero"), {"": BASELINE})
-    road = 0.004 * noise(np.random.default_rng(8), 2000, 1.0 / dt, 20.0)
-    drive = TimeSeries.from_channels(np.arange(road.size) * dt, {"road": ("m", road)})
-    found = simulate_with_shocks(vehicle, {"": _linear_shock(BASELINE)}, drive)
-    alone = simulate_with_shocks(IdentifiedVehicle("no port", vehicle.state_space, {}), {}, drive)
-    np.testing.assert_allclose(found["tire_force"], alone["tire_force"], atol=1e-6 * found["tire_force"].std())
 
 
 def test_a_drive_with_unknown_channels_is_rejected():

@@ -52,16 +52,6 @@ def test_the_command_prints_the_modes_and_writes_plots_and_responses(tmp_path):
     np.testing.assert_array_equal(response.H, model.frequency_response(response.frequency))
 
 
-@pytest.mark.nightly
-def test_the_command_varies_all_corners_of_the_seven_dof_car(tmp_path):
-    done = _vehicle(
-        shipped("seven_dof"), "--vary", "damping", "--factors", "1,2", "--output", "lf.velocity", "-o", tmp_path
-    )
-    assert done.exit_code == 0, done.output
-    assert "damping x 2" in done.output
-    assert [path.name for path in sorted(tmp_path.glob("*.png"))] == ["lf.velocity.png"]
-
-
 def test_the_command_warns_of_pounds_per_inch_typed_as_newtons_per_millimetre(tmp_path):
     text = shipped("quarter_car").read_text(encoding="utf-8")
     (tmp_path / "car.toml").write_text(text.replace('lbf/in"', 'N/mm"'), encoding="utf-8")

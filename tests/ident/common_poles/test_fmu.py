@@ -10,7 +10,6 @@ import pytest
 import cosim
 from builder.build import build
 from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit
-from eightpost.ident.vehicle.simulation import simulate_with_shocks
 from eightpost.shock import Lpf1, Lpnl2, Polylinear, Shock, StaticCurve, write_shock
 from eightpost.signals import Drivefile, TimeSeries
 from eightpost.vehicle import Friction, IdentifiedVehicle, add_port_damping, discretise, write_vehicle
@@ -100,30 +99,7 @@ def difference(found, expected, name):
     return float(np.std(found[f"car.{name}"] - expected[name]) / np.std(expected[name]))
 
 
-def in_parts(drive, parts):
-    """Return the same road with each straight piece divided into `parts`."""
-    time = np.linspace(0.0, STOP, parts * (len(drive) - 1) + 1)
-    return TimeSeries.from_channels(time, {"road": ("m", np.interp(time, drive.time, drive["road"]))})
-
-
 def test_with_a_straight_shock_the_coupled_fmus_equal_the_exact_closed_loop(fmus, vehicle, drive):
     found, exact = coupled(fmus, "car", "straight", drive, 2e-5), closed_loop(vehicle, drive)
     for name in JUDGED:
         assert difference(found, exact, name) < 1e-9
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize(
-    ("car", "shock"),
-    [("rubbing", shock) for shock in LAWS]
-    + [pytest.param("car", shock, marks=() if shock == "straight" else pytest.mark.nightly) for shock in LAWS],
-)
-def test_the_loop_of_the_library_converges_to_the_coupled_fmus_with_second_order(fmus, vehicle, drive, car, shock):
-    known = replace(vehicle, friction=RUBBING) if car == "rubbing" else vehicle
-    reference, errors = coupled(fmus, car, shock, drive, 5e-5), []
-    for parts in (8, 16):
-        series = simulate_with_shocks(known, {"": LAWS[shock]}, in_parts(drive, parts))
-        errors.append([difference(reference, {name: series[name][::parts]}, name) for name in JUDGED])
-    coarse, fine = np.array(errors)
-    np.testing.assert_allclose(np.log2(coarse / fine), 2.0, atol=0.15)
-    assert (fine < 2e-4).all()

@@ -7,7 +7,7 @@ import pytest
 
 from eightpost.errors import InputError, ParameterError
 from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit
-from eightpost.ident.vehicle.common_poles import correlation_length, response_deviation, sampled_models
+from eightpost.ident.vehicle.common_poles import response_deviation, sampled_models
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse, response_of
 from eightpost.ident.vehicle.points import Blocks, Feedthrough, points_of
 from eightpost.ident.vehicle.refinement import Refinement, curvature, evaluate
@@ -65,17 +65,6 @@ def test_errors_agree_with_the_reported_uncertainty(quarter_car):
     assert ratio.max() < 2.5
 
 
-@pytest.mark.nightly
-def test_four_times_the_frequencies_halve_the_errors(quarter_car):
-    dense = np.arange(0.1, 20.0, 0.025)
-    errors = []
-    for frequency in (FREQUENCY, dense):
-        models = [FIT.fit(noisy(quarter_car, 0.02, seed, frequency)).model for seed in range(12)]
-        H = np.stack([model.frequency_response(FREQUENCY) for model in models])
-        errors.append(np.sqrt(np.mean(np.abs(H - quarter_car.frequency_response(FREQUENCY)) ** 2, axis=(0, 3))))
-    assert np.median(errors[0] / errors[1]) == pytest.approx(2.0, rel=0.25)
-
-
 def test_modes_of_a_noisy_response_are_those_of_the_car(quarter_car):
     exact = quarter_car.modes()
     for seed in range(5):
@@ -92,14 +81,6 @@ def test_a_model_of_pure_noise_is_stable_and_a_note_reports_no_clear_gap(quarter
     found = CommonPoleFit(high=19.9, max_states=8, refinement=Refinement(max_iterations=5)).fit(wild)
     assert (found.model.poles().real < 0.0).all()
     assert any("no clear gap" in note for note in found.notes)
-
-
-def test_the_correlation_length_of_overlapping_estimates_is_found():
-    generator = np.random.default_rng(3)
-    white = generator.standard_normal((4, 4, 400)) + 1j * generator.standard_normal((4, 4, 400))
-    shared = np.lib.stride_tricks.sliding_window_view(white, 5, axis=2).sum(axis=3)
-    assert correlation_length(white) == 1
-    assert correlation_length(shared) == 5
 
 
 def test_odd_orders_and_channels_without_a_value_are_refused(quarter_car):

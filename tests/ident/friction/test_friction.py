@@ -84,23 +84,6 @@ def test_friction_that_sticks_is_recognised_with_its_force_and_its_reach(rubbing
     assert abs(found.forces[""].value - COULOMB) < 0.03 * COULOMB + 3.0 * found.forces[""].deviation
 
 
-@pytest.mark.nightly
-def test_friction_that_creeps_is_recognised(smooth, experiment):
-    law = Friction(-80.0, 0.012)  # subtracting 80 N from the measured forces makes a friction of 80 N
-    creeping = [with_port_laws(test, {"": law}) for test in smooth]
-    found = FrictionSearch(velocities=(0.006, 0.012, 0.024), reaches=(6e-5, 1.5e-4)).find(creeping, experiment)
-    assert not found.sticks
-    assert found.acts
-
-
-@pytest.mark.nightly
-def test_friction_is_not_significant_on_a_car_without_friction(smooth, experiment):
-    found = FrictionSearch().find(smooth, experiment)
-    assert not found.acts
-    assert abs(found.forces[""].value) < 4.0 * found.forces[""].deviation
-    assert "No significant friction" in found.summary()
-
-
 def test_only_positive_forces_above_four_standard_deviations_are_friction():
     tested = SimpleNamespace(ports=("lf", "rf", "lr"), outputs=("lf.velocity",))
     forces = ForceSolution(np.array([7.9, 8.1, -20.0]), 4.0 * np.eye(3), np.array([0.5]))

@@ -11,11 +11,11 @@ from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit
 from eightpost.ident.vehicle.common_poles import CommonPoles, Excitation
 from eightpost.ident.vehicle.estimators import LocalPolynomial
 from eightpost.ident.vehicle.port_search import FrictionSearch, SpringSearch, nonlinear_spring_sentence
-from eightpost.ident.vehicle.trust import ForceEstimate, Trust
+from eightpost.ident.vehicle.trust import ForceEstimate
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel, StateSpace, add_port_damping, read_vehicle, shipped
 
-from .conftest import COULOMB, rig_tests
+from .conftest import rig_tests
 
 #: Progression p of the spring force k s (1 + p s) [1/m], and its rate k [N/m].
 PROGRESSION = 2.0
@@ -69,19 +69,6 @@ def test_tires_that_lift_are_detected_with_the_mean_load_removed_from_the_record
         flags = _explained(smooth, replace(experiment, means={"tire_force": load}), samples=0).flags
         assert ("lift-off" in flags) is lifts
     assert "lift-off" not in _explained(smooth, experiment, samples=0).flags
-
-
-@pytest.mark.nightly
-def test_friction_is_reported_with_its_deviation_and_what_it_explains(rubbing, experiment):
-    trust = _explained(rubbing, experiment)
-    force = trust.friction[""]
-    assert force.is_significant
-    assert abs(force.value - COULOMB) < 0.1 * COULOMB + 3.0 * force.deviation
-    assert "friction" in trust.flags
-    assert all(one.with_friction is not None and one.with_friction < 0.9 for one in trust.outputs.values())
-    assert trust.orders is not None
-    assert trust.orders.chosen in [one.states for one in trust.orders.tried]
-    assert Trust.of_json(trust.as_json()) == trust
 
 
 @pytest.mark.nightly

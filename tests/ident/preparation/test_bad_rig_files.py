@@ -87,15 +87,6 @@ def test_inspect_rejects_the_file_with_the_place_and_a_remedy(good, tmp_path, fa
         assert word in said
 
 
-@pytest.mark.nightly
-def test_the_line_of_a_csv_file_is_reported(good, tmp_path):
-    path = written(good, tmp_path / "rig.csv", keep=FAULTS["dropped samples"][1])
-    code, said = run("inspect", path)
-    assert code == 2
-    first = next(i for i, line in enumerate(path.read_text().splitlines()) if not line.startswith("#"))
-    assert f"error: {path}, line {first + 1 + 901}" in said
-
-
 @pytest.mark.repeated
 @pytest.mark.parametrize("fault", FAULTS)
 def test_identify_rejects_the_same_files(good, tmp_path, fault):
@@ -141,11 +132,3 @@ def test_records_of_two_rates_are_decimated_to_one_rate(good):
     inside = slice(50, -50)
     wrong = first["lf.tire_force"][inside] - second["lf.tire_force"][inside]
     assert wrong.std() < 0.01 * first["lf.tire_force"].std()
-
-
-def test_a_rate_that_is_not_a_multiple_is_rejected_with_the_files_name(good, tmp_path):
-    slow = written(good, tmp_path / "slow.parquet", keep=slice(None, None, 2))
-    fine = written(good, tmp_path / "fine.parquet")
-    code, said = run("identify", fine, slow, "--rate", "250 Hz", "-o", tmp_path / "car.json")
-    assert code == 2
-    assert "slow.parquet: a record of 625 Hz cannot be decimated to 250 Hz" in said

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm, t
 
 from eightpost.corners import CORNERS
-from eightpost.ident.preparation import Preparation, advance_channels, prepare
+from eightpost.ident.preparation import advance_channels, prepare
 from eightpost.ident.preparation.mechanics import SIGNIFICANT, Comparison, Kind, few_blocks_factor
 from eightpost.ident.preparation.plausibility import findings_of, record_findings
 from eightpost.ident.preparation.plausibility_rules import (
@@ -25,7 +25,7 @@ from eightpost.ident.preparation.plausibility_rules import (
     clipped,
     spikes,
 )
-from eightpost.rig.post import NO_DRIFT, LinearDamper, RigTest, flexible_truth, run_test, track_drive
+from eightpost.rig.post import RigTest
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import read_vehicle
 from eightpost.verdict import Grade
@@ -254,14 +254,6 @@ def test_friction_that_reverses_is_a_kink_of_an_acceleration_and_no_spike(sound)
     assert list(spikes(kinked)) == []
 
 
-@pytest.mark.nightly
-def test_friction_in_an_anti_roll_bar_is_not_a_wrong_load_cell_of_a_soft_shock():
-    """A soft shock in front beside a stiff one, on a lap of a car with 31 N of friction in its front bar."""
-    car, shocks = flexible_truth(1010), [LinearDamper(rate) for rate in (3600.0, 1000.0, 3600.0, 3600.0)]
-    lap = run_test(car, track_drive(car, 51010, duration=20.0), shocks, seed=1510, drift=NO_DRIFT)
-    assert [str(one) for one in record_findings(lap.series, lap.corners) if one.rule is not SPIKES] == []
-
-
 def test_a_deviation_of_few_blocks_is_exceeded_as_rarely_as_a_known_one():
     for blocks in (6, 9, 16):
         limit = SIGNIFICANT * few_blocks_factor(blocks)
@@ -315,31 +307,6 @@ def test_forces_that_are_all_wrong_by_one_factor_are_found_with_the_mass_only(so
 def test_a_test_of_one_actuator_is_not_checked_against_mechanics():
     test = record("seven_dof", seconds=24.0, active=("lr.road",))
     assert record_findings(test.series, CORNERS) == ()
-
-
-@pytest.mark.nightly
-def test_a_delay_that_was_given_is_no_longer_reported(sound):
-    late = RigTest(advance_channels(sound, {"lf.tire_force": -5e-3}))
-    (reason,) = prepare([late]).reasons
-    assert reason.grade is Grade.NOT_USABLE
-    assert "lf.tire_force is " in reason.figure
-    assert prepare([late], Preparation(delays={"lf.tire_force": 5e-3})).reasons == ()
-
-
-@pytest.mark.nightly
-def test_a_fault_of_several_records_is_one_reason(sound):
-    bad = RigTest(with_row(sound, "rf.force", 1.5 * sound["rf.force"]))
-    (reason,) = prepare([bad, RigTest(sound), bad]).reasons
-    assert reason.origin == "record 1, record 3"
-
-
-@pytest.mark.nightly
-def test_inspect_reports_channel_figure_and_remedy(sound, tmp_path):
-    path = written(with_row(sound, "rf.tire_force", 1.3 * sound["rf.tire_force"]), tmp_path / "rig.parquet")
-    code, said = run("inspect", path)
-    assert code == 1, said
-    assert "warning rf.tire_force is 1.3 times" in said
-    assert "check its calibration" in said
 
 
 @pytest.mark.nightly

@@ -203,19 +203,6 @@ def test_runs_of_the_same_drive_are_synchronised(quarter):
     assert len(first) == len(second)
 
 
-def test_runs_of_the_same_drive_then_agree_sample_by_sample(quarter):
-    series = quarter.series
-    early, late = series.window(0.0, 9.0), series.window(0.2, 9.2)
-    tests = [
-        RigTest(TimeSeries(part.time - part.time[0], part.values, part.names, part.units)) for part in (late, early)
-    ]
-    first, second = prepare(tests, Preparation(same_start="road")).records
-    assert first.time == pytest.approx(second.time)
-    inside = slice(100, -100)
-    wrong = first["tire_force"][inside] - second["tire_force"][inside]
-    assert np.std(wrong) < 0.01 * np.std(first["tire_force"])
-
-
 def test_records_of_different_drives_are_not_synchronised(quarter):
     with pytest.raises(InputError, match=r"its road is not that of the first record.*omit same_start"):
         prepare([quarter, record("quarter_car", seed=9)], Preparation(same_start="road"))
@@ -272,12 +259,6 @@ def test_a_record_that_is_given_twice_is_refused_under_whatever_name(quarter):
 def test_what_was_left_out_while_reading_is_a_note(quarter):
     test = replace(quarter, source=Path("base.csv"), notes=("the last sample was left out",))
     assert "base.csv: the last sample was left out" in prepare([test]).notes
-
-
-def test_the_summary_lists_records_and_steps(quarter):
-    summary = "\n".join(prepare([quarter], Preparation(settling=1.0)).summary())
-    for text in ("record 1: 8.992 s at 125 Hz", "low-pass 50 Hz", "first 1 s omitted", "means removed", "to 50 Hz"):
-        assert text in summary
 
 
 def written(folder, text):
