@@ -217,7 +217,10 @@ def points_of(response: FrequencyResponse, *, floor: float) -> Points:
     if variance is None:
         variance = np.where(np.abs(response.H) > 0.0, 0.0, np.inf)
     known = np.isfinite(variance)
-    _check(known, response)
+    for axes, names, kind in (((1, 2), response.output_names, "output"), ((0, 2), response.input_names, "input")):
+        for name, is_known in zip(names, np.atleast_1d(known.any(axis=axes)), strict=True):
+            if not is_known:
+                raise InputError(f"the {kind} {name!r} has no response in the frequency band of the fit; leave it out")
     H = np.where(known, response.H, 0.0)
     output_size, input_size = _sizes(np.abs(H), known)
     scale = (input_size[None, :] / output_size[:, None])[:, :, None]
@@ -228,13 +231,6 @@ def points_of(response: FrequencyResponse, *, floor: float) -> Points:
     deviation = np.where(known, np.hypot(noise, floor * local[:, None, :]), np.inf)
     s = np.asarray(2j * np.pi * response.frequency, dtype=np.complex128)
     return Points(s, scaled, deviation, input_size, output_size)
-
-
-def _check(known: NDArray[np.bool_], response: FrequencyResponse) -> None:
-    for axes, names, kind in (((1, 2), response.output_names, "output"), ((0, 2), response.input_names, "input")):
-        for name, is_known in zip(names, np.atleast_1d(known.any(axis=axes)), strict=True):
-            if not is_known:
-                raise InputError(f"the {kind} {name!r} has no response in the frequency band of the fit; leave it out")
 
 
 def _sizes(H: Array, known: NDArray[np.bool_]) -> tuple[Array, Array]:
@@ -287,15 +283,13 @@ def solve_inputs(points: Points, blocks: Blocks, C: Array, through: Feedthrough)
     """Return the blocks with the best inputs for given poles and output matrix C (p, n)."""
     shapes = np.einsum("pna,nabk->pnbk", C.reshape(len(C), -1, 2), blocks.resolvent(points.s))
     shapes = shapes.reshape(len(C), blocks.states, points.s.size)
-    inputs = [_input(points, j, shapes, through) for j in range(points.H.shape[1])]
+    inputs = []
+    for j in range(points.H.shape[1]):
+        weight = points.weight[:, j]
+        weighted = np.moveaxis(shapes * weight[:, None, :], 1, -1)
+        terms = through.of_input(j, weight, points.s)
+        inputs.append(_solved(weighted, terms, weight * points.H[:, j])[0][: shapes.shape[1]])
     return Blocks(blocks.w, blocks.zeta, np.stack(inputs, axis=1).reshape(blocks.w.size, 2, -1)).normalised()
-
-
-def _input(points: Points, j: int, shapes: Complex, through: Feedthrough) -> Array:
-    weight = points.weight[:, j]
-    weighted = np.moveaxis(shapes * weight[:, None, :], 1, -1)
-    terms = through.of_input(j, weight, points.s)
-    return _solved(weighted, terms, weight * points.H[:, j])[0][: shapes.shape[1]]
 
 
 def _solved(states: Complex, terms: Complex, target: Complex) -> tuple[Array, Array]:
