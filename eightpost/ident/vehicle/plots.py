@@ -16,12 +16,7 @@ from eightpost.ident.vehicle.common_pole_fit import CLEAR_GAP
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse, response_of
 from eightpost.ident.vehicle.trust import Orders
 from eightpost.report.pictures import Axes, Figure, new_figure, panels_of, save, ticks_at_1_2_5
-from eightpost.vehicle import (
-    IdentifiedVehicle,
-    Mode,
-    StateSpace,
-    Vehicle,
-)
+from eightpost.vehicle import IdentifiedVehicle, Mode, StateSpace, Vehicle
 from eightpost.vehicle.structural import scaled
 
 #: Largest number of panels side by side.
