@@ -79,15 +79,14 @@ class StaticRating:
 
 def rate_tests(tests: Iterable[RigTest], loads: Sequence[str]) -> StaticRating:
     """Return the static rating of a car from static tests, which are decimated first; see `rate_statically`."""
-    return rate_statically([_with_means(test) for test in tests], loads)
-
-
-def _with_means(test: RigTest) -> TimeSeries:
-    prepared = prepare([test], Preparation(Decimation(_RATE)))
-    series = prepared.records[0]
-    for name, mean in prepared.means[0].items():
-        series = series.with_channel(name, series.unit(name), series[name] + mean)
-    return series
+    records = []
+    for test in tests:
+        prepared = prepare([test], Preparation(Decimation(_RATE)))
+        series = prepared.records[0]
+        for name, mean in prepared.means[0].items():
+            series = series.with_channel(name, series.unit(name), series[name] + mean)
+        records.append(series)
+    return rate_statically(records, loads)
 
 
 def rate_statically(records: Sequence[TimeSeries], loads: Sequence[str]) -> StaticRating:
