@@ -70,12 +70,8 @@ def start_response(
     """Return the response of a car on the rig, about its motion on the track.
 
     Friction and shocks are replaced by the linear dampers that take up the same power at the velocities of the
-    track record: c = <F v> / <v^2>.
-
-    Args:
-        shocks: Shock law on the car by corner; a corner without one has the damping of the identification.
-        actuators: Bandwidths of the actuators; default those of 6.1.1.
-        measured: Response of the identification, for its coherence; None if it is not known.
+    track record: c = <F v> / <v^2>. A corner without a shock has the damping of the identification; actuators have the
+    bandwidths of 6.1.1 by default. The response of the identification, if it is known, gives the coherence.
 
     Raises:
         ParameterError: The car lacks a target channel, or is not continuous.
@@ -197,18 +193,13 @@ def output_scale(lines: Lines, target: Complex, width: float) -> Array:
 
 
 def regularised_inverse(H: Complex, outputs: Array, units: tuple[str, ...], regularisation: float) -> Inverse:
-    """Return the Tikhonov-regularised inverse of a response at each line.
+    """Return the Tikhonov-regularised inverse of a response H (K, p, m) at each line.
 
         S = Y^-1 H U = W diag(s) V^H,   G = U V diag(s / (s^2 + lambda^2)) W^H Y^-1,   lambda = r s_max
 
-    Y are the amplitudes of the target channels, so that all channels count equally, and U typical amplitudes of the
-    inputs. Directions with singular values far below lambda are not driven: the rig cannot reach them without commands
-    that are far larger than typical ones.
-
-    Args:
-        H: Response (K, p, m).
-        outputs: Amplitudes Y of the channels (K, p).
-        regularisation: Ratio r of lambda to the largest singular value of each line [1].
+    Y are the amplitudes of the target channels (K, p), so that all channels count equally, U typical amplitudes of the
+    inputs, and r is the regularisation [1]. Directions with singular values far below lambda are not driven: the rig
+    cannot reach them without commands that are far larger than typical ones.
 
     Raises:
         ParameterError: An input has another unit than m, N or N.m.
@@ -257,19 +248,15 @@ class Correction:
 
 
 def correction(H: Complex, passes: Sequence[PassSpectra], lines: Lines, width: float) -> Correction:
-    """Return the correction from the changes between successive passes.
+    """Return the correction from the changes between successive passes, in bands of a width [Hz].
 
-    A step from one pass to the next changes the drive by dX and the record by dY. With the prediction dP = H dX, the
-    factor c of a channel in a band minimises
+    A step from one pass to the next changes the drive by dX and the record by dY. With the prediction dP = H dX by the
+    starting response (K, p, m), the factor c of a channel in a band minimises
 
         sum_steps w |dY - c dP|^2 + prior |c - 1|^2
 
     Later steps and steps with high coherence have larger weights, because the car's response to small changes about the
     target is needed, and noise and drift from pass to pass must not enter it. The first step is that from rest.
-
-    Args:
-        H: Starting response (K, p, m).
-        width: Width of the bands [Hz].
     """
     measured = np.zeros((len(H), H.shape[1]), dtype=np.complex128)
     predicted = np.zeros(measured.shape)
@@ -301,12 +288,7 @@ def _coherence(cross: Complex, power: Array, dY: Complex, lines: Lines, width: f
 
 
 def start_gains(coherence: Array | None, shape: tuple[int, int], highest: float) -> Array:
-    """Return the gains (K, p) of the first pass.
-
-    Args:
-        coherence: Coherence of the identification (p, K); None if it is not known, which is then taken as 1.
-        highest: Maximum gain [1].
-    """
+    """Return the gains (K, p) of the first pass from the identification's coherence (p, K); None is taken as 1."""
     if coherence is None:
         return np.full(shape, highest)
     return np.asarray(highest * np.maximum(coherence.T, _UNKNOWN))
@@ -437,15 +419,12 @@ class Outcome:
 
 
 def advance(problem: Problem, passes: Sequence[Pass]) -> Outcome:
-    """Return the state after the passes, and the next drive.
+    """Return the state after the passes, and the next drive; without passes, it is the first one.
 
         X_next = X + G K (Y_d - Y)                                                   (2.7)
 
     X, Y are those of the last pass. If its error exceeds `REJECTED` times the smallest error, they are those of the
     best pass, and the gains are halved for each rejected pass in a row. Before the first pass, X and Y are 0.
-
-    Args:
-        passes: Passes so far, in their order; empty for the first drive.
     """
     target, settings = problem.target, problem.settings
     errors = tuple(pass_errors(target, one.record) for one in passes)

@@ -219,14 +219,10 @@ def read_channels(
     units: Mapping[str, str] | None = None,
     flip: Iterable[str] = (),
 ) -> TimeSeries:
-    """Read channels of a track or rig record.
+    """Read channels of a track or rig record in any format of `read_series`; by default those of `target_names`.
 
-    Args:
-        path: Path of the record, in any format of `read_series`.
-        names: Names of the channels; None for those of `target_names`.
-        optional: Names of channels to read if the record has them.
-        channel_map: Columns by channel; other columns must have the names of the channels (docs/explanation/rig.md).
-        units: Units by channel, for columns without a unit in the header.
+    The optional channels are read if the record has them. `units` are those of columns without a unit in the header. A
+    column that the map (docs/explanation/rig.md) does not name must have the name of its channel.
 
     Raises:
         DataError: The record has a fault; the message says which and where.
@@ -373,14 +369,11 @@ class LimitHit:
 def within_limits(
     rows: Array, names: tuple[str, ...], units: tuple[str, ...], lines: Lines, limits: Limits, window: Array
 ) -> tuple[Array, tuple[LimitHit, ...]]:
-    """Return the commands (m, N) within the limits, and the limits that changed them.
+    """Return the commands (m, N) [SI] within the limits, and the limits that changed them.
 
     A command beyond a limit is projected alternately onto the limit and onto the band of the drive file, so that it
-    gets no harmonics; finally, it is scaled by the small excess that remains.
-
-    Args:
-        rows: Commands (m, N), SI.
-        window: Weight (N,) of the drive, 0 at its ends.
+    gets no harmonics; finally, it is scaled by the small excess that remains. `window` is the weight (N,) of the drive,
+    0 at its ends.
     """
     limited, hits = rows.copy(), []
     of_unit = {"m": [("stroke", "m", limits.stroke), ("velocity", "m/s", limits.velocity)],

@@ -156,16 +156,10 @@ class StateSpace:
         return tuple(_mode(pole) for pole in sorted(poles, key=abs))
 
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
-        """Return `H = C (s I - A)^-1 B + D` at `s = 2 pi j f`, or at `z = exp(2 pi j f dt)`.
+        """Return `H = C (s I - A)^-1 B + D` (p, m, K) at `s = 2 pi j f`, or at `z = exp(2 pi j f dt)`, for f (K,) [Hz].
 
         The state matrix is balanced and transformed to complex Schur form once. Each frequency then needs one
         triangular solve, which is backward stable even for repeated poles and many states.
-
-        Args:
-            frequency_hz: Frequencies (K,) [Hz].
-
-        Returns:
-            H (p, m, K).
 
         Raises:
             ParameterError: A pole is at one of the frequencies.
@@ -252,15 +246,10 @@ class StateSpace:
     def from_control(
         cls, system: Any, *, input_units: Sequence[str], output_units: Sequence[str], name: str | None = None
     ) -> StateSpace:
-        """Convert a model of python-control, which has no units.
-
-        Args:
-            system: A `control.StateSpace` (or anything that `control.ss` accepts) with a defined time base.
-            name: Name of the model; None takes the system's name.
+        """Convert a `control.StateSpace`, or anything that `control.ss` accepts, which has no units.
 
         Raises:
-            ParameterError: The number of units differs from the number of channels, or the time base is not defined
-                (`dt=None`).
+            ParameterError: The number of units is not that of the channels, or it has no time base (`dt=None`).
         """
         with needs("control", "exchange with python-control"):
             import control  # noqa: PLC0415  see to_control
@@ -343,7 +332,7 @@ Hold = Literal["zero", "first"]
 
 
 def discretise(model: StateSpace, step: float, hold: Hold = "zero") -> StateSpace:
-    """Return the discrete model whose samples equal those of the continuous model.
+    """Return the discrete model whose samples, `step` [s] apart, equal those of the continuous model.
 
     "zero": Inputs are held over the step. `x[k+1] = Ad x[k] + (B0 + B1) u[k]`; C and D do not change, so an output
     without a direct term does not get one.
@@ -355,9 +344,6 @@ def discretise(model: StateSpace, step: float, hold: Hold = "zero") -> StateSpac
 
     The new direct term is not a property of the vehicle: it is the effect, at the sample, of an input that is linear
     up to the sample. With a shock it gives an algebraic loop; coupled runs use the continuous model.
-
-    Args:
-        step: Sample time [s].
 
     Raises:
         ParameterError: The model is already discrete, or the step or the hold is invalid.
@@ -376,18 +362,15 @@ def discretise(model: StateSpace, step: float, hold: Hold = "zero") -> StateSpac
 
 
 def add_port_damping(model: StateSpace, damping: Mapping[str, float]) -> StateSpace:
-    """Return the model with linear dampers at its shock ports: the force is `c v` plus the input.
+    """Return the continuous model with linear dampers at its shock ports: the force is `c v` plus the input.
 
     With `u_F = c v + u_F'` and `v = C_v x` (a shock velocity has no direct term):
 
         A' = A + B_F c C_v,    C' = C + D_F c C_v
 
     A negative rate removes a damper: a model that was identified around a baseline damping (the dissertation's C-bar)
-    becomes a model whose input is the whole shock force. Both conversions are exact.
-
-    Args:
-        model: Continuous model with `force` and `velocity` channels per port.
-        damping: Damping rate by port [N.s/m]: "lf", "rf", ...; "" is the port of a quarter car.
+    becomes a model whose input is the whole shock force. Both conversions are exact. Rates are by port [N.s/m]: "lf",
+    "rf", ...; "" is the port of a quarter car.
 
     Raises:
         ParameterError: The model is discrete, a port does not exist, or a velocity has a direct term.
@@ -396,11 +379,7 @@ def add_port_damping(model: StateSpace, damping: Mapping[str, float]) -> StateSp
 
 
 def add_port_stiffness(model: StateSpace, stiffness: Mapping[str, float]) -> StateSpace:
-    """Return the model with linear springs at its shock ports, as `add_port_damping` adds dampers.
-
-    Args:
-        model: Continuous model with `force` and `displacement` channels per port.
-        stiffness: Spring rate by port [N/m]: "lf", "rf", ...; "" is the port of a quarter car.
+    """Return the model with linear springs at its shock ports [N/m], as `add_port_damping` adds dampers.
 
     Raises:
         ParameterError: The model is discrete, a port does not exist, or a displacement has a direct term.

@@ -51,11 +51,9 @@ _UNITS = {
 
 
 def declared(starts: Mapping[str, float], rig: Sequence[str]) -> ParameterTable:
-    """Return the parameters of the family.
+    """Return the parameters of the family; those without a start value have typical ones.
 
-    Args:
-        starts: Start values by parameter; those missing have typical values.
-        rig: Inputs of the rig; they decide the parameters of the loads.
+    The inputs of the rig decide the parameters of the loads.
     """
     rows = [
         *(_positive(f"front.mass {kind}", "kg", 600.0) for kind in ("heave", "roll")),
@@ -541,8 +539,7 @@ def _tire_force(tire: Array, deflection: float, rate: float) -> float:
 class GreyBoxCar:
     """Model of the family for the output-error engine: inputs are roads, loads and port forces minus c v.
 
-    Args:
-        static: Static tire loads (4,) [N]; infinite where they are not known, which excludes lift-off.
+    The static tire loads (4,) [N] are infinite where they are not known, which excludes lift-off.
 
     Raises:
         InputError: The experiment is not that of a car with four corners.

@@ -80,11 +80,9 @@ class Decimation:
         return factor
 
     def apply(self, values: Array, rate: float) -> Array:
-        """Return every n-th sample of the low-passed values; the values themselves if they are at the new rate.
+        """Return every n-th sample of the low-passed values (..., N) at a rate [Hz], preferably without mean.
 
-        Args:
-            values: Samples (..., N), with time last, preferably without mean.
-            rate: Sample rate of the values [Hz].
+        Values at the new rate are returned as they are.
         """
         factor = self.factor(rate)
         if factor == 1:
@@ -113,13 +111,10 @@ class MathChannels(NamedTuple):
 def math_channels(
     series: TimeSeries, corners: Sequence[str], *, pot_cutoff: float | None, geometry: Geometry | None
 ) -> MathChannels:
-    """Compute the math channels of a rig record at its own rate.
+    """Compute the math channels of a rig record at its own rate; a quarter car has one corner with an empty name.
 
-    Args:
-        series: Rig record at its own rate.
-        corners: Names of its corners; one empty name for a quarter car.
-        pot_cutoff: Cut-off frequency of the potentiometers' low-pass for the shock velocities [Hz]; None computes none.
-        geometry: Geometry of the rig for the aeroloaders' modes and the ride heights; None computes none.
+    Without a cut-off frequency of the potentiometers' low-pass [Hz] there are no shock velocities; without a geometry,
+    there are no modes of the aeroloaders and no ride heights.
     """
     channels: dict[str, Array] = {}
     steps: list[str] = []
@@ -254,13 +249,10 @@ class Preparation:
 
 
 def prepare(tests: Iterable[RigTest], preparation: Preparation | None = None) -> Prepared:
-    """Prepare rig tests.
+    """Prepare rig tests; the default settings are those of `Preparation`.
 
     Each test is decimated to the model's rate before the next one is requested. If the tests come from a generator,
     only one at a time is in memory.
-
-    Args:
-        preparation: Settings; None takes the defaults.
 
     Raises:
         InputError: No test was given, or the tests are of different cars.

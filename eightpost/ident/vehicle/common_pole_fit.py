@@ -356,8 +356,7 @@ def state_space(
 def refitted(found: CommonPoleModel, response: FrequencyResponse, *, floor: float) -> StateSpace:
     """Return a model of another response, one step of the refinement from a model; its order does not change.
 
-    Args:
-        floor: Lower limit of the standard deviation; see `CommonPoleFit`.
+    `floor` is that of `CommonPoleFit`.
     """
     solution = found.refined.solution
     points = points_of(without_integrals(response.band(*found.band)), floor=floor)

@@ -127,15 +127,11 @@ def output_trust(
     samples: int,
     with_friction: Mapping[str, float],
 ) -> dict[str, OutputTrust]:
-    """Return the uncertainty of every output.
+    """Return the uncertainty of every output, from a number of models with resampled noise, at least 2.
 
-    The standard deviations due to noise are multiplied by the misfit where it is larger than noise explains.
-
-    Args:
-        tests: Records of the tests; the first one drives the setups.
-        samples: Number of models with resampled noise that give the standard deviations; at least 2.
-        with_friction: Mean square of the part that no linear response explains, with friction relative to without, by
-            output.
+    The standard deviations due to noise are multiplied by the misfit where it is larger than noise explains. The first
+    test drives the setups. `with_friction` is the mean square of the part that no linear response explains, with
+    friction relative to without, by output.
     """
     models = sampled_models(found, samples)
     response, measure = relative_deviations(found.model, models, tests[0], experiment, found.band)
@@ -182,9 +178,7 @@ def unmodelled(
 ) -> dict[str, str]:
     """Return one sentence for each sign of an effect that is not in the model, by kind of effect.
 
-    Args:
-        tests: Records of the tests, without means.
-        means: Mean tire forces that the original records had [N], by channel.
+    The tests have no means; `means` are the mean tire forces that the original records had [N], by channel.
     """
     sentences, worst = {}, dict[str, float]()
     for name, value in found.excess.items():

@@ -23,10 +23,9 @@ from eightpost.signals import TimeSeries
 
 
 def input_power(records: Records, frequency: Array) -> Array:
-    """Return the power spectral density of each input, averaged over all tests (m, K) [unit^2/Hz].
+    """Return the power spectral density of each input (m, K) [unit^2/Hz], averaged over all tests.
 
-    Args:
-        frequency: Frequencies (K,) [Hz], about evenly spaced; the spacing determines the length of the blocks.
+    The spacing of the frequencies (K,) [Hz], about even, determines the length of the blocks.
     """
     spacing = float(np.mean(np.diff(frequency))) if frequency.size > 1 else float(frequency[0])
     total = np.zeros((len(records.inputs), frequency.size))
@@ -56,12 +55,10 @@ def estimate_response(
     recipe: Recipe,
     baseline_damping: Mapping[str, float] | None = None,
 ) -> FrequencyResponse:
-    """Estimate frequency responses.
+    """Estimate frequency responses; sequential recipes define the order of the records.
 
-    Args:
-        records: Records, one per test; sequential recipes define their order.
-        baseline_damping: C-bar by port [N.s/m]: `c v` is subtracted from the shock forces (Eq 6.4), and the result is
-            the response of the vehicle with these dampers. None uses the forces without change.
+    `c v` with the baseline damping C-bar by port [N.s/m] is subtracted from the shock forces (Eq 6.4): the result is
+    the response of the vehicle with these dampers. None uses the forces without change.
 
     Raises:
         InputError: Records, channels and recipe do not match.
@@ -107,12 +104,9 @@ class _Regression(NamedTuple):
 
 
 def regress(U: Complex, Y: Complex, *, power_floor: float, names: Sequence[str]) -> _Regression:
-    """Solve for H; inputs are dropped at frequencies where they have no power.
+    """Solve for H from inputs U (K, R, m) and outputs Y (K, R, p).
 
-    Args:
-        U: Inputs (K, R, m).
-        Y: Outputs (K, R, p).
-        power_floor: Amplitude of an input, relative to its largest over frequency, below which it is dropped [1].
+    An input is dropped at frequencies where its amplitude is below `power_floor` times its largest [1].
 
     Raises:
         InputError: There are not more blocks than inputs, an input is zero, or inputs depend on each other.
@@ -476,7 +470,7 @@ class InputNoise:
 
 
 def input_noise(records: Records, band: tuple[float, float]) -> InputNoise:
-    """Return the attenuation of a least-squares estimate by noise of its inputs.
+    """Return the attenuation of a least-squares estimate in a band [Hz] by noise of its inputs.
 
     The part of an input that the other inputs do not explain has the power P; noise of power N in it reduces the
     responses to the input by
@@ -484,9 +478,6 @@ def input_noise(records: Records, band: tuple[float, float]) -> InputNoise:
         N / P,  P = 1 / (S^-1)_jj
 
     with the spectral matrix S of the measured inputs, noise included.
-
-    Args:
-        band: Lowest and highest frequency of the fit [Hz].
     """
     size = min(*(test.u.shape[1] for test in records.tests), round(_BLOCK * records.rate))
     blocks = [np.moveaxis(stft(test.u, records.rate, nperseg=size, boundary=None, padded=False)[2], -1, 0)

@@ -90,8 +90,7 @@ def experiment_of(
 ) -> Experiment:
     """Return the experiment for records with the given channels: a quarter car, a seven-DOF car or an 8-post rig.
 
-    Args:
-        baseline_damping: Baseline damping C-bar [N.s/m] by port.
+    The baseline damping C-bar is by port [N.s/m].
 
     Raises:
         ParameterError: The channels do not include the road and the force of each shock.
@@ -145,11 +144,9 @@ class Baseline(NamedTuple):
     def experiment(
         self, prepared: Prepared, *, name: str, damping: float | None = None, outputs: Sequence[str] = ()
     ) -> Experiment:
-        """Return the experiment about this baseline.
+        """Return the experiment about this baseline, or about a `damping` of all ports [N.s/m].
 
-        Args:
-            damping: Damping of all ports about which the vehicle is identified [N.s/m]; None: that of the baseline.
-            outputs: Outputs of the model; empty: all possible ones.
+        Without `outputs` the model has all possible ones.
         """
         rates = {port: slope if damping is None else damping for port, slope in self.damping.items()}
         whole = experiment_of(prepared.channels, rates, name=name, sources=prepared.sources)
@@ -158,12 +155,9 @@ class Baseline(NamedTuple):
 
 
 def find_baseline(records: Sequence[TimeSeries], ports: Sequence[str], *, test: int | None = None) -> Baseline:
-    """Find the baseline test: at each corner it has the shock that most tests have.
+    """Find the baseline test, if it is not given: at each corner it has the shock that most tests have.
 
-    Args:
-        records: Records with `force` and `velocity` of every port.
-        ports: Ports: "lf", ...; "" for a quarter car.
-        test: Index of the baseline test, if known.
+    The records have `force` and `velocity` of every port: "lf", ...; "" for a quarter car.
 
     Raises:
         InputError: All tests have the same shock at a port, so the effect of its force cannot be separated.
@@ -269,12 +263,9 @@ def ranges_of(tests: Sequence[TimeSeries], experiment: Experiment, frequency: tu
 
 
 def lifted_tires(tests: Sequence[TimeSeries], means: Mapping[str, float]) -> tuple[str, ...]:
-    """Return the channels of the tires that leave the ground.
+    """Return the channels of the tires that leave the ground in tests without means.
 
     Tire forces with means near zero are changes from rest and cannot show it.
-
-    Args:
-        tests: Records without means.
     """
     tires = {n: mean for n, mean in means.items() if quantity(n) == "tire_force" and n in tests[0]}
     return tuple(
@@ -334,11 +325,7 @@ class CoherentBand:
             raise ParameterError(f"{self}: coherence must be between 0 and 1, highest above {_LOWEST:g} Hz")
 
     def of(self, response: FrequencyResponse) -> SupportedBand:
-        """Return the upper end of the band that a response supports.
-
-        Args:
-            response: Estimated response with multiple coherence, at least up to `highest` if the records allow it.
-        """
+        """Return the upper end that a response supports; it reaches up to `highest` if the records allow it."""
         top = min(self.highest, float(response.frequency[-1]))
         powered = _powered(response, top)
         if response.coherence is None:

@@ -137,17 +137,11 @@ def response_of(model: StateSpace, frequency_hz: ArrayLike) -> FrequencyResponse
 
 
 def contribution_error(estimate: FrequencyResponse, reference: FrequencyResponse, input_power: ArrayLike) -> Array:
-    """Return the relative error of each output's response to given inputs.
+    """Return the relative error of each output's response (p,) [1] to inputs of power S (m, K), in any common scale.
 
         e_i = sqrt( sum_jk |dH_ij(f_k)|^2 S_j(f_k)  /  sum_jk |H_ij(f_k)|^2 S_j(f_k) )
 
     A path that contributes little to its output has little weight, even if it is wrong.
-
-    Args:
-        input_power: Power S of each input (m, K), in any scale that is common to all frequencies and inputs.
-
-    Returns:
-        Relative errors (p,) [1].
 
     Raises:
         ParameterError: The two responses differ in channels or frequencies.

@@ -110,11 +110,7 @@ class _Relative(NamedTuple):
 
 
 def compare_tests(records: Sequence[TimeSeries], means: Sequence[Mapping[str, float]]) -> Agreement:
-    """Compare the tests of a car with each other, and the halves of each test.
-
-    Args:
-        records: Records of the tests, without means.
-    """
+    """Compare the tests of a car, records without means, with each other, and the halves of each test."""
     relative, rubbing = list(_weights(records, means)), {}
     if all(channel(corner, name) in record for record in records for corner in CORNERS for name in _NEEDED):
         for place, corner in enumerate(CORNERS):
@@ -469,10 +465,8 @@ def plan_identification(
 ) -> IdentificationPlan:
     """Plan an identification.
 
-    Args:
-        baseline: Index of the baseline test; None: found from the damping of the shocks.
-        damping: Damping about which the vehicle is identified [N.s/m]; None: the slope of each baseline shock.
-        outputs: Outputs of the model; empty: all possible ones.
+    The default baseline test is found from the damping of the shocks; the default damping about which the vehicle is
+    identified [N.s/m] is the slope of each baseline shock; without `outputs` the model has all possible ones.
 
     Raises:
         InputError: The effects of the shocks cannot be separated.

@@ -142,9 +142,7 @@ class Blocks:
 def blocks_of(poles: Complex, C: Complex) -> tuple[Blocks, Array]:
     """Return blocks with the given poles and without inputs (m = 0), and their output matrix (p, 2 N).
 
-    Args:
-        poles: Stable poles [1/s] (2 N,); complex ones in conjugate pairs.
-        C: Mode shapes (p, 2 N), in the same conjugate pairs: outputs per modal coordinate.
+    Poles [1/s] (2 N,) are stable, complex ones in conjugate pairs, like the mode shapes C (p, 2 N).
     """
     w, zeta, outputs = [], [], []
     for first, second in _pairs(poles):
@@ -207,9 +205,6 @@ def points_of(response: FrequencyResponse, *, floor: float) -> Points:
     The floor is needed because an estimate without noise has errors too, and unbounded weights would fit only a few
     values.
 
-    Args:
-        floor: Lower limit of the standard deviation, relative to the size of the output [1].
-
     Raises:
         InputError: An input or an output has no value at all.
     """
@@ -263,11 +258,7 @@ class Row(NamedTuple):
 
 
 def solve_row(points: Points, i: int, X: Complex, through: Feedthrough) -> Row:
-    """Fit output `i` for given poles and inputs.
-
-    Args:
-        X: Response of the states (s I - A)^-1 B (n, m, K).
-    """
+    """Fit output `i` for given poles and inputs, from the states' response X = (s I - A)^-1 B (n, m, K)."""
     weight, (n, m, _) = points.weight[i], X.shape
     target = weight * points.H[i]
     terms = through.of_output(i, weight, points.s)

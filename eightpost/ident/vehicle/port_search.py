@@ -59,12 +59,7 @@ def _bends(k: int) -> Array:
 
 
 def bands(records: Records, *, low: float, high: float, inputs: int) -> Iterator[Band]:
-    """Yield the bands from `low` to `high` [Hz].
-
-    Args:
-        low: Lowest frequency [Hz].
-        high: Highest frequency [Hz].
-        inputs: Number of inputs that are fitted at once; it determines the width of the bands.
+    """Yield the bands from `low` to `high` [Hz], wide enough to fit a number of `inputs` at once.
 
     Raises:
         TooShortError: The records have too few frequency bins for one band.
@@ -119,9 +114,7 @@ class ForceSolution(NamedTuple):
 def solve_forces(parts: Sequence[Band], inputs: int, iterations: int) -> ForceSolution:
     """Estimate the forces at the ports.
 
-    Args:
-        parts: Bands with `inputs` inputs, force inputs last, followed by the signal of a unit force at each port.
-        inputs: Number of inputs without the signals of unit forces.
+    The bands have `inputs` inputs, force inputs last, followed by the signal of a unit force at each port.
     """
     ports = parts[0].U.shape[2] - inputs
     forces = np.zeros(ports)
@@ -404,10 +397,7 @@ def about_tests(vehicle: IdentifiedVehicle, loads: Mapping[str, float]) -> Ident
 
 
 def about_loads(vehicle: IdentifiedVehicle, loads: Mapping[str, float]) -> IdentifiedVehicle:
-    """Return a vehicle about the state with the mean loads of a drive, for simulations of the drive without its means.
-
-    Args:
-        loads: Mean loads of the drive [N, N.m], by input.
+    """Return a vehicle about the state with a drive's mean loads [N, N.m], to simulate the drive without its means.
 
     Raises:
         ValueError: There is no steady state with these loads.

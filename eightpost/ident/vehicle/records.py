@@ -113,9 +113,8 @@ def gather(
 ) -> Records:
     """Collect the channels of several records and remove their means.
 
-    Args:
-        damping: Diagonal of C-bar by port [N.s/m]: "lf", "rf", ...; "" is the port of a quarter car. From the force of
-            each of these ports `c v` is subtracted (Eq 4.24, 5.36, 6.4).
+    From the force of each port with a `damping` [N.s/m] ("lf", ...; "" is the port of a quarter car), the diagonal of
+    C-bar, `c v` is subtracted (Eq 4.24, 5.36, 6.4).
 
     Raises:
         InputError: There is no record or no channel, or the rates differ.

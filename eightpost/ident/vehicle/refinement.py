@@ -269,14 +269,11 @@ def _real(values: Complex) -> Array:
 def plausibly_damped(blocks: Blocks, fastest: float) -> Blocks:
     """Return the blocks with at least a damping ratio of `(w / w_max - 1) / 2`, at most 0.7, above the fitted band.
 
-    In the band the damping ratio is at least 0.002. Its upper limit is that at which the faster of two real poles is at
-    `FASTEST` times w_max.
+    In the band, up to the angular frequency w_max (`fastest`) [1/s], the damping ratio is at least 0.002. Its upper
+    limit is that at which the faster of two real poles is at `FASTEST` times w_max.
 
     The response in the band hardly depends on the damping of a mode beyond it. Without the lower limit such a mode may
     ring in simulations, or be unstable with other shocks.
-
-    Args:
-        fastest: Highest angular frequency w_max of the band [1/s].
     """
     least = np.clip(0.5 * (blocks.w / fastest - 1.0), _LEAST, _BEYOND)
     ratio = np.maximum(FASTEST * fastest / blocks.w, 1.0)

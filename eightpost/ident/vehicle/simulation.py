@@ -30,15 +30,10 @@ _CREEP_RATE, _BRISTLE_RATE = 1000.0, 2500.0
 
 
 def direction(velocity: Array, rate: float, width: float) -> Array:
-    """Return `tanh(v / v_f)` (N,), evaluated at a higher rate and band-limited to the rate of the record.
-
-    Args:
-        velocity: Shock velocity v of a record [m/s] (N,).
-        rate: Sample rate of the record [Hz].
-        width: Friction velocity v_f [m/s].
+    """Return `tanh(v / v_f)` (N,) of the velocity (N,) [m/s] in a record, band-limited to its rate [Hz].
 
     Raises:
-        ParameterError: The friction velocity is not above zero.
+        ParameterError: The friction velocity v_f (`width`) [m/s] is not above zero.
     """
     if not width > 0.0:
         raise ParameterError(f"the friction velocity is {width!r} m/s; it must be above zero")
@@ -46,15 +41,10 @@ def direction(velocity: Array, rate: float, width: float) -> Array:
 
 
 def bristle_force(velocity: Array, rate: float, law: Bristle) -> Array:
-    """Return the force F_s z / z_s [N] (N,) of a bristle, band-limited to the rate of the record.
+    """Return the force F_s z / z_s [N] (N,) of a bristle, band-limited to the rate of the record [Hz].
 
-    The bristle is relaxed at the first sample. It follows the velocity, interpolated to a rate of 2.5 kHz or more, with
-    steps that are exact for their mean velocity.
-
-    Args:
-        velocity: Port velocity of a record [m/s] (N,).
-        rate: Sample rate of the record [Hz].
-        law: Parameters of the bristle; with `force=1.0` the result is the force relative to the sliding force.
+    The bristle is relaxed at the first sample. It follows the velocity (N,) [m/s], interpolated to a rate of 2.5 kHz or
+    more, with steps that are exact for their mean velocity. With a sliding force of 1 N the result is relative to it.
     """
     finer = max(1, int(np.ceil(_BRISTLE_RATE / rate - 1e-9)))
     bend = _at_higher_rate(velocity, finer, lambda v: deflections(v, 1.0 / (rate * finer), law))
@@ -72,12 +62,9 @@ def _at_higher_rate(velocity: Array, finer: int, law: Callable[[Array], Array]) 
 
 
 def with_port_laws(series: TimeSeries, friction: Mapping[str, Friction]) -> TimeSeries:
-    """Return a record whose shock forces include friction, bristle and spring of their ports.
+    """Return a record whose shock forces include friction, bristle and spring of their ports, by port.
 
-    Args:
-        series: Record without means, with `force` and `velocity` of each port, and `displacement` of ports with a
-            spring.
-        friction: Laws by port: "lf", ...; "" for a quarter car.
+    The record has no means; it has `force` and `velocity` of each port, and `displacement` of ports with a spring.
     """
     rate = series.sample_rate
     for port, law in friction.items():
@@ -350,11 +337,8 @@ class ManySetups:
     def run(self, setups: Sequence[Sequence[int]]) -> Array:
         """Simulate setups from rest, on the machine if it can run them, or else step by step in Python.
 
-        Args:
-            setups: Bank indices of the shocks of each setup, in the order of the vehicle's ports.
-
-        Returns:
-            Outputs of the vehicle (setups, p, output samples).
+        A setup has the places in the bank of its shocks, in the order of the vehicle's ports. The outputs of the
+        vehicle are (setups, p, output samples).
 
         Raises:
             InputError: The drive or a setup does not match the vehicle.
@@ -423,13 +407,10 @@ def _port(model: StateSpace, port: str, law: Friction) -> Port:
 
 
 def with_dampers(vehicle: IdentifiedVehicle, drive: TimeSeries, damping: Mapping[str, float], every: int = 1) -> Array:
-    """Return the outputs (p, N / every) of a vehicle with linear dampers, from rest.
+    """Return the outputs (p, N / every) of a continuous vehicle with linear dampers at all ports [N.s/m], from rest.
 
-    Args:
-        vehicle: Continuous vehicle with friction and springs at its ports.
-        drive: Inputs of the vehicle without means; `force` of a port acts in addition to its damper.
-        damping: Damping of every port [N.s/m].
-        every: Interval of the output samples, in samples of the drive.
+    The drive has no means; `force` of a port acts in addition to its damper. `every` is the interval of the output
+    samples, in samples of the drive.
 
     Raises:
         StepError: The forces of a step do not converge.

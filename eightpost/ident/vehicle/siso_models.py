@@ -185,12 +185,7 @@ class RationalFit:
             )
 
     def fit(self, frequency: Array, H: Complex, weight: Array) -> TransferFunction:
-        """Fit a response.
-
-        Args:
-            frequency: Frequencies [Hz] (K,).
-            H: Response (K,).
-            weight: Weight w of Eq 4.28 (K,), zero where the response is not fitted.
+        """Fit a response H (K,) at frequencies (K,) [Hz] with the weight of Eq 4.28 (K,), zero where it is not fitted.
 
         Raises:
             TooShortError: There are too few frequencies with weight for the number of coefficients.
@@ -494,11 +489,7 @@ def parallel_model(
     *,
     name: str = "parallel",
 ) -> StateSpace:
-    """Return the linear model whose paths are the given transfer functions; each path has its own poles.
-
-    Args:
-        paths: Transfer function by (output, input); missing paths are zero.
-    """
+    """Return the model whose paths (output, input) are the given functions, with their own poles; others are zero."""
     rows, columns = [channel.name for channel in outputs], [channel.name for channel in inputs]
     n = sum(path.order for path in paths.values())
     A, B = np.zeros((n, n)), np.zeros((n, len(columns)))
@@ -533,10 +524,8 @@ class _BalancedModel(NamedTuple):
 def balance(model: StateSpace, input_sizes: Array, output_sizes: Array) -> _BalancedModel:
     """Balance a stable continuous model of first- and second-order sections, such as `parallel_model` returns.
 
-    Args:
-        model: Model whose state matrix has blocks of one state and of two states `((re, -im), (im, re))`.
-        input_sizes: Typical sizes of the inputs (m,).
-        output_sizes: Typical sizes of the outputs (p,); both sizes scale the model before balancing.
+    The state matrix has blocks of one state and of two states `((re, -im), (im, re))`; typical sizes of the inputs (m,)
+    and outputs (p,) scale the model before balancing.
     """
     modal, poles = _modal_basis(model.A)
     # The inverse: for a block ((1, i), (1, -i)) it is half the conjugate transpose.

@@ -232,8 +232,7 @@ class VehicleFit(Summarized):
     def plot(self, output: str | None = None) -> Picture:
         """Return a picture of the responses of one output to all inputs: estimate and model.
 
-        Args:
-            output: Name of the output; default: the one with the largest misfit.
+        The default output is that with the largest misfit.
 
         Raises:
             ParameterError: There is no such output.
