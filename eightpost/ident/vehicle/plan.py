@@ -419,7 +419,7 @@ class VehicleRecipe(Protocol):
 
 
 def recipe(name: str) -> VehicleRecipe:
-    """Return the recipe with the given name and its default settings; ParameterError if there is none."""
+    """Return the recipe with the given name and its default settings; ParameterError: the name is unknown."""
     if name not in RECIPES:
         raise ParameterError(f"there is no recipe {name!r}; use one of {', '.join(RECIPES)}")
     chosen: VehicleRecipe = import_module(RECIPES[name]).RECIPE
