@@ -83,27 +83,27 @@ class StateSpace:
     name: str = "model"  #: Name of the model.
 
     def __post_init__(self) -> None:
-        for field in ("A", "B", "C", "D"):
-            object.__setattr__(self, field, _frozen(getattr(self, field), f"{self.name}: {field}"))
         for field in ("inputs", "outputs"):
             object.__setattr__(self, field, tuple(getattr(self, field)))
-            _check_unique([channel.name for channel in getattr(self, field)], f"{self.name}: {field}")
-        self._check_shapes()
+            names = [channel.name for channel in getattr(self, field)]
+            if twice := sorted({name for name in names if names.count(name) > 1}):
+                raise ParameterError(
+                    f"{self.name}: {field} contain {', '.join(twice)} more than once; names must be unique"
+                )
+        n, m, p = len(self.A), len(self.inputs), len(self.outputs)
+        for field, expected in {"A": (n, n), "B": (n, m), "C": (p, n), "D": (p, m)}.items():
+            object.__setattr__(self, field, _frozen(getattr(self, field), f"{self.name}: {field}"))
+            shape = getattr(self, field).shape
+            if shape != expected:
+                raise ParameterError(
+                    f"{self.name}: {field} has the shape {shape}; {n} states, {m} inputs and {p} outputs need "
+                    f"{expected}"
+                )
         if self.dt is not None and not (np.isfinite(self.dt) and self.dt > 0.0):
             raise ParameterError(
                 f"{self.name}: the sample time is {self.dt!r} s; give a finite number above zero, or None for a "
                 "continuous model"
             )
-
-    def _check_shapes(self) -> None:
-        n, m, p = len(self.A), len(self.inputs), len(self.outputs)
-        for field, expected in {"A": (n, n), "B": (n, m), "C": (p, n), "D": (p, m)}.items():
-            found = getattr(self, field).shape
-            if found != expected:
-                raise ParameterError(
-                    f"{self.name}: {field} has the shape {found}; {n} states, {m} inputs and {p} outputs need "
-                    f"{expected}"
-                )
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, StateSpace):
@@ -131,8 +131,10 @@ class StateSpace:
         Raises:
             ParameterError: A name is unknown; the message lists the known ones.
         """
-        columns = _positions(self.input_names, inputs, f"{self.name}: unknown input")
-        rows = _positions(self.output_names, outputs, f"{self.name}: unknown output")
+        columns, rows = (
+            list(range(len(names))) if chosen is None else _positions(names, chosen, f"{self.name}: unknown {kind}")
+            for kind, names, chosen in (("input", self.input_names, inputs), ("output", self.output_names, outputs))
+        )
         return replace(
             self,
             B=self.B[:, columns],
@@ -281,15 +283,7 @@ def _frozen(values: ArrayLike, where: str) -> Array:
     return array
 
 
-def _check_unique(names: list[str], where: str) -> None:
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise ParameterError(f"{where} contain {', '.join(twice)} more than once; names must be unique")
-
-
-def _positions(names: tuple[str, ...], selection: Iterable[str] | None, problem: str) -> list[int]:
-    if selection is None:
-        return list(range(len(names)))
+def _positions(names: tuple[str, ...], selection: Iterable[str], problem: str) -> list[int]:
     chosen = [selection] if isinstance(selection, str) else list(selection)
     for name in chosen:
         if name not in names:
