@@ -143,7 +143,7 @@ def _preparation(path: Path) -> Any:
 
 
 def _response(path: Path) -> Any:
-    from eightpost.ident.response import read_response  # noqa: PLC0415
+    from eightpost.ident.vehicle.frequency_response import read_response  # noqa: PLC0415
 
     return read_response(path)
 

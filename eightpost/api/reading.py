@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from cosim.session.result import SavedRun
     from cosim.session.run import Case
     from cosim.study import StudyResult
-    from eightpost.ident.vehicle import VehicleFit
+    from eightpost.ident.vehicle.vehicle_fit import VehicleFit
     from eightpost.rig import DynoTest, PeakVelocityTable, RigTest
     from eightpost.shock import Shock
     from eightpost.signals import ChannelMap, Drivefile

@@ -9,7 +9,7 @@ from cosim.session.parameter_sweep import ParameterSweep
 from cosim.study import StudyResult
 from cosim.study.choice.compare import RunComparison
 from eightpost.ident import ShockFit
-from eightpost.ident.vehicle import VehicleFit
+from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.rig import DynoTest, RigTest
 
 test = ep.read("dyno.csv", "dyno")

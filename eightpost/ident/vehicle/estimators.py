@@ -12,8 +12,8 @@ from scipy.signal import stft, welch
 
 from eightpost.array_types import Array, Complex
 from eightpost.errors import InputError, ParameterError, TooShortError
-from eightpost.ident.response.frequency_response import FrequencyResponse
-from eightpost.ident.response.records import Blocks, Record, Records, gather
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse
+from eightpost.ident.vehicle.records import Blocks, Record, Records, gather
 from eightpost.progress import parts
 from eightpost.signals import TimeSeries
 
@@ -23,11 +23,9 @@ from eightpost.signals import TimeSeries
 
 
 def input_power(records: Records, frequency: Array) -> Array:
-    """Return the power spectral density of each input, averaged over all tests (m, K) [unit^2/Hz].
+    """Return the power spectral density of each input (m, K) [unit^2/Hz], averaged over all tests.
 
-    Args:
-        records: Tests.
-        frequency: Frequencies (K,) [Hz], about evenly spaced; the spacing determines the length of the blocks.
+    The spacing of the frequencies (K,) [Hz], about even, determines the length of the blocks.
     """
     spacing = float(np.mean(np.diff(frequency))) if frequency.size > 1 else float(frequency[0])
     total = np.zeros((len(records.inputs), frequency.size))
@@ -36,40 +34,6 @@ def input_power(records: Records, frequency: Array) -> Array:
         lines, power = welch(test.u, records.rate, nperseg=size)
         total += np.stack([np.interp(frequency, lines, row) for row in power])
     return np.asarray(total / len(records.tests))
-
-
-# ---- Multiple and partial coherence from a regression ---------------------------------------------------------------
-
-
-def _multiple_coherence(solved: _Regression) -> Array:
-    """Return the fraction of each output's power that all inputs explain (p, K), 1 - |E|^2 / |Y|^2; 0 without power."""
-    unexplained = np.divide(solved.residual, solved.total, out=np.ones_like(solved.total), where=solved.total > 0.0)
-    return np.asarray(np.clip(1.0 - unexplained, 0.0, 1.0))
-
-
-def partial_coherence(solved: _Regression) -> Array:
-    """Return the coherence of each output and input after removal of the part that the other inputs explain (p, m, K).
-
-    Without input j the residual increases by `|H_ij|^2 / ((U* U)^-1)_jj`. The coherence of the two conditioned signals
-    is this increase over the residual without j. It is 0 where the input was dropped.
-    """
-    spread = np.where(solved.active, solved.spread, np.inf)[None]
-    growth = np.abs(solved.H) ** 2 / spread
-    without = growth + solved.residual[:, None, :]
-    return np.asarray(np.divide(growth, without, out=np.zeros_like(growth), where=without > 0.0))
-
-
-def _response_variance(solved: _Regression, blocks: int, independent: float) -> Array:
-    """Return the variance of H (p, m, K) for noise on the outputs.
-
-    Args:
-        solved: Solution of the regression.
-        blocks: Number of overlapping blocks R.
-        independent: Equivalent number of independent blocks.
-    """
-    freedom = np.maximum(blocks - solved.active.sum(axis=0), 1)
-    noise = solved.residual / freedom * (blocks / independent)
-    return np.asarray(noise[:, None, :] * solved.spread[None], dtype=np.float64)
 
 
 # ---- Estimation of a frequency response from records with any recipe ------------------------------------------------
@@ -91,15 +55,10 @@ def estimate_response(
     recipe: Recipe,
     baseline_damping: Mapping[str, float] | None = None,
 ) -> FrequencyResponse:
-    """Estimate frequency responses.
+    """Estimate frequency responses; sequential recipes define the order of the records.
 
-    Args:
-        records: Records, one per test; sequential recipes define their order.
-        inputs: Names of the inputs in every record, including shock forces.
-        outputs: Names of the outputs in every record.
-        recipe: Estimator.
-        baseline_damping: C-bar by port [N.s/m]: `c v` is subtracted from the shock forces (Eq 6.4), and the result is
-            the response of the vehicle with these dampers. None uses the forces without change.
+    `c v` with the baseline damping C-bar by port [N.s/m] is subtracted from the shock forces (Eq 6.4): the result is
+    the response of the vehicle with these dampers. None uses the forces without change.
 
     Raises:
         InputError: Records, channels and recipe do not match.
@@ -122,15 +81,32 @@ class _Regression(NamedTuple):
     total: Array  #: Sum of |Y|^2 (p, K).
     active: NDArray[np.bool_]  #: Mask of the inputs that were kept (m, K).
 
+    def coherence(self) -> Array:
+        """Return the fraction of each output's power that all inputs explain (p, K), 1 - |E|^2 / |Y|^2."""
+        unexplained = np.divide(self.residual, self.total, out=np.ones_like(self.total), where=self.total > 0.0)
+        return np.asarray(np.clip(1.0 - unexplained, 0.0, 1.0))
+
+    def partial_coherence(self) -> Array:
+        """Return the coherence of output and input without the part that the other inputs explain (p, m, K).
+
+        Without input j the residual increases by `|H_ij|^2 / ((U* U)^-1)_jj`. The coherence of the two conditioned
+        signals is this increase over the residual without j. It is 0 where the input was dropped.
+        """
+        growth = np.abs(self.H) ** 2 / np.where(self.active, self.spread, np.inf)[None]
+        without = growth + self.residual[:, None, :]
+        return np.asarray(np.divide(growth, without, out=np.zeros_like(growth), where=without > 0.0))
+
+    def variance(self, blocks: int, independent: float) -> Array:
+        """Return the variance of H (p, m, K) for noise on the outputs, from overlapping blocks."""
+        freedom = np.maximum(blocks - self.active.sum(axis=0), 1)
+        noise = self.residual / freedom * (blocks / independent)
+        return np.asarray(noise[:, None, :] * self.spread[None], dtype=np.float64)
+
 
 def regress(U: Complex, Y: Complex, *, power_floor: float, names: Sequence[str]) -> _Regression:
-    """Solve for H; inputs are dropped at frequencies where they have no power.
+    """Solve for H from inputs U (K, R, m) and outputs Y (K, R, p).
 
-    Args:
-        U: Inputs (K, R, m).
-        Y: Outputs (K, R, p).
-        power_floor: Amplitude of an input, relative to its largest over frequency, below which it is dropped [1].
-        names: Names of the inputs, for messages.
+    An input is dropped at frequencies where its amplitude is below `power_floor` times its largest [1].
 
     Raises:
         InputError: There are not more blocks than inputs, an input is zero, or inputs depend on each other.
@@ -202,9 +178,9 @@ class H1:
             solved.H,
             records.inputs,
             records.outputs,
-            _multiple_coherence(solved),
-            partial_coherence(solved),
-            _response_variance(solved, spectra.U.shape[1], spectra.independent),
+            solved.coherence(),
+            solved.partial_coherence(),
+            solved.variance(spectra.U.shape[1], spectra.independent),
         )
 
 
@@ -227,64 +203,56 @@ class SameDrive:
 
     def estimate(self, records: Records) -> FrequencyResponse:
         """Estimate the responses to the rig's inputs from the first record, and to each force from its own record."""
-        rig, forces = _split(records, self.forces)
-        parts = [self.recipe.estimate(records.only([0], rig))]
-        for test, force in enumerate(forces, start=1):
-            parts.append(self.recipe.estimate(_change(records, test, rig, force)))
-        return _joined(records, parts)
-
-
-def _split(records: Records, forces: Sequence[str]) -> tuple[list[int], list[int]]:
-    """Return the positions of the rig's inputs and of the forces."""
-    names = [channel.name for channel in records.inputs]
-    for force in forces:
-        if force not in names:
-            raise InputError(f"the force {force!r} is not an input; the inputs are {', '.join(names)}")
-    if len(records.tests) != 1 + len(forces):
-        raise InputError(
-            f"{len(records.tests)} records given, but {len(forces)} forces need {1 + len(forces)}: the baseline and "
-            "one alternate test per force, in the order of the forces"
+        first, columns = records.tests[0], self._columns(records)
+        rig = [j for j in range(len(records.inputs)) if j not in columns]
+        alone = Record(first.u[rig], first.y)
+        estimates = [self._estimated(records, alone, rig)]
+        for number, (column, test) in enumerate(zip(columns, records.tests[1:], strict=True), start=2):
+            same_drive = first.u.shape == test.u.shape and bool(
+                (np.std(test.u[rig] - first.u[rig], axis=1) <= _SAME_DRIVE * np.std(first.u[rig], axis=1)).all()
+            )
+            if not same_drive:
+                raise InputError(
+                    f"the drive of record {number} differs from that of the first one; use H1 for all records"
+                )
+            change = Record(test.u[[column]] - first.u[[column]], test.y - first.y)  # Eq 4.26
+            estimates.append(self._estimated(records, change, [column]))
+        order = np.argsort([*rig, *columns])
+        partial, variance = [_column_coherence(one) for one in estimates], [one.variance for one in estimates]
+        known = [values for values in variance if values is not None]
+        return FrequencyResponse(
+            estimates[0].frequency,
+            np.concatenate([one.H for one in estimates], axis=1)[:, order],
+            records.inputs,
+            records.outputs,
+            estimates[0].coherence,
+            np.concatenate(partial, axis=1)[:, order],
+            np.concatenate(known, axis=1)[:, order] if len(known) == len(estimates) else None,
         )
-    columns = [names.index(force) for force in forces]
-    for test, force in enumerate(forces, start=1):
-        sizes = [float(np.abs(records.tests[test].u[j]).max()) for j in columns]
-        if sizes[test - 1] < max(sizes):
-            other = forces[int(np.argmax(sizes))]
-            what = f"record {test + 1} changes {other} more than {force}; give the alternate tests in order"
-            raise InputError(what)
-    return [j for j in range(len(names)) if j not in columns], columns
 
+    def _estimated(self, records: Records, test: Record, columns: Sequence[int]) -> FrequencyResponse:
+        inputs = tuple(records.inputs[j] for j in columns)
+        return self.recipe.estimate(Records((test,), records.rate, inputs, records.outputs))
 
-def _change(records: Records, test: int, rig: Sequence[int], force: int) -> Records:
-    """Return the change of the outputs (Eq 4.26) with one force as the input."""
-    before, after = records.tests[0], records.tests[test]
-    columns = list(rig)
-    if before.u.shape != after.u.shape or not _alike(before.u[columns], after.u[columns]):
-        raise InputError(f"the drive of record {test + 1} differs from that of the first one; use H1 for all records")
-    changed = Record(after.u[[force]] - before.u[[force]], after.y - before.y)
-    return Records((changed,), records.rate, (records.inputs[force],), records.outputs)
-
-
-def _alike(before: Array, after: Array) -> bool:
-    """Return whether two drives (m, N) differ by no more than sensor errors."""
-    return bool((np.std(after - before, axis=1) <= _SAME_DRIVE * np.std(before, axis=1)).all())
-
-
-def _joined(records: Records, parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
-    """Return one response with the columns of all parts, in the order of the records' inputs."""
-    names = [name for part in parts for name in part.input_names]
-    order = [names.index(channel.name) for channel in records.inputs]
-    partial = [_column_coherence(part) for part in parts]
-    variance = [part.variance for part in parts if part.variance is not None]
-    return FrequencyResponse(
-        parts[0].frequency,
-        np.concatenate([part.H for part in parts], axis=1)[:, order],
-        records.inputs,
-        records.outputs,
-        parts[0].coherence,
-        np.concatenate(partial, axis=1)[:, order],
-        np.concatenate(variance, axis=1)[:, order] if len(variance) == len(parts) else None,
-    )
+    def _columns(self, records: Records) -> list[int]:
+        """Return the positions of the forces."""
+        names, forces = [channel.name for channel in records.inputs], self.forces
+        for force in forces:
+            if force not in names:
+                raise InputError(f"the force {force!r} is not an input; the inputs are {', '.join(names)}")
+        if len(records.tests) != 1 + len(forces):
+            raise InputError(
+                f"{len(records.tests)} records given, but {len(forces)} forces need {1 + len(forces)}: the baseline "
+                "and one alternate test per force, in the order of the forces"
+            )
+        columns = [names.index(force) for force in forces]
+        for number, force in enumerate(forces, start=1):
+            sizes = [float(np.abs(records.tests[number].u[j]).max()) for j in columns]
+            if sizes[number - 1] < max(sizes):
+                other = forces[int(np.argmax(sizes))]
+                what = f"record {number + 1} changes {other} more than {force}; give the alternate tests in order"
+                raise InputError(what)
+        return columns
 
 
 def _column_coherence(part: FrequencyResponse) -> Array:
@@ -331,7 +299,6 @@ class LocalPolynomial:
         return cls(half_width=0.5 * width, spacing=0.2 * width, high=high)
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         if self.degree < 0 or self.spare <= 1.0 or self.spacing <= 0.0 or self.high <= 0.0:
             raise ParameterError(f"{self}: degree must be at least 0, spare above 1, spacing and high above 0")
 
@@ -348,7 +315,12 @@ class LocalPolynomial:
         step = max(1, round(self.spacing / spectra.frequency[0]))
         centres = np.arange(step - 1, spectra.frequency.size, step)
         solved = [_solve(spectra, int(k), n, self.degree, active[k]) for k in parts(centres)]
-        _check_conditions([part.condition for part in solved], names)
+        typical = float(np.median([part.condition for part in solved]))
+        if typical > WORST_CONDITION**1.5:
+            raise InputError(
+                f"the inputs {', '.join(names)} depend linearly on each other (condition {typical:.2g}): with linear "
+                "shocks the rig's inputs determine the forces (Eq 5.34); add records with another shock at each corner"
+            )
         H, coherence, variance = (np.stack([part[i] for part in solved], axis=-1) for i in range(3))
         frequency = spectra.frequency[centres]
         return FrequencyResponse(frequency, H, records.inputs, records.outputs, coherence, None, variance)
@@ -374,12 +346,9 @@ class LocalPolynomial:
 class WholeSpectra(NamedTuple):
     """Spectra of whole records, without a window."""
 
-    frequency: Array
-    """Frequencies (K,) [Hz]."""
-    U: Complex
-    """Spectra of the inputs (tests, K, m)."""
-    Y: Complex
-    """Spectra of the outputs (tests, K, p)."""
+    frequency: Array  #: Frequencies (K,) [Hz].
+    U: Complex  #: Spectra of the inputs (tests, K, m).
+    Y: Complex  #: Spectra of the outputs (tests, K, p).
 
 
 class _Local(NamedTuple):
@@ -454,15 +423,6 @@ def _least_squares(matrix: Complex, Y: Complex, active: NDArray[np.bool_], m: in
     return _Local(H, np.clip(coherence, 0.0, 1.0), variance, float(singular[0] / max(singular[-1], 1e-300)))
 
 
-def _check_conditions(conditions: list[float], names: list[str]) -> None:
-    typical = float(np.median(conditions))
-    if typical > WORST_CONDITION**1.5:
-        raise InputError(
-            f"the inputs {', '.join(names)} depend linearly on each other (condition {typical:.2g}): with linear "
-            "shocks the rig's inputs determine the forces (Eq 5.34); add records with another shock at each corner"
-        )
-
-
 # ==== Bias of an estimated response from noise of its measured inputs ================================================
 
 #: Frequencies at which records have noise only, relative to their sample rate [1]: above the drive, and below the edge
@@ -494,11 +454,7 @@ class InputNoise:
     quiet: tuple[float, float]  #: Frequencies from which the noise was taken [Hz].
 
     def summary(self, estimator: object) -> str:
-        """Return the estimator and its bias as a sentence.
-
-        Args:
-            estimator: Estimator of the response, or of the parameters of a simulated model.
-        """
+        """Return the estimator and its bias as a sentence."""
         kind = type(estimator).__name__
         sentence = f"Estimator: {_KINDS.get(kind, kind)}. Noise of the measured inputs makes its responses too small"
         if not self.bias:
@@ -514,7 +470,7 @@ class InputNoise:
 
 
 def input_noise(records: Records, band: tuple[float, float]) -> InputNoise:
-    """Return the attenuation of a least-squares estimate by noise of its inputs.
+    """Return the attenuation of a least-squares estimate in a band [Hz] by noise of its inputs.
 
     The part of an input that the other inputs do not explain has the power P; noise of power N in it reduces the
     responses to the input by
@@ -522,16 +478,13 @@ def input_noise(records: Records, band: tuple[float, float]) -> InputNoise:
         N / P,  P = 1 / (S^-1)_jj
 
     with the spectral matrix S of the measured inputs, noise included.
-
-    Args:
-        records: Records, one per test, with shock forces minus c v.
-        band: Lowest and highest frequency of the fit [Hz].
     """
     size = min(*(test.u.shape[1] for test in records.tests), round(_BLOCK * records.rate))
     blocks = [np.moveaxis(stft(test.u, records.rate, nperseg=size, boundary=None, padded=False)[2], -1, 0)
               for test in records.tests]  # fmt: skip
     frequency = np.fft.rfftfreq(size, 1.0 / records.rate)
-    S = _spectra(np.concatenate(blocks))
+    every = np.concatenate(blocks)
+    S = np.einsum("bik,bjk->kij", every, every.conj()) / len(every)  # spectral matrices (K, m, m)
     quiet = (_QUIET[0] * records.rate, _QUIET[1] * records.rate)
     power = np.real(np.einsum("kjj->jk", S))
     noise = power[:, (frequency >= quiet[0]) & (frequency <= quiet[1])].mean(axis=1)
@@ -539,11 +492,6 @@ def input_noise(records: Records, band: tuple[float, float]) -> InputNoise:
     bias = _attenuation(S[inside], noise, power[:, inside] > _DRIVEN * noise[:, None])
     names = [channel.name for channel in records.inputs]
     return InputNoise({n: b for n, b in zip(names, bias.tolist(), strict=True) if np.isfinite(b)}, quiet)
-
-
-def _spectra(blocks: Complex) -> Complex:
-    """Return the spectral matrices (K, m, m) of blocks (blocks, m, K)."""
-    return np.asarray(np.einsum("bik,bjk->kij", blocks, blocks.conj()) / len(blocks))
 
 
 def _attenuation(S: Complex, noise: Array, driven: Array) -> Array:

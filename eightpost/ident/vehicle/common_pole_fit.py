@@ -11,17 +11,9 @@ from scipy.linalg import block_diag
 
 from eightpost.array_types import Array, Complex
 from eightpost.errors import ParameterError
-from eightpost.ident.response import FrequencyResponse
-from eightpost.ident.vehicle.common_poles.points import (
-    Blocks,
-    Feedthrough,
-    Points,
-    Subspace,
-    points_of,
-    solve_inputs,
-    subspace_of,
-)
-from eightpost.ident.vehicle.common_poles.refinement import (
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse
+from eightpost.ident.vehicle.points import Blocks, Feedthrough, Points, Subspace, points_of, solve_inputs, subspace_of
+from eightpost.ident.vehicle.refinement import (
     FASTEST,
     Refinement,
     RefinementResult,
@@ -48,12 +40,6 @@ _FREQUENCIES, _REGULAR = 100, 1e-12
 
 def _bring_to_rest(model: StateSpace, slow: int, s: Complex, weight: Array) -> StateSpace:
     """Return the model with velocities that have no response to constant inputs.
-
-    Args:
-        model: Stable continuous model; velocities have no direct term.
-        slow: Number of leading states whose inputs may change; the road lags after them stay unchanged.
-        s: Values of s at which the change is evaluated [1/s] (K,).
-        weight: Weight of the outputs' responses (p, K); 0 where they are unknown.
 
     A singular system, such as that of two velocities that are the same, is solved in the sense of least squares.
     """
@@ -135,35 +121,31 @@ class OrderStudy:
         for order, gap, poles in zip(self.orders, self.gaps, self.poles, strict=True):
             upper = poles[poles.imag > 0.0]
             now = np.stack((np.abs(upper) / (2.0 * np.pi), -upper.real / np.abs(upper)), axis=1)
-            pairs = tuple(PolePair(float(f), float(d), _is_stable(f, d, before)) for f, d in now)
+            pairs = tuple(
+                PolePair(
+                    float(w),
+                    float(zeta),
+                    bool((
+                        (np.abs(before[:, 0] - w) <= _STEADY_FREQUENCY * w)
+                        & (np.abs(before[:, 1] - zeta) <= _STEADY_DAMPING * abs(zeta))
+                    ).any()),
+                )
+                for w, zeta in now
+            )  # fmt: skip
             tried.append(OrderCandidate(order, float(gap), pairs))
             before = now
         return tuple(tried)
 
 
-def _is_stable(frequency: float, damping: float, before: Array) -> bool:
-    near = np.abs(before[:, 0] - frequency) <= _STEADY_FREQUENCY * frequency
-    similar = np.abs(before[:, 1] - damping) <= _STEADY_DAMPING * abs(damping)
-    return bool((near & similar).any())
-
-
 def _study_orders(points: Points, subspace: Subspace, through: Feedthrough, orders: tuple[int, ...]) -> OrderStudy:
-    """Compare the models of several orders that one subspace gives.
-
-    Args:
-        points: Response values.
-        subspace: Subspace of the response.
-        through: Direct terms and lags.
-        orders: Even numbers of states in increasing order.
-    """
-    values = subspace.values
-    found = [_start(points, subspace, order, through)[0] for order in parts(orders)]
-    p, m = through.direct.shape
+    """Compare the models of several even orders that one subspace gives."""
+    values, (p, m) = subspace.values, through.direct.shape
+    models = [_start(points, subspace, order, through)[0] for order in parts(orders)]
     return OrderStudy(
         orders,
-        np.array([solution.cost for solution in found]),
+        np.array([solution.cost for solution in models]),
         np.array([values[order - 1] / max(values[order], 1e-12 * values[0]) for order in orders]),
-        tuple(solution.blocks.poles for solution in found),
+        tuple(solution.blocks.poles for solution in models),
         2 * int(points.known.sum()),
         np.array([order * (p + m) + through.count for order in orders]),
     )
@@ -215,7 +197,6 @@ class CommonPoleFit:
     refinement: Refinement = field(default_factory=Refinement)  #: Settings of the likelihood maximisation.
 
     def __post_init__(self) -> None:
-        """Check the settings."""
         if self.order is not None and (self.order < 2 or self.order % 2):
             raise ParameterError(f"the order is {self.order}; a model consists of pairs of poles; give 2, 4, 6 ...")
         if not (0.0 <= self.low < self.high and self.floor > 0.0 and self.max_states >= 2):
@@ -234,11 +215,29 @@ class CommonPoleFit:
         plain = Feedthrough.of(direct, _FAST * 2.0 * np.pi * self.high)
         subspace = subspace_of(points, max_states=max(self.max_states, self.order or 0))
         with portion(0.0, 0.3):
-            study = _study_orders(points.thinned(_STUDIED), subspace, plain, self._orders())
-        found, mirrored = _start(points, subspace, self.order or study.suggested, plain)
+            orders = tuple(range(2, self.max_states + 1, 2))
+            study = _study_orders(points.thinned(_STUDIED), subspace, plain, orders)
+        start, mirrored = _start(points, subspace, self.order or study.suggested, plain)
         with portion(0.3, 1.0):
-            refined = self._refined(points, found.blocks, plain, roads(joined.input_names))
-        return _model(response, joined, points, refined, _Start(study, mirrored, found.cost, found.blocks.states))
+            refined = self._refined(points, start.blocks, plain, roads(joined.input_names))
+        misfit, whole = np.abs(refined.solution.misfit) ** 2, np.abs(points.weight * points.H) ** 2
+        known = np.maximum(points.known.sum(axis=(1, 2)), 1)
+        residual = np.sqrt(misfit.sum(axis=(1, 2)) / np.maximum(whole.sum(axis=(1, 2)), 1e-300))
+        excess = np.sqrt(misfit.sum(axis=(1, 2)) / known)
+        names, velocities = joined.output_names, integrals(response.output_names)
+        of_fitted = dict(zip(names, residual.tolist(), strict=True))
+        return CommonPoleModel(
+            state_space(refined.solution, points, joined.inputs, joined.outputs, response.outputs),
+            # Displacements are not fitted; each has the residual of its velocity.
+            {name: of_fitted[velocities.get(name, name)] for name in response.output_names},
+            dict(zip(names, excess.tolist(), strict=True)),
+            refined,
+            points,
+            joined.inputs,
+            joined.outputs,
+            _Start(study, mirrored, start.cost, start.blocks.states),
+            (float(joined.frequency[1]), float(joined.frequency[-1])),
+        )
 
     def _refined(
         self, points: Points, blocks: Blocks, plain: Feedthrough, lagged: NDArray[np.bool_]
@@ -261,14 +260,11 @@ class CommonPoleFit:
     def _without_fast_blocks(self, points: Points, blocks: Blocks, through: Feedthrough) -> RefinementResult:
         """Return the refined model; blocks faster than `FASTEST` are removed before and after, until none is found."""
         limit = FASTEST * 2.0 * np.pi * self.high
-        found = self.refinement.refine(points, blocks.slower_than(limit), through)
-        while (slow := found.solution.blocks.slower_than(limit)).states < found.solution.blocks.states:
+        best = self.refinement.refine(points, blocks.slower_than(limit), through)
+        while (slow := best.solution.blocks.slower_than(limit)).states < best.solution.blocks.states:
             again = self.refinement.refine(points, slow, through)
-            found = again._replace(iterations=found.iterations + again.iterations)
-        return found
-
-    def _orders(self) -> tuple[int, ...]:
-        return tuple(range(2, self.max_states + 1, 2))
+            best = again._replace(iterations=best.iterations + again.iterations)
+        return best
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -354,46 +350,13 @@ def state_space(
     return with_integrals(_bring_to_rest(model, solution.blocks.states, points.s, weight), outputs)
 
 
-def _model(
-    response: FrequencyResponse, joined: FrequencyResponse, points: Points, refined: RefinementResult, initial: _Start
-) -> CommonPoleModel:
-    misfit, whole = np.abs(refined.solution.misfit) ** 2, np.abs(points.weight * points.H) ** 2
-    known = np.maximum(points.known.sum(axis=(1, 2)), 1)
-    residual = np.sqrt(misfit.sum(axis=(1, 2)) / np.maximum(whole.sum(axis=(1, 2)), 1e-300))
-    excess = np.sqrt(misfit.sum(axis=(1, 2)) / known)
-    names = joined.output_names
-    return CommonPoleModel(
-        state_space(refined.solution, points, joined.inputs, joined.outputs, response.outputs),
-        _with_integrals(dict(zip(names, residual.tolist(), strict=True)), response),
-        dict(zip(names, excess.tolist(), strict=True)),
-        refined,
-        points,
-        joined.inputs,
-        joined.outputs,
-        initial,
-        (float(joined.frequency[1]), float(joined.frequency[-1])),
-    )
-
-
-def _with_integrals(residual: dict[str, float], response: FrequencyResponse) -> dict[str, float]:
-    """Return the residuals in the order of the response's outputs.
-
-    Displacements are not fitted; each has the residual of its velocity.
-    """
-    pairs = integrals(response.output_names)
-    return {name: residual[pairs.get(name, name)] for name in response.output_names}
-
-
 # ---- Model of fewer tests, near that of all tests -------------------------------------------------------------------
 
 
 def refitted(found: CommonPoleModel, response: FrequencyResponse, *, floor: float) -> StateSpace:
     """Return a model of another response, one step of the refinement from a model; its order does not change.
 
-    Args:
-        found: Model of the response of all tests.
-        response: Response of some of the tests, with the channels of the first one.
-        floor: Lower limit of the standard deviation; see `CommonPoleFit`.
+    `floor` is that of `CommonPoleFit`.
     """
     solution = found.refined.solution
     points = points_of(without_integrals(response.band(*found.band)), floor=floor)

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array, Complex
-from eightpost.ident.response import FrequencyResponse
 from eightpost.ident.threads import for_each
-from eightpost.ident.vehicle.common_poles.points import Blocks, Feedthrough, Points, Row, solve_row
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse
+from eightpost.ident.vehicle.points import Blocks, Feedthrough, Points, Row, solve_row
 from eightpost.progress import advance
 from eightpost.vehicle.statespace import Channel, StateSpace
 
@@ -28,13 +28,12 @@ def direct_terms(outputs: Sequence[str], inputs: Sequence[str]) -> NDArray[np.bo
     Accelerations may have direct terms in all inputs (a solid axle and a rigid chassis connect the corners, damped
     tires the roads), tire forces and ride heights in the roads, other outputs in none.
     """
-    return np.array([[_direct(output, source) for source in inputs] for output in outputs])
-
-
-def _direct(output: str, source: str) -> bool:
-    if output.endswith("acceleration"):
-        return True
-    return output.endswith(("tire_force", "ride_height")) and source.rpartition(".")[2] == "road"
+    roads_of = [_ends(name, "road") for name in inputs]
+    return np.array([
+        [output.endswith("acceleration") or (is_road and output.endswith(("tire_force", "ride_height")))
+         for is_road in roads_of]
+        for output in outputs
+    ])  # fmt: skip
 
 
 def roads(inputs: Sequence[str]) -> NDArray[np.bool_]:
@@ -59,27 +58,19 @@ def without_integrals(response: FrequencyResponse) -> FrequencyResponse:
     derived from the displacement, both come from one potentiometer, so the smaller variance is not reduced by
     averaging.
     """
-    pairs = integrals(response.output_names)
-    joined = response
-    for displacement, velocity in pairs.items():
-        joined = _joined(joined, displacement, velocity)
-    joined = joined.select(outputs=[name for name in response.output_names if name not in pairs])
-    return _with_rest(joined)
-
-
-def _joined(response: FrequencyResponse, displacement: str, velocity: str) -> FrequencyResponse:
-    if response.variance is None:
-        return response
-    names = response.output_names
-    x, v = names.index(displacement), names.index(velocity)
-    s = 2j * np.pi * response.frequency
-    other, own = response.variance[x] * np.abs(s) ** 2, response.variance[v]
-    known = np.isfinite(other) & np.isfinite(own)
-    share = np.divide(own, own + other, out=np.zeros_like(own), where=known & (own + other > 0.0))
-    H, variance = response.H.copy(), response.variance.copy()
-    H[v] = (1.0 - share) * H[v] + share * s * H[x]
-    variance[v] = np.where(known, np.minimum(own, other), own)
-    return replace(response, H=H, variance=variance)
+    pairs, names = integrals(response.output_names), list(response.output_names)
+    H, variance, s = response.H.copy(), response.variance, 2j * np.pi * response.frequency
+    if variance is not None:
+        variance = variance.copy()
+        for displacement, velocity in pairs.items():
+            x, v = names.index(displacement), names.index(velocity)
+            other, own = variance[x] * np.abs(s) ** 2, variance[v].copy()
+            known = np.isfinite(other) & np.isfinite(own)
+            share = np.divide(own, own + other, out=np.zeros_like(own), where=known & (own + other > 0.0))
+            H[v] = (1.0 - share) * H[v] + share * s * H[x]
+            variance[v] = np.where(known, np.minimum(own, other), own)
+    joined = replace(response, H=H, variance=variance)
+    return _with_rest(joined.select(outputs=[name for name in names if name not in pairs]))
 
 
 def _with_rest(response: FrequencyResponse) -> FrequencyResponse:
@@ -93,10 +84,8 @@ def _with_rest(response: FrequencyResponse) -> FrequencyResponse:
     largest = np.abs(response.H).max(axis=2)
     moving = np.array([_ends(name, "velocity") for name in response.output_names])[:, None]
     still = np.where(moving & (largest > 0.0), (_STILL * largest) ** 2, np.inf)
-    frequency = np.concatenate(([0.0], response.frequency))
-    return FrequencyResponse(
-        frequency, H, response.inputs, response.outputs, None, None, np.concatenate((still[:, :, None], variance), 2)
-    )
+    frequency, variance = np.concatenate(([0.0], response.frequency)), np.concatenate((still[:, :, None], variance), 2)
+    return FrequencyResponse(frequency, H, response.inputs, response.outputs, None, None, variance)
 
 
 def with_integrals(model: StateSpace, outputs: Sequence[Channel]) -> StateSpace:
@@ -189,8 +178,7 @@ class Refinement:
             advance(iteration, iteration + _HALF)
             slope = curvature(points, best)
             while True:
-                moved = plausibly_damped(_stepped(best.blocks, slope.step(damping)), fastest)
-                tried = evaluate(points, moved, through)
+                tried = evaluate(points, _stepped(best.blocks, slope.step(damping), fastest), through)
                 if tried.cost < best.cost or damping > _MAX_DAMPING:
                     break
                 damping *= 10.0
@@ -233,16 +221,8 @@ def curvature(points: Points, solution: Solution) -> _Curvature:
         c = row.c.reshape(-1, 2)
         poles = np.einsum("na,qnajk->qnjk", c, by_pole).reshape(2 * len(c), *row.misfit.shape)
         inputs = np.einsum("na,nabk->nbk", c, resolvent).reshape(2 * len(c), -1)
-        _add_row(gradient, matrix, _Slopes(poles, inputs, points.weight[i]), row)
+        _add_row(gradient, matrix, (poles, inputs), points.weight[i], row)
     return _Curvature(gradient, matrix)
-
-
-class _Slopes(NamedTuple):
-    """Derivatives of an output by the poles (2 N, m, K) and by B_aj (2 N, K), which acts on input j only."""
-
-    poles: Complex
-    inputs: Complex
-    weight: Array
 
 
 def _pole_slopes(blocks: Blocks, s: Complex) -> Complex:
@@ -256,26 +236,29 @@ def _pole_slopes(blocks: Blocks, s: Complex) -> Complex:
     return np.asarray(np.einsum("nack,qncb,nbjk->qnajk", resolvent, changes, X, optimize=True))
 
 
-def _add_row(gradient: Array, matrix: Array, slopes: _Slopes, row: Row) -> None:
-    """Add the contribution of one output: `J^T r` and `J^T J - (Q^T J)^T (Q^T J)`."""
-    n, m, _ = slopes.poles.shape
-    poles = _real(slopes.poles * slopes.weight).transpose(1, 2, 0)
-    inputs = _real(slopes.inputs[:, None, :] * slopes.weight).transpose(1, 2, 0)
+def _add_row(gradient: Array, matrix: Array, slopes: tuple[Complex, Complex], weight: Array, row: Row) -> None:
+    """Add the contribution of one output: `J^T r` and `J^T J - (Q^T J)^T (Q^T J)`.
+
+    `slopes` are the derivatives by the poles (2 N, m, K) and by B_aj (2 N, K), which acts on input j only.
+    """
+    n, m, _ = slopes[0].shape
+    poles = _real(slopes[0] * weight).transpose(1, 2, 0)
+    inputs = _real(slopes[1][:, None, :] * weight).transpose(1, 2, 0)
     misfit = _real(row.misfit)
     explained = np.zeros((row.Q.shape[2], len(gradient)))
     for j in range(m):
         # The entries of B (N, 2, m) follow the poles; every m-th of them belongs to input j.
-        own = slice(n + j, None, m)
+        at = slice(n + j, None, m)
         P, E, r, Q = poles[j], inputs[j], misfit[j], row.Q[j]
         gradient[:n] -= P.T @ r
-        gradient[own] -= E.T @ r
+        gradient[at] -= E.T @ r
         crossed = P.T @ E
         matrix[:n, :n] += P.T @ P
-        matrix[:n, own] += crossed
-        matrix[own, :n] += crossed.T
-        matrix[own, own] += E.T @ E
+        matrix[:n, at] += crossed
+        matrix[at, :n] += crossed.T
+        matrix[at, at] += E.T @ E
         explained[:, :n] += Q.T @ P
-        explained[:, own] += Q.T @ E
+        explained[:, at] += Q.T @ E
     matrix -= explained.T @ explained
 
 
@@ -286,15 +269,11 @@ def _real(values: Complex) -> Array:
 def plausibly_damped(blocks: Blocks, fastest: float) -> Blocks:
     """Return the blocks with at least a damping ratio of `(w / w_max - 1) / 2`, at most 0.7, above the fitted band.
 
-    In the band the damping ratio is at least 0.002. Its upper limit is that at which the faster of two real poles is at
-    `FASTEST` times w_max.
+    In the band, up to the angular frequency w_max (`fastest`) [1/s], the damping ratio is at least 0.002. Its upper
+    limit is that at which the faster of two real poles is at `FASTEST` times w_max.
 
     The response in the band hardly depends on the damping of a mode beyond it. Without the lower limit such a mode may
     ring in simulations, or be unstable with other shocks.
-
-    Args:
-        blocks: Poles and inputs.
-        fastest: Highest angular frequency w_max of the band [1/s].
     """
     least = np.clip(0.5 * (blocks.w / fastest - 1.0), _LEAST, _BEYOND)
     ratio = np.maximum(FASTEST * fastest / blocks.w, 1.0)
@@ -302,8 +281,9 @@ def plausibly_damped(blocks: Blocks, fastest: float) -> Blocks:
     return replace(blocks, zeta=np.clip(blocks.zeta, least, most))
 
 
-def _stepped(blocks: Blocks, step: Array) -> Blocks:
+def _stepped(blocks: Blocks, step: Array, fastest: float) -> Blocks:
     N = blocks.w.size
     limited = np.clip(step[: 2 * N], -1.0, 1.0)
     w, zeta = blocks.w * np.exp(limited[:N]), blocks.zeta * np.exp(limited[N:])
-    return Blocks(w, zeta, blocks.B + step[2 * N :].reshape(blocks.B.shape)).normalised()
+    moved = Blocks(w, zeta, blocks.B + step[2 * N :].reshape(blocks.B.shape)).normalised()
+    return plausibly_damped(moved, fastest)

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from time import process_time
-from typing import NamedTuple
 
 import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.errors import InputError
-from eightpost.ident.response import H1, Blocks, FrequencyResponse, Recipe, SameDrive, contribution_error, response_of
-from eightpost.ident.response.estimators import input_noise, input_power
-from eightpost.ident.response.frequency_response import Preconditioning
-from eightpost.ident.response.records import Records, gather
+from eightpost.ident.vehicle.estimators import H1, Recipe, SameDrive, input_noise, input_power
 from eightpost.ident.vehicle.experiment import Experiment
+from eightpost.ident.vehicle.frequency_response import (
+    FrequencyResponse,
+    Preconditioning,
+    contribution_error,
+    response_of,
+)
 from eightpost.ident.vehicle.measured_levels import MeasuredLevels
+from eightpost.ident.vehicle.records import Blocks, Records, gather
 from eightpost.ident.vehicle.siso_models import (
     AEROLOADERS,
     QUARTER_CAR,
@@ -99,17 +102,25 @@ class Boggs:
             estimate, notes = _estimated(records, experiment, chapter)
             if chapter.preconditioning is not None:
                 estimate, more = chapter.preconditioning.apply(estimate)
-                estimate, notes = _thinned(estimate, chapter.preconditioning.width), (*notes, *more)
+                notes = (*notes, *more)
+                # Of a response that was smoothed over a width, six frequencies per width are enough.
+                spacing = float(np.mean(np.diff(estimate.frequency)))
+                estimate = estimate.at(slice(None, None, max(1, int(chapter.preconditioning.width / 6.0 / spacing))))
+        bands = {name: chapter.loads if name in experiment.loads else chapter.roads for name in experiment.inputs}
         with portion(0.2, 0.6):
-            fits = _fits(chapter, experiment, self.tolerance).fit(estimate)
+            fits = SisoFits(chapter.orders, self.tolerance, weights=bands, direct=chapter.direct).fit(estimate)
         with portion(0.6, 0.7):
-            weight = _weighted_power(records, estimate, experiment, chapter)
-            model, more = self._model(fits, estimate, weight)
+            inside = np.stack([bands[name].at(estimate.frequency) > 0.0 for name in estimate.input_names])
+            weight = np.asarray(input_power(records, estimate.frequency) * inside)
+            model, size = self._model(fits, estimate, weight)
         vehicle = IdentifiedVehicle(
             experiment.name, model, experiment.baseline_damping, experiment.static, experiment.sources
         )
         with portion(0.7, 0.8):
             residual = contribution_error(response_of(model, estimate.frequency), estimate, weight)
+        far = [n for n, error in zip(estimate.output_names, residual, strict=True) if error > _DOUBTFUL]
+        about = f"the model differs by more than {100.0 * _DOUBTFUL:.0f} % from the estimate at {', '.join(far)}"
+        doubtful = (about,) if far else ()
         with portion(0.8, 0.9):
             stability = closed_loop_stability(vehicle)
         with portion(0.9, 1.0):
@@ -119,34 +130,26 @@ class Boggs:
             "boggs",
             estimate,
             dict(zip(estimate.output_names, residual.tolist(), strict=True)),
-            (*notes, *_path_notes(fits, estimate, weight), *more, *_doubts(estimate, residual), stability.summary()),
+            (*notes, *_doubts(fits, estimate, weight), size, *doubtful, stability.summary()),
             process_time() - started,
             stability.stable,
             trust=Trust({}, flags={} if measures else {UNUSABLE: NOT_SIMULATED}, measures=measures),
         )
 
-    def _model(
-        self, fits: SisoModels, estimate: FrequencyResponse, weight: Array
-    ) -> tuple[StateSpace, tuple[str, ...]]:
+    def _model(self, fits: SisoModels, estimate: FrequencyResponse, weight: Array) -> tuple[StateSpace, str]:
+        """Return the model of all paths, reduced if possible, and a note on its size."""
         whole, size = fits.model, f"{len(fits.paths)} paths with {len(fits.model.A)} states"
         if self.reduction is None:
-            return whole, (size,)
+            return whole, size
         exact = fits.response(estimate.frequency)
-        ordered = balance(whole, *_sizes(estimate, weight))
+        outputs = np.sqrt(np.mean(np.sum(np.abs(estimate.H) ** 2 * weight, axis=1), axis=1))
+        ordered = balance(whole, np.sqrt(weight.max(axis=1)), np.where(outputs > 0.0, outputs, 1.0))
         for states in beats(_STATES):
             model = ordered.truncated(states)
             error = float(contribution_error(response_of(model, estimate.frequency), exact, weight).max())
             if error <= self.reduction:
-                return model, (
-                    f"{size}, reduced to {states} with an error of {100.0 * error:.2g} % at the worst output",
-                )
-        return whole, (f"{size}, not reduced: {_STATES[-1]} states have an error above {100.0 * self.reduction:.2g} %",)
-
-
-def _sizes(estimate: FrequencyResponse, weight: Array) -> tuple[Array, Array]:
-    """Return typical sizes of the inputs (m,) and the outputs (p,)."""
-    outputs = np.sqrt(np.mean(np.sum(np.abs(estimate.H) ** 2 * weight, axis=1), axis=1))
-    return np.sqrt(weight.max(axis=1)), np.where(outputs > 0.0, outputs, 1.0)
+                return model, f"{size}, reduced to {states} with an error of {100.0 * error:.2g} % at the worst output"
+        return whole, f"{size}, not reduced: {_STATES[-1]} states have an error above {100.0 * self.reduction:.2g} %"
 
 
 RECIPE = Boggs()
@@ -159,60 +162,26 @@ def chapter_of(experiment: Experiment) -> Chapter:
     return CHAPTER_6 if any(name.endswith(".aero") for name in experiment.rig) else CHAPTER_5
 
 
-class _Estimate(NamedTuple):
-    response: FrequencyResponse
-    notes: tuple[str, ...]
-
-
-def _estimated(records: Records, experiment: Experiment, chapter: Chapter) -> _Estimate:
-    blocks = Blocks(_block_length(records, chapter.blocks), "hamming", 0.5)
-    spacing = f"Hamming blocks of {blocks.length:.3g} s"
+def _estimated(records: Records, experiment: Experiment, chapter: Chapter) -> tuple[FrequencyResponse, tuple[str, str]]:
+    """Return an estimate with notes on its method and on the bias by noise of the inputs."""
+    shortest = min(test.u.shape[1] for test in records.tests) / records.rate
+    requested, longest = (2.0 * shortest / (count + 1) for count in (chapter.blocks, _FEWEST_BLOCKS))
+    blocks = Blocks(float(max(requested, min(_SHORTEST_BLOCK, longest))), "hamming", 0.5)
+    method: Recipe = H1(blocks)
+    note, found = f"{len(records.tests)} tests together (Eq 6.7)", None
     if chapter.same_drive and len(records.tests) == 2:
         try:
-            method: Recipe = SameDrive(H1(blocks), experiment.forces)
-            note = f"two experiments with one drive (Eq 4.24 to 4.26), {spacing}"
-            return _noted(method, records, note)
+            of_same_drive = SameDrive(H1(blocks), experiment.forces)
+            found = of_same_drive.estimate(records)
+            method, note = of_same_drive, "two experiments with one drive (Eq 4.24 to 4.26)"
         except InputError:
             pass  # the drives differ or no shock is linear: estimating from all tests together requires neither
-    return _noted(H1(blocks), records, f"{len(records.tests)} tests together (Eq 6.7), {spacing}")
+    response = found or method.estimate(records)
+    noise = input_noise(records, (float(response.frequency[0]), float(response.frequency[-1])))
+    return response, (f"{note}, Hamming blocks of {blocks.length:.3g} s", noise.summary(method))
 
 
-def _noted(method: Recipe, records: Records, note: str) -> _Estimate:
-    """Return an estimate with a note on its method and one on the bias by noise of the inputs."""
-    found = method.estimate(records)
-    band = (float(found.frequency[0]), float(found.frequency[-1]))
-    return _Estimate(found, (note, input_noise(records, band).summary(method)))
-
-
-def _block_length(records: Records, blocks: int) -> float:
-    shortest = min(test.u.shape[1] for test in records.tests) / records.rate
-    requested, longest = (2.0 * shortest / (count + 1) for count in (blocks, _FEWEST_BLOCKS))
-    return float(max(requested, min(_SHORTEST_BLOCK, longest)))
-
-
-def _thinned(estimate: FrequencyResponse, width: float) -> FrequencyResponse:
-    """Return an estimate that was smoothed over `width` [Hz] at six frequencies per width, which are enough."""
-    step = max(1, int(width / 6.0 / float(np.mean(np.diff(estimate.frequency)))))
-    return estimate.at(slice(None, None, step))
-
-
-def _fits(chapter: Chapter, experiment: Experiment, tolerance: float) -> SisoFits:
-    return SisoFits(chapter.orders, tolerance, weights=_weights(experiment, chapter), direct=chapter.direct)
-
-
-def _weights(experiment: Experiment, chapter: Chapter) -> Mapping[str, BandWeights]:
-    loads = [name for name in experiment.rig if not name.endswith("road")]
-    return {name: chapter.loads if name in loads else chapter.roads for name in experiment.inputs}
-
-
-def _weighted_power(records: Records, estimate: FrequencyResponse, experiment: Experiment, chapter: Chapter) -> Array:
-    """Return the power of the inputs (m, K) where the fits have weight, else 0."""
-    weights = _weights(experiment, chapter)
-    inside = np.stack([weights[name].at(estimate.frequency) > 0.0 for name in estimate.input_names])
-    return np.asarray(input_power(records, estimate.frequency) * inside)
-
-
-def _path_notes(fits: SisoModels, estimate: FrequencyResponse, weight: Array) -> tuple[str, ...]:
+def _doubts(fits: SisoModels, estimate: FrequencyResponse, weight: Array) -> tuple[str, ...]:
     """Return a note on poor fits of paths that contribute to their outputs."""
     shares = np.sum(np.abs(estimate.H) ** 2 * weight, axis=2)
     shares = shares / np.maximum(shares.sum(axis=1, keepdims=True), 1e-300)
@@ -222,10 +191,3 @@ def _path_notes(fits: SisoModels, estimate: FrequencyResponse, weight: Array) ->
         if fit.error > _BAD_PATH and share > _CARRIES**2:
             bad.append(f"{output} / {source} ({100.0 * fit.error:.0f} %)")
     return (f"poor fits of paths that contribute to their outputs: {', '.join(bad)}",) if bad else ()
-
-
-def _doubts(estimate: FrequencyResponse, residual: Array) -> tuple[str, ...]:
-    doubtful = [n for n, error in zip(estimate.output_names, residual, strict=True) if error > _DOUBTFUL]
-    if not doubtful:
-        return ()
-    return (f"the model differs by more than {100.0 * _DOUBTFUL:.0f} % from the estimate at {', '.join(doubtful)}",)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -41,16 +41,11 @@ class Blocks:
     high: float = 30.0  #: Highest frequency [Hz]; the lowest one is 1 / length.
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         if not (self.length > 0.0 and 0.0 <= self.overlap < 1.0 and self.high > 0.0):
             raise ParameterError(f"{self}: length and high must be above zero, overlap from 0 to below 1")
 
     def spectra(self, records: Records) -> Spectra:
-        """Return the spectra of the blocks of all records.
-
-        Raises:
-            TooShortError: A record is shorter than a block.
-        """
+        """Return the spectra of the blocks of all records; TooShortError: a record is shorter than a block."""
         size = max(2, round(self.length * records.rate))
         frequency: Array = np.arange(size // 2 + 1, dtype=np.float64) * (records.rate / size)
         kept = np.flatnonzero((frequency > 0.0) & (frequency <= min(self.high, 0.499 * records.rate)))
@@ -58,21 +53,18 @@ class Blocks:
         hop = max(1, round(size * (1.0 - self.overlap)))
         U, Y, test = [], [], []
         for number, (u, y) in enumerate(records.tests):
-            starts = self._starts(number, u.shape[1], size, hop)
+            if u.shape[1] < size:
+                raise TooShortError(
+                    f"record {number + 1} has {u.shape[1]} samples, but a block of {self.length:g} s has {size}; use "
+                    "shorter blocks"
+                )
+            starts = range(0, u.shape[1] - size + 1, hop)
             U += [np.fft.rfft(window * u[:, k : k + size])[:, kept] for k in starts]
             Y += [np.fft.rfft(window * y[:, k : k + size])[:, kept] for k in starts]
             test += [number] * len(starts)
         worth = len(test) / _repetition(window, hop, len(test))
         chosen: Array = frequency[kept]
         return Spectra(chosen, _by_frequency(U), _by_frequency(Y), np.array(test, dtype=np.intp), worth)
-
-    def _starts(self, number: int, samples: int, size: int, hop: int) -> range:
-        if samples < size:
-            raise TooShortError(
-                f"record {number + 1} has {samples} samples, but a block of {self.length:g} s has {size}; "
-                "use shorter blocks"
-            )
-        return range(0, samples - size + 1, hop)
 
 
 def _by_frequency(spectra: list[Complex]) -> Complex:
@@ -112,12 +104,6 @@ class Records:
     inputs: tuple[Channel, ...]  #: Input channels.
     outputs: tuple[Channel, ...]  #: Output channels.
 
-    def only(self, tests: Iterable[int], inputs: Iterable[int]) -> Records:
-        """Return the chosen tests with the chosen inputs, by position."""
-        columns = list(inputs)
-        chosen = tuple(Record(self.tests[i].u[columns], self.tests[i].y) for i in tests)
-        return Records(chosen, self.rate, tuple(self.inputs[j] for j in columns), self.outputs)
-
 
 def gather(
     series: Sequence[TimeSeries],
@@ -127,12 +113,8 @@ def gather(
 ) -> Records:
     """Collect the channels of several records and remove their means.
 
-    Args:
-        series: Records.
-        inputs: Names of the inputs.
-        outputs: Names of the outputs.
-        damping: Diagonal of C-bar by port [N.s/m]: "lf", "rf", ...; "" is the port of a quarter car. From the force of
-            each of these ports `c v` is subtracted (Eq 4.24, 5.36, 6.4).
+    From the force of each port with a `damping` [N.s/m] ("lf", ...; "" is the port of a quarter car), the diagonal of
+    C-bar, `c v` is subtracted (Eq 4.24, 5.36, 6.4).
 
     Raises:
         InputError: There is no record or no channel, or the rates differ.
@@ -146,28 +128,26 @@ def gather(
     for force in rates:
         if force not in inputs:
             raise InputError(f"a baseline damping is given for {force!r}, which is not an input")
-    for number, record in enumerate(series, start=1):
-        _check(number, record, series[0], (*inputs, *outputs))
-    tests = tuple(Record(_centred(record, inputs, rates), _centred(record, outputs, {})) for record in series)
     first = series[0]
-    return Records(tests, first.sample_rate, _channels(first, inputs), _channels(first, outputs))
-
-
-def _check(number: int, record: TimeSeries, first: TimeSeries, names: Sequence[str]) -> None:
-    if len(record) < _FEWEST_SAMPLES:
-        raise TooShortError(f"record {number} has {len(record)} samples; a response needs {_FEWEST_SAMPLES} or more")
-    if not record.is_uniform:
-        raise DataError(f"record {number} is not evenly sampled; resample it first")
-    if abs(record.sample_rate / first.sample_rate - 1.0) > _RATE_TOLERANCE:
-        raise InputError(
-            f"record {number} has {record.sample_rate:g} Hz, the first {first.sample_rate:g} Hz; resample to one rate"
-        )
-    for name in names:
-        if record.unit(name) != first.unit(name):
-            raise DataError(
-                f"its unit is {record.unit(name)!r} in record {number}, but {first.unit(name)!r} in the first one",
-                channel=name,
+    for number, record in enumerate(series, start=1):
+        if len(record) < _FEWEST_SAMPLES:
+            raise TooShortError(
+                f"record {number} has {len(record)} samples; a response needs {_FEWEST_SAMPLES} or more"
             )
+        if not record.is_uniform:
+            raise DataError(f"record {number} is not evenly sampled; resample it first")
+        if abs(record.sample_rate / first.sample_rate - 1.0) > _RATE_TOLERANCE:
+            rates = f"{record.sample_rate:g} Hz, the first {first.sample_rate:g} Hz"
+            raise InputError(f"record {number} has {rates}; resample to one rate")
+        for name in (*inputs, *outputs):
+            if record.unit(name) != first.unit(name):
+                what = (
+                    f"its unit is {record.unit(name)!r} in record {number}, but {first.unit(name)!r} in the first one"
+                )
+                raise DataError(what, channel=name)
+    tests = tuple(Record(_centred(record, inputs, rates), _centred(record, outputs, {})) for record in series)
+    channels = (tuple(Channel(name, first.unit(name)) for name in names) for names in (inputs, outputs))
+    return Records(tests, first.sample_rate, *channels)
 
 
 def _centred(record: TimeSeries, names: Sequence[str], rates: Mapping[str, tuple[str, float]]) -> Array:
@@ -180,7 +160,3 @@ def _centred(record: TimeSeries, names: Sequence[str], rates: Mapping[str, tuple
             values[i] -= rate * record[velocity]
         values[i] -= values[i].mean()
     return values
-
-
-def _channels(record: TimeSeries, names: Sequence[str]) -> tuple[Channel, ...]:
-    return tuple(Channel(name, record.unit(name)) for name in names)

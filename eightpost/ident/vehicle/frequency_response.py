@@ -9,7 +9,7 @@ import tokenize
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -49,23 +49,29 @@ class FrequencyResponse:
     variance: Array | None = None
 
     def __post_init__(self) -> None:
-        """Make the arrays read-only and check their shapes."""
         object.__setattr__(self, "inputs", tuple(self.inputs))
         object.__setattr__(self, "outputs", tuple(self.outputs))
-        object.__setattr__(self, "frequency", _frozen(self.frequency, np.float64))
-        object.__setattr__(self, "H", _frozen(self.H, np.complex128))
-        p, m, count = len(self.outputs), len(self.inputs), self.frequency.size
-        _check_frequency(self.frequency)
-        _check_shape("H", self.H, (p, m, count))
-        for name, shape in zip(OPTIONAL, ((p, count), (p, m, count), (p, m, count)), strict=True):
-            values = getattr(self, name)
-            if values is not None:
-                object.__setattr__(self, name, _frozen(values, np.float64))
-                _check_shape(name, values, shape)
+        frequency = np.asarray(self.frequency, dtype=np.float64)
+        if frequency.ndim != 1 or not frequency.size:
+            raise ParameterError(f"the frequencies have the shape {frequency.shape}; give a vector with at least one")
+        if not np.isfinite(frequency).all() or frequency[0] < 0.0 or (np.diff(frequency) <= 0.0).any():
+            raise ParameterError("the frequencies must be finite, not negative, and increasing")
+        p, m, count = len(self.outputs), len(self.inputs), frequency.size
+        shapes = dict(zip(("frequency", "H", *OPTIONAL), ((count,), (p, m, count), (p, count), *[(p, m, count)] * 2),
+                          strict=True))  # fmt: skip
+        for name, shape in shapes.items():
+            if getattr(self, name) is None:
+                continue
+            values = np.array(getattr(self, name), dtype=np.complex128 if name == "H" else np.float64, order="C")
+            if values.shape != shape:
+                raise ParameterError(f"{name} has the shape {values.shape}; channels and frequencies require {shape}")
+            values.setflags(write=False)
+            object.__setattr__(self, name, values)
         if not np.isfinite(self.H).all():
             raise ParameterError("a frequency response contains values that are not finite")
-        _check_names("inputs", self.input_names)
-        _check_names("outputs", self.output_names)
+        for kind, names in (("inputs", self.input_names), ("outputs", self.output_names)):
+            if twice := sorted({name for name in names if names.count(name) > 1}):
+                raise ParameterError(f"{kind} contain {', '.join(twice)} more than once; names must be unique")
 
     @property
     def input_names(self) -> tuple[str, ...]:
@@ -131,19 +137,11 @@ def response_of(model: StateSpace, frequency_hz: ArrayLike) -> FrequencyResponse
 
 
 def contribution_error(estimate: FrequencyResponse, reference: FrequencyResponse, input_power: ArrayLike) -> Array:
-    """Return the relative error of each output's response to given inputs.
+    """Return the relative error of each output's response (p,) [1] to inputs of power S (m, K), in any common scale.
 
         e_i = sqrt( sum_jk |dH_ij(f_k)|^2 S_j(f_k)  /  sum_jk |H_ij(f_k)|^2 S_j(f_k) )
 
     A path that contributes little to its output has little weight, even if it is wrong.
-
-    Args:
-        estimate: Response to assess.
-        reference: True response, with the same channels and frequencies.
-        input_power: Power S of each input (m, K), in any scale that is common to all frequencies and inputs.
-
-    Returns:
-        Relative errors (p,) [1].
 
     Raises:
         ParameterError: The two responses differ in channels or frequencies.
@@ -154,30 +152,6 @@ def contribution_error(estimate: FrequencyResponse, reference: FrequencyResponse
     wrong = np.sum(np.abs(estimate.H - reference.H) ** 2 * S, axis=(1, 2))
     whole = np.sum(np.abs(reference.H) ** 2 * S, axis=(1, 2))
     return np.asarray(np.sqrt(wrong / whole), dtype=np.float64)
-
-
-def _frozen(values: ArrayLike, kind: type[np.float64] | type[np.complex128]) -> NDArray[Any]:
-    copy: NDArray[Any] = np.array(values, dtype=kind, order="C")
-    copy.setflags(write=False)
-    return copy
-
-
-def _check_frequency(frequency: Array) -> None:
-    if frequency.ndim != 1 or not frequency.size:
-        raise ParameterError(f"the frequencies have the shape {frequency.shape}; give a vector with at least one")
-    if not np.isfinite(frequency).all() or frequency[0] < 0.0 or (np.diff(frequency) <= 0.0).any():
-        raise ParameterError("the frequencies must be finite, not negative, and increasing")
-
-
-def _check_shape(name: str, values: NDArray[Any], expected: tuple[int, ...]) -> None:
-    if values.shape != expected:
-        raise ParameterError(f"{name} has the shape {values.shape}; channels and frequencies require {expected}")
-
-
-def _check_names(kind: str, names: tuple[str, ...]) -> None:
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise ParameterError(f"{kind} contain {', '.join(twice)} more than once; names must be unique")
 
 
 def _position(kind: str, names: tuple[str, ...], name: str) -> int:
@@ -200,13 +174,7 @@ SCHEMA = 1
 
 
 def write_response(path: str | Path, response: FrequencyResponse, *, sources: Mapping[str, str] | None = None) -> None:
-    """Write a frequency response; an existing file is replaced only when the new one is complete.
-
-    Args:
-        path: Path of the .npz file.
-        response: Frequency response to write.
-        sources: SHA-256 digest by name of each file that the response was estimated from.
-    """
+    """Write a frequency response; an existing file is replaced only when the new one is complete."""
     _check_suffix(Path(path))
     header = {**response_header(response), "sources": dict(sources or {})}
     arrays: dict[str, Any] = response.arrays()
@@ -237,9 +205,13 @@ def read_response(path: str | Path) -> FrequencyResponse:
     if "header" not in members:
         raise FileFormatError("is not a frequency response of eightpost: it has no header", path=path)
     header = parse_json(str(members["header"]), path)
-    _check_header(path, header)
+    if not isinstance(header, dict) or header.get("kind") != "frequency_response":
+        raise FileFormatError("is not a frequency response of eightpost: its header has another kind", path=path)
+    check_schema(header, SCHEMA, path)
     try:
-        return _response(header, members)
+        inputs, outputs = (tuple(Channel(c["name"], c["unit"]) for c in header[key]) for key in ("inputs", "outputs"))
+        optional = [members.get(name) for name in OPTIONAL]
+        return FrequencyResponse(members["frequency"], members["H"], inputs, outputs, *optional)
     except MALFORMED as error:
         raise FileFormatError(
             f"does not contain a frequency response in the format of this version ({error})", path=path
@@ -276,26 +248,9 @@ def _array(content: bytes) -> NDArray[Any]:
     return np.lib.format.read_array(stream, allow_pickle=False)
 
 
-def _response(header: dict[str, Any], members: dict[str, NDArray[Any]]) -> FrequencyResponse:
-    optional = [members.get(name) for name in OPTIONAL]
-    return FrequencyResponse(members["frequency"], members["H"], *channels_of(header), *optional)
-
-
-def channels_of(header: Mapping[str, Any]) -> tuple[tuple[Channel, ...], tuple[Channel, ...]]:
-    """Return the inputs and outputs in a header of `response_header`."""
-    inputs, outputs = (tuple(Channel(c["name"], c["unit"]) for c in header[side]) for side in ("inputs", "outputs"))
-    return inputs, outputs
-
-
 def _check_suffix(path: Path) -> None:
     if path.suffix.lower() != ".npz":
         raise FileFormatError("the name of a frequency response file must end in .npz", path=path)
-
-
-def _check_header(path: Path, header: Any) -> None:
-    if not isinstance(header, dict) or header.get("kind") != "frequency_response":
-        raise FileFormatError("is not a frequency response of eightpost: its header has another kind", path=path)
-    check_schema(header, SCHEMA, path)
 
 
 # ==== Treatments and preconditioning =================================================================================
@@ -319,37 +274,11 @@ class HighResidual:
 
     def apply(self, frequency: Array, path: Complex) -> Complex:
         """Return the path (K,) with its high frequencies replaced."""
-        order, gain, phase, _ = _through(frequency, path, self.low, self.high)
+        order, gain, phase, _ = through_points(frequency, path, self.low, self.high)
         inside = frequency > self.low
         changed = path.copy()
         changed[inside] = gain * np.exp(1j * phase) / frequency[inside] ** order
         return changed
-
-
-@dataclass(frozen=True, slots=True)
-class LowResidual:
-    """Residual fit of Eq 5.49, `H = K exp(i (phi + b f)) / f^N`, through two points, for all below the first."""
-
-    low: float  #: Lower control point [Hz], about 1 in 5.3.2; all below it is replaced.
-    high: float  #: Upper control point [Hz], about 4.
-
-    def apply(self, frequency: Array, path: Complex) -> Complex:
-        """Return the path (K,) with its low frequencies replaced."""
-        order, gain, _, (start, slope) = _through(frequency, path, self.low, self.high)
-        inside = frequency < self.low
-        changed = path.copy()
-        phase = start + slope * frequency[inside]
-        changed[inside] = gain * np.exp(1j * phase) / frequency[inside] ** order
-        return changed
-
-
-@dataclass(frozen=True, slots=True)
-class Zeroed:
-    """Treatment that sets a path to zero (Table 6.5)."""
-
-    def apply(self, frequency: Array, path: Complex) -> Complex:
-        """Return zeros (K,)."""
-        return np.zeros_like(path)
 
 
 @dataclass(frozen=True, slots=True)
@@ -360,7 +289,10 @@ class ZeroPhaseSmoothing:
 
     def apply(self, frequency: Array, path: Complex) -> Complex:
         """Return the smoothed path (K,); a path with zeros has no magnitude in dB and does not change."""
-        spacing = _even_spacing(frequency)
+        steps = np.diff(frequency)
+        if frequency.size < 3 or steps.max() > 1.001 * steps.min():
+            raise ParameterError("smoothing over frequency needs three or more evenly spaced frequencies")
+        spacing = float(steps.mean())
         if self.width <= 2.0 * spacing or not np.abs(path).all():
             return path
         sections = butter(_ORDER, 2.0 * spacing / self.width, output="sos")
@@ -370,59 +302,14 @@ class ZeroPhaseSmoothing:
         return np.asarray(10.0 ** (decibels / 20.0) * np.exp(1j * phase), dtype=np.complex128)
 
 
-Treatment = HighResidual | LowResidual | Zeroed | ZeroPhaseSmoothing
-
-
-def condition(
-    response: FrequencyResponse,
-    treatment: Treatment,
-    *,
-    paths: Iterable[tuple[str, str]] | None = None,
-) -> FrequencyResponse:
-    """Return the response with a treatment applied to some of its paths.
-
-    Args:
-        response: Estimated or treated response.
-        treatment: Treatment to apply.
-        paths: Pairs (output, input); None takes all paths.
-
-    Raises:
-        ParameterError: A path does not exist, or a control point is outside the frequencies.
-    """
-    H = response.H.copy()
-    for i, j in _path_positions(response, paths):
-        H[i, j] = treatment.apply(response.frequency, H[i, j])
-    return response.with_response(H)
-
-
-def feedback_paths(active: NDArray[np.bool_], velocities: Iterable[int]) -> NDArray[np.intp]:
-    """Count the feedback paths from a shock to an output through the shock velocities (Eq 6.8).
-
-        sum_k h_ik h_kj over the shock velocities k, where h_ik is the response of output i to the force of shock k
-
-    (In the printed sum k = 9 to 12 are column numbers of Table 6.5 for h_ik and row numbers for h_kj.)
-
-    Args:
-        active: Mask of the paths from shock force to output that are not zeroed (p, shocks): last columns of Table 6.5.
-        velocities: Rows of the shock velocities, one per shock, in the order of the columns.
-
-    Returns:
-        Number of feedback paths (p, shocks), Table 6.6.
-
-    Raises:
-        ParameterError: The number of shock velocities is not that of the shock forces.
-    """
-    rows = list(velocities)
-    if len(rows) != active.shape[1]:
-        raise ParameterError(f"{len(rows)} shock velocities given for {active.shape[1]} shock forces; give one each")
-    paths = active.astype(np.intp)
-    return np.asarray(paths @ paths[rows], dtype=np.intp)
-
-
-def _through(
+def through_points(
     frequency: Array, path: Complex, low: float, high: float
 ) -> tuple[float, float, float, tuple[float, float]]:
-    """Return N, K, the mean phase, and (start, slope) of the phase over frequency, through two control points."""
+    """Return N, K, the mean phase, and (start, slope) of the phase over frequency, through two control points.
+
+    Raises:
+        ParameterError: A control point is outside the frequencies, or the path is zero there.
+    """
     if not frequency[0] <= low < high <= frequency[-1]:
         span = f"{frequency[0]:g} to {frequency[-1]:g} Hz"
         raise ParameterError(f"control points {low:g} and {high:g} Hz must increase and be within {span}")
@@ -437,24 +324,6 @@ def _through(
     return order, gain, float(0.5 * (phase[0] + phase[-1])), (start, slope)
 
 
-def _even_spacing(frequency: Array) -> float:
-    steps = np.diff(frequency)
-    if frequency.size < 3 or steps.max() > 1.001 * steps.min():
-        raise ParameterError("smoothing over frequency needs three or more evenly spaced frequencies")
-    return float(steps.mean())
-
-
-def _path_positions(response: FrequencyResponse, paths: Iterable[tuple[str, str]] | None) -> list[tuple[int, int]]:
-    if paths is None:
-        return [(i, j) for i in range(len(response.outputs)) for j in range(len(response.inputs))]
-    found = []
-    for output, name in paths:
-        if output not in response.output_names or name not in response.input_names:
-            raise ParameterError(f"there is no path from {name!r} to {output!r}")
-        found.append((response.output_names.index(output), response.input_names.index(name)))
-    return found
-
-
 # ---- Preconditioning of an estimate ---------------------------------------------------------------------------------
 
 #: Distance between the control points of a residual fit [Hz], as for the (6, 7 Hz) of 5.3.2.
@@ -465,13 +334,6 @@ _LOWEST_END = 2.0
 
 #: Frequency above which residual fits are not reported [Hz], because the weights of the models end near it.
 _NOTABLE_END = 15.0
-
-
-class _PreconditionedResponse(NamedTuple):
-    """Response that is ready for fits, with notes on its preconditioning."""
-
-    response: FrequencyResponse
-    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -488,25 +350,20 @@ class Preconditioning:
     #: Coherence below which a path is replaced, from the frequency above which it stays there [1]; 0 replaces a path
     #: only where the input has no power.
     coherence: float = 0.5
-    zeroed: tuple[tuple[str, str], ...] = ()  #: Paths (output, input) that are set to zero (Table 6.5).
 
-    def apply(self, response: FrequencyResponse) -> _PreconditionedResponse:
-        """Return the preconditioned response.
-
-        Raises:
-            ParameterError: A path that is to be zeroed does not exist.
-        """
-        H, extrapolated = response.H.copy(), 0
+    def apply(self, response: FrequencyResponse) -> tuple[FrequencyResponse, tuple[str, ...]]:
+        """Return the preconditioned response, and notes."""
+        H, frequency, extrapolated = response.H.copy(), response.frequency, 0
         for i, j in np.ndindex(H.shape[:2]):
             end = self._end(response, i, j)
-            H[i, j, :end] = self._smoothed(response.frequency[:end], H[i, j, :end])
-            if end < response.frequency.size:
-                H[i, j] = _continued(response.frequency, H[i, j], end)
-                extrapolated += int(response.frequency[end] < _NOTABLE_END)
-        changed = response.with_response(H)
-        if self.zeroed:
-            changed = condition(changed, Zeroed(), paths=self.zeroed)
-        return _PreconditionedResponse(changed, self._notes(extrapolated, H.shape[0] * H.shape[1]))
+            if self.width > 0.0 and end > 2:
+                H[i, j, :end] = ZeroPhaseSmoothing(self.width).apply(frequency[:end], H[i, j, :end])
+            if end < frequency.size:
+                H[i, j] = _continued(frequency, H[i, j], end)
+                extrapolated += int(frequency[end] < _NOTABLE_END)
+        paths = H.shape[0] * H.shape[1]
+        note = f"{extrapolated} of {paths} paths are extrapolated by Eq 5.48 where their coherence is low"
+        return response.with_response(H), (note,) if extrapolated else ()
 
     def _end(self, response: FrequencyResponse, i: int, j: int) -> int:
         """Return the bin from which a path is not known."""
@@ -517,19 +374,6 @@ class Preconditioning:
         if response.partial_coherence is not None and self.coherence > 0.0:
             last = min(last, _lost(response.partial_coherence[i, j], response.frequency, self.coherence))
         return max(last, int(np.searchsorted(response.frequency, _LOWEST_END)))
-
-    def _smoothed(self, frequency: Array, path: Complex) -> Complex:
-        if self.width <= 0.0 or frequency.size < 3:
-            return path
-        return ZeroPhaseSmoothing(self.width).apply(frequency, path)
-
-    def _notes(self, extrapolated: int, paths: int) -> tuple[str, ...]:
-        notes = []
-        if extrapolated:
-            notes.append(f"{extrapolated} of {paths} paths are extrapolated by Eq 5.48 where their coherence is low")
-        if self.zeroed:
-            notes.append(f"{len(self.zeroed)} of {paths} paths are zeroed")
-        return tuple(notes)
 
 
 def _lost(coherence: Array, frequency: Array, threshold: float) -> int:

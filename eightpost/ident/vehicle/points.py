@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 
 from eightpost.array_types import Array, Complex
 from eightpost.errors import InputError, TooShortError
-from eightpost.ident.response import FrequencyResponse
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse
 
 # ==== Points, and the model's form ===================================================================================
 
@@ -142,9 +142,7 @@ class Blocks:
 def blocks_of(poles: Complex, C: Complex) -> tuple[Blocks, Array]:
     """Return blocks with the given poles and without inputs (m = 0), and their output matrix (p, 2 N).
 
-    Args:
-        poles: Stable poles [1/s] (2 N,); complex ones in conjugate pairs.
-        C: Mode shapes (p, 2 N), in the same conjugate pairs: outputs per modal coordinate.
+    Poles [1/s] (2 N,) are stable, complex ones in conjugate pairs, like the mode shapes C (p, 2 N).
     """
     w, zeta, outputs = [], [], []
     for first, second in _pairs(poles):
@@ -207,11 +205,6 @@ def points_of(response: FrequencyResponse, *, floor: float) -> Points:
     The floor is needed because an estimate without noise has errors too, and unbounded weights would fit only a few
     values.
 
-    Args:
-        response: Frequency response. Its variance is infinite where an input had no power. If it has no variance, all
-            nonzero values are known and the floor alone gives their standard deviation.
-        floor: Lower limit of the standard deviation, relative to the size of the output [1].
-
     Raises:
         InputError: An input or an output has no value at all.
     """
@@ -219,7 +212,10 @@ def points_of(response: FrequencyResponse, *, floor: float) -> Points:
     if variance is None:
         variance = np.where(np.abs(response.H) > 0.0, 0.0, np.inf)
     known = np.isfinite(variance)
-    _check(known, response)
+    for axes, names, kind in (((1, 2), response.output_names, "output"), ((0, 2), response.input_names, "input")):
+        for name, is_known in zip(names, np.atleast_1d(known.any(axis=axes)), strict=True):
+            if not is_known:
+                raise InputError(f"the {kind} {name!r} has no response in the frequency band of the fit; leave it out")
     H = np.where(known, response.H, 0.0)
     output_size, input_size = _sizes(np.abs(H), known)
     scale = (input_size[None, :] / output_size[:, None])[:, :, None]
@@ -230,13 +226,6 @@ def points_of(response: FrequencyResponse, *, floor: float) -> Points:
     deviation = np.where(known, np.hypot(noise, floor * local[:, None, :]), np.inf)
     s = np.asarray(2j * np.pi * response.frequency, dtype=np.complex128)
     return Points(s, scaled, deviation, input_size, output_size)
-
-
-def _check(known: NDArray[np.bool_], response: FrequencyResponse) -> None:
-    for axes, names, kind in (((1, 2), response.output_names, "output"), ((0, 2), response.input_names, "input")):
-        for name, is_known in zip(names, np.atleast_1d(known.any(axis=axes)), strict=True):
-            if not is_known:
-                raise InputError(f"the {kind} {name!r} has no response in the frequency band of the fit; leave it out")
 
 
 def _sizes(H: Array, known: NDArray[np.bool_]) -> tuple[Array, Array]:
@@ -269,14 +258,7 @@ class Row(NamedTuple):
 
 
 def solve_row(points: Points, i: int, X: Complex, through: Feedthrough) -> Row:
-    """Fit output `i` for given poles and inputs.
-
-    Args:
-        points: Response values.
-        i: Index of the output.
-        X: Response of the states (s I - A)^-1 B (n, m, K).
-        through: Direct terms and lags.
-    """
+    """Fit output `i` for given poles and inputs, from the states' response X = (s I - A)^-1 B (n, m, K)."""
     weight, (n, m, _) = points.weight[i], X.shape
     target = weight * points.H[i]
     terms = through.of_output(i, weight, points.s)
@@ -292,15 +274,13 @@ def solve_inputs(points: Points, blocks: Blocks, C: Array, through: Feedthrough)
     """Return the blocks with the best inputs for given poles and output matrix C (p, n)."""
     shapes = np.einsum("pna,nabk->pnbk", C.reshape(len(C), -1, 2), blocks.resolvent(points.s))
     shapes = shapes.reshape(len(C), blocks.states, points.s.size)
-    inputs = [_input(points, j, shapes, through) for j in range(points.H.shape[1])]
+    inputs = []
+    for j in range(points.H.shape[1]):
+        weight = points.weight[:, j]
+        weighted = np.moveaxis(shapes * weight[:, None, :], 1, -1)
+        terms = through.of_input(j, weight, points.s)
+        inputs.append(_solved(weighted, terms, weight * points.H[:, j])[0][: shapes.shape[1]])
     return Blocks(blocks.w, blocks.zeta, np.stack(inputs, axis=1).reshape(blocks.w.size, 2, -1)).normalised()
-
-
-def _input(points: Points, j: int, shapes: Complex, through: Feedthrough) -> Array:
-    weight = points.weight[:, j]
-    weighted = np.moveaxis(shapes * weight[:, None, :], 1, -1)
-    terms = through.of_input(j, weight, points.s)
-    return _solved(weighted, terms, weight * points.H[:, j])[0][: shapes.shape[1]]
 
 
 def _solved(states: Complex, terms: Complex, target: Complex) -> tuple[Array, Array]:
@@ -360,15 +340,7 @@ class Subspace:
 
 
 def subspace_of(points: Points, *, max_states: int) -> Subspace:
-    """Return the subspace of a response.
-
-    Args:
-        points: Response values.
-        max_states: Highest order that will be requested.
-
-    Raises:
-        TooShortError: The response has too few values for the number of states.
-    """
+    """Return the subspace of a response; TooShortError: the response has too few values for the number of states."""
     p = len(points.H)
     q = max(8, 2 * (-(-max_states // p) + 1))  # block rows: twice as many as needed, at least 8
     alpha = _MIDDLE * float(np.abs(points.s).max())
