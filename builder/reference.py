@@ -14,7 +14,7 @@ from eightpost import units
 from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.shock import Shock, ShockLaw
-from eightpost.shock.fit_uncertainty import shock_uncertainty
+from eightpost.shock.file import shock_uncertainty
 from eightpost.validity import MEMBER, Range, Validity
 from eightpost.vehicle import LinearStepper, StateSpace, StructuralVehicle, Vehicle, friction
 from eightpost.vehicle.friction import PortFriction

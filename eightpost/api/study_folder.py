@@ -341,7 +341,7 @@ class StudyFolder:
     def _fits(self, fits: Mapping[str, Path]) -> Iterator[Uncertain]:
         """Yield the uncertainty of fitted shocks."""
         from eightpost.shock import read_shock
-        from eightpost.shock.fit_uncertainty import fitted_parameters
+        from eightpost.shock.file import fitted_parameters
 
         for name, path in fits.items():
             fit = fitted_parameters(read_shock(path))

@@ -13,7 +13,7 @@ from cosim.study.choice.robust import Uncertain
 from eightpost.api.study_folder import StudyFolder
 from eightpost.errors import FileFormatError
 from eightpost.shock import Hysteresis, read_shock, write_shock
-from eightpost.shock.fit_uncertainty import fitted_parameters
+from eightpost.shock.file import fitted_parameters
 from eightpost.uncertainty import LeftOutBlocks
 from eightpost.validity import judged
 from tests.shock.example_curve import knot_curve

@@ -12,17 +12,20 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from eightpost.array_types import Array
-from eightpost.errors import InputError
-from eightpost.ident.shock.law_fit import Choices, screened_runs
+from eightpost.errors import InputError, ParameterError
+from eightpost.ident.shock.fit import fit_of, screened_runs
+from eightpost.ident.shock.law_fit import Choices, has_own_recipe
+from eightpost.ident.shock.problem import JointFit
 from eightpost.ident.shock.result import ShockFit, Story, result_of
 from eightpost.ident.shock.runs import Runs, prepare_runs
-from eightpost.ident.shock.settings.joint import JointFit, fit_jointly
-from eightpost.ident.shock.settings.table import SettingsTable
+from eightpost.ident.shock.settings_table import SettingsTable
 from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.shock.verdict import DOUBT, error_reason
+from eightpost.report.console import Table, console_table, right, unbroken
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.shock import Axis, Settings, Shock, ShockLaw, StaticCurve, Term
+from eightpost.shock import LAWS, Axis, Settings, Shock, ShockLaw, StaticCurve, Term, fit_parameters, own_parameters
 from eightpost.shock.curve import KNOTS
+from eightpost.shock.file import setting_text
 from eightpost.shock.settings import LAGGED_SLOPE, TEMPERATURE
 from eightpost.validity import Validity, judged
 from eightpost.verdict import Reason, Verdict
@@ -163,7 +166,7 @@ _OTHER_LEVEL = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Group:
+class SettingGroup:
     """All files of one setting."""
 
     setting: tuple[float, ...]  #: Value per axis.
@@ -176,7 +179,7 @@ class SettingsFit:
     """A shock fitted over its settings."""
 
     shock: Shock  #: Shock that `write_shock` writes.
-    groups: tuple[Group, ...]  #: Files of each setting.
+    groups: tuple[SettingGroup, ...]  #: Files of each setting.
     fits: tuple[ShockFit, ...]  #: Fit of each setting, in the order of `groups`.
     #: Error with which the other settings predict each setting's records, in percent of the force's standard deviation
     #: and without the level; None where the others do not surround it.
@@ -195,6 +198,14 @@ class SettingsFit:
         """Whether the shock can be used, and why (docs/reference/verdict.md)."""
         assert self.shock.validity is not None
         return self.shock.validity.verdict
+
+
+#: Laws that can be fitted: their parameters are numbers with bounds of their own, or the law has a recipe of its own.
+_OVER_SETTINGS = tuple(
+    name
+    for name, law in LAWS.items()
+    if own_parameters(law) == tuple(p.name for p in fit_parameters(law)) or has_own_recipe(name)
+)
 
 
 def fit_settings(
@@ -223,6 +234,11 @@ def fit_settings(
     started = time.perf_counter()
     choices = Choices(gas=gas or table.gas, robust=robust)  # type: ignore[arg-type]
     law = choices.law(law or table.law)
+    if law not in _OVER_SETTINGS:
+        raise ParameterError(
+            f"law {law!r} cannot be fitted over settings, because its file does not declare how its own parameters are "
+            f"fitted; use one of {', '.join(_OVER_SETTINGS)}"
+        )
     groups = _grouped(table)
 
     def prepared(tests: Sequence[DynoTest]) -> Runs:
@@ -233,7 +249,9 @@ def fit_settings(
             screened_runs(list(g.tests), prepared) if choices.is_screened else (prepared(g.tests), 0, [])
             for g in groups
         ]
-        joint = fit_jointly([runs for runs, _, _ in screened], law, choices)
+        fitted = fit_of([runs for runs, _, _ in screened], law, choices).fit
+        joint = fitted.solution()
+        joint = replace(joint, notes=(*fitted.notes, *joint.notes))
         fits = tuple(_fits(groups, joint, screened, choices.gas))
         parameters, values = _values(table.axes, groups, joint)
         effects = effects_of(table.axes, [group.setting for group in groups], values)
@@ -244,17 +262,17 @@ def fit_settings(
     return SettingsFit(shock, groups, fits, predicted, joint, time.perf_counter() - started)
 
 
-def _grouped(table: SettingsTable) -> tuple[Group, ...]:
+def _grouped(table: SettingsTable) -> tuple[SettingGroup, ...]:
     groups = []
     for setting in sorted(set(table.settings)):
         here = [k for k, other in enumerate(table.settings) if other == setting]
         tests = tuple(test for k in here for test in table.tests[k])
-        groups.append(Group(setting, tests, tuple(table.files[k].name for k in here)))
+        groups.append(SettingGroup(setting, tests, tuple(table.files[k].name for k in here)))
     return tuple(groups)
 
 
 def _fits(
-    groups: Sequence[Group], joint: JointFit, screened: Sequence[tuple[Runs, int, list[str]]], gas: str
+    groups: Sequence[SettingGroup], joint: JointFit, screened: Sequence[tuple[Runs, int, list[str]]], gas: str
 ) -> Iterator[ShockFit]:
     for number, (group, (runs, spikes, notes)) in enumerate(zip(groups, screened, strict=True)):
         story = Story("joint", gas, ", ".join(group.names), (*runs.changes, *notes), spikes)
@@ -264,7 +282,7 @@ def _fits(
 # ---- From the curves to the effects of the adjusters ----------------------------------------------------------------
 
 
-def _values(axes: Sequence[Axis], groups: Sequence[Group], joint: JointFit) -> tuple[tuple[str, ...], Array]:
+def _values(axes: Sequence[Axis], groups: Sequence[SettingGroup], joint: JointFit) -> tuple[tuple[str, ...], Array]:
     """Return the names of the varying parameters and the values (G, P) of each setting, as in `Settings.terms`."""
     numbers = range(len(groups))
     slopes = np.array([joint.slopes(number) for number in numbers])
@@ -274,7 +292,7 @@ def _values(axes: Sequence[Axis], groups: Sequence[Group], joint: JointFit) -> t
     return names, np.hstack([slopes, *([np.array(lagged)] if lagged else []), preload[:, None]])
 
 
-def _preload(axes: Sequence[Axis], groups: Sequence[Group], measured: Array) -> Array:
+def _preload(axes: Sequence[Axis], groups: Sequence[SettingGroup], measured: Array) -> Array:
     """Return the gas preload (G,) [N]: a straight line over the temperature; adjusters do not change it."""
     for number, axis in enumerate(axes):
         if axis.name == TEMPERATURE:
@@ -285,7 +303,7 @@ def _preload(axes: Sequence[Axis], groups: Sequence[Group], measured: Array) -> 
 
 
 def _settings(
-    axes: Sequence[Axis], groups: Sequence[Group], parameters: tuple[str, ...], effects: Effects, joint: JointFit
+    axes: Sequence[Axis], groups: Sequence[SettingGroup], parameters: tuple[str, ...], effects: Effects, joint: JointFit
 ) -> Settings:
     """Return the settings section; what the effects leave unexplained widens the band of its setting."""
     design = joint.model.basis.subdivided(np.zeros(joint.model.basis.count))[0]
@@ -307,7 +325,7 @@ def _knot_forces(velocity: Array, slopes: Array) -> Array:
     return np.asarray(forces - forces[:, KNOTS // 2, None])
 
 
-def _reference_law(joint: JointFit, groups: Sequence[Group], axes: Sequence[Axis], effects: Effects) -> ShockLaw:
+def _reference_law(joint: JointFit, groups: Sequence[SettingGroup], axes: Sequence[Axis], effects: Effects) -> ShockLaw:
     """Return the law at the reference setting: that of its files, or without files that of the effects."""
     reference = tuple(axis.reference for axis in axes)
     own = [number for number, group in enumerate(groups) if group.setting == reference]
@@ -320,7 +338,7 @@ def _reference_law(joint: JointFit, groups: Sequence[Group], axes: Sequence[Axis
 def _shock(
     table: SettingsTable,
     fits: Sequence[ShockFit],
-    groups: Sequence[Group],
+    groups: Sequence[SettingGroup],
     joint: JointFit,
     settings: Settings,
     law: ShockLaw,
@@ -372,7 +390,12 @@ def _label(axes: Sequence[Axis], setting: Sequence[float]) -> str:
 
 
 def _doubts(
-    table: SettingsTable, groups: Sequence[Group], joint: JointFit, settings: Settings, law: ShockLaw, left: Array
+    table: SettingsTable,
+    groups: Sequence[SettingGroup],
+    joint: JointFit,
+    settings: Settings,
+    law: ShockLaw,
+    left: Array,
 ) -> Iterator[Reason]:
     """Yield reasons: adjusters that act against their counting, files of another level, and slower ones."""
     shares = [abs(level) / model.runs.deviation for level, model in zip(left, joint.model.models, strict=True)]
@@ -426,7 +449,7 @@ def _counting(axis: Axis, settings: Settings, law: ShockLaw, origin: str) -> Ite
 # ---- Prediction of each setting by the others -----------------------------------------------------------------------
 
 
-def _prediction(groups: Sequence[Group], predicted: Sequence[float | None]) -> Iterator[Reason]:
+def _prediction(groups: Sequence[SettingGroup], predicted: Sequence[float | None]) -> Iterator[Reason]:
     """Yield the reason of the setting that the other ones predict worst, if they surround one."""
     known = [(error, group) for error, group in zip(predicted, groups, strict=True) if error is not None]
     if known:
@@ -437,7 +460,7 @@ def _prediction(groups: Sequence[Group], predicted: Sequence[float | None]) -> I
 
 
 def _predicted(
-    settings: Settings, reference: ShockLaw, groups: Sequence[Group], number: int, values: Array, joint: JointFit
+    settings: Settings, reference: ShockLaw, groups: Sequence[SettingGroup], number: int, values: Array, joint: JointFit
 ) -> float | None:
     """Return the error [%] with which the other settings' curves predict a setting; None outside of them."""
     kept = [k for k in range(len(groups)) if k != number]
@@ -478,3 +501,21 @@ def held_out_percent(law: ShockLaw, runs: Runs) -> float:
         squares += float(np.sum((error - error.mean()) ** 2))
         count += error.size
     return 100.0 * float(np.sqrt(squares / count)) / runs.deviation
+
+
+# ---- Console table ------------------------------------------------------------------------------------------------
+
+
+def settings_table(fit: SettingsFit) -> Table:
+    """Return a table of the measured settings: error of the fit, and error with which the other settings predict it."""
+    columns = [*unbroken("setting"), "files", *right("fit, % of std", "predicted by the others, % of std")]
+    rows = [
+        (
+            setting_text(fit.settings, group.setting),
+            ", ".join(group.names),
+            f"{one.percent:.2f}",
+            "-" if predicted is None else f"{predicted:.2f}",
+        )
+        for group, one, predicted in zip(fit.groups, fit.fits, fit.predicted, strict=True)
+    ]
+    return console_table(columns, rows, title=f"{fit.shock.name}: {fit.shock.law_name} over its settings")

@@ -18,8 +18,8 @@ from eightpost.errors import FileFormatError, InputError, ParameterError
 from eightpost.files import atomic_path, sha256_of
 from eightpost.ident.shock.simulation import simulate
 from eightpost.shock import Polylinear, Shock, law_title, own_parameters, parameter_units, read_shock
-from eightpost.shock.at_setting import ABOUT as SETTING
-from eightpost.shock.at_setting import setting_text
+from eightpost.shock.file import ABOUT as SETTING
+from eightpost.shock.file import setting_text
 from eightpost.shock.law import ShockLaw, valve_force
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
@@ -39,14 +39,14 @@ _AMPLITUDE, _SAMPLES = 0.025, 500
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class TableSetting:
     """Name and values of the quantity in which several shocks differ, e.g. "rebound clicks" or "temperature [degC]"."""
 
     name: str
     values: tuple[float, ...]
 
     @classmethod
-    def parse(cls, text: str, shocks: int) -> Setting:
+    def parse(cls, text: str, shocks: int) -> TableSetting:
         """Return a setting from NAME=VALUE,VALUE,... with a value for each shock, or two or more for one shock.
 
         Raises:
@@ -89,7 +89,7 @@ class ShockTable:
     names: tuple[str, ...]  #: Name of each shock.
     velocity: Array  #: Damper velocities (K,) [m/s], positive in compression, strictly increasing, with 0.
     force: Array  #: Static forces (S, K) [N], positive in compression.
-    setting: Setting | None  #: Quantity in which the shocks differ, in increasing order; None for one shock.
+    setting: TableSetting | None  #: Quantity in which the shocks differ, in increasing order; None for one shock.
     error: float  #: Largest error of linear interpolation by velocity, relative to the range of force of the curve [1].
     remarks: tuple[str, ...]  #: Sentences on the contents of the table and on what it omits.
 
@@ -114,20 +114,20 @@ def shock_table(
     if len(shocks) > 1 and over is None:
         raise InputError(f"{len(shocks)} shocks make a table over a setting; give it, e.g. --over clicks=0,4,8")
     files = list(sources)
-    setting = None if over is None else Setting.parse(over, len(shocks))
+    setting = None if over is None else TableSetting.parse(over, len(shocks))
     if len(shocks) == 1 and over is not None and setting is not None:
         shocks = _at_settings(shocks[0], setting, over)
         files *= len(shocks)
     order = range(len(shocks)) if setting is None else np.argsort(setting.values).tolist()
     chosen, files = [shocks[k] for k in order], [files[k] for k in order]
     if setting is not None:
-        setting = Setting(setting.name, tuple(setting.values[k] for k in order))
+        setting = TableSetting(setting.name, tuple(setting.values[k] for k in order))
     velocity, force, found = table_points([shock.law for shock in chosen], error=error, speed=speed)
     remarks = _remarks(chosen, files, setting, found, velocity, force)
     return ShockTable(tuple(shock.name for shock in chosen), velocity, force, setting, found, remarks)
 
 
-def _at_settings(shock: Shock, setting: Setting, over: str) -> list[Shock]:
+def _at_settings(shock: Shock, setting: TableSetting, over: str) -> list[Shock]:
     """Return a shock at the values of one of its settings; the others are at their reference."""
     if shock.settings is None:
         raise InputError(
@@ -233,7 +233,12 @@ def _chosen(x: Array, y: Array, error: float, needed: list[int]) -> list[int]:
 
 
 def _remarks(
-    shocks: Sequence[Shock], files: Sequence[Path], setting: Setting | None, error: float, velocity: Array, force: Array
+    shocks: Sequence[Shock],
+    files: Sequence[Path],
+    setting: TableSetting | None,
+    error: float,
+    velocity: Array,
+    force: Array,
 ) -> tuple[str, ...]:
     lines = [
         f"static curve by eightpost {__version__}: force over velocity at the damper, without the motion ratio",
@@ -465,7 +470,7 @@ def _variables(table: ShockTable) -> dict[str, object]:
     return {"velocity": table.velocity[:, None], "force": table.force.T, **setting, "comments": comments}
 
 
-def _setting_variables(setting: Setting) -> dict[str, object]:
+def _setting_variables(setting: TableSetting) -> dict[str, object]:
     return {"setting": np.array(setting.values)[None], "setting_name": setting.name}
 
 

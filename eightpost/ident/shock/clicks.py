@@ -17,8 +17,8 @@ from eightpost.array_types import Array
 from eightpost.errors import FileFormatError, InputError, MissingUnitError, ParameterError
 from eightpost.ident.shock.curve import KnotBasis, curve_forces
 from eightpost.shock import Axis, Settings, Shock, read_shock
-from eightpost.shock.at_setting import force_half_width, setting_text
 from eightpost.shock.curve import KNOTS
+from eightpost.shock.file import force_half_width, setting_text
 from eightpost.shock.settings import is_tested, node_weights, setting_of
 from eightpost.signals import read_record
 from eightpost.signals.table_text import letters_of

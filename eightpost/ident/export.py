@@ -18,7 +18,7 @@ from eightpost.array_types import Array
 from eightpost.errors import FileFormatError, InputError
 from eightpost.extras import needs, requirement
 from eightpost.files import atomic_path, document_kind
-from eightpost.ident.exports.shock_table import shock_table, table_format, write_shock_table
+from eightpost.ident.shock_table import shock_table, table_format, write_shock_table
 from eightpost.ident.vehicle import frequency_response
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse, read_response, response_of
 from eightpost.validity import judged

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -78,24 +78,6 @@ class SettingsTable:
     tests: tuple[tuple[DynoTest, ...], ...]  #: Records of each file.
     files: tuple[Path, ...]  #: Path of each file.
     notes: tuple[str, ...] = ()  #: Sentences on settings that were taken from the names of the files.
-
-    def without(self, number: int) -> SettingsTable:
-        """Return the table without a file; if its setting was a reference, the nearest measured one becomes it."""
-        kept = [k for k in range(len(self.files)) if k != number]
-        settings = tuple(self.settings[k] for k in kept)
-        axes = tuple(_axis_with_nodes(axis, [setting[i] for setting in settings]) for i, axis in enumerate(self.axes))
-        return replace(
-            self,
-            axes=axes,
-            settings=settings,
-            tests=tuple(self.tests[k] for k in kept),
-            files=tuple(self.files[k] for k in kept),
-        )
-
-
-def _axis_with_nodes(axis: Axis, values: Sequence[float]) -> Axis:
-    nodes = tuple(sorted(set(values)))
-    return replace(axis, nodes=nodes, reference=min(nodes, key=lambda node: abs(node - axis.reference)))
 
 
 def read_settings_table(path: str | Path, *, cutoff: float | None = None) -> SettingsTable:
