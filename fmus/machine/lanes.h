@@ -65,6 +65,12 @@ static inline real either(truth condition, real a, real b)
     return (real)(((truth)a & condition) | ((truth)b & ~condition));
 }
 
+/* Without the sign. */
+static inline real size_of(real value)
+{
+    return (real)((truth)value & INT64_MAX);
+}
+
 /* One bit for each setup. */
 static inline unsigned bits_of(truth condition)
 {

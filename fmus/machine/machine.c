@@ -14,16 +14,17 @@ static const double LARGEST = 1e15;
 /* ---- A step ------------------------------------------------------------------------------------------------------------------- */
 
 /* The states at the end of the next step without its forces. */
-static inline WITHIN void predict(March *m)
+static inline WITHIN void predict(const March *m, real *states)
 {
     const Car *car = m->run->car;
     real old[STATES + FORCES]; /* a copy, which a compiler keeps in registers */
     memcpy(old, m->states, sizeof old);
+    UNROLLED
     for (int k = 0; k < PAIRS; k++) {
         const real x = old[2 * k], y = old[2 * k + 1];
         const real first = car->turn[k][0] * x - car->turn[k][1] * y, second = car->turn[k][1] * x + car->turn[k][0] * y;
-        m->states[2 * k] = first + row_times(car->load[2 * k], old + STATES, FORCES);
-        m->states[2 * k + 1] = second + row_times(car->load[2 * k + 1], old + STATES, FORCES);
+        states[2 * k] = with_row(first, car->load[2 * k], old + STATES, FORCES);
+        states[2 * k + 1] = with_row(second, car->load[2 * k + 1], old + STATES, FORCES);
     }
 }
 
@@ -36,7 +37,7 @@ typedef struct {
 
 /* Evaluates a port at a velocity and a travel at the end of the step. The velocity in its middle is on the cubic through those at the
  * ends of the last steps. */
-static inline WITHIN void evaluate(March *m, Kinds kinds, int c, real velocity, real travel, int known, Step *s)
+static inline WITHIN void evaluate(March *m, Kinds kinds, int c, real velocity, real travel, int known, Step *s, real *forces)
 {
     const Port *port = &m->ports[c];
     const Point *start = &m->at[c];
@@ -51,9 +52,10 @@ static inline WITHIN void evaluate(March *m, Kinds kinds, int c, real velocity, 
     const real way = 0.5 * (m->travel[c] + travel) + 0.125 * m->run->step * (v0 - velocity); /* the travel in the middle */
     s->bond.force[1] = force_at(port, kinds, middle, &s->cubics[MIDDLE_OF_STEP], way);
     s->bond.force[2] = force_at(port, kinds, end, &s->cubics[END_OF_STEP], travel);
+    UNROLLED
     for (int node = 0; node < NODES; node++) {
         s->bond.velocity[1 + node] = s->at[node].velocity;
-        m->states[STATES + node * CORNERS + c] = s->bond.force[1 + node] - m->run->car->damping[c] * s->at[node].velocity;
+        forces[node * CORNERS + c] = s->bond.force[1 + node] - m->run->car->damping[c] * s->at[node].velocity;
     }
 }
 
@@ -76,32 +78,34 @@ static inline WITHIN void take_step(March *m, Kinds kinds, int64_t step, int is_
     const Car *car = m->run->car;
     const double *road = m->run->velocities + (step + 1) * CORNERS, *travels = m->run->travels + (step + 1) * CORNERS;
     real free[CORNERS], velocity[CORNERS], missed[CORNERS], free_travel[CORNERS] = {{0.0}}, travel[CORNERS] = {{0.0}};
+    real states[STATES + FORCES], *forces = states + STATES;
     Step steps[CORNERS];
-    predict(m);
+    predict(m, states);
     UNROLLED
- for (int c = 0; c < CORNERS; c++) {
-        free[c] = row_times(car->velocity[c], m->states, STATES) + road[c];
+    for (int c = 0; c < CORNERS; c++) {
+        free[c] = with_row(uniform(road[c]), car->velocity[c], states, STATES);
         velocity[c] = 3.0 * (m->at[c].velocity - m->earlier[0][c]) + m->earlier[1][c];
         if (kinds.travel) {
-            travel[c] = free_travel[c] = row_times(car->travel[c], m->states, STATES) + travels[c];
+            travel[c] = free_travel[c] = with_row(uniform(travels[c]), car->travel[c], states, STATES);
         }
     }
     UNROLLED
     for (int n = 0; n < SWEEPS; n++) {
         UNROLLED
- for (int c = 0; c < CORNERS; c++) {
-            evaluate(m, kinds, c, velocity[c], travel[c], n > 0, &steps[c]);
+        for (int c = 0; c < CORNERS; c++) {
+            evaluate(m, kinds, c, velocity[c], travel[c], n > 0, &steps[c], forces);
         }
         UNROLLED
- for (int c = 0; c < CORNERS; c++) {
-            const real found = free[c] + row_times(car->moved[c], m->states + STATES, FORCES);
+        for (int c = 0; c < CORNERS; c++) {
+            const real found = with_row(free[c], car->moved[c], forces, FORCES);
             missed[c] = found - velocity[c];
             velocity[c] = found;
-            travel[c] = kinds.travel ? free_travel[c] + row_times(car->travelled[c], m->states + STATES, FORCES) : travel[c];
+            travel[c] = kinds.travel ? with_row(free_travel[c], car->travelled[c], forces, FORCES) : travel[c];
         }
     }
+    memcpy(m->states, states, sizeof states);
     UNROLLED
- for (int c = 0; c < CORNERS; c++) {
+    for (int c = 0; c < CORNERS; c++) {
         Step *s = &steps[c];
         s->bond.force[0] = m->force[c];
         s->bond.velocity[0] = m->at[c].velocity;
@@ -143,7 +147,7 @@ static void rest(March *m)
         forces[c] = forces[CORNERS + c] = m->force[c] - car->damping[c] * m->at[c].velocity;
     }
     for (int i = 0; i < STATES; i++) {
-        m->states[i] = row_times(car->rest[i], forces, CORNERS);
+        m->states[i] = with_row(uniform(0.0), car->rest[i], forces, CORNERS);
     }
 }
 
@@ -161,7 +165,7 @@ static truth start(March *m)
     for (int n = 0; n < MOST_TURNS_TO_REST && !in_every(found); n++) {
         real worst = uniform(0.0);
         for (int c = 0; c < CORNERS; c++) {
-            const real travel = run->travels[c] + row_times(run->car->sunk[c], m->states + STATES, CORNERS);
+            const real travel = with_row(uniform(run->travels[c]), run->car->sunk[c], m->states + STATES, CORNERS);
             const real change = size_of(travel - m->travel[c]) / (1.0 + size_of(travel));
             worst = either(change > worst, change, worst);
             m->travel[c] = either(found, m->travel[c], travel);

@@ -28,14 +28,19 @@ typedef struct {
     Port ports[CORNERS]; /* the last one: it is prepared and not cleared */
 } March;
 
-/* A row of a matrix times numbers, in sums that do not wait for each other. */
-static inline WITHIN real row_times(const double *row, const real *numbers, int count)
+/* A number and a row of a matrix times numbers, in two sums that do not wait for each other. */
+static inline WITHIN real with_row(real first, const double *row, const real *numbers, int count)
 {
-    real sum[4] = {{0.0}};
-    for (int i = 0; i < count; i++) {
-        sum[i % 4] += row[i] * numbers[i];
+    real second = row[count - 1] * numbers[count - 1];
+    UNROLLED
+    for (int i = 0; i < count / 2; i++) {
+        first += row[i] * numbers[i];
     }
-    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+    UNROLLED
+    for (int i = count / 2; i < count - 1; i++) {
+        second += row[i] * numbers[i];
+    }
+    return first + second;
 }
 
 #endif

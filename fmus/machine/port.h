@@ -60,7 +60,8 @@ typedef struct {
     Cells curve[SETUPS], lagged[SETUPS];
     PortFriction friction;
     double half; /* half a step [s] */
-    real rise, ramp; /* of a lag over half a step */
+    real left, faded, ramp; /* F_lag after half a step by F_lag and F_s before and F_s after it */
+    real preload; /* of the gas at the port [N] */
 } Port;
 
 /* ---- The static curve ------------------------------------------------------------------------------------------------------- */
@@ -161,7 +162,7 @@ static inline WITHIN real static_force(const Port *port, Kinds kinds, real v, co
 /* alpha = 1 up to lag_full_force, 0 from lag_zero_force, linear between, as in shock_lpnl2/model.c. */
 static inline real lag_weight(const Parameters *p, real f)
 {
-    const real share = (p->lag_zero_force - size_of(f)) * p->per_lag_range, some = either(share < 0.0, uniform(0.0), share);
+    const real share = p->lag_share - size_of(f) * p->per_lag_range, some = either(share < 0.0, uniform(0.0), share);
     return either(some > 1.0, uniform(1.0), some);
 }
 
@@ -195,7 +196,7 @@ static inline WITHIN void follow(const Port *port, Kinds kinds, const Point *fro
 {
     to->velocity = velocity;
     to->static_force = static_force(port, kinds, port->parameters.motion_ratio * velocity, &cubics->curve);
-    to->lagged = from->lagged + (from->static_force - from->lagged) * port->rise + (to->static_force - from->static_force) * port->ramp;
+    to->lagged = (port->left * from->lagged + port->faded * from->static_force) + port->ramp * to->static_force;
     if (kinds.hysteresis) {
         follow_hysteresis(port, from, known, &cubics->lagged, to);
     }
@@ -244,8 +245,8 @@ static inline WITHIN real dissipative_force(const Port *port, Kinds kinds, const
 static inline WITHIN real shock_force(const Port *port, Kinds kinds, const Point *at, const Cubics *cubics, real displacement)
 {
     const Parameters *p = &port->parameters;
-    const real force = dissipative_force(port, kinds, at, cubics) + p->gas_preload;
-    return p->motion_ratio * (kinds.travel ? force + p->gas_stiffness * p->motion_ratio * displacement : force);
+    const real force = dissipative_force(port, kinds, at, cubics);
+    return p->motion_ratio * (kinds.travel ? force + p->gas_stiffness * p->motion_ratio * displacement : force) + port->preload;
 }
 
 /* That of shock and friction. */
@@ -282,6 +283,7 @@ static void find_reciprocals(Parameters *p)
     p->per_curve_transition_speed = 1.0 / p->curve_transition_speed;
     p->per_curve_transition_width = 1.0 / p->curve_transition_width;
     p->per_lag_range = 1.0 / (p->lag_zero_force - p->lag_full_force);
+    p->lag_share = p->lag_zero_force * p->per_lag_range;
     for (int side = 0; side < 2; side++) {
         p->growth[side] = logarithm(p->time_constants[2 * side] / p->time_constants[1]);
     }
@@ -310,9 +312,12 @@ static void prepare_port(Port *port, const PortFriction *friction, double step, 
     kinds->seals |= !in_every(p->seal_friction == 0.0);
     kinds->friction |= friction->friction_force > 0.0 || friction->bristle_force > 0.0 || friction->port_spring != 0.0;
     kinds->travel |= !in_every(p->gas_stiffness == 0.0) || friction->port_spring != 0.0;
-    const real ratio = port->half / p->time_constant, rise = -exponential_minus_1(-ratio), one = uniform(1.0);
-    port->rise = either(port->law == WITHOUT_LAG, one, rise);
+    const real ratio = port->half / p->time_constant, rise = -exponential_minus_1(-ratio);
+    const real none = uniform(0.0), one = uniform(1.0);
+    port->left = either(port->law == WITHOUT_LAG, none, 1.0 - rise);
     port->ramp = either(port->law == WITHOUT_LAG, one, 1.0 - rise / ratio);
+    port->faded = 1.0 - port->left - port->ramp;
+    port->preload = p->motion_ratio * p->gas_preload;
 }
 
 /* The point of steady motion. */

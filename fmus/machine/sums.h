@@ -44,7 +44,7 @@ static void see_channels(March *m)
     memcpy(states, m->states, sizeof states);
     for (int k = 0; k < run->output_count; k++) {
         const double *row = run->output_rows + k * (STATES + FORCES);
-        m->seen[k] = run->outputs[m->record * run->output_count + k] + row_times(row, states, STATES + FORCES);
+        m->seen[k] = with_row(uniform(run->outputs[m->record * run->output_count + k]), row, states, STATES + FORCES);
     }
     for (int k = 0; k < run->signal_count; k++) {
         const int c = run->signals[k].corner, number = run->signals[k].number;
