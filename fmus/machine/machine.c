@@ -221,7 +221,7 @@ static void march(March *m, const Sums *sums)
             if (!in_every(sensible)) {
                 retire(m, ~sensible, k, sums->ended);
             }
-            record(m, sums);
+            record(m, sums, k + 1 == m->run->steps || !in_any(m->alive));
         }
     }
 }
@@ -252,7 +252,7 @@ EXPORTED int64_t size_of_car(void)
 EXPORTED void run_machine(const Run *run, const double *parameters, const int64_t *laws, void *space, const Sums *sums)
 {
     March *m = (March *)space;
-    memset(m, 0, offsetof(March, ports));
+    memset(m, 0, offsetof(March, seen));
     m->run = run;
     m->alive = ~(truth){0};
     for (int c = 0; c < CORNERS; c++) {
@@ -266,7 +266,7 @@ EXPORTED void run_machine(const Run *run, const double *parameters, const int64_
     }
     const truth found = start(m);
     retire(m, ~found, 0, sums->ended);
-    record(m, sums);
+    record(m, sums, 0);
     march(m, sums);
     report(m, sums);
 }

@@ -5,7 +5,7 @@
 #include "machine.h"
 #include "port.h"
 
-enum { MOST_CHANNELS = 256, MOST_LIMITS = 8 };
+enum { MOST_CHANNELS = 256, MOST_LIMITS = 8, RECORDS = 8 };
 
 /* The sums over steps and records, in the order of Sums. */
 typedef struct {
@@ -21,11 +21,11 @@ typedef struct {
     Cubics cubics[CORNERS]; /* there, which only the law Hysteresis needs */
     real travel[CORNERS], force[CORNERS]; /* at the step's start [m], F [N] */
     real earlier[2][CORNERS], before[CORNERS]; /* velocities at the starts of the two steps before, and F at that of the last one */
-    real seen[MOST_CHANNELS]; /* channels at the last record */
     truth alive;
     int64_t record;
     Totals totals;
-    Port ports[CORNERS]; /* the last one: it is prepared and not cleared */
+    real seen[RECORDS * MOST_CHANNELS]; /* channels at the last records, which are summed together */
+    Port ports[CORNERS]; /* it and the channels are not cleared */
 } March;
 
 /* A number and a row of a matrix times numbers, in two sums that do not wait for each other. */

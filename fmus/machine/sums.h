@@ -37,22 +37,23 @@ static inline WITHIN void add_errors(March *m, int c, const Bond *b, real missed
 
 /* ---- Recorded rows ------------------------------------------------------------------------------------------------------------ */
 
-static void see_channels(March *m)
+/* The recorded channels of the last step. */
+static void see_channels(March *m, real *seen)
 {
     const Run *run = m->run;
+    const double *by_drive = run->outputs + m->record * run->output_count;
     real states[STATES + FORCES]; /* a copy, which a compiler keeps in registers */
     memcpy(states, m->states, sizeof states);
     for (int k = 0; k < run->output_count; k++) {
-        const double *row = run->output_rows + k * (STATES + FORCES);
-        m->seen[k] = with_row(uniform(run->outputs[m->record * run->output_count + k]), row, states, STATES + FORCES);
+        seen[k] = with_row(uniform(by_drive[k]), run->output_rows + k * (STATES + FORCES), states, STATES + FORCES);
     }
     for (int k = 0; k < run->signal_count; k++) {
         const int c = run->signals[k].corner, number = run->signals[k].number;
-        m->seen[run->output_count + k] = signal_at(&m->ports[c], m->kinds, &m->at[c], &m->cubics[c], m->travel[c], number);
+        seen[run->output_count + k] = signal_at(&m->ports[c], m->kinds, &m->at[c], &m->cubics[c], m->travel[c], number);
     }
 }
 
-static void watch(March *m)
+static void watch(March *m, const real *seen)
 {
     const real one = uniform(1.0), none = uniform(0.0);
     for (int c = 0; c < CORNERS; c++) {
@@ -61,63 +62,84 @@ static void watch(March *m)
     }
     for (int w = 0; w < m->run->limit_count; w++) {
         const Limit *limit = &m->run->limits[w];
-        m->totals.watched[w] += either(limit->sign * m->seen[limit->output] > limit->limit, one, none);
+        m->totals.watched[w] += either(limit->sign * seen[limit->output] > limit->limit, one, none);
     }
 }
 
-static real with_term(const Quantity *q, real value, real next)
+static inline void add_limits(const Quantity *q, real value, real *to)
 {
-    return q->is_product ? value * next : value + next;
+    to[LEAST] = either(value < to[LEAST], value, to[LEAST]);
+    to[LARGEST_VALUE] = either(value > to[LARGEST_VALUE], value, to[LARGEST_VALUE]);
+    to[INSIDE] += either((value >= q->low) & (value < q->high), uniform(1.0), uniform(0.0));
 }
 
-static real value_of(const March *m, const Quantity *q)
+static inline real value_of(const Quantity *q, const real *const *columns, const double *weights, int64_t at)
 {
-    const int *terms = m->run->terms + q->first;
-    const double *weights = m->run->weights + q->first;
-    real value = weights[0] * m->seen[terms[0]];
+    real value = weights[0] * columns[0][at];
     for (int k = 1; k < q->count; k++) {
-        value = with_term(q, value, weights[k] * m->seen[terms[k]]);
+        const real next = weights[k] * columns[k][at];
+        value = q->is_product ? value * next : value + next;
     }
     return value;
 }
 
-static inline void add_row(real *to, const Quantity *q, real value, int row)
+/* Adds rows `first` to `last` - 1 of a quantity, which begin in `columns` and are `stride` apart, to its statistics. */
+static void add_rows(const Quantity *q, const real *const *columns, const double *weights, int64_t stride, int first, int last, real *to)
 {
-    if (row == q->begin) {
-        to[SHIFT] = to[LEAST] = to[LARGEST_VALUE] = to[FIRST_VALUE] = value;
+    const int begin = q->begin > first ? q->begin : first, end = q->end < last ? q->end : last;
+    if (begin >= end) {
+        return;
+    }
+    if (begin == q->begin) {
+        to[SHIFT] = to[LEAST] = to[LARGEST_VALUE] = to[FIRST_VALUE] = value_of(q, columns, weights, (begin - first) * stride);
         to[SUM] = to[SQUARES] = to[INSIDE] = uniform(0.0);
     }
-    const real apart = value - to[SHIFT];
-    to[SUM] += apart;
-    to[SQUARES] += apart * apart;
-    if (q->has_limits) {
-        to[LEAST] = either(value < to[LEAST], value, to[LEAST]);
-        to[LARGEST_VALUE] = either(value > to[LARGEST_VALUE], value, to[LARGEST_VALUE]);
-        to[INSIDE] += either((value >= q->low) & (value < q->high), uniform(1.0), uniform(0.0));
+    real sum = to[SUM], squares = to[SQUARES], value = to[SHIFT];
+    for (int row = begin; row < end; row++) {
+        value = value_of(q, columns, weights, (row - first) * stride);
+        const real apart = value - to[SHIFT];
+        sum += apart;
+        squares += apart * apart;
+        if (q->has_limits) {
+            add_limits(q, value, to);
+        }
     }
-    if (row == q->end - 1) {
-        to[LAST_VALUE] = value;
+    to[SUM] = sum;
+    to[SQUARES] = squares;
+    to[LAST_VALUE] = value;
+}
+
+/* Adds the records since `first` to the statistics of the quantities. */
+static void add_quantities(const March *m, int64_t first, const Sums *sums)
+{
+    const Run *run = m->run;
+    const real *columns[MOST_CHANNELS];
+    for (int k = 0; k < run->quantity_count; k++) {
+        const Quantity *q = &run->quantities[k];
+        for (int term = 0; term < q->count; term++) {
+            columns[term] = m->seen + run->terms[q->first + term];
+        }
+        add_rows(q, columns, run->weights + q->first, run->output_count + run->signal_count, (int)first, (int)m->record,
+                 (real *)(void *)sums->statistics + k * STATISTICS);
     }
 }
 
-static void record(March *m, const Sums *sums)
+static void record(March *m, const Sums *sums, int is_last)
 {
     const Run *run = m->run;
-    real *values = (real *)(void *)sums->values + m->record * run->series_count;
-    see_channels(m);
+    const int64_t place = m->record % RECORDS;
+    real *seen = m->seen + place * (run->output_count + run->signal_count);
+    see_channels(m, seen);
     for (int k = 0; k < run->series_count; k++) {
-        values[k] = m->seen[run->series[k]];
-    }
-    for (int k = 0; k < run->quantity_count; k++) {
-        const Quantity *q = &run->quantities[k];
-        if (m->record >= q->begin && m->record < q->end) {
-            add_row((real *)(void *)sums->statistics + k * STATISTICS, q, value_of(m, q), (int)m->record);
-        }
+        ((real *)(void *)sums->values)[m->record * run->series_count + k] = seen[run->series[k]];
     }
     if (m->record >= run->settling) {
-        watch(m);
+        watch(m, seen);
     }
     m->record++;
+    if (is_last || place == RECORDS - 1) {
+        add_quantities(m, m->record - place - 1, sums);
+    }
 }
 
 static void report(const March *m, const Sums *sums)
@@ -135,13 +157,7 @@ static void report(const March *m, const Sums *sums)
 /* Sums the statistics of a quantity of series, the rows of which are in `columns`. */
 EXPORTED void sum_series(const Quantity *q, const real *const *columns, const double *weights, double *statistics)
 {
-    for (int row = q->begin; row < q->end; row++) {
-        real value = weights[0] * columns[0][row];
-        for (int k = 1; k < q->count; k++) {
-            value = with_term(q, value, weights[k] * columns[k][row]);
-        }
-        add_row((real *)(void *)statistics, q, value, row);
-    }
+    add_rows(q, columns, weights, 1, 0, q->end, (real *)(void *)statistics);
 }
 
 #endif
