@@ -97,6 +97,19 @@ static inline unsigned bits_of(truth condition)
     return bits;
 }
 
+static inline int are_all(Places condition)
+{
+#if defined(__AVX512F__) && EIGHTPOST_SETUPS == 8
+    return _mm512_test_epi32_mask((__m512i)condition, (__m512i)condition) == 0xffff;
+#else
+    int all = -1;
+    for (int k = 0; k < 2 * SETUPS; k++) {
+        all &= condition[k];
+    }
+    return all != 0;
+#endif
+}
+
 static inline int in_any(truth condition)
 {
     return bits_of(condition) != 0;

@@ -62,12 +62,19 @@ static inline WITHIN void evaluate(March *m, Kinds kinds, int c, real velocity, 
 /* The end of the step becomes the start of the next one. */
 static inline WITHIN void accept(March *m, Kinds kinds, int c, const Step *s)
 {
+    const Point *end = &s->at[END_OF_STEP];
     m->earlier[1][c] = m->earlier[0][c];
     m->earlier[0][c] = m->at[c].velocity;
     m->before[c] = m->force[c];
-    m->at[c] = s->at[END_OF_STEP];
+    m->at[c].velocity = end->velocity;
+    m->at[c].static_force = end->static_force;
+    m->at[c].lagged = end->lagged;
     m->force[c] = s->bond.force[2];
+    if (kinds.friction) {
+        m->at[c].bend = end->bend;
+    }
     if (kinds.hysteresis) {
+        m->at[c].travel = end->travel;
         m->cubics[c] = s->cubics[END_OF_STEP];
     }
 }

@@ -26,8 +26,8 @@ enum { WITHOUT_LAG = 0, WITH_LAG = 1, HYSTERESIS = 2 };
 /* What is recorded of a shock, in the order of eightpost/machine/run.py. */
 enum { FORCE, STATIC_FORCE, LAGGED_FORCE, LAG_WEIGHT, DISSIPATED_POWER, BEYOND_FIT };
 
-/* Places of knots in a search by halves. */
-enum { SLOTS = 31 };
+/* Places of knots in a search by halves; velocities are usually between half of them, the first of which is USUAL. */
+enum { SLOTS = 31, USUAL = 5 };
 
 /* A cubic of each setup in v - origin. */
 typedef struct {
@@ -98,10 +98,17 @@ static inline WITHIN void find_both(const Port *port, real v, real w, Found *fou
         both[k] = (float)v[k];
         both[SETUPS + k] = (float)w[k];
     }
-    found->first = (Places){0};
-    found->origin = port->knots[0];
-    halve(port->knots, 15, both, found, left);
-    halve(left, 7, both, found, left);
+    const Narrow *knots = port->knots;
+    if (are_all((both >= knots[USUAL - 1]) & (both < knots[USUAL + SLOTS / 2]))) {
+        found->first = (Places){0} + COEFFICIENTS * USUAL;
+        found->origin = knots[USUAL - 1];
+        halve(knots + USUAL, 7, both, found, left);
+    } else {
+        found->first = (Places){0};
+        found->origin = knots[0];
+        halve(knots, 15, both, found, left);
+        halve(left, 7, both, found, left);
+    }
     halve(left, 3, both, found, left);
     halve(left, 1, both, found, left);
     halve(left, 0, both, found, left);
