@@ -35,21 +35,21 @@ typedef struct {
     Bond bond;
 } Step;
 
-/* Evaluates a port at a velocity and a travel at the end of the step. The velocity in its middle is on the cubic through those at the
- * ends of the last steps. */
+/* The velocity of a port in the middle of the step by that at its end: on the cubic through the ends of the last steps. */
+static inline WITHIN real between(const March *m, int c, real velocity)
+{
+    return 0.9375 * m->at[c].velocity + (0.3125 * velocity + (0.0625 * m->earlier[1][c] - 0.3125 * m->earlier[0][c]));
+}
+
+/* Evaluates a port at a velocity and a travel at the end of the step. */
 static inline WITHIN void evaluate(March *m, Kinds kinds, int c, real velocity, real travel, int known, Step *s, real *forces)
 {
     const Port *port = &m->ports[c];
     const Point *start = &m->at[c];
     Point *middle = &s->at[MIDDLE_OF_STEP], *end = &s->at[END_OF_STEP];
-    const real v0 = start->velocity, old = 0.0625 * m->earlier[1][c] - 0.3125 * m->earlier[0][c];
-    const real between = 0.9375 * v0 + (0.3125 * velocity + old);
-    if (kinds.knots && !known) {
-        find_cubics(port, kinds, between, velocity, &s->cubics[MIDDLE_OF_STEP], &s->cubics[END_OF_STEP]);
-    }
-    follow(port, kinds, start, between, known, &s->cubics[MIDDLE_OF_STEP], middle);
+    follow(port, kinds, start, between(m, c, velocity), known, &s->cubics[MIDDLE_OF_STEP], middle);
     follow(port, kinds, middle, velocity, known, &s->cubics[END_OF_STEP], end);
-    const real way = 0.5 * (m->travel[c] + travel) + 0.125 * m->run->step * (v0 - velocity); /* the travel in the middle */
+    const real way = 0.5 * (m->travel[c] + travel) + 0.125 * m->run->step * (start->velocity - velocity); /* the travel in the middle */
     s->bond.force[1] = force_at(port, kinds, middle, &s->cubics[MIDDLE_OF_STEP], way);
     s->bond.force[2] = force_at(port, kinds, end, &s->cubics[END_OF_STEP], travel);
     UNROLLED
@@ -91,9 +91,15 @@ static inline WITHIN void take_step(March *m, Kinds kinds, int64_t step, int is_
     UNROLLED
     for (int c = 0; c < CORNERS; c++) {
         free[c] = with_row(uniform(road[c]), car->velocity[c], states, STATES);
-        velocity[c] = 3.0 * (m->at[c].velocity - m->earlier[0][c]) + m->earlier[1][c];
         if (kinds.travel) {
             travel[c] = free_travel[c] = with_row(uniform(travels[c]), car->travel[c], states, STATES);
+        }
+    }
+    UNROLLED
+    for (int c = 0; c < CORNERS; c++) {
+        velocity[c] = 3.0 * (m->at[c].velocity - m->earlier[0][c]) + m->earlier[1][c];
+        if (kinds.knots) {
+            find_cubics(&m->ports[c], kinds, between(m, c, velocity[c]), velocity[c], steps[c].cubics);
         }
     }
     UNROLLED

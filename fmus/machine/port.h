@@ -132,17 +132,17 @@ static inline real value_at(const Cubic *c, real v)
     return c->at[0] + x * (c->at[1] + x * (c->at[2] + x * c->at[3]));
 }
 
-/* The cubics of two points by their velocities. */
-static inline WITHIN void find_cubics(const Port *port, Kinds kinds, real first, real second, Cubics *a, Cubics *b)
+/* The cubics of two points by their velocities, but those of the lagged velocity. */
+static inline WITHIN void find_cubics(const Port *port, Kinds kinds, real first, real second, Cubics *cubics)
 {
     const real ratio = port->parameters.motion_ratio;
     Found found;
     find_both(port, ratio * first, ratio * second, &found);
-    gather(port->curve, &found, 0, &a->curve);
-    gather(port->curve, &found, 1, &b->curve);
+    gather(port->curve, &found, 0, &cubics[0].curve);
+    gather(port->curve, &found, 1, &cubics[1].curve);
     if (kinds.hysteresis) {
-        gather(port->lagged, &found, 0, &a->fixed);
-        gather(port->lagged, &found, 1, &b->fixed);
+        gather(port->lagged, &found, 0, &cubics[0].fixed);
+        gather(port->lagged, &found, 1, &cubics[1].fixed);
     }
 }
 
@@ -331,10 +331,11 @@ static void prepare_port(Port *port, const PortFriction *friction, double step, 
 static void start_point(const Port *port, Kinds kinds, real velocity, Cubics *cubics, Point *at)
 {
     const real v = port->parameters.motion_ratio * velocity;
-    Cubics same;
+    Cubics both[2];
     memset(at, 0, sizeof *at);
     at->velocity = velocity;
-    find_cubics(port, kinds, velocity, velocity, cubics, &same);
+    find_cubics(port, kinds, velocity, velocity, both);
+    *cubics = both[0];
     at->static_force = at->lagged = static_force(port, kinds, v, &cubics->curve);
     if (kinds.hysteresis) {
         const State state = law_start(&port->parameters, v, at->static_force);
