@@ -41,21 +41,49 @@ static inline WITHIN real between(const March *m, int c, real velocity)
     return 0.9375 * m->at[c].velocity + (0.3125 * velocity + (0.0625 * m->earlier[1][c] - 0.3125 * m->earlier[0][c]));
 }
 
-/* Evaluates a port at a velocity and a travel at the end of the step. */
-static inline WITHIN void evaluate(March *m, Kinds kinds, int c, real velocity, real travel, int known, Step *s, real *forces)
+/* The cubics of all ports in the middle and at the end of the step, by the velocities at its end. Here and in a sweep, ports go through
+ * each stage together: their operations do not wait for each other. */
+static inline WITHIN void find_cubics(const March *m, Kinds kinds, const real *velocity, Step *steps)
 {
-    const Port *port = &m->ports[c];
-    const Point *start = &m->at[c];
-    Point *middle = &s->at[MIDDLE_OF_STEP], *end = &s->at[END_OF_STEP];
-    follow(port, kinds, start, between(m, c, velocity), known, &s->cubics[MIDDLE_OF_STEP], middle);
-    follow(port, kinds, middle, velocity, known, &s->cubics[END_OF_STEP], end);
-    const real way = 0.5 * (m->travel[c] + travel) + 0.125 * m->run->step * (start->velocity - velocity); /* the travel in the middle */
-    s->bond.force[1] = force_at(port, kinds, middle, &s->cubics[MIDDLE_OF_STEP], way);
-    s->bond.force[2] = force_at(port, kinds, end, &s->cubics[END_OF_STEP], travel);
+    Found found[CORNERS];
+    UNROLLED
+    for (int c = 0; c < CORNERS; c++) {
+        const real ratio = m->ports[c].parameters.motion_ratio;
+        find_both(&m->ports[c], ratio * between(m, c, velocity[c]), ratio * velocity[c], &found[c]);
+    }
+    UNROLLED
+    for (int c = 0; c < CORNERS; c++) {
+        gather_cubics(&m->ports[c], kinds, &found[c], steps[c].cubics);
+    }
+}
+
+/* The forces in the middle of the step and at its end, and what is beyond the dampers. */
+static inline WITHIN void find_forces(const March *m, Kinds kinds, int c, real travel, Step *s, real *beyond)
+{
+    const real velocity = s->at[END_OF_STEP].velocity, change = m->run->step * (m->at[c].velocity - velocity);
+    const real ways[NODES] = {0.5 * (m->travel[c] + travel) + 0.125 * change, travel};
     UNROLLED
     for (int node = 0; node < NODES; node++) {
         s->bond.velocity[1 + node] = s->at[node].velocity;
-        forces[node * CORNERS + c] = s->bond.force[1 + node] - m->run->car->damping[c] * s->at[node].velocity;
+        s->bond.force[1 + node] = force_at(&m->ports[c], kinds, &s->at[node], &s->cubics[node], ways[node]);
+        beyond[node * CORNERS + c] = s->bond.force[1 + node] - m->run->car->damping[c] * s->at[node].velocity;
+    }
+}
+
+/* Evaluates the ports at velocities and travels at the end of the step. */
+static inline WITHIN void evaluate(const March *m, Kinds kinds, const real *velocity, const real *travel, int known, Step *steps,
+                                   real *beyond)
+{
+    UNROLLED
+    for (int c = 0; c < CORNERS; c++) {
+        Step *s = &steps[c];
+        follow(&m->ports[c], kinds, &m->at[c], between(m, c, velocity[c]), known, &s->cubics[MIDDLE_OF_STEP], &s->at[MIDDLE_OF_STEP]);
+    }
+    UNROLLED
+    for (int c = 0; c < CORNERS; c++) {
+        Step *s = &steps[c];
+        follow(&m->ports[c], kinds, &s->at[MIDDLE_OF_STEP], velocity[c], known, &s->cubics[END_OF_STEP], &s->at[END_OF_STEP]);
+        find_forces(m, kinds, c, travel[c], s, beyond);
     }
 }
 
@@ -79,44 +107,45 @@ static inline WITHIN void accept(March *m, Kinds kinds, int c, const Step *s)
     }
 }
 
-/* Advances the car and its ports by a step. */
-static inline WITHIN void take_step(March *m, Kinds kinds, int64_t step, int is_recorded)
+/* Finds the forces of a step with the velocities that they cause; `missed` are the changes of these in the last sweep. */
+static inline WITHIN void solve(March *m, Kinds kinds, int64_t step, real *velocity, real *missed, Step *steps)
 {
     const Car *car = m->run->car;
     const double *road = m->run->velocities + (step + 1) * CORNERS, *travels = m->run->travels + (step + 1) * CORNERS;
-    real free[CORNERS], velocity[CORNERS], missed[CORNERS], free_travel[CORNERS] = {{0.0}}, travel[CORNERS] = {{0.0}};
-    real states[STATES + FORCES], *forces = states + STATES;
-    Step steps[CORNERS];
+    real free[CORNERS], free_travel[CORNERS] = {{0.0}}, travel[CORNERS] = {{0.0}}, states[STATES + FORCES], *beyond = states + STATES;
     predict(m, states);
     UNROLLED
     for (int c = 0; c < CORNERS; c++) {
         free[c] = with_row(uniform(road[c]), car->velocity[c], states, STATES);
+        velocity[c] = 3.0 * (m->at[c].velocity - m->earlier[0][c]) + m->earlier[1][c];
         if (kinds.travel) {
             travel[c] = free_travel[c] = with_row(uniform(travels[c]), car->travel[c], states, STATES);
         }
     }
-    UNROLLED
-    for (int c = 0; c < CORNERS; c++) {
-        velocity[c] = 3.0 * (m->at[c].velocity - m->earlier[0][c]) + m->earlier[1][c];
-        if (kinds.knots) {
-            find_cubics(&m->ports[c], kinds, between(m, c, velocity[c]), velocity[c], steps[c].cubics);
-        }
+    if (kinds.knots) {
+        find_cubics(m, kinds, velocity, steps);
     }
     UNROLLED
     for (int n = 0; n < SWEEPS; n++) {
+        evaluate(m, kinds, velocity, travel, n > 0, steps, beyond);
         UNROLLED
         for (int c = 0; c < CORNERS; c++) {
-            evaluate(m, kinds, c, velocity[c], travel[c], n > 0, &steps[c], forces);
-        }
-        UNROLLED
-        for (int c = 0; c < CORNERS; c++) {
-            const real found = with_row(free[c], car->moved[c], forces, FORCES);
+            const real found = with_row(free[c], car->moved[c], beyond, FORCES);
             missed[c] = found - velocity[c];
             velocity[c] = found;
-            travel[c] = kinds.travel ? with_row(free_travel[c], car->travelled[c], forces, FORCES) : travel[c];
+            travel[c] = kinds.travel ? with_row(free_travel[c], car->travelled[c], beyond, FORCES) : travel[c];
         }
     }
     memcpy(m->states, states, sizeof states);
+    memcpy(m->travel, travel, sizeof travel);
+}
+
+/* Advances the car and its ports by a step. */
+static inline WITHIN void take_step(March *m, Kinds kinds, int64_t step, int is_recorded)
+{
+    real velocity[CORNERS], missed[CORNERS];
+    Step steps[CORNERS];
+    solve(m, kinds, step, velocity, missed, steps);
     UNROLLED
     for (int c = 0; c < CORNERS; c++) {
         Step *s = &steps[c];
@@ -127,7 +156,6 @@ static inline WITHIN void take_step(March *m, Kinds kinds, int64_t step, int is_
         if (is_recorded) {
             add_errors(m, c, &s->bond, missed[c]);
         }
-        m->travel[c] = travel[c];
         accept(m, kinds, c, s);
     }
 }

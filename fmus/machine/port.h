@@ -132,17 +132,15 @@ static inline real value_at(const Cubic *c, real v)
     return c->at[0] + x * (c->at[1] + x * (c->at[2] + x * c->at[3]));
 }
 
-/* The cubics of two points by their velocities, but those of the lagged velocity. */
-static inline WITHIN void find_cubics(const Port *port, Kinds kinds, real first, real second, Cubics *cubics)
+/* The cubics of two points of a port but those of the lagged velocity. */
+static inline WITHIN void gather_cubics(const Port *port, Kinds kinds, const Found *found, Cubics *cubics)
 {
-    const real ratio = port->parameters.motion_ratio;
-    Found found;
-    find_both(port, ratio * first, ratio * second, &found);
-    gather(port->curve, &found, 0, &cubics[0].curve);
-    gather(port->curve, &found, 1, &cubics[1].curve);
-    if (kinds.hysteresis) {
-        gather(port->lagged, &found, 0, &cubics[0].fixed);
-        gather(port->lagged, &found, 1, &cubics[1].fixed);
+    UNROLLED
+    for (int which = 0; which < 2; which++) {
+        gather(port->curve, found, which, &cubics[which].curve);
+        if (kinds.hysteresis) {
+            gather(port->lagged, found, which, &cubics[which].fixed);
+        }
     }
 }
 
@@ -332,9 +330,11 @@ static void start_point(const Port *port, Kinds kinds, real velocity, Cubics *cu
 {
     const real v = port->parameters.motion_ratio * velocity;
     Cubics both[2];
+    Found found;
     memset(at, 0, sizeof *at);
     at->velocity = velocity;
-    find_cubics(port, kinds, velocity, velocity, both);
+    find_both(port, v, v, &found);
+    gather_cubics(port, kinds, &found, both);
     *cubics = both[0];
     at->static_force = at->lagged = static_force(port, kinds, v, &cubics->curve);
     if (kinds.hysteresis) {
