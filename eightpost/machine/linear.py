@@ -87,10 +87,10 @@ class LinearCar:
         travel = _columns(
             np.stack([np.zeros(self.pairs) if p.travel is None else self.out[p.travel] for p in self.ports])
         )
-        now = _rows(np.hstack([middle, end]))
+        now, after = np.hstack([middle, end]), np.hstack([turn[:, None] * middle, turn[:, None] * end + start])
         parts = [
-            np.stack([turn.real, turn.imag], axis=1), _rows(np.hstack([turn[:, None] * middle, turn[:, None] * end + start])),
-            _rows(static - middle - end), travel @ _rows(static), velocity, travel, velocity @ now, travel @ now,
+            np.stack([turn.real, turn.imag], axis=1), _rows(after), _rows(static - middle - end), travel @ _rows(static),
+            velocity, travel, velocity @ _rows(now), travel @ _rows(now),
             self.damping, np.array([port.friction for port in self.ports]),
         ]  # fmt: skip
         return np.concatenate([np.ravel(part) for part in parts]).astype(np.float64).tobytes()
@@ -107,7 +107,7 @@ class LinearCar:
         return self.into[:, [port.force for port in self.ports]]
 
     def _loads(self, step: float) -> list[Complex]:
-        """Return the modes at the end of a step by the forces at its start, in its middle and at its end (P, C) each."""
+        """Return the modes at the end of a step by its forces at the start, the middle and the end (P, C)."""
         one, two, three = (step * phi for phi in _phi(self.poles * step))
         weights = one - 3.0 * two + 4.0 * three, 4.0 * two - 8.0 * three, 4.0 * three - two
         return [weight[:, None] * self._by_ports for weight in weights]
