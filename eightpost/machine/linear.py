@@ -89,8 +89,8 @@ class LinearCar:
         )
         now, after = np.hstack([middle, end]), np.hstack([turn[:, None] * middle, turn[:, None] * end + start])
         parts = [
-            np.stack([turn.real, turn.imag], axis=1), _rows(after), _rows(static - middle - end), travel @ _rows(static),
-            velocity, travel, velocity @ _rows(now), travel @ _rows(now),
+            np.stack([turn.real, turn.imag], axis=1), _rows(after), _rows(static - middle - end),
+            travel @ _rows(static), velocity, travel, velocity @ _rows(now), travel @ _rows(now),
             self.damping, np.array([port.friction for port in self.ports]),
         ]  # fmt: skip
         return np.concatenate([np.ravel(part) for part in parts]).astype(np.float64).tobytes()
