@@ -196,10 +196,10 @@ class _DriveBatch:
         """Return, as lists, local errors and spreads of both directions of every bond (2, C, n), work through the bonds
         (C, n), and shares of the records beyond the limits (W, n).
         """
-        steps, settled = self._plan.run.steps, max(1, self._plan.rows.size - self._plan.run.settling)
-        variance = result.squares / steps - (result.total / steps) ** 2
+        count, settled = self._plan.rows.size - 1, max(1, self._plan.rows.size - self._plan.run.settling)
+        variance = result.squares / count - (result.total / count) ** 2
         return {
-            "error": np.sqrt(result.defect / steps).tolist(),
+            "error": np.sqrt(result.defect / count).tolist(),
             "spread": np.sqrt(np.maximum(variance, 0.0)).tolist(),
             "residual": result.residual.tolist(),
             "transferred": result.transferred.tolist(),
