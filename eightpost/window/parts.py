@@ -156,7 +156,7 @@ def show_files(window: Window, files: Sequence[tuple[str, Path]]) -> None:
 
 
 def job_card(window: Window, key: str, ended: Callable[[], Awaitable[None]]) -> None:
-    """Show the command with a key while it runs, with a button to cancel it, or why it failed; call `ended` at its end."""
+    """Show the command with a key while it runs, with a button to cancel it, or why it failed; then call `ended`."""
     seen: dict[str, Any] = {"job": window.jobs.get(key), "state": ""}
     with ui.card().classes("w-full job") as card:
         title = ui.label().classes("text-base")

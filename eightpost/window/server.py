@@ -76,7 +76,7 @@ def serve(folder: Path, port: int, *, browser: bool, tell: Callable[[str], None]
 
 
 class _Server(uvicorn.Server):
-    """A server that ends at the first Ctrl-C: an open browser would keep the connection, and there is nothing to save."""
+    """A server that ends at the first Ctrl-C: an open browser would hold it, and there is nothing to save."""
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """End at once."""
