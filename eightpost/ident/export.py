@@ -18,12 +18,13 @@ from eightpost.array_types import Array
 from eightpost.errors import FileFormatError, InputError
 from eightpost.extras import needs, requirement
 from eightpost.files import atomic_path, document_kind
-from eightpost.ident.response import FrequencyResponse, frequency_response, read_response, response_of
 from eightpost.ident.shock_table import shock_table, table_format, write_shock_table
+from eightpost.ident.vehicle import frequency_response
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, read_response, response_of
 from eightpost.validity import judged
 from eightpost.vehicle import IdentifiedVehicle, read_vehicle
 from eightpost.vehicle.statespace import Channel
-from eightpost.vehicle.storage import document
+from eightpost.vehicle.vehicles import document
 
 # ==== Models and responses: MATLAB, modal analysis (universal files) and python-control ==============================
 # MATLAB files (version 5) have the property names of MATLAB's own objects:

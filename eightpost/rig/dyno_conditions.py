@@ -79,9 +79,6 @@ def conditions_from(preamble: Iterable[tuple[str, ...]]) -> tuple[DynoConditions
     Lines have the form `key: value`, `key = value` or `key,value`. A line may have several entries if each key ends in
     a colon. A quantity needs a unit: after the value (`150 psi`), in a separate cell, or with the key
     (`Gas Pressure (psi)`).
-
-    Args:
-        preamble: Cells of each line.
     """
     texts: dict[str, str] = {}
     quantities: dict[str, float] = {}

@@ -13,7 +13,7 @@ PACKAGE = Path(ep.__file__).parent
 
 #: Everything below the API in the order of imports.
 BELOW = ("builder.build", "builder.ssp", "cosim", "cosim.study", "eightpost.ident", "eightpost.ident.vehicle",
-         "eightpost.rig.post", "eightpost.drivefile", "eightpost.report.page")  # fmt: skip
+         "eightpost.virtual", "eightpost.drivefile", "eightpost.report.page")  # fmt: skip
 
 
 def loaded_after(code: str) -> set[str]:

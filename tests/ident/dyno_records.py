@@ -7,10 +7,10 @@ from functools import lru_cache
 import numpy as np
 
 from eightpost.ident.shock.simulation import simulate
-from eightpost.rig.dynamometer import random_multisine
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import StaticCurve
 from eightpost.signals import TimeSeries
+from eightpost.virtual.dynamometer import random_multisine
 
 #: Sampling rate of the records [Hz], and that of the motions that drive the laws.
 RATE, FINE = 500.0, 2000.0

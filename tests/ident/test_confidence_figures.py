@@ -8,10 +8,10 @@ import pytest
 from scipy.stats import t as student
 
 from eightpost.ident.shock.problem import blocks_of, covariances, curve_band, quantile
-from eightpost.ident.vehicle.common_poles.deviations import (
+from eightpost.ident.vehicle.common_poles import (
+    correlated_noise,
     correlation_length,
     response_deviation,
-    sampled_models,
     spread,
     unmodelled,
 )
@@ -260,20 +260,10 @@ def test_the_band_of_the_fit_includes_its_edges():
     assert unmodelled(response, model_with(band=(2.1, 5.9)), (), {}) == {}
 
 
-def test_the_requested_number_of_models_is_sampled(monkeypatch):
-    module = "eightpost.ident.vehicle.common_poles.deviations"
-    monkeypatch.setattr(f"{module}._sampled", lambda _, noise: noise)
-    rng = np.random.default_rng(2)
-    shape = (2, 3, 4000)
-    white = rng.normal(size=shape) + 1j * rng.normal(size=shape)
-    misfit = white[..., :3996] + white[..., 1:3997] + white[..., 2:3998]
-    found = SimpleNamespace(
-        points=SimpleNamespace(H=np.zeros(shape), s=np.zeros(4000)),
-        refined=SimpleNamespace(solution=SimpleNamespace(misfit=misfit)),
-    )  # fmt: skip
-    drawn = sampled_models(found, 5, seed=3)
-    assert len(drawn) == 5
-    assert drawn[0].shape == shape
+def test_resampled_noise_has_power_one_and_is_correlated_over_neighbours():
+    generator = np.random.default_rng(3)
+    drawn = [correlated_noise(generator, (2, 3, 4000), 3) for _ in range(5)]
+    assert drawn[0].shape == (2, 3, 4000)
     # Power 1, half of it in each part; correlated over three neighbours: correlations 2/3 and 1/3, then 0.
     noise = np.concatenate([sample.reshape(-1, 4000) for sample in drawn])
     assert np.mean(np.abs(noise) ** 2) == pytest.approx(1.0, abs=0.03)

@@ -9,8 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from builder.documents.reference import Disclosure
-from builder.documents.validity import validity_member
+from builder.reference import Disclosure, validity_member
 from eightpost.errors import ParameterError
 from eightpost.ident import fit_shock
 from eightpost.ident.shock import fit as fitting

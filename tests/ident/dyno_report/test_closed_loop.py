@@ -22,9 +22,9 @@ from eightpost.ident.dyno_report.page import (
     sections_of,
 )
 from eightpost.report.tables import Amount
-from eightpost.rig.dynamometer import random_multisine
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
+from eightpost.virtual.dynamometer import random_multisine
 
 from .conftest import RATE, run, two_lines
 

@@ -22,8 +22,8 @@ from eightpost.ident.dyno_report.loop import (
     ratio_at,
     slow_figures,
 )
-from eightpost.rig.dynamometer import random_multisine
 from eightpost.signals import TimeSeries
+from eightpost.virtual.dynamometer import random_multisine
 
 from .conftest import RATE, run, sine, two_lines, valve, viscous
 

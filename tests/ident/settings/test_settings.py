@@ -30,7 +30,7 @@ from eightpost.ident.shock.settings import (
 )
 from eightpost.ident.shock.settings_table import SettingsTable, joined_temperatures, read_settings_table
 from eightpost.ident.shock.simulation import simulate
-from eightpost.ident.validation.records import evaluate
+from eightpost.ident.validation.shock_tests import evaluate
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Axis, Lpf1, Polylinear, Port, Settings, Shock, Term, read_shock, write_shock
 from eightpost.signals import TimeSeries
