@@ -32,7 +32,7 @@ RecipeName = Literal["joint", "boggs"]
 #: The law of a fit if none is named, by recipe.
 DEFAULT_LAW = {"joint": "hysteresis", "boggs": "lpnl2"}
 
-#: Form of a law that has a recipe of its own (hysteresis_fit.py).
+#: Form of a law that has a recipe of its own (hysteresis.py).
 _LAGGED_VELOCITY = "lagged velocity"
 
 _NO_CHOICE = "the choice among laws, 'auto', was removed: omit the law, and hysteresis is fitted"
@@ -77,7 +77,7 @@ class Choices:
 
 
 def has_own_recipe(law: str) -> bool:
-    """Return whether a law is fitted by a recipe of its own (hysteresis_fit.py)."""
+    """Return whether a law is fitted by a recipe of its own (hysteresis.py)."""
     return fit_form(LAWS[law]) == _LAGGED_VELOCITY
 
 
