@@ -180,7 +180,7 @@ def check_signs(problem: Problem, H: Complex, drive: Array, record: RigRecord, p
 SCHEMA = 1
 
 #: File formats in which drive files are written beside Parquet.
-FORMATS = ("parquet", "csv", "mat")
+FORMATS = ("parquet", "csv", "mat", "drv")
 
 _STATE = "iteration.json"
 
