@@ -35,7 +35,7 @@ _KINDS = {7: _FLOATS, 0: _INTEGERS, 3: _INTEGERS, 5: _INTEGERS}
 class _Channel(NamedTuple):
     following: int
     place: int
-    count: int
+    number: int
     kind: int
     size: int
     rate: int
@@ -66,11 +66,11 @@ def read_ld(path: str | Path) -> tuple[RawRecord, ...]:
         if kind is None or not channel.scale or not channel.rate:
             notes.append(f"the channel {name!r} was left out: its type ({channel.kind}, {channel.size}) is unknown")
             continue
-        if channel.place + channel.count * channel.size > len(content):
+        if channel.place + channel.number * channel.size > len(content):
             raise FileFormatError("its samples end early: copy the file again", path=path, channel=name)
-        raw = np.frombuffer(content, kind, channel.count, channel.place).astype(np.float64)
+        raw = np.frombuffer(content, kind, channel.number, channel.place).astype(np.float64)
         samples = (raw / channel.scale * 10.0**-channel.decimals + channel.shift) * channel.factor
-        times = np.arange(channel.count) / channel.rate
+        times = np.arange(channel.number) / channel.rate
         signals.append(Signal(name, _plain(channel.unit), samples, times))
     texts = ((name, _plain(content[place : place + size])) for name, (place, size) in _TEXTS.items())
     return _tables(signals, path, tuple((f"{name}: {text}",) for name, text in texts if text), tuple(notes))
@@ -158,4 +158,4 @@ def _seconds(clock: NDArray[np.float64]) -> NDArray[np.float64]:
     minutes, seconds = np.divmod(rest, 100.0)
     time = 3600.0 * hours + 60.0 * minutes + seconds
     time = time + 86400.0 * np.concatenate([[0], np.cumsum(np.diff(time) < -43200.0)])
-    return np.round(time - time[0], 6)
+    return np.asarray(np.round(time - time[0], 6))

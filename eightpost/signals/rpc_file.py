@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -86,7 +86,7 @@ def _entries(content: bytes, count: int) -> dict[str, str]:
     return {name: value for name, value in found if name}
 
 
-def _values(data: memoryview, kind: np.dtype, count: int, group: int, points: int, path: Path) -> NDArray:
+def _values(data: memoryview, kind: np.dtype[Any], count: int, group: int, points: int, path: Path) -> NDArray[Any]:
     """Return the samples (C, N) of groups (C, P) that follow each other; the last one may be shorter."""
     whole, rest = divmod(points, group)
     size = whole * count * group
@@ -99,7 +99,7 @@ def _values(data: memoryview, kind: np.dtype, count: int, group: int, points: in
     return np.concatenate([parts, samples[size:].reshape(count, last)[:, :rest]], axis=1)
 
 
-def _filling(frame: NDArray) -> int:
+def _filling(frame: NDArray[Any]) -> int:
     """Return how many samples at the end of a frame (C, N) repeat the one before in all channels."""
     changes = np.flatnonzero((np.diff(frame, axis=1) != 0).any(axis=0))
     return int(frame.shape[1] - 2 - changes[-1]) if changes.size else 0
