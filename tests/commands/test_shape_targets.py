@@ -14,7 +14,7 @@ from eightpost.app import shape_search
 from eightpost.app.shape_search import targets_of
 from eightpost.shock import Shock, write_shock
 from eightpost.shock.shape import Shape, Side
-from eightpost.virtual.builds import NearestValving, Valving
+from eightpost.virtual.damper import NearestValving, Valving
 
 SOFT = Shape(Side(3e3, 1500.0, 0.1, 600.0, 100.0), Side(4e3, 1500.0, 0.1, 600.0, 100.0), lag=2e-3, gas=20.0)
 STIFF = SOFT.with_numbers({"rebound.low": 3000.0, "compression.high": 900.0})
