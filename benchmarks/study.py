@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.results.error_estimate import difference
+from cosim.session.result import difference
 from cosim.study import Study, StudyResult
 from cosim.study.running.evaluator import Evaluator, coupling_of
 from cosim.study.running.sweep import run_study

@@ -26,9 +26,9 @@ from dissertation.plots import (
 from eightpost.array_types import Array
 from eightpost.ident import simulate
 from eightpost.ident.preparation import Preparation, prepare
+from eightpost.ident.vehicle.boggs import CHAPTER_4, Boggs
 from eightpost.ident.vehicle.experiment import experiment_of, find_baseline
-from eightpost.ident.vehicle.many_setups import ManySetups
-from eightpost.ident.vehicle.recipes.boggs import CHAPTER_4, Boggs
+from eightpost.ident.vehicle.simulation import ManySetups
 from eightpost.ident.vehicle.siso_models import BandWeights, RationalFit
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.report.charts import Axis

@@ -11,9 +11,9 @@ import numpy as np
 from dissertation.true_cars import channels_of
 from eightpost.array_types import Array
 from eightpost.ident.preparation import Preparation, prepare
+from eightpost.ident.vehicle.boggs import Boggs
 from eightpost.ident.vehicle.experiment import Experiment, experiment_of, find_baseline
-from eightpost.ident.vehicle.many_setups import ManySetups
-from eightpost.ident.vehicle.recipes.boggs import Boggs
+from eightpost.ident.vehicle.simulation import ManySetups
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.rig import RigTest
 from eightpost.shock import Polylinear, ShockLaw, StaticCurve

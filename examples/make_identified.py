@@ -15,7 +15,7 @@ from eightpost.corners import CORNERS
 from eightpost.files import sha256_of
 from eightpost.ident.preparation import Preparation, prepare
 from eightpost.ident.vehicle.experiment import find_baseline
-from eightpost.ident.vehicle.recipes import recipe
+from eightpost.ident.vehicle.plan import recipe
 from eightpost.ident.vehicle.vehicle_fit import with_validity, write_fit
 from eightpost.signals import TimeSeries, write_parquet
 from eightpost.signals.filters import lowpass

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from eightpost.ident.preparation import Preparation
     from eightpost.ident.shock.force import GasTreatment
     from eightpost.ident.shock.law_fit import LawName, RecipeName, Robust
-    from eightpost.ident.vehicle import VehicleFit
+    from eightpost.ident.vehicle.vehicle_fit import VehicleFit
     from eightpost.progress import Progress
     from eightpost.rig import DynoTest, RigTest
     from eightpost.shock import Shock, ShockLaw
@@ -140,7 +140,7 @@ def simulate(
     """
     from eightpost.ident import ShockFit
     from eightpost.ident import simulate as force_of
-    from eightpost.ident.vehicle import VehicleFit
+    from eightpost.ident.vehicle.vehicle_fit import VehicleFit
     from eightpost.shock import Shock, ShockLaw
     from eightpost.signals import TimeSeries
     from eightpost.vehicle import IdentifiedVehicle
@@ -158,8 +158,7 @@ def simulate(
 
 
 def _with_shocks(vehicle: IdentifiedVehicle, series: TimeSeries, shocks: object) -> TimeSeries:
-    from eightpost.ident.vehicle.many_setups import closed_at_ports
-    from eightpost.ident.vehicle.simulation import ports_of
+    from eightpost.ident.vehicle.simulation import closed_at_ports, ports_of
 
     ports = ports_of(vehicle.state_space)
     given = dict(shocks) if isinstance(shocks, Mapping) else dict.fromkeys(ports, shocks)
@@ -236,7 +235,7 @@ def build(
         >>> shock.path
     """
     from builder.build import build as build_fmus
-    from builder.documents.reference import Disclosure
+    from builder.reference import Disclosure
 
     several = isinstance(sources, Sequence) and not isinstance(sources, str)
     if several and not sources:
@@ -258,7 +257,7 @@ def _source_file(source: object, folder: Path) -> Path:
     """Return the file of a source; that of an object is written first."""
     from builder.build import fmu_identifier
     from eightpost.ident import ShockFit
-    from eightpost.ident.vehicle import VehicleFit
+    from eightpost.ident.vehicle.vehicle_fit import VehicleFit
     from eightpost.shock import Shock, write_shock
     from eightpost.vehicle import IdentifiedVehicle, write_vehicle
 
@@ -325,7 +324,7 @@ def identify(
     """
     from eightpost.ident.preparation import Decimation, Preparation, prepare
     from eightpost.ident.vehicle.plan import plan_identification
-    from eightpost.ident.vehicle.recipes import recipe as recipe_of
+    from eightpost.ident.vehicle.plan import recipe as recipe_of
     from eightpost.progress import portion, reported_to
 
     for argument, value, unit in (("damping", damping, "N.s/m"), ("rate", rate, "Hz"), ("settling", settling, "s")):

@@ -11,10 +11,10 @@ from eightpost.errors import FileFormatError, InputError, missing_file, suggesti
 from eightpost.files import read_text
 
 if TYPE_CHECKING:
-    from cosim.results.result import SavedRun
-    from cosim.session.master import Case
+    from cosim.session.result import SavedRun
+    from cosim.session.run import Case
     from cosim.study import StudyResult
-    from eightpost.ident.vehicle import VehicleFit
+    from eightpost.ident.vehicle.vehicle_fit import VehicleFit
     from eightpost.rig import DynoTest, PeakVelocityTable, RigTest
     from eightpost.shock import Shock
     from eightpost.signals import ChannelMap, Drivefile
@@ -330,7 +330,7 @@ def _document(path: Path, kind: str) -> Readable:
         from cosim.study import StudyResult
 
         return StudyResult.load(path)
-    from cosim.results.result import SavedRun
+    from cosim.session.result import SavedRun
 
     return SavedRun.load(path)
 

@@ -67,7 +67,7 @@ def linearity(
     from eightpost.ident.linearity import Condition, Thresholds, judge_linearity
     from eightpost.ident.linearity_plots import plot_conditions, plot_output, write_effects, write_paths
     from eightpost.ident.preparation import prepare, read_preparation
-    from eightpost.ident.response import LocalPolynomial
+    from eightpost.ident.vehicle.estimators import LocalPolynomial
 
     console = Console(soft_wrap=True, highlight=False)
     how = read_preparation(how_file) if how_file else None

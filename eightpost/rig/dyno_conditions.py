@@ -130,7 +130,7 @@ def pairs(cells: tuple[str, ...]) -> Iterator[tuple[str, str]]:
 
 def _join(words: list[str]) -> str:
     """Join the cells of a value: a number and its unit with a space, other cells with commas."""
-    if len(words) == 2 and units.is_unit(words[1]) and re.fullmatch(r"[-+]?[\d.]+", words[0]):
+    if len(words) == 2 and re.fullmatch(r"[-+]?[\d.]+", words[0]) and units.is_unit(words[1]):
         return " ".join(words)
     return ", ".join(words)
 

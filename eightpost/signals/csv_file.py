@@ -439,9 +439,8 @@ def _names_above_numbers(lines: list[str], row: int) -> set[str]:
         if len(cells) < 2 or not all(cells) or any(map(is_number, cells)):
             continue
         below = [_cells(line, delimiter) for line in lines[row + 1 : row + 6] if line.strip()][:2]
-        if len(below) > 1 and units_row(below[0]):
-            below = below[1:]
-        if below and len(below[0]) <= len(cells) and sum(map(is_number, below[0])) >= 2:
+        rows = [len(row) <= len(cells) and sum(map(is_number, row)) >= 2 for row in below]
+        if rows[:1] == [True] or (rows[1:] == [True] and units_row(below[0])):
             return {split_header(cell)[0].lower() for cell in cells}
     return set()
 

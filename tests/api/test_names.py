@@ -34,7 +34,7 @@ def test_a_name_loads_no_numerical_library_before_it_is_called():
 
 @pytest.mark.slow
 def test_a_fit_loads_neither_of_the_libraries_that_take_half_a_second():
-    loaded = loaded_after("import eightpost.app.fit, eightpost.ident.shock.hysteresis_fit")
+    loaded = loaded_after("import eightpost.app.fit, eightpost.ident.shock.hysteresis")
     assert "scipy.optimize" in loaded and not {"scipy.signal", "scipy.stats"} & loaded
 
 

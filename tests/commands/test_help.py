@@ -17,7 +17,7 @@ from cosim.study.choice import selection
 from cosim.study.running import workers
 from eightpost.__main__ import VERBS, main
 from eightpost.ident.shock.law_fit import GasTreatment, RecipeName, Robust
-from eightpost.ident.vehicle.recipes import RECIPES
+from eightpost.ident.vehicle.plan import RECIPES
 from eightpost.shock import LAWS
 from eightpost.virtual.program import PROGRAMS, TRUTHS
 

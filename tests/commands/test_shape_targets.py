@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cosim.study.choice.continuous import Band, Range, ShockSpace
-from cosim.study.study import Build
-from eightpost.app import shape_search
-from eightpost.app.shape_search import targets_of
+from cosim.study.choice.optimise import Band, Range, ShockSpace
+from cosim.study.definition import Build
+from eightpost.api import shapes as shape_search
+from eightpost.api.shapes import targets_of
 from eightpost.shock import Shock, write_shock
 from eightpost.shock.shape import Shape, Side
 from eightpost.virtual.damper import NearestValving, Valving

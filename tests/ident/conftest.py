@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from eightpost.ident.shock.curve import CurveBasis
-from eightpost.ident.shock.lag import lag
-from eightpost.ident.shock.simulation import simulate
+from eightpost.ident.shock.simulation import lag, simulate
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Port, StaticCurve
 from eightpost.signals import TimeSeries

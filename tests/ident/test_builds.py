@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from eightpost.__main__ import main
 from eightpost.ident import fit_shock
-from eightpost.ident.shock.cross_validation import _left_out_builds
+from eightpost.ident.shock.law_fit import _left_out_builds
 from eightpost.ident.shock.runs import prepare_runs
 from eightpost.ident.shock.simulation import simulate
 from eightpost.rig.dyno_conditions import DynoConditions

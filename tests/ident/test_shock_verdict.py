@@ -11,7 +11,7 @@ import pytest
 
 from eightpost.checks.dyno import fault
 from eightpost.ident import fit_shock
-from eightpost.ident.shock.cross_validation import CrossValidation, HeldOutErrors
+from eightpost.ident.shock.law_fit import CrossValidation, HeldOutErrors
 from eightpost.ident.shock.runs import StrokeRange, prepare_runs, strokes
 from eightpost.ident.shock.verdict import peak_velocity_validity, shock_validity
 from eightpost.rig.dyno_test import DynoTest

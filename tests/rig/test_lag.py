@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eightpost.ident.shock.lag import lag as first_order
+from eightpost.ident.shock.simulation import lag as first_order
 from eightpost.rig.motion import (
     EARLIEST,
     LAG,

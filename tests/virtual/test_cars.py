@@ -17,8 +17,7 @@ from scipy.signal import lsim
 from eightpost.errors import ParameterError, StepError
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
-from eightpost.vehicle import quarter_car, seven_dof
-from eightpost.vehicle.structural import Corners
+from eightpost.vehicle.structural import Corners, QuarterCar, SevenDof
 from eightpost.virtual import (
     TRUTHS,
     LinearDamper,
@@ -85,11 +84,11 @@ def test_the_quarter_car_agrees_with_the_printed_equations():
     car = quarter_truth()
     drive = drive_of(car, 2.0)
     motion = moved(car, drive, 16.67 * DAMPING_UNIT)
-    printed = quarter_car.QuarterCar(
+    printed = QuarterCar(
         sprung_mass=675 * MASS, unsprung_mass=75 * MASS, suspension_stiffness=1280 * RATE_UNIT,
         tire_stiffness=1300 * RATE_UNIT, damping=16.67 * DAMPING_UNIT,
     )  # fmt: skip
-    expected = printed_response(quarter_car.with_damper(printed), drive, ["tire_force", "velocity"])
+    expected = printed_response(printed.with_damper(), drive, ["tire_force", "velocity"])
     assert error(motion.tire_force[0], expected["tire_force"]) < 1e-3
     assert error((car.shock @ motion.velocity)[0], expected["velocity"]) < 1e-3
 
@@ -99,7 +98,7 @@ def test_the_seven_dof_car_agrees_with_the_printed_equations():
     drive = drive_of(car, 2.0)
     motion = moved(car, drive, 30 * DAMPING_UNIT)
     inertia = MASS * INCH**2
-    printed = seven_dof.SevenDof(
+    printed = SevenDof(
         track_width=70 * INCH, cg_to_front_axle=60 * INCH, cg_to_rear_axle=50 * INCH, sprung_mass=2550 * MASS,
         roll_inertia=1.5e6 * inertia, pitch_inertia=5.5e6 * inertia,
         unsprung_mass=Corners.axles(101 * MASS, 124 * MASS),
@@ -107,7 +106,7 @@ def test_the_seven_dof_car_agrees_with_the_printed_equations():
         tire_stiffness=Corners.same(2000 * RATE_UNIT), damping=Corners.same(30 * DAMPING_UNIT),
     )  # fmt: skip
     names = [f"{c}.{q}" for q in ("tire_force", "velocity") for c in car.corners]
-    expected = printed_response(seven_dof.with_damper(printed), drive, names)
+    expected = printed_response(printed.with_damper(), drive, names)
     for k, corner in enumerate(car.corners):
         assert error(motion.tire_force[k], expected[f"{corner}.tire_force"]) < 1e-3
         assert error((car.shock @ motion.velocity)[k], expected[f"{corner}.velocity"]) < 1e-3

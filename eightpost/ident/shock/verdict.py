@@ -10,11 +10,11 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.errors import EightpostError
-from eightpost.ident.shock.cross_validation import HeldOutErrors
 from eightpost.ident.shock.dynamics import FadingLag
-from eightpost.ident.shock.force import linear_solution
-from eightpost.ident.shock.problem import Solution, quantile, standard_error
+from eightpost.ident.shock.law_fit import HeldOutErrors
+from eightpost.ident.shock.problem import Solution, quantile
 from eightpost.ident.shock.runs import ONE_FREQUENCY, Runs, StrokeRange
+from eightpost.least_squares import linear_solution, standard_error
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.motion import force_lag
 from eightpost.units import convert, us_customary

@@ -12,9 +12,9 @@ from scipy.stats import rankdata
 from eightpost.array_types import Array, Complex
 from eightpost.errors import MissingChannelError, ParameterError, TooShortError
 from eightpost.ident.preparation import Decimation, Preparation, prepare
-from eightpost.ident.response import FrequencyResponse
 from eightpost.ident.validation.records import STANDING, ErrorSpectrum, Kind, Recognition, Record, error_spectrum
 from eightpost.ident.vehicle.experiment import quantity
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse
 from eightpost.ident.vehicle.static_rating import holds
 from eightpost.rig import RigConditions, RigTest
 from eightpost.signals import TimeSeries

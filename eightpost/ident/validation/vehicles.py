@@ -29,12 +29,10 @@ from eightpost.ident.validation.comparison import (
     with_total,
 )
 from eightpost.ident.validation.records import ErrorSpectrum
-from eightpost.ident.vehicle import VehicleFit, write_fit
 from eightpost.ident.vehicle.experiment import Ranges, lifted_tires, quantity
-from eightpost.ident.vehicle.many_setups import closed_at_ports
 from eightpost.ident.vehicle.measured_levels import MeasuredLevels
-from eightpost.ident.vehicle.simulation import open_at_ports, ports_of
-from eightpost.ident.vehicle.vehicle_fit import fit_files
+from eightpost.ident.vehicle.simulation import closed_at_ports, open_at_ports, ports_of
+from eightpost.ident.vehicle.vehicle_fit import VehicleFit, fit_files, write_fit
 from eightpost.outputs import replacing
 from eightpost.shock import ShockLaw
 from eightpost.signals import TimeSeries

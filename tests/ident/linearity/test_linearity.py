@@ -20,7 +20,7 @@ from eightpost.ident.linearity import (
     judge_linearity,
 )
 from eightpost.ident.preparation import prepare
-from eightpost.ident.response import LocalPolynomial
+from eightpost.ident.vehicle.estimators import LocalPolynomial
 from eightpost.rig import RigTest
 from eightpost.signals import TimeSeries
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eightpost.ident.response import FrequencyResponse, response_of
 from eightpost.ident.validation.comparison import RigRecord, rig_record
-from eightpost.ident.vehicle import VehicleFit
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, response_of
+from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.rig import RigConditions, RigTest
 from eightpost.units import convert
 from eightpost.vehicle import Friction as PortFriction
