@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from eightpost.array_types import Array, Complex
 from eightpost.ident.validation.comparison import Comparison, Response, SineOutput, Trend
 from eightpost.ident.validation.vehicles import Limits, VehicleCase, VehicleValidation, vehicle_verdict
-from eightpost.ident.vehicle import VehicleFit
 from eightpost.ident.vehicle.experiment import quantity
 from eightpost.ident.vehicle.trust import Orders
-from eightpost.ident.vehicle.vehicle_fit import TENTH
+from eightpost.ident.vehicle.vehicle_fit import TENTH, VehicleFit
 from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, Panel, grid_figure
 from eightpost.report.page import Block, Section, digest, document, write_page
 from eightpost.report.tables import NONE, Amount, Cell, ResultTable
