@@ -162,7 +162,7 @@ def chapter_of(experiment: Experiment) -> Chapter:
     return CHAPTER_6 if any(name.endswith(".aero") for name in experiment.rig) else CHAPTER_5
 
 
-def _estimated(records: Records, experiment: Experiment, chapter: Chapter) -> tuple[FrequencyResponse, tuple[str, str]]:
+def _estimated(records: Records, experiment: Experiment, chapter: Chapter) -> tuple[FrequencyResponse, tuple[str, ...]]:
     """Return an estimate with notes on its method and on the bias by noise of the inputs."""
     shortest = min(test.u.shape[1] for test in records.tests) / records.rate
     requested, longest = (2.0 * shortest / (count + 1) for count in (chapter.blocks, _FEWEST_BLOCKS))

@@ -531,8 +531,8 @@ def balance(model: StateSpace, input_sizes: Array, output_sizes: Array) -> _Bala
     # The inverse: for a block ((1, i), (1, -i)) it is half the conjugate transpose.
     real = csr_array(modal.conj().T.multiply(1.0 / np.asarray(abs(modal).sum(axis=1)).ravel()[None, :]))
     B, C = modal @ (model.B * input_sizes), (model.C / output_sizes[:, None]) @ real
-    reach = real @ (-(B @ B.conj().T) / (poles[:, None] + poles.conj()[None, :])) @ real.conj().T
-    sight = modal.conj().T @ (-(C.conj().T @ C) / (poles.conj()[:, None] + poles[None, :])) @ modal
+    reach = np.asarray(real @ (-(B @ B.conj().T) / (poles[:, None] + poles.conj()[None, :])) @ real.conj().T)
+    sight = np.asarray(modal.conj().T @ (-(C.conj().T @ C) / (poles.conj()[:, None] + poles[None, :])) @ modal)
     # Scale each state to be equally controllable and observable, as newtons and metres differ by orders of magnitude.
     units = (np.diag(sight).real / np.diag(reach).real) ** 0.25
     reached = _factor(reach * np.outer(units, units)) / units[:, None]
