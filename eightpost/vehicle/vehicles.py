@@ -568,7 +568,8 @@ def _vehicle(content: dict[str, Any], origin: str) -> IdentifiedVehicle:
 
     def matrix(key: str, *shape: int) -> Array:
         """Return a matrix; one without states is an empty list."""
-        return np.zeros(shape) if 0 in shape else np.asarray(content[key], dtype=np.float64)
+        values = np.asarray(content[key], dtype=np.float64)
+        return np.zeros(shape) if values.size == 0 and 0 in shape else values
 
     A, B, C, D = matrix("A", n, n), matrix("B", n, m), matrix("C", p, n), matrix("D", p, m)
     model = StateSpace(A, B, C, D, inputs, outputs, content.get("dt"), str(content.get("model_name", name)))
