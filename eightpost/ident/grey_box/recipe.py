@@ -20,12 +20,19 @@ from eightpost.ident.vehicle.common_poles import relative_deviations
 from eightpost.ident.vehicle.estimators import LocalPolynomial, estimate_response, input_noise
 from eightpost.ident.vehicle.experiment import Experiment, ranges_of
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse
-from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.port_search import MODELLED, nonlinear_spring_sentence
 from eightpost.ident.vehicle.records import gather
 from eightpost.ident.vehicle.simulation import with_port_laws
 from eightpost.ident.vehicle.stability import closed_loop_stability
-from eightpost.ident.vehicle.trust import NOT_SIMULATED, SIGNIFICANT, UNUSABLE, ForceEstimate, OutputTrust, Trust
+from eightpost.ident.vehicle.trust import (
+    NOT_SIMULATED,
+    SIGNIFICANT,
+    UNUSABLE,
+    ForceEstimate,
+    MeasuredLevels,
+    OutputTrust,
+    Trust,
+)
 from eightpost.ident.vehicle.vehicle_fit import FittedParameter, VehicleFit
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import IdentifiedVehicle, StateSpace

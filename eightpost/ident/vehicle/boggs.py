@@ -18,7 +18,6 @@ from eightpost.ident.vehicle.frequency_response import (
     contribution_error,
     response_of,
 )
-from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.records import Blocks, Records, gather
 from eightpost.ident.vehicle.siso_models import (
     AEROLOADERS,
@@ -33,7 +32,7 @@ from eightpost.ident.vehicle.siso_models import (
     may_have_direct_term,
 )
 from eightpost.ident.vehicle.stability import closed_loop_stability
-from eightpost.ident.vehicle.trust import NOT_SIMULATED, UNUSABLE, Trust
+from eightpost.ident.vehicle.trust import NOT_SIMULATED, UNUSABLE, MeasuredLevels, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.progress import beats, portion
 from eightpost.signals import TimeSeries
