@@ -24,12 +24,11 @@ from eightpost.ident.vehicle.records import Blocks
 from eightpost.ident.vehicle.simulation import ManySetups
 from eightpost.ident.vehicle.siso_models import QUARTER_CAR, RationalFit, TransferFunction
 from eightpost.report.charts import Axis
-from eightpost.rig import random_multisine
-from eightpost.rig.post import LinearDamper, quarter_truth
-from eightpost.rig.post.drivefiles import RATE
 from eightpost.signals import TimeSeries
 from eightpost.units import si_factor
 from eightpost.vehicle import StateSpace, add_port_damping
+from eightpost.virtual import LinearDamper, quarter_truth, random_multisine
+from eightpost.virtual.drivefiles import RATE
 
 #: Number of blocks and highest frequency of the excitation [Hz] (4.4.1).
 _BLOCKS, _HIGH = 20, 50.0

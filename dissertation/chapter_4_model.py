@@ -16,12 +16,11 @@ from dissertation.plots import FREQUENCY, Line, Plot, decibel_axis, decibels, fi
 from eightpost.array_types import Array, Complex
 from eightpost.ident.vehicle.siso_models import QUARTER_CAR, RationalFit
 from eightpost.report.charts import Figure
-from eightpost.rig import CONFIGURATIONS
-from eightpost.rig.damper import SHIMS_OF_BUILD
-from eightpost.rig.damper.valves import SHIM_SETS
-from eightpost.rig.post.drivefiles import RATE, TABLE_4_4, quarter_random
 from eightpost.units import si_factor
 from eightpost.vehicle import QuarterCar, StructuralVehicle, read_vehicle, shipped
+from eightpost.virtual import CONFIGURATIONS, SHIMS_OF_BUILD
+from eightpost.virtual.drivefiles import RATE, TABLE_4_4, quarter_random
+from eightpost.virtual.valves import SHIM_SETS
 
 _FREQUENCY = np.geomspace(0.5, 30.0, 1500)
 _INPUTS = ("road", "aero_force", "force")

@@ -47,9 +47,9 @@ from eightpost.ident.vehicle.frequency_response import (
     response_of,
 )
 from eightpost.report.charts import Axis, Figure
-from eightpost.rig.post.drivefiles import RATE
 from eightpost.units import si_factor
 from eightpost.vehicle import CORNERS
+from eightpost.virtual.drivefiles import RATE
 
 _BAND = (0.5, 20.0)
 

@@ -19,13 +19,11 @@ from eightpost.array_types import Array, Complex
 from eightpost.ident.vehicle.siso_models import AEROLOADERS, WHEELLOADERS
 from eightpost.report.charts import Axis
 from eightpost.report.tables import ResultTable
-from eightpost.rig import shim_build
-from eightpost.rig.post import random_drive, static_drive
-from eightpost.rig.post.car import displacement_modes, force_modes
-from eightpost.rig.post.drivefiles import HEAVE_SINES, TILT_SINES
-from eightpost.rig.synthetic import AEROLOADER, WHEELLOADER
+from eightpost.rig.geometry import displacement_modes, force_modes
 from eightpost.units import si_factor
 from eightpost.vehicle import CORNERS
+from eightpost.virtual import random_drive, shim_build, static_drive
+from eightpost.virtual.drivefiles import AEROLOADER, HEAVE_SINES, TILT_SINES, WHEELLOADER
 
 _INCH, _POUND, _DAMPING = (si_factor(unit) for unit in ("in", "lbf", "lbf/(in/s)"))
 

@@ -15,17 +15,16 @@ from hypothesis import strategies as st
 from scipy.io import loadmat
 
 from builder.build import product_of
-from builder.documents.reference import Disclosure
-from builder.documents.validity import combined_member, validity_member
-from builder.native.native_fmu import without_binaries
+from builder.native_fmu import without_binaries
+from builder.reference import Disclosure, combined_member, validity_member
 from eightpost.errors import InputError
 from eightpost.ident.dyno_report.entry import entry_of_shock
 from eightpost.ident.dyno_report.page import report_verdict
-from eightpost.ident.exports.export import export
-from eightpost.ident.exports.shock_table import shock_table
+from eightpost.ident.export import export
+from eightpost.ident.shock_table import shock_table
 from eightpost.ident.validation.shocks import ShockValidation, shock_verdict
 from eightpost.shock import Port, Shock, read_shock, write_shock
-from eightpost.shock.fit_uncertainty import fitted_parameters
+from eightpost.shock.file import fitted_parameters
 from eightpost.validity import MEMBER, Range, Validity, judged
 from eightpost.vehicle import Friction, IdentifiedVehicle, add_port_damping, read_vehicle, shipped, write_vehicle
 from eightpost.vehicle.friction import Bristle

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from eightpost.ident.shock.law_fit import LawName, RecipeName, Robust
     from eightpost.ident.vehicle.vehicle_fit import VehicleFit
     from eightpost.progress import Progress
-    from eightpost.rig import DynoTest
-    from eightpost.rig.post import RigTest
+    from eightpost.rig import DynoTest, RigTest
     from eightpost.shock import Shock, ShockLaw
     from eightpost.signals import ChannelMap, TimeSeries
     from eightpost.vehicle import IdentifiedVehicle
@@ -236,7 +235,7 @@ def build(
         >>> shock.path
     """
     from builder.build import build as build_fmus
-    from builder.documents.reference import Disclosure
+    from builder.reference import Disclosure
 
     several = isinstance(sources, Sequence) and not isinstance(sources, str)
     if several and not sources:
@@ -361,7 +360,7 @@ def identify(
 def _rig_tests(given: Sequence[str | Path | RigTest], channel_map: ChannelMap | None) -> Iterator[RigTest]:
     """Yield tests; files are read one by one, because a whole car's test takes much memory."""
     from eightpost.progress import parts
-    from eightpost.rig.post import RigTest, read_rig_test
+    from eightpost.rig import RigTest, read_rig_test
 
     for one in given:
         if isinstance(one, str | Path):

@@ -237,7 +237,7 @@ def simulate(
     from eightpost.app.progress import bar
     from eightpost.drivefile import IterationFolder, Status
     from eightpost.drivefile.folder import iterate
-    from eightpost.rig.post.program import Bench
+    from eightpost.virtual.program import Bench
 
     console = Console(soft_wrap=True, highlight=False)
     iteration = IterationFolder.read(folder)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from eightpost.ident.vehicle.experiment import Baseline
     from eightpost.ident.vehicle.static_rating import StaticRating
     from eightpost.ident.vehicle.vehicle_fit import VehicleFit
-    from eightpost.rig.post import RigTest
+    from eightpost.rig import RigTest
     from eightpost.signals import ChannelMap
     from eightpost.verdict import Verdict
 
@@ -94,7 +94,7 @@ def identify(  # one parameter per option
     from eightpost.ident.preparation import Decimation, Preparation, prepare, read_preparation
     from eightpost.ident.vehicle.plan import plan_identification
     from eightpost.ident.vehicle.vehicle_fit import write_fit
-    from eightpost.rig.post.rig_test import read_rig_tests
+    from eightpost.rig.rig_test import read_rig_tests
 
     console = Console()
     _check(rig_files, baseline)

@@ -17,7 +17,7 @@ from eightpost.report.console import Table, console_table
 
 if TYPE_CHECKING:
     from eightpost.ident.linearity import Linearity
-    from eightpost.rig.post import RigTest
+    from eightpost.rig import RigTest
     from eightpost.signals import ChannelMap
 
 
@@ -93,7 +93,7 @@ def linearity(
 
 
 def _tests(files: Sequence[Path], channel_map: ChannelMap | None) -> Iterator[RigTest]:
-    from eightpost.rig.post import read_rig_test
+    from eightpost.rig import read_rig_test
 
     for path in each(Console(stderr=True), files, "reading", len(files)):
         yield read_rig_test(path, channel_map=channel_map)

@@ -20,10 +20,10 @@ from eightpost.errors import DataError, FileFormatError, InputError, TooShortErr
 from eightpost.files import MALFORMED, atomic_path, check_schema, json_content, sha256_of
 from eightpost.ident.vehicle.frequency_response import read_response, write_response
 from eightpost.outputs import check_folder
-from eightpost.rig.post.program import Bench
 from eightpost.signals import ChannelMap, Drivefile, TimeSeries
 from eightpost.signals.formats import read_series, write_series
 from eightpost.verdict import Verdict, edited, is_intact, sealed
+from eightpost.virtual.program import Bench
 
 # ==== Records of the rig: synchronisation with the drive file, and checks ============================================
 

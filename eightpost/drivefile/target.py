@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from eightpost.array_types import Array, Complex
 from eightpost.corners import CORNERS, channel
 from eightpost.errors import ConstantChannelError, MissingChannelError, ParameterError, TooShortError
-from eightpost.rig.post.rig_test import CHANNEL_UNITS, rig_map
+from eightpost.rig.rig_test import CHANNEL_UNITS, rig_map
 from eightpost.signals import ChannelMap, TimeSeries
 from eightpost.signals.filters import lowpass
 from eightpost.signals.formats import read_record

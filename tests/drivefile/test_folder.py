@@ -12,13 +12,13 @@ from click.testing import CliRunner
 from eightpost.__main__ import main
 from eightpost.drivefile import IterationFolder
 from eightpost.drivefile.page import verdict_of
-from eightpost.rig.post import RigSensors, quarter_truth, run_test
-from eightpost.rig.post.truths import LinearDamper
 from eightpost.signals import Drivefile, TimeSeries, read_series
 from eightpost.signals.formats import write_series
 from eightpost.units import convert
 from eightpost.vehicle import shipped
 from eightpost.verdict import Grade
+from eightpost.virtual import RigSensors, quarter_truth, run_test
+from eightpost.virtual.shocks import LinearDamper
 
 #: The damper of Table 4.1, so that the linear car of the table is the car on the rig.
 DAMPER = "16.67 lbf.s/in"

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.corners import CORNERS
-from eightpost.rig.post import RigTest
+from eightpost.rig import RigTest
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
 from eightpost.vehicle import add_port_damping, read_vehicle, shipped

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from eightpost.__main__ import main
 from eightpost.ident.vehicle.vehicle_fit import read_fit
-from eightpost.rig.post import RigTest
+from eightpost.rig import RigTest
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import read_vehicle
 

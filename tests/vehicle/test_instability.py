@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from builder.fmu.product import vehicle_product
+from builder.product import vehicle_product
 from eightpost.errors import FmuError
 from eightpost.ident.vehicle.stability import closed_loop_stability
 from eightpost.vehicle import Channel, IdentifiedVehicle, StateSpace, read_vehicle, shipped

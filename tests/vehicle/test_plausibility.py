@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from builder.documents.validity import validity_of
+from builder.reference import validity_of
 from eightpost.units import convert
 from eightpost.vehicle import Corners, QuarterCar, SevenDof, StructuralVehicle, read_vehicle, shipped
 from eightpost.vehicle.structural import MISTAKES, USUAL, doubts

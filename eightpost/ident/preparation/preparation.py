@@ -11,6 +11,7 @@ import numpy as np
 from scipy.signal import cheby1, sosfiltfilt
 
 from eightpost.array_types import Array
+from eightpost.checks.fault import Fault
 from eightpost.corners import CORNERS, channel
 from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.files import toml_content
@@ -24,10 +25,9 @@ from eightpost.ident.preparation.lags import (
     record_lags,
 )
 from eightpost.ident.preparation.plausibility import record_findings
-from eightpost.ident.preparation.plausibility_rules import WRONG_DELAY, Finding
 from eightpost.ident.threads import for_each
-from eightpost.rig.post.car import MODES, Geometry, displacement_modes, force_modes, ride_heights
-from eightpost.rig.post.rig_test import CHANNEL_UNITS, RigTest
+from eightpost.rig.geometry import MODES, Geometry, displacement_modes, force_modes, ride_heights
+from eightpost.rig.rig_test import CHANNEL_UNITS, RigTest
 from eightpost.signals.filters import velocity_from_displacement
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert, quantity
@@ -174,7 +174,7 @@ class Prepared:
     steps: tuple[str, ...]  #: Descriptions of the steps that were applied to all records, a sentence each.
     notes: tuple[str, ...]  #: Findings that the user should check, a sentence each.
     sources: Mapping[str, str]  #: SHA-256 digest of each file by name.
-    findings: tuple[tuple[Finding, ...], ...] = ()  #: Channels of each record that contradict the mechanics of the car.
+    findings: tuple[tuple[Fault, ...], ...] = ()  #: Channels of each record that contradict the mechanics of the car.
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
@@ -201,9 +201,9 @@ class Prepared:
         return (*lines, *self.steps, *(f"note: {note}" for note in self.notes))
 
 
-def _places(names: Sequence[str], findings: Sequence[Sequence[Finding]]) -> Iterator[tuple[Finding, Sequence[str]]]:
+def _places(names: Sequence[str], findings: Sequence[Sequence[Fault]]) -> Iterator[tuple[Fault, Sequence[str]]]:
     """Yield each finding with the names of the records that have it, in the words of the first one."""
-    found: dict[tuple[str, tuple[str, ...]], tuple[Finding, list[str]]] = {}
+    found: dict[tuple[str, tuple[str, ...]], tuple[Fault, list[str]]] = {}
     for name, own in zip(names, findings, strict=True):
         for finding in own:
             found.setdefault((finding.rule.name, finding.channels), (finding, []))[1].append(name)
@@ -281,7 +281,7 @@ class _Single(NamedTuple):
     means: Mapping[str, float]
     lags: tuple[Lag, ...]
     drifts: tuple[Lag, ...]
-    findings: tuple[Finding, ...]
+    findings: tuple[Fault, ...]
     steps: tuple[str, ...]
     sha256: str
     full: TimeSeries | None
@@ -384,12 +384,14 @@ def _steps(single: _Single, how: Preparation) -> tuple[str, ...]:
     )
 
 
-def unexplained_lags(lags: Iterable[Lag], findings: Sequence[Finding]) -> tuple[Lag, ...]:
+def unexplained_lags(lags: Iterable[Lag], findings: Sequence[Fault]) -> tuple[Lag, ...]:
     """Return the notable lags of a record, without those of channels that a finding already reports as out of step.
 
     The lag `tire_force` is that of all corners together, so it is reported by a finding on any of them.
     """
-    delayed = {name for finding in findings if finding.rule is WRONG_DELAY for name in finding.channels}
+    delayed = {
+        name for finding in findings if finding.rule.name == "a channel is out of step" for name in finding.channels
+    }
     delayed |= {name.rpartition(".")[2] for name in delayed}
     return tuple(lag for lag in lags if lag.is_notable and lag.channel not in delayed)
 

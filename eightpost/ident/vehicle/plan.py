@@ -20,7 +20,7 @@ from eightpost.ident.vehicle.port_search import about_tests
 from eightpost.ident.vehicle.simulation import port_slope
 from eightpost.ident.vehicle.static_rating import StaticRating, rate_tests
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, with_validity
-from eightpost.rig.post import RigTest
+from eightpost.rig import RigTest
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade, Reason, Rules, listed
 

@@ -19,8 +19,8 @@ from eightpost.array_types import Array
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError
 from eightpost.ident.preparation import Decimation, Preparation, prepare
-from eightpost.rig.post import RigTest
-from eightpost.rig.post.car import MODES
+from eightpost.rig import RigTest
+from eightpost.rig.geometry import MODES
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
 

@@ -17,7 +17,7 @@ from scipy.signal import freqresp
 
 from eightpost.__main__ import main
 from eightpost.errors import FileFormatError, InputError
-from eightpost.ident.exports import to_frd, write_response_mat, write_response_uff, write_vehicle_mat
+from eightpost.ident.export import to_frd, write_response_mat, write_response_uff, write_vehicle_mat
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse, response_of, write_response
 from eightpost.vehicle import (
     Channel,

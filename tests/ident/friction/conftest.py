@@ -9,9 +9,14 @@ import pytest
 from scipy.signal import decimate
 
 from eightpost.ident.vehicle.experiment import experiment_of
-from eightpost.rig.post import NO_DRIFT, Friction, LinearDamper, RigSensors, quarter_truth, random_drive, run_test
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
+from eightpost.virtual.car import Friction
+from eightpost.virtual.drivefiles import random_drive
+from eightpost.virtual.program import NO_DRIFT, run_test
+from eightpost.virtual.shocks import LinearDamper
+from eightpost.virtual.simulate import RigSensors
+from eightpost.virtual.truths import quarter_truth
 
 COULOMB = convert(15.0, "lbf", "N")
 STIFFNESS = convert(4000.0, "lbf/in", "N/m")

@@ -8,8 +8,8 @@ from eightpost.ident.validation.comparison import rig_record
 from eightpost.ident.validation.vehicles import validate_vehicle
 from eightpost.ident.vehicle.common_poles import CommonPoles
 from eightpost.ident.vehicle.port_search import FrictionSearch
-from eightpost.rig.post import NO_DRIFT, LinearDamper, RigSensors, random_drive, run_test
 from eightpost.shock import Polylinear, StaticCurve
+from eightpost.virtual import NO_DRIFT, LinearDamper, RigSensors, random_drive, run_test
 
 from .conftest import BASELINE, COULOMB, rubbing_car
 

@@ -21,7 +21,7 @@ from eightpost.ident.linearity import (
 )
 from eightpost.ident.preparation import prepare
 from eightpost.ident.vehicle.estimators import LocalPolynomial
-from eightpost.rig.post import RigTest
+from eightpost.rig import RigTest
 from eightpost.signals import TimeSeries
 
 from ..linear_rig import DAMPING, car, record

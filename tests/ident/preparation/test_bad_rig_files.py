@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from eightpost.__main__ import main
 from eightpost.ident.preparation import advance_channels, prepare
-from eightpost.rig.post import RigTest
+from eightpost.rig import RigTest
 from eightpost.signals import TimeSeries
 
 from ..linear_rig import record

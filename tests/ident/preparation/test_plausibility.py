@@ -10,22 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm, t
 
+from eightpost.checks.rig import RULES
 from eightpost.corners import CORNERS
 from eightpost.ident.preparation import advance_channels, prepare
+from eightpost.ident.preparation.channel_faults import clipped, spikes
 from eightpost.ident.preparation.mechanics import SIGNIFICANT, Comparison, Kind, few_blocks_factor
 from eightpost.ident.preparation.plausibility import findings_of, record_findings
-from eightpost.ident.preparation.plausibility_rules import (
-    CLIPPED,
-    DISCONNECTED,
-    SPIKES,
-    SWAPPED,
-    WRONG_DELAY,
-    WRONG_SCALE,
-    WRONG_SIGN,
-    clipped,
-    spikes,
-)
-from eightpost.rig.post import RigTest
+from eightpost.rig import RigTest
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import read_vehicle
 from eightpost.verdict import Grade
@@ -33,6 +24,7 @@ from eightpost.verdict import Grade
 from ..linear_rig import DAMPING, record
 from .test_bad_rig_files import run, written
 
+WRONG_SCALE, WRONG_SIGN, WRONG_DELAY, SWAPPED, DISCONNECTED, CLIPPED, SPIKES, _ = RULES
 QUANTITIES = ("road", "tire_force", "displacement", "velocity", "force", "hub_acceleration", "chassis_acceleration")
 CHANNELS = tuple(f"{corner}.{quantity}" for corner in CORNERS for quantity in QUANTITIES)
 
@@ -118,7 +110,7 @@ def test_a_potentiometer_that_reads_10_percent_more_than_its_sibling_is_named(so
         series = with_row(series, name, 1.1 * sound[name])
     found = only(record_findings(series, CORNERS))
     assert found.rule == WRONG_SCALE
-    assert "lf.displacement" in found.text
+    assert "lf.displacement" in found.figure
 
 
 @pytest.mark.parametrize(("name", "share"), [("lf.displacement", 0.01), ("rr.force", 0.03), ("lr.road", 0.03)])
@@ -126,7 +118,7 @@ def test_clipped_peaks_are_named(sound, name, share):
     low, high = np.quantile(sound[name], [0.5 * share, 1.0 - 0.5 * share])
     found = record_findings(with_row(sound, name, np.clip(sound[name], low, high)), CORNERS)
     assert {(one.rule, one.channels) for one in found} == {(CLIPPED, (name,))}
-    assert any(f"at the highest value {high:.6g} (SI)" in one.text for one in found)
+    assert any(f"at the highest value {high:.6g} (SI)" in one.figure for one in found)
 
 
 def test_the_flat_top_of_one_peak_is_not_clipped(sound):
@@ -141,7 +133,7 @@ def test_a_value_that_is_repeated_for_60_ms_is_a_dropout(sound, name):
     values[12_500:12_576] = values[12_500]
     found = only(record_findings(with_row(sound, name, values), CORNERS))
     assert (found.rule, found.channels) == (SPIKES, (name,))
-    assert "repeats one value from 10 s to 10.06 s" in found.text
+    assert "repeats one value from 10 s to 10.06 s" in found.figure
 
 
 @pytest.mark.parametrize("name", ["lf.force", "rr.tire_force", "rf.hub_acceleration", "lr.displacement"])
@@ -159,7 +151,7 @@ def test_a_wrong_scale_of_any_channel_is_named_with_its_factor(sound, name, size
     factor = float(np.exp(size if up else -size))
     found = only(record_findings(with_row(sound, name, factor * sound[name]), CORNERS))
     assert (found.rule, found.channels) == (WRONG_SCALE, (name,))
-    assert float(found.text.split(" is ")[1].split(" times")[0]) == pytest.approx(factor, rel=0.05)
+    assert float(found.figure.split(" is ")[1].split(" times")[0]) == pytest.approx(factor, rel=0.05)
 
 
 @pytest.mark.repeated
@@ -228,7 +220,7 @@ def test_a_spike_of_8_standard_deviations_is_named_with_its_time(sound, name):
     values[12_500] += 8.0 * values.std()
     found = only(record_findings(with_row(sound, name, values), CORNERS))
     assert (found.rule, found.channels) == (SPIKES, (name,))
-    assert "at 10 s" in found.text
+    assert "at 10 s" in found.figure
 
 
 def test_a_bump_that_several_channels_see_is_no_spike(sound):
@@ -270,7 +262,7 @@ def test_pots_and_load_cells_that_are_swapped_together_are_named(sound, pair):
         series = with_row(with_row(series, first, sound[second]), second, sound[first])
     found = only(record_findings(series, CORNERS))
     assert found.rule is SWAPPED
-    assert found.text.startswith(f"{pair[0]} and {pair[1]} are swapped in displacement, velocity, force")
+    assert found.figure.startswith(f"{pair[0]} and {pair[1]} are swapped in displacement, velocity, force")
 
 
 def test_two_faults_in_one_record_are_both_named(sound):
@@ -287,7 +279,7 @@ def test_one_quantity_that_is_wrong_at_all_corners_is_one_finding(sound):
         series = with_row(series, f"{corner}.tire_force", sound[f"{corner}.tire_force"] / 4.4482)
     found = only(record_findings(series, CORNERS))
     assert found.channels == tuple(f"{corner}.tire_force" for corner in CORNERS)
-    assert found.text.startswith("tire_force of all corners is 0.225 times")
+    assert found.figure.startswith("tire_force of all corners is 0.225 times")
     assert "its unit is probably lbf, but it is read as N; give unit = 'lbf'" in found.remedy
 
 
@@ -300,7 +292,7 @@ def test_forces_that_are_all_wrong_by_one_factor_are_found_with_the_mass_only(so
             series = with_row(series, name, 1.3 * sound[name])
     assert record_findings(series, CORNERS) == ()
     (found,) = record_findings(series, CORNERS, mass=1360.0)
-    assert "all forces are 1.3" in found.text
+    assert "all forces are 1.3" in found.figure
     assert record_findings(sound, CORNERS, mass=1360.0) == ()
 
 
@@ -356,8 +348,8 @@ def test_a_law_that_no_single_channel_explains_is_stated_once_with_its_worst_fig
     late = Comparison("law b", Kind.DELAY, -0.03, 1e-3, 0.0, {"lf.road": 1.0})
     first, second = findings_of([], [gain, gain._replace(value=np.log(0.4)), late, late._replace(value=0.02)])
     assert first.channels == ("lf.force", "rf.force")
-    assert first.text == (
+    assert first.figure == (
         "lf.force, rf.force contradict law a: a ratio is 0.4 of its expected value (limit 1.05), and no single channel "
         "explains it"
     )
-    assert "lf.road contradict law b: a delay is -30 ms (limit 1 ms)" in second.text
+    assert "lf.road contradict law b: a delay is -30 ms (limit 1 ms)" in second.figure

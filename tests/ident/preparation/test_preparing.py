@@ -25,9 +25,13 @@ from eightpost.ident.preparation import (
 )
 from eightpost.ident.vehicle.estimators import LocalPolynomial, estimate_response
 from eightpost.ident.vehicle.frequency_response import contribution_error, response_of
-from eightpost.rig.post import LinearDamper, RigTest, quarter_truth, run_test, sine_drive, stand_in_truth
-from eightpost.rig.post.car import displacement_modes, force_modes
+from eightpost.rig import RigTest
+from eightpost.rig.geometry import displacement_modes, force_modes
 from eightpost.signals import TimeSeries
+from eightpost.virtual.drivefiles import sine_drive
+from eightpost.virtual.program import run_test
+from eightpost.virtual.shocks import LinearDamper
+from eightpost.virtual.truths import quarter_truth, stand_in_truth
 
 from ..linear_rig import RATE, car, record, spectrum
 

@@ -9,9 +9,13 @@ import pytest
 
 from eightpost.errors import InputError
 from eightpost.ident.vehicle.static_rating import StaticRating, rate_statically
-from eightpost.rig.post import NO_DRIFT, LinearDamper, RigSensors, run_test, stand_in_truth, static_drive
-from eightpost.rig.post.car import displacement_modes, force_modes
+from eightpost.rig.geometry import displacement_modes, force_modes
 from eightpost.signals import TimeSeries
+from eightpost.virtual.drivefiles import static_drive
+from eightpost.virtual.program import NO_DRIFT, run_test
+from eightpost.virtual.shocks import LinearDamper
+from eightpost.virtual.simulate import RigSensors
+from eightpost.virtual.truths import stand_in_truth
 
 LOADS = ("lf.aero", "rf.aero", "lr.aero", "rr.aero")
 
