@@ -16,6 +16,7 @@ from eightpost.corners import CORNERS, channel
 from eightpost.errors import InputError
 from eightpost.ident.grey_box.output_error import Parameter, ParameterTable
 from eightpost.ident.vehicle.experiment import Experiment, quantity
+from eightpost.least_squares import linear_solution
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Bristle, Friction, StateSpace
 from eightpost.vehicle.compiled import BRISTLE_FILE, deflection_after
@@ -328,8 +329,7 @@ def _solve(target: Complex, columns: Sequence[Complex]) -> Array:
     """Return the real least-squares coefficients of complex columns."""
     matrix = np.stack(columns, axis=1)
     rows, y = np.vstack([matrix.real, matrix.imag]), np.concatenate([target.real, target.imag])
-    size = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
-    return np.asarray(np.linalg.lstsq(rows / size, y, rcond=1e-10)[0] / size)
+    return linear_solution(rows, y, weakest=1e-10)
 
 
 def _axle(

@@ -15,6 +15,7 @@ from scipy.sparse import coo_array, csr_array
 from eightpost.array_types import Array, Complex
 from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse
+from eightpost.least_squares import linear_solution
 from eightpost.progress import parts
 from eightpost.vehicle.statespace import Channel, Mode, StateSpace
 
@@ -293,10 +294,7 @@ class _Problem:
 def _least_squares(matrix: Complex, target: Complex) -> Array:
     """Return the real least-squares solution (n,) of complex equations, computed with scaled columns."""
     stacked = np.vstack((matrix.real, matrix.imag))
-    size = np.linalg.norm(stacked, axis=0)
-    size[size == 0.0] = 1.0
-    solution = np.linalg.lstsq(stacked / size, np.concatenate((target.real, target.imag)), rcond=1e-14)[0]
-    return np.asarray(solution / size, dtype=np.float64)
+    return linear_solution(stacked, np.concatenate((target.real, target.imag)), weakest=1e-14)
 
 
 def _modal(basis: _PolynomialBasis, ratio: _Ratio, scale: float) -> TransferFunction:
