@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.study import shipped_study
-from cosim.results.error_estimate import difference
+from cosim.session.result import difference
 from cosim.study import Build, Drive, Measure, Study, Vehicle
 from cosim.study.running.batches import Batches
 from cosim.study.running.coupling import coupling_for

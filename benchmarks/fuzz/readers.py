@@ -90,7 +90,7 @@ def _peaks(path: Path) -> Any:
 
 
 def _rig(path: Path) -> Any:
-    from eightpost.rig.post.rig_test import read_rig_test  # noqa: PLC0415
+    from eightpost.rig.rig_test import read_rig_test  # noqa: PLC0415
 
     return read_rig_test(path)
 
@@ -117,7 +117,7 @@ def _shock(path: Path) -> Any:
 def _shock_origin(path: Path) -> Any:
     """Read a shock file as a build does: create its product and its documents."""
     from builder.build import product_of  # noqa: PLC0415
-    from builder.documents.archive import open_shock_origin  # noqa: PLC0415
+    from builder.documents import open_shock_origin  # noqa: PLC0415
     from eightpost.shock import read_shock  # noqa: PLC0415
 
     product_of(path)
@@ -143,7 +143,7 @@ def _preparation(path: Path) -> Any:
 
 
 def _response(path: Path) -> Any:
-    from eightpost.ident.response import read_response  # noqa: PLC0415
+    from eightpost.ident.vehicle.frequency_response import read_response  # noqa: PLC0415
 
     return read_response(path)
 
@@ -157,8 +157,8 @@ def _fmu(path: Path) -> Any:
 
 
 def _check(path: Path) -> Any:
-    from builder.check.static import static_findings  # noqa: PLC0415
-    from builder.check.subject import read_subject  # noqa: PLC0415
+    from builder.check.archive import read_subject  # noqa: PLC0415
+    from builder.check.description import static_findings  # noqa: PLC0415
 
     return list(static_findings(read_subject(path)))
 
@@ -225,7 +225,7 @@ def _comparison(path: Path) -> Any:
 
 
 def _result(path: Path) -> Any:
-    from cosim.results.result import SavedRun  # noqa: PLC0415
+    from cosim.session.result import SavedRun  # noqa: PLC0415
 
     return SavedRun.load(path.parent)
 

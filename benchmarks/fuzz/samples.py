@@ -19,7 +19,7 @@ from cosim.study.definition import Build, Drive, Study, Vehicle
 from cosim.study.measures import Measure
 from cosim.study.table import Provenance, StudyResult, result_table, study_schema
 from eightpost.corners import CORNERS
-from eightpost.ident.response import FrequencyResponse, response_of, write_response
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, response_of, write_response
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, write_fit
 from eightpost.shock import Lpnl2, Port, Shock, StaticCurve, write_shock
 from eightpost.signals import TimeSeries, write_series

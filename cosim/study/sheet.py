@@ -17,7 +17,7 @@ import pyarrow.compute
 
 from cosim.components.fmu_component import FmuComponent
 from cosim.report.page import Origin
-from cosim.session.master import run
+from cosim.session.run import run
 from cosim.study.choice.certainty import OBJECTIVE, TIE, Certainty, Contribution, Levels, Status, TradeOff, chance_text
 from cosim.study.choice.selection import Selected
 from cosim.study.choice.sensitivity import Sensitivity

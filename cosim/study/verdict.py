@@ -8,8 +8,7 @@ from pathlib import PurePath
 
 import numpy as np
 
-from cosim.results.rules import LARGEST_ERROR
-from cosim.results.validity import MODEL_UNKNOWN, NOTABLE_POWER
+from cosim.session.verdict import LARGEST_ERROR, MODEL_UNKNOWN, NOTABLE_POWER
 from cosim.study.choice.certainty import Certainty, certainty_reasons
 from cosim.study.table import StudyResult
 from eightpost.errors import InputError

@@ -12,8 +12,9 @@ from eightpost.errors import InputError, check_number, suggestion
 
 if TYPE_CHECKING:
     from cosim import Algorithm, Automatic, Result, Scenario, System
-    from cosim.results.result import SavedRun
-    from cosim.session.master import Case, ParameterSweep
+    from cosim.session.parameter_sweep import ParameterSweep
+    from cosim.session.result import SavedRun
+    from cosim.session.run import Case
     from cosim.study import Study
     from cosim.study.choice.compare import RunComparison
     from eightpost.api.study_folder import AssessedStudy
@@ -119,7 +120,7 @@ def sweep(
         >>> found = ep.sweep("car.toml", parameters={"lf.compression_scale": [0.8, 1.0, 1.2]})
         >>> found.to_pandas()[["lf.compression_scale", "car.lf.tire_force"]]
     """
-    from cosim.session.master import sweep_parameters
+    from cosim.session.parameter_sweep import sweep_parameters
     from eightpost.progress import reported_to
 
     case = _case(system, scenario, algorithm, step, tolerance)
@@ -146,7 +147,7 @@ def compare(runs: Mapping[str, Run] | Sequence[Run], *, vehicle: str = "car") ->
     Example:
         >>> ep.compare({"soft": soft, "stiff": stiff}).to_pandas()
     """
-    from cosim.results.result import Result, SavedRun
+    from cosim.session.result import Result, SavedRun
     from cosim.study.choice.compare import compare_runs
 
     if isinstance(runs, str | Path | Result | SavedRun):
@@ -174,9 +175,9 @@ def _case(
     tolerance: float | None,
 ) -> Case:
     """Return the system to run with its scenario and coupling."""
-    from cosim.session.automatic import SCHEMES
-    from cosim.session.master import Case
+    from cosim.session.run import Case
     from cosim.system_file import read_case
+    from cosim.systems.algorithm import SCHEMES
     from cosim.systems.coupling import Scenario
     from cosim.systems.system import System
 

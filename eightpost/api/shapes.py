@@ -35,7 +35,6 @@ from cosim.study.running.workers import Workers
 from cosim.study.table import StudyResult
 from eightpost.array_types import Array
 from eightpost.errors import InputError
-from eightpost.rig.damper.builds import NearestValving, nearest_valving
 from eightpost.shock import Shock, read_shock, write_shock
 from eightpost.shock.shape import (
     CURVE_NUMBERS,
@@ -48,6 +47,7 @@ from eightpost.shock.shape import (
     range_of,
     unit_of,
 )
+from eightpost.virtual.damper import NearestValving, nearest_valving
 
 # ==== What the search is asked for ===================================================================================
 

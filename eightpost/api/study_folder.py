@@ -337,7 +337,7 @@ class StudyFolder:
         """Yield the uncertainty of fitted shocks."""
         from cosim.study.choice.robust import Uncertain
         from eightpost.shock import read_shock
-        from eightpost.shock.fit_uncertainty import fitted_parameters
+        from eightpost.shock.file import fitted_parameters
 
         for name, path in fits.items():
             fit = fitted_parameters(read_shock(path))
@@ -515,7 +515,7 @@ class StudyFolder:
 
     def _record_reader(self, channel_map: ChannelMap | None) -> Callable[[Path], TimeSeries]:
         """Return a function that reads and checks the channels of a rig record, whichever it has."""
-        from eightpost.rig.post import read_rig_test
+        from eightpost.rig.rig_test import read_rig_test
 
         def read(file: Path) -> TimeSeries:
             test = read_rig_test(file, channel_map=channel_map, needs=())

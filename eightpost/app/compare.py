@@ -91,7 +91,7 @@ def compare(
 
 
 def _compare_runs(console: Console, folders: tuple[Path, ...], vehicle: str, output: Path | None) -> Verdict:
-    from cosim.results.result import SavedRun
+    from cosim.session.result import SavedRun
     from cosim.study.choice.compare import compare_runs
 
     saved = {str(folder): SavedRun.load(folder) for folder in folders}

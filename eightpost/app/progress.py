@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -54,8 +55,8 @@ def bar(console: Console, text: str, total: float | None = None) -> Iterator[Adv
         yield advance
 
 
-#: Interval of the lines about the progress in a log file [s].
-INTERVAL = 30.0
+#: Interval of the lines about the progress in a log file [s]; a program that shows them asks for a shorter one.
+INTERVAL = float(os.environ.get("EIGHTPOST_PROGRESS", "30"))
 
 
 class _Lines:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from cosim.results.result import Result, SavedRun
+from cosim.session.result import Result, SavedRun
 from cosim.study.measures import Measure, available, channel_measures, ride_measures
 from cosim.study.table import StudyResult
 from eightpost import __version__, units

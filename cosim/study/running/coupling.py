@@ -9,9 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.results.error_estimate import difference
-from cosim.results.result import Result
-from cosim.session.automatic import FIRST_STEP, Automatic, Refinement
+from cosim.session.result import Result, difference
+from cosim.session.run import FIRST_STEP, run
 from cosim.study.definition import Drive, Setup, Study
 from cosim.study.running.batches import Batches, BatchRun
 from cosim.study.running.evaluator import (
@@ -24,6 +23,7 @@ from cosim.study.running.evaluator import (
     fit_error_model,
     local_error,
 )
+from cosim.systems.algorithm import Automatic
 from eightpost.errors import DivergedError, EightpostError, StepError
 from eightpost.machine.library import instruction_set
 from eightpost.machine.reasons import NotInBatchError
@@ -164,7 +164,7 @@ def _reference(evaluator: Evaluator, setup: Setup) -> Result:
     study = evaluator.study
     system, extra = evaluator.system(setup), sorted(evaluator.decisive(setup))
     scenario = replace(evaluator.scenario(study.drives[0], extra=extra), record=tuple(extra))
-    return Refinement(system, scenario, Automatic(_REFERENCE * study.accuracy), "auto", heartbeat).result()
+    return run(system, scenario, algorithm=Automatic(_REFERENCE * study.accuracy), progress=heartbeat)
 
 
 def _errors(evaluator: Evaluator, pilots: list[Setup], references: list[Result], coupling: Coupling) -> list[float]:
@@ -352,7 +352,7 @@ def check_setup(evaluator: Evaluator, setup: Setup, machine: MachineCoupling) ->
     steps, scheme = [study.record_step], "gauss-seidel"
     for drive in study.drives:
         scenario = replace(evaluator.scenario(drive), record=tuple(names))
-        right = Refinement(evaluator.system(setup), scenario, Automatic(study.accuracy), "auto", heartbeat).result()
+        right = run(evaluator.system(setup), scenario, algorithm=Automatic(study.accuracy), progress=heartbeat)
         differences = difference(right.settled(), _settled(runs[drive.name], study.settling))
         apart = float(np.max([apart, *differences.values()]))  # NaN if one is
         own = max(own, machine.errors.worst_channel(runs[drive.name].summary))

@@ -16,15 +16,14 @@ from pydantic import TypeAdapter
 
 from cosim.components.component import Component, to_si
 from cosim.components.fmu_component import FmuComponent
-from cosim.results.result import Result
-from cosim.results.rules import LARGEST_ERROR
-from cosim.results.run_data import Coupled
-from cosim.session.automatic import default_scheme
+from cosim.session.result import Result
 from cosim.session.session import Session
+from cosim.session.verdict import LARGEST_ERROR, Coupled
 from cosim.study.definition import Drive, Setup, Study, bond_at, check_corners, read_drive
 from cosim.study.measures import AboveBand, Filtered, above_band, band_ends
 from cosim.study.running.batches import Batches, BatchRun, RunSummary
 from cosim.study.table import DONE, FAILED, StudyResult, error_column
+from cosim.systems.algorithm import default_scheme
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost.array_types import Array

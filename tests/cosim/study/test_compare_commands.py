@@ -23,20 +23,13 @@ from eightpost.api.study_folder import StudyFolder
 from eightpost.corners import CORNERS
 from eightpost.errors import FileFormatError
 from eightpost.progress import Listener
-from eightpost.rig.post import (
-    NO_DRIFT,
-    Actuators,
-    RigSensors,
-    RigTest,
-    read_rig_test,
-    run_test,
-    seven_dof_truth,
-)
+from eightpost.rig import RigTest, read_rig_test
 from eightpost.shock import Port
 from eightpost.signals import Drivefile
 from eightpost.uncertainty import TOTAL, MeasureUncertainty
 from eightpost.validity import ModelUncertainty, Validity
 from eightpost.verdict import Verdict
+from eightpost.virtual import NO_DRIFT, Actuators, RigSensors, run_test, seven_dof_truth
 
 from .coupled import SCALES, TRACK, InProcess, study
 

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cosim.results.error_estimate import difference
-from cosim.results.run_data import Coupled
+from cosim.session.result import difference
+from cosim.session.verdict import Coupled
 from cosim.study import Build
 from cosim.study.running.coupling import choose_coupling
 from cosim.study.running.evaluator import Evaluator, Pilot, fit_error_model, local_errors

@@ -35,7 +35,7 @@ from cosim.study.running.sweep import Sweep, run_study
 from eightpost.api.study_folder import StudyFolder
 from eightpost.errors import FileFormatError, InputError
 from eightpost.shock import Hysteresis, read_shock, write_shock
-from eightpost.shock.fit_uncertainty import fitted_parameters
+from eightpost.shock.file import fitted_parameters
 from eightpost.uncertainty import LeftOutBlocks
 from eightpost.validity import ParameterUncertainty, judged
 from eightpost.verdict import Verdict

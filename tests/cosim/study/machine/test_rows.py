@@ -6,7 +6,7 @@ from dataclasses import asdict, replace
 import pytest
 
 from cosim.components.fmu_component import FmuComponent
-from cosim.results.error_estimate import difference
+from cosim.session.result import difference
 from cosim.study import Build, Measure, Term, Vehicle
 from cosim.study.machine.car import read_vehicle
 from cosim.study.measures import STATISTICS, Filtered
@@ -133,15 +133,11 @@ def test_a_machine_that_differs_from_the_fmus_by_more_than_both_errors_does_not_
 #: An operator changed in a source of the machine: every change must be found by the comparison with the FMUs.
 DEFECTS = {
     "polynomial": ("curve.h", "* fourth + coefficients[k]", "* fourth - coefficients[k]"),
-    "lag": (
-        "port.h",
-        "(from->static_force - from->lagged) * port->rise +",
-        "(from->static_force - from->lagged) * port->rise -",
-    ),
-    "weight of the lag": ("port.h", "f + alpha * (lagged - f)", "f - alpha * (lagged - f)"),
-    "gas spring": ("port.h", "p->gas_preload + p->gas", "p->gas_preload - p->gas"),
+    "lag": ("port.h", "port->left * from->lagged + port->faded", "port->left * from->lagged - port->faded"),
+    "weight of the lag": ("port.h", "f + lag_weight(p, f)", "f - lag_weight(p, f)"),
+    "gas spring": ("port.h", "force + p->gas_stiffness", "force - p->gas_stiffness"),
     "modes": ("machine.c", "car->turn[k][0] * x - car->turn[k][1] * y", "car->turn[k][0] * x + car->turn[k][1] * y"),
-    "middle": ("machine.c", "0.75 * v0 + 0.375 * velocity[c]", "0.75 * v0 - 0.375 * velocity[c]"),
+    "middle": ("machine.c", "velocity + (0.3125 * velocity", "velocity + (-0.3125 * velocity"),
 }
 
 
