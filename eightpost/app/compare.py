@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.certainty import earlier_certainty
-from eightpost.app.options import FilePath, Number, OutputFile, Verb, map_option
+from eightpost.app.options import CHANNELS, Channels, FilePath, Number, OutputFile, argument, option, setting, verb
 from eightpost.app.rig_runs import record_reader
 from eightpost.errors import InputError
 from eightpost.outputs import PICTURE
@@ -21,42 +21,44 @@ from eightpost.verdict import Verdict
 if TYPE_CHECKING:
     from cosim.study.choice.compare import Comparison, RunComparison
     from cosim.study.result import StudyResult
-    from eightpost.signals import ChannelMap
 
 #: Largest length of all labels of runs as headings of a table; longer ones are replaced by their numbers.
 _LABELS = 30
 
 
-@click.command(cls=Verb, renamed={"--channel-map": "--map"})
-@click.argument("folders", metavar="RUN...", nargs=-1, required=True, type=FilePath())
-@click.option("--vehicle", default="car", show_default=True, metavar="COMPONENT",
-              help="Name of the vehicle component whose channels give the ride measures.")  # fmt: skip
-@click.option("-o", "--output", type=OutputFile(PICTURE, is_folder=lambda given: given["measured"] is not None),
-              help="Picture of the changes (.png, .pdf or .svg); default: none. With --measured: output folder; "
-              "default: compared/ in the folder of the study.")  # fmt: skip
-@click.option("--measured", type=FilePath(), metavar="LIST",
-              help="List of rig runs to compare a study with: a CSV file that assigns a setup to each record, such as "
-              "the selection.csv of `eightpost select`, or its folder. Default: compare runs.")  # fmt: skip
-@click.option("--measure", "measures", multiple=True, metavar="MEASURE",
-              help="Measure to compare with --measured; may be repeated. Default: all measures that do not depend on "
-              "a mean.")  # fmt: skip
-@map_option("docs/how_to/rig_data.md", "rig files of --measured")
-@click.option("--rank", type=Number(-1.0, 1.0), default=0.8, show_default=True, metavar="-1..1",
-              help="Minimum acceptable rank correlation (Spearman) for --measured, -1 to 1.")  # fmt: skip
-@click.option("--level", type=Number(min=0.0), metavar="PERCENT",
-              help="Maximum acceptable RMS error of the levels for --measured [%], e.g. 5; default: no "
-              "limit.")  # fmt: skip
-@click.pass_context
+@verb
 def compare(
     ctx: click.Context,
-    folders: tuple[Path, ...],
-    vehicle: str,
-    output: Path | None,
-    measured: Path | None,
-    measures: tuple[str, ...],
-    channel_map: ChannelMap | None,
-    rank: float,
-    level: float | None,
+    folders: tuple[Path, ...] = argument("RUN...", kind=FilePath()),
+    output: Path | None = option(
+        "Picture of the changes (.png, .pdf or .svg); default: none. With --measured: output folder; default: "
+        "compared/ in the folder of the study.",
+        "-o",
+        "--output",
+        kind=OutputFile(PICTURE, is_folder=lambda given: given["measured"] is not None),
+    ),
+    measured: Path | None = option(
+        "List of rig runs to compare a study with: a CSV file that assigns a setup to each record, such as the "
+        "selection.csv of `eightpost study select`, or its folder. Default: compare runs.",
+        kind=FilePath(),
+        metavar="LIST",
+    ),
+    measures: tuple[str, ...] = option(
+        "Measure to compare with --measured; may be repeated. Default: all measures that do not depend on a mean.",
+        "--measure",
+        metavar="MEASURE",
+    ),
+    channels: Channels = CHANNELS,
+    vehicle: str = setting("Name of the vehicle component whose channels give the ride measures.", default="car"),
+    rank: float = setting(
+        "Minimum acceptable rank correlation (Spearman) for --measured, -1 to 1.",
+        kind=Number(-1.0, 1.0),
+        default=0.8,
+    ),
+    level: float | None = setting(
+        "Maximum acceptable RMS error of the levels for --measured [%], e.g. 5; default: no limit.",
+        kind=Number(min=0.0),
+    ),
 ) -> None:
     """Compare runs, or a study's prediction with rig measurements.
 
@@ -65,12 +67,13 @@ def compare(
     lack the channels of the ride measures are compared channel by channel.
 
     With --measured, RUN is the folder of a study, and its prediction is compared with the rig measurements: trend, rank
-    correlations, best-fit line and bands, as in Fig 7.7. The exit code is 1 if a measure misses --rank or --level.
+    correlations, best-fit line and bands, as in Fig 7.7. The exit code is 1 if a measure misses the settings rank or
+    level.
 
     \b
     Examples:
-      eightpost compare out out/swapped -o out/changes.png
-      eightpost compare out/ --measured rig_day/selection.csv
+      eightpost study compare out out/swapped -o out/changes.png
+      eightpost study compare out/ --measured rig_day/selection.csv
     """
     from eightpost.app.show import show_verdict
 
@@ -78,7 +81,7 @@ def compare(
     if measured is None:
         verdict = _compare_runs(console, folders, vehicle, output)
     elif len(folders) == 1:
-        verdict = _compare_with_rig(console, folders[0], measured, output, measures, channel_map, rank, level)
+        verdict = _compare_with_rig(console, folders[0], measured, output, measures, channels, rank, level)
     else:
         raise InputError(f"with --measured, compare takes the folder of one study, not {len(folders)} folders")
     show_verdict(console, verdict)
@@ -106,7 +109,7 @@ def _compare_with_rig(
     measured: Path,
     output: Path | None,
     measures: tuple[str, ...],
-    channel_map: ChannelMap | None,
+    channels: Channels,
     rank: float,
     level: float | None,
 ) -> Verdict:
@@ -123,7 +126,7 @@ def _compare_with_rig(
     found = compare_with_rig(
         result,
         path,
-        record_reader(console, channel_map),
+        record_reader(console, channels),
         measures=measures,
         certainty=earlier_certainty(result, folder),
     )

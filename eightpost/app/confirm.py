@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.certainty import earlier_certainty, measured_noise, show_certainty
-from eightpost.app.options import FilePath, Verb, map_option
+from eightpost.app.options import CHANNELS, Channels, FilePath, argument, option, verb
 from eightpost.app.rig_runs import record_reader
 from eightpost.errors import InputError
 from eightpost.files import atomic_path
@@ -23,39 +23,35 @@ from eightpost.report.console import Table, console_table, right
 if TYPE_CHECKING:
     from cosim.study.certainty import Certainty
     from cosim.study.result import StudyResult
-    from eightpost.signals import ChannelMap
 
 #: Number of setups in the table.
 _SHOWN = 8
 
 
-@click.command(cls=Verb)
-@click.argument("folder", metavar="STUDY", type=FilePath())
-@click.argument("records", metavar="RECORDS...", nargs=-1, required=True)
-@click.option("--measure", "measures", multiple=True, metavar="MEASURE",
-              help="Measure to take into account; may be repeated. Default: all measures that do not depend on a "
-              "mean.")  # fmt: skip
-@map_option("docs/how_to/rig_data.md", "rig files")
-@click.pass_context
+@verb
 def confirm(
     ctx: click.Context,
-    folder: Path,
-    records: tuple[str, ...],
-    measures: tuple[str, ...],
-    channel_map: ChannelMap | None,
+    folder: Path = argument("STUDY", kind=FilePath()),
+    records: tuple[str, ...] = argument("RECORDS..."),
+    measures: tuple[str, ...] = option(
+        "Measure to take into account; may be repeated. Default: all measures that do not depend on a mean.",
+        "--measure",
+        metavar="MEASURE",
+    ),
+    channels: Channels = CHANNELS,
 ) -> None:
     """Update how sure a study's choice is with rig runs of some of its setups.
 
     STUDY is a folder that `eightpost study` wrote. RECORDS is a list of rig runs, a CSV file that assigns a setup to
-    each record, such as the selection.csv of `eightpost select`; or one or more SETUP=FILE with the number of a setup
-    and its record. The measured levels update the intervals of all setups, the ties and the next tests. Records that
-    contradict the prediction are named; the exit code is then 1. The previous certainty is kept in
+    each record, such as the selection.csv of `eightpost study select`; or one or more SETUP=FILE with the number of a
+    setup and its record. The measured levels update the intervals of all setups, the ties and the next tests. Records
+    that contradict the prediction are named; the exit code is then 1. The previous certainty is kept in
     certainty.previous.parquet.
 
     \b
     Examples:
-      eightpost confirm out/ rig_day/selection.csv
-      eightpost confirm out/ 37=run1.csv 120=run2.csv
+      eightpost study confirm out/ rig_day/selection.csv
+      eightpost study confirm out/ 37=run1.csv 120=run2.csv
     """
     from cosim.study.certainty import write_certainty
     from cosim.study.certainty.assess import Knowledge, certainty_of
@@ -79,7 +75,7 @@ def confirm(
         result,
         replace(known, run_to_run={**measured_noise(folder), **known.run_to_run}),
         runs,
-        record_reader(console, channel_map),
+        record_reader(console, channels),
         measures=measures,
     )
     for note in (*notes, *found.notes):

@@ -14,7 +14,7 @@ from eightpost.app.certainty import assess
 from eightpost.app.check import show_report
 from eightpost.app.compare import measure_table
 from eightpost.app.fit import show_fit, show_test
-from eightpost.app.options import OutputFolder, Verb
+from eightpost.app.options import OutputFolder, option, verb
 from eightpost.app.run import run_with_progress
 from eightpost.app.study import run_with_workers, show_study
 from eightpost.app.study import show_result as show_study_result
@@ -37,11 +37,13 @@ _TRACES = ("car.lf.velocity", "lf.force", "car.lf.tire_force", "car.front.ride_h
 _SPECTRA = ("car.lf.tire_force", "car.front.ride_height", "car.lf.hub_acceleration", "car.lf.velocity")
 
 
-@click.command(cls=Verb)
-@click.option("-o", "--output", type=OutputFolder(), default=Path("demo"), show_default=True,
-              help="Output folder for all files of the demo.")  # fmt: skip
-@click.pass_context
-def demo(ctx: click.Context, output: Path) -> None:
+@verb
+def demo(
+    ctx: click.Context,
+    output: Path = option(
+        "Output folder for all files of the demo.", "-o", "--output", kind=OutputFolder(), default=Path("demo")
+    ),
+) -> None:
     """Run the whole workflow on shipped data: fit, build, check, couple, swap a shock, measure, run every setup.
 
     All data are SYNTHETIC: examples/make_demo_data.py computes the dynamometer records and the track,

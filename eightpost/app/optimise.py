@@ -12,14 +12,15 @@ from rich.markup import escape
 
 from eightpost import completion
 from eightpost.app.options import (
-    SCHEDULER,
     WORKERS,
     FilePath,
     OutputFolder,
-    Verb,
+    argument,
     check_outputs,
     check_report_folder,
-    seed_option,
+    option,
+    setting,
+    verb,
 )
 from eightpost.app.progress import bar
 from eightpost.app.study import FILES, read_with_fmus, running_workers, show_coupling, show_result, show_study
@@ -32,29 +33,28 @@ if TYPE_CHECKING:
     from cosim.study.running.workers import Workers
 
 
-@click.command(cls=Verb)
-@click.argument("study_file", metavar="STUDY", type=FilePath())
-@click.option("-o", "--output", type=OutputFolder(FILES), default=Path("out"), show_default=True,
-              help="Output folder for results.parquet, the page and the intermediate results.")  # fmt: skip
-@click.option("--for", "objectives", multiple=True, metavar="MEASURE",
-              help="Measure to minimise; repeat it for the Pareto front of several. Default: the objective of the "
-              "study.")  # fmt: skip
-@click.option("--evaluations", type=click.IntRange(min=2), metavar="N", default=400, show_default=True,
-              help="Maximum number of setups to evaluate.")  # fmt: skip
-@seed_option(0, "Seed of the search.")
-@WORKERS
-@SCHEDULER
-@click.pass_context
+@verb
 def optimise(
     ctx: click.Context,
     /,
-    study_file: Path,
-    output: Path,
-    objectives: tuple[str, ...],
-    evaluations: int,
-    seed: int,
-    workers: int | None,
-    scheduler: str | None,
+    study_file: Path = argument("STUDY", kind=FilePath()),
+    output: Path = option(
+        "Output folder for results.parquet, the page and the intermediate results.",
+        "-o",
+        "--output",
+        kind=OutputFolder(FILES),
+        default=Path("out"),
+    ),
+    objectives: tuple[str, ...] = option(
+        "Measure to minimise; repeat it for the Pareto front of several. Default: the objective of the study.",
+        "--for",
+        metavar="MEASURE",
+    ),
+    evaluations: int = option(
+        "Maximum number of setups to evaluate.", kind=click.IntRange(min=2), default=400, metavar="N"
+    ),
+    workers: int | str | None = WORKERS,
+    seed: int = setting("Seed of the search.", kind=click.IntRange(min=0), default=0),
 ) -> None:
     """Search for the best setups of a study whose bank is too large to run them all.
 
@@ -64,8 +64,8 @@ def optimise(
 
     \b
     Examples:
-      eightpost optimise examples/study.toml -o out/
-      eightpost optimise examples/study.toml -o out/ --for "front ride height, RMS" --for "total tire force, RMS"
+      eightpost study optimise examples/study.toml -o out/
+      eightpost study optimise examples/study.toml -o out/ --for "front ride height, RMS" --for "total tire force, RMS"
     """
     from cosim.study.choice.optimise import Search, objectives_in_words
     from cosim.study.folder import RESULTS
@@ -82,7 +82,7 @@ def optimise(
     show_study(console, requested, f"at most {evaluations} to be evaluated")
     console.print(f"minimised: {escape(objectives_in_words(described, search))}", highlight=False, soft_wrap=True)
     completion.begin(output)
-    with running_workers(workers, scheduler) as pool:
+    with running_workers(workers) as pool:
         result, optimum = _search(console, requested, pool, search)
         coupling = requested.coupling(pool)
         compared = requested.compare_best(requested.everything(coupling), coupling)

@@ -12,10 +12,11 @@ from rich.markup import escape
 from eightpost.display import some
 
 if TYPE_CHECKING:
-    from eightpost.signals import ChannelMap, TimeSeries
+    from eightpost.app.options import Channels
+    from eightpost.signals import TimeSeries
 
 
-def record_reader(console: Console, channel_map: ChannelMap | None) -> Callable[[Path], TimeSeries]:
+def record_reader(console: Console, channels: Channels) -> Callable[[Path], TimeSeries]:
     """Return a function that reads and checks the channels of a rig record, whichever it has.
 
     It prints which channels the checks of sign and corner do not cover.
@@ -23,7 +24,7 @@ def record_reader(console: Console, channel_map: ChannelMap | None) -> Callable[
     from eightpost.rig.post import read_rig_test
 
     def read(file: Path) -> TimeSeries:
-        test = read_rig_test(file, channel_map=channel_map, needs=())
+        test = read_rig_test(file, **channels.options, needs=())
         if test.unchecked:
             console.print(
                 f"[yellow]note[/] {escape(str(file))}: sign and corner of {some(test.unchecked)} were not checked, "

@@ -12,17 +12,18 @@ from rich.markup import escape
 
 from eightpost import completion
 from eightpost.app.options import (
-    SCHEDULER,
     WORKERS,
     Assignment,
     FilePath,
     Number,
     OutputFolder,
     Quantity,
-    Verb,
+    argument,
     check_outputs,
     check_report_folder,
-    seed_option,
+    option,
+    setting,
+    verb,
 )
 from eightpost.app.study import FILES, read_with_fmus, running_workers, show_coupling, show_study
 from eightpost.errors import InputError
@@ -33,57 +34,64 @@ if TYPE_CHECKING:
     from eightpost.app.shape_search import Aim, Request
 
 
-@click.command(cls=Verb)
-@click.argument("study_file", metavar="STUDY", type=FilePath())
-@click.option("-o", "--output", default=Path("out"), show_default=True,
-              type=OutputFolder({**FILES, "shapes.json": AIM, "shapes.html": PAGE}),
-              help="Output folder for the page, shapes.json, the shock files of the targets and intermediate "
-              "results.")  # fmt: skip
-@click.option("--for", "objective", metavar="MEASURE",
-              help="Measure to minimise; default: the objective of the study.")  # fmt: skip
-@click.option("--at", "corners", multiple=True, metavar="CORNER",
-              help="Corner whose shock is searched, with those that are alike; may be repeated. Default: all. Other "
-              "corners keep the builds of the best setup of the bank.")  # fmt: skip
-@click.option("--vary", multiple=True, metavar="NUMBER",
-              help="Number of the shape that varies, e.g. rebound.low; may be repeated. Default: the ten numbers of "
-              "the curve.")  # fmt: skip
-@click.option("--limit", "limits", multiple=True, type=Assignment("NUMBER=LOW,HIGH"), metavar="NUMBER=LOW,HIGH",
-              help="Limits of a number with their units, e.g. 'rebound.knee=1 in/s,6 in/s'; may be repeated. Default: "
-              "the range over the builds of the bank.")  # fmt: skip
-@click.option("--tolerance", type=Quantity("1"), metavar="SHARE", default="3 %", show_default=True,
-              help="Standard deviation of every number from shock to shock, as a share of its value.")  # fmt: skip
-@click.option("--draws", type=click.IntRange(min=0), metavar="N", default=6, show_default=True,
-              help="Number of draws of the tolerance; 0: shocks exactly as planned.")  # fmt: skip
-@click.option("--weight", type=Number(0.0, 10.0), metavar="K", default=1.0, show_default=True,
-              help="Number of standard deviations, 0 to 10, that are added to the mean of the objective.")  # fmt: skip
-@click.option("--keep", type=Quantity("1", positive=True), metavar="SHARE", default="80 %", show_default=True,
-              help="Share of the gain that the band keeps.")  # fmt: skip
-@click.option("--starts", type=click.IntRange(min=1), metavar="N", default=3, show_default=True,
-              help="Number of starts: the best of the bank, the baseline, and random ones.")  # fmt: skip
-@click.option("--certainty/--no-certainty", "sure", default=True, show_default=True,
-              help="Account for the errors that the vehicle states, and for the rig runs in the folder.")  # fmt: skip
-@seed_option(0, "Seed of the random starts.")
-@WORKERS
-@SCHEDULER
-@click.pass_context
+@verb
 def shapes(
     ctx: click.Context,
     /,
-    study_file: Path,
-    output: Path,
-    objective: str | None,
-    corners: tuple[str, ...],
-    vary: tuple[str, ...],
-    limits: tuple[tuple[str, str], ...],
-    tolerance: float,
-    draws: int,
-    weight: float,
-    keep: float,
-    starts: int,
-    sure: bool,
-    seed: int,
-    workers: int | None,
-    scheduler: str | None,
+    study_file: Path = argument("STUDY", kind=FilePath()),
+    output: Path = option(
+        "Output folder for the page, shapes.json, the shock files of the targets and intermediate results.",
+        "-o",
+        "--output",
+        kind=OutputFolder({**FILES, "shapes.json": AIM, "shapes.html": PAGE}),
+        default=Path("out"),
+    ),
+    objective: str | None = option(
+        "Measure to minimise; default: the objective of the study.", "--for", metavar="MEASURE"
+    ),
+    corners: tuple[str, ...] = option(
+        "Corner whose shock is searched, with those that are alike; may be repeated. Default: all. Other corners keep "
+        "the builds of the best setup of the bank.",
+        "--at",
+        metavar="CORNER",
+    ),
+    vary: tuple[str, ...] = option(
+        "Number of the shape that varies, e.g. rebound.low; may be repeated. Default: the ten numbers of the curve.",
+        metavar="NUMBER",
+    ),
+    limits: tuple[tuple[str, str], ...] = option(
+        "Limits of a number with their units, e.g. 'rebound.knee=1 in/s,6 in/s'; may be repeated. Default: the range "
+        "over the builds of the bank.",
+        "--limit",
+        kind=Assignment("NUMBER=LOW,HIGH"),
+        metavar="NUMBER=LOW,HIGH",
+    ),
+    workers: int | str | None = WORKERS,
+    tolerance: float = setting(
+        "Standard deviation of every number from shock to shock, as a share of its value.",
+        kind=Quantity("1"),
+        default="3 %",
+    ),
+    draws: int = setting(
+        "Number of draws of the tolerance; 0: shocks exactly as planned.", kind=click.IntRange(min=0), default=6
+    ),
+    weight: float = setting(
+        "Number of standard deviations, 0 to 10, that are added to the mean of the objective.",
+        kind=Number(0.0, 10.0),
+        default=1.0,
+    ),
+    keep: float = setting("Share of the gain that the band keeps.", kind=Quantity("1", positive=True), default="80 %"),
+    starts: int = setting(
+        "Number of starts: the best of the bank, the baseline, and random ones.",
+        kind=click.IntRange(min=1),
+        default=3,
+    ),
+    sure: bool = setting(
+        "Account for the errors that the vehicle states, and for the rig runs in the folder.",
+        "certainty",
+        default=True,
+    ),
+    seed: int = setting("Seed of the random starts.", kind=click.IntRange(min=0), default=0),
 ) -> None:
     """Find the shock curves to aim at: the best shapes for a study, also ones that nobody has built.
 
@@ -98,9 +106,9 @@ def shapes(
 
     \b
     Examples:
-      eightpost shapes examples/identified/study.toml -o out/
-      eightpost shapes examples/study.toml -o out/ --at lr --vary rebound.low --vary rebound.high
-      eightpost shapes examples/study.toml -o out/ --limit 'compression.low=10 lbf.s/in,60 lbf.s/in'
+      eightpost study shapes examples/identified/study.toml -o out/
+      eightpost study shapes examples/study.toml -o out/ --at lr --vary rebound.low --vary rebound.high
+      eightpost study shapes examples/study.toml -o out/ --limit 'compression.low=10 lbf.s/in,60 lbf.s/in'
     """
     from cosim.study.choice.continuous import Robustness
     from cosim.study.folder import RESULTS
@@ -131,7 +139,7 @@ def shapes(
         described.measure(objective)
     sources = {name: path for name, path in bank_sources(study_file).items() if path.suffix == ".json"}
     try:
-        found = _search(console, described, output, sources, request, workers, scheduler)
+        found = _search(console, described, output, sources, request, workers)
     except KeyboardInterrupt:
         console.print("[yellow]stopped[/]: no targets were written; completed runs of the bank are kept, those of the "
                       "search are not; run the command again with the same folder", highlight=False)  # fmt: skip
@@ -167,7 +175,7 @@ def _limits(stated: tuple[tuple[str, str], ...]) -> dict[str, tuple[float, float
 
 def _search(
     console: Console, described: Study, output: Path, sources: Mapping[str, Path], request: Request,
-    workers: int | None, scheduler: str | None,
+    workers: int | str | None,
 ) -> Aim:  # fmt: skip
     from cosim.study.folder import RESULTS
     from cosim.study.running.sweep import Requested
@@ -177,7 +185,7 @@ def _search(
     check_outputs()  # the files that the study names are now known
     completion.begin(output)
     show_study(console, requested, bank_plan(requested))
-    with running_workers(workers, scheduler) as pool:
+    with running_workers(workers) as pool:
         with console.status("choosing the coupling step"):
             coupling = requested.coupling(pool)
         show_coupling(console, coupling, described)

@@ -19,14 +19,16 @@ from eightpost.app.build import build_with_progress
 from eightpost.app.certainty import assess, show_certainty
 from eightpost.app.options import (
     RANK,
-    SCHEDULER,
     WORKERS,
     FilePath,
     OutputFolder,
     Quantity,
-    Verb,
+    argument,
     check_outputs,
     check_report_folder,
+    option,
+    setting,
+    verb,
 )
 from eightpost.app.progress import bar
 from eightpost.outputs import PAGE, TABLE
@@ -51,36 +53,37 @@ FILES = {"results.parquet": TABLE, "certainty.parquet": TABLE, "report.html": PA
 _NAMED, _SHOWN = 5, 3
 
 
-@click.command(cls=Verb)
-@click.argument("study_file", metavar="STUDY", type=FilePath())
-@click.option("-o", "--output", type=OutputFolder(FILES), default=Path("out"), show_default=True,
-              help="Output folder for results.parquet, the report and the intermediate results.")  # fmt: skip
-@WORKERS
-@SCHEDULER
-@click.option("--patience", type=Quantity("s", positive=True), default=f"{PATIENCE:g} s", show_default=True,
-              metavar="TIME", help="Time after which a worker that is not responding is ended and its setup marked as "
-              "failed; with --scheduler, time without any worker after which the study stops.")  # fmt: skip
-@RANK
-@click.option("--top", type=click.IntRange(min=1), metavar="N", default=10, show_default=True,
-              help="Number of rows of the printed ranking.")  # fmt: skip
-@click.option("--trace", "traced", multiple=True, type=int, metavar="NUMBER",
-              help="Setup whose time traces are written to traces/NUMBER.parquet; it is run again. May be "
-              "repeated.")  # fmt: skip
-@click.option("--certainty/--no-certainty", "sure", default=True, show_default=True,
-              help="Compute how sure the choice is: intervals, ties, probability of being best. This runs some setups "
-              "again with changed shocks.")  # fmt: skip
-@click.pass_context
+@verb
 def study(
     ctx: click.Context,
-    study_file: Path,
-    output: Path,
-    workers: int | None,
-    scheduler: str | None,
-    patience: float,
-    rank: str | None,
-    top: int,
-    traced: tuple[int, ...],
-    sure: bool,
+    study_file: Path = argument("STUDY", kind=FilePath()),
+    output: Path = option(
+        "Output folder for results.parquet, the report and the intermediate results.",
+        "-o",
+        "--output",
+        kind=OutputFolder(FILES),
+        default=Path("out"),
+    ),
+    workers: int | str | None = WORKERS,
+    rank: str | None = RANK,
+    traced: tuple[int, ...] = option(
+        "Setup whose time traces are written to traces/NUMBER.parquet; it is run again. May be repeated.",
+        "--trace",
+        metavar="NUMBER",
+    ),
+    sure: bool = setting(
+        "Compute how sure the choice is: intervals, ties, probability of being best. This runs some setups again with "
+        "changed shocks.",
+        "certainty",
+        default=True,
+    ),
+    patience: float = setting(
+        "Time after which a worker that is not responding is ended and its setup marked as failed; on a cluster, time "
+        "without any worker after which the study stops.",
+        kind=Quantity("s", positive=True),
+        default=f"{PATIENCE:g} s",
+    ),
+    top: int = setting("Number of rows of the printed ranking.", kind=click.IntRange(min=1), default=10),
 ) -> None:
     """Run every setup of shocks that a study allows, and rank them.
 
@@ -123,7 +126,7 @@ def study(
     check_outputs()  # the files that the study names are now known
     show_study(console, sweep)
     completion.begin(output)
-    with running_workers(workers, scheduler, patience=patience) as pool:
+    with running_workers(workers, patience=patience) as pool:
         result = run_with_workers(console, sweep, pool)
         sure = sure and bool(result.done.any()) and not result.partial
         certainty = _assessed(console, result, output, pool, rank) if sure else None
@@ -165,16 +168,16 @@ def read_with_fmus(console: Console, path: Path, output: Path) -> Study:
 
 
 @contextmanager
-def running_workers(count: int | None, scheduler: str | None, *, patience: float = PATIENCE) -> Iterator[Workers]:
-    """Yield the requested workers, and close them afterwards."""
+def running_workers(workers: int | str | None, *, patience: float = PATIENCE) -> Iterator[Workers]:
+    """Yield a number of processes, or the workers of the cluster at an address, and close them afterwards."""
     from cosim.study.running.workers import ProcessWorkers
 
-    if scheduler is not None:
+    if isinstance(workers, str):
         from cosim.study.running.dask_workers import DaskWorkers
 
-        pool: Workers = DaskWorkers(scheduler, waiting=patience, report=_report)
+        pool: Workers = DaskWorkers(workers, waiting=patience, report=_report)
     else:
-        pool = ProcessWorkers(count or usable_processors(), patience=patience)
+        pool = ProcessWorkers(workers or usable_processors(), patience=patience)
     try:
         yield pool
     finally:
