@@ -23,7 +23,7 @@ from rich.markup import escape
 
 from eightpost import __version__, completion
 from eightpost.app.former import FORMER_VERBS, current_verb
-from eightpost.app.options import Entry, VerbGroup, warn
+from eightpost.app.options import Entry, Verb, VerbGroup, warn
 from eightpost.errors import EightpostError, InputError
 from eightpost.workers.supervision import supervised, tell
 
@@ -122,6 +122,20 @@ SECTIONS: Mapping[str, Mapping[str, Entry]] = {
 VERBS: Mapping[str, Entry] = {name: entry for section in SECTIONS.values() for name, entry in section.items()} | {
     "reproduce": Entry("Reproduce the dissertation's figures, tables and equations.", "reproduce:reproduce")
 }
+
+
+def every_verb() -> dict[str, Verb]:
+    """Return all verbs by their words, such as `study optimise`."""
+    found: dict[str, Verb] = {}
+    groups = [("", main)]
+    for prefix, group in groups:
+        for name in group.entries:
+            command = group.get_command(click.Context(group), name)
+            if isinstance(command, VerbGroup):
+                groups.append((f"{name} ", command))
+            elif isinstance(command, Verb):
+                found[f"{prefix}{name}"] = command
+    return found
 
 
 class _Verbs(VerbGroup):

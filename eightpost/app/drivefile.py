@@ -103,7 +103,7 @@ def start(
     \b
     Examples:
       eightpost drivefile start track.csv --car car.json -o richmond/
-      eightpost drivefile start lap.csv --channel map.toml --set window='12 s, 45 s' --set format=csv --car car.json -o lap/
+      eightpost drivefile start lap.csv --channel map.toml --set window='12 s, 45 s' --car car.json -o lap/
     """
     from eightpost.drivefile import (
         ActuatorBands,

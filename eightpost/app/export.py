@@ -11,7 +11,7 @@ from rich.console import Console
 
 from eightpost.api.reading import is_system
 from eightpost.app.options import STATED, FilePath, OutputFile, Quantity, argument, option, setting, verb
-from eightpost.outputs import EXPORT
+from eightpost.outputs import EXPORT, PACKAGE, check_file
 
 #: Settings of a vehicle or a response, and of shocks.
 _VEHICLE_SETTINGS, _SHOCK_SETTINGS = ("ports", "high", "step"), ("error", "speed")
@@ -121,6 +121,7 @@ def _export_system(console: Console, system: Path, output: Path) -> None:
     from builder.ssp import write_ssp
     from cosim.system_file import read_case
 
+    check_file(output, PACKAGE, "-o")
     case = read_case(system)
     open_inputs = write_ssp(output, case.wiring)
     count = len(case.system.components)

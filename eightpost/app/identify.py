@@ -39,13 +39,6 @@ def identify(
         kind=OutputFile(VEHICLE),
         default=Path("vehicle.json"),
     ),
-    recipe_name: str = option(
-        "Identification method: docs/explanation/common_poles.md, docs/explanation/identification.md, "
-        "docs/explanation/output_error.md.",
-        "--recipe",
-        kind=RECIPES,
-        default="common-poles",
-    ),
     preparation: Path | None = option(
         "File with rate, settling, delays and geometry (docs/how_to/rig_data.md), which replaces those settings; "
         "default: none.",
@@ -64,6 +57,13 @@ def identify(
         "--plot",
         kind=("none", "main", "all"),
         default="none",
+    ),
+    recipe_name: str = setting(
+        "Identification method: docs/explanation/common_poles.md, docs/explanation/identification.md, "
+        "docs/explanation/output_error.md.",
+        "recipe",
+        kind=RECIPES,
+        default="common-poles",
     ),
     baseline: Path | None = setting(
         "Baseline test among the RIG files; default: found from the damping of the shocks.", kind=FilePath()
@@ -90,7 +90,7 @@ def identify(
       eightpost identify rig/*.parquet -o car.json
       eightpost identify base.parquet soft_lf.parquet soft_rf.parquet soft_lr.parquet soft_rr.parquet -o car.json
       eightpost identify rig/*.parquet --static static/heave.parquet --static static/roll.parquet -o car.json
-      eightpost identify q1.csv q5.csv --recipe boggs --set damping='31.03 lbf.s/in' -o corner.json
+      eightpost identify q1.csv q5.csv --set recipe=boggs --set damping='31.03 lbf.s/in' -o corner.json
     """
     from eightpost.ident.preparation import Decimation, Preparation, prepare, read_preparation
     from eightpost.ident.vehicle.plan import plan_identification

@@ -122,6 +122,13 @@ class Setting:
         """Return the name with the default, for a help text."""
         return f"{self.text} [default: {_shown(self.default)}]" if self.default is not None else self.text
 
+    @property
+    def _as_option(self) -> click.Option:
+        """Return an option that types of values name in their messages."""
+        shown = click.Option([f"--{self.name}"])
+        shown.opts = [f"--set {self.name}="]
+        return shown
+
     def value(self, text: str) -> Any:
         """Return a value from its text.
 
@@ -132,7 +139,7 @@ class Setting:
         if len(parts) != self.nargs:
             raise InputError(f"--set {self.name}={text}: give {self.nargs} values, separated by commas")
         try:
-            values = tuple(self.kind.convert(part, click.Option([f"--{self.name}"]), None) for part in parts)
+            values = tuple(self.kind.convert(part, self._as_option, None) for part in parts)
         except click.BadParameter as error:
             raise InputError(f"--set {self.name}={text}: {error.message}") from error
         return values if self.nargs > 1 else values[0]
@@ -177,9 +184,9 @@ class Verb(click.Command):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Read the command line with the current spellings of options."""
         path = ctx.command_path.split(" ", 1)[-1]
-        return super().parse_args(ctx, list(self._current(path, args)))
+        return super().parse_args(ctx, list(self.current(path, args)))
 
-    def _current(self, path: str, args: Sequence[str]) -> Iterator[str]:
+    def current(self, path: str, args: Sequence[str]) -> Iterator[str]:
         """Yield the words with the current spellings; warn of each old one."""
         own = {spelling for parameter in self.params for spelling in (*parameter.opts, *parameter.secondary_opts)}
         words = iter(args)
@@ -212,7 +219,11 @@ class Verb(click.Command):
             stated = ctx.params.pop("settings")
             ctx.meta[STATED] = {name for name, _ in stated}
             ctx.params |= self._set(stated)
-        with recorded([*self._inputs(ctx), *ctx.meta.get(_MAPS, ())]):
+        kinds = {parameter.name: parameter.type for parameter in self.params}
+        kinds |= {entry.parameter: entry.kind for entry in self.settings.values()}
+        given = [ctx.params[name] for name, kind in kinds.items() if name and type(kind) is FilePath]
+        inputs = [path for one in given for path in (one if isinstance(one, tuple) else (one,)) if path is not None]
+        with recorded([*inputs, *ctx.meta.get(_MAPS, ())]):
             check_outputs()
             return super().invoke(ctx)
 
@@ -229,10 +240,6 @@ class Verb(click.Command):
             entry.parameter: values.get(name, () if entry.several else _default(entry))
             for name, entry in self.settings.items()
         }
-
-    def _inputs(self, ctx: click.Context) -> list[Path]:
-        given = [ctx.params[parameter.name or ""] for parameter in self.params if type(parameter.type) is FilePath]
-        return [path for one in given for path in (one if isinstance(one, tuple) else (one,)) if path is not None]
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options, and below them the settings."""
@@ -457,25 +464,26 @@ class Quantity(click.ParamType):  # type: ignore[type-arg]
         if isinstance(value, float):
             return value
         option = max(param.opts, key=len) if param else self.name
+        option += "" if option.endswith("=") else " "
         number = self._number(value, option)
         if self.positive and not number > 0.0:
-            raise ParameterError(f"{option} must be above 0, not {value!r}")
+            raise ParameterError(f"{option.strip(' =')} must be above 0, not {value!r}")
         if not number <= self.most:
-            raise ParameterError(f"{option} must be at most {self.most:g} {self.unit}, not {value!r}")
+            raise ParameterError(f"{option.strip(' =')} must be at most {self.most:g} {self.unit}, not {value!r}")
         return number
 
     def _number(self, text: str, option: str) -> float:
         from eightpost import units
 
         if self.bare and (number := _plain(text)) is not None:
-            warn(f"{option} {text} has no unit; write {option} '{text} {self.unit}', which the next version requires")
+            warn(f"{option}{text} has no unit; write {option}'{text} {self.unit}', which the next version requires")
             return number
         if _plain(text) is not None:
-            raise InputError(f"{option} {text!r} has no unit; add it: '{text} {self.unit}' if it is in {self.unit}")
+            raise InputError(f"{option}{text!r} has no unit; add it: '{text} {self.unit}' if it is in {self.unit}")
         try:
             return float(units.convert(*units.quantity(text), self.unit))
         except InputError as error:
-            raise InputError(f"{option} {text!r}: {error}") from error
+            raise InputError(f"{option}{text!r}: {error}") from error
 
 
 def _plain(text: str) -> float | None:

@@ -61,7 +61,7 @@ def test_a_peak_velocity_table_is_shown_by_setting(tmp_path):
 
 @pytest.mark.parametrize(
     ("words", "expected"),
-    [(["missing.csv"], "there is no such file"), ([DATA / "dyno_C.csv", "--units", "force"], "CHANNEL=UNIT")],
+    [(["missing.csv"], "there is no such file"), ([DATA / "dyno_C.csv", "--channel", "force"], "CHANNEL=COLUMN")],
 )
 def test_wrong_input_is_exit_code_2(words, expected):
     code, shown = inspect(*words)

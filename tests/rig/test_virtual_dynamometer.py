@@ -78,7 +78,7 @@ def test_the_errors_of_build_1_are_near_those_of_table_3_4():
 
 
 def run(*arguments):
-    return CliRunner().invoke(main, ["dyno", *arguments])
+    return CliRunner().invoke(main, ["virtual", "dyno", *arguments])
 
 
 @pytest.mark.repeated

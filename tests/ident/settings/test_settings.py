@@ -428,7 +428,7 @@ def test_the_temperature_of_a_file_comes_from_its_channel_or_from_the_table(tmp_
 @pytest.mark.slow
 def test_the_commands_fit_five_files_plot_the_click_map_and_find_the_clicks(tmp_path):
     output = tmp_path / "shock.json"
-    shown = CliRunner().invoke(main, ["settings", str(EXAMPLES / "rebound.toml"), "-o", str(output)])
+    shown = CliRunner().invoke(main, ["fit", str(EXAMPLES / "rebound.toml"), "-o", str(output)])
     assert shown.exit_code == 0, shown.output
     assert "rebound 14" in shown.output
     assert (tmp_path / "shock.png").stat().st_size > 20_000

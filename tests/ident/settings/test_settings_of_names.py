@@ -43,7 +43,7 @@ def test_names_without_one_setting_each_are_refused_with_what_to_write(tmp_path,
         InputError, match=r"do not state one setting each, such as 2clicks or 1\.5A; list them in a table"
     ):
         settings_of_names(paths)
-    shown = CliRunner().invoke(main, ["settings", *map(str, paths)])
+    shown = CliRunner().invoke(main, ["fit", *map(str, paths)])
     assert shown.exit_code == 2
     assert "list them in a table" in " ".join(shown.output.split())
 
