@@ -92,7 +92,8 @@ def _identify(folder: Path, duration: str) -> None:
     rig, car = folder / "identification", folder / "car.json"
     if not rig.exists():
         call("virtual", "rig", "--program", "identification", "--shock", f"build:{BASELINE}",
-             "--set", f"alternate=build:{ALTERNATE}", "--set", f"duration={duration}", "--set", f"seed={DRIVE}", "--set", f"run={RUNS}", "-o", rig)  # fmt: skip
+             "--set", f"alternate=build:{ALTERNATE}", "--set", f"duration={duration}",
+             "--set", f"seed={DRIVE}", "--set", f"run={RUNS}", "-o", rig)  # fmt: skip
     if not car.exists():
         call("identify", *sorted(rig.glob("*.parquet")), "-o", car, "--plot", "none", may_fail=True)
 

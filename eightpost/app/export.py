@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,8 +13,8 @@ from eightpost.api.reading import is_system
 from eightpost.app.options import STATED, FilePath, OutputFile, Quantity, argument, option, setting, verb
 from eightpost.outputs import EXPORT, PACKAGE, check_file
 
-#: Settings of a vehicle or a response, and of shocks.
-_VEHICLE_SETTINGS, _SHOCK_SETTINGS = ("ports", "high", "step"), ("error", "speed")
+#: Settings of a vehicle or a response, and options and settings of shocks.
+_VEHICLE_SETTINGS, _OF_SHOCKS = {"ports", "high", "step"}, {"error", "speed", "--format", "--over"}
 
 
 def _default_package(given: Mapping[str, Any]) -> Path:
@@ -104,7 +104,10 @@ def export(
         _export_system(console, sources[0], output)
         return
     is_shock = has_shocks(sources)
-    _refuse(ctx, _VEHICLE_SETTINGS if is_shock else _SHOCK_SETTINGS, "shocks" if is_shock else "vehicles and responses")
+    stated = {*ctx.meta[STATED], *(f"--{name}" for name, given in (("format", table_format), ("over", over)) if given)}
+    _refuse(
+        stated & (_VEHICLE_SETTINGS if is_shock else _OF_SHOCKS), "shocks" if is_shock else "vehicles and responses"
+    )
     if is_shock:
         summary, *remarks = export_shocks(
             sources, output, name=table_format, over=over, error=error / 100.0, speed=speed
@@ -130,8 +133,7 @@ def _export_system(console: Console, system: Path, output: Path) -> None:
         console.print(f"  open inputs, 0 unless driven: {', '.join(open_inputs)}")
 
 
-def _refuse(ctx: click.Context, names: tuple[str, ...], kind: str) -> None:
-    """Refuse settings that do not apply to the kind of source."""
-    for name in names:
-        if name in ctx.meta[STATED]:
-            raise click.BadParameter(f"it does not apply to {kind}; omit it", ctx, param_hint=f"--set {name}")
+def _refuse(names: Collection[str], kind: str) -> None:
+    """Refuse options and settings that do not apply to the kind of source."""
+    if names:
+        raise click.BadParameter(f"it does not apply to {kind}; omit it", param_hint=", ".join(sorted(names)))

@@ -137,16 +137,16 @@ def report(
       eightpost report shock.json --live
       eightpost report out/
     """
-    from eightpost.app.show import show_verdict
-    from eightpost.ident.dyno_report.builds import Reading, dyno_report, read_limits
-    from eightpost.ident.dyno_report.page import report_verdict, write_report
-
     console = Console(soft_wrap=True, highlight=False)
     if live:
         ctx.exit(0 if _live_page(console, files, output, car).is_acceptable else 1)
     if is_study(files[0]):
         _study_page(console, files[0])
         return
+    from eightpost.app.show import show_verdict
+    from eightpost.ident.dyno_report.builds import Reading, dyno_report, read_limits
+    from eightpost.ident.dyno_report.page import report_verdict, write_report
+
     corners = _corners(car, corner_mass, wheel_rate, motion_ratio)
     flips = {**channels.of_files, **({"": channels.flip} if channels.flip else {})}
     options = {"channel_map": channels.channel_map, "units": dict(channels.units)}

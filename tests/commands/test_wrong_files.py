@@ -62,10 +62,14 @@ WRONG = {
     # Numbers that no comparison finds out of range, or that would take hours and the whole memory
     "validate B_B.json shocks/dyno_A.csv --limit nan": "'nan' is not a finite number",
     "study compare out --measured out --set rank=nan": "--set rank=nan: 'nan' is not a finite number",
-    "virtual dyno --configuration 5 --test sine --set amplitude='900 m' --set speed='1 in/s' -o d.csv": "use a higher speed, or a",
-    "virtual dyno --configuration 5 --test sine --set amplitude='1 in' --set speed='1e-6 in/s' -o d.csv": "at most 3600 s; use a",
-    "virtual rig --car quarter_car --set duration='1e9 s' -o r.parquet": "--set duration must be at most 7200 s, not '1e9 s'",
-    "study shapes study.toml --set keep='200 %'": "keep, the share of the gain, must be above 0 and at most 100 %, not 200 %",
+    "virtual dyno --configuration 5 --test sine --set amplitude='900 m' --set speed='1 in/s' -o d.csv":
+        "use a higher speed, or a",
+    "virtual dyno --configuration 5 --test sine --set amplitude='1 in' --set speed='1e-6 in/s' -o d.csv":
+        "at most 3600 s; use a",
+    "virtual rig --car quarter_car --set duration='1e9 s' -o r.parquet":
+        "--set duration must be at most 7200 s, not '1e9 s'",
+    "study shapes study.toml --set keep='200 %'":
+        "keep, the share of the gain, must be above 0 and at most 100 %, not 200 %",
     "study shapes study.toml --set tolerance='-3 %'": "tolerance must be 0 to 33 %, not -3 %",
     "study shapes study.toml --limit rebound.low=1,2": "--limit rebound.low=1,2: '1' has no unit",
     "study sensitivity out -o terms.txt": "a table ends in .parquet; write -o terms.parquet",

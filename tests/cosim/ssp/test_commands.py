@@ -86,7 +86,7 @@ def test_the_run_command_takes_drive_inputs_and_times_that_a_package_lacks(folde
     monkeypatch.setattr("cosim.report.plots.plot_traces", lambda *_, **__: None)
     (folder / "corner.ssd").write_bytes(corner(CAR_ALONE + SHOCK))
     line = ["run", str(folder / "corner.ssd"), "-o", str(folder / "out"), "--drive", str(folder / "road.csv")]
-    line += ["--input", "car.aero_force=100 N", "--stop", "200 ms", "--record-step", "10 ms", "--step", "2 ms"]
+    line += ["--input", "car.aero_force=100 N", "--set", "stop=200 ms", "--set", "record-step=10 ms", "--step", "2 ms"]
     ran = CliRunner().invoke(main, line)
     assert ran.exit_code == 0, ran.output
     assert "100 steps of 2 ms" in ran.output and "bond car: energy residual" in ran.output
@@ -95,11 +95,11 @@ def test_the_run_command_takes_drive_inputs_and_times_that_a_package_lacks(folde
 
 def test_the_run_command_refuses_options_for_packages_with_a_system_file(folder):
     (folder / "case.toml").write_text("schema = 1\n")
-    for option in (["--stop", "1 s"], ["--drive", "road.csv"], ["--input", "a.b=1"], ["--record-step", "1 ms"]):
+    for option in (["--set", "stop=1 s"], ["--drive", "road.csv"], ["--input", "a.b=1"], ["--set", "record-step=1 ms"]):
         ran = CliRunner().invoke(main, ["run", str(folder / "case.toml"), "-o", str(folder / "out"), *option])
         assert ran.exit_code == 2 and "change them there" in ran.output
-    ran = CliRunner().invoke(main, ["run", str(folder / "case.toml"), "-o", str(folder / "out"), "--stop", "1 m"])
-    assert ran.exit_code == 2 and "--stop '1 m': cannot convert" in ran.output
+    ran = CliRunner().invoke(main, ["run", str(folder / "case.toml"), "-o", str(folder / "out"), "--set", "stop=1 m"])
+    assert ran.exit_code == 2 and "--set stop='1 m': cannot convert" in ran.output
 
 
 @pytest.mark.nightly
