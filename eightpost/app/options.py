@@ -601,7 +601,7 @@ def _is_unit(text: str) -> bool:
 
 
 #: Option --channel of the verbs that read records.
-CHANNELS = _Declared(
+CHANNELS: Any = _Declared(
     "option",
     "Column, sign and unit of a channel whose header lacks them: force='Load 2', force=3 (in a file without a header), "
     "force=- (the opposite sign; force=+ confirms that of the file), 'force=[lbf]', or all: 'force=-Load 2 [lbf]'. A "
@@ -637,20 +637,20 @@ class Workers(click.ParamType):  # type: ignore[type-arg]
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | str:
         """Return the number or the address."""
         if not isinstance(value, str) or ":" in value:
-            return value  # type: ignore[no-any-return]
+            return value
         if not value.isdecimal() or not int(value):
             self.fail(f"{value!r} is neither a number of processes nor an address such as tcp://host:8786", param, ctx)
         return int(value)
 
 
-WORKERS = _Declared(
+WORKERS: Any = _Declared(
     "option",
     "Number of processes that run setups, or address of a Dask cluster, e.g. tcp://host:8786 (docs/how_to/scale.md); "
     "default: one process per processor.",
     ("--workers",), Workers(), metavar="N|ADDRESS",
 )  # fmt: skip
 
-RANK = _Declared(
+RANK: Any = _Declared(
     "option", "Measure that ranks the setups, smallest first; default: the objective of the study.", ("--rank",),
     metavar="MEASURE",
 )  # fmt: skip

@@ -24,7 +24,7 @@ def test_the_command_reports_the_assembled_parts(system_file, tmp_path, toolchai
 
 def test_the_command_takes_a_system_file_or_sources(system_file):
     both = CliRunner().invoke(command, [str(system_file), "shock.json"])
-    assert both.exit_code == 2 and "omit SOURCES" in both.output
+    assert both.exit_code == 2 and "omit other SOURCES" in both.output
     neither = CliRunner().invoke(command, [])
     assert neither.exit_code == 2 and "Missing argument" in neither.output
 
