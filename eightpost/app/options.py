@@ -549,6 +549,8 @@ class _ChannelText(click.ParamType):  # type: ignore[type-arg]
         """Return a channel map, or file, channel, sign, column and unit."""
         if not isinstance(value, str):
             return value
+        from eightpost.units import is_unit
+
         name, equals, column = value.partition("=")
         if not equals and value.lower().endswith(".toml"):
             from eightpost.signals import ChannelMap
@@ -564,7 +566,7 @@ class _ChannelText(click.ParamType):  # type: ignore[type-arg]
         sign = column[0] if column in ("+", "-") or column[0] == "-" else ""
         source, unit = column.removeprefix(sign).strip(), None
         bracket = re.fullmatch(r"(.*?)\s*\[([^\]]+)\]", source)
-        if bracket and (not bracket[1] or _is_unit(bracket[2])):
+        if bracket and (not bracket[1] or is_unit(bracket[2])):
             source, unit = bracket.groups()
         return file, channel, sign, source, unit
 
@@ -588,16 +590,6 @@ class _ChannelText(click.ParamType):  # type: ignore[type-arg]
         is_confirmed = any(sign == "+" for _, _, sign, _, _ in stated)
         flip = of_files.pop("", ("none",) if is_confirmed else ())
         return Channels(channel_map, {name: unit for _, name, _, _, unit in stated if unit}, flip, of_files)
-
-
-def _is_unit(text: str) -> bool:
-    from eightpost import units
-
-    try:
-        units.convert(1.0, text, text)
-    except InputError:
-        return False
-    return True
 
 
 #: Option --channel of the verbs that read records.

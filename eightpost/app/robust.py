@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.certainty import measured_noise, show_certainty, with_runs
-from eightpost.app.options import RANK, FilePath, argument, setting, verb
+from eightpost.app.options import FilePath, argument, setting, verb
 from eightpost.app.progress import bar, each
 from eightpost.errors import FileFormatError, InputError
 from eightpost.outputs import replacing
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 def robust(
     folder: Path = argument("STUDY", kind=FilePath()),
     uncertain: Path = argument("UNCERTAIN", kind=FilePath()),
-    rank: str | None = RANK,
+    rank: str | None = setting("Measure that ranks the setups, smallest first; default: the objective of the study."),
     top: int = setting(
         "Number of leading setups that are simulated with drawn parameters; the baseline is added.",
         kind=click.IntRange(min=2),
