@@ -151,7 +151,9 @@ class _Verbs(VerbGroup):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Read the command line with the current words of its verb."""
-        return super().parse_args(ctx, current_verb(args, report=warn))
+        verbose = [word for word in args if word in ("-v", "--verbose")]  # anywhere on the command line
+        rest = [word for word in args if word not in verbose]
+        return super().parse_args(ctx, [*verbose[:1], *current_verb(rest, report=warn)])
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
@@ -200,7 +202,9 @@ def _check_names() -> None:
 
 @click.group(cls=_Verbs, entries=VERBS, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name=_NAME)
-@click.option("-v", "--verbose", is_flag=True, help="Show the log messages of components.")
+@click.option(
+    "-v", "--verbose", is_flag=True, help="Show all details of the result, and the log messages of components."
+)
 def main(verbose: bool) -> None:
     """Shock and vehicle FMUs, and the co-simulation that couples them.
 

@@ -178,18 +178,17 @@ def build_with_progress(
 
 
 def show_built(console: Console, built: list[Built]) -> Verdict:
-    """Print a table of the FMUs and the verdict that they carry; return the verdict."""
+    """Print the FMUs and the verdict that they carry; return the verdict."""
     from builder.build import verdict_on
-    from eightpost.app.show import show_verdict
+    from eightpost.app.show import details, show_verdict
     from eightpost.report.numbers import file_size
 
-    rows = []
     for item in built:
-        counts = [str(len(item.interface.names(causality))) for causality in ("input", "output", "parameter")]
-        kind = f"{item.interface.kind} {item.interface.version}"
-        rows.append((str(item.path), kind, f"{item.fmi}.0", item.target, *counts, file_size(item.path)))
-    columns = [*folded("FMU"), "interface", "FMI", "target", "inputs", "outputs", "parameters", "size"]
-    console.print(console_table(columns, rows))
+        interface = item.interface
+        counts = ", ".join(f"{len(interface.names(kind))} {kind}s" for kind in ("input", "output", "parameter"))
+        text = f"{interface.kind} {interface.version}, FMI {item.fmi}.0, {item.target}, {file_size(item.path)}"
+        console.print(f"{escape(str(item.path))}: {text}", highlight=False, soft_wrap=True)
+        details(console).print(f"  {counts}", highlight=False)
     for limits in dict.fromkeys(item.limits for item in built if item.limits):
         console.print(f"[yellow]note[/] {escape(limits)}")
     verdict = verdict_on(built)

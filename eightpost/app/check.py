@@ -83,9 +83,11 @@ def _checked(path: Path, scope: Scope) -> CheckReport | NotChecked:
         return NotChecked(path, str(error))
 
 
-def show_report(console: Console, report: CheckReport) -> None:
+def show_report(console: Console, report: CheckReport, *, with_findings: bool = True) -> None:
     """Print the findings in an FMU, grouped by level, and the groups that were performed and skipped."""
     console.print(f"{escape(str(report.path))}: {_verdict(report)}", highlight=False, soft_wrap=True)
+    if not with_findings:
+        return
     if report.findings:
         console.print(_table(report))
     _note(console, f"performed {', '.join(report.groups) or 'nothing'}")

@@ -16,6 +16,7 @@ from eightpost.app.compare import measure_table
 from eightpost.app.fit import show_fit, show_test
 from eightpost.app.options import OutputFolder, option, verb
 from eightpost.app.run import run_with_progress
+from eightpost.app.show import details, is_detailed
 from eightpost.app.study import run_with_workers, show_study
 from eightpost.app.study import show_result as show_study_result
 from eightpost.corners import CORNERS
@@ -33,6 +34,8 @@ _BUILDS = ("A", "B", "C")
 _BASELINE, _SWAP, _CORNER = "A", "B", "lf"
 #: Length of the lap in the study of every setup [s].
 _STUDIED = 12.0
+#: Number of changed measures that are listed.
+_LISTED = 6
 _TRACES = ("car.lf.velocity", "lf.force", "car.lf.tire_force", "car.front.ride_height", "car.lf.hub_acceleration")
 _SPECTRA = ("car.lf.tire_force", "car.front.ride_height", "car.lf.hub_acceleration", "car.lf.velocity")
 
@@ -56,12 +59,7 @@ def demo(
     clean = _build_and_check(console, examples, output)
     results = _couple_and_swap(console, examples, output)
     _measure(console, results, output)
-    page = _study(console, examples, output)
-    console.rule("Done")
-    console.print(f"Plots, FMUs, shock files and series are in {output}/ (all from synthetic data):", highlight=False)
-    for path in sorted(output.glob("*.png")):
-        console.print(f"  {path}", highlight=False)
-    console.print(f"Page of all setups of the three shocks, with what is sure about them: {page}", highlight=False)
+    _study(console, examples, output)
     ctx.exit(0 if clean and all(result.acceptable for result in results.values()) else 1)
 
 
@@ -76,10 +74,10 @@ def _fit_builds(console: Console, examples: Path, output: Path) -> None:
     show_test(console, tests["A"])
     laws: tuple[LawName, ...] = ("polylinear", "lpf1", "lpnl2")
     first = [_fit("A", tests["A"], law) for law in laws]
-    console.print(fit_table(first))
+    details(console).print(fit_table(first))
     show_fit(console, first[-1])
     fits = {"A": first[-1]} | {name: _fit(name, tests[name], "lpnl2") for name in _BUILDS[1:]}
-    console.print(fit_table(list(fits.values())))
+    details(console).print(fit_table(list(fits.values())))
     for name, shock_fit in fits.items():
         write_shock(shock_fit.shock, output / f"dyno_{name}.json")
     plot_force_velocity(first, output / "fit_laws.png")
@@ -103,9 +101,7 @@ def _build_and_check(console: Console, examples: Path, output: Path) -> bool:
     checked = (built[0], built[-1])
     reports = [check_fmu(item.path) for item in checked]
     for report in reports:
-        show_report(console, report)
-    left = ", ".join(item.path.name for item in built if item not in checked)
-    console.print(f"not checked: {left}, which differ from {built[0].path.name} in numbers only", highlight=False)
+        show_report(console, report, with_findings=is_detailed())
     return all(report.acceptable for report in reports)
 
 
@@ -133,22 +129,27 @@ def _measure(console: Console, results: dict[str, cosim.Result], output: Path) -
 
     console.rule("4. Response measures")
     compared = compare_runs(results)
-    console.print(measure_table(compared))
+    details(console).print(measure_table(compared))
+    changes = {measure.name: compared.change(measure) for measure in compared.measures}
+    largest = sorted((name for name, change in changes.items() if change), key=lambda name: -abs(changes[name] or 0.0))
+    for name in largest[:_LISTED]:
+        console.print(f"  {changes[name]:+.2f} %  {name}", highlight=False)
     series = compared.runs
     plot_traces(series, _TRACES, output / "traces.png", start=10.0, stop=14.0, title=f"Time traces {_SYNTHETIC}")
     plot_spectra(series, _SPECTRA, output / "spectra.png", title=f"Power spectral densities {_SYNTHETIC}")
     plot_measures(series, compared.measures, output / "measures.png", title=f"Response measures {_SYNTHETIC}")
 
 
-def _study(console: Console, examples: Path, output: Path) -> Path:
-    """Run and rank every setup of the three builds on the identified car; return the page."""
+def _study(console: Console, examples: Path, output: Path) -> None:
+    """Run every setup of the three builds on the identified car; print the best one, how sure, and the page."""
     from cosim.study import Build, Drive, Study, Term, Vehicle
+    from cosim.study.certainty.certainty import summary_lines
     from cosim.study.folder import chosen_so_far, page_of
     from cosim.study.measures import ride_measures
     from cosim.study.running.sweep import Sweep
     from cosim.study.running.workers import ProcessWorkers
 
-    console.rule("5. Every setup of the three shocks on an identified car, and how sure the choice is")
+    console.rule("5. Every setup on an identified car, and how sure the choice is")
     folder, identified = output / "fmus", examples / "identified"
     (car,) = build_with_progress(console, [identified / "car.json"], folder / "identified")
     bank = {name: Build(folder / f"dyno_{name}.fmu") for name in _BUILDS}
@@ -163,12 +164,17 @@ def _study(console: Console, examples: Path, output: Path) -> Path:
         baseline=dict.fromkeys(CORNERS, _BASELINE),
     )
     sweep = Sweep(study, output / "study")
-    show_study(console, sweep)
+    more = details(console)
+    show_study(more, sweep)
     workers = ProcessWorkers(usable_processors())
     try:
-        result = run_with_workers(console, sweep, workers)
+        result = run_with_workers(more, sweep, workers)
         certainty = assess(console, result, sweep.folder, workers)
     finally:
         workers.close()
-    show_study_result(console, result, certainty, top=5)
-    return page_of(result, sweep.folder, chosen_so_far(result, sweep.folder))
+    show_study_result(more, result, certainty, top=5)
+    page = page_of(result, sweep.folder, chosen_so_far(result, sweep.folder))
+    console.rule("The answer, for synthetic data")
+    console.print(f"best of {len(result)} setups: {result.setup(int(result.ranking()[0]))}", highlight=False)
+    console.print(next(iter(summary_lines(result, certainty))), highlight=False, markup=False)
+    console.print(f"page: {page}", highlight=False, soft_wrap=True)

@@ -23,6 +23,7 @@ from eightpost.app.options import (
     setting,
     verb,
 )
+from eightpost.app.show import details, is_detailed, show_files, show_summary, show_verdict
 from eightpost.errors import InputError
 from eightpost.outputs import PICTURE, SHOCK
 from eightpost.verdict import Verdict
@@ -164,7 +165,7 @@ def fit(
 
         plot_force_velocity(shock_fit, plot)
         written.append(plot)
-    console.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, highlight=False)
+    show_files(console, written)
     ctx.exit(0 if shock_fit.verdict.is_acceptable else 1)
 
 
@@ -192,7 +193,6 @@ def _fit_settings(
     segment: tuple[float, float] | None, cutoff: float | None,
 ) -> Verdict:  # fmt: skip
     """Fit one shock over its settings, and print the errors at each of them."""
-    from eightpost.app.show import show_verdict
     from eightpost.ident.shock.settings.plots import plot_click_map, settings_table
     from eightpost.ident.shock.settings.result import fit_settings
     from eightpost.shock import write_shock
@@ -202,12 +202,12 @@ def _fit_settings(
     shock_fit = fit_settings(table, law=law, segment=segment, cutoff=cutoff)
     console.print(settings_table(shock_fit))
     for change in shock_fit.shock.fit["changes"]:
-        console.print(f"[yellow]changed[/] {escape(change)}", highlight=False, soft_wrap=True)
+        details(console).print(f"[yellow]changed[/] {escape(change)}", highlight=False, soft_wrap=True)
     show_verdict(console, shock_fit.verdict)
     write_shock(shock_fit.shock, output)
     if plot is not None:
         plot_click_map(shock_fit.shock, plot)
-    console.print(f"wrote {output}{f', {plot}' if plot else ''}", soft_wrap=True, highlight=False)
+    show_files(console, [output, *([plot] if plot else [])])
     return shock_fit.verdict
 
 
@@ -277,7 +277,6 @@ def _fit_builds(
     gas: GasTreatment,
 ) -> Verdict:
     """Fit the mean of the peak-velocity tables of several builds, and print the spread between them."""
-    from eightpost.app.show import show_verdict
     from eightpost.ident.shock.peak_velocity import fit_builds
     from eightpost.shock import write_shock
 
@@ -286,7 +285,7 @@ def _fit_builds(
     console.print(f"{escape(spread.summary())}.", highlight=False, soft_wrap=True)
     assert shock.validity is not None
     show_verdict(console, shock.validity.verdict)
-    console.print(f"wrote {output}", soft_wrap=True, highlight=False)
+    show_files(console, [output])
     return shock.validity.verdict
 
 
@@ -301,14 +300,13 @@ def _fit_tables(
     gas: GasTreatment,
 ) -> Verdict:
     """Fit the tables of a peak-velocity file and draw their curves."""
-    from eightpost.app.show import show_verdict
     from eightpost.ident.shock.peak_velocity import fit_tables
 
     fitted = fit_tables(tables, output, name=name, build=build, gas=gas)
     for one in fitted:
         console.print(escape(str(one)), soft_wrap=True, highlight=False)
         for change in one.shock.fit["changes"]:
-            console.print(f"[yellow]changed[/] {escape(change)}", highlight=False)
+            details(console).print(f"[yellow]changed[/] {escape(change)}", highlight=False)
         if one.shock.validity:
             show_verdict(console, one.shock.validity.verdict)
     written = [one.path for one in fitted]
@@ -317,37 +315,60 @@ def _fit_tables(
 
         plot_peak_velocity([(one.table, one.shock) for one in fitted], plot)
         written.append(plot)
-    console.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, highlight=False)
+    show_files(console, written)
     return Verdict.combined(one.shock.validity.verdict for one in fitted if one.shock.validity)
 
 
 def show_test(console: Console, test: DynoTest) -> None:
-    """Print the channels of a record, its length, scale and lag, and its notes."""
+    """Print the channels of a record, its length and scale; with -v, also its lag and notes."""
     from eightpost.rig.motion import lag_statement
 
-    series = test.series
-    console.print(
-        f"read {escape(str(test.source))}: {', '.join(series.names)}; {series.duration:.1f} s at "
-        f"{series.sample_rate:.0f} Hz",
-        soft_wrap=True,
-        highlight=False,
+    series, more = test.series, details(console)
+    show_summary(
+        console, f"{test.source}: {series.duration:.1f} s at {series.sample_rate:.0f} Hz; {', '.join(series.names)}"
     )
-    console.print(f"  {escape(lag_statement(series))}", soft_wrap=True, highlight=False)
+    more.print(f"  {escape(lag_statement(series))}", soft_wrap=True, highlight=False)
     for note in (*test.derived, *test.remarks):
-        console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
+        more.print(f"[yellow]note[/] {escape(note)}", highlight=False)
+
+
+def _range_text(shock_fit: ShockFit) -> str:
+    """Return the ranges of the records: displacement, frequency and, if measured, temperature."""
+    from eightpost.units import convert, shown
+
+    parts = []
+    for one in shock_fit.shock.validity.ranges if shock_fit.shock.validity else ():
+        (low, unit), (high, _) = shown(one.low, one.unit), shown(one.high, one.unit)
+        if unit == "K":
+            low, high, unit = convert(low, "K", "degC"), convert(high, "K", "degC"), "degC"
+        parts.append(f"{one.variable if one.kind == 'amplitude' else ''} {low:.3g} to {high:.3g} {unit}".strip())
+    return ", ".join(parts)
 
 
 def show_fit(console: Console, shock_fit: ShockFit) -> None:
-    """Print a fit's quality, its parameters, and the settings that it changed."""
-    from eightpost.app.show import show_verdict
+    """Print law, errors, range and verdict of a fit; with -v, also its parameters and the settings that it changed."""
     from eightpost.ident import fit_table, parameter_table
+    from eightpost.shock.laws import law_title
+    from eightpost.units import shown
 
-    console.print(fit_table([shock_fit]))
-    console.print(parameter_table(shock_fit))
-    if shock_fit.held_out is not None:
-        console.print(f"{shock_fit.held_out}.", highlight=False, soft_wrap=True)
-    if shock_fit.between_builds is not None:
-        console.print(f"{escape(shock_fit.between_builds.summary())}.", highlight=False, soft_wrap=True)
+    force, unit = shown(shock_fit.rms, "N")
+    between = "" if shock_fit.between_builds is None else shock_fit.between_builds.summary()
+    rows = [
+        ("law", f"{law_title(shock_fit.shock.law_name)}, {len(shock_fit.parameters)} parameters and a curve"),
+        ("error", f"{shock_fit.percent:.2g} % of the force's standard deviation, {force:.3g} {unit} RMS"),
+        ("held out", str(shock_fit.held_out or "").removeprefix("held-out error ")),
+        ("range", _range_text(shock_fit)),
+        ("builds", between),
+        ("search", "" if shock_fit.converged else f"did not converge: {shock_fit.status}"),
+        (
+            "changes",
+            f"{len(shock_fit.changes)}; -v shows them" if shock_fit.changes and not is_detailed() else "",
+        ),
+    ]
+    show_summary(console, shock_fit.shock.name, rows)
+    more = details(console)
+    more.print(fit_table([shock_fit]))
+    more.print(parameter_table(shock_fit))
     for change in shock_fit.changes:
-        console.print(f"[yellow]changed[/] {escape(change)}", highlight=False)
+        more.print(f"[yellow]changed[/] {escape(change)}", highlight=False)
     show_verdict(console, shock_fit.verdict)

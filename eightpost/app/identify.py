@@ -12,6 +12,7 @@ from rich.markup import escape
 
 from eightpost.app.options import CHANNELS, Channels, FilePath, OutputFile, Quantity, argument, option, setting, verb
 from eightpost.app.progress import bar
+from eightpost.app.show import details, show_files, show_summary, show_verdict
 from eightpost.errors import FileFormatError, InputError, missing_file
 from eightpost.outputs import VEHICLE
 from eightpost.progress import advance, portion, reported_to
@@ -99,6 +100,7 @@ def identify(
     from eightpost.rig.post.rig_test import read_rig_tests
 
     console = Console()
+    more = details(console)
     _check(rig_files, baseline)
 
     def read(files: Sequence[Path]) -> Iterator[RigTest]:
@@ -111,7 +113,7 @@ def identify(
         with portion(0.0, 0.15):
             prepared = prepare(read(rig_files), how)
         for line in prepared.summary():
-            console.print(escape(line), highlight=False, soft_wrap=True)
+            more.print(escape(line), highlight=False, soft_wrap=True)
         plan = plan_identification(
             prepared,
             name=name or output.stem,
@@ -120,18 +122,14 @@ def identify(
             outputs=output_channels.replace(" ", "").split(",") if output_channels else (),
             static=read(static_files) if static_files else (),
         )
-        _show_baseline(console, rig_files, plan.baseline)
+        _show_baseline(more, rig_files, plan.baseline)
         if plan.rating is not None:
-            _show_rating(console, plan.rating, plan.experiment.outputs)
-        console.print(
-            f"identifying {len(plan.experiment.outputs)} outputs from {len(plan.experiment.inputs)} inputs",
-            highlight=False,
-        )
+            _show_rating(more, plan.rating, plan.experiment.outputs)
         with portion(0.15, 1.0):
             fit = plan.identify(recipe_name)
     _show_fit(console, fit, fit.verdict)
     written = [*write_fit(output, fit), *plot_identification(fit, output.with_name(f"{output.stem}_plots"), plots)]
-    console.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, highlight=False)
+    show_files(console, written)
     ctx.exit(0 if fit.verdict.is_acceptable else 1)
 
 
@@ -172,7 +170,7 @@ def _show_baseline(console: Console, rig_files: Sequence[Path], reference: Basel
 
 
 def _show_fit(console: Console, fit: VehicleFit, verdict: Verdict) -> None:
-    from eightpost.app.show import show_verdict
+    """Print model, misfit and verdict; with -v, also the tables of all outputs and the notes."""
     from eightpost.ident.vehicle.vehicle_fit import (
         damping_sentence,
         friction_table,
@@ -181,14 +179,22 @@ def _show_fit(console: Console, fit: VehicleFit, verdict: Verdict) -> None:
         trust_table,
     )
 
-    console.print(residual_table(fit))
+    worst = max(fit.residual, key=lambda name: fit.residual[name])
+    rows = [
+        ("model", f"{fit.states} states, {len(fit.response.input_names)} inputs, {len(fit.residual)} outputs"),
+        ("misfit", f"up to {100.0 * fit.residual[worst]:.2g} % ({worst})"),
+        ("damping", damping_sentence(fit)),
+        ("notes", f"{len(fit.notes)}; -v shows them" if fit.notes else ""),
+    ]
+    show_summary(console, f"{fit.vehicle.name}, recipe {fit.recipe}, {fit.seconds:.0f} s of processor time", rows)
+    more = details(console)
+    more.print(residual_table(fit))
     if fit.trust is not None and fit.trust.outputs:
-        console.print(trust_table(fit.trust))
+        more.print(trust_table(fit.trust))
     if fit.trust is not None and fit.trust.measures:
-        console.print(measure_table(fit.trust))
+        more.print(measure_table(fit.trust))
     if fit.trust is not None and fit.trust.friction:
-        console.print(friction_table(fit, fit.trust))
-    console.print(f"{damping_sentence(fit)}, {fit.seconds:.1f} s of processor time", highlight=False)
+        more.print(friction_table(fit, fit.trust))
     for note in fit.notes:
-        console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
+        more.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
     show_verdict(console, verdict)

@@ -280,15 +280,18 @@ def show_runs(console: Console, runs: list[DynoTest]) -> None:
     """Print the runs, and the effect of temperature over repeated runs."""
     from eightpost.rig import temperature_effect
     from eightpost.rig.dyno_test import temperature_drift
+    from eightpost.units import display_unit, shown
 
     rows = []
     for i, run in enumerate(runs, 1):
         series = run.series
-        stroke = "-" if run.stroke is None else f"{run.stroke:.4g}"
+        stroke = "-" if run.stroke is None else f"{shown(run.stroke, 'm')[0]:.4g}"
         drift = f"{temperature_drift(series):+.1f}" if "temperature" in series else "-"
-        peaks = (f"{float(abs(series[name]).max()):.4g}" for name in ("velocity", "force"))
+        peaks = (f"{shown(float(abs(series[name]).max()), series.unit(name))[0]:.4g}" for name in ("velocity", "force"))
         rows.append((str(i), f"{series.time[0]:.4g}", f"{series.time[-1]:.4g}", stroke, *peaks, drift))
-    columns = ("run", "from [s]", "to [s]", "stroke [m]", "peak velocity [m/s]", "peak force [N]", "drift [K]")
+    units = {"from": "s", "to": "s", "stroke": display_unit("m"), "peak velocity": display_unit("m/s"),
+             "peak force": display_unit("N"), "drift": "K"}  # fmt: skip
+    columns = ["run", *(escape(f"{name} [{unit}]") for name, unit in units.items())]
     console.print(console_table(columns, rows))
     effect = temperature_effect(runs)
     if effect:
@@ -297,11 +300,14 @@ def show_runs(console: Console, runs: list[DynoTest]) -> None:
 
 def show_table(console: Console, table: PeakVelocityTable) -> None:
     """Print a peak-velocity table's setting and ranges."""
+    from eightpost.units import shown
+
     name = " ".join(("peak-velocity table", table.clicks or "")).strip()
+    (low, speed), (high, _) = (shown(float(table.speed[end]), "m/s") for end in (0, -1))
+    (most, force), (least, _) = (shown(float(end), "N") for end in (table.compression.max(), table.rebound.min()))
     console.print(
-        f"{escape(name)}: {len(table)} speeds, {table.speed[0]:.4g} to "
-        f"{table.speed[-1]:.4g} m/s; compression to {table.compression.max():.4g} N, rebound to "
-        f"{table.rebound.min():.4g} N"
+        f"{escape(name)}: {len(table)} speeds, {low:.4g} to {high:.4g} {speed}; compression to {most:.4g} {force}, "
+        f"rebound to {least:.4g} {force}"
     )
     for note in table.notes:
         console.print(f"[yellow]note[/] {escape(note)}")
@@ -361,10 +367,14 @@ def _show_rig_test(console: Console, test: RigTest, mass: float | None) -> bool:
 
 def _channel_table(series: TimeSeries, statistics: Sequence[str]) -> Table:
     """Return a table with a row for each channel and a column for each statistic: minimum, maximum, mean, std."""
+    from eightpost.units import convert, display_unit
+
     rows = []
-    for name, unit, values in zip(series.names, series.units, series.values, strict=True):
-        known = {"minimum": values.min(), "maximum": values.max(), "mean": values.mean(), "std": values.std()}
-        rows.append((name, unit, *(f"{known[statistic]:.5g}" for statistic in statistics)))
+    for name, si, values in zip(series.names, series.units, series.values, strict=True):
+        unit = display_unit(si)
+        drawn = convert(values, si, unit)
+        figures = {"minimum": drawn.min(), "maximum": drawn.max(), "mean": drawn.mean(), "std": drawn.std()}
+        rows.append((name, unit, *(f"{figures[statistic]:.5g}" for statistic in statistics)))
     return console_table(["channel", "unit", *statistics], rows)
 
 

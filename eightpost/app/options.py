@@ -223,7 +223,9 @@ class Verb(click.Command):
         kinds |= {entry.parameter: entry.kind for entry in self.settings.values()}
         given = [ctx.params[name] for name, kind in kinds.items() if name and type(kind) is FilePath]
         inputs = [path for one in given for path in (one if isinstance(one, tuple) else (one,)) if path is not None]
-        with recorded([*inputs, *ctx.meta.get(_MAPS, ())]):
+        from eightpost.units import following_files
+
+        with recorded([*inputs, *ctx.meta.get(_MAPS, ())]), following_files():
             check_outputs()
             return super().invoke(ctx)
 

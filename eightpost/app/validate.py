@@ -24,6 +24,7 @@ from eightpost.app.options import (
     setting,
     verb,
 )
+from eightpost.app.show import details, show_verdict
 from eightpost.errors import InputError
 from eightpost.outputs import PAGE
 
@@ -173,21 +174,21 @@ class _Given:
         return each(self.console, self.records, "reading", len(self.records))
 
     def show(self, records: Iterable[Record], tables: Iterable[ResultTable]) -> None:
-        """Print the kind of each record, and the tables that have rows."""
+        """Print the first table that has rows; with -v, also the kind of each record and the other tables."""
         from eightpost.report.tables import result_table
 
+        more = details(self.console)
         for record in records:
-            self.show_line(f"{escape(record.name)}: {record.kind}, {escape(record.reason)}")
-        for table in tables:
-            if table.rows:
-                self.console.print(result_table(table))
+            more.print(
+                f"{escape(record.name)}: {record.kind}, {escape(record.reason)}", soft_wrap=True, highlight=False
+            )
+        for number, table in enumerate(table for table in tables if table.rows):
+            (more if number else self.console).print(result_table(table))
 
     def show_verdict(self, notes: Iterable[str], verdict: Verdict) -> None:
-        """Print the notes and the verdict."""
-        from eightpost.app.show import show_verdict
-
+        """Print the verdict; with -v, also the notes."""
         for note in notes:
-            self.show_line(f"[yellow]note[/] {escape(note)}")
+            details(self.console).print(f"[yellow]note[/] {escape(note)}", soft_wrap=True, highlight=False)
         show_verdict(self.console, verdict)
 
     def show_line(self, text: str) -> None:
@@ -260,12 +261,13 @@ def _validate_vehicle(
         study = validate_vehicle(fit, records, shocks=laws, against=other, settling=settling)
     verdict = vehicle_verdict(study, limits)
     given.show(records, terminal_tables(study))
+    more = details(given.console)
     if fit.trust is not None and fit.trust.outputs:
-        given.console.print(trust_table(fit.trust))
+        more.print(trust_table(fit.trust))
     if fit.trust is not None and fit.trust.measures:
-        given.console.print(measure_table(fit.trust))
+        more.print(measure_table(fit.trust))
     if fit.trust is not None and fit.trust.friction:
-        given.console.print(friction_table(fit, fit.trust))
+        more.print(friction_table(fit, fit.trust))
     given.show_verdict(study.notes, verdict)
     given.show_line(limits.summary())
     if given.report:

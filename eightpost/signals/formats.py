@@ -14,6 +14,7 @@ from eightpost.signals.lvm_file import read_lvm
 from eightpost.signals.mat_file import read_json, read_mat, read_script, write_mat
 from eightpost.signals.parquet_file import read_parquet, write_parquet
 from eightpost.signals.raw_record import RawRecord, find_time, identity_map, mapped_series
+from eightpost.units import note_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -74,7 +75,10 @@ def read_records(path: str | Path) -> tuple[RawRecord, ...]:
     if suffix in _CLOSED and (beginning := _CLOSED[suffix])[0] == path.read_bytes()[: len(beginning[0])]:
         what = f"is a file of {beginning[1]}, whose layout is not documented: export time, displacement or velocity, "
         raise FileFormatError(f"{what}and force there as .csv, and read that file", path=path)
-    return _READERS[suffix](path)
+    records = _READERS[suffix](path)
+    if suffix != ".parquet":  # those of this project are in SI units for every user
+        note_file(records[0].units)
+    return records
 
 
 def _check_size(path: Path) -> None:

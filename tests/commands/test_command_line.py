@@ -89,7 +89,7 @@ def test_fit_prints_the_table_and_writes_shock_and_picture(eightpost, tmp_path):
     output = tmp_path / "shock.json"
     shown = eightpost(
         "fit", ROOT / "examples" / "data" / "dyno_C.csv", "--law", "lpf1", "-o", output, "--build", "C",
-        "--set", "clicks=3 from closed", "--set", "gas-pressure=150 psi", "--plot", tmp_path / "curve.png",
+        "--set", "clicks=3 from closed", "--set", "gas-pressure=150 psi", "--plot", tmp_path / "curve.png", "-v",
     )  # fmt: skip
     assert shown.exit_code == 0, shown.output
     assert "LPF1" in shown.output
@@ -98,6 +98,22 @@ def test_fit_prints_the_table_and_writes_shock_and_picture(eightpost, tmp_path):
     assert 0.0005 < shock.law.time_constant < 0.003
     assert shock.conditions["clicks"] == "3 from closed"
     assert (tmp_path / "curve.png").stat().st_size > 10_000
+
+
+def test_a_fit_prints_at_most_twelve_lines_of_80_columns_with_law_error_range_and_verdict(eightpost, tmp_path):
+    words = ("fit", ROOT / "examples" / "data" / "dyno_A.csv", "--law", "LPF1", "-o", tmp_path / "a.json")
+    lines = eightpost(*words).output.splitlines()
+    assert len(lines) <= 12
+    assert max(len(line) for line in lines if not line.startswith(("wrote", "/"))) <= 80
+    labels = [line.split()[0] for line in lines if line.startswith("  ")]
+    assert [label for label in labels if label in ("law", "error", "held", "range")] == [
+        "law",
+        "error",
+        "held",
+        "range",
+    ]
+    assert lines[-1] == f"wrote {tmp_path / 'a.json'}"
+    assert len(eightpost(*words, "-v").output.splitlines()) > 20
 
 
 @pytest.mark.repeated(2)
