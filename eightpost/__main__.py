@@ -34,10 +34,10 @@ SECTIONS: Mapping[str, Mapping[str, Entry]] = {
     "Start": {
         "new": Entry("Write a starter folder, with files to be replaced by your own.", "new:new"),
         "demo": Entry("Run the whole workflow on shipped data.", "demo:demo"),
+        "app": Entry("Open a window in the browser: drop files, fit, couple, and run studies.", "app:app"),
         "doctor": Entry(
             "Check the installation: versions, extras, caches, a coupled run, the compiler.", "doctor:doctor"
         ),
-        "units": Entry("Choose the units of all results once: us or si.", "units:units"),
     },
     "Shocks and cars from measurements": {
         "inspect": Entry("Show what a file contains, and everything suspicious in it.", "inspect:inspect"),
@@ -118,9 +118,10 @@ SECTIONS: Mapping[str, Mapping[str, Entry]] = {
     },
 }
 
-#: All verbs; `reproduce` is evidence about the dissertation, and is not listed.
+#: All verbs; a setting and the evidence about the dissertation are not listed.
 VERBS: Mapping[str, Entry] = {name: entry for section in SECTIONS.values() for name, entry in section.items()} | {
-    "reproduce": Entry("Reproduce the dissertation's figures, tables and equations.", "reproduce:reproduce")
+    "units": Entry("Choose the units of all results once: us or si.", "units:units"),
+    "reproduce": Entry("Reproduce the dissertation's figures, tables and equations.", "reproduce:reproduce"),
 }
 
 
@@ -174,6 +175,10 @@ class _Verbs(VerbGroup):
         for title, entries in SECTIONS.items():
             with formatter.section(title):
                 formatter.write_dl([(name, entry.text) for name, entry in entries.items()])
+        formatter.write_paragraph()
+        formatter.write_text(
+            "Units of results: eightpost units us|si. The dissertation's figures: eightpost reproduce."
+        )
 
 
 #: Maximum number of characters of a message that are shown: a damaged file may contain a name of several megabytes.

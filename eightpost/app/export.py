@@ -96,8 +96,8 @@ def export(
       eightpost export adjustable.json --over rebound=0,7,14,21,28 -o clicks.txt
       eightpost export examples/seven_dof.toml -o car.ssp
     """
-    from eightpost.ident.exports.export import export as write
-    from eightpost.ident.exports.export import export_shocks, has_shocks
+    from eightpost.ident.export import export as write
+    from eightpost.ident.export import export_shocks, has_shocks
 
     console = Console(soft_wrap=True, highlight=False)
     if is_system(sources[0]):

@@ -31,8 +31,9 @@ from eightpost.verdict import Verdict
 if TYPE_CHECKING:
     from eightpost.ident import ShockFit
     from eightpost.ident.shock.force import GasTreatment
-    from eightpost.ident.shock.law_fit import RecipeName, Robust
-    from eightpost.ident.shock.settings.table import SettingsTable
+    from eightpost.ident.shock.law_fit import RecipeName
+    from eightpost.ident.shock.settings_table import SettingsTable
+    from eightpost.least_squares import Robust
     from eightpost.rig import DynoConditions, DynoTest, PeakVelocityTable
 
 RECIPES = ("joint", "boggs")
@@ -177,7 +178,7 @@ def _settings_table(
 ) -> SettingsTable | None:
     """Return the settings of a TOML table, or of the names of several files; None if the files are runs of one "
     "shock."""
-    from eightpost.ident.shock.settings.table import read_settings_table, settings_of_names, states_settings
+    from eightpost.ident.shock.settings_table import read_settings_table, settings_of_names, states_settings
 
     if len(files) == 1 and files[0].suffix.lower() == ".toml":
         if channels.is_stated or not is_plain:
@@ -193,8 +194,8 @@ def _fit_settings(
     segment: tuple[float, float] | None, cutoff: float | None,
 ) -> Verdict:  # fmt: skip
     """Fit one shock over its settings, and print the errors at each of them."""
-    from eightpost.ident.shock.settings.plots import plot_click_map, settings_table
-    from eightpost.ident.shock.settings.result import fit_settings
+    from eightpost.ident.shock.plots import plot_click_map
+    from eightpost.ident.shock.settings import fit_settings, settings_table
     from eightpost.shock import write_shock
 
     for note in table.notes:

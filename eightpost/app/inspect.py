@@ -30,11 +30,10 @@ from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table, unbroken
 
 if TYPE_CHECKING:
+    from eightpost.checks import Fault
     from eightpost.ident.linearity import Linearity
-    from eightpost.ident.preparation.plausibility_rules import Finding
-    from eightpost.ident.response import FrequencyResponse
-    from eightpost.rig import DynoTest, PeakVelocityTable
-    from eightpost.rig.post import RigTest
+    from eightpost.ident.vehicle.frequency_response import FrequencyResponse
+    from eightpost.rig import DynoTest, PeakVelocityTable, RigTest
     from eightpost.signals import ChannelMap, TimeSeries
     from eightpost.signals.raw_record import RawRecord
     from eightpost.vehicle import Mode
@@ -192,12 +191,11 @@ def _fmu_summary(path: Path) -> str:
 
 def _show_record_file(console: Console, path: Path, channels: Channels, mass: float | None) -> bool:
     """Print a dynamometer file, a rig file or a table of peak velocities; return whether something is suspicious."""
-    from eightpost.rig import read_dyno_tests, split_runs
+    from eightpost.rig import read_dyno_tests, read_rig_test, split_runs
     from eightpost.rig.columns import propose_map
     from eightpost.rig.peak_velocity import read_peak_velocity
     from eightpost.rig.peak_velocity_columns import holds_peak_velocities
-    from eightpost.rig.post import read_rig_test
-    from eightpost.rig.post.rig_test import rig_map
+    from eightpost.rig.rig_test import rig_map
     from eightpost.signals import read_records
 
     channel_map = channels.channel_map
@@ -378,7 +376,7 @@ def _channel_table(series: TimeSeries, statistics: Sequence[str]) -> Table:
     return console_table(["channel", "unit", *statistics], rows)
 
 
-def _show_lags(console: Console, test: RigTest, findings: Sequence[Finding]) -> bool:
+def _show_lags(console: Console, test: RigTest, findings: Sequence[Fault]) -> bool:
     """Print the lags, with a warning if a channel is late and no finding says so; return whether there is a warning."""
     from eightpost.ident.preparation import drifts, record_lags
     from eightpost.ident.preparation.preparation import unexplained_lags
@@ -402,11 +400,10 @@ def _show_vehicle(
     console: Console, path: Path, folder: Path | None, *, vary: str | None, high: float, names: Sequence[str]
 ) -> None:
     """Print the modes of a vehicle with its linear dampers; with a folder, write pictures and response.npz."""
-    from eightpost.ident.response import response_of, write_response
-    from eightpost.ident.vehicle.magnitude_plots import plot_magnitudes
-    from eightpost.ident.vehicle.parameter_study import frequencies_to, variants_of
+    from eightpost.ident.vehicle.frequency_response import response_of, write_response
+    from eightpost.ident.vehicle.plots import frequencies_to, plot_magnitudes, variants_of
     from eightpost.vehicle import StructuralVehicle, read_vehicle
-    from eightpost.vehicle.plausibility import doubts
+    from eightpost.vehicle.structural import doubts
 
     frequency = frequencies_to(high)
     parameter, factors = _varied(vary)
@@ -469,7 +466,7 @@ def _show_linearity(
     """Print where a linear model can predict the tests; return 1 if it misses a high response."""
     from eightpost.ident.linearity import Condition, Thresholds, judge_linearity
     from eightpost.ident.preparation import prepare, read_preparation
-    from eightpost.ident.response import LocalPolynomial
+    from eightpost.ident.vehicle.estimators import LocalPolynomial
 
     prepared = prepare(_tests(files, channels), read_preparation(how) if how else None)
     for line in prepared.summary():
@@ -497,7 +494,7 @@ def _write_linearity(folder: Path, assessment: Linearity, sources: Mapping[str, 
 
 
 def _tests(files: Sequence[Path], channels: Channels) -> Iterator[RigTest]:
-    from eightpost.rig.post import read_rig_test
+    from eightpost.rig import read_rig_test
 
     for path in each(Console(stderr=True), files, "reading", len(files)):
         yield read_rig_test(path, **channels.options)

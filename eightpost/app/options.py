@@ -536,6 +536,16 @@ class Channels:
         """Return the arguments of the functions that read records."""
         return {"channel_map": self.channel_map, "units": dict(self.units), "flip": self.flip}
 
+    def only_map(self) -> ChannelMap | None:
+        """Return the channel map of records whose units and signs are those of their files.
+
+        Raises:
+            InputError: A unit or a sign is stated.
+        """
+        if self.units or self.flip or self.of_files:
+            raise InputError("state units and signs of these records in a channel map: --channel MAP.TOML")
+        return self.channel_map
+
     @property
     def is_stated(self) -> bool:
         """Return whether the command line states anything."""

@@ -197,11 +197,9 @@ def is_study(path: Path) -> bool:
 
 
 def _study_page(console: Console, folder: Path) -> None:
-    from cosim.study.folder import RESULTS
-    from cosim.study.result import StudyResult
-    from eightpost.app.show import write_page
+    from eightpost.app.study import saved, show_page
 
-    write_page(console, StudyResult.load(folder / RESULTS), folder)
+    show_page(console, saved(console, folder))
 
 
 def _cycle(text: str) -> str | int:

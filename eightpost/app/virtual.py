@@ -16,8 +16,8 @@ from eightpost.errors import InputError
 from eightpost.outputs import RECORD
 
 if TYPE_CHECKING:
-    from eightpost.rig.post import RigTest
-    from eightpost.rig.post.program import Draws
+    from eightpost.rig import RigTest
+    from eightpost.virtual.program import Draws
 
 #: Motions of the dynamometer, tests and programs of the rig, and cars on it.
 MOTIONS = ("random", "sine", "static", "bump", "all")
@@ -92,7 +92,7 @@ def dyno(
       eightpost virtual dyno --build C/B --set amplitude='0.5 in' --set seed=7 -o as_on_the_lap.parquet
       eightpost virtual dyno --configuration 1 --test all -o tests/
     """
-    from eightpost.rig.dynamometer import Specimen, drivefile_of, program
+    from eightpost.virtual.dynamometer import Specimen, drivefile_of, program
 
     console = Console()
     _check_options(test_name, amplitude=amplitude, speed=speed, duration=duration)
@@ -200,9 +200,9 @@ def rig(
       eightpost virtual rig --car quarter_car --test random --shock configuration:1 -o quarter.parquet
       eightpost virtual rig --test static --set mode=warp -o warp.csv
     """
-    from eightpost.rig.post import program
-    from eightpost.rig.post.program import Bench
-    from eightpost.rig.post.truths import shocks_named
+    from eightpost.virtual import program
+    from eightpost.virtual.program import Bench
+    from eightpost.virtual.shocks import shocks_named
 
     bench = Bench.of(truth, car_seed=car_seed, friction=friction == "on", noise=noise == "rig", run=run_seed, seed=seed)
     names = bench.shocks(shocks or ("demo:A",))
