@@ -93,7 +93,10 @@ def start(
     ),
     means: bool = setting("Reproduce the mean displacements by steady loads.", default=True),
     suffix: str = setting(
-        "File format of the drive files for the rig.", "format", kind=("parquet", "csv", "mat"), default="parquet"
+        "File format of the drive files for the rig.",
+        "format",
+        kind=("parquet", "csv", "mat", "drv"),
+        default="parquet",
     ),
 ) -> None:
     """Compute the first drive file from a track record.
