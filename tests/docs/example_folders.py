@@ -23,7 +23,7 @@ NOT_RUN = {
     "study examples/study.toml -o out/ --trace": "names a setup of 2401: tests/commands/test_study.py",
     "study shapes": "optimises for minutes: tests/commands/test_shapes.py",
     "study whatif": "needs a study of shocks with adjusters: tests/commands/test_shapes.py",
-    "study robust": "needs an uncertainty file of your own: tests/cosim/study/test_robust_study.py",
+    "study robust": "needs an uncertainty file of your own: tests/cosim/study/test_robust.py",
     "study confirm": "needs rig runs: tests/cosim/study/test_compare_commands.py",
     "study compare": "needs rig runs or two studies: tests/cosim/study/test_compare_commands.py",
     "validate vehicle.json rig/ --shock": "needs named shocks: tests/ident/vehicle_validation/test_validate_command.py",
