@@ -10,7 +10,7 @@ import re
 from dataclasses import replace
 
 from builder.check.rules import Finding
-from eightpost.fmi.names import FLAGS, function_name
+from eightpost.fmi.functions import FLAGS, function_name
 
 _WORDS = {
     **{re.escape(old): new for new, old in FLAGS.items() if new != "providesDirectionalDerivatives"},

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from builder.fmu.interface import Interface, Variable
 from eightpost import __version__, units
+from eightpost.fmi.functions import FLAGS
 
 _LOG_CATEGORIES = {
     "logStatusWarning": "Unusual calls that were carried out",
@@ -57,12 +58,9 @@ _TIME = Variable(
 
 #: Capabilities of FMI 2.0 by their names in FMI 3.0.
 _RENAMED = {
-    "needsExecutionTool": "needsExecutionTool",
-    "canBeInstantiatedOnlyOncePerProcess": "canBeInstantiatedOnlyOncePerProcess",
+    **{name: name for name in ("needsExecutionTool", "canBeInstantiatedOnlyOncePerProcess")},
     "canHandleVariableCommunicationStepSize": "canHandleVariableCommunicationStepSize",
-    "canGetAndSetFMUState": "canGetAndSetFMUstate",
-    "canSerializeFMUState": "canSerializeFMUstate",
-    "providesDirectionalDerivatives": "providesDirectionalDerivative",
+    **{name: old for name, old in FLAGS.items() if name != "providesIntermediateUpdate"},
     "providesAdjointDerivatives": "providesDirectionalDerivative",
 }
 _TYPES = {"Real": "Float64", "Boolean": "Boolean"}

@@ -17,15 +17,14 @@ from fmpy.fmi1 import FMICallException
 
 from cosim.components.component import FUNCTIONS, address_of
 from cosim.components.fmu_description import Row, Rows
-from cosim.components.fmu_log import ERROR, FmuLog
+from cosim.components.fmu_log import FmuLog
 from cosim.engine import blocks
 from cosim.engine import fmi3_calls as calls
 from cosim.engine.blocks import INTEGERS, REALS, Block
-from eightpost.fmi.names import function_name
+from eightpost.fmi.functions import ERROR, function_name
 
 # ==== Calls of an FMI 2.0 FMU for co-simulation through fmpy, and libraries that lack functions ======================
 
-_ERROR = 3
 _LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3  # fmi2StatusKind
 
 
@@ -34,7 +33,7 @@ class MissingFunction:
 
     def __call__(self, *_arguments: Any) -> int:
         """Return fmi2Error or fmi3Error."""
-        return _ERROR
+        return ERROR
 
 
 class Library:

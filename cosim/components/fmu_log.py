@@ -20,12 +20,10 @@ from fmpy import fmi2
 from cosim.components.component import Capabilities, Variable
 from cosim.components.fmu_file import FmuFile
 from eightpost.errors import StepError
+from eightpost.fmi.functions import DISCARD, ERROR, FATAL, PENDING
 from eightpost.validity import Validity
 
 # ---- Messages of an FMU, written to Python's logging with printf formats filled in and variables by name ------------
-
-#: fmi2Status above a warning.
-DISCARD, ERROR, FATAL, PENDING = 2, 3, 4, 5
 
 #: By FMI status: OK, warning, discard, error, fatal, pending.
 LEVELS = (logging.DEBUG, logging.WARNING, logging.WARNING, logging.ERROR, logging.CRITICAL, logging.DEBUG)

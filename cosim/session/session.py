@@ -30,6 +30,7 @@ from cosim.systems.algorithm import Adaptive, Algorithm
 from cosim.systems.coupling import Coupling, Scenario
 from cosim.systems.system import System
 from eightpost.errors import DivergedError, StepError, TerminatedError, WiringError
+from eightpost.fmi.functions import DISCARD
 from eightpost.progress import Progress
 from eightpost.signals import Drivefile
 
@@ -446,7 +447,7 @@ def _failure(setup: Setup, running: Running, end: int, time: float) -> BaseExcep
 
 def _discards_step(running: Running) -> bool:
     """Return whether the last call that was refused was a step that a component discarded."""
-    return (running.memory.failure[0], running.memory.failure[2]) == (reasons.DISCARD, reasons.STEP)
+    return (running.memory.failure[0], running.memory.failure[2]) == (DISCARD, reasons.STEP)
 
 
 def _diverged(setup: Setup, signal: str, value: float, time: float) -> DivergedError:

@@ -168,14 +168,6 @@ def test_a_hub_acceleration_which_follows_the_force_directly_is_about_as_accurat
     assert hub < (3.0 if algorithm == GaussSeidel(values="held") else 2.0) * velocity
 
 
-def test_extrapolated_gauss_seidel_has_under_a_tenth_of_the_error_of_held_jacobi_at_equal_steps(
-    linear_car: System, smooth: Drivefile, closed_form: Signals
-) -> None:
-    for step in STEPS:
-        extrapolated, held = (errors(linear_car, smooth, closed_form, a, step) for a in (GaussSeidel(), Jacobi()))
-        assert 10.0 * max(extrapolated) < min(held)
-
-
 def test_the_error_of_an_adaptive_run_falls_with_its_tolerance(
     linear_car: System, smooth: Drivefile, closed_form: Signals
 ) -> None:

@@ -31,7 +31,7 @@ from urllib.parse import urlparse
 
 from builder.check.probes.library import CO_SIMULATION, DISCARD, ERROR, TERMINATED, Library
 from eightpost.fmi.description import OLD_TYPES, Description
-from eightpost.fmi.names import function_name
+from eightpost.fmi.functions import function_name
 
 Logger3 = ctypes.CFUNCTYPE(None, c_void_p, c_int, c_char_p, c_char_p)
 Update = ctypes.CFUNCTYPE(None, c_void_p, c_double, c_bool, c_bool, c_bool, c_bool, POINTER(c_bool), POINTER(c_double))
