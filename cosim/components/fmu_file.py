@@ -111,11 +111,7 @@ class FmuFile:
         return (*given, *(f"-I{name}" for name in self._inside(*self.description.sources.folders)))
 
     def _inside(self, *names: str) -> tuple[str, ...]:
-        """Return paths relative to sources/.
-
-        Raises:
-            FmuError: One of them is outside the FMU.
-        """
+        """Return paths relative to sources/."""
         root = self.folder.resolve()
         for name in names:
             if not (root / "sources" / name).resolve().is_relative_to(root):

@@ -251,13 +251,7 @@ class OpenedFmu:
         return StepError(f"component {self._name!r} ({self.source}) is not running; call begin() first")
 
     def _failure(self, failed: str, why: str, to_do: str = "") -> StepError:
-        """Return the error for a failed call.
-
-        Args:
-            failed: Failure, without the component's name: "failed to step from 0.5 s by 0.001 s".
-            why: Cause, as a sentence.
-            to_do: Advice.
-        """
+        """Return the error for a failed call."""
         when = "" if " from " in failed else f" at {self._time:g} s"
         parts = [
             f"component {self._name!r} ({self.source}) {failed}{when}: {why}",

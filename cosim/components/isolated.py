@@ -238,14 +238,7 @@ class IsolatedComponent(OpenedFmu):
 
 
 class _Process(Child):
-    """Child process with one FMU.
-
-    Args:
-        path: FMU file (.fmu).
-        name: Name of the component.
-        folder: Folder with the unpacked FMU in `fmu`; it is not removed while this process lives.
-        log: Function that takes the level and the text of the FMU's messages.
-    """
+    """Child process with one FMU."""
 
     def __init__(self, path: Path, name: str, folder: Path, log: Callable[[int, str], None]) -> None:
         self._folder, self._log, self._read = folder, log, 0
@@ -265,12 +258,7 @@ class _Process(Child):
             )
 
     def call(self, calls: Sequence[_Call], seconds: float) -> list[Any]:
-        """Make calls in order; return the result of each.
-
-        Raises:
-            EndedError: The child crashed, or did not respond within `seconds` and was killed.
-            StepError: A call failed; the message is that of the component.
-        """
+        """Make calls in order; return the result of each."""
         outcome, *answer = self.ask(list(calls), seconds, lambda message: self._log(*message))
         if outcome == "done":
             return list(answer[0])

@@ -357,12 +357,7 @@ class _Refinement:
         return self._record_step / self._parts
 
     def result(self) -> Result:
-        """Halve the step until the tolerance is met or the smallest step is reached; return the last run.
-
-        Raises:
-            DivergedError: The coupling diverged at every step.
-            StepError: A component failed.
-        """
+        """Halve the step until the tolerance is met or the smallest step is reached; return the last run."""
         while True:
             failure: DivergedError | None = None
             try:

@@ -67,11 +67,7 @@ class _Bindings:
     component: Path | None  #: Archive of the component, for sources that are inside it.
 
     def read(self, element: ET.Element, what: str) -> tuple[Assignment, ...]:
-        """Return the values of an element's bindings, in order.
-
-        Raises:
-            InputError: A file is missing or wrong.
-        """
+        """Return the values of an element's bindings, in order."""
         bindings = element.iterfind(f"{tag('ssd:ParameterBindings')}/{tag('ssd:ParameterBinding')}")
         return tuple(value for binding in bindings for value in self._binding(binding, what))
 

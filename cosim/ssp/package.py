@@ -7,11 +7,11 @@ import shutil
 import tempfile
 import weakref
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from pathlib import Path as PathlibPath
+from typing import TypeVar
 from urllib.parse import SplitResult, unquote, urlsplit
 from urllib.request import url2pathname
 
@@ -35,6 +35,9 @@ _EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 _TYPES = {"Float64": "Real", "Float32": "Real"} | {
     f"{sign}Int{bits}": "Integer" for sign in ("", "U") for bits in (8, 16, 32, 64)
 }
+
+
+Read = TypeVar("Read")
 
 
 class _DoctypeError(Exception):
@@ -100,6 +103,17 @@ def attribute(element: ET.Element, name: str, where: str) -> str:
     return value
 
 
+_FLAGS = {"true": True, "1": True, "false": False, "0": False}
+
+
+def _converted(element: ET.Element, name: str, where: str, convert: Callable[[str], Read], what: str) -> Read:
+    text = attribute(element, name, where)
+    try:
+        return convert(text)
+    except (ValueError, KeyError):
+        raise InputError(f"{where}: {local_name(element)} {name}={text!r} is {what}; correct it") from None
+
+
 def number(element: ET.Element, name: str, where: str, default: float | None = None) -> float:
     """Return an attribute as a number.
 
@@ -108,11 +122,7 @@ def number(element: ET.Element, name: str, where: str, default: float | None = N
     """
     if default is not None and element.get(name) is None:
         return default
-    text = attribute(element, name, where)
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError(f"{where}: {local_name(element)} {name}={text!r} is not a number; correct it") from None
+    return _converted(element, name, where, float, "not a number")
 
 
 def integer(element: ET.Element, name: str, where: str) -> int:
@@ -121,24 +131,18 @@ def integer(element: ET.Element, name: str, where: str) -> int:
     Raises:
         InputError: It is not a whole number, or is missing.
     """
-    text = attribute(element, name, where)
-    try:
-        return int(text)
-    except ValueError:
-        raise InputError(f"{where}: {local_name(element)} {name}={text!r} is not a whole number; correct it") from None
+    return _converted(element, name, where, int, "not a whole number")
 
 
-def flag(element: ET.Element, name: str, where: str, default: str | None = "false") -> bool:
+def flag(element: ET.Element, name: str, where: str, default: bool | None = False) -> bool:
     """Return an attribute as a Boolean.
 
     Raises:
         InputError: It is neither true nor false, or is missing without a default.
     """
-    text = attribute(element, name, where) if default is None else element.get(name, default)
-    known = {"true": True, "1": True, "false": False, "0": False}
-    if text.strip() not in known:
-        raise InputError(f"{where}: {local_name(element)} {name}={text!r} is neither true nor false; correct it")
-    return known[text.strip()]
+    if default is not None and element.get(name) is None:
+        return default
+    return _converted(element, name, where, lambda text: _FLAGS[text.strip()], "neither true nor false")
 
 
 def local_name(element: ET.Element) -> str:
@@ -369,7 +373,7 @@ class FmuElement:
     name: str
     connectors: Mapping[str, Connector]
     values: tuple[Assignment, ...]
-    path: PathlibPath
+    path: Path
     where: str
     unpacked: Unpacked | None
 

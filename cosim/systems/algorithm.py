@@ -123,11 +123,7 @@ class _Sequenced:
         )
 
     def order(self, coupling: Coupling) -> tuple[str, ...]:
-        """Return the given sequence, or the one that follows from the dependencies.
-
-        Raises:
-            WiringError: The sequence does not name every component once.
-        """
+        """Return the given sequence, or the one that follows from the dependencies."""
         if not self.sequence:
             return coupling.order()[0]
         if sorted(self.sequence) != sorted(coupling.components):
