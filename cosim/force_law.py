@@ -111,8 +111,8 @@ _CALLS = ("set inputs", "set input derivatives", "step", "give its force", "save
 
 def _blank_motion(count: int) -> engine.Motion:
     shapes = {"clock": (3,), "around": (4,)} | dict.fromkeys(("read", "force"), (count,))
-    pairs = {name: np.zeros(shapes.get(name, (count, 2))) for name in engine.Motion._fields}
-    return engine.Motion(**pairs | {"states": np.zeros(count, np.int64), "failure": np.zeros(3, np.int64)})
+    arrays: dict[str, Any] = {name: np.zeros(shapes.get(name, (count, 2))) for name in engine.Motion._fields}
+    return engine.Motion(**arrays | {"states": np.zeros(count, np.int64), "failure": np.zeros(3, np.int64)})
 
 
 def _plan(

@@ -134,7 +134,11 @@ _ORDERS = {
 }
 
 #: Types of the numbers that functions of `blocks` read from an array at an address.
-_READS = {blocks.reference_at: types.uint32, blocks.order_at: types.int32, blocks.real_at: types.float64}
+_READS: dict[Callable[..., Any], Any] = {
+    blocks.reference_at: types.uint32,
+    blocks.order_at: types.int32,
+    blocks.real_at: types.float64,
+}
 
 
 def _declare(function: Callable[..., Any], signature: Any, generate: Callable[..., Any]) -> None:

@@ -35,9 +35,6 @@ _ACCURACY = {
     "parabolic": Accuracy(3, 3.0 / 8.0),
 }
 
-#: Adams-Moulton formula of three points, compared with the Adams-Bashforth prediction.
-_ACCURACY_OF_IMPLICIT = Accuracy(3, 1.0 / 24.0)
-
 #: Accuracy for a component that holds its inputs over a step.
 HELD_INPUTS = Accuracy(1, 0.5)
 
@@ -80,6 +77,7 @@ class _Explicit:
 
     __slots__ = ()
 
+    repeats: ClassVar[bool] = False
     values: str
     _sweep: ClassVar[int]
 
@@ -89,11 +87,6 @@ class _Explicit:
                 f"coupling values must be one of {', '.join(VALUES)}, not {self.values!r}"
                 f"{_step_advice(self, self.values)}"
             )
-
-    @property
-    def repeats(self) -> bool:
-        """False: each step is made once."""
-        return False
 
     @property
     def accuracy(self) -> Accuracy:
@@ -201,6 +194,9 @@ class Implicit(_Sequenced):
     #: given up.
     iterations: int = 15
     name: str = "implicit"
+    repeats: ClassVar[bool] = True
+    #: Adams-Moulton formula of three points, compared with the Adams-Bashforth prediction.
+    accuracy: ClassVar[Accuracy] = Accuracy(3, 1.0 / 24.0)
 
     def __post_init__(self) -> None:
         self._check_sequence()
@@ -211,16 +207,6 @@ class Implicit(_Sequenced):
                 f"implicit: tolerance must lie between 0 and 1 and iterations be at least 1, not {self.tolerance!r} "
                 f"and {self.iterations!r}"
             )
-
-    @property
-    def repeats(self) -> bool:
-        """True: steps are repeated from a saved state."""
-        return True
-
-    @property
-    def accuracy(self) -> Accuracy:
-        """Accuracy of third order."""
-        return _ACCURACY_OF_IMPLICIT
 
     def mode(self, settling: float) -> Mode:
         """Return the loop's settings for a step; limits are watched after `settling` [s]."""
@@ -247,6 +233,7 @@ class Adaptive:
     least: float = 1e-7  #: Smallest step [s]; if the error is still too large with it, the run ends and reports this.
     largest: float = 0.02  #: Largest step [s].
     name: str = "adaptive"
+    repeats: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if not isinstance(self.scheme, GaussSeidel | Jacobi | Implicit):
@@ -261,11 +248,6 @@ class Adaptive:
                 f"adaptive: relative must be positive and least at most largest, not {self.relative!r}, {self.least!r} "
                 f"s and {self.largest!r} s"
             )
-
-    @property
-    def repeats(self) -> bool:
-        """True: every step is made twice."""
-        return True
 
     @property
     def accuracy(self) -> Accuracy:
