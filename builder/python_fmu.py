@@ -21,10 +21,9 @@ from typing import Any
 
 import eightpost.shock
 import eightpost.vehicle.friction
-from builder.documents.reference import Disclosure, Subject
-from builder.fmu.description import Description, content_guid, model_description
-from builder.fmu.interface import friction_ports, source_folder, spring_ports
-from builder.fmu.product import Product
+from builder.interface import Description, content_guid, friction_ports, model_description, source_folder, spring_ports
+from builder.product import Product
+from builder.reference import Disclosure, Subject
 from eightpost import __version__
 from eightpost.archive import read_archive
 from eightpost.extras import needs
@@ -63,7 +62,7 @@ def python_fmu(product: Product) -> dict[str, bytes]:
         staged = _stage(slave, Path(folder))
         members = _pack(staged, Path(folder) / "out")
     subject = Subject(product.identifier, product.text, product.interface, source)
-    from builder.documents.archive import documents  # noqa: PLC0415 -- drawing starts slowly
+    from builder.documents import documents  # noqa: PLC0415 -- drawing starts slowly
 
     members |= documents(subject, disclosure=Disclosure.FULL)
     _describe(product, members)

@@ -25,7 +25,7 @@ from eightpost.errors import InputError
 
 if TYPE_CHECKING:
     from eightpost.drivefile import IterationFolder, Outcome
-    from eightpost.ident.response import FrequencyResponse
+    from eightpost.ident.vehicle.frequency_response import FrequencyResponse
     from eightpost.signals import ChannelMap
     from eightpost.vehicle import Vehicle
 
@@ -237,7 +237,7 @@ def simulate(
     from eightpost.app.progress import bar
     from eightpost.drivefile import IterationFolder, Status
     from eightpost.drivefile.folder import iterate
-    from eightpost.rig.post.program import Bench
+    from eightpost.virtual.program import Bench
 
     console = Console(soft_wrap=True, highlight=False)
     iteration = IterationFolder.read(folder)
@@ -252,8 +252,7 @@ def simulate(
 
 def _car(path: Path) -> tuple[Vehicle, FrequencyResponse | None]:
     """Return a car, and the response of its identification if there is one next to it."""
-    from eightpost.ident.vehicle import read_fit
-    from eightpost.ident.vehicle.vehicle_fit import fit_path
+    from eightpost.ident.vehicle.vehicle_fit import fit_path, read_fit
     from eightpost.vehicle import read_vehicle
 
     if path.suffix.lower() == ".json" and fit_path(path).is_file():

@@ -233,9 +233,8 @@ def _validate_vehicle(
     from eightpost.ident.validation.comparison import rig_record
     from eightpost.ident.validation.vehicle_tables import terminal_tables
     from eightpost.ident.validation.vehicles import Limits, keep_verdict, validate_vehicle, vehicle_verdict
-    from eightpost.ident.vehicle import read_fit
-    from eightpost.ident.vehicle.vehicle_fit import friction_table, measure_table, trust_table
-    from eightpost.rig.post import read_rig_test
+    from eightpost.ident.vehicle.vehicle_fit import friction_table, measure_table, read_fit, trust_table
+    from eightpost.rig import read_rig_test
     from eightpost.shock import read_shock
     from eightpost.vehicle import read_vehicle
 

@@ -17,8 +17,7 @@ from dataclasses import dataclass, field
 from math import copysign, exp, isfinite, log
 
 from .curve import KNOTS, CurveNumbers, StaticCurve, cell_of
-from .lag import advance
-from .law import FitParameter, Piece, ShockLaw, Valve
+from .law import FitParameter, Piece, ShockLaw, Valve, advance
 
 #: Names of the states: u [m/s] and e [m].
 STATES = ("lagged_velocity", "stop_travel")

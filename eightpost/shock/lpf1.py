@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .lag import advance
-from .law import FitParameter, Piece, ShockLaw, Valve, check_time_constant
+from .law import FitParameter, Piece, ShockLaw, Valve, advance, check_time_constant
 
 FIT_FORM = "lag"
 

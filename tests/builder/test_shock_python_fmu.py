@@ -116,7 +116,7 @@ def test_the_fmu_contains_unchanged_copies_of_library_files(python_fmus, name):
     with zipfile.ZipFile(python_fmus[name]) as archive:
         shipped = [n for n in archive.namelist() if "_law/" in n and (library / Path(n).name).is_file()]
         shipped = [n for n in shipped if not n.endswith("__init__.py")]
-        assert {Path(n).name for n in shipped} >= {"curve.py", "law.py", "port.py", f"{name}.py"}
+        assert {Path(n).name for n in shipped} >= {"curve.py", "law.py", f"{name}.py"}
         for member in shipped:
             assert archive.read(member) == (library / Path(member).name).read_bytes()
 

@@ -11,14 +11,14 @@ from click.testing import CliRunner
 
 from eightpost.__main__ import main
 from eightpost.ident import fit_shock
-from eightpost.ident.shock.cross_validation import _left_out_builds
+from eightpost.ident.shock.law_fit import _left_out_builds
 from eightpost.ident.shock.runs import prepare_runs
 from eightpost.ident.shock.simulation import simulate
-from eightpost.rig.dynamometer import random_multisine
 from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Lpf1, Port, StaticCurve, read_shock
 from eightpost.signals import TimeSeries
+from eightpost.virtual.dynamometer import random_multisine
 
 RATE, FINE = 500.0, 2000.0
 SHARES = np.sign(np.linspace(-1.0, 1.0, 25)) * np.abs(np.linspace(-1.0, 1.0, 25)) ** 1.8

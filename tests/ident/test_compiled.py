@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eightpost.shock import Lpnl2
-from eightpost.shock.compiled import _number_of, machine, stepped_force
+from eightpost.shock.compiled import _number_of, law_numbers, record_loop, stepped_force
 
 OWN = (1.3e-3, 400.0, 900.0)
 
@@ -33,8 +33,8 @@ def test_the_machine_code_is_found_on_disk_the_second_time(record):
     law, velocity, step = record
     valve = law.valve._replace(curve=law.curve.numbers())
     stepped_force(Lpnl2, valve, OWN, velocity, step)
-    again = machine.__wrapped__(Lpnl2)
-    again(valve, OWN, velocity, step, np.empty(velocity.size))
+    again = record_loop.__wrapped__()
+    again(law_numbers([law]), velocity, step, np.empty((velocity.size, 2)), np.empty(velocity.size))
     assert sum(again.stats.cache_hits.values()) == 1
     assert not again.stats.cache_misses
 

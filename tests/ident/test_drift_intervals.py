@@ -8,10 +8,10 @@ import pytest
 from eightpost.ident import fit_shock
 from eightpost.ident.shock.runs import prepare_runs
 from eightpost.ident.shock.simulation import simulate
-from eightpost.rig.dynamometer import random_multisine
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Lpf1, StaticCurve
 from eightpost.signals import TimeSeries
+from eightpost.virtual.dynamometer import random_multisine
 
 RATE = 500.0
 SHARES = np.sign(np.linspace(-1.0, 1.0, 25)) * np.abs(np.linspace(-1.0, 1.0, 25)) ** 1.8

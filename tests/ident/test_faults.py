@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from eightpost.errors import InputError
 from eightpost.ident import fit_shock
-from eightpost.ident.shock.law_fit import _huber, _spikes_of, _tukey, downweighted_rows
+from eightpost.ident.shock.fit import _spikes_of
 from eightpost.shock import Lpf1
 
 few = settings(max_examples=3, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True)
@@ -85,17 +85,3 @@ def test_a_lone_spike_is_found_whatever_the_noise(noise, place, size):
     clean, spiked = _spikes_of(raw, np.zeros_like(raw), 100.0)
     assert spiked[place]
     assert abs(clean[place]) <= 10.0
-
-
-def test_weights_fall_with_the_residual():
-    residual = np.append(np.random.default_rng(1).standard_normal(500), 50.0)
-    assert _huber(residual)[-1] < 0.1
-    assert _tukey(residual)[-1] == 0.0
-    assert downweighted_rows(_tukey(residual)) == 1
-
-
-def test_half_way_to_the_limit_of_tukey_a_weight_is_nine_sixteenths():
-    """The median absolute deviation of these residuals is 1: one standard deviation of normal noise is 1.4826."""
-    residual = np.append(np.repeat([-1.0, 0.0, 1.0], 50), [4.5 * 1.4826, 9.0 * 1.4826])
-    assert _tukey(residual)[-2:] == pytest.approx([9.0 / 16.0, 0.0])
-    assert _huber(residual)[-2:] == pytest.approx([2.5 / 4.5, 2.5 / 9.0])

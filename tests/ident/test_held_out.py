@@ -11,7 +11,7 @@ import pytest
 from eightpost.errors import ParameterError
 from eightpost.ident import fit_shock
 from eightpost.ident.shock import fit as fitting
-from eightpost.ident.shock.cross_validation import (
+from eightpost.ident.shock.law_fit import (
     CrossValidation,
     HeldOut,
     HeldOutErrors,

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from eightpost.ident import fit_shock
-from eightpost.ident.exports.shock_table import table_points
 from eightpost.ident.shock.curve import KnotBasis, curve_forces
+from eightpost.ident.shock_table import table_points
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import LAWS, Lpf1
 

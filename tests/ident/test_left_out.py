@@ -8,13 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from builder.documents.reference import Disclosure
-from builder.documents.validity import validity_member
+from builder.reference import Disclosure, validity_member
 from eightpost.ident import fit_shock
 from eightpost.ident.shock.problem import blocks_of
 from eightpost.ident.shock.result import _by_speed
 from eightpost.shock import Lpf1
-from eightpost.shock.fit_uncertainty import shock_uncertainty
+from eightpost.shock.file import shock_uncertainty
 from eightpost.uncertainty import FittedParameter, correlation_of, left_out_of
 from eightpost.validity import MEMBER, Validity, judged
 from tests.ident.test_confidence_figures import runs_of

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from eightpost.ident import fit_shock, fit_table, parameter_table, plot_force_velocity
-from eightpost.ident.validation.records import evaluate
+from eightpost.ident.validation.shock_tests import evaluate
 from eightpost.shock import Lpf1, Polylinear
 
 

@@ -10,6 +10,7 @@ from eightpost.ident.shock.curve import knot_basis
 from eightpost.ident.shock.dynamics import FadingLag, dynamics_for
 from eightpost.ident.shock.force import ForceModel, gas_columns, limits_for
 from eightpost.ident.shock.law_fit import _sketched
+from eightpost.ident.shock.problem import FitModel
 from eightpost.ident.shock.runs import prepare_runs
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import LAWS
@@ -56,6 +57,7 @@ def test_a_model_at_other_weights_has_the_same_curve(model):
 
 
 def test_a_law_that_is_linear_in_its_curve_is_not_sketched(model):
-    assert _sketched(model).model is model.coarse
-    lpf1 = model.with_dynamics(dynamics_for(LAWS["lpf1"], model.dynamics.limits))
+    whole = FitModel((model,))
+    assert _sketched(whole).model.first is model.coarse
+    lpf1 = whole.with_dynamics(dynamics_for(LAWS["lpf1"], model.dynamics.limits))
     assert _sketched(lpf1).model is lpf1

@@ -12,7 +12,7 @@ from nptdms import ChannelObject, TdmsWriter
 from eightpost.errors import InputError, UnknownUnitError
 from eightpost.rig import read_dyno_test, read_dyno_tests, read_peak_velocity
 from eightpost.rig.peak_velocity import peak_velocity_tables
-from eightpost.rig.post.rig_test import check_rig_units
+from eightpost.rig.rig_test import check_rig_units
 from eightpost.signals import TimeSeries, read_record, read_series
 from eightpost.signals.faults import IN_MEMORY
 from eightpost.units import convert

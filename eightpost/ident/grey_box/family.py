@@ -31,10 +31,7 @@ from eightpost.vehicle.statespace import Channel
 BRISTLE = Bristle(static_ratio=1.15, stribeck_velocity=0.01)
 
 #: Parameters that the base fit leaves at their start values.
-OPTIONAL = (
-    *(f"{c}.spring_progression" for c in CORNERS),
-    *(f"{c}.tire_stiffening" for c in CORNERS),
-)
+OPTIONAL = (*(f"{c}.spring_progression" for c in CORNERS), *(f"{c}.tire_stiffening" for c in CORNERS))
 
 #: A load that decides between a load on every corner and loads of heave, roll and pitch.
 _AERO = f"{CORNERS[0]}.aero"
@@ -54,11 +51,9 @@ _UNITS = {
 
 
 def declared(starts: Mapping[str, float], rig: Sequence[str]) -> ParameterTable:
-    """Return the parameters of the family.
+    """Return the parameters of the family; those without a start value have typical ones.
 
-    Args:
-        starts: Start values by parameter; those missing have typical values.
-        rig: Inputs of the rig; they decide the parameters of the loads.
+    The inputs of the rig decide the parameters of the loads.
     """
     rows = [
         *(_positive(f"front.mass {kind}", "kg", 600.0) for kind in ("heave", "roll")),
@@ -93,10 +88,7 @@ def declared(starts: Mapping[str, float], rig: Sequence[str]) -> ParameterTable:
         rows.append(Parameter("pitch_arm", "1/m", 0.35, 0.0, 3.0, 0.1))
         rows += [Parameter(f"{axle}.roll_arm", "1/m", 0.6, -1.0, 5.0, 0.1) for axle in places]
     rows += [Parameter(f"{axle}.overhang", "1", 0.4, -1.0, 2.0, 0.1) for axle in places]
-    rows += [
-        Parameter("driver_place", "1", 0.3, -1.0, 2.0, 0.1),
-        Parameter("driver_spread", "1", 0.2, -2.0, 2.0, 0.1),
-    ]
+    rows += [Parameter("driver_place", "1", 0.3, -1.0, 2.0, 0.1), Parameter("driver_spread", "1", 0.2, -2.0, 2.0, 0.1)]
     first = {row.name: float(np.clip(starts.get(row.name, row.start), row.low, row.high)) for row in rows}
     return ParameterTable(tuple(replace(row, start=first[row.name]) for row in rows))
 
@@ -547,10 +539,7 @@ def _tire_force(tire: Array, deflection: float, rate: float) -> float:
 class GreyBoxCar:
     """Model of the family for the output-error engine: inputs are roads, loads and port forces minus c v.
 
-    Args:
-        experiment: Inputs, outputs and baseline damping of the tests.
-        names: Names of the parameters in the order of the values.
-        static: Static tire loads (4,) [N]; infinite where they are not known, which excludes lift-off.
+    The static tire loads (4,) [N] are infinite where they are not known, which excludes lift-off.
 
     Raises:
         InputError: The experiment is not that of a car with four corners.

@@ -16,14 +16,14 @@ from eightpost.corners import CORNERS, channel
 from eightpost.errors import TooShortError
 from eightpost.ident.grey_box.family import OPTIONAL, GreyBoxCar, declared, linear_model, port_laws, start_values
 from eightpost.ident.grey_box.output_error import Band, OutputErrorFit, OutputErrorMethod, ParameterTable, Record
-from eightpost.ident.response import FrequencyResponse, LocalPolynomial, estimate_response
-from eightpost.ident.response.estimators import input_noise
-from eightpost.ident.response.records import gather
-from eightpost.ident.vehicle.common_poles.deviations import relative_deviations
+from eightpost.ident.vehicle.common_poles import relative_deviations
+from eightpost.ident.vehicle.estimators import LocalPolynomial, estimate_response, input_noise
 from eightpost.ident.vehicle.experiment import Experiment, ranges_of
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse
 from eightpost.ident.vehicle.measured_levels import MeasuredLevels
-from eightpost.ident.vehicle.port_laws import with_port_laws
 from eightpost.ident.vehicle.port_search import MODELLED, nonlinear_spring_sentence
+from eightpost.ident.vehicle.records import gather
+from eightpost.ident.vehicle.simulation import with_port_laws
 from eightpost.ident.vehicle.stability import closed_loop_stability
 from eightpost.ident.vehicle.trust import NOT_SIMULATED, SIGNIFICANT, UNUSABLE, ForceEstimate, OutputTrust, Trust
 from eightpost.ident.vehicle.vehicle_fit import FittedParameter, VehicleFit

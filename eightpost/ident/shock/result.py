@@ -14,11 +14,11 @@ import numpy as np
 from eightpost.array_types import Array
 from eightpost.display import Summarized, Summary
 from eightpost.errors import ParameterError, suggestion
-from eightpost.ident.shock.cross_validation import HeldOutErrors
 from eightpost.ident.shock.curve import fitted_curve
 from eightpost.ident.shock.force import GasColumns
+from eightpost.ident.shock.law_fit import HeldOutErrors
 from eightpost.ident.shock.problem import LEVEL, CurveBand, Solution, blocks_of, curve_band, factor_rows, quantile
-from eightpost.ident.shock.runs import Prepared, Runs
+from eightpost.ident.shock.runs import PreparedRun, Runs
 from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.shock.verdict import (
     BuildSpread,
@@ -219,7 +219,7 @@ def _range(values: Array) -> list[float]:
     return [float(values.min()), float(values.max())]
 
 
-def _frequency_range(prepared: Prepared) -> list[float]:
+def _frequency_range(prepared: PreparedRun) -> list[float]:
     """Return the range of frequencies [Hz] that contains 99 % of the velocity's power."""
     velocity = prepared.record["velocity"][prepared.inside]
     power = np.cumsum(np.abs(np.fft.rfft(velocity - velocity.mean())) ** 2)

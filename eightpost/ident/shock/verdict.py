@@ -10,14 +10,13 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.errors import EightpostError
-from eightpost.ident.shock.cross_validation import HeldOutErrors
 from eightpost.ident.shock.dynamics import FadingLag
-from eightpost.ident.shock.force import linear_solution
-from eightpost.ident.shock.problem import Solution, quantile, standard_error
+from eightpost.ident.shock.law_fit import HeldOutErrors
+from eightpost.ident.shock.problem import Solution, quantile
 from eightpost.ident.shock.runs import ONE_FREQUENCY, Runs, StrokeRange
+from eightpost.least_squares import linear_solution, standard_error
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.motion import force_lag
-from eightpost.rig.plausibility_rules import LATE
 from eightpost.units import convert, us_customary
 from eightpost.validity import Range, Validity
 from eightpost.verdict import Grade, Reason, Rules, Verdict
@@ -314,7 +313,7 @@ def _of_record(test: DynoTest, frequency: float) -> Iterator[Reason]:
     A late force counts if it turns a tenth of the force or more from damping into stiffness at a frequency [Hz].
     """
     for reason in test.reasons:
-        lag = force_lag(test.series) if reason.rule == LATE.name else None
+        lag = force_lag(test.series) if reason.rule == "late force" else None
         if lag is None or 2.0 * np.pi * frequency * lag.low > _TURNED:
             yield reason
     for note in test.notes:

@@ -49,12 +49,6 @@ def write_vehicle_page(
 ) -> Path:
     """Write a vehicle's validation as an interactive page; an existing file is replaced only when it is complete.
 
-    Args:
-        path: File to write, such as out/car.html.
-        study: Result of the validation.
-        limits: Limits of the verdict.
-        title: Heading of the page.
-
     Returns:
         Path of the file.
     """

@@ -8,8 +8,7 @@ import numpy as np
 
 from eightpost.ident.validation.comparison import Comparison
 from eightpost.ident.validation.vehicles import VehicleCase, VehicleValidation
-from eightpost.ident.vehicle import VehicleFit
-from eightpost.ident.vehicle.vehicle_fit import TENTH
+from eightpost.ident.vehicle.vehicle_fit import TENTH, VehicleFit
 from eightpost.report.tables import NONE, Amount, Cell, ResultTable
 from eightpost.uncertainty import MeasureUncertainty
 

@@ -13,7 +13,7 @@ from eightpost.array_types import Array
 from eightpost.corners import channel
 from eightpost.errors import StepError
 from eightpost.ident.vehicle.experiment import Experiment, quantity
-from eightpost.ident.vehicle.many_setups import around_dampers, free_running, port_slope
+from eightpost.ident.vehicle.simulation import around_dampers, free_running, port_slope
 from eightpost.progress import parts
 from eightpost.signals import TimeSeries
 from eightpost.uncertainty import TOTAL, MeasuredLevel, MeasureUncertainty, band_shares, separation
@@ -38,15 +38,11 @@ def residual_noise(
     """Return the expected power of noise at each line of the spectra of measured outputs (q,) and residuals (q, K).
 
     The noise of a channel is white, with the lowest mean power over bands of 5 Hz. With `u` the inputs of the rig and
-    `F - c v` the force of a port, the residual of an output y contains
+    `F - c v` the force of a port with the damping c [N.s/m], the residual of an output y contains
 
         e = H n_u + H_F (n_F - c n_v) - n_y
 
-    Args:
-        model: Model with the linear dampers c at its ports.
-        test: Record of a test.
-        slopes: Damping c of every port [N.s/m].
-        combined: Sums of outputs that are judged (q, p), such as the identity.
+    Sums of outputs are judged (q, p), such as the identity (`combined`).
     """
     power = {name: _floor(test[name], test.sample_rate) for name in test.names}
     names, lines = model.output_names, np.fft.rfftfreq(len(test), 1.0 / test.sample_rate)
@@ -140,18 +136,11 @@ class MeasuredLevels:
         *,
         refit: Refit | None = None,
     ) -> dict[str, MeasureUncertainty]:
-        """Return the uncertainty of the RMS of every output, and of the sum of the tire forces.
+        """Return the uncertainty of the RMS of every output and of the tire forces' sum; empty if it is not known.
 
-        Args:
-            vehicle: Vehicle identified from all tests.
-            tests: Records of the tests.
-            experiment: Ports of the tests.
-            refit: Function that identifies the vehicle from some of the tests. A test is left out if every port has
-                two different shocks without it. None simulates all tests with `vehicle`.
-
-        Returns:
-            Uncertainties by measure; empty if the simulation of a test with `vehicle` diverges or does not converge. A
-            vehicle without a test that cannot be simulated is replaced by `vehicle`.
+        `refit` identifies the vehicle from some of the tests. A test is left out if every port has two different shocks
+        without it. None simulates all tests with `vehicle`, which also replaces one that cannot be simulated. It is not
+        known if the simulation of a test with `vehicle` diverges or does not converge.
         """
         left = () if refit is None else removable_tests(tests, experiment.ports)
         found = []

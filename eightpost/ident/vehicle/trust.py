@@ -105,11 +105,7 @@ class Trust:
 
     @classmethod
     def of_json(cls, content: Any) -> Trust:
-        """Return the object from JSON values that `as_json` returned.
-
-        Raises:
-            ValueError: The JSON values have another form.
-        """
+        """Return the object from JSON values that `as_json` returned; ValueError: the JSON values have another form."""
         return _ADAPTER.validate_python(content)
 
 

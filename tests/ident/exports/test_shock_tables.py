@@ -17,7 +17,7 @@ from scipy.io import loadmat
 from eightpost.__main__ import main
 from eightpost.app.export import export
 from eightpost.errors import InputError, ParameterError
-from eightpost.ident.exports.shock_table import TABLE_FORMATS, Setting, shock_table, table_points
+from eightpost.ident.shock_table import TABLE_FORMATS, TableSetting, shock_table, table_points
 from eightpost.rig.peak_velocity import read_peak_velocity
 from eightpost.shock import (
     LAWS,
@@ -394,7 +394,7 @@ def test_a_setting_that_a_shock_does_not_have_is_refused(
 )
 def test_an_impossible_setting_is_refused(text: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        Setting.parse(text, 2)
+        TableSetting.parse(text, 2)
 
 
 def test_an_unknown_suffix_is_refused_with_the_suffixes_and_replaces_nothing(shock: Path, tmp_path: Path) -> None:

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eightpost.ident.shock.hysteresis import HysteresisProblem
 from eightpost.ident.shock.runs import prepare_runs
-from eightpost.ident.shock.settings.joint import JointProjection
-from eightpost.ident.shock.settings.result import fit_settings, held_out_percent
-from eightpost.ident.shock.settings.table import SettingsTable
+from eightpost.ident.shock.settings import fit_settings, held_out_percent
+from eightpost.ident.shock.settings_table import SettingsTable
 from eightpost.ident.shock.simulation import simulate
-from eightpost.rig.dynamometer import random_multisine
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Axis, Hysteresis, Port, StaticCurve, read_shock, write_shock
 from eightpost.signals import TimeSeries
+from eightpost.virtual.dynamometer import random_multisine
 
 RATE, FINE = 500.0, 2000.0
 SHARES = np.sign(np.linspace(-1.0, 1.0, 25)) * np.abs(np.linspace(-1.0, 1.0, 25)) ** 1.8
@@ -122,7 +122,7 @@ def test_all_settings_share_a_stop_that_the_records_show(with_stop):
 
 @pytest.mark.nightly
 def test_the_normal_equations_of_the_joint_search_have_the_gradient_of_its_cost(with_stop):
-    problem = JointProjection.of(with_stop.joint.model, is_thin=True)
+    problem = HysteresisProblem(with_stop.joint.model, is_thin=True)
     assert problem.shared.size == 2  # stop and gas stiffness
     at = np.array([*np.log([5e-3, 4e-3, 6e-3, 4e-4, 2e-2]), 0.05, 0.02])
     _, right = problem.at(at).normal_equations

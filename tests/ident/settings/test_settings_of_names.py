@@ -6,7 +6,7 @@ from click.testing import CliRunner
 
 from eightpost.__main__ import main
 from eightpost.errors import InputError
-from eightpost.ident.shock.settings.table import read_settings_table, settings_of_names
+from eightpost.ident.shock.settings_table import read_settings_table, settings_of_names
 from eightpost.rig.dyno_conditions import numbers_in, setting_in
 
 T = np.arange(600) / 400.0

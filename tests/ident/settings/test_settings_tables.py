@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from eightpost.errors import FileFormatError
-from eightpost.ident.shock.settings.table import read_settings_table
+from eightpost.ident.shock.settings_table import read_settings_table
 
 ADJUSTER = "[adjuster.rebound]\ncounted = 'from full hard'\nlowest = 0\nhighest = 9\n"
 
@@ -58,16 +56,6 @@ def test_without_a_reference_it_is_the_setting_of_most_files_and_of_the_temperat
 def test_a_file_without_clicks_has_those_of_the_reference(tmp_path):
     table = read_settings_table(written(tmp_path, f"{ADJUSTER}reference = 5", "clicks.rebound = 1", ""))
     assert table.settings == ((1.0,), (5.0,))
-
-
-def test_the_reference_of_a_table_without_its_file_is_the_nearest_of_the_others(tmp_path):
-    entries = [f"clicks.rebound = {clicks}" for clicks in (0, 5, 6, 9)]
-    table = read_settings_table(written(tmp_path, f"{ADJUSTER}reference = 5", *entries))
-    less = table.without(1)
-    assert less.axes == (replace(table.axes[0], nodes=(0.0, 6.0, 9.0), reference=6.0),)
-    assert less.settings == ((0.0,), (6.0,), (9.0,))
-    assert [file.name for file in less.files] == ["0.csv", "2.csv", "3.csv"]
-    assert less.tests == (table.tests[0], *table.tests[2:])
 
 
 @pytest.mark.parametrize(
