@@ -390,9 +390,9 @@ class FmuComponent(OpenedFmu):
 
     def derive(self, outputs: Sequence[str], inputs: Sequence[str], changes: Sequence[float]) -> list[float]:
         """Return how real outputs (N,) change, without delay, with small changes (M,) of real inputs (M,)."""
-        slave, given = self._running(), (ctypes.c_double * len(inputs))(*changes)
-        (sought,), (known,) = self._instance.buffers(outputs), self._instance.buffers(inputs)
-        arguments = (sought.references, len(outputs), known.references, len(inputs), given, sought.buffer)
+        slave, steps = self._running(), (ctypes.c_double * len(inputs))(*changes)
+        (sought,), (into,) = self._instance.buffers(outputs), self._instance.buffers(inputs)
+        arguments = (sought.references, len(outputs), into.references, len(inputs), steps, sought.buffer)
         self._call("give directional derivatives", slave.call, "GetDirectionalDerivative", *arguments)
         return list(sought.buffer)
 

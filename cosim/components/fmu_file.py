@@ -100,8 +100,8 @@ class FmuFile:
         """C files in sources/: those listed in the description, else all.c if there is one, else all *.c files."""
         if listed := self.description.sources.files:
             return self._inside(*listed)
-        found = tuple(sorted(p.name for p in (self.folder / "sources").glob("*.c")))
-        return ("all.c",) if "all.c" in found else found
+        present = tuple(sorted(p.name for p in (self.folder / "sources").glob("*.c")))
+        return ("all.c",) if "all.c" in present else present
 
     @property
     def build_options(self) -> tuple[str, ...]:

@@ -169,15 +169,15 @@ class IsolatedComponent(OpenedFmu):
 
     def restore(self, state: object) -> None:
         """Restore a state that `save` returned, with the next step or reading."""
-        known = self._checked(state)
-        self._later(("restore", known.number))
-        self._stand(known.time, known.inputs)
+        saved = self._checked(state)
+        self._later(("restore", saved.number))
+        self._stand(saved.time, saved.inputs)
 
     def free(self, state: object) -> None:
         """Free a state."""
-        known = self._checked(state)
-        self._states.discard(known)
-        self._pending.append(("free", known.number))
+        saved = self._checked(state)
+        self._states.discard(saved)
+        self._pending.append(("free", saved.number))
 
     def finish(self) -> None:
         """Terminate; the process of an FMU built by eightpost is kept for the next `begin`, any other is ended."""

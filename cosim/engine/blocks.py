@@ -10,8 +10,6 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-# ==== Blocks: a component's signals and C functions, as arrays and addresses =========================================
-
 # ---- Calls of FMI functions by their addresses, from Python through ctypes and from compiled code -------------------
 
 Integers = NDArray[np.int64]

@@ -42,8 +42,6 @@ from cosim.engine.sweep import (
 )
 from eightpost.fmi.functions import DISCARD
 
-# ==== The march over coupling steps, fixed and adaptive, and its energy meters =======================================
-
 # ---- Measures summed over a run, step by step -----------------------------------------------------------------------
 
 _DIVERGED = 1e15

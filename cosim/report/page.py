@@ -55,13 +55,13 @@ def origins(result: Result, files: Mapping[str, Path]) -> tuple[Origin, ...]:
         result: Result of the run.
         files: FMU files by component, if known; each is read once.
     """
-    known = {path: (_made_by(path), sha256_of(path) if path.is_file() else "") for path in set(files.values())}
+    made = {path: (_made_by(path), sha256_of(path) if path.is_file() else "") for path in set(files.values())}
     return tuple(
         Origin(
             name,
             result.sources.get(name, ""),
             identity,
-            *(known[files[name]] if name in files else ("", "")),
+            *(made[files[name]] if name in files else ("", "")),
             parameters=tuple(f"{p} = {value}" for p, value in result.parameters.get(name, {}).items()),
         )
         for name, identity in result.identities.items()
@@ -102,8 +102,6 @@ def _made_by(path: Path) -> str:
     model = f"version {root.get('version')}" if root.get("version") else ""
     return ", ".join(filter(None, (root.get("generationTool"), model, f"FMI {root.get('fmiVersion', '')}")))
 
-
-# ==== The page =======================================================================================================
 
 # ---- Recorded channels for display ----------------------------------------------------------------------------------
 
@@ -198,9 +196,9 @@ class Worst:
 def worst(stated: Mapping[str, float], among: Iterable[str] | None = None) -> Worst | None:
     """Return the largest known error among some channels; None if no error is known."""
     chosen = stated if among is None else stated.keys() & set(among)
-    known = {name: stated[name] for name in chosen if isfinite(stated[name])}
+    finite = {name: stated[name] for name in chosen if isfinite(stated[name])}
     return max(
-        (Worst(name, value) for name, value in known.items()), key=lambda w: (w.percent, w.channel), default=None
+        (Worst(name, value) for name, value in finite.items()), key=lambda w: (w.percent, w.channel), default=None
     )
 
 
@@ -308,8 +306,8 @@ def page(
 ) -> str:
     """Return the page's HTML; names of components, channels and files are escaped."""
     settled = result.settled()
-    kept, densities = traces(result.series), spectra(settled)
-    manifest, numbers = _packed(result, kept, densities)
+    shown, densities = traces(result.series), spectra(settled)
+    manifest, numbers = _packed(result, shown, densities)
     rows = statistics(settled, result.stated_error)
     drawn = groups(tuple(system.components), arrows(system, scenario), result.sources)[:_DRAWINGS]
     return html.page(
@@ -327,7 +325,7 @@ def page(
         bonds=system.bonds,
         connections=system.connections,
         origins=origins(result, files or {}),
-        traces=kept,
+        traces=shown,
         spectra=densities,
         panels=panels(result.series),
         statistics=rows,
@@ -339,7 +337,7 @@ def page(
     )
 
 
-def _packed(result: Result, kept: Traces, densities: Spectra | None) -> tuple[dict[str, Any], str]:
+def _packed(result: Result, shown: Traces, densities: Spectra | None) -> tuple[dict[str, Any], str]:
     """Return the positions of the numbers for the page's script, and the numbers."""
     store, series = Store(), result.series
     channels = [
@@ -351,11 +349,11 @@ def _packed(result: Result, kept: Traces, densities: Spectra | None) -> tuple[di
             "at": store.add_levels(values),
             "density": None if densities is None else store.add_single(densities.density[k]),
         }
-        for k, (name, unit, values) in enumerate(zip(series.names, series.units, kept.values, strict=True))
+        for k, (name, unit, values) in enumerate(zip(series.names, series.units, shown.values, strict=True))
     ]
     manifest = {
         "channels": channels,
-        "time": {"at": store.add(kept.time), "count": kept.time.size},
+        "time": {"at": store.add(shown.time), "count": shown.time.size},
         "frequency": densities and {"at": store.add(densities.frequency), "count": densities.frequency.size},
         "settling": result.settling,
     }

@@ -20,8 +20,6 @@ from eightpost.archive import extract_archive, read_archive
 from eightpost.errors import FmuError, InputError
 from eightpost.files import is_file
 
-# ==== XML, and the folder or archive that holds it ===================================================================
-
 # ---- XML of SSP files -----------------------------------------------------------------------------------------------
 
 _NAMESPACES = {
@@ -163,11 +161,11 @@ def read_units(root: ET.Element, units: str, where: str) -> dict[str, UnitDefini
         units: Name of the element with the units: `ssd:Units`.
         where: Name of the file for messages.
     """
-    found = {}
+    definitions = {}
     for unit in root.iterfind(f"{tag(units)}/{tag('ssc:Unit')}"):
         name, base = attribute(unit, "name", where), unit.find(tag("ssc:BaseUnit"))
-        found[name] = UnitDefinition(name, {"?": 1}) if base is None else _definition(name, base, where)
-    return found
+        definitions[name] = UnitDefinition(name, {"?": 1}) if base is None else _definition(name, base, where)
+    return definitions
 
 
 def _definition(name: str, base: ET.Element, where: str) -> UnitDefinition:
@@ -240,10 +238,10 @@ class Place:
                 "the file into the package and name it as for example 'resources/shock.fmu'"
             )
         if parts.scheme:
-            found = {Path(url2pathname(parts.path)): unquote(parts.fragment)}
+            paths = {Path(url2pathname(parts.path)): unquote(parts.fragment)}
         else:
-            found = self._relative(source, what)
-        for path, fragment in found.items():
+            paths = self._relative(source, what)
+        for path, fragment in paths.items():
             if is_file(path):
                 return path, fragment
         raise InputError(f"{what}there is no file {source!r}; add it, or correct the source (names are case-sensitive)")
@@ -252,10 +250,10 @@ class Place:
         """Return the possible meanings of a relative source: a URI, or a plain name that is not encoded."""
         parts = _split(source)
         names = {source: "", parts.path: unquote(parts.fragment), unquote(parts.path): unquote(parts.fragment)}
-        found = {Path(os.path.normpath(self.description.parent / name)): names[name] for name in reversed(names)}
-        if self.root is not None and not all(path.is_relative_to(self.root) for path in found):
+        paths = {Path(os.path.normpath(self.description.parent / name)): names[name] for name in reversed(names)}
+        if self.root is not None and not all(path.is_relative_to(self.root) for path in paths):
             raise InputError(f"{what}the source {source!r} is outside the package; put the file into it")
-        return found
+        return paths
 
     def inner(self, description: Path, label: str) -> Place:
         """Return the place of another description in this package."""

@@ -31,8 +31,6 @@ from eightpost.array_types import Array
 from eightpost.errors import InputError, UnknownUnitError, WiringError
 from eightpost.signals import Drivefile, TimeSeries
 
-# ==== Values of parameters and drives ================================================================================
-
 # ---- Parameter values assigned to variables -------------------------------------------------------------------------
 
 

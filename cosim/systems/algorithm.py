@@ -65,11 +65,11 @@ class Algorithm(Protocol):
         """Return the loop's settings for a step; limits are watched after `settling` [s]."""
 
 
-def _step_advice(scheme: object, given: object) -> str:
+def _step_advice(scheme: object, value: object) -> str:
     """Return what to write if a number, which can only be meant as the coupling step, was given to a scheme."""
-    if not isinstance(given, int | float) or isinstance(given, bool):
+    if not isinstance(value, int | float) or isinstance(value, bool):
         return ""
-    return f"; for a coupling step of {given!r} s write run(..., algorithm={type(scheme).__name__}(), step={given!r})"
+    return f"; for a coupling step of {value!r} s write run(..., algorithm={type(scheme).__name__}(), step={value!r})"
 
 
 class _Explicit:
@@ -107,12 +107,12 @@ class _Sequenced:
 
     def _check_sequence(self) -> None:
         """Raise InputError if the sequence is not one of names; a step given in its place is named."""
-        given: object = self.sequence
-        if isinstance(given, tuple | list) and all(isinstance(name, str) for name in given):
+        value: object = self.sequence
+        if isinstance(value, tuple | list) and all(isinstance(name, str) for name in value):
             return
         raise InputError(
-            f"sequence must be a tuple of component names such as ('car', 'lf'), not {given!r}"
-            f"{_step_advice(self, given)}"
+            f"sequence must be a tuple of component names such as ('car', 'lf'), not {value!r}"
+            f"{_step_advice(self, value)}"
         )
 
     def order(self, coupling: Coupling) -> tuple[str, ...]:
