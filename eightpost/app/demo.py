@@ -122,7 +122,7 @@ def _couple_and_swap(console: Console, examples: Path, output: Path) -> dict[str
 
 
 def _measure(console: Console, results: dict[str, cosim.Result], output: Path) -> None:
-    from cosim.report.page import plot_spectra, plot_traces
+    from cosim.report.plots import plot_spectra, plot_traces
     from cosim.study.choice.compare import compare_runs, plot_measures
 
     console.rule("4. Response measures")
