@@ -14,11 +14,11 @@ from eightpost import units
 from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.shock import Shock, ShockLaw
-from eightpost.shock.fit_uncertainty import shock_uncertainty
+from eightpost.shock.file import shock_uncertainty
 from eightpost.validity import MEMBER, Range, Validity
 from eightpost.vehicle import LinearStepper, StateSpace, StructuralVehicle, Vehicle, friction
 from eightpost.vehicle.friction import PortFriction
-from eightpost.vehicle.plausibility import doubts
+from eightpost.vehicle.structural import doubts
 from eightpost.verdict import Grade, Reason, Rule, Rules, Verdict
 
 # ==== Reference results of an FMU, computed by the library ===========================================================
@@ -277,7 +277,7 @@ PARAMETERS_STATED = RULES.add("vehicle of stated parameters", "fit of the vehicl
     why="the model represents these parameters; whether they match the real car was not examined",
     remedy="compare it with rig records (eightpost validate --against), or identify the car (eightpost identify)",
 )  # fmt: skip
-_WHY = "the usual ranges cover karts, sedans, GT and formula cars (eightpost/vehicle/plausibility.py)"
+_WHY = "the usual ranges cover karts, sedans, GT and formula cars (eightpost/vehicle/structural.py)"
 _CHECK = "check the values and their units in the vehicle file"
 PARAMETERS_IMPLAUSIBLE = RULES.add("implausible parameters", "fit of the vehicle", Grade.LIMITED,
     condition="a frequency, ratio, mass, stiffness or distance of the stated parameters is outside its usual range",

@@ -16,7 +16,7 @@ from builder.product import shock_product, vehicle_product
 from builder.python_fmu import python_fmu
 from builder.reference import Disclosure, combined_member, validity_of
 from cosim import FmuComponent
-from cosim.results.result import SavedRun
+from cosim.session.result import SavedRun
 from cosim.study.choice.compare import compare_runs
 from eightpost.__main__ import main
 from eightpost.archive import read_archive, write_archive

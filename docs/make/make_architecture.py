@@ -36,7 +36,7 @@ _RECIPES = (
         ("eightpost/shock/lpf1.py", "fmus/shock_lpf1/model.c", "fmus/shock_lpf1/interface.toml"),
         "development/add_a_law.md",
     ),
-    ("measure of a study", ("cosim/study/statistics.py", "cosim/study/measures.py"), "how_to/study.md"),
+    ("measure of a study", ("cosim/study/measures.py",), "how_to/study.md"),
     (
         "static rule of `check`",
         ("builder/check/rules.txt", "builder/check/description.py"),

@@ -164,19 +164,18 @@ def _structure(name: str, **fields: Any) -> type[ctypes.Structure]:
     return type(name, (ctypes.Structure,), {"_fields_": list(fields.items())})
 
 
-Channel = _structure("Channel", corner=_INT, number=_INT)
+Signal = _structure("Signal", corner=_INT, number=_INT)
 Quantity = _structure(
     "Quantity", first=_INT, count=_INT, is_product=_INT, begin=_INT, end=_INT, has_limits=_INT, low=_REAL, high=_REAL
 )
 Filter = _structure("Filter", rows=_POINTER, rest=_POINTER, sections=_LONG, pad=_LONG)
 Limit = _structure("Limit", sign=_REAL, limit=_REAL, output=_INT)
 _POINTERS = (
-    "car", "velocities", "travels", "outputs", "output_rows", "direct", "channels", "quantities", "terms", "weights",
-    "limits", "series",
+    "car", "velocities", "travels", "outputs", "output_rows", "signals", "quantities", "terms", "weights", "limits",
+    "series",
 )  # fmt: skip
 _COUNTS = (
-    "steps", "every", "settling", "at_rest", "output_count", "channel_count", "quantity_count", "limit_count",
-    "series_count",
+    "steps", "every", "settling", "output_count", "signal_count", "quantity_count", "limit_count", "series_count",
 )  # fmt: skip
 Run = _structure("Run", **dict.fromkeys(_POINTERS, _POINTER), step=_REAL, **dict.fromkeys(_COUNTS, _LONG))
 Driven = _structure(

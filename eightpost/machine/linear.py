@@ -33,7 +33,7 @@ class Drive(NamedTuple):
 class LinearCar:
     """Car with a damper at each port, as independent complex modes z' = lambda z + b u with outputs Re(c z) + D u."""
 
-    vehicle: Vehicle  #: The car without the dampers.
+    vehicle: Vehicle  #: The car with the dampers.
     ports: tuple[Port, ...]  #: Ports of the shocks.
     damping: Array  #: Damping of each (C,) [N.s/m].
     poles: Complex  #: lambda (P,) [1/s].
@@ -66,12 +66,12 @@ class LinearCar:
         into = twice * (np.linalg.inv(vectors) @ closed.B)[kept]
         more = -int(kept.sum()) % multiple
         return cls(
-            vehicle,
+            closed,
             tuple(ports),
             damping,
             np.concatenate([poles[kept], np.full(more, -1.0)]),
             np.concatenate([into, np.zeros((more, into.shape[1]))]),
-            np.concatenate([vehicle.C @ vectors[:, kept], np.zeros((len(vehicle.C), more))], axis=1),
+            np.concatenate([closed.C @ vectors[:, kept], np.zeros((len(closed.C), more))], axis=1),
         )
 
     @property
@@ -81,27 +81,36 @@ class LinearCar:
 
     def data(self, step: float) -> bytes:
         """Return the structure Car of fmus/machine/car.h for a step [s]."""
-        x = self.poles * step
-        one, two, three = (step * phi for phi in _phi(x))
-        nodes = one - 3.0 * two + 4.0 * three, 4.0 * two - 8.0 * three, 4.0 * three - two
-        into = self.into[:, [port.force for port in self.ports]]
-        load = np.stack([_rows(w[:, None] * into) for w in nodes])
+        turn, (start, middle, end) = np.exp(self.poles * step), self._loads(step)
+        static = self._by_ports / np.where(self.poles == 0.0, np.inf, -self.poles)[:, None] * self.vehicle.at_rest
         velocity = _columns(self.out[[port.velocity for port in self.ports]])
         travel = _columns(
             np.stack([np.zeros(self.pairs) if p.travel is None else self.out[p.travel] for p in self.ports])
         )
-        rest = _rows(-into / np.where(self.poles == 0.0, np.inf, self.poles)[:, None])
-        turn = np.exp(x)
+        now, after = np.hstack([middle, end]), np.hstack([turn[:, None] * middle, turn[:, None] * end + start])
         parts = [
-            np.stack([turn.real, turn.imag], axis=1), load, rest, velocity, travel, velocity @ load, travel @ load,
+            np.stack([turn.real, turn.imag], axis=1), _rows(after), _rows(static - middle - end),
+            travel @ _rows(static), velocity, travel, velocity @ _rows(now), travel @ _rows(now),
             self.damping, np.array([port.friction for port in self.ports]),
         ]  # fmt: skip
         return np.concatenate([np.ravel(part) for part in parts]).astype(np.float64).tobytes()
 
-    def output_rows(self, outputs: Sequence[int]) -> tuple[Array, Array]:
-        """Return the rows (R, 2 P) and the direct terms (R, C) of outputs."""
-        forces = [port.force for port in self.ports]
-        return _columns(self.out[list(outputs)]), self.vehicle.D[np.ix_(list(outputs), forces)]
+    def output_rows(self, outputs: Sequence[int], step: float) -> Array:
+        """Return rows of outputs by the states and forces of fmus/machine/car.h (R, 2 P + 2 C)."""
+        _, middle, end = self._loads(step)
+        rows, forces = _columns(self.out[list(outputs)]), [port.force for port in self.ports]
+        direct = self.vehicle.D[np.ix_(list(outputs), forces)]
+        return np.hstack([rows, rows @ _rows(middle), rows @ _rows(end) + direct])
+
+    @property
+    def _by_ports(self) -> Complex:
+        return self.into[:, [port.force for port in self.ports]]
+
+    def _loads(self, step: float) -> list[Complex]:
+        """Return the modes at the end of a step by its forces at the start, the middle and the end (P, C)."""
+        one, two, three = (step * phi for phi in _phi(self.poles * step))
+        weights = one - 3.0 * two + 4.0 * three, 4.0 * two - 8.0 * three, 4.0 * three - two
+        return [weight[:, None] * self._by_ports for weight in weights]
 
     def by_drive(self, drive: Drive, wanted: Integers, outputs: Sequence[int], found_by: Library) -> Array:
         """Return outputs (K, R) at points of the drive, without forces beyond the dampers.

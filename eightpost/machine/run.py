@@ -17,7 +17,7 @@ from eightpost.machine.library import Library, compiled
 from eightpost.machine.linear import Drive, LinearCar
 from eightpost.machine.reasons import NotInBatchError
 
-#: Signals of a shock, in the order of PortSignals in fmus/machine/port.h.
+#: Signals of a shock, in the order of fmus/machine/port.h.
 SIGNALS = ("force", "static_force", "lagged_force", "lag_weight", "dissipated_power", "beyond_fit")
 
 #: Largest numbers of limits, recorded channels and quantities of fmus/machine/march.h.
@@ -101,37 +101,38 @@ class Run:
             raise NotInBatchError("it has too many measures")
         sweeps = _SWEEPS + any(port.has_forces for port in car.ports)
         self.library = _loaded(compiled(car.pairs, self.corners, sweeps=sweeps, width=width))
-        places = [channels[name] for name in names]
-        own = dict.fromkeys([*(row for corner, row in places if corner < 0), *(limit.output for limit in limits)])
-        outputs = list(own)
+        own = dict.fromkeys(number for name in names for corner, number in (channels[name],) if corner < 0)
+        outputs = list(own | dict.fromkeys(limit.output for limit in limits))
+        signals = list(dict.fromkeys(channels[name] for name in names if channels[name][0] >= 0))
+        places = {name: self._place(outputs, signals, *channels[name]) for name in names}
         velocities, travels, recorded = self._by_drive(car, drive, outputs)
-        rows, direct = car.output_rows(outputs)
         self.structure = library.Run(
             car=self._address(np.frombuffer(car.data(step), dtype=np.uint8)),
             velocities=self._address(velocities),
             travels=self._address(travels),
             outputs=self._address(recorded),
-            output_rows=self._address(rows),
-            direct=self._address(direct),
-            channels=self._structures(
-                library.Channel(corner, outputs.index(number) if corner < 0 else number) for corner, number in places
-            ),
+            output_rows=self._address(car.output_rows(outputs, step)),
+            signals=self._structures(library.Signal(*signal) for signal in signals),
             quantities=self._structures(self._quantities()),
-            terms=self._integers(names.index(c) for q in quantities for c in q.channels),
+            terms=self._integers(places[c] for q in quantities for c in q.channels),
             weights=self._address(np.array([w for q in quantities for w in q.weights], dtype=np.float64)),
             limits=self._structures(library.Limit(sign, at, outputs.index(row)) for sign, at, row in limits),
-            series=self._integers(map(names.index, series)),
+            series=self._integers(places[name] for name in series),
             step=step,
             steps=self.steps,
             every=drive.every,
             settling=settling,
-            at_rest=int(car.vehicle.at_rest),
             output_count=len(outputs),
-            channel_count=len(names),
+            signal_count=len(signals),
             quantity_count=len(quantities),
             limit_count=len(limits),
             series_count=len(series),
         )
+
+    @staticmethod
+    def _place(outputs: Sequence[int], signals: Sequence[tuple[int, int]], corner: int, number: int) -> int:
+        """Return the place of a channel: signals of shocks follow the outputs of the vehicle."""
+        return outputs.index(number) if corner < 0 else len(outputs) + signals.index((corner, number))
 
     def _by_drive(self, car: LinearCar, drive: Drive, outputs: Sequence[int]) -> tuple[Array, Array, Array]:
         """Return what the drive does: velocities and travels of the ports (K + 1, C), and outputs at records (R, O)."""

@@ -31,11 +31,6 @@ static inline real polynomial(const real *coefficients, int count, real s)
 #define RATIO(value, p, name) ((value) / (p)->name)
 #endif
 
-static inline real size_of(real value)
-{
-    return either(value < 0.0, -value, value);
-}
-
 /* The share of the outer polynomial at a distance of the speed from the transition's middle. */
 static inline real outer_share(const Parameters *p, real apart)
 {

@@ -28,6 +28,11 @@ static inline real uniform(double value)
     return value;
 }
 
+static inline real size_of(real value)
+{
+    return either(value < 0.0, -value, value);
+}
+
 /* Whether a condition is true in any setup, or in every one. */
 static inline int in_any(truth condition)
 {

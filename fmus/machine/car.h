@@ -5,9 +5,9 @@
 
 #include "sizes.h"
 
-/* A step's start, middle and end: a force is a quadratic through its values there. */
-enum { AT_START, AT_MIDDLE, AT_END, NODES };
-enum { STATES = 2 * PAIRS };
+/* A force is a quadratic through its values at a step's start, middle and end; the end is the start of the next step. */
+enum { MIDDLE_OF_STEP, END_OF_STEP, NODES };
+enum { STATES = 2 * PAIRS, FORCES = NODES * CORNERS };
 
 /* Friction in parallel with the shock at a port, as in vehicle_ss/friction.h. */
 typedef struct {
@@ -15,13 +15,14 @@ typedef struct {
     double port_spring;
 } PortFriction;
 
-/* Forces are those beyond the damper: G = F - c v. */
+/* Forces are those beyond the damper, G = F - c v: those in the middle of a step, then those at its end. The states are those at the
+ * end without them. */
 typedef struct {
     double turn[PAIRS][2]; /* e^(lambda h) */
-    double load[NODES][STATES][CORNERS]; /* a step's states by the forces */
-    double rest[STATES][CORNERS]; /* the states at rest by constant forces */
+    double load[STATES][FORCES]; /* a step's states by the forces of the step before */
+    double rest[STATES][CORNERS], sunk[CORNERS][CORNERS]; /* states and travel at rest by constant forces */
     double velocity[CORNERS][STATES], travel[CORNERS][STATES]; /* of the ports */
-    double moved[NODES][CORNERS][CORNERS], travelled[NODES][CORNERS][CORNERS]; /* velocity and travel at the end by the forces */
+    double moved[CORNERS][FORCES], travelled[CORNERS][FORCES]; /* velocity and travel at the end by the forces of the step */
     double damping[CORNERS]; /* c [N.s/m] */
     PortFriction friction[CORNERS];
 } Car;

@@ -12,46 +12,59 @@ enum { CONTINUOUS_STATES = 2 };
 #define time_constant time_constants
 #include "hysteresis.c.inc"
 
-static void find_line(const Parameters *p, double *cell, double knot, double slope, double lagged_slope)
+/* Moves the origin of a cubic to that of single precision and scales it. */
+static void finish_cell(double *cell, double from, double factor)
 {
-    cell[LEFT] = knot;
-    cell[FORCE] = valve_force(p, knot);
-    cell[SLOPE] = scale(p, knot) * slope;
-    cell[LAGGED] = scale(p, knot) * lagged_curve(p, knot);
-    cell[LAGGED_SLOPE] = scale(p, knot) * lagged_slope;
+    const double x = (double)(float)from - from, c0 = cell[0], c1 = cell[1], c2 = cell[2], c3 = cell[3];
+    cell[0] = factor * (c0 + x * (c1 + x * (c2 + x * c3)));
+    cell[1] = factor * (c1 + x * (2.0 * c2 + x * 3.0 * c3));
+    cell[2] = factor * (c2 + 3.0 * x * c3);
+    cell[3] = factor * c3;
 }
 
-static void find_cell(const Parameters *p, double *cell, double left, double right, double lagged_bend)
+static void find_line(const Parameters *p, int k, double slope, double *curve, double *lagged)
 {
-    const double middle = 0.5 * (left + right), factor = scale(p, middle); /* the same in the whole cell */
-    const Cell c = cell_at(p, middle);
-    cell[LEFT] = left;
-    cell[FORCE] = factor * c.force;
-    cell[SLOPE] = factor * c.start / c.width;
-    cell[BEND] = factor * bend_of(&c) / (c.width * c.width);
-    cell[TWIST] = factor * twist_of(&c) / (c.width * c.width * c.width);
-    cell[LAGGED] = factor * lagged_curve(p, left);
-    cell[LAGGED_BEND] = factor * lagged_bend;
+    const double knot = p->curve_knot_velocity[k];
+    curve[0] = p->curve_knot_force[k];
+    curve[1] = slope;
+    lagged[0] = lagged_curve(p, knot);
+    lagged[1] = p->curve_lagged_slope[k];
+    finish_cell(curve, knot, scale(p, knot));
+    finish_cell(lagged, knot, scale(p, knot));
 }
 
-void find_cells(const double *parameters, int has_hysteresis, Cells cells)
+static void find_cubic_of(const Parameters *p, int k, double *curve, double *lagged)
+{
+    const double left = p->curve_knot_velocity[k], middle = 0.5 * (left + p->curve_knot_velocity[k + 1]);
+    const double *c = p->curve_lagged_slope, factor = scale(p, middle); /* the same in the whole cell */
+    const Cell cell = cell_at(p, middle);
+    curve[0] = cell.force;
+    curve[1] = cell.start / cell.width;
+    curve[2] = bend_of(&cell) / (cell.width * cell.width);
+    curve[3] = twist_of(&cell) / (cell.width * cell.width * cell.width);
+    lagged[0] = lagged_curve(p, left);
+    lagged[1] = c[k];
+    lagged[2] = 0.5 * (c[k + 1] - c[k]) / cell.width;
+    finish_cell(curve, left, factor);
+    finish_cell(lagged, left, factor);
+}
+
+void find_cells(const double *parameters, int has_hysteresis, Cells curve, Cells lagged)
 {
     Parameters p;
-    memset(cells, 0, sizeof(Cells));
+    memset(curve, 0, sizeof(Cells));
+    memset(lagged, 0, sizeof(Cells));
     memset(&p, 0, sizeof p);
     memcpy(&p, parameters, PARAMETERS * sizeof *parameters);
     if (!has_knots(&p)) {
         return;
     }
-    const double *knots = p.curve_knot_velocity, *c = p.curve_lagged_slope;
     if (!has_hysteresis) {
         memset(p.curve_lagged_slope, 0, sizeof p.curve_lagged_slope);
     }
-    find_line(&p, cells[0], knots[0], p.curve_rebound_slope, c[0]);
-    find_line(&p, cells[KNOTS], knots[KNOTS - 1], p.curve_compression_slope, c[KNOTS - 1]);
+    find_line(&p, 0, p.curve_rebound_slope, curve[0], lagged[0]);
     for (int k = 0; k < KNOTS - 1; k++) {
-        const double width = knots[k + 1] - knots[k];
-        find_cell(&p, cells[k + 1], knots[k], knots[k + 1], 0.5 * (c[k + 1] - c[k]) / width);
-        cells[k + 1][LAGGED_SLOPE] = scale(&p, 0.5 * (knots[k] + knots[k + 1])) * c[k];
+        find_cubic_of(&p, k, curve[k + 1], lagged[k + 1]);
     }
+    find_line(&p, KNOTS - 1, p.curve_compression_slope, curve[KNOTS], lagged[KNOTS]);
 }

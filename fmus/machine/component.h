@@ -20,7 +20,7 @@ typedef struct {
     real time_constant, lag_full_force, lag_zero_force; /* the limits also distinguish laws without and with lag only */
     real time_constants[3], stop_stiffness, stop_yield, stop_time, curve_lagged_slope[25]; /* of Hysteresis */
     /* from here on derived from the numbers above (port.c) */
-    real per_curve_transition_speed, per_curve_transition_width, per_lag_range;
+    real per_curve_transition_speed, per_curve_transition_width, per_lag_range, lag_share;
     real growth[2]; /* ln of the ratio of tau at high speed to that at rest: rebound, compression */
 } Parameters;
 

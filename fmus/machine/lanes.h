@@ -45,6 +45,12 @@ typedef int32_t Short __attribute__((vector_size(4 * EIGHTPOST_SETUPS)));
 #define WITHIN __attribute__((always_inline))
 #define ALIGNED _Alignas(64)
 
+/* Before a short loop of which every turn becomes code of its own. */
+#define UNROLLED _Pragma("GCC unroll 32")
+
+/* Keeps a variable in memory. */
+#define IN_MEMORY(variable) __asm__("" : "+m"(variable))
+
 static inline real uniform(double value)
 {
     real same;
@@ -57,6 +63,12 @@ static inline real uniform(double value)
 static inline real either(truth condition, real a, real b)
 {
     return (real)(((truth)a & condition) | ((truth)b & ~condition));
+}
+
+/* Without the sign. */
+static inline real size_of(real value)
+{
+    return (real)((truth)value & INT64_MAX);
 }
 
 /* One bit for each setup. */
@@ -85,6 +97,19 @@ static inline unsigned bits_of(truth condition)
     return bits;
 }
 
+static inline int are_all(Places condition)
+{
+#if defined(__AVX512F__) && EIGHTPOST_SETUPS == 8
+    return _mm512_test_epi32_mask((__m512i)condition, (__m512i)condition) == 0xffff;
+#else
+    int all = -1;
+    for (int k = 0; k < 2 * SETUPS; k++) {
+        all &= condition[k];
+    }
+    return all != 0;
+#endif
+}
+
 static inline int in_any(truth condition)
 {
     return bits_of(condition) != 0;
@@ -108,6 +133,30 @@ static inline truth is_false(truth condition)
 static inline int in_every(truth condition)
 {
     return bits_of(condition) == (1U << SETUPS) - 1U;
+}
+
+/* Four numbers of each setup, each in a row of its own, as four numbers of all. */
+static inline WITHIN void transpose(const double *const *rows, real *to)
+{
+#if defined(__AVX512F__) && EIGHTPOST_SETUPS == 8
+    __m512d two[4];
+    for (int k = 0; k < 4; k++) {
+        const int first = 4 * (k / 2) + k % 2; /* with the row after the next one */
+        two[k] = _mm512_insertf64x4(_mm512_castpd256_pd512(_mm256_loadu_pd(rows[first])), _mm256_loadu_pd(rows[first + 2]), 1);
+    }
+    for (int k = 0; k < 2; k++) {
+        const __m512d low = k == 0 ? _mm512_unpacklo_pd(two[0], two[1]) : _mm512_unpackhi_pd(two[0], two[1]);
+        const __m512d high = k == 0 ? _mm512_unpacklo_pd(two[2], two[3]) : _mm512_unpackhi_pd(two[2], two[3]);
+        to[k] = (real)_mm512_shuffle_f64x2(low, high, 0x88);
+        to[k + 2] = (real)_mm512_shuffle_f64x2(low, high, 0xdd);
+    }
+#else
+    for (int k = 0; k < SETUPS; k++) {
+        for (int c = 0; c < 4; c++) {
+            to[c][k] = rows[k][c];
+        }
+    }
+#endif
 }
 
 /* The number of each setup's index. */

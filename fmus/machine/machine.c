@@ -13,139 +13,164 @@ static const double LARGEST = 1e15;
 
 /* ---- A step ------------------------------------------------------------------------------------------------------------------- */
 
-/* The states at the end of the step without its middle and last forces. */
-static inline void predict(const March *m, real *states)
+/* The states at the end of the next step without its forces. */
+static inline WITHIN void predict(const March *m, real *states)
 {
     const Car *car = m->run->car;
+    real old[STATES + FORCES]; /* a copy, which a compiler keeps in registers */
+    memcpy(old, m->states, sizeof old);
+    UNROLLED
     for (int k = 0; k < PAIRS; k++) {
-        const real x = m->states[2 * k], y = m->states[2 * k + 1];
-        states[2 * k] = car->turn[k][0] * x - car->turn[k][1] * y;
-        states[2 * k + 1] = car->turn[k][1] * x + car->turn[k][0] * y;
-    }
-    for (int i = 0; i < STATES; i++) {
-        for (int c = 0; c < CORNERS; c++) {
-            states[i] += car->load[AT_START][i][c] * m->beyond[AT_START][c];
-        }
+        const real x = old[2 * k], y = old[2 * k + 1];
+        const real first = car->turn[k][0] * x - car->turn[k][1] * y, second = car->turn[k][1] * x + car->turn[k][0] * y;
+        states[2 * k] = with_row(first, car->load[2 * k], old + STATES, FORCES);
+        states[2 * k + 1] = with_row(second, car->load[2 * k + 1], old + STATES, FORCES);
     }
 }
 
-/* Adds the effect of the middle and last forces to the predicted states. */
-static inline void finish(March *m, const real *states)
+/* A step of a port: the points in its middle and at its end, their cubics, and the forces at its start and there. */
+typedef struct {
+    Point at[NODES];
+    Cubics cubics[NODES];
+    Bond bond;
+} Step;
+
+/* The velocity of a port in the middle of the step by that at its end: on the cubic through the ends of the last steps. */
+static inline WITHIN real between(const March *m, int c, real velocity)
 {
-    const Car *car = m->run->car;
-    real middle[CORNERS], end[CORNERS]; /* copies, which a compiler keeps in registers */
+    return 0.9375 * m->at[c].velocity + (0.3125 * velocity + (0.0625 * m->earlier[1][c] - 0.3125 * m->earlier[0][c]));
+}
+
+/* The cubics of all ports in the middle and at the end of the step, by the velocities at its end. Here and in a sweep, ports go through
+ * each stage together: their operations do not wait for each other. */
+static inline WITHIN void find_cubics(const March *m, Kinds kinds, const real *velocity, Step *steps)
+{
+    Found found[CORNERS];
+    UNROLLED
     for (int c = 0; c < CORNERS; c++) {
-        middle[c] = m->beyond[AT_MIDDLE][c];
-        end[c] = m->beyond[AT_END][c];
+        const real ratio = m->ports[c].parameters.motion_ratio;
+        find_both(&m->ports[c], ratio * between(m, c, velocity[c]), ratio * velocity[c], &found[c]);
     }
-    for (int i = 0; i < STATES; i++) {
-        real first = states[i], second = uniform(0.0);
-        for (int c = 0; c < CORNERS; c++) {
-            first += car->load[AT_MIDDLE][i][c] * middle[c];
-            second += car->load[AT_END][i][c] * end[c];
-        }
-        m->states[i] = first + second;
-    }
-}
-
-/* The force and what is beyond the car's damper. */
-static inline WITHIN void find_forces(March *m, int node, const real *travel)
-{
+    UNROLLED
     for (int c = 0; c < CORNERS; c++) {
-        m->force[node][c] = force_at(&m->ports[c], &m->at[node][c], &m->cubics[node][c], travel[c]);
-        m->beyond[node][c] = m->force[node][c] - m->run->car->damping[c] * m->at[node][c].velocity;
+        gather_cubics(&m->ports[c], kinds, &found[c], steps[c].cubics);
     }
 }
 
-/* A value at the end of the step by the forces in its middle and at its end. */
-static inline real with_forces(const March *m, real free, const double (*by)[CORNERS][CORNERS], int c)
+/* The forces in the middle of the step and at its end, and what is beyond the dampers. */
+static inline WITHIN void find_forces(const March *m, Kinds kinds, int c, real travel, Step *s, real *beyond)
 {
-    for (int k = 0; k < CORNERS; k++) {
-        free += by[AT_MIDDLE][c][k] * m->beyond[AT_MIDDLE][k] + by[AT_END][c][k] * m->beyond[AT_END][k];
+    const real velocity = s->at[END_OF_STEP].velocity, change = m->run->step * (m->at[c].velocity - velocity);
+    const real ways[NODES] = {0.5 * (m->travel[c] + travel) + 0.125 * change, travel};
+    UNROLLED
+    for (int node = 0; node < NODES; node++) {
+        s->bond.velocity[1 + node] = s->at[node].velocity;
+        s->bond.force[1 + node] = force_at(&m->ports[c], kinds, &s->at[node], &s->cubics[node], ways[node]);
+        beyond[node * CORNERS + c] = s->bond.force[1 + node] - m->run->car->damping[c] * s->at[node].velocity;
     }
-    return free;
 }
 
-/* The travel in the middle of the step, by those and the velocities at its ends. */
-static inline real travel_between(real from, real to, real v0, real v1, double h)
+/* Evaluates the ports at velocities and travels at the end of the step. */
+static inline WITHIN void evaluate(const March *m, Kinds kinds, const real *velocity, const real *travel, int known, Step *steps,
+                                   real *beyond)
 {
-    return 0.5 * (from + to) + 0.125 * h * (v0 - v1);
-}
-
-/* Evaluates the ports at velocities that a sweep has found. */
-static inline WITHIN void evaluate(March *m, const real *velocity, const real *travel, int known)
-{
-    real middle[CORNERS];
+    UNROLLED
     for (int c = 0; c < CORNERS; c++) {
-        Point *at[] = {&m->at[AT_START][c], &m->at[AT_MIDDLE][c], &m->at[AT_END][c]};
-        const Port *port = &m->ports[c];
-        const real v0 = at[AT_START]->velocity, between = 0.75 * v0 + 0.375 * velocity[c] - 0.125 * m->earlier[0][c];
-        if (port->some_knots && !known) {
-            const real ratio = port->parameters.motion_ratio;
-            find_cubics(port, ratio * between, ratio * velocity[c], &m->cubics[AT_MIDDLE][c].curve, &m->cubics[AT_END][c].curve);
-        }
-        follow(port, at[AT_START], between, known, &m->cubics[AT_MIDDLE][c], at[AT_MIDDLE]);
-        follow(port, at[AT_MIDDLE], velocity[c], known, &m->cubics[AT_END][c], at[AT_END]);
-        middle[c] = travel_between(m->travel[c], travel[c], v0, velocity[c], m->run->step);
+        Step *s = &steps[c];
+        follow(&m->ports[c], kinds, &m->at[c], between(m, c, velocity[c]), known, &s->cubics[MIDDLE_OF_STEP], &s->at[MIDDLE_OF_STEP]);
     }
-    find_forces(m, AT_MIDDLE, middle);
-    find_forces(m, AT_END, travel);
-}
-
-static inline int any_travel(const March *m)
-{
-    int any = 0;
+    UNROLLED
     for (int c = 0; c < CORNERS; c++) {
-        any |= m->ports[c].has_travel;
+        Step *s = &steps[c];
+        follow(&m->ports[c], kinds, &s->at[MIDDLE_OF_STEP], velocity[c], known, &s->cubics[END_OF_STEP], &s->at[END_OF_STEP]);
+        find_forces(m, kinds, c, travel[c], s, beyond);
     }
-    return any;
-}
-
-/* Advances the car and its ports by a step. */
-static void take_step(March *m, int64_t step, int has_travel)
-{
-    const Car *car = m->run->car;
-    const double *road = m->run->velocities + (step + 1) * CORNERS, *travels = m->run->travels + (step + 1) * CORNERS;
-    real states[STATES], free[CORNERS], velocity[CORNERS], apart[CORNERS], free_travel[CORNERS] = {{0.0}}, travel[CORNERS] = {{0.0}};
-    predict(m, states);
-    for (int c = 0; c < CORNERS; c++) {
-        free[c] = row_times(car->velocity[c], states) + road[c];
-        velocity[c] = 3.0 * (m->at[AT_START][c].velocity - m->earlier[0][c]) + m->earlier[1][c];
-        if (has_travel) {
-            travel[c] = free_travel[c] = row_times(car->travel[c], states) + travels[c];
-        }
-    }
-    for (int n = 0; n < SWEEPS; n++) {
-        evaluate(m, velocity, travel, n > 0);
-        for (int c = 0; c < CORNERS; c++) {
-            const real found = with_forces(m, free[c], car->moved, c);
-            apart[c] = found - velocity[c];
-            velocity[c] = found;
-            travel[c] = has_travel ? with_forces(m, free_travel[c], car->travelled, c) : travel[c];
-        }
-    }
-    finish(m, states);
-    for (int c = 0; c < CORNERS; c++) {
-        m->travel[c] = travel[c];
-        m->at[AT_END][c].velocity = velocity[c];
-    }
-    add_bonds(m, apart);
 }
 
 /* The end of the step becomes the start of the next one. */
-static inline void accept(March *m)
+static inline WITHIN void accept(March *m, Kinds kinds, int c, const Step *s)
 {
-    for (int c = 0; c < CORNERS; c++) {
-        m->earlier[1][c] = m->earlier[0][c];
-        m->earlier[0][c] = m->at[AT_START][c].velocity;
-        m->before[c] = m->force[AT_START][c];
-        m->at[AT_START][c] = m->at[AT_END][c];
-        if (m->ports[c].some_hysteresis) {
-            m->cubics[AT_START][c] = m->cubics[AT_END][c];
-        }
-        m->force[AT_START][c] = m->force[AT_END][c];
-        m->beyond[AT_START][c] = m->beyond[AT_END][c];
+    const Point *end = &s->at[END_OF_STEP];
+    m->earlier[1][c] = m->earlier[0][c];
+    m->earlier[0][c] = m->at[c].velocity;
+    m->before[c] = m->force[c];
+    m->at[c].velocity = end->velocity;
+    m->at[c].static_force = end->static_force;
+    m->at[c].lagged = end->lagged;
+    m->force[c] = s->bond.force[2];
+    if (kinds.friction) {
+        m->at[c].bend = end->bend;
     }
+    if (kinds.hysteresis) {
+        m->at[c].travel = end->travel;
+        m->cubics[c] = s->cubics[END_OF_STEP];
+    }
+}
+
+/* Finds the forces of a step with the velocities that they cause; `missed` are the changes of these in the last sweep. */
+static inline WITHIN void solve(March *m, Kinds kinds, int64_t step, real *velocity, real *missed, Step *steps)
+{
+    const Car *car = m->run->car;
+    const double *road = m->run->velocities + (step + 1) * CORNERS, *travels = m->run->travels + (step + 1) * CORNERS;
+    real free[CORNERS], free_travel[CORNERS] = {{0.0}}, travel[CORNERS] = {{0.0}}, states[STATES + FORCES], *beyond = states + STATES;
+    predict(m, states);
+    UNROLLED
+    for (int c = 0; c < CORNERS; c++) {
+        free[c] = with_row(uniform(road[c]), car->velocity[c], states, STATES);
+        velocity[c] = 3.0 * (m->at[c].velocity - m->earlier[0][c]) + m->earlier[1][c];
+        if (kinds.travel) {
+            travel[c] = free_travel[c] = with_row(uniform(travels[c]), car->travel[c], states, STATES);
+        }
+    }
+    if (kinds.knots) {
+        find_cubics(m, kinds, velocity, steps);
+    }
+    UNROLLED
+    for (int n = 0; n < SWEEPS; n++) {
+        evaluate(m, kinds, velocity, travel, n > 0, steps, beyond);
+        UNROLLED
+        for (int c = 0; c < CORNERS; c++) {
+            const real found = with_row(free[c], car->moved[c], beyond, FORCES);
+            missed[c] = found - velocity[c];
+            velocity[c] = found;
+            travel[c] = kinds.travel ? with_row(free_travel[c], car->travelled[c], beyond, FORCES) : travel[c];
+        }
+    }
+    memcpy(m->states, states, sizeof states);
+    memcpy(m->travel, travel, sizeof travel);
+}
+
+/* Advances the car and its ports by a step. */
+static inline WITHIN void take_step(March *m, Kinds kinds, int64_t step, int is_recorded)
+{
+    real velocity[CORNERS], missed[CORNERS];
+    Step steps[CORNERS];
+    solve(m, kinds, step, velocity, missed, steps);
+    UNROLLED
+    for (int c = 0; c < CORNERS; c++) {
+        Step *s = &steps[c];
+        s->bond.force[0] = m->force[c];
+        s->bond.velocity[0] = m->at[c].velocity;
+        s->at[END_OF_STEP].velocity = s->bond.velocity[2] = velocity[c];
+        add_work(m, c, &s->bond, missed[c]);
+        if (is_recorded) {
+            add_errors(m, c, &s->bond, missed[c]);
+        }
+        accept(m, kinds, c, s);
+    }
+}
+
+/* The most frequent kind of run has code of its own. */
+static const Kinds PLAIN = {.knots = 1};
+
+static APART void take_plain_step(March *m, int64_t step, int is_recorded)
+{
+    take_step(m, PLAIN, step, is_recorded);
+}
+
+static APART void take_any_step(March *m, int64_t step, int is_recorded)
+{
+    take_step(m, m->kinds, step, is_recorded);
 }
 
 /* ---- The start ---------------------------------------------------------------------------------------------------------------- */
@@ -153,43 +178,41 @@ static inline void accept(March *m)
 enum { MOST_TURNS_TO_REST = 60 };
 static const double AT_REST = 1e-12;
 
-/* The travel under constant forces, with those at the last travel, of setups that are not `found`. Returns the largest change. */
-static real settle(March *m, truth found)
+/* The forces at the start, and the states at rest under them. */
+static void rest(March *m)
 {
-    const Run *run = m->run;
-    real worst = uniform(0.0);
-    find_forces(m, AT_START, m->travel);
-    for (int i = 0; i < STATES; i++) {
-        real state = uniform(0.0);
-        for (int c = 0; c < CORNERS && run->at_rest; c++) {
-            state += run->car->rest[i][c] * m->beyond[AT_START][c];
-        }
-        m->states[i] = either(found, m->states[i], state);
-    }
+    const Car *car = m->run->car;
+    real *forces = m->states + STATES;
     for (int c = 0; c < CORNERS; c++) {
-        const real travel = run->travels[c] + row_times(run->car->travel[c], m->states);
-        const real change = size_of_number(travel - m->travel[c]) / (1.0 + size_of_number(travel));
-        worst = either(change > worst, change, worst);
-        m->travel[c] = travel;
+        m->force[c] = m->before[c] = force_at(&m->ports[c], m->kinds, &m->at[c], &m->cubics[c], m->travel[c]);
+        forces[c] = forces[CORNERS + c] = m->force[c] - car->damping[c] * m->at[c].velocity;
     }
-    return worst;
+    for (int i = 0; i < STATES; i++) {
+        m->states[i] = with_row(uniform(0.0), car->rest[i], forces, CORNERS);
+    }
 }
 
-/* Returns in which setups the car rests under its loads. */
+/* Finds the travel under constant forces; returns in which setups it is found. */
 static truth start(March *m)
 {
-    for (int c = 0; c < CORNERS; c++) {
-        start_point(&m->ports[c], uniform(m->run->velocities[c]), &m->cubics[AT_START][c], &m->at[AT_START][c]);
-        m->earlier[0][c] = m->earlier[1][c] = m->at[AT_START][c].velocity;
-        m->travel[c] = uniform(m->run->travels[c]);
-    }
+    const Run *run = m->run;
     truth found = {0};
-    for (int n = 0; n < MOST_TURNS_TO_REST && !in_every(found); n++) {
-        found |= settle(m, found) <= AT_REST;
-    }
-    find_forces(m, AT_START, m->travel);
     for (int c = 0; c < CORNERS; c++) {
-        m->before[c] = m->force[AT_START][c];
+        start_point(&m->ports[c], m->kinds, uniform(run->velocities[c]), &m->cubics[c], &m->at[c]);
+        m->earlier[0][c] = m->earlier[1][c] = m->at[c].velocity;
+        m->travel[c] = uniform(run->travels[c]);
+    }
+    rest(m);
+    for (int n = 0; n < MOST_TURNS_TO_REST && !in_every(found); n++) {
+        real worst = uniform(0.0);
+        for (int c = 0; c < CORNERS; c++) {
+            const real travel = with_row(uniform(run->travels[c]), run->car->sunk[c], m->states + STATES, CORNERS);
+            const real change = size_of(travel - m->travel[c]) / (1.0 + size_of(travel));
+            worst = either(change > worst, change, worst);
+            m->travel[c] = either(found, m->travel[c], travel);
+        }
+        found |= worst <= AT_REST;
+        rest(m);
     }
     return found;
 }
@@ -216,7 +239,7 @@ static truth are_sensible(const March *m)
 {
     real sum = uniform(0.0);
     for (int c = 0; c < CORNERS; c++) {
-        const real v = m->at[AT_START][c].velocity, f = m->force[AT_START][c];
+        const real v = m->at[c].velocity, f = m->force[c];
         sum += v * v + f * f;
     }
     return sum < LARGEST * LARGEST;
@@ -224,18 +247,22 @@ static truth are_sensible(const March *m)
 
 static void march(March *m, const Sums *sums)
 {
-    const int has_travel = any_travel(m);
+    const int is_plain = memcmp(&m->kinds, &PLAIN, sizeof PLAIN) == 0;
     int64_t left = m->run->every;
     for (int64_t k = 0; k < m->run->steps && in_any(m->alive); k++) {
-        take_step(m, k, has_travel);
-        accept(m);
-        if (--left == 0) {
+        left--;
+        if (is_plain) {
+            take_plain_step(m, k, left == 0);
+        } else {
+            take_any_step(m, k, left == 0);
+        }
+        if (left == 0) {
             const truth sensible = are_sensible(m);
             left = m->run->every;
             if (!in_every(sensible)) {
                 retire(m, ~sensible, k, sums->ended);
             }
-            record(m, sums);
+            record(m, sums, k + 1 == m->run->steps || !in_any(m->alive));
         }
     }
 }
@@ -266,21 +293,21 @@ EXPORTED int64_t size_of_car(void)
 EXPORTED void run_machine(const Run *run, const double *parameters, const int64_t *laws, void *space, const Sums *sums)
 {
     March *m = (March *)space;
-    memset(m, 0, offsetof(March, ports));
+    memset(m, 0, offsetof(March, seen));
     m->run = run;
     m->alive = ~(truth){0};
     for (int c = 0; c < CORNERS; c++) {
         Port *port = &m->ports[c];
         memcpy(&port->parameters, parameters + (size_t)c * PARAMETERS * SETUPS, PARAMETERS * sizeof(real));
         memcpy(&port->law, laws + (size_t)c * SETUPS, sizeof port->law);
-        prepare_port(port, &run->car->friction[c], run->step);
+        prepare_port(port, &run->car->friction[c], run->step, &m->kinds);
     }
     for (int k = 0; k < SETUPS; k++) {
         sums->ended[k] = -1;
     }
     const truth found = start(m);
     retire(m, ~found, 0, sums->ended);
-    record(m, sums);
+    record(m, sums, 0);
     march(m, sums);
     report(m, sums);
 }

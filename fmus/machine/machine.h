@@ -12,11 +12,10 @@
 #define EXPORTED __attribute__((visibility("default")))
 #endif
 
-/* A recorded channel: row `number` of the vehicle's outputs, or signal `number` of PortSignals at a corner. */
+/* A recorded signal of the shock at a corner; its number is one of port.h. */
 typedef struct {
-    int corner; /* -1: of the vehicle */
-    int number;
-} Channel;
+    int corner, number;
+} Signal;
 
 /* A quantity whose statistics are summed over the recorded rows `begin` to `end` - 1: a weighted sum of channels, or the product of
  * two. */
@@ -34,7 +33,7 @@ enum { SHIFT, SUM, SQUARES, LEAST, LARGEST_VALUE, INSIDE, FIRST_VALUE, LAST_VALU
 /* A limit of an output of the vehicle that is watched after settling: exceeded where sign * output > limit. */
 typedef struct {
     double sign, limit;
-    int output; /* a row of the vehicle's outputs */
+    int output; /* a recorded one */
 } Limit;
 
 /* All setups of a run on a drive. What the drive does to the car without forces beyond its dampers is the same for all of them. */
@@ -42,8 +41,8 @@ typedef struct {
     const Car *car;
     const double *velocities, *travels; /* of the ports by the drive: steps + 1 rows of CORNERS */
     const double *outputs; /* recorded outputs by the drive: a row of output_count numbers for each record */
-    const double *output_rows, *direct; /* of recorded outputs, by states and by the forces of the ports (F) */
-    const Channel *channels;
+    const double *output_rows; /* of recorded outputs, by the states and the forces beyond the dampers */
+    const Signal *signals; /* after the outputs, these are the channels */
     const Quantity *quantities;
     const int *terms; /* of quantities: channels */
     const double *weights;
@@ -51,8 +50,7 @@ typedef struct {
     const int *series; /* channels whose series are stored */
     double step;
     int64_t steps, every, settling; /* every: steps between records; settling: records at the start that limits do not count */
-    int64_t at_rest; /* whether the run starts at rest under its loads, or else with states of zero */
-    int64_t output_count, channel_count, quantity_count, limit_count, series_count;
+    int64_t output_count, signal_count, quantity_count, limit_count, series_count;
 } Run;
 
 /* The car's modes on a drive. Complex numbers are pairs, and `kinds` is the row of each interval between points. */
@@ -69,7 +67,7 @@ typedef struct {
 /* Sums over a run, for each setup. */
 typedef struct {
     double *transferred, *residual; /* CORNERS: work through the bond, and work that the coupling added [J] */
-    double *defect, *total, *squares; /* 2 CORNERS: velocities, then forces; defects are those of the last sweep and of the quadratic */
+    double *defect, *total, *squares; /* 2 CORNERS, at records: velocities, then forces; defects of the last sweep and the quadratic */
     double *beyond; /* CORNERS: records beyond the fit */
     double *watched; /* limits: records beyond each */
     double *statistics; /* quantities, STATISTICS */

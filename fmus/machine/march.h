@@ -5,9 +5,9 @@
 #include "machine.h"
 #include "port.h"
 
-enum { MOST_CHANNELS = 256, MOST_LIMITS = 8 };
+enum { MOST_CHANNELS = 256, MOST_LIMITS = 8, RECORDS = 8 };
 
-/* The sums over the steps, in the order of Sums. */
+/* The sums over steps and records, in the order of Sums. */
 typedef struct {
     real transferred[CORNERS], residual[CORNERS], defect[2 * CORNERS], total[2 * CORNERS], squares[2 * CORNERS];
     real beyond[CORNERS], watched[MOST_LIMITS];
@@ -15,32 +15,32 @@ typedef struct {
 
 typedef struct {
     const Run *run;
-    real states[STATES]; /* of the car by the forces beyond its dampers; the drive's part is in Run */
-    Point at[NODES][CORNERS]; /* points of the shocks over a step */
-    Cubics cubics[NODES][CORNERS]; /* and their cubics */
-    real travel[CORNERS]; /* at the step's start [m] */
-    real force[NODES][CORNERS], beyond[NODES][CORNERS]; /* F, and G = F - c v [N] */
+    Kinds kinds;
+    real states[STATES + FORCES]; /* of the car without the last forces beyond its dampers, and these; the drive's part is in Run */
+    Point at[CORNERS]; /* of the shocks at the step's start */
+    Cubics cubics[CORNERS]; /* there, which only the law Hysteresis needs */
+    real travel[CORNERS], force[CORNERS]; /* at the step's start [m], F [N] */
     real earlier[2][CORNERS], before[CORNERS]; /* velocities at the starts of the two steps before, and F at that of the last one */
-    real output[MOST_CHANNELS], seen[MOST_CHANNELS]; /* at the last record */
     truth alive;
     int64_t record;
     Totals totals;
-    Port ports[CORNERS]; /* the last one: it is prepared and not cleared */
+    real seen[RECORDS * MOST_CHANNELS]; /* channels at the last records, which are summed together */
+    Port ports[CORNERS]; /* it and the channels are not cleared */
 } March;
 
-/* A row of the car's matrices times its states, in sums that do not wait for each other. */
-static inline real row_times(const double *row, const real *states)
+/* A number and a row of a matrix times numbers, in two sums that do not wait for each other. */
+static inline WITHIN real with_row(real first, const double *row, const real *numbers, int count)
 {
-    real sum[4] = {{0.0}};
-    for (int i = 0; i < STATES; i++) {
-        sum[i % 4] += row[i] * states[i];
+    real second = row[count - 1] * numbers[count - 1];
+    UNROLLED
+    for (int i = 0; i < count / 2; i++) {
+        first += row[i] * numbers[i];
     }
-    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
-}
-
-static inline real size_of_number(real x)
-{
-    return either(x < 0.0, -x, x);
+    UNROLLED
+    for (int i = count / 2; i < count - 1; i++) {
+        second += row[i] * numbers[i];
+    }
+    return first + second;
 }
 
 #endif

@@ -2,6 +2,8 @@
 #ifndef EIGHTPOST_PORT_H
 #define EIGHTPOST_PORT_H
 
+#include <math.h>
+
 #include "lanes.h" /* before files that use its names */
 
 #include "car.h"
@@ -22,13 +24,14 @@ enum { CONTINUOUS_STATES = 2 };
 enum { WITHOUT_LAG = 0, WITH_LAG = 1, HYSTERESIS = 2 };
 
 /* What is recorded of a shock, in the order of eightpost/machine/run.py. */
-typedef struct {
-    real force, static_force, lagged_force, lag_weight, dissipated_power, beyond_fit;
-} PortSignals;
+enum { FORCE, STATIC_FORCE, LAGGED_FORCE, LAG_WEIGHT, DISSIPATED_POWER, BEYOND_FIT };
 
-/* A cubic of each setup, with the coefficients of cells.h. */
+/* Places of knots in a search by halves; velocities are usually between half of them, the first of which is USUAL. */
+enum { SLOTS = 31, USUAL = 5 };
+
+/* A cubic of each setup in v - origin. */
 typedef struct {
-    real at[COEFFICIENTS];
+    real at[COEFFICIENTS], origin;
 } Cubic;
 
 /* A shock and its port at one time. */
@@ -39,108 +42,124 @@ typedef struct {
     real bend; /* of the friction's bristle [m] */
 } Point;
 
-/* The cubics of a point: of the damper velocity, and of the lagged velocity of Hysteresis. */
+/* The cubics of a point: F_s and f1 of Hysteresis at the damper velocity, and f1 at the lagged velocity. */
 typedef struct {
-    Cubic curve, lagged;
+    Cubic curve, fixed, lagged;
 } Cubics;
+
+/* What occurs in any port of a run. */
+typedef struct {
+    int hysteresis, knots, polynomials, seals, friction, travel;
+} Kinds;
 
 /* Python fills parameters and laws; the rest is derived from them before a run. */
 typedef struct {
     Parameters parameters;
     Index law;
-    Cells cells[SETUPS];
-    Narrow knots[KNOTS]; /* each twice */
+    Narrow knots[SLOTS]; /* each twice; after the last one infinity */
+    Cells curve[SETUPS], lagged[SETUPS];
     PortFriction friction;
-    int some_lag, some_hysteresis, some_knots, some_polynomials, some_seals, has_travel;
     double half; /* half a step [s] */
-    real rise, ramp; /* of a lag over half a step */
+    real left, faded, ramp; /* F_lag after half a step by F_lag and F_s before and F_s after it */
+    real preload; /* of the gas at the port [N] */
 } Port;
 
 /* ---- The static curve ------------------------------------------------------------------------------------------------------- */
 
-#if defined(__AVX512F__) && EIGHTPOST_SETUPS == 8
-/* Gathers a row of eight numbers for each of eight setups: a transposition. */
-static inline void gather(const double *const *rows, real *to)
-{
-    __m512d a[8], b[8];
-    for (int k = 0; k < 8; k += 2) {
-        const __m512d first = _mm512_loadu_pd(rows[k]), second = _mm512_loadu_pd(rows[k + 1]);
-        a[k] = _mm512_unpacklo_pd(first, second);
-        a[k + 1] = _mm512_unpackhi_pd(first, second);
-    }
-    for (int k = 0; k < 2; k++) {
-        b[k] = _mm512_shuffle_f64x2(a[k], a[k + 2], 0x88);
-        b[k + 2] = _mm512_shuffle_f64x2(a[k], a[k + 2], 0xdd);
-        b[k + 4] = _mm512_shuffle_f64x2(a[k + 4], a[k + 6], 0x88);
-        b[k + 6] = _mm512_shuffle_f64x2(a[k + 4], a[k + 6], 0xdd);
-    }
-    for (int k = 0; k < 2; k++) {
-        to[k] = (real)_mm512_shuffle_f64x2(b[k], b[k + 4], 0x88);
-        to[k + 4] = (real)_mm512_shuffle_f64x2(b[k], b[k + 4], 0xdd);
-        to[k + 2] = (real)_mm512_shuffle_f64x2(b[k + 2], b[k + 6], 0x88);
-        to[k + 6] = (real)_mm512_shuffle_f64x2(b[k + 2], b[k + 6], 0xdd);
-    }
-}
-#else
-static inline void gather(const double *const *rows, real *to)
-{
-    for (int k = 0; k < SETUPS; k++) {
-        for (int c = 0; c < COEFFICIENTS; c++) {
-            to[c][k] = rows[k][c];
-        }
-    }
-}
-#endif
+/* The first coefficients of the cells of two velocities of each setup, and the origins of the cells. */
+typedef struct {
+    Places first;
+    Narrow origin;
+} Found;
 
-/* The cubics of two velocities. They are compared with the knots in single precision, both at once: a velocity that is equal to a knot
- * but for that rounding may take the cubic of the neighbouring cell, which has the same value and slope there. */
-static inline WITHIN void find_cubics(const Port *port, real v, real w, Cubic *of_v, Cubic *of_w)
+static inline WITHIN Narrow chosen_of(Places condition, Narrow a, Narrow b)
 {
-    const double *rows[2 * SETUPS];
-    Narrow both;
-    Places cell = {0};
+    return (Narrow)(((Places)a & condition) | ((Places)b & ~condition));
+}
+
+/* Halves the knots in question, of which there are 2 half + 1. */
+static inline WITHIN void halve(const Narrow *from, int half, Narrow both, Found *found, Narrow *to)
+{
+    const Places above = both >= from[half];
+    found->first += above & (COEFFICIENTS * (half + 1));
+    found->origin = chosen_of(above, from[half], found->origin);
+    UNROLLED
+    for (int k = 0; k < half; k++) {
+        to[k] = chosen_of(above, from[half + 1 + k], from[k]);
+    }
+}
+
+/* Velocities and knots are compared in single precision: a velocity that is equal to a knot but for that rounding may take the cubic
+ * of the neighbouring cell, which has the same value and slope there. */
+static inline WITHIN void find_both(const Port *port, real v, real w, Found *found)
+{
+    Narrow both, left[SLOTS / 2];
     for (int k = 0; k < SETUPS; k++) {
         both[k] = (float)v[k];
         both[SETUPS + k] = (float)w[k];
     }
-    for (int k = 0; k < KNOTS; k++) {
-        cell -= both >= port->knots[k]; /* a comparison is -1 where it is true */
+    const Narrow *knots = port->knots;
+    if (are_all((both >= knots[USUAL - 1]) & (both < knots[USUAL + SLOTS / 2]))) {
+        found->first = (Places){0} + COEFFICIENTS * USUAL;
+        found->origin = knots[USUAL - 1];
+        halve(knots + USUAL, 7, both, found, left);
+    } else {
+        found->first = (Places){0};
+        found->origin = knots[0];
+        halve(knots, 15, both, found, left);
+        halve(left, 7, both, found, left);
     }
-    for (int k = 0; k < 2 * SETUPS; k++) {
-        rows[k] = port->cells[k % SETUPS][cell[k]];
+    halve(left, 3, both, found, left);
+    halve(left, 1, both, found, left);
+    halve(left, 0, both, found, left);
+    IN_MEMORY(found->first); /* from where numbers are faster taken */
+}
+
+/* The cubics of the first or the second velocity. */
+static inline WITHIN void gather(const Cells *cells, const Found *found, int which, Cubic *cubic)
+{
+    const double *rows[SETUPS];
+    for (int k = 0; k < SETUPS; k++) {
+        rows[k] = &cells[k][0][0] + (unsigned)found->first[which * SETUPS + k];
+        cubic->origin[k] = (double)found->origin[which * SETUPS + k];
     }
-    gather(rows, of_v->at);
-    gather(rows + SETUPS, of_w->at);
+    transpose(rows, cubic->at);
 }
 
-static inline real force_of(const Cubic *c, real v)
+static inline real value_at(const Cubic *c, real v)
 {
-    const real x = v - c->at[LEFT];
-    return c->at[FORCE] + x * (c->at[SLOPE] + x * (c->at[BEND] + x * c->at[TWIST]));
+    const real x = v - c->origin;
+    return c->at[0] + x * (c->at[1] + x * (c->at[2] + x * c->at[3]));
 }
 
-/* f1 of Hysteresis. */
-static inline real lagged_part(const Cubic *c, real v)
+/* The cubics of two points of a port but those of the lagged velocity. */
+static inline WITHIN void gather_cubics(const Port *port, Kinds kinds, const Found *found, Cubics *cubics)
 {
-    const real x = v - c->at[LEFT];
-    return c->at[LAGGED] + x * (c->at[LAGGED_SLOPE] + x * c->at[LAGGED_BEND]);
+    UNROLLED
+    for (int which = 0; which < 2; which++) {
+        gather(port->curve, found, which, &cubics[which].curve);
+        if (kinds.hysteresis) {
+            gather(port->lagged, found, which, &cubics[which].fixed);
+        }
+    }
 }
 
-static inline void find_cubic(const Port *port, real v, Cubic *cubic)
+static APART void find_lagged(const Port *port, real velocity, Cubic *cubic)
 {
-    Cubic same;
-    find_cubics(port, v, v, cubic, &same);
+    Found found;
+    find_both(port, velocity, velocity, &found);
+    gather(port->lagged, &found, 0, cubic);
 }
 
 /* F_s [N] at a damper velocity [m/s]; `cubic` is that of about this velocity if there are knots. */
-static inline WITHIN real static_force(const Port *port, real v, const Cubic *cubic)
+static inline WITHIN real static_force(const Port *port, Kinds kinds, real v, const Cubic *cubic)
 {
     const Parameters *p = &port->parameters;
-    if (!port->some_knots) {
+    if (!kinds.knots) {
         return valve_force(p, v);
     }
-    const real force = force_of(cubic, v);
-    return port->some_polynomials ? either(has_knots(p), force, valve_force(p, v)) : force;
+    const real force = value_at(cubic, v);
+    return kinds.polynomials ? either(has_knots(p), force, valve_force(p, v)) : force;
 }
 
 /* ---- The law ------------------------------------------------------------------------------------------------------------------ */
@@ -148,8 +167,8 @@ static inline WITHIN real static_force(const Port *port, real v, const Cubic *cu
 /* alpha = 1 up to lag_full_force, 0 from lag_zero_force, linear between, as in shock_lpnl2/model.c. */
 static inline real lag_weight(const Parameters *p, real f)
 {
-    const real share = (p->lag_zero_force - size_of(f)) * p->per_lag_range;
-    return either(share <= 0.0, uniform(0.0), either(share >= 1.0, uniform(1.0), share));
+    const real share = p->lag_share - size_of(f) * p->per_lag_range, some = either(share < 0.0, uniform(0.0), share);
+    return either(some > 1.0, uniform(1.0), some);
 }
 
 static inline real bend_after(const PortFriction *f, real bend, real v, real h)
@@ -172,27 +191,21 @@ static APART void follow_hysteresis(const Port *port, const Point *from, int kno
     to->lagged = either(is_hysteresis, state.at[0], to->lagged);
     to->travel = state.at[1];
     if (!known) {
-        find_cubic(port, to->lagged, cubic);
+        find_lagged(port, to->lagged, cubic);
     }
 }
 
 /* The point half a step after `from`, while the velocity changes linearly. `cubics` are those of about its velocities; that of the
  * lagged velocity is found here if it is not `known`. */
-static inline WITHIN void follow(const Port *port, const Point *from, real velocity, int known, Cubics *cubics, Point *to)
+static inline WITHIN void follow(const Port *port, Kinds kinds, const Point *from, real velocity, int known, Cubics *cubics, Point *to)
 {
-    const Parameters *p = &port->parameters;
     to->velocity = velocity;
-    to->static_force = static_force(port, p->motion_ratio * velocity, &cubics->curve);
-    to->lagged = to->static_force;
-    if (port->some_lag) {
-        const real lagged = from->lagged + (from->static_force - from->lagged) * port->rise +
-                            (to->static_force - from->static_force) * port->ramp;
-        to->lagged = either(port->law == WITH_LAG, lagged, to->lagged);
-    }
-    if (port->some_hysteresis) {
+    to->static_force = static_force(port, kinds, port->parameters.motion_ratio * velocity, &cubics->curve);
+    to->lagged = (port->left * from->lagged + port->faded * from->static_force) + port->ramp * to->static_force;
+    if (kinds.hysteresis) {
         follow_hysteresis(port, from, known, &cubics->lagged, to);
     }
-    if (port->friction.bristle_force > 0.0) {
+    if (kinds.friction && port->friction.bristle_force > 0.0) {
         to->bend = bend_after(&port->friction, from->bend, 0.5 * (from->velocity + velocity), uniform(port->half));
     }
 }
@@ -200,23 +213,19 @@ static inline WITHIN void follow(const Port *port, const Point *from, real veloc
 /* ---- Forces --------------------------------------------------------------------------------------------------------------------- */
 
 /* F_lag of a lag; F_v of Hysteresis, as in shock_hysteresis/model.c. */
-static inline WITHIN real lagged_force(const Port *port, const Point *at, const Cubics *cubics)
+static inline WITHIN real lagged_force(const Port *port, Kinds kinds, const Point *at, const Cubics *cubics)
 {
-    if (!port->some_hysteresis) {
+    if (!kinds.hysteresis) {
         return at->lagged;
     }
     const Parameters *p = &port->parameters;
-    const real fixed = at->static_force - lagged_part(&cubics->curve, p->motion_ratio * at->velocity);
-    const real force = fixed + lagged_part(&cubics->lagged, at->lagged) + p->stop_stiffness * at->travel;
+    const real fixed = at->static_force - value_at(&cubics->fixed, p->motion_ratio * at->velocity);
+    const real force = fixed + value_at(&cubics->lagged, at->lagged) + p->stop_stiffness * at->travel;
     return either(port->law == HYSTERESIS, force, at->lagged);
 }
 
-static inline real seal_force(const Port *port, real v)
+static inline real seal_force(const Parameters *p, real v)
 {
-    const Parameters *p = &port->parameters;
-    if (!port->some_seals) {
-        return uniform(0.0);
-    }
     return either(p->seal_friction == 0.0, uniform(0.0), p->seal_friction * hyperbolic_tangent(v / p->friction_velocity));
 }
 
@@ -229,36 +238,47 @@ static inline WITHIN real friction_force(const PortFriction *f, const Point *at,
     return f->bristle_force > 0.0 ? force + f->bristle_force / f->bristle_reach * at->bend : force;
 }
 
-static inline real gas_force(const Parameters *p, real displacement)
-{
-    return p->gas_preload + p->gas_stiffness * p->motion_ratio * displacement;
-}
-
-/* The force of shock and friction at a displacement of the port [m]. */
-static inline WITHIN real force_at(const Port *port, const Point *at, const Cubics *cubics, real displacement)
+/* The force of the valves and the seals [N]. */
+static inline WITHIN real dissipative_force(const Port *port, Kinds kinds, const Point *at, const Cubics *cubics)
 {
     const Parameters *p = &port->parameters;
-    const real lagged = lagged_force(port, at, cubics), f = at->static_force, alpha = lag_weight(p, f);
-    const real dissipative = f + alpha * (lagged - f) + seal_force(port, p->motion_ratio * at->velocity);
-    return p->motion_ratio * (dissipative + gas_force(p, displacement)) + friction_force(&port->friction, at, displacement);
+    const real f = at->static_force, dissipative = f + lag_weight(p, f) * (lagged_force(port, kinds, at, cubics) - f);
+    return kinds.seals ? dissipative + seal_force(p, p->motion_ratio * at->velocity) : dissipative;
 }
 
-static PortSignals signals_at(const Port *port, const Point *at, const Cubics *cubics, real displacement)
+/* The force of the shock at a displacement of the port [m]. */
+static inline WITHIN real shock_force(const Port *port, Kinds kinds, const Point *at, const Cubics *cubics, real displacement)
 {
     const Parameters *p = &port->parameters;
-    const real f = at->static_force, v = p->motion_ratio * at->velocity;
-    PortSignals now = {.static_force = f, .lagged_force = lagged_force(port, at, cubics), .lag_weight = lag_weight(p, f)};
-    const real dissipative = f + now.lag_weight * (now.lagged_force - f) + seal_force(port, v);
-    now.force = p->motion_ratio * (dissipative + gas_force(p, displacement));
-    now.dissipated_power = dissipative * v;
-    now.beyond_fit = either(is_beyond_fit(p, v), uniform(1.0), uniform(0.0));
-    return now;
+    const real force = dissipative_force(port, kinds, at, cubics);
+    return p->motion_ratio * (kinds.travel ? force + p->gas_stiffness * p->motion_ratio * displacement : force) + port->preload;
 }
 
-/* Whether a velocity of the port is beyond the fitted range. */
-static inline truth is_beyond(const Port *port, real velocity)
+/* That of shock and friction. */
+static inline WITHIN real force_at(const Port *port, Kinds kinds, const Point *at, const Cubics *cubics, real displacement)
 {
-    return is_beyond_fit(&port->parameters, port->parameters.motion_ratio * velocity);
+    const real force = shock_force(port, kinds, at, cubics, displacement);
+    return kinds.friction ? force + friction_force(&port->friction, at, displacement) : force;
+}
+
+static real signal_at(const Port *port, Kinds kinds, const Point *at, const Cubics *cubics, real displacement, int number)
+{
+    const Parameters *p = &port->parameters;
+    const real v = p->motion_ratio * at->velocity;
+    switch (number) {
+    case STATIC_FORCE:
+        return at->static_force;
+    case LAGGED_FORCE:
+        return lagged_force(port, kinds, at, cubics);
+    case LAG_WEIGHT:
+        return lag_weight(p, at->static_force);
+    case DISSIPATED_POWER:
+        return dissipative_force(port, kinds, at, cubics) * v;
+    case BEYOND_FIT:
+        return either(is_beyond_fit(p, v), uniform(1.0), uniform(0.0));
+    default:
+        return shock_force(port, kinds, at, cubics, displacement);
+    }
 }
 
 /* ---- Before a run --------------------------------------------------------------------------------------------------------------- */
@@ -268,13 +288,14 @@ static void find_reciprocals(Parameters *p)
     p->per_curve_transition_speed = 1.0 / p->curve_transition_speed;
     p->per_curve_transition_width = 1.0 / p->curve_transition_width;
     p->per_lag_range = 1.0 / (p->lag_zero_force - p->lag_full_force);
+    p->lag_share = p->lag_zero_force * p->per_lag_range;
     for (int side = 0; side < 2; side++) {
         p->growth[side] = logarithm(p->time_constants[2 * side] / p->time_constants[1]);
     }
 }
 
 /* Derives what a run needs from the parameters and laws. */
-static void prepare_port(Port *port, const PortFriction *friction, double step)
+static void prepare_port(Port *port, const PortFriction *friction, double step, Kinds *kinds)
 {
     Parameters *p = &port->parameters;
     find_reciprocals(p);
@@ -283,37 +304,44 @@ static void prepare_port(Port *port, const PortFriction *friction, double step)
         for (int i = 0; i < PARAMETERS; i++) {
             own[i] = ((const real *)p)[i][k];
         }
-        find_cells(own, port->law[k] == HYSTERESIS, port->cells[k]);
-        for (int i = 0; i < KNOTS; i++) {
-            port->knots[i][k] = port->knots[i][SETUPS + k] = (float)p->curve_knot_velocity[i][k];
+        find_cells(own, port->law[k] == HYSTERESIS, port->curve[k], port->lagged[k]);
+        for (int i = 0; i < SLOTS; i++) {
+            port->knots[i][k] = port->knots[i][SETUPS + k] = i < KNOTS ? (float)p->curve_knot_velocity[i][k] : (float)INFINITY;
         }
     }
     port->friction = *friction;
     port->half = 0.5 * step;
-    port->some_lag = in_any(port->law == WITH_LAG);
-    port->some_hysteresis = in_any(port->law == HYSTERESIS);
-    port->some_knots = in_any(has_knots(p));
-    port->some_polynomials = !in_every(has_knots(p));
-    port->some_seals = !in_every(p->seal_friction == 0.0);
-    port->has_travel = !in_every(p->gas_stiffness == 0.0) || friction->port_spring != 0.0;
-    const real ratio = port->half / p->time_constant;
-    port->rise = -exponential_minus_1(-ratio);
-    port->ramp = 1.0 - port->rise / ratio;
+    kinds->hysteresis |= in_any(port->law == HYSTERESIS);
+    kinds->knots |= in_any(has_knots(p));
+    kinds->polynomials |= !in_every(has_knots(p));
+    kinds->seals |= !in_every(p->seal_friction == 0.0);
+    kinds->friction |= friction->friction_force > 0.0 || friction->bristle_force > 0.0 || friction->port_spring != 0.0;
+    kinds->travel |= !in_every(p->gas_stiffness == 0.0) || friction->port_spring != 0.0;
+    const real ratio = port->half / p->time_constant, rise = -exponential_minus_1(-ratio);
+    const real none = uniform(0.0), one = uniform(1.0);
+    port->left = either(port->law == WITHOUT_LAG, none, 1.0 - rise);
+    port->ramp = either(port->law == WITHOUT_LAG, one, 1.0 - rise / ratio);
+    port->faded = 1.0 - port->left - port->ramp;
+    port->preload = p->motion_ratio * p->gas_preload;
 }
 
 /* The point of steady motion. */
-static void start_point(const Port *port, real velocity, Cubics *cubics, Point *at)
+static void start_point(const Port *port, Kinds kinds, real velocity, Cubics *cubics, Point *at)
 {
     const real v = port->parameters.motion_ratio * velocity;
+    Cubics both[2];
+    Found found;
     memset(at, 0, sizeof *at);
     at->velocity = velocity;
-    find_cubic(port, v, &cubics->curve);
-    at->static_force = at->lagged = static_force(port, v, &cubics->curve);
-    if (port->some_hysteresis) {
+    find_both(port, v, v, &found);
+    gather_cubics(port, kinds, &found, both);
+    *cubics = both[0];
+    at->static_force = at->lagged = static_force(port, kinds, v, &cubics->curve);
+    if (kinds.hysteresis) {
         const State state = law_start(&port->parameters, v, at->static_force);
         at->lagged = either(port->law == HYSTERESIS, state.at[0], at->lagged);
         at->travel = state.at[1];
-        find_cubic(port, at->lagged, &cubics->lagged);
+        find_lagged(port, at->lagged, &cubics->lagged);
     }
 }
 

@@ -6,121 +6,140 @@
 
 /* ---- Bonds ------------------------------------------------------------------------------------------------------------------ */
 
-/* Work through the bonds by Simpson's rule. The defect of a velocity is its change in the last sweep, and that of a force how far its
- * middle is from the parabola through the start of the last step and both ends: the quadratics cannot follow what is beyond that. */
-static inline WITHIN void add_bonds(March *m, const real *missed)
+/* The forces at a step's start, middle and end, and the velocities there. */
+typedef struct {
+    real force[3], velocity[3];
+} Bond;
+
+/* Work through a bond by Simpson's rule; `missed` is the change of the velocity in the last sweep. */
+static inline WITHIN void add_work(March *m, int c, const Bond *b, real missed)
+{
+    const double sixth = m->run->step * (1.0 / 6.0);
+    const real start = b->force[0] * b->velocity[0], middle = b->force[1] * b->velocity[1], end = b->force[2] * b->velocity[2];
+    m->totals.transferred[c] += size_of(sixth * (start + 4.0 * middle + end));
+    m->totals.residual[c] += sixth * b->force[2] * missed;
+}
+
+/* The defect of a velocity is its change in the last sweep, and that of a force how far its middle is from the parabola through the
+ * start of the last step and both ends: the quadratics cannot follow what is beyond that. */
+static inline WITHIN void add_errors(March *m, int c, const Bond *b, real missed)
 {
     Totals *t = &m->totals;
-    const double sixth = m->run->step / 6.0;
-    for (int c = 0; c < CORNERS; c++) {
-        const real f0 = m->force[AT_START][c], f1 = m->force[AT_MIDDLE][c], f2 = m->force[AT_END][c];
-        const real v0 = m->at[AT_START][c].velocity, v1 = m->at[AT_MIDDLE][c].velocity, v2 = m->at[AT_END][c].velocity;
-        const real apart = f1 - (0.75 * f0 + 0.375 * f2 - 0.125 * m->before[c]), work = sixth * (f0 * v0 + 4.0 * f1 * v1 + f2 * v2);
-        t->transferred[c] += size_of_number(work);
-        t->residual[c] += sixth * f2 * missed[c];
-        t->defect[c] += missed[c] * missed[c];
-        t->defect[CORNERS + c] += apart * apart;
-        t->total[c] += v2;
-        t->total[CORNERS + c] += f2;
-        t->squares[c] += v2 * v2;
-        t->squares[CORNERS + c] += f2 * f2;
-    }
+    const real v = b->velocity[2], f = b->force[2];
+    const real apart = b->force[1] - (0.75 * b->force[0] + 0.375 * f - 0.125 * m->before[c]);
+    t->defect[c] += missed * missed;
+    t->defect[CORNERS + c] += apart * apart;
+    t->total[c] += v;
+    t->total[CORNERS + c] += f;
+    t->squares[c] += v * v;
+    t->squares[CORNERS + c] += f * f;
 }
 
 /* ---- Recorded rows ------------------------------------------------------------------------------------------------------------ */
 
-static void read_outputs(March *m)
+/* The recorded channels of the last step. */
+static void see_channels(March *m, real *seen)
 {
     const Run *run = m->run;
+    const double *by_drive = run->outputs + m->record * run->output_count;
+    real states[STATES + FORCES]; /* a copy, which a compiler keeps in registers */
+    memcpy(states, m->states, sizeof states);
     for (int k = 0; k < run->output_count; k++) {
-        const double *row = run->output_rows + k * STATES, *direct = run->direct + k * CORNERS;
-        real value = uniform(run->outputs[m->record * run->output_count + k]);
-        for (int c = 0; c < CORNERS; c++) {
-            value += direct[c] * m->force[AT_START][c];
-        }
-        m->output[k] = value + row_times(row, m->states);
+        seen[k] = with_row(uniform(by_drive[k]), run->output_rows + k * (STATES + FORCES), states, STATES + FORCES);
+    }
+    for (int k = 0; k < run->signal_count; k++) {
+        const int c = run->signals[k].corner, number = run->signals[k].number;
+        seen[run->output_count + k] = signal_at(&m->ports[c], m->kinds, &m->at[c], &m->cubics[c], m->travel[c], number);
     }
 }
 
-static void see_channels(March *m)
-{
-    PortSignals signals[CORNERS];
-    int known[CORNERS] = {0};
-    for (int k = 0; k < m->run->channel_count; k++) {
-        const Channel *channel = &m->run->channels[k];
-        const int c = channel->corner;
-        if (c >= 0 && !known[c]) {
-            signals[c] = signals_at(&m->ports[c], &m->at[AT_START][c], &m->cubics[AT_START][c], m->travel[c]);
-            known[c] = 1;
-        }
-        m->seen[k] = c < 0 ? m->output[channel->number] : ((const real *)&signals[c])[channel->number];
-    }
-}
-
-static void watch(March *m)
+static void watch(March *m, const real *seen)
 {
     const real one = uniform(1.0), none = uniform(0.0);
     for (int c = 0; c < CORNERS; c++) {
-        m->totals.beyond[c] += either(is_beyond(&m->ports[c], m->at[AT_START][c].velocity), one, none);
+        const Parameters *p = &m->ports[c].parameters;
+        m->totals.beyond[c] += either(is_beyond_fit(p, p->motion_ratio * m->at[c].velocity), one, none);
     }
     for (int w = 0; w < m->run->limit_count; w++) {
         const Limit *limit = &m->run->limits[w];
-        m->totals.watched[w] += either(limit->sign * m->output[limit->output] > limit->limit, one, none);
+        m->totals.watched[w] += either(limit->sign * seen[limit->output] > limit->limit, one, none);
     }
 }
 
-static real with_term(const Quantity *q, real value, real next)
+static inline void add_limits(const Quantity *q, real value, real *to)
 {
-    return q->is_product ? value * next : value + next;
+    to[LEAST] = either(value < to[LEAST], value, to[LEAST]);
+    to[LARGEST_VALUE] = either(value > to[LARGEST_VALUE], value, to[LARGEST_VALUE]);
+    to[INSIDE] += either((value >= q->low) & (value < q->high), uniform(1.0), uniform(0.0));
 }
 
-static real value_of(const March *m, const Quantity *q)
+static inline real value_of(const Quantity *q, const real *const *columns, const double *weights, int64_t at)
 {
-    const int *terms = m->run->terms + q->first;
-    const double *weights = m->run->weights + q->first;
-    real value = weights[0] * m->seen[terms[0]];
+    real value = weights[0] * columns[0][at];
     for (int k = 1; k < q->count; k++) {
-        value = with_term(q, value, weights[k] * m->seen[terms[k]]);
+        const real next = weights[k] * columns[k][at];
+        value = q->is_product ? value * next : value + next;
     }
     return value;
 }
 
-static void add_row(real *to, const Quantity *q, real value, int is_first)
+/* Adds rows `first` to `last` - 1 of a quantity, which begin in `columns` and are `stride` apart, to its statistics. */
+static void add_rows(const Quantity *q, const real *const *columns, const double *weights, int64_t stride, int first, int last, real *to)
 {
-    if (is_first) {
-        to[SHIFT] = to[LEAST] = to[LARGEST_VALUE] = to[FIRST_VALUE] = value;
+    const int begin = q->begin > first ? q->begin : first, end = q->end < last ? q->end : last;
+    if (begin >= end) {
+        return;
+    }
+    if (begin == q->begin) {
+        to[SHIFT] = to[LEAST] = to[LARGEST_VALUE] = to[FIRST_VALUE] = value_of(q, columns, weights, (begin - first) * stride);
         to[SUM] = to[SQUARES] = to[INSIDE] = uniform(0.0);
     }
-    const real apart = value - to[SHIFT];
-    to[SUM] += apart;
-    to[SQUARES] += apart * apart;
-    if (q->has_limits) {
-        to[LEAST] = either(value < to[LEAST], value, to[LEAST]);
-        to[LARGEST_VALUE] = either(value > to[LARGEST_VALUE], value, to[LARGEST_VALUE]);
-        to[INSIDE] += either((value >= q->low) & (value < q->high), uniform(1.0), uniform(0.0));
+    real sum = to[SUM], squares = to[SQUARES], value = to[SHIFT];
+    for (int row = begin; row < end; row++) {
+        value = value_of(q, columns, weights, (row - first) * stride);
+        const real apart = value - to[SHIFT];
+        sum += apart;
+        squares += apart * apart;
+        if (q->has_limits) {
+            add_limits(q, value, to);
+        }
     }
+    to[SUM] = sum;
+    to[SQUARES] = squares;
     to[LAST_VALUE] = value;
 }
 
-static void record(March *m, const Sums *sums)
+/* Adds the records since `first` to the statistics of the quantities. */
+static void add_quantities(const March *m, int64_t first, const Sums *sums)
 {
     const Run *run = m->run;
-    real *values = (real *)(void *)sums->values + m->record * run->series_count;
-    read_outputs(m);
-    see_channels(m);
-    for (int k = 0; k < run->series_count; k++) {
-        values[k] = m->seen[run->series[k]];
-    }
+    const real *columns[MOST_CHANNELS];
     for (int k = 0; k < run->quantity_count; k++) {
         const Quantity *q = &run->quantities[k];
-        if (m->record >= q->begin && m->record < q->end) {
-            add_row((real *)(void *)sums->statistics + k * STATISTICS, q, value_of(m, q), m->record == q->begin);
+        for (int term = 0; term < q->count; term++) {
+            columns[term] = m->seen + run->terms[q->first + term];
         }
+        add_rows(q, columns, run->weights + q->first, run->output_count + run->signal_count, (int)first, (int)m->record,
+                 (real *)(void *)sums->statistics + k * STATISTICS);
+    }
+}
+
+static void record(March *m, const Sums *sums, int is_last)
+{
+    const Run *run = m->run;
+    const int64_t place = m->record % RECORDS;
+    real *seen = m->seen + place * (run->output_count + run->signal_count);
+    see_channels(m, seen);
+    for (int k = 0; k < run->series_count; k++) {
+        ((real *)(void *)sums->values)[m->record * run->series_count + k] = seen[run->series[k]];
     }
     if (m->record >= run->settling) {
-        watch(m);
+        watch(m, seen);
     }
     m->record++;
+    if (is_last || place == RECORDS - 1) {
+        add_quantities(m, m->record - place - 1, sums);
+    }
 }
 
 static void report(const March *m, const Sums *sums)
@@ -138,13 +157,7 @@ static void report(const March *m, const Sums *sums)
 /* Sums the statistics of a quantity of series, the rows of which are in `columns`. */
 EXPORTED void sum_series(const Quantity *q, const real *const *columns, const double *weights, double *statistics)
 {
-    for (int row = q->begin; row < q->end; row++) {
-        real value = weights[0] * columns[0][row];
-        for (int k = 1; k < q->count; k++) {
-            value = with_term(q, value, weights[k] * columns[k][row]);
-        }
-        add_row((real *)(void *)statistics, q, value, row == q->begin);
-    }
+    add_rows(q, columns, weights, 1, 0, q->end, (real *)(void *)statistics);
 }
 
 #endif

@@ -8,7 +8,7 @@ import pytest
 from builder.reference import validity_of
 from eightpost.units import convert
 from eightpost.vehicle import Corners, QuarterCar, SevenDof, StructuralVehicle, read_vehicle, shipped
-from eightpost.vehicle.plausibility import MISTAKES, USUAL, doubts
+from eightpost.vehicle.structural import MISTAKES, USUAL, doubts
 from eightpost.verdict import Grade
 
 
