@@ -93,10 +93,15 @@ def compiled(pairs: int, corners: int, *, sweeps: int = 2, width: str | None = N
     Raises:
         FmuError: There is no compiler, or it fails.
     """
-    files = {**sources(), "sizes.h": f"enum {{ PAIRS = {pairs}, CORNERS = {corners} }};\n".encode()}
+    sizes = f"enum {{ PAIRS = {pairs}, CORNERS = {corners} }};\n".encode()
+    return built({**sources(), "sizes.h": sizes}, f"-DSWEEPS={sweeps}", width=width)
+
+
+def built(files: Mapping[str, bytes], *own: str, width: str | None = None) -> bytes:
+    """Return a library from C files and options of their own, from the cache or from the compiler; see `compiled`."""
     chosen = instruction_set() if width is None else width
     compiler = _compiler()
-    options = [*_FLAGS, f"-DSWEEPS={sweeps}", *_WIDTHS.get(chosen, ())]
+    options = [*_FLAGS, *own, *_WIDTHS.get(chosen, ())]
     if _is_gcc(compiler[0]):
         options.append(f"-DEIGHTPOST_SETUPS={_SETUPS_OF_GCC[chosen]}")
     else:
