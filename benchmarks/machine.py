@@ -32,10 +32,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.study import shipped_study
-from cosim.results.error_estimate import difference
+from cosim.session.result import difference
 from cosim.study import Build, Drive, Measure, Study, Vehicle
 from cosim.study.running.batches import Batches
-from cosim.study.running.choose_machine import choose
+from cosim.study.running.coupling import coupling_for
 from cosim.study.running.evaluator import Coupling, Evaluator, MachineCoupling
 from eightpost.corners import CORNERS
 from eightpost.machine import library
@@ -141,7 +141,7 @@ def _scaled(k: int) -> dict[str, float]:
 def compare(study: Study, setups: int) -> Row:
     """Return costs and errors of random setups of a study, and how many of them run on the machine."""
     evaluator = Evaluator(study)
-    coupling = choose(evaluator)
+    coupling = coupling_for(evaluator)
     if coupling.machine is None:
         return {"note": coupling.notes[-1]}
     indices = np.random.default_rng(1).permutation(study.space.indices)[:setups]

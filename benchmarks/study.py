@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.results.error_estimate import difference
+from cosim.session.result import difference
 from cosim.study import Study, StudyResult
 from cosim.study.running.evaluator import Evaluator, coupling_of
 from cosim.study.running.sweep import run_study
@@ -63,7 +63,7 @@ def shipped_study(folder: Path, *, builds: int) -> Study:
     """Return examples/study.toml on a whole lap with the first builds of its bank; its FMUs are built in the folder."""
     # Imported here, because workers import this file and do not need these.
     from builder.build import build  # noqa: PLC0415
-    from eightpost.rig.synthetic import track_drivefile  # noqa: PLC0415
+    from eightpost.virtual.drivefiles import track_drivefile  # noqa: PLC0415
 
     path, lap = ROOT / "examples" / "study.toml", folder / "lap.parquet"
     track_drivefile(SEED, duration=LAP, rate=500.0).write(lap)

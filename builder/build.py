@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
-from builder.documents.reference import Disclosure
-from builder.documents.validity import validity_of
-from builder.fmu.interface import Interface
-from builder.fmu.product import Product, shock_product, vehicle_product
-from builder.native.native_fmu import native_fmus
-from builder.native.toolchain import find_toolchain
+from builder.interface import Interface
+from builder.native_fmu import native_fmus
+from builder.product import Product, shock_product, vehicle_product
 from builder.python_fmu import python_fmu
+from builder.reference import Disclosure, validity_of
+from builder.toolchain import find_toolchain
 from eightpost.archive import write_archive
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FmuError

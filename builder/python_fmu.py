@@ -13,17 +13,17 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
+from importlib.metadata import PackageNotFoundError, distribution, version
 from pathlib import Path
 from typing import Any
 
 import eightpost.shock
 import eightpost.vehicle.friction
-from builder.documents.reference import Disclosure, Subject
-from builder.fmu.description import Description, content_guid, model_description
-from builder.fmu.interface import friction_ports, source_folder, spring_ports
-from builder.fmu.product import Product
+from builder.interface import Description, content_guid, friction_ports, model_description, source_folder, spring_ports
+from builder.product import Product
+from builder.reference import Disclosure, Subject
 from eightpost import __version__
 from eightpost.archive import read_archive
 from eightpost.extras import needs
@@ -62,7 +62,7 @@ def python_fmu(product: Product) -> dict[str, bytes]:
         staged = _stage(slave, Path(folder))
         members = _pack(staged, Path(folder) / "out")
     subject = Subject(product.identifier, product.text, product.interface, source)
-    from builder.documents.archive import documents  # noqa: PLC0415 -- drawing starts slowly
+    from builder.documents import documents  # noqa: PLC0415 -- drawing starts slowly
 
     members |= documents(subject, disclosure=Disclosure.FULL)
     _describe(product, members)
@@ -145,11 +145,11 @@ def _table(slave: _Slave) -> dict[str, Any]:
 
 def _pack(slave: Path, folder: Path) -> dict[str, bytes]:
     """Pack the slave with PythonFMU; return the archive's members."""
-    with needs("build", "building python FMUs"):
-        from pythonfmu.builder import FmuBuilder  # noqa: PLC0415 - the import is slow and only needed here
-
     package = slave.with_name(f"{slave.stem}_law")
     with _clean_imports(slave.stem):
+        with needs("build", "building python FMUs"):
+            from pythonfmu.builder import FmuBuilder  # noqa: PLC0415 - the import is slow and only needed here
+
         path = FmuBuilder.build_FMU(slave, dest=folder, project_files=[package, slave.with_suffix(".json")])
     members = read_archive(path)
     del members["modelDescription.xml"]
@@ -158,28 +158,34 @@ def _pack(slave: Path, folder: Path) -> dict[str, bytes]:
 
 @contextmanager
 def _clean_imports(name: str) -> Iterator[None]:
-    """Remove the paths and modules that PythonFMU adds when it imports a slave to inspect it."""
+    """Import PythonFMU as it is installed, and remove the paths and modules that it adds to inspect a slave.
+
+    A python FMU that ran in this process has left its own copy of PythonFMU, which lacks what a build needs.
+    """
     path, write_bytecode = sys.path.copy(), sys.dont_write_bytecode
     sys.dont_write_bytecode = True
+    earlier = {key: sys.modules.pop(key) for key in list(sys.modules) if key.split(".")[0] == "pythonfmu"}
+    with suppress(PackageNotFoundError):
+        sys.path.insert(0, str(distribution("pythonfmu").locate_file("")))
     try:
         yield
     finally:
         sys.path[:], sys.dont_write_bytecode = path, write_bytecode
-        for module in [key for key in sys.modules if key.split(".")[0] in (name, f"{name}_law")]:
+        for module in [key for key in sys.modules if key.split(".")[0] in (name, f"{name}_law", "pythonfmu")]:
             del sys.modules[module]
+        sys.modules |= earlier
 
 
 def _describe(product: Product, members: dict[str, bytes]) -> None:
     """Add modelDescription.xml; its GUID is a digest of the whole archive."""
-    from pythonfmu import __version__ as pythonfmu_version  # noqa: PLC0415
-
+    library = version("pythonfmu")
     description = Description(
         identifier=product.identifier,
         guid="",
         text=product.text,
         interface=product.interface,
         capabilities=CAPABILITIES,
-        generation_tool=f"eightpost {__version__} with PythonFMU {pythonfmu_version}",
+        generation_tool=f"eightpost {__version__} with PythonFMU {library}",
     )
     guid = content_guid(model_description(description), members)
     members["modelDescription.xml"] = model_description(replace(description, guid=guid))

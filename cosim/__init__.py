@@ -2,15 +2,14 @@
 
 from cosim.components.component import Capabilities, Component, UnitDefinition, Variable
 from cosim.components.fmu_component import FmuComponent
-from cosim.components.isolated_component import IsolatedComponent
+from cosim.components.isolated import IsolatedComponent
 from cosim.force_law import ExtrapolatedForce, ForceLaw, HeldForce
-from cosim.results.result import Result
-from cosim.results.run_data import BondEnergy, Coupled
-from cosim.session.automatic import SCHEMES, Automatic
-from cosim.session.master import Verification, run, verify
+from cosim.session.result import Result
+from cosim.session.run import Verification, run, verify
 from cosim.session.session import RunInterrupted
+from cosim.session.verdict import BondEnergy, Coupled
 from cosim.system_file import open_component
-from cosim.systems.algorithm import Adaptive, Algorithm, GaussSeidel, Implicit, Jacobi
+from cosim.systems.algorithm import SCHEMES, Adaptive, Algorithm, Automatic, GaussSeidel, Implicit, Jacobi
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import DEFAULT_STEP, Bond, Connection, System
 

@@ -13,12 +13,11 @@ from typing import Any, Self
 
 import numpy as np
 
-from cosim.components.component import Conversion, convert_between, named_unit
+from cosim.components.component import Conversion, FunctionTable, convert_between, free_states, named_unit
 from cosim.components.fmu_component import FmuComponent
-from cosim.components.functions import FunctionTable, free_states
 from cosim.engine import blocks, force_law
 from cosim.engine import force_law as engine
-from cosim.engine.compiled import bound, compiled
+from cosim.engine.march import bound, compiled
 from eightpost.array_types import Array
 from eightpost.errors import EightpostError, FmuError, InputError, StepError, WiringError
 
@@ -179,7 +178,7 @@ class Corners:
             StepError: An FMU cannot save its state.
         """
         for k, table in enumerate(self._tables):
-            status = blocks.save_state(table.save, table.instance, self.motion.states, k)
+            status = blocks.call_state(table.save, table.instance, self.motion.states.ctypes.data + 8 * k)
             if status > 1:
                 raise self.components[k].refused("save its state", status, self.motion.clock[0], self._named(k))
 

@@ -11,11 +11,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from cosim.components.component import Component
 from cosim.components.fmu_component import FmuComponent
-from cosim.components.isolated_component import IsolatedComponent
-from cosim.session.automatic import SCHEMES, Automatic
-from cosim.session.master import PERCENT, Case
+from cosim.components.isolated import IsolatedComponent
+from cosim.session.run import PERCENT, Case
 from cosim.ssp import SUFFIXES, Given, read_ssp
-from cosim.systems.algorithm import Algorithm
+from cosim.systems.algorithm import SCHEMES, Algorithm, Automatic
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import Bond, Connection, System, own_unit
 from eightpost import units

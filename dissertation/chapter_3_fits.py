@@ -24,9 +24,9 @@ from eightpost.ident.validation.shock_tests import (
     validate_static,
 )
 from eightpost.report.charts import Axis, Figure
-from eightpost.rig import bump, sine_tests, static_steps
 from eightpost.shock import Lpf1, Lpnl2
 from eightpost.units import si_factor
+from eightpost.virtual import bump, sine_tests, static_steps
 
 _POUND = si_factor("lbf")
 

@@ -13,11 +13,11 @@ from dissertation.findings import Findings
 from dissertation.plots import TIME, TRUTH, Line, Plot, figure_of
 from eightpost.array_types import Array
 from eightpost.report.charts import Axis, Figure
-from eightpost.rig import CONFIGURATIONS, bump, random_multisine, sine_tests, static_steps
-from eightpost.rig.dynamometer import OFFSET, SPACING, crest_factor, multisine_spectrum
 from eightpost.shock.curve import StaticCurve
 from eightpost.signals import derivative, lowpass
 from eightpost.units import si_factor
+from eightpost.virtual import CONFIGURATIONS, bump, random_multisine, sine_tests, static_steps
+from eightpost.virtual.dynamometer import OFFSET, SPACING, crest_factor, multisine_spectrum
 
 _POUND = si_factor("lbf")
 VELOCITY, FORCE = Axis("velocity", "m/s"), Axis("force", "N")

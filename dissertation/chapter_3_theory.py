@@ -13,11 +13,11 @@ from dissertation.findings import Findings
 from dissertation.plots import Line, Plot, figure_of
 from eightpost.array_types import Array, Complex
 from eightpost.report.charts import Axis
-from eightpost.rig import demo_damper, random_multisine
-from eightpost.rig.dynamometer import multisine_spectrum
 from eightpost.shock import Lpf1, Lpnl2, StaticCurve
 from eightpost.shock.curve import INNER_ORDER
 from eightpost.units import si_factor
+from eightpost.virtual import demo_damper, random_multisine
+from eightpost.virtual.dynamometer import multisine_spectrum
 
 _POUND = si_factor("lbf")
 

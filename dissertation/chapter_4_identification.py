@@ -16,18 +16,19 @@ from dissertation.findings import Findings
 from dissertation.plots import LINEAR_FREQUENCY, TRUTH, Line, Plot, decibel_axis, decibels, figure_of
 from dissertation.true_cars import flat_noise, measures_of, perfect_records
 from eightpost.array_types import Array
-from eightpost.ident.response import H1, Blocks, FrequencyResponse, SameDrive, estimate_response
+from eightpost.ident.vehicle.boggs import CHAPTER_4, Boggs
+from eightpost.ident.vehicle.estimators import H1, SameDrive, estimate_response
 from eightpost.ident.vehicle.experiment import Experiment, experiment_of
-from eightpost.ident.vehicle.many_setups import ManySetups
-from eightpost.ident.vehicle.recipes.boggs import CHAPTER_4, Boggs
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse
+from eightpost.ident.vehicle.records import Blocks
+from eightpost.ident.vehicle.simulation import ManySetups
 from eightpost.ident.vehicle.siso_models import QUARTER_CAR, RationalFit, TransferFunction
 from eightpost.report.charts import Axis
-from eightpost.rig import random_multisine
-from eightpost.rig.post import LinearDamper, quarter_truth
-from eightpost.rig.post.drivefiles import RATE
 from eightpost.signals import TimeSeries
 from eightpost.units import si_factor
-from eightpost.vehicle import StateSpace, add_port_damping, quarter_car
+from eightpost.vehicle import StateSpace, add_port_damping
+from eightpost.virtual import LinearDamper, quarter_truth, random_multisine
+from eightpost.virtual.drivefiles import RATE
 
 #: Number of blocks and highest frequency of the excitation [Hz] (4.4.1).
 _BLOCKS, _HIGH = 20, 50.0
@@ -84,7 +85,7 @@ def _identified(seconds: float) -> _Identified:
         records, inputs=experiment.inputs, outputs=experiment.outputs, baseline_damping={"": _DAMPING},
         recipe=SameDrive(H1(Blocks(length, "hamming")), experiment.forces),
     )  # fmt: skip
-    ideal = add_port_damping(quarter_car.coupled(parameters()), {"": _DAMPING})
+    ideal = add_port_damping(parameters().coupled(), {"": _DAMPING})
     return _Identified(records, experiment, estimate, ideal)
 
 
@@ -151,8 +152,8 @@ def _modes(modes: object) -> list[tuple[float, float]]:
 
 def table_4_2(effort: Effort) -> Findings:
     """Ideal modes, and those of the fit of road to shock velocity."""
-    ideal = _modes(quarter_car.with_damper(printed_ideal()).modes())
-    printed = _modes(quarter_car.with_damper(parameters()).modes())
+    ideal = _modes(printed_ideal().with_damper().modes())
+    printed = _modes(parameters().with_damper().modes())
     identified = _identified(effort.quarter_seconds)
     found = _modes(identified.fit("velocity", "road").modes())
     position = ", ".join(

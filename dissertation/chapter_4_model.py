@@ -16,12 +16,11 @@ from dissertation.plots import FREQUENCY, Line, Plot, decibel_axis, decibels, fi
 from eightpost.array_types import Array, Complex
 from eightpost.ident.vehicle.siso_models import QUARTER_CAR, RationalFit
 from eightpost.report.charts import Figure
-from eightpost.rig import CONFIGURATIONS
-from eightpost.rig.damper import SHIMS_OF_BUILD
-from eightpost.rig.damper.valves import SHIM_SETS
-from eightpost.rig.post.drivefiles import RATE, TABLE_4_4, quarter_random
 from eightpost.units import si_factor
-from eightpost.vehicle import QuarterCar, StructuralVehicle, quarter_car, read_vehicle, shipped
+from eightpost.vehicle import QuarterCar, StructuralVehicle, read_vehicle, shipped
+from eightpost.virtual import CONFIGURATIONS, SHIMS_OF_BUILD
+from eightpost.virtual.drivefiles import RATE, TABLE_4_4, quarter_random
+from eightpost.virtual.valves import SHIM_SETS
 
 _FREQUENCY = np.geomspace(0.5, 30.0, 1500)
 _INPUTS = ("road", "aero_force", "force")
@@ -62,7 +61,7 @@ def _magnitudes(output: str, source: str, damping: float = 1.0, stiffness: float
     """Return the magnitude (K,) of a path with damping and stiffness relative to Table 4.1."""
     car = parameters()
     changed = replace(car, damping=damping * car.damping, suspension_stiffness=stiffness * car.suspension_stiffness)
-    return np.abs(response(quarter_car.with_damper(changed), output, source, _FREQUENCY))
+    return np.abs(response(changed.with_damper(), output, source, _FREQUENCY))
 
 
 # ---- Figs 4.2 to 4.5 ------------------------------------------------------------------------------------------------
@@ -164,9 +163,7 @@ def figure_4_3(_: Effort) -> Findings:
 def figure_4_4(_: Effort) -> Findings:
     """Tire force over stiffness."""
     modes = [
-        quarter_car.with_damper(
-            replace(parameters(), suspension_stiffness=k * parameters().suspension_stiffness)
-        ).modes()[0]
+        replace(parameters(), suspension_stiffness=k * parameters().suspension_stiffness).with_damper().modes()[0]
         for k in _STIFFNESSES
     ]
     frequencies, ratios = ([float(value) for value in column] for column in zip(*modes, strict=True))
@@ -270,7 +267,7 @@ def table_4_5(_: Effort) -> Findings:
 def equation_4_2(_: Effort) -> Findings:
     """Check the state matrices against M, C, K and L."""
     car = parameters()
-    model = quarter_car.with_damper(car)
+    model = car.with_damper()
     m, c, k, kt = (
         np.diag([car.sprung_mass, car.unsprung_mass]),
         car.damping,
@@ -292,7 +289,7 @@ def equation_4_2(_: Effort) -> Findings:
 def equation_4_6(_: Effort) -> Findings:
     """Check Newton's law on the whole car."""
     car = parameters()
-    model = quarter_car.with_damper(car)
+    model = car.with_damper()
     H = {name: model.select(outputs=[name]).frequency_response(_FREQUENCY)[0] for name in model.output_names}
     inertia = car.sprung_mass * H["chassis_acceleration"] + car.unsprung_mass * H["hub_acceleration"]
     load = np.zeros_like(inertia)
@@ -329,7 +326,7 @@ def equation_4_19(_: Effort) -> Findings:
 def equation_4_21(_: Effort) -> Findings:
     """Close the loop of the undamped car with a linear shock."""
     car = parameters()
-    open_loop, closed = quarter_car.coupled(car), quarter_car.with_damper(car)
+    open_loop, closed = car.coupled(), car.with_damper()
     H, S = open_loop.frequency_response(_FREQUENCY), open_loop.output_names.index("velocity")
     c = car.damping
     ours = H[:, :2] + H[:, 2:] * (c * H[S, :2] / (1.0 - c * H[S, 2]))
@@ -349,7 +346,7 @@ def equation_4_21(_: Effort) -> Findings:
 def equation_4_26(_: Effort) -> Findings:
     """Subtract two experiments with the dampers c and c / 2 on one drive."""
     car = parameters()
-    baseline, other = (quarter_car.with_damper(replace(car, damping=s * car.damping)) for s in (1.0, 0.5))
+    baseline, other = (replace(car, damping=s * car.damping).with_damper() for s in (1.0, 0.5))
     H = baseline.frequency_response(_FREQUENCY)
     one, two = (model.frequency_response(_FREQUENCY)[:, 0] for model in (baseline, other))
     S = baseline.output_names.index("velocity")
@@ -359,7 +356,7 @@ def equation_4_26(_: Effort) -> Findings:
 
 def equation_4_27(_: Effort) -> Findings:
     """Fit a rational function to the ideal response."""
-    model = quarter_car.with_damper(parameters())
+    model = parameters().with_damper()
     f = np.arange(0.1, 30.0, 0.105)
     fit = RationalFit(4, 4).fit(f, response(model, "tire_force", "road", f), QUARTER_CAR.at(f))
     found, ideal = (np.array(sorted(one.modes())[-2:]) for one in (fit, model))

@@ -26,16 +26,15 @@ from dissertation.plots import (
 from eightpost.array_types import Array
 from eightpost.ident import simulate
 from eightpost.ident.preparation import Preparation, prepare
+from eightpost.ident.vehicle.boggs import CHAPTER_4, Boggs
 from eightpost.ident.vehicle.experiment import experiment_of, find_baseline
-from eightpost.ident.vehicle.many_setups import ManySetups
-from eightpost.ident.vehicle.recipes.boggs import CHAPTER_4, Boggs
+from eightpost.ident.vehicle.simulation import ManySetups
 from eightpost.ident.vehicle.siso_models import BandWeights, RationalFit
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.report.charts import Axis
-from eightpost.rig import configuration
-from eightpost.rig.post import NO_DRIFT, Actuators, RigSensors, quarter_random, quarter_truth, run_test
 from eightpost.signals import TimeSeries
 from eightpost.units import si_factor
+from eightpost.virtual import NO_DRIFT, Actuators, RigSensors, configuration, quarter_random, quarter_truth, run_test
 
 #: Numbers in Table 3.1 of the configurations of Table 4.5, in its order.
 _CONFIGURATIONS = (1, 2, 5, 6, 9, 10)

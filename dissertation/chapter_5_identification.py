@@ -40,12 +40,16 @@ from dissertation.rig_bench import (
 )
 from dissertation.true_cars import TOTAL, measures_of
 from eightpost.array_types import Array
-from eightpost.ident.response import FrequencyResponse, ZeroPhaseSmoothing, response_of
-from eightpost.ident.response.frequency_response import SMOOTHING_WIDTH
+from eightpost.ident.vehicle.frequency_response import (
+    SMOOTHING_WIDTH,
+    FrequencyResponse,
+    ZeroPhaseSmoothing,
+    response_of,
+)
 from eightpost.report.charts import Axis, Figure
-from eightpost.rig.post.drivefiles import RATE
 from eightpost.units import si_factor
 from eightpost.vehicle import CORNERS
+from eightpost.virtual.drivefiles import RATE
 
 _BAND = (0.5, 20.0)
 

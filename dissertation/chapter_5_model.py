@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -13,7 +13,7 @@ from dissertation.effort import Effort
 from dissertation.findings import Findings
 from dissertation.plots import FREQUENCY, Line, Plot, decibel_axis, decibels, figure_of
 from eightpost.array_types import Array, Complex
-from eightpost.ident.response import HighResidual, LowResidual
+from eightpost.ident.vehicle.frequency_response import HighResidual, through_points
 from eightpost.report.charts import Figure
 from eightpost.units import si_factor
 from eightpost.vehicle import (
@@ -24,7 +24,6 @@ from eightpost.vehicle import (
     StructuralVehicle,
     add_port_damping,
     read_vehicle,
-    seven_dof,
     shipped,
 )
 
@@ -46,7 +45,7 @@ def parameters() -> SevenDof:
 
 @cache
 def _car() -> StateSpace:
-    return seven_dof.with_damper(parameters())
+    return parameters().with_damper()
 
 
 @cache
@@ -135,7 +134,7 @@ def figure_5_5(_: Effort) -> Findings:
     roll_off = [decibels(np.array([_at("front.ride_height", "heave_force", f)]))[0] for f in (6.0, 10.0, 15.0, 30.0)]
     steep = (roll_off[0] - roll_off[2]) / np.log10(2.5)
     low = _at("front.ride_height", "lf.road", 0.3)
-    no_overhang = seven_dof.with_damper(replace(parameters(), front_overhang=0.0, rear_overhang=0.0))
+    no_overhang = replace(parameters(), front_overhang=0.0, rear_overhang=0.0).with_damper()
     H = no_overhang.select(inputs=["lf.road"], outputs=["front.ride_height", "rear.ride_height"])
     axles = np.abs(H.frequency_response(_FREQUENCY)[:, 0]).max(axis=1)
     return Findings(
@@ -183,7 +182,7 @@ def equation_5_1(_: Effort) -> Findings:
     """Compare T with a rigid plane."""
     car, generator = parameters(), np.random.default_rng(0)
     z, roll, pitch = generator.standard_normal((3, 20))
-    T = seven_dof.corner_heights(car)
+    T = car.corner_heights
     half = car.track_width / 2.0
     places = [(s * half, ahead) for ahead in (car.cg_to_front_axle, -car.cg_to_rear_axle) for s in (1.0, -1.0)]
     plane = np.stack([z + left * roll - ahead * pitch for left, ahead in places])
@@ -194,7 +193,7 @@ def equation_5_14(_: Effort) -> Findings:
     """Compare the car with bars to the car without."""
     rate = 5e4
     car = parameters()
-    models = [seven_dof.coupled(replace(car, front_anti_roll_rate=k)) for k in (rate, 0.0)]
+    models = [replace(car, front_anti_roll_rate=k).coupled() for k in (rate, 0.0)]
     K = models[1].A[7:, :7] - models[0].A[7:, :7]  # M^-1 times the stiffness of the bar
     heave = np.array([1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
     roll = np.eye(7)[1]
@@ -210,7 +209,7 @@ def equation_5_14(_: Effort) -> Findings:
 def equation_5_19(_: Effort) -> Findings:
     """Check the state matrices against Eq 5.17 and 5.18, assembled here from T, K_s, K_t and C_s."""
     car, model = parameters(), _car()
-    T, zero = seven_dof.corner_heights(car), np.zeros
+    T, zero = car.corner_heights, np.zeros
     Ks, Kt, Cs = (np.diag(np.array(rates)) for rates in (car.spring_rate, car.tire_stiffness, car.damping))
     K = np.block([[T.T @ Ks @ T, -T.T @ Ks], [-Ks @ T, Ks + Kt]])
     C = np.block([[T.T @ Cs @ T, -T.T @ Cs], [-Cs @ T, Cs]])
@@ -244,7 +243,7 @@ def _parts(model: StateSpace, frequency: Array) -> tuple[Complex, Complex, list[
 def equation_5_34(_: Effort) -> Findings:
     """Rank of rig inputs and forces of linear shocks over many blocks."""
     car = parameters()
-    H, _H, rows = _parts(seven_dof.with_damper(car), np.array([4.5]))
+    H, _H, rows = _parts(car.with_damper(), np.array([4.5]))
     forces = np.array(car.damping)[:, None] * H[rows, :, 0] * _scales()
     rank = _rank(np.vstack([np.eye(7), forces]) @ _draws(7, 40))
     return Findings(claims={"dependent": (rank == 7, f"rank {rank} of 11 inputs over 40 blocks at 4.5 Hz")})
@@ -269,7 +268,7 @@ def _rank(rows: Complex) -> int:
 def equation_5_37(_: Effort) -> Findings:
     """Close the loops of the undamped car with linear shocks."""
     car = parameters()
-    H_rig, H_shocks, rows = _parts(seven_dof.coupled(car), _FREQUENCY)
+    H_rig, H_shocks, rows = _parts(car.coupled(), _FREQUENCY)
     C = np.diag(np.array(car.damping))
     found = []
     for part in (H_rig, H_shocks):
@@ -289,7 +288,7 @@ def _experiments(blocks: int = 1) -> tuple[Complex, Complex]:
         rates = baseline.copy()
         if number:
             rates[number - 1] = 0.4 * baseline[number - 1]
-        H, _H, rows = _parts(seven_dof.with_damper(replace(car, damping=Corners(*rates))), frequency)
+        H, _H, rows = _parts(replace(car, damping=Corners(*rates)).with_damper(), frequency)
         u = _scales()[:, None] * _draws(7 * (number + 1), count)[-7:]
         y = H[:, :, 0] @ u
         U.append(np.vstack([u, (rates - baseline)[:, None] * y[rows]]))
@@ -318,6 +317,22 @@ def equation_5_45(_: Effort) -> Findings:
     return Findings(claims={"holds": holds(difference_by_output(one_by_one, together), 1e-6)})
 
 
+@dataclass(frozen=True, slots=True)
+class LowResidual:
+    """Residual fit of Eq 5.49, `H = K exp(i (phi + b f)) / f^N`, through two points, for all below the first."""
+
+    low: float  #: Lower control point [Hz], about 1 in 5.3.2; all below it is replaced.
+    high: float  #: Upper control point [Hz], about 4.
+
+    def apply(self, frequency: Array, path: Complex) -> Complex:
+        """Return the path (K,) with its low frequencies replaced."""
+        order, gain, _, (start, slope) = through_points(frequency, path, self.low, self.high)
+        inside = frequency < self.low
+        changed = path.copy()
+        changed[inside] = gain * np.exp(1j * (start + slope * frequency[inside])) / frequency[inside] ** order
+        return changed
+
+
 def _residual(treatment: HighResidual | LowResidual, slope: float) -> Findings:
     f = np.arange(0.1, 30.0, 0.1)
     path = 3.0 * np.exp(1j * (0.7 + slope * f)) / f**1.8
@@ -336,7 +351,7 @@ def equation_5_49(_: Effort) -> Findings:
 
 def baseline_car(damping: Mapping[str, float]) -> StateSpace:
     """Return the ideal car around a baseline damping by corner [N.s/m]."""
-    return add_port_damping(seven_dof.coupled(parameters()), damping)
+    return add_port_damping(parameters().coupled(), damping)
 
 
 COMPUTATIONS = {

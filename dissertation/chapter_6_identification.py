@@ -10,8 +10,8 @@ from dissertation.findings import Findings
 from dissertation.plots import COHERENCE, LINEAR_FREQUENCY, Line, Plot, decibel_axis, decibels, figure_of
 from dissertation.rig_bench import EIGHT_POST, identified
 from eightpost.array_types import Array
-from eightpost.ident.response import FrequencyResponse, ZeroPhaseSmoothing, response_of
-from eightpost.ident.vehicle.recipes.boggs import CHAPTER_6
+from eightpost.ident.vehicle.boggs import CHAPTER_6
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, ZeroPhaseSmoothing, response_of
 from eightpost.report.charts import Axis, Figure
 from eightpost.units import si_factor
 

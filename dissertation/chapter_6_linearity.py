@@ -15,9 +15,10 @@ from eightpost.ident.linearity import Condition, Linearity, Path, judge_linearit
 from eightpost.ident.preparation import prepare
 from eightpost.report.charts import Axis, Figure
 from eightpost.report.tables import ResultTable
-from eightpost.rig.post import RigTest, random_drive, run_test
+from eightpost.rig import RigTest
 from eightpost.units import si_factor
 from eightpost.vehicle import CORNERS
+from eightpost.virtual import random_drive, run_test
 
 _OUTPUTS = (
     "lf.velocity", "rf.velocity", "lr.velocity", "rr.velocity", "lf.tire_force", "rf.tire_force", "lr.tire_force",

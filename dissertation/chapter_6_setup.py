@@ -16,17 +16,14 @@ from dissertation.findings import Findings
 from dissertation.plots import TIME, Line, Plot, figure_of
 from dissertation.rig_bench import EIGHT_POST, tests
 from eightpost.array_types import Array, Complex
-from eightpost.ident.response.frequency_response import feedback_paths
 from eightpost.ident.vehicle.siso_models import AEROLOADERS, WHEELLOADERS
 from eightpost.report.charts import Axis
 from eightpost.report.tables import ResultTable
-from eightpost.rig import shim_build
-from eightpost.rig.post import random_drive, static_drive
-from eightpost.rig.post.car import displacement_modes, force_modes
-from eightpost.rig.post.drivefiles import HEAVE_SINES, TILT_SINES
-from eightpost.rig.synthetic import AEROLOADER, WHEELLOADER
+from eightpost.rig.geometry import displacement_modes, force_modes
 from eightpost.units import si_factor
 from eightpost.vehicle import CORNERS
+from eightpost.virtual import random_drive, shim_build, static_drive
+from eightpost.virtual.drivefiles import AEROLOADER, HEAVE_SINES, TILT_SINES, WHEELLOADER
 
 _INCH, _POUND, _DAMPING = (si_factor(unit) for unit in ("in", "lbf", "lbf/(in/s)"))
 
@@ -157,7 +154,14 @@ def table_6_6(_: Effort) -> Findings:
 
 
 def _feedback(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
-    return feedback_paths(mask[:, 8:], range(4))
+    """Return the number of feedback paths from each shock to each output through the shock velocities (Eq 6.8).
+
+        sum_k h_ik h_kj over the shock velocities k, where h_ik is the response of output i to the force of shock k
+
+    (In the printed sum k = 9 to 12 are column numbers of Table 6.5 for h_ik and row numbers for h_kj.)
+    """
+    paths = mask[:, 8:].astype(np.intp)
+    return np.asarray(paths @ paths[:4], dtype=np.intp)
 
 
 # ---- Equations ------------------------------------------------------------------------------------------------------

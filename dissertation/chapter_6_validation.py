@@ -31,7 +31,11 @@ from dissertation.true_cars import TOTAL, measures_of
 from eightpost.array_types import Array
 from eightpost.report.charts import Axis
 from eightpost.report.tables import ResultTable
-from eightpost.rig.post import (
+from eightpost.rig.geometry import displacement_modes, force_modes
+from eightpost.signals import Drivefile
+from eightpost.units import si_factor
+from eightpost.vehicle import CORNERS
+from eightpost.virtual import (
     NO_DRIFT,
     Car,
     LinearDamper,
@@ -42,11 +46,7 @@ from eightpost.rig.post import (
     sine_drive,
     static_drive,
 )
-from eightpost.rig.post.car import displacement_modes, force_modes
-from eightpost.rig.post.drivefiles import HEAVE_SINES, RATE
-from eightpost.signals import Drivefile
-from eightpost.units import si_factor
-from eightpost.vehicle import CORNERS
+from eightpost.virtual.drivefiles import HEAVE_SINES, RATE
 
 #: Signals of Figs 6.26 to 6.28, and of Figs 6.29 to 6.31, with SI units.
 _TRENDS = {"lr.velocity": "m/s", TOTAL: "N", "front.ride_height": "m", "lr.hub_acceleration": "m/s2"}

@@ -28,10 +28,11 @@ from eightpost.array_types import Array
 from eightpost.ident import fit_shock
 from eightpost.report.charts import Axis, Figure
 from eightpost.report.tables import ResultTable
-from eightpost.rig import BUILDS, Actuator, DynoTest, random_multisine, read_out, shim_build
-from eightpost.rig.post.drivefiles import RATE
+from eightpost.rig import DynoTest
 from eightpost.shock import Lpnl2
 from eightpost.vehicle import CORNERS
+from eightpost.virtual import BUILDS, Actuator, random_multisine, read_out, shim_build
+from eightpost.virtual.drivefiles import RATE
 
 #: Measures of Table 7.4 with their units.
 _MEASURES = {

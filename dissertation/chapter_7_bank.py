@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dissertation.effort import Effort
 from dissertation.findings import Findings
-from eightpost.rig import BUILDS, shim_build
-from eightpost.rig.damper.valves import SHIM_SETS
 from eightpost.units import si_factor
+from eightpost.virtual import BUILDS, shim_build
+from eightpost.virtual.valves import SHIM_SETS
 
 
 def table_7_1(_: Effort) -> Findings:

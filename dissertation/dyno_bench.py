@@ -5,9 +5,10 @@ from __future__ import annotations
 from functools import cache
 
 from eightpost.ident import ShockFit, fit_shock
-from eightpost.rig import Actuator, DynoTest, configuration, random_multisine, read_out
+from eightpost.rig import DynoTest
 from eightpost.shock import Lpnl2
 from eightpost.signals import Drivefile
+from eightpost.virtual import Actuator, configuration, random_multisine, read_out
 
 #: Seeds of the random tests that are fitted and compared with; the damper was calibrated with others.
 FITTED, HELD_OUT = 11, 12

@@ -11,30 +11,30 @@ import numpy as np
 from dissertation.true_cars import channels_of
 from eightpost.array_types import Array
 from eightpost.ident.preparation import Preparation, prepare
+from eightpost.ident.vehicle.boggs import Boggs
 from eightpost.ident.vehicle.experiment import Experiment, experiment_of, find_baseline
-from eightpost.ident.vehicle.many_setups import ManySetups
-from eightpost.ident.vehicle.recipes.boggs import Boggs
+from eightpost.ident.vehicle.simulation import ManySetups
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
-from eightpost.rig.post import (
+from eightpost.rig import RigTest
+from eightpost.shock import Polylinear, ShockLaw, StaticCurve
+from eightpost.shock.curve import INNER_ORDER
+from eightpost.signals import Drivefile, TimeSeries
+from eightpost.units import si_factor
+from eightpost.vehicle import CORNERS
+from eightpost.virtual import (
     NO_DRIFT,
     Actuators,
     AnyCar,
     LinearDamper,
     RigSensors,
-    RigTest,
     random_drive,
     run_test,
     simulate_setups,
     track_drive,
     truth_named,
 )
-from eightpost.rig.post import Shock as TrueShock
-from eightpost.rig.post.drivefiles import RATE
-from eightpost.shock import Polylinear, ShockLaw, StaticCurve
-from eightpost.shock.curve import INNER_ORDER
-from eightpost.signals import Drivefile, TimeSeries
-from eightpost.units import si_factor
-from eightpost.vehicle import CORNERS
+from eightpost.virtual import Shock as TrueShock
+from eightpost.virtual.drivefiles import RATE
 
 #: Seeds of drive, noise and lap.
 _DRIVE, _NOISE, _LAP = 11, 1100, 77

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from eightpost.array_types import Array
-from eightpost.rig.post import AnyCar, Motion, Run, Shock, simulate
-from eightpost.rig.post.car import displacement_modes, ride_heights
-from eightpost.rig.post.drivefiles import RATE
+from eightpost.rig.geometry import displacement_modes, ride_heights
 from eightpost.signals import TimeSeries
+from eightpost.virtual import AnyCar, Motion, Run, Shock, simulate
+from eightpost.virtual.drivefiles import RATE
 
 #: Time at the start of a simulation that is left out of the measures [s].
 SETTLING = 3.0

@@ -60,6 +60,7 @@ VERBS = {
     "reproduce": "Reproduce the dissertation's figures, tables and equations.",
     "demo": "Run the whole workflow on shipped data.",
     "new": "Write a starter folder, with files to be replaced by your own.",
+    "app": "Open a window in the browser: drop files, fit, couple, and run studies.",
     "doctor": "Check the installation: versions, extras, caches, a coupled run, the compiler.",
 }
 

@@ -26,6 +26,9 @@ MOST_ENTRIES, LARGEST_ENTRY, LARGEST_TOTAL = 20_000, 2 * 2**30, 4 * 2**30
 #: reach 5, text tables 20, and a zip bomb 1000.
 LARGEST_RATIO, _SMALL = 200, 64 * 2**20
 
+#: Folder of an FMU for data of tools.
+_EXTRA = "extra/"
+
 _PIECE = 2**20  # bytes
 
 #: Exceptions that zipfile and its decompressors raise for damaged archives.
@@ -93,8 +96,11 @@ def read_archive(path: str | Path) -> dict[str, bytes]:
         return {entry.filename: archive.read(entry) for entry in _safe_files(Path(path), archive)}
 
 
-def extract_archive(path: str | Path, folder: str | Path) -> None:
+def extract_archive(path: str | Path, folder: str | Path) -> tuple[str, ...]:
     """Unpack a zip into `folder`. All entries are checked before anything is written.
+
+    Returns:
+        Notes about entries that were left out, in sentences.
 
     Raises:
         FmuError: The archive is refused; see `read_archive`.
@@ -102,7 +108,8 @@ def extract_archive(path: str | Path, folder: str | Path) -> None:
     """
     path, folder = Path(path), Path(folder)
     with open_archive(path) as archive:
-        for entry in _safe_files(path, archive):
+        files = _safe_files(path, archive)
+        for entry in files:
             target = folder / entry.filename
             try:
                 with writing(target):
@@ -111,6 +118,10 @@ def extract_archive(path: str | Path, folder: str | Path) -> None:
                     _copy(source, target)
             except OutputError as error:
                 raise OutputError(f"{path}: cannot be unpacked: {error}") from error
+        left_out = sorted(
+            {e.filename for e in archive.infolist() if not e.is_dir() and all(e is not file for file in files)}
+        )
+    return tuple(f"the archive has several entries at {name}; the last one counts" for name in left_out)
 
 
 def _copy(source: IO[bytes], target: Path) -> None:
@@ -168,14 +179,19 @@ def _mb(size: int) -> str:
 
 
 def _safe_files(path: Path, archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
-    """Return the entries that are files; refuse unsafe entries and entries that would overwrite each other."""
+    """Return the entries that are files; refuse unsafe entries and entries that would overwrite each other.
+
+    Of entries in `extra/`, which belongs to tools and not to the FMU, the last one with a path counts.
+    """
     for entry in archive.infolist():
         if reason := unsafe_reason(entry):
             raise FmuError(
                 f"{path}: the entry {entry.orig_filename!r} {reason}: it would be written outside its folder, or not "
                 "as a regular file; do not open this archive, ask its author for a clean one"
             )
-    files = [entry for entry in archive.infolist() if not entry.is_dir()]
+    every = [entry for entry in archive.infolist() if not entry.is_dir()]
+    last = {entry.filename: entry for entry in every if entry.filename.startswith(_EXTRA)}
+    files = [entry for entry in every if last.get(entry.filename, entry) is entry]
     places = [PurePosixPath(entry.filename) for entry in files]
     folders = {parent for place in places for parent in place.parents}
     taken: set[PurePosixPath] = set()

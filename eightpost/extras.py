@@ -39,6 +39,7 @@ EXTRAS: Mapping[str, Extra] = {
         "pictures, pages and workbooks (of fits, identify, study, run --report ...)",
         {"jinja2": "jinja2", "matplotlib": "matplotlib", "plotly": "plotly", "xlsxwriter": "xlsxwriter"},
     ),
+    "app": Extra("the window in the browser, eightpost app", {"nicegui": "nicegui"}, contains=("report",)),
     "files": Extra(
         "records in spreadsheets and LabVIEW files",
         {"lvm_read": "lvm_read", "nptdms": "nptdms", "python_calamine": "python-calamine"},

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from typing import TypeVar
 
@@ -120,3 +120,25 @@ def beat() -> None:
     report = _report.get()
     if report is not None:
         report.tell(report.low)
+
+
+class Listener:
+    """What long work tells besides its progress; this one tells nobody, and reports progress as `advance` does."""
+
+    def note(self, text: str) -> None:
+        """Take a sentence about something that was left out, or differs from what was expected."""
+
+    def say(self, text: str) -> None:
+        """Take a sentence about what is computed."""
+
+    def report(self, text: str) -> None:
+        """Take a sentence about the workers, such as that one was ended."""
+
+    def work(self, _text: str, _total: float | None = None) -> AbstractContextManager[Progress]:
+        """Return the callback for the progress of some work, with its total amount if it is known."""
+        return _silent()
+
+
+@contextmanager
+def _silent() -> Iterator[Progress]:
+    yield advance

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from enum import StrEnum
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 from eightpost.errors import InputError
@@ -87,6 +89,28 @@ class Rules(list[Rule]):
         """Add a rule to the table and return it; see `Rule` for the arguments."""
         self.append(Rule(name, about, grade, condition, why, remedy))
         return self[-1]
+
+    @classmethod
+    def read(cls, path: Path, about: str, **limits: float) -> Rules:
+        """Read the rules of a text file: `name | grade`, then `if:`, `why:` and, unless it is nothing, `do:`.
+
+        Numbers in braces, such as `{largest:g}`, stand for the `limits`. Lines that begin with # are comments.
+        """
+        text = "\n".join(line for line in path.read_text(encoding="utf-8").splitlines() if not line.startswith("#"))
+        rules = cls()
+        for entry in re.split(r"\n\s*\n", text.strip().format(**limits)):
+            parts = re.split(r" \| | (?:if|why|do): ", " ".join(entry.split()))
+            name, grade, condition, why, *remedy = parts
+            rules.add(name, about, Grade(grade), condition=condition, why=why, remedy=" ".join(remedy) or "nothing")
+        return rules
+
+    def named(self, name: str) -> Rule:
+        """Return the rule of a name."""
+        return next(rule for rule in self if rule.name == name)
+
+    def reason(self, name: str, statement: str, figure: str, origin: str) -> Reason:
+        """Return a reason of the rule of a name, with the rule's own advice."""
+        return self.named(name).reason(statement, figure=figure, origin=origin)
 
 
 @dataclass(frozen=True)

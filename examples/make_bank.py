@@ -11,11 +11,11 @@ from pathlib import Path
 
 from eightpost.files import sha256_of
 from eightpost.ident import fit_shock
-from eightpost.rig import Actuator, random_multisine, read_dyno_test, read_out, shim_build
-from eightpost.rig.damper import BUILDS
+from eightpost.rig import read_dyno_test
 from eightpost.shock import write_shock
 from eightpost.signals import write_parquet
 from eightpost.units import convert
+from eightpost.virtual import BUILDS, Actuator, random_multisine, read_out, shim_build
 
 FOLDER = Path(__file__).parent / "bank"
 

@@ -7,9 +7,10 @@ All data are computed; they contain no measurements and no data of third parties
 
 from pathlib import Path
 
-from eightpost.rig.dynamometer import measure, random_multisine
-from eightpost.rig.synthetic import demo_damper, track_drivefile
 from eightpost.signals import write_csv, write_parquet
+from eightpost.virtual.drivefiles import track_drivefile
+from eightpost.virtual.dynamometer import measure, random_multisine
+from eightpost.virtual.shocks import demo_damper
 
 FOLDER = Path(__file__).parent / "data"
 

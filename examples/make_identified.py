@@ -15,12 +15,12 @@ from eightpost.corners import CORNERS
 from eightpost.files import sha256_of
 from eightpost.ident.preparation import Preparation, prepare
 from eightpost.ident.vehicle.experiment import find_baseline
-from eightpost.ident.vehicle.recipes import recipe
+from eightpost.ident.vehicle.plan import recipe
 from eightpost.ident.vehicle.vehicle_fit import with_validity, write_fit
-from eightpost.rig.post import program
-from eightpost.rig.post.program import Bench
 from eightpost.signals import TimeSeries, write_parquet
 from eightpost.signals.filters import lowpass
+from eightpost.virtual import program
+from eightpost.virtual.program import Bench
 
 FOLDER = Path(__file__).parent / "identified"
 

@@ -8,10 +8,10 @@ All data are computed on the virtual dynamometer; they contain no measurements. 
 from dataclasses import replace
 from pathlib import Path
 
-from eightpost.rig.damper import PhysicalDamper, configuration
-from eightpost.rig.damper.valves import Bleed
-from eightpost.rig.dynamometer import Actuator, measure, random_multisine
 from eightpost.signals import write_csv
+from eightpost.virtual import PhysicalDamper, configuration
+from eightpost.virtual.dynamometer import Actuator, measure, random_multisine
+from eightpost.virtual.valves import Bleed
 
 FOLDER = Path(__file__).parent / "settings"
 

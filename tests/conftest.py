@@ -19,9 +19,9 @@ from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
 import builder.assembly.documents
-import builder.documents.archive
+import builder.documents
 from builder.build import build
-from builder.native.toolchain import PLATFORMS, Platform, Zig, this_platform
+from builder.toolchain import PLATFORMS, Platform, Zig, this_platform
 from cosim import FmuComponent
 from eightpost.shock import (
     LAWS,
@@ -234,8 +234,8 @@ def _pictures_drawn_once() -> Iterator[None]:
     """The picture of a model is drawn once per process: it takes four fifths of a build whose code is compiled."""
     with pytest.MonkeyPatch.context() as patch:
         for module, name in (
-            (builder.documents.archive, "shock_picture"),
-            (builder.documents.archive, "vehicle_picture"),
+            (builder.documents, "shock_picture"),
+            (builder.documents, "vehicle_picture"),
             (builder.assembly.documents, "curves_picture"),
         ):
             patch.setattr(module, name, _once(getattr(module, name)))

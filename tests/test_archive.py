@@ -49,6 +49,15 @@ def test_unsafe_entries_are_refused_before_anything_is_written(tmp_path, entries
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_of_entries_in_extra_with_the_same_path_the_last_one_counts(tmp_path):
+    path = packed(tmp_path / "odd.fmu", ("a", b""), ("extra/tool/b", b"first"), ("c", b""), ("extra/tool/b", b"last"))
+    notes = extract_archive(path, tmp_path / "out")
+    assert notes == ("the archive has several entries at extra/tool/b; the last one counts",)
+    assert (tmp_path / "out/extra/tool/b").read_bytes() == read_archive(path)["extra/tool/b"] == b"last"
+    assert extract_archive(packed(tmp_path / "plain.fmu", ("extra/b", b"")), tmp_path / "plain") == ()
+
+
 @pytest.mark.nightly
 def test_a_bomb_is_refused_at_once_with_its_size_and_the_limit(tmp_path):
     packed(tmp_path / "bomb.fmu", ("resources/zeros", bytes(100_000_000)))

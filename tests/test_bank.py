@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eightpost.rig.damper import BUILDS
 from eightpost.shock import read_shock
+from eightpost.virtual import BUILDS
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 

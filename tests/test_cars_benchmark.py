@@ -12,7 +12,7 @@ from benchmarks.cars import judge, rig
 from benchmarks.cars.car import CORNERS, contact, rubber
 from benchmarks.cars.draw import KINDS, draw
 from benchmarks.cars.rig import tests_of as five_tests
-from eightpost.rig.post import read_rig_test
+from eightpost.rig import read_rig_test
 from eightpost.signals import ChannelMap
 
 

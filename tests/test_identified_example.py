@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from eightpost.corners import CORNERS
-from eightpost.ident.vehicle.many_setups import ManySetups
-from eightpost.rig.post import stand_in_truth
+from eightpost.ident.vehicle.simulation import ManySetups
 from eightpost.shock import read_shock
 from eightpost.signals import read_series
 from eightpost.vehicle import read_vehicle
+from eightpost.virtual.program import stand_in_truth
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 FOLDER = EXAMPLES / "identified"

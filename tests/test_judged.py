@@ -15,21 +15,19 @@ from hypothesis import strategies as st
 from scipy.io import loadmat
 
 from builder.build import product_of
-from builder.documents.reference import Disclosure
-from builder.documents.validity import combined_member, validity_member
-from builder.native.native_fmu import without_binaries
+from builder.native_fmu import without_binaries
+from builder.reference import Disclosure, combined_member, validity_member
 from eightpost.errors import InputError
 from eightpost.ident.dyno_report.entry import entry_of_shock
 from eightpost.ident.dyno_report.page import report_verdict
-from eightpost.ident.exports.export import export
-from eightpost.ident.exports.shock_table import shock_table
+from eightpost.ident.export import export
+from eightpost.ident.shock_table import shock_table
 from eightpost.ident.validation.shocks import ShockValidation, shock_verdict
 from eightpost.shock import Port, Shock, read_shock, write_shock
-from eightpost.shock.fit_uncertainty import fitted_parameters
+from eightpost.shock.file import fitted_parameters
 from eightpost.validity import MEMBER, Range, Validity, judged
 from eightpost.vehicle import Friction, IdentifiedVehicle, add_port_damping, read_vehicle, shipped, write_vehicle
-from eightpost.vehicle.bristle import Bristle
-from eightpost.vehicle.storage import from_document
+from eightpost.vehicle.friction import Bristle
 from eightpost.verdict import Grade, Reason, Verdict, digest_of, edits_in
 
 SHIPPED = Path(__file__).parents[1] / "examples"
@@ -293,7 +291,9 @@ def test_an_exported_car_keeps_its_verdict_although_its_inputs_have_another_mean
     export(folder / "car.json", folder / "car.mat", ports="whole")
     content = loadmat(folder / "car.mat")
     matrices = {name: content[name].tolist() for name in "ABCD"}
-    exported = from_document(folder / "car.mat", json.loads(str(content["eightpost"][0])) | matrices)
+    document = json.loads(str(content["eightpost"][0])) | matrices
+    (folder / "exported.json").write_text(json.dumps(document), encoding="utf-8")
+    exported = read_vehicle(folder / "exported.json")
     assert is_usable(exported)
     assert exported.validity.judged not in (None, identified().validity.judged)
 

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eightpost.errors import InputError
-from eightpost.rig import Actuator, random_multisine
 from eightpost.uncertainty import BLOCKS, FittedParameter, LeftOutBlocks, correlation_of, left_out_of, square_root
+from eightpost.virtual import Actuator, random_multisine
 
 VELOCITY = np.linspace(0.1, 0.3, 60)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from builder.documents.validity import validity_of
+from builder.reference import validity_of
 from eightpost.errors import InputError
 from eightpost.shock import read_shock
 from eightpost.uncertainty import LeftOutBlocks, MeasureUncertainty

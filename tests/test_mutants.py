@@ -207,7 +207,7 @@ def test_every_equivalent_mutant_has_an_existing_line_and_a_reason():
         assert len(item.reason.split()) > 3
 
 
-LAG = Area("lag", (Path("eightpost/shock/lag.py"),), ("tests/shock/test_laws.py",))
+LAG = Area("lag", (Path("eightpost/shock/law.py"),), ("tests/shock/test_laws.py",))
 
 
 def test_a_sample_is_random_repeatable_and_grows_at_its_end():
@@ -228,7 +228,7 @@ def test_a_sample_of_several_areas_has_the_shares_that_their_places_have():
 
 def test_a_changed_law_is_killed_and_a_changed_comment_survives(tmp_path, monkeypatch):
     monkeypatch.setattr(compileall, "compile_dir", lambda *_, **__: None)  # two trials do not repay it
-    tree, path = copy_tree(tmp_path / "tree", tmp_path / "cache"), "eightpost/shock/lag.py"
+    tree, path = copy_tree(tmp_path / "tree", tmp_path / "cache"), "eightpost/shock/law.py"
     before = (ROOT / path).read_text(encoding="utf-8")
     outcomes = [
         tree.try_mutant(LAG, Mutant("lag", path, 1, before, before.replace(*change)), 300.0).outcome

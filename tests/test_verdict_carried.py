@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from builder.documents.reference import Disclosure
-from builder.documents.validity import combined_member, validity_of
-from builder.fmu.product import shock_product, vehicle_product
-from builder.native.native_fmu import without_binaries
+from builder.native_fmu import without_binaries
+from builder.product import shock_product, vehicle_product
 from builder.python_fmu import python_fmu
+from builder.reference import Disclosure, combined_member, validity_of
 from cosim import FmuComponent
-from cosim.results.result import SavedRun
+from cosim.session.result import SavedRun
 from cosim.study.choice.compare import compare_runs
 from eightpost.__main__ import main
 from eightpost.archive import read_archive, write_archive

@@ -23,8 +23,8 @@ from cosim.study.measures import shares_of
 from eightpost.api.models import identify
 from eightpost.errors import EightpostError
 from eightpost.ident import fit_shock
-from eightpost.ident.vehicle.many_setups import ManySetups
 from eightpost.ident.vehicle.port_search import about_loads
+from eightpost.ident.vehicle.simulation import ManySetups
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.rig import DynoTest
 from eightpost.shock import ShockLaw

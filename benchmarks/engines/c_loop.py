@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.engines.fmpy_loop import SCHEMES
 from benchmarks.engines.runs import CAR_OUTPUTS, CORNERS, DRIVEN, Diverged, Job, Recording
-from builder.native.toolchain import fmi_headers
+from builder.toolchain import fmi_headers
 from eightpost.archive import extract_archive
 
 #: Exit code of the program if an FMU refuses a call.

@@ -90,7 +90,7 @@ def _peaks(path: Path) -> Any:
 
 
 def _rig(path: Path) -> Any:
-    from eightpost.rig.post.rig_test import read_rig_test  # noqa: PLC0415
+    from eightpost.rig.rig_test import read_rig_test  # noqa: PLC0415
 
     return read_rig_test(path)
 
@@ -117,7 +117,7 @@ def _shock(path: Path) -> Any:
 def _shock_origin(path: Path) -> Any:
     """Read a shock file as a build does: create its product and its documents."""
     from builder.build import product_of  # noqa: PLC0415
-    from builder.documents.archive import open_shock_origin  # noqa: PLC0415
+    from builder.documents import open_shock_origin  # noqa: PLC0415
     from eightpost.shock import read_shock  # noqa: PLC0415
 
     product_of(path)
@@ -143,7 +143,7 @@ def _preparation(path: Path) -> Any:
 
 
 def _response(path: Path) -> Any:
-    from eightpost.ident.response import read_response  # noqa: PLC0415
+    from eightpost.ident.vehicle.frequency_response import read_response  # noqa: PLC0415
 
     return read_response(path)
 
@@ -157,8 +157,8 @@ def _fmu(path: Path) -> Any:
 
 
 def _check(path: Path) -> Any:
-    from builder.check.static import static_findings  # noqa: PLC0415
-    from builder.check.subject import read_subject  # noqa: PLC0415
+    from builder.check.archive import read_subject  # noqa: PLC0415
+    from builder.check.description import static_findings  # noqa: PLC0415
 
     return list(static_findings(read_subject(path)))
 
@@ -188,14 +188,14 @@ def _study(path: Path) -> Any:
 
 
 def _results(path: Path) -> Any:
-    from cosim.study.result import StudyResult  # noqa: PLC0415
+    from cosim.study.table import StudyResult  # noqa: PLC0415
 
     result = StudyResult.load(path)
     return result.ranking(), [result.values(measure.name) for measure in result.measures]
 
 
 def _sound_result(path: Path) -> Any:
-    from cosim.study.result import StudyResult  # noqa: PLC0415
+    from cosim.study.table import StudyResult  # noqa: PLC0415
 
     return StudyResult.load(path.with_name("results.parquet"))
 
@@ -213,31 +213,25 @@ def _run_list(path: Path) -> Any:
 
 
 def _uncertainty(path: Path) -> Any:
-    from cosim.study.choice.files import read_uncertainty  # noqa: PLC0415
+    from cosim.study.choice.robust import read_uncertainty  # noqa: PLC0415
 
     return read_uncertainty(path, _sound_result(path))
 
 
 def _comparison(path: Path) -> Any:
-    from cosim.study.choice.files import read_run_to_run  # noqa: PLC0415
+    from cosim.study.choice.compare import read_run_to_run  # noqa: PLC0415
 
     return read_run_to_run(path)
 
 
-def _spreads(path: Path) -> Any:
-    from cosim.study.choice.files import read_spreads  # noqa: PLC0415
-
-    return read_spreads(path, digest="0" * 64)
-
-
 def _result(path: Path) -> Any:
-    from cosim.results.result import SavedRun  # noqa: PLC0415
+    from cosim.session.result import SavedRun  # noqa: PLC0415
 
     return SavedRun.load(path.parent)
 
 
 def _chunks(path: Path) -> Any:
-    from cosim.study.running.chunks import ChunkFolder  # noqa: PLC0415
+    from cosim.study.running.sweep import ChunkFolder  # noqa: PLC0415
     from cosim.study.table import study_schema  # noqa: PLC0415
 
     result = _sound_result(path.parents[1])
@@ -303,7 +297,6 @@ def _studies() -> Iterator[Reader]:
     yield Reader("list of runs", "selection.csv", _run_list, _TEXT)
     yield Reader("uncertainty file", "uncertain.toml", _uncertainty, _TOML)
     yield Reader("comparison", "comparison.json", _comparison, _JSON)
-    yield Reader("spreads", "robust.parquet", _spreads, (*_BINARY, *(change_parquet,) * 5))
     yield Reader("result of a run", "run/result.json", _result, _JSON)
     chunks = f"chunks/{'0' * 16}"
     yield Reader("chunk of a study", f"{chunks}/chunk_0000000_3.parquet", _chunks, _BINARY, 0.5)

@@ -13,16 +13,13 @@ import pyarrow.parquet
 
 from benchmarks.fuzz.damage import members_of, packed
 from builder.build import build
-from cosim.study.choice.compare import Comparison
-from cosim.study.choice.files import write_comparisons, write_spreads
-from cosim.study.choice.robust import Spread
+from cosim.study.choice.compare import Comparison, write_comparisons
 from cosim.study.choice.selection import select, write_selection
+from cosim.study.definition import Build, Drive, Study, Vehicle
 from cosim.study.measures import Measure
-from cosim.study.result import StudyResult
-from cosim.study.study import Build, Drive, Study, Vehicle
-from cosim.study.table import Provenance, result_table, study_schema
+from cosim.study.table import Provenance, StudyResult, result_table, study_schema
 from eightpost.corners import CORNERS
-from eightpost.ident.response import FrequencyResponse, response_of, write_response
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, response_of, write_response
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, write_fit
 from eightpost.shock import Lpnl2, Port, Shock, StaticCurve, write_shock
 from eightpost.signals import TimeSeries, write_series
@@ -329,9 +326,6 @@ def _study(folder: Path) -> None:
     levels = np.linspace(0.1, 0.2, 5)
     comparison = Comparison("ride", numbers, levels, levels * 1.1, np.full(5, 2), 0.01)
     write_comparisons([comparison], units, folder / "comparison.json", Verdict())
-    write_spreads(
-        [Spread("ride", numbers, levels, np.tile(levels, (8, 1)), 0.01, 1)], folder / "robust.parquet", digest="0" * 64
-    )
     chunks = folder / "chunks" / ("0" * 16)
     chunks.mkdir(parents=True, exist_ok=True)
     pa.parquet.write_table(result.table.slice(0, 3), chunks / "chunk_0000000_3.parquet")

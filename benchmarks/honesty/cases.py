@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from benchmarks.case import ROOT
 from builder.build import build
-from builder.native.toolchain import PLATFORMS, Zig, this_platform
+from builder.toolchain import PLATFORMS, Zig, this_platform
 from cosim import Bond, Capabilities, Component, FmuComponent, Scenario, System
 from eightpost.cache import cache_folder
 from eightpost.corners import CORNERS

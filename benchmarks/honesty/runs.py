@@ -18,7 +18,7 @@ import cosim
 from benchmarks.honesty.cases import Case
 from benchmarks.honesty.reference import Answer, solve
 from cosim import Algorithm, Automatic, GaussSeidel, Implicit, Jacobi, Result
-from cosim.results.error_estimate import judged_by
+from cosim.session.result import judged_by
 from cosim.session.session import Session
 from eightpost.errors import EightpostError
 from eightpost.signals import TimeSeries

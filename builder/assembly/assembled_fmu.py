@@ -15,11 +15,10 @@ from builder.assembly.documents import assembly_documents
 from builder.assembly.parts import VEHICLE, Part, model_files
 from builder.assembly.plan import Assembly, assembly_interface, coupling_step
 from builder.build import fmu_identifier
-from builder.fmu.description import Description
-from builder.fmu.interface import BRISTLE, Interface, friction_ports, source_folder
-from builder.native.native_fmu import CAPABILITIES, COMMON, EXCHANGE, Source, compiled, sealed
-from builder.native.tables import c_number, interface_header, interface_source, layout
-from builder.native.toolchain import Toolchain, find_toolchain
+from builder.interface import BRISTLE, Description, Interface, friction_ports, source_folder
+from builder.native_fmu import CAPABILITIES, COMMON, EXCHANGE, Source, compiled, sealed
+from builder.tables import c_number, interface_header, interface_source, layout
+from builder.toolchain import Toolchain, find_toolchain
 from eightpost import __version__
 from eightpost.archive import write_archive
 from eightpost.errors import FmuError

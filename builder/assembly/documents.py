@@ -11,16 +11,22 @@ import numpy as np
 
 from builder.assembly.parts import Part, law_of
 from builder.assembly.plan import Assembly, coupling_step
-from builder.documents.page import Contents, equations, page
-from builder.documents.picture import curves_picture
-from builder.documents.reference import COUNT, STEP, Reference, reference_files, rounded, vehicle_inputs
-from builder.documents.validity import combined_member
-from builder.fmu.interface import (
+from builder.interface import (
     PORT_PARAMETERS,
     Interface,
     friction_ports,
     source_folder,
     spring_ports,
+)
+from builder.page import Contents, curves_picture, equations, page
+from builder.reference import (
+    COUNT,
+    STEP,
+    Reference,
+    combined_member,
+    reference_files,
+    rounded,
+    vehicle_inputs,
 )
 from eightpost.array_types import Array
 from eightpost.report.static import Column, Picture, Section, folded, paragraph, table
@@ -98,7 +104,7 @@ def _vehicle_model(assembly: Assembly) -> _VehicleModel:
 
 
 class _Data:
-    """The constants of a vehicle_data.h that builder/native/tables.py has written."""
+    """The constants of a vehicle_data.h that builder/tables.py has written."""
 
     def __init__(self, text: str) -> None:
         text = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)

@@ -10,11 +10,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from builder.fmu.interface import Interface, Variable, own_value, shock_kinds, source_folder
-from builder.fmu.product import BEYOND_SETTINGS
-from builder.native.native_fmu import SHOCK
-from builder.native.native_fmu import VEHICLE as VEHICLE_FILES
-from builder.native.tables import interface_header, layout, settings_data
+from builder.interface import Interface, Variable, own_value, shock_kinds, source_folder
+from builder.native_fmu import SHOCK
+from builder.native_fmu import VEHICLE as VEHICLE_FILES
+from builder.product import BEYOND_SETTINGS
+from builder.tables import interface_header, layout, settings_data
 from eightpost import __version__
 from eightpost.archive import read_archive
 from eightpost.errors import FmuError
@@ -53,7 +53,7 @@ def settings_of(data: str, interface: Interface) -> Settings:
     """Return the settings in a settings_data.h; texts that no calculation needs are empty, bands are zero.
 
     Args:
-        data: Content of the file, as builder/native/tables.py writes it.
+        data: Content of the file, as builder/tables.py writes it.
         interface: Interface of the FMU.
 
     Raises:

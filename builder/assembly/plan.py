@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from builder.assembly.parts import Part, read_parts
-from builder.fmu.interface import RATES, Interface, Variable, read_table, spring_ports, variable_of
+from builder.interface import RATES, Interface, Variable, read_table, spring_ports, variable_of
 from eightpost.errors import FmuError
 from eightpost.wiring import Wire, Wiring
 

@@ -9,15 +9,26 @@ from __future__ import annotations
 from collections.abc import Collection
 from pathlib import Path
 
-from builder.check.groups import GROUPS
-from builder.check.report import CheckReport, NotChecked, json_document
-from builder.check.rules import RULES, Finding, Level, Rule, Scope, Skipped
+from builder.check.rules import (
+    GROUPS,
+    LIMITS,
+    RULES,
+    CheckReport,
+    Finding,
+    Level,
+    NotChecked,
+    Rule,
+    Scope,
+    Skipped,
+    json_document,
+)
 
 CATALOGUE = tuple(RULES.values())
 
 __all__ = [
     "CATALOGUE",
     "GROUPS",
+    "LIMITS",
     "CheckReport",
     "Finding",
     "Level",

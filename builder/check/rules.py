@@ -1,15 +1,18 @@
-"""Rules of the check, which rules.txt lists, their levels, and findings.
-
-A rule of level *error* is a rule of the FMI standard, version 2.0.4 or 3.0. A rule of level *drop-in* covers what the
-standard allows but some tools cannot import. A *hint* makes an FMU easier to use.
-"""
+"""Rules of the check, which rules.txt lists, groups of checks, findings, and the report."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
+from typing import Any
+
+from eightpost import __version__
+from eightpost.fmi.names import FLAGS, function_name
+
+# ==== Rules of the check, which rules.txt lists, their levels, and findings ==========================================
 
 
 class Level(Enum):
@@ -78,6 +81,12 @@ def _rules() -> Iterator[Rule]:
             yield Rule(identifier, Level(level), *texts)
 
 
+#: What a check cannot see.
+LIMITS = (
+    "not seen: whether the model is right, how binaries for other platforms run, and what depends on the date, on the "
+    "machine, or on inputs and times other than those of the check"
+)
+
 #: All rules by identifier.
 RULES = {rule.identifier: rule for rule in _rules()}
 
@@ -100,3 +109,215 @@ def some(names: Iterable[str], before: str = "", after: str = "") -> str:
     """Return names between two texts; an empty text if there are no names."""
     known = list(names)
     return f"{before}{listed(known)}{after}" if known else ""
+
+
+# ==== Groups of checks. A probe calls the FMU in a process of its own ================================================
+
+
+@dataclass(frozen=True)
+class Group:
+    """A group of checks: its description, and for probes the module and the rule that a crash breaks.
+
+    The probe of a group is the function `probe_<group>` of `builder.check.probes.<module>`.
+    """
+
+    title: str
+    module: str = ""
+    crash: str = "crash"
+
+
+def _misuse(title: str, module: str) -> Group:
+    return Group(title, module, "crash-misuse")
+
+
+GROUPS = {
+    "static": Group("archive, description, units, model structure, capabilities, binaries, documents"),
+    "tools": Group("fmpy validate and fmutool -check: schema and semantic rules"),
+    "simulation": Group(
+        "simulation: start values, constant inputs, then a sine on every input, twice, with and without logs",
+        "simulation",
+    ),
+    "inputs": Group(
+        "inputs kept after initialization and after steps; tunable parameters changed between steps", "simulation"
+    ),
+    "state_machine": _misuse("calls in the wrong order, invalid steps, stop time, locked variables, GUID", "misuse"),
+    "values": _misuse("unknown references, NaN, infinity and out-of-range values", "misuse"),
+    "null": _misuse("NULL arguments", "misuse"),
+    "first_outputs": Group("outputs before the first step compared with those after a tiny step", "simulation"),
+    "model_exchange": Group(
+        "model exchange, if it is declared: modes, states, derivatives, dependencies, FMU states, the results of "
+        "co-simulation",
+        "exchange",
+    ),
+    "reset": Group(
+        "reset after changed parameters and inputs, and after the default experiment, then the same run again",
+        "instances",
+    ),
+    "state": Group("FMU state: rollback; serialized, restored in another instance and another process", "instances"),
+    "corrupt_state": _misuse("damaged serialized states", "instances"),
+    "initial_dependencies": Group("dependencies at initialization: every known variable perturbed", "dependencies"),
+    "dependencies": Group("dependencies over a tiny step: every input perturbed", "dependencies"),
+    "derivatives": Group(
+        "directional derivatives compared with central differences; input and output derivatives", "dependencies"
+    ),
+    "version_3": Group(
+        "FMI 3.0: results of steps, intermediate updates, arrays, numbers of states and values, adjoint derivatives",
+        "version3",
+    ),
+    "steps": Group("steps from 1e-7 s to 0.05 s in irregular order, from another start time", "simulation"),
+    "instances": Group("instances: two interleaved, fifty at once, four threads, 300 created and freed", "instances"),
+    "footprint": Group("effects on the process: locale, folder, signals, streams, arithmetic, memory", "instances"),
+    "surroundings": Group("an empty environment, a read-only folder, a path with special characters", "simulation"),
+    "ports": Group("signs and energy of shocks and vehicles with velocity/force ports", "simulation"),
+    "reference": Group("reference results in extra/, computed again", "simulation"),
+    "rebuild": Group("sources compiled, and outputs compared"),
+}
+
+
+# ==== FMI 3.0 in the terms of FMI 2.0: names of functions and attributes, and the texts of findings ==================
+
+_WORDS = {
+    **{re.escape(old): new for new, old in FLAGS.items() if new != "providesDirectionalDerivatives"},
+    r"providesDirectionalDerivative\b": "providesDirectionalDerivatives",
+    r"ModelStructure/(Outputs|Derivatives)": "ModelStructure",
+    r"\bOutputs\b(?! (depend|are|before|cannot))": "Output",
+    r"\bDerivatives\b(?! (are|follow|depend))": "ContinuousStateDerivative",
+    "InitialUnknowns": "InitialUnknown",
+    "fmiVersion is 2.0": "fmiVersion is 3.0",
+    'fmiVersion="2.0", also for 2.0.1 to 2.0.4': 'fmiVersion="3.0", also for 3.0.1 and 3.0.2',
+    "attribute guid": "attribute instantiationToken",
+    "a GUID": "an instantiationToken",
+    "GUID": "instantiationToken",
+    "SourceFiles of ModelExchange": "buildDescription.xml",
+    "SourceFiles": "buildDescription.xml",
+    "[Ii]nput derivatives": "intermediate updates of inputs",
+    "model.png": "terminalsAndIcons/icon.png",
+    "win32, win64, linux32, linux64, darwin64": "x86_64-linux, x86_64-windows, x86_64-darwin, aarch64-linux and so on",
+    "indices of variables": "value references of variables",
+    "use indices that count from 1 in the order of ModelVariables": "use value references",
+    "Inputs and time have no attribute initial": "Time has no attribute initial",
+    "At most one variable is independent": "Exactly one variable is independent",
+    "keep one$": "declare one variable as time",
+    "Variables with the same value reference .*": "Each variable has its own value reference",
+    "list each index once": "list each value reference once",
+    "Only Real variables": "Only Float32 and Float64 variables",
+    r"\bReals\b": "Float64 variables",
+    r"\bReal\b": "Float64",
+    "see the tables of section 2.2.7": "see the tables of section 2.4.7",
+}
+_TRANSLATIONS = tuple((re.compile(old), new) for old, new in _WORDS.items())
+
+_SOURCES = {"FMI 2.2": "FMI 3.0 2.4", "FMI 2.3": "FMI 3.0 2.5", "FMI 2.1": "FMI 3.0 2.3", "FMI 4": "FMI 3.0 4"}
+
+
+def text_in_version_3(text: str) -> str:
+    """Return a text about an FMU with the names of FMI 3.0."""
+    text = re.sub(r"fmi2(\w+)", lambda found: f"fmi3{function_name(found[1])}", text)
+    for pattern, new in _TRANSLATIONS:
+        text = pattern.sub(new, text)
+    return text
+
+
+def finding_in_version_3(finding: Finding) -> Finding:
+    """Return a finding about an FMU of FMI 3.0 with its names, and with the section of that standard."""
+    rule = finding.rule
+    told = replace(
+        rule,
+        title=text_in_version_3(rule.title),
+        source=_source(rule.source),
+        advice=text_in_version_3(rule.advice),
+    )
+    return Finding(told, text_in_version_3(finding.message))
+
+
+def _source(source: str) -> str:
+    if "FMI 3.0" in source:
+        return source[source.index("FMI 3.0") :]
+    if re.match(r"FMI 3(\.|$)", source):
+        return "FMI 3.0 3"
+    return next((new for old, new in _SOURCES.items() if source.startswith(old)), source)
+
+
+# ==== The report of a check: applied groups, findings, and their JSON document =======================================
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """The result of a check of one FMU; the FMU is acceptable if all findings are hints."""
+
+    path: Path  #: FMU file.
+    scope: Scope  #: Levels that are reported.
+    #: Identification of the FMU: modelName, guid, generationTool, digest of the file and so on.
+    identity: Mapping[str, str]
+    groups: tuple[str, ...]  #: Names of the groups of checks that were run.
+    skipped: tuple[Skipped, ...]  #: Checks that were skipped, with the reason.
+    findings: tuple[Finding, ...]  #: Findings.
+
+    @property
+    def done(self) -> tuple[str, ...]:
+        """Descriptions of the groups of checks that were run."""
+        return tuple(GROUPS[group].title for group in self.groups)
+
+    @property
+    def acceptable(self) -> bool:
+        """Whether all findings are hints."""
+        return not any(finding.rule.level.fails for finding in self.findings)
+
+    def of(self, level: Level) -> tuple[Finding, ...]:
+        """Return the findings of a level."""
+        return tuple(finding for finding in self.findings if finding.rule.level is level)
+
+    def document(self) -> dict[str, Any]:
+        """Return the report as a JSON object (docs/reference/check.md)."""
+        return {
+            "path": str(self.path),
+            "identity": dict(self.identity),
+            "scope": self.scope.value,
+            "acceptable": self.acceptable,
+            "counts": {level.value: len(self.of(level)) for level in Level},
+            "groups": list(self.groups),
+            "done": list(self.done),
+            "skipped": [{"what": item.what, "reason": item.reason} for item in self.skipped],
+            "findings": [_finding(finding) for finding in self.findings],
+        }
+
+
+@dataclass(frozen=True)
+class NotChecked:
+    """A file that could not be checked, and the reason: missing, damaged, not an FMU, or another FMI version."""
+
+    path: Path
+    error: str
+
+    @property
+    def acceptable(self) -> bool:
+        """Always False."""
+        return False
+
+    def document(self) -> dict[str, Any]:
+        """Return the entry as a JSON object (docs/reference/check.md)."""
+        return {"path": str(self.path), "acceptable": self.acceptable, "error": self.error}
+
+
+def _finding(finding: Finding) -> dict[str, str]:
+    return {
+        "rule": finding.rule.identifier,
+        "level": finding.rule.level.value,
+        "title": finding.rule.title,
+        "source": finding.rule.source,
+        "message": finding.message,
+        "advice": finding.rule.advice,
+    }
+
+
+def json_document(reports: Sequence[CheckReport | NotChecked]) -> dict[str, Any]:
+    """Return the JSON document for several files."""
+    return {
+        "kind": "check",
+        "schema": SCHEMA,
+        "tool": f"eightpost {__version__}",
+        "acceptable": all(report.acceptable for report in reports),
+        "reports": [report.document() for report in reports],
+    }

@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from builder.check.groups import GROUPS
+from builder.check.archive import Subject, read_subject
+from builder.check.description import static_findings
 from builder.check.probes.bench import REACH
 from builder.check.probes.library import binary_members, platform_folders
-from builder.check.process import Outcome, Unpacked, in_an_empty_folder, surroundings
-from builder.check.report import CheckReport
-from builder.check.rules import Finding, Level, Scope, Skipped
-from builder.check.static import static_findings
-from builder.check.subject import Subject, read_subject
+from builder.check.process import Outcome, Unpacked, probed, surroundings
+from builder.check.rules import (
+    GROUPS,
+    CheckReport,
+    Finding,
+    Level,
+    Scope,
+    Skipped,
+    finding_in_version_3,
+    text_in_version_3,
+)
 from builder.check.tools import rebuild, tool_findings
-from builder.check.version3 import finding_in_version_3, text_in_version_3
 from eightpost.errors import FmuError
 from eightpost.files import sha256_of
+from eightpost.fmi.description import Description
 
 _IDENTITY = ("fmiVersion", "modelName", "version", "author", "generationTool")
 #: Attribute of an FMU's own key by the version of FMI.
@@ -84,63 +91,66 @@ def _tools(subject: Subject) -> Outcome:
 
 def _call(subject: Subject, groups: list[str], ledger: _Ledger) -> None:
     """Apply the groups that call the FMU: first the simulation, then the others if the simulation works."""
-    version_2 = subject.description is not None and subject.description.fmi == 2
-    selected = [group for group in groups if group not in ("static", "tools", *(["version_3"] if version_2 else []))]
+    description = subject.description
+    left_out = (
+        ("static", "tools", "version_3") if description is not None and description.fmi == 2 else ("static", "tools")
+    )
+    selected = [group for group in groups if group not in left_out]
     if not selected:
         return
-    if reason := _reason_not_to_call(subject):
+    if description is None or (reason := _reason_not_to_call(subject, description)):
+        reason = reason if description else "there is no valid modelDescription.xml"
         ledger.skipped.append(Skipped(", ".join(selected), reason))
         return
     with tempfile.TemporaryDirectory(prefix="eightpost_check_") as folder:
         unpacked = Unpacked(Path(folder) / "fmu")
         _unpack(subject, unpacked.folder)
-        if subject.description is not None and subject.description.co_simulation is None:
-            _call_model_exchange(selected, unpacked, ledger)
-            return
-        first = in_an_empty_folder("simulation", unpacked)
-        if "simulation" in selected:
-            ledger.enter("simulation", first)
-        others = [group for group in selected if group != "simulation"]
-        if not first.completed:
-            ledger.findings += [f for f in first.findings if "simulation" not in selected]
-            ledger.skipped += [Skipped(", ".join(others), "a plain simulation does not work")] if others else []
-            return
-        if REACH in first.values:
-            unpacked = replace(unpacked, reach=int(first.values[REACH]))
-        for group, outcome in _outcomes(subject, others, unpacked):
-            ledger.enter(group, outcome)
+        if description.co_simulation is None:
+            plan = [group for group in selected if group in ("model_exchange", "version_3")]
+            outcomes, reason = dict(probed(plan, unpacked)), "the FMU does not support co-simulation"
+        else:
+            outcomes, reason = _outcomes(subject, selected, unpacked), "a plain simulation does not work"
+    for group in GROUPS:
+        if group in selected and group in outcomes:
+            ledger.enter(group, outcomes[group])
+        elif group in outcomes and not outcomes[group].completed:
+            ledger.findings += outcomes[group].findings
+    if others := [group for group in selected if group not in outcomes]:
+        ledger.skipped.append(Skipped(", ".join(others), reason))
 
 
-def _call_model_exchange(selected: list[str], unpacked: Unpacked, ledger: _Ledger) -> None:
-    """Apply the groups for model exchange to an FMU that offers nothing else."""
-    for group in ("model_exchange", "version_3"):
-        if group in selected:
-            ledger.enter(group, in_an_empty_folder(group, unpacked))
-    if others := [group for group in selected if group not in ("model_exchange", "version_3")]:
-        ledger.skipped.append(Skipped(", ".join(others), "the FMU does not support co-simulation"))
+def _outcomes(subject: Subject, selected: list[str], unpacked: Unpacked) -> dict[str, Outcome]:
+    """Return the outcomes of groups by name; without others if the simulation does not work.
 
-
-def _outcomes(subject: Subject, groups: list[str], unpacked: Unpacked) -> Iterator[tuple[str, Outcome]]:
-    def outcome(group: str) -> Outcome:
-        if group == "rebuild":
-            return rebuild(subject, unpacked)
-        return surroundings(unpacked) if group == "surroundings" else in_an_empty_folder(group, unpacked)
-
+    Valid calls share a process, so that an FMU is loaded and Python starts once; invalid ones share another.
+    """
+    apart = {
+        "surroundings": lambda: surroundings(unpacked, plain),
+        "rebuild": lambda: rebuild(subject, unpacked, plain),
+    }
+    misuses = [group for group in selected if GROUPS[group].crash == "crash-misuse"]
+    shared = [group for group in selected if group not in ("simulation", "rebuild", "surroundings", *misuses)]
+    outcomes = dict(probed(["simulation", *(["surroundings"] if apart.keys() & selected else []), *shared], unpacked))
+    first, plain = outcomes["simulation"], outcomes.pop("surroundings", Outcome())
+    if not first.completed:
+        return outcomes
+    if REACH in first.values:
+        unpacked = replace(unpacked, reach=int(first.values[REACH]))
     with ThreadPoolExecutor(_AT_ONCE) as pool:
-        yield from zip(groups, pool.map(outcome, groups), strict=True)
+        waiting = {group: pool.submit(apart[group]) for group in selected if group in apart}
+        outcomes |= dict(probed(misuses, unpacked))
+        return outcomes | {group: future.result() for group, future in waiting.items()}
 
 
-def _reason_not_to_call(subject: Subject) -> str:
+def _reason_not_to_call(subject: Subject, fmu: Description) -> str:
     if not subject.is_safe:
         return "the archive is not safe to unpack"
-    if subject.description is None:
-        return "there is no valid modelDescription.xml"
-    if subject.description.co_simulation is None and subject.description.model_exchange is None:
+    if fmu.co_simulation is None and fmu.model_exchange is None:
         return "the FMU supports neither co-simulation nor model exchange"
-    if subject.members.keys().isdisjoint(binary_members(subject.description.identifier, subject.description.fmi)):
+    if subject.members.keys().isdisjoint(binary_members(fmu.identifier, fmu.fmi)):
         available = [binary.platform for binary in subject.own_binaries]
-        available += ["sources"] if subject.description.sources.files else []
-        here = platform_folders(subject.description.fmi)[0]
+        available += ["sources"] if fmu.sources.files else []
+        here = platform_folders(fmu.fmi)[0]
         return f"no binary for this platform ({here}), so nothing was run; available: {', '.join(available) or 'none'}"
     return ""
 

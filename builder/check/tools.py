@@ -1,28 +1,24 @@
-"""Third-party tools: `fmpy validate`, `fmutool -check`, XML schemas, and `fmpy compile` of the sources."""
+"""Third-party tools: `fmpy validate`, `fmutool -check`, XML schemas, and the C compiler."""
 
 from __future__ import annotations
 
 import logging
-import os
 import re
 import shutil
-import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from builder.check.process import Outcome, Unpacked, trace
+from builder.check.archive import Subject
+from builder.check.probes.library import binary_members
+from builder.check.process import Outcome, Unpacked, differences, trace
 from builder.check.rules import RULES, Finding
 from eightpost.extras import needs
 from eightpost.fmi.description import BUILD
-from eightpost.workers.process import python_command, run
-
-if TYPE_CHECKING:  # the process that compiles would spend a second on its imports
-    from builder.check.subject import Subject
+from eightpost.workers.process import run
 
 # ---- Checkers -------------------------------------------------------------------------------------------------------
 
@@ -138,96 +134,67 @@ def _errors_logged(name: str) -> Iterator[list[str]]:
 
 # ---- Sources, compiled and compared with the binary -----------------------------------------------------------------
 
-_TIMEOUT, _TRIAL_TIMEOUT = 300.0, 60.0  # s
-_TRIAL = "int eightpost_trial(void) { return 0; }\n"
-_TRIAL_PROJECT = """\
-cmake_minimum_required(VERSION 3.5)
-project(trial)
-add_library(trial SHARED trial.c)
-"""
+_TIMEOUT, _TRIAL_TIMEOUT = 120.0, 30.0  # s
+_OPTIONS = ("-shared", "-fPIC", "-w", "-ffp-contract=off",
+            "-DFMI2_OVERRIDE_FUNCTION_PREFIX", "-DFMI3_OVERRIDE_FUNCTION_PREFIX")  # fmt: skip
 
 
-def rebuild(subject: Subject, unpacked: Unpacked) -> Outcome:
-    """Compile the sources and compare a run of the result with a run of the FMU's binary."""
-    if reason := _reason_to_skip(subject):
-        return Outcome(skipped=(("", reason),))
+def rebuild(subject: Subject, unpacked: Unpacked, plain: Outcome) -> Outcome:
+    """Compile the sources with the C compiler of this machine, and compare a run with that of the FMU's binary."""
+    fmu = subject.description
+    if fmu is None or not fmu.sources.files:
+        return Outcome(skipped=(("", "no sources are listed"),))
+    if any(f"sources/{name}" not in subject.members for name in fmu.sources.files):
+        return Outcome(skipped=(("", "sources are missing"),))
+    names = (
+        ("c++", "g++", "clang++") if any(not n.endswith(".c") for n in fmu.sources.files) else ("cc", "gcc", "clang")
+    )
+    compiler = next(filter(None, map(shutil.which, names)), "")
+    if not compiler:
+        return Outcome(skipped=(("", f"the sources could not be compiled here: there is no {names[0]}"),))
     with tempfile.TemporaryDirectory(prefix="eightpost_rebuild_") as name:
         folder = Path(name)
-        if reason := _broken_compiler():
-            return Outcome(skipped=(("", f"the sources could not be compiled here: {reason}"),))
-        fresh = folder / "fmu"
-        shutil.copytree(unpacked.folder, fresh, ignore=shutil.ignore_patterns("binaries"))
-        build = python_command("builder.check.tools", str(fresh))
-        if message := _run(build, folder, _TIMEOUT):
+        if fault := _trial(compiler):
+            return Outcome(
+                skipped=(("", f"the sources could not be compiled here: {compiler} does not work ({fault})"),)
+            )
+        copy = folder / "fmu"
+        shutil.copytree(unpacked.folder, copy, ignore=shutil.ignore_patterns("binaries"))
+        binary = copy / binary_members(fmu.identifier, fmu.fmi)[0]
+        binary.parent.mkdir(parents=True)
+        definitions = [f"-D{d.get('name', '')}={d.get('value', '1')}" for d in fmu.sources.definitions]
+        includes = ["-I.", *(f"-I{place}" for place in fmu.sources.folders), "-I", str(_headers())]
+        command = [compiler, *_OPTIONS, *definitions, *includes, *fmu.sources.files, "-o", str(binary), "-lm"]
+        if message := _run(command, copy / "sources", _TIMEOUT):
             return Outcome((RULES["sources-compile"].finding(message),))
-        return _compared(trace(replace(unpacked, folder=fresh), folder), trace(unpacked, folder))
+        return Outcome(tuple(differences(RULES["rebuilt-same"], plain, trace(replace(unpacked, folder=copy), folder))))
 
 
-def _compared(rebuilt: Outcome, own: Outcome) -> Outcome:
-    if not rebuilt.completed or rebuilt.findings:
-        return Outcome((RULES["rebuilt-same"].finding("; ".join(f.message for f in rebuilt.findings)),))
-    if rebuilt.values != own.values:
-        return Outcome((RULES["rebuilt-same"].finding("the outputs of a short run differ"),))
-    return Outcome()
+def _headers() -> Path:
+    """Return the folder with the headers of FMI 2.0 and 3.0."""
+    with needs("check", "checking FMUs"):
+        import fmpy  # noqa: PLC0415 - slow to import
 
-
-def _reason_to_skip(subject: Subject) -> str:
-    files = subject.description.sources.files if subject.description else ()
-    if not files:
-        return "no sources are listed"
-    if any(f"sources/{name}" not in subject.members for name in files):
-        return "sources are missing"
-    return "" if shutil.which("cmake") else "CMake is not installed"
-
-
-def _broken_compiler() -> str:
-    """Compile a library of one function like the sources; return the reason if that fails, otherwise "".
-
-    A compiler on the PATH does not always work: on macOS, it may be a stub that asks the user to install it.
-    """
-    return _trial(tuple(os.environ.get(name, "") for name in ("PATH", "CC", "CFLAGS", "LDFLAGS", "CMAKE_GENERATOR")))
+    return Path(fmpy.__file__).with_name("c-code")
 
 
 @cache
-def _trial(_environment: tuple[str, ...]) -> str:
-    """Compile the trial once for all FMUs that are checked in the same environment."""
+def _trial(compiler: str) -> str:
+    """Compile a library of one function; return the reason if that fails, otherwise "".
+
+    A compiler on the PATH does not always work: on macOS, it may be a stub that asks the user to install it.
+    """
     with tempfile.TemporaryDirectory(prefix="eightpost_trial_") as name:
         folder = Path(name)
-        (folder / "trial.c").write_text(_TRIAL, encoding="utf-8")
-        (folder / "CMakeLists.txt").write_text(_TRIAL_PROJECT, encoding="utf-8")
-        for command in (["cmake", "-S", ".", "-B", "build"], ["cmake", "--build", "build"]):
-            if message := _run(command, folder, _TRIAL_TIMEOUT):
-                return f"there is no working C compiler ({message})"
-    return ""
+        (folder / "trial.c").write_text("int eightpost_trial(void) { return 0; }\n", encoding="utf-8")
+        return _run([compiler, "-shared", "-fPIC", "trial.c", "-o", "trial.so"], folder, _TRIAL_TIMEOUT)
 
 
 def _run(command: list[str], folder: Path, patience: float) -> str:
-    """Run a command; return the error message, or "" if it succeeded.
-
-    Its children are ended with it: a hanging compiler is a child of make, which is a child of cmake.
-    """
+    """Run a command; return the error message, or "" if it succeeded. Its children are ended with it."""
     ran = run(command, patience, folder=folder, together=True, tree=True)
     if ran.code is None:
         return f"it did not end within {patience:g} s"
-    return "" if ran.code == 0 else _first_error(ran.output.decode("utf-8", "replace"), ran.code)
-
-
-def _first_error(printed: str, code: int) -> str:
-    lines = [line.strip() for line in printed.splitlines() if line.strip()]
-    named = [line for line in lines if "error" in line.lower()]
-    return next(iter([*named, *lines[-1:]]), f"it ended with code {code} and printed nothing")
-
-
-def _compile(folder: str) -> None:
-    """Compile an unpacked FMU with FMPy; this module run as a program does this for `rebuild`."""
-    from fmpy.build import build_platform_binary  # noqa: PLC0415 - slow to import
-
-    # Sources may give functions the identifier as prefix, which FMI 3.0 lets the compiler remove.
-    for name in ("CFLAGS", "CXXFLAGS"):
-        os.environ[name] = f"{os.environ.get(name, '')} -DFMI3_FUNCTION_PREFIX=".strip()
-    tempfile.tempdir = str(Path.cwd())  # the parent process removes this folder even if the compiler was killed
-    build_platform_binary(folder)
-
-
-if __name__ == "__main__":
-    _compile(sys.argv[1])
+    lines = [line.strip() for line in ran.output.decode("utf-8", "replace").splitlines() if line.strip()]
+    faults = [line for line in lines if "error" in line.lower()] + lines[-1:]
+    return "" if ran.code == 0 else next(iter(faults), f"it ended with code {ran.code} and printed nothing")

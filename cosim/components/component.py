@@ -1,14 +1,21 @@
-"""Protocol of a component for the master, whether it is an FMU or a Python object, and conversion of units."""
+"""Protocol of a component for the master, its functions for the loop, and conversion of units."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import ctypes
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Protocol
+from itertools import count
+from typing import Any, Protocol, runtime_checkable
 
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.engine import blocks
 from eightpost import units
-from eightpost.errors import UnknownUnitError, WiringError
+from eightpost.errors import EightpostError, StepError, UnknownUnitError, WiringError
 
 # ---- Component ------------------------------------------------------------------------------------------------------
 
@@ -40,6 +47,7 @@ class Variable:
     minimum: float | None = None  #: Declared minimum value.
     maximum: float | None = None  #: Declared maximum value.
     direct: frozenset[str] = frozenset()  #: Inputs that an output follows without delay; empty for other variables.
+    items: Mapping[str, int] = field(default_factory=dict)  #: Numbers of an enumeration's items, by name.
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +56,8 @@ class Capabilities:
 
     interpolates_inputs: bool = False
     variable_step: bool = True
+    #: Size of the steps of a component that accepts one size only [s]; None if it does not state it.
+    only_step: float | None = None
     state: bool = False
     derivatives: bool = False  #: Whether it states how outputs follow inputs without delay.
 
@@ -162,3 +172,168 @@ def _defined(definition: UnitDefinition) -> UnitDefinition:
         return named_unit(definition.name)
     except UnknownUnitError as error:
         raise WiringError(f"unit {definition.name!r} is neither defined by its component nor known: {error}") from error
+
+
+# ---- Functions of a component for the loop: an FMU's own, or callbacks into a Python component -----------------------
+
+#: fmi2Status returned by callbacks.
+OK, ERROR = 0, 3
+
+#: FMI names of the functions in a table that the loop calls directly, in the order of its fields.
+FUNCTIONS = (
+    "SetReal", "SetRealInputDerivatives", "DoStep", "GetReal", "GetFMUstate", "SetFMUstate", "GetDirectionalDerivative",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class FunctionTable:
+    """Addresses of FMI functions, the instance to call them with, and value references by name.
+
+    An address of 0 is a missing function. `keep` holds objects that must live as long as the addresses are used.
+    """
+
+    set_real: int
+    set_slopes: int
+    do_step: int
+    get_real: int
+    save: int
+    restore: int
+    derive: int
+    free: int
+    instance: int
+    references: Mapping[str, int]
+    keep: Any = None
+
+
+@runtime_checkable
+class Native(Protocol):
+    """Component whose functions can be called by address."""
+
+    def functions(self) -> FunctionTable:
+        """Return the addresses; call after `begin`."""
+
+    def refused(self, what: str, status: int, time: float, inputs: Mapping[str, float]) -> StepError:
+        """Return the error for a call that the component refused."""
+
+
+def address_of(function: Any) -> int:
+    """Return the address of a C function or callback, which must live as long as the address is used."""
+    return int(ctypes.cast(function, ctypes.c_void_p).value or 0)
+
+
+def function_table(component: Component) -> FunctionTable:
+    """Return a component's functions; those of a Python component are callbacks, which take the GIL."""
+    return component.functions() if isinstance(component, Native) else Callbacks(component).table()
+
+
+def free_states(
+    tables: Sequence[FunctionTable], states: NDArray[np.int64], calls: NDArray[np.int64] | None = None
+) -> None:
+    """Free the states that the loop saved; the array holds groups of one state per component.
+
+    Args:
+        tables: Functions by component.
+        states: Saved states.
+        calls: Number of calls so far, and the component that is called, both updated.
+    """
+    for k in np.flatnonzero(states):
+        place = int(k) % len(tables)
+        if calls is not None:
+            calls[:] = calls[0] + 1, place
+        if tables[place].free:
+            blocks.call_state(tables[place].free, tables[place].instance, states.ctypes.data + 8 * int(k))
+
+
+class Callbacks:
+    """Calls from the loop to a Python component; an exception is kept in `error`, and the status is an error.
+
+    The loop identifies a saved state by a number, as an FMU's by an address.
+
+    Args:
+        component: Component to call; it must have begun before the loop calls.
+    """
+
+    def __init__(self, component: Any) -> None:
+        self._component = component
+        self._names = [v.name for v in component.variables.values()]
+        self._named_before: dict[bytes, tuple[str, ...]] = {}
+        self._numbers = count(1)
+        self._states: dict[int, object] = {}
+        self.error: BaseException | None = None
+
+    def table(self) -> FunctionTable:
+        """Return the addresses of callbacks; `save`, `restore`, `free` and `derive` only if the component has them."""
+        functions = {
+            "set_real": blocks.EXCHANGE(self._guarded(self._set)),
+            "set_slopes": blocks.SLOPES(self._guarded(self._set_slopes)),
+            "do_step": blocks.STEP(self._guarded(self._step)),
+            "get_real": blocks.EXCHANGE(self._guarded(self._get)),
+        }
+        if hasattr(self._component, "save"):
+            functions |= {
+                "save": blocks.STATE(self._guarded(self._save)),
+                "restore": blocks.STATE(self._guarded(self._restore)),
+                "free": blocks.STATE(self._free_quietly),
+            }
+        if hasattr(self._component, "derive"):
+            functions["derive"] = blocks.DERIVE(self._guarded(self._derive))
+        addresses = dict.fromkeys(("save", "restore", "derive", "free"), 0)
+        addresses |= {name: address_of(function) for name, function in functions.items()}
+        references = {name: k for k, name in enumerate(self._names)}
+        return FunctionTable(**addresses, instance=0, references=references, keep=(self, functions))
+
+    def _guarded(self, function: Callable[..., None]) -> Callable[..., int]:
+        def call(_instance: Any, *arguments: Any) -> int:
+            try:
+                function(*arguments)
+            except BaseException as error:  # raised again by the caller of the loop
+                self.error = error
+                return ERROR
+            return OK
+
+        return call
+
+    def _named(self, address: int, count: int) -> tuple[str, ...]:
+        key = ctypes.string_at(address, 4 * count)
+        if key not in self._named_before:
+            self._named_before[key] = tuple(self._names[k] for k in np.frombuffer(key, np.uint32))
+        return self._named_before[key]
+
+    def _set(self, references: int, count: int, values: int) -> None:
+        self._component.set(self._named(references, count), _array(values, count).tolist())
+
+    def _set_slopes(self, references: int, count: int, _orders: int, values: int) -> None:
+        self._component.set_derivatives(self._named(references, count), _array(values, count).tolist())
+
+    def _get(self, references: int, count: int, values: int) -> None:
+        read: Sequence[float] = self._component.get(self._named(references, count))
+        _array(values, count)[:] = read
+
+    def _step(self, time: float, step: float, _final: int) -> None:
+        self._component.step(time, step)
+
+    def _derive(self, unknowns: int, sought: int, knowns: int, given: int, changes: int, result: int) -> None:
+        outputs, inputs = self._named(unknowns, sought), self._named(knowns, given)
+        _array(result, sought)[:] = self._component.derive(outputs, inputs, _array(changes, given).tolist())
+
+    def _save(self, slot: int) -> None:
+        number = ctypes.c_int64.from_address(slot)
+        if number.value in self._states:
+            self._component.free(self._states.pop(number.value))
+        number.value = next(self._numbers)
+        self._states[number.value] = self._component.save()
+
+    def _restore(self, number: int) -> None:
+        self._component.restore(self._states[number])
+
+    def _free_quietly(self, _instance: Any, slot: int) -> int:
+        """Free a state at the end of a run; errors are ignored, because a failure has been reported already."""
+        state = self._states.pop(ctypes.c_int64.from_address(slot).value, None)
+        if state is not None:
+            with suppress(EightpostError):
+                self._component.free(state)
+        return OK
+
+
+def _array(address: int, count: int) -> NDArray[np.float64]:
+    return np.ctypeslib.as_array((ctypes.c_double * count).from_address(address))

@@ -1,4 +1,4 @@
-"""An FMU of FMI 2.0 or 3.0 for co-simulation as a component, through fmpy."""
+"""An FMU of FMI 2.0 or 3.0 for co-simulation as a component of this process."""
 
 from __future__ import annotations
 
@@ -8,17 +8,263 @@ import os
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from fmpy import fmi1, fmi2
 
-from cosim.components.fmu_file import FmuFile, OpenedFmu, SharedFmu
-from cosim.components.fmu_instance import FmuInstance, State
-from cosim.components.fmu_log import DISCARD, ERROR, FATAL, PENDING, FmuLog, advice, returned
-from cosim.components.functions import FunctionTable
+from cosim.components.component import FunctionTable, address_of
+from cosim.components.fmu_calls import FMU2Elements, FMU3Elements
+from cosim.components.fmu_description import internal_step
+from cosim.components.fmu_file import FmuFile, SharedFmu
+from cosim.components.fmu_log import ADVICE, DISCARD, ERROR, FATAL, PENDING, FmuLog, OpenedFmu, returned
 from cosim.components.watch import Surroundings, calling
+from cosim.engine import blocks
 from eightpost.errors import EightpostError, StepError, TerminatedError
+
+# ==== An instance of an FMU: what outlives a run and must be freed in order ==========================================
+
+#: Name of the FMI functions for a type, and the C type of its values.
+_KINDS: Mapping[str, tuple[str, Any]] = {
+    "Real": ("Real", ctypes.c_double),
+    "Integer": ("Integer", ctypes.c_int),
+    "Enumeration": ("Integer", ctypes.c_int),
+    "Boolean": ("Boolean", ctypes.c_int),
+}
+
+#: Number of integers of 32 bits that are not negative.
+_INTEGERS = 1 << 31
+
+#: Functions that every FMU must have.
+_NEEDED = (
+    "Instantiate", "FreeInstance", "SetupExperiment", "EnterInitializationMode", "ExitInitializationMode", "DoStep",
+    "GetReal", "SetReal", "Terminate",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class TypedBuffer:
+    """Values of one type, with the references of their variables."""
+
+    kind: str  #: Real, Integer or Boolean, as in fmi2GetReal.
+    places: tuple[int, ...]  #: Positions of the values among all requested values.
+    references: Any  #: Value references (C array).
+    buffer: Any  #: Values (C array).
+
+    def number(self, value: float) -> float | int:
+        """Return a value converted to the type of the buffer.
+
+        Raises:
+            OverflowError: An integer does not fit into 32 bits.
+        """
+        if self.kind == "Real":
+            return value
+        if self.kind == "Boolean":
+            return int(value != 0.0)
+        if not -_INTEGERS <= round(value) < _INTEGERS:
+            raise OverflowError(f"the integer {value:.0f} does not fit into 32 bits")
+        return round(value)
+
+
+@dataclass(eq=False)
+class State:
+    """Saved state, with the time and the inputs at which it was saved."""
+
+    pointer: Any
+    time: float
+    inputs: Mapping[str, float]
+
+
+#: All instances in this process: an FMU may allow only one, and fmi2Fatal applies to all instances of an FMU.
+_instances: weakref.WeakSet[FmuInstance] = weakref.WeakSet()
+
+
+@dataclass(eq=False)
+class FmuInstance:
+    """Objects that outlive a run and must be freed in order: states, the instance, libraries, the folder."""
+
+    fmu: FmuFile  #: Unpacked FMU.
+    name: str  #: Name of the component.
+    log: FmuLog  #: Log for the FMU's messages.
+    #: Shared FMU, referenced so that its folder exists until the end; None if the folder is managed elsewhere.
+    shared: SharedFmu | None = None
+    slave: Any = None
+    states: list[State] = field(default_factory=list)
+    spare: list[Any] = field(default_factory=list)
+    failed: bool = False
+    dead: bool = False
+    _buffers: dict[tuple[str, ...], tuple[TypedBuffer, ...]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        _instances.add(self)
+
+    def ready(self) -> Any:
+        """Return an instance in its initial state: the last run's after a reset, or a new one.
+
+        Raises:
+            StepError: Another component holds an FMU that allows one instance, or an instance of it failed fatally.
+            Exception: The FMU cannot be loaded or instantiated.
+        """
+        if self.dead:
+            raise StepError(
+                f"component {self.name!r} ({self.fmu.path.name}) failed fatally before (fmi{self.fmu.version}Fatal): "
+                "none of its functions may be called any more in this process; load it again, or run it in its own "
+                "process: --isolate, IsolatedComponent"
+            )
+        return self._reset() or self._new()
+
+    def buffers(self, names: Sequence[str]) -> tuple[TypedBuffer, ...]:
+        """Return one buffer for each type of function that the variables need; String is not supported."""
+        key = tuple(names)
+        if key not in self._buffers:
+            places: dict[str, list[int]] = {}
+            for place, name in enumerate(key):
+                places.setdefault(_KINDS[self.fmu.variables[name].type][0], []).append(place)
+            buffers = []
+            for kind, rows in places.items():
+                references = (ctypes.c_uint * len(rows))(*[self.fmu.rows.references[key[place]] for place in rows])
+                buffers.append(TypedBuffer(kind, tuple(rows), references, (_KINDS[kind][1] * len(rows))()))
+            self._buffers[key] = tuple(buffers)
+        return self._buffers[key]
+
+    def functions(self) -> FunctionTable:
+        """Return the addresses of its functions for the loop; freeing a state is skipped after fmi2Fatal."""
+        (instance, addresses), free = self.slave.addresses(), blocks.STATE(self._free_for_the_loop)
+        return FunctionTable(
+            set_real=addresses["SetReal"],
+            set_slopes=addresses["SetRealInputDerivatives"],
+            do_step=addresses["DoStep"],
+            get_real=addresses["GetReal"],
+            save=addresses["GetFMUstate"],
+            restore=addresses["SetFMUstate"],
+            derive=addresses["GetDirectionalDerivative"],
+            free=0 if self.slave.missing(["FreeFMUstate"]) else address_of(free),
+            instance=instance,
+            references=self.fmu.rows.references,
+            keep=free,
+        )
+
+    def finish(self, *, terminate: bool) -> None:
+        """Terminate if it stepped without an error; free the instance unless its reset can be relied on."""
+        if self.slave is None:
+            return
+        self.free_states()
+        terminate = terminate and not self.failed  # after fmi2Error only freeing or a reset is allowed (2.0.4, 4.2.4)
+        if terminate:
+            with suppress(Exception):
+                self.slave.terminate()
+        if not (self.fmu.is_ours and terminate) or self.fmu.once:
+            self.free_instance()
+
+    def free_states(self) -> None:
+        """Free all states, in use or spare."""
+        pointers = [*(state.pointer for state in self.states), *self.spare]
+        self.states.clear()
+        self.spare.clear()
+        for pointer in pointers:
+            with suppress(Exception):
+                self.slave.free_state(ctypes.byref(pointer))
+
+    def free_instance(self) -> None:
+        """Free the instance, which has terminated or failed, and unload its library."""
+        slave, self.slave, self.failed = self.slave, None, False
+        if slave is None:
+            return
+        with suppress(Exception):
+            if slave.component:
+                slave.freeInstance()
+            else:
+                slave.freeLibrary()
+
+    def abandon(self) -> None:
+        """Never call this FMU again, even to free it: fmi2Fatal applies to all its instances (FMI 2.0.4, 2.1.3)."""
+        for other in self._alike():
+            other.slave, other.dead = None, True
+            if other.shared is not None:
+                other.shared.forget()
+            other.states.clear()
+            other.spare.clear()
+
+    def release(self, owner: int) -> None:
+        """Free everything, except in a process that was forked off the owner, which still needs it."""
+        if os.getpid() != owner:
+            return
+        self.free_states()
+        self.free_instance()
+        if not self.dead:
+            self.log.close()
+        self.shared = None
+
+    def _alike(self) -> list[FmuInstance]:
+        """Return all instances of this FMU, including this one."""
+        mine = self.fmu.description.guid
+        return [i for i in list(_instances) if i is self or (i.slave is not None and i.fmu.description.guid == mine)]
+
+    def _free_for_the_loop(self, _instance: int, pointer: int) -> int:
+        if self.dead or self.slave is None:
+            return 0
+        status: int = self.slave.free_state(ctypes.cast(pointer, ctypes.POINTER(ctypes.c_void_p)))
+        return status
+
+    def _reset(self) -> Any:
+        """Return the last run's instance after a reset; None if there is no instance or it cannot be reset."""
+        slave = self.slave
+        if slave is None:
+            return None
+        errors = self.log.errors
+        with suppress(Exception):
+            slave.reset()
+            slave.setDebugLogging(True, [])
+            if self.log.errors == errors:
+                return slave
+        self.free_instance()
+        return None
+
+    def _new(self) -> Any:
+        holder = next((i for i in self._alike() if i is not self), None)
+        if self.fmu.once and holder is not None:
+            raise StepError(
+                f"component {self.name!r} ({self.fmu.path.name}) allows one instance per process, and component "
+                f"{holder.name!r} has it; run each in its own process: --isolate, IsolatedComponent"
+            )
+        place = Path.cwd()
+        try:
+            self.slave = slave = loaded(self.fmu, self.name)
+            can = self.fmu.capabilities
+            needed = [*_NEEDED, *(["SetRealInputDerivatives"] if can.interpolates_inputs else [])]
+            needed += ["GetFMUstate", "SetFMUstate", "FreeFMUstate"] if can.state else []
+            if missing := slave.missing(needed):
+                raise LookupError(f"its library has no {', '.join(missing)}")
+            slave.begin(self.log)
+        except BaseException:
+            self.free_instance()
+            raise
+        finally:
+            os.chdir(place)  # fmpy stays in the library's folder if the library cannot be loaded
+        return slave
+
+
+def loaded(fmu: FmuFile, name: str, *, compile_calls: bool = True) -> Any:
+    """Return an instance whose library is loaded, before `begin` instantiates it.
+
+    Args:
+        fmu: Unpacked FMU.
+        name: Name of the instance.
+        compile_calls: Whether the calls of the loop are machine code in FMI 3.0; see `FMU3Elements`.
+    """
+    options: dict[str, Any] = {
+        "guid": fmu.description.guid,
+        "unzipDirectory": str(fmu.folder.absolute()),
+        "modelIdentifier": fmu.identifier,
+        "instanceName": name,
+    }
+    if fmu.version == 2:
+        return FMU2Elements(str(fmu.library), **options)
+    return FMU3Elements(fmu.rows, slack=internal_step(fmu.description), compile_calls=compile_calls, **options)
+
+
+# ==== Component ======================================================================================================
 
 _REASONS = {"logStatusWarning", "logStatusDiscard", "logStatusError", "logStatusFatal"}
 
@@ -28,7 +274,8 @@ class FmuComponent(OpenedFmu):
 
     The instance of an FMU that this project built is kept after a run and reset for the next one; that of any other is
     freed after each run and created again for the next. An FMU that crashes ends this process, and an FMU that hangs
-    blocks it, until a command is ended after the time limit: see IsolatedComponent.
+    blocks it, until a command is ended after the time limit: see IsolatedComponent. Every call of a run raises
+    StepError if the component has not begun or the FMU refuses it. Values are in the FMU's own units; 1 is true.
 
     Args:
         path: FMU file (.fmu).
@@ -45,12 +292,8 @@ class FmuComponent(OpenedFmu):
     def __init__(
         self, path: str | Path, name: str, *, compile_missing: bool = False, folder: str | Path | None = None
     ) -> None:
-        shared = None
-        if folder is None:
-            shared = SharedFmu.of(path, compile_missing=compile_missing)
-            fmu = shared.fmu
-        else:
-            fmu = FmuFile.unpacked(path, folder)
+        shared = SharedFmu.of(path, compile_missing=compile_missing) if folder is None else None
+        fmu = FmuFile.unpacked(path, folder or "") if shared is None else shared.fmu
         self._log = FmuLog(name, fmu.names_in_log, fmu.folder)
         super().__init__(fmu, name, self._log.messages)
         self._instance = FmuInstance(fmu, name, self._log, shared)
@@ -59,8 +302,8 @@ class FmuComponent(OpenedFmu):
         self._slave: Any = None
         self._steps = self._begun = False
         self._label = f"{name!r} ({fmu.path.name})"
-        # In its own process it shares nothing with other components.
-        self._guarded = folder is None
+        #: Whether it shares this process with others: calls are recorded, and changes of the process undone.
+        self.is_guarded = folder is None
         self._surroundings = Surroundings.now()
 
     @property
@@ -68,21 +311,12 @@ class FmuComponent(OpenedFmu):
         """False after fmi2Fatal: then no function of this FMU may be called in this process."""
         return not self._instance.dead
 
-    @property
-    def is_guarded(self) -> bool:
-        """Whether it shares this process with others: calls are recorded, and changes of the process undone."""
-        return self._guarded
-
     def blame(self, changed: str) -> None:
         """Record that the FMU changed shared state, described by `changed`; the change has been undone."""
         self._changed[f"it changed {changed}; that was undone"] = None
 
     def functions(self) -> FunctionTable:
-        """Return the addresses of the running instance's functions, for the loop.
-
-        Raises:
-            StepError: The component has not begun.
-        """
+        """Return the addresses of the running instance's functions, for the loop."""
         self._running()
         return self._instance.functions()
 
@@ -105,9 +339,6 @@ class FmuComponent(OpenedFmu):
             start: Time at which the run starts [s].
             stop: Time at which the run ends [s]; infinity if it is not known.
             parameters: Values by name, in the FMU's own units.
-
-        Raises:
-            StepError: The FMU cannot be loaded or instantiated, refuses a value, or failed fatally before.
         """
         self.finish()
         self._stand(start, {})
@@ -118,30 +349,18 @@ class FmuComponent(OpenedFmu):
         self._log.messages.clear()
         for name, value in parameters.items():
             self._call_without_error(f"set {name} = {value!r}", self._set_parameter, name, value)
-        known_stop = None if stop == math.inf else stop
-        self._call("set up the experiment", self._slave.setupExperiment, startTime=start, stopTime=known_stop)
+        end = None if stop == math.inf else stop
+        self._call("set up the experiment", self._slave.setupExperiment, startTime=start, stopTime=end)
         self._call("enter initialization", self._slave.enterInitializationMode)
 
     def end_initialization(self) -> None:
-        """Leave initialization mode.
-
-        Raises:
-            StepError: The component has not begun, or the FMU refuses the call.
-        """
+        """Leave initialization mode."""
         self._call_without_error("leave initialization", self._running().exitInitializationMode)
         self._steps = True
         self._call("limit its log", self._limit_log)
 
     def set(self, names: Sequence[str], values: Sequence[float]) -> None:
-        """Set inputs of any type but String.
-
-        Args:
-            names: Names of the inputs (N,).
-            values: Values of the variables (N,), in the FMU's own units; 1 is true.
-
-        Raises:
-            StepError: The component has not begun, or the FMU refuses a value.
-        """
+        """Set inputs (N,) of any type but String."""
         slave = self._running()
         self._inputs.update(zip(names, values, strict=True))
         for part in self._instance.buffers(names):
@@ -152,15 +371,7 @@ class FmuComponent(OpenedFmu):
             self._call("set inputs", slave.set_values, part.kind, part.references, part.buffer)
 
     def set_derivatives(self, names: Sequence[str], values: Sequence[float]) -> None:
-        """Set first derivatives of real inputs, for the next step.
-
-        Args:
-            names: Names of the inputs (N,).
-            values: Derivatives of the inputs (N,), in the FMU's own units per second.
-
-        Raises:
-            StepError: The component has not begun, or the FMU refuses the call (`capabilities.interpolates_inputs`).
-        """
+        """Set first derivatives (N,) of real inputs (N,), per second, for the next step; see `capabilities`."""
         slave = self._running()
         (part,), count = self._instance.buffers(names), len(names)
         orders, slopes = (ctypes.c_int * count)(*[1] * count), (ctypes.c_double * count)(*values)
@@ -168,11 +379,7 @@ class FmuComponent(OpenedFmu):
         self._call("set input derivatives", slave.call, *arguments)
 
     def get(self, names: Sequence[str]) -> list[float]:
-        """Return the values (N,) of variables (N,) of any type but String, in the FMU's own units; 1 is true.
-
-        Raises:
-            StepError: The component has not begun, or the FMU refuses the call.
-        """
+        """Return the values (N,) of variables (N,) of any type but String."""
         slave, values = self._running(), [0.0] * len(names)
         for part in self._instance.buffers(names):
             self._call("get outputs", slave.get_values, part.kind, part.references, part.buffer)
@@ -181,11 +388,7 @@ class FmuComponent(OpenedFmu):
         return values
 
     def derive(self, outputs: Sequence[str], inputs: Sequence[str], changes: Sequence[float]) -> list[float]:
-        """Return how real outputs (N,) change, without delay, with small changes (M,) of real inputs (M,).
-
-        Raises:
-            StepError: The component has not begun, or the FMU refuses the call (`capabilities.derivatives`).
-        """
+        """Return how real outputs (N,) change, without delay, with small changes (M,) of real inputs (M,)."""
         slave, given = self._running(), (ctypes.c_double * len(inputs))(*changes)
         (sought,), (known,) = self._instance.buffers(outputs), self._instance.buffers(inputs)
         arguments = (sought.references, len(outputs), known.references, len(inputs), given, sought.buffer)
@@ -193,11 +396,7 @@ class FmuComponent(OpenedFmu):
         return list(sought.buffer)
 
     def step(self, time: float, step: float) -> None:
-        """Make one step from `time` by `step` [s]; if no state is saved, tell the FMU that it will not be repeated.
-
-        Raises:
-            StepError: The component has not begun, or the FMU refuses the step.
-        """
+        """Make one step from `time` by `step` [s]; if no state is saved, tell the FMU that it will not be repeated."""
         slave = self._running()
         self._time = time
         final = 0 if self._instance.states else 1
@@ -205,14 +404,9 @@ class FmuComponent(OpenedFmu):
         self._time = time + step
 
     def save(self) -> object:
-        """Return the current state, for `restore`; it is freed by `free` or at the end of the run.
-
-        Raises:
-            StepError: The component has not begun, or the FMU cannot save its state (`capabilities.state`) or fails to.
-        """
+        """Return the current state, for `restore`; it is freed by `free` or at the end of the run."""
         slave = self._running()
-        if not self.capabilities.state:
-            raise self._no_state()
+        self._check_state()
         pointer = self._instance.spare.pop() if self._instance.spare else fmi2.fmi2FMUstate()
         self._call("save its state", slave.call, "GetFMUstate", ctypes.byref(pointer))
         state = State(pointer, self._time, dict(self._inputs))
@@ -220,24 +414,16 @@ class FmuComponent(OpenedFmu):
         return state
 
     def restore(self, state: object) -> None:
-        """Restore a state that `save` returned; the state remains valid.
-
-        Raises:
-            StepError: The component has not begun, the state is not one of this run, or the call fails.
-        """
-        slave, known = self._running(), self._known(state)
-        self._call("restore a state", slave.call, "SetFMUstate", known.pointer)
-        self._stand(known.time, known.inputs)
+        """Restore a state that `save` returned; the state remains valid."""
+        slave, saved = self._running(), self._saved(state)
+        self._call("restore a state", slave.call, "SetFMUstate", saved.pointer)
+        self._stand(saved.time, saved.inputs)
 
     def free(self, state: object) -> None:
-        """Free a state; its memory is used by the next `save`.
-
-        Raises:
-            StepError: The state is not one of this run.
-        """
-        known = self._known(state)
-        self._instance.states.remove(known)
-        self._instance.spare.append(known.pointer)
+        """Free a state; its memory is used by the next `save`."""
+        saved = self._saved(state)
+        self._instance.states.remove(saved)
+        self._instance.spare.append(saved.pointer)
 
     def finish(self) -> None:
         """Terminate, and free the instance unless it can be reset for the next `begin`."""
@@ -250,7 +436,7 @@ class FmuComponent(OpenedFmu):
     @contextmanager
     def _guard(self, what: str) -> Iterator[None]:
         """Record that the FMU is called to do something, and undo the changes of the call to shared state."""
-        if not self._guarded:
+        if not self.is_guarded:
             yield
             return
         try:
@@ -260,7 +446,7 @@ class FmuComponent(OpenedFmu):
             for changed in self._surroundings.restore():
                 self.blame(changed)
 
-    def _known(self, state: object) -> State:
+    def _saved(self, state: object) -> State:
         if not isinstance(state, State) or state not in self._instance.states:
             raise self._unknown_state()
         return state
@@ -325,7 +511,7 @@ class FmuComponent(OpenedFmu):
 
     def _refusal(self, what: str, status: int, function: str) -> StepError:
         """Return the error for an FMI status above a warning, and apply the FMI rules for later calls."""
-        why, to_do, terminated = returned(status, function, self._fmu.version), advice(status), False
+        why, to_do, terminated = returned(status, function, self._fmu.version), self._advice(what, status), False
         if status == DISCARD:
             to_do = "its inputs may be out of its range"
             if what.startswith("step"):
@@ -352,3 +538,11 @@ class FmuComponent(OpenedFmu):
             how = "fmi2Terminated" if self._fmu.version == 2 else "terminateSimulation"
             return f"{until} It ended the simulation ({how}).", to_do, True
         return until, "use a smaller coupling step", False
+
+    def _advice(self, what: str, status: int) -> str:
+        """Return what to do about a call that was refused with a status."""
+        if what.startswith("step") and status == ERROR and not self.capabilities.variable_step:
+            only = self.capabilities.only_step
+            size = "the size that its maker names" if only is None else f"{only:g} s"
+            return f"it accepts steps of one size only: give {size} as the coupling step (step, --step)"
+        return ADVICE.get(status, "tell its maker")

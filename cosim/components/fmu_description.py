@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from math import prod
+from math import inf, prod
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -63,6 +63,17 @@ def read_description(path: Path, folder: Path) -> Description:
     return description
 
 
+def only_step(description: Description) -> float | None:
+    """Return the size of the steps that an FMU for one step size states [s]; None if it states none.
+
+    Raises:
+        ValueError: It is not a number.
+    """
+    stated = (description.experiment or {}).get("stepSize") or internal_step(description)
+    step = float(stated)
+    return step if 0.0 < step < inf else None
+
+
 def internal_step(description: Description) -> float:
     """Return the internal step that an FMI 3.0 FMU declares [s]; 0 if it declares none."""
     return float((description.co_simulation or {}).get("fixedInternalStepSize", "0") or 0.0)
@@ -70,7 +81,7 @@ def internal_step(description: Description) -> float:
 
 def _check_numbers(description: Description) -> None:
     """Raise a ValueError if a text that must be a number or refer to a variable does not."""
-    internal_step(description)
+    only_step(description)
     units_of(description)
     if description.fmi == 2:
         for variable in description.variables:
@@ -213,6 +224,7 @@ class Rows:
                 minimum=_limit(name, "min", written),
                 maximum=_limit(name, "max", written),
                 direct=direct.get(k, frozenset()),
+                items=items_of(description, written),
             )
         return found
 
@@ -261,9 +273,26 @@ def _length(dimension: Mapping[str, str], sizes: Mapping[int | None, str | None]
     return int(text)
 
 
+def items_of(description: Description, variable: fmi.Variable) -> dict[str, int]:
+    """Return the numbers of the items of an enumeration, by name.
+
+    Raises:
+        ValueError: One is not a whole number.
+    """
+    if variable.type != "Enumeration":
+        return {}
+    items = description.items.get(variable.attributes.get("declaredType", ""), {})
+    return {name: int(value) for name, value in items.items()}
+
+
 def _start(variable: fmi.Variable, size: int) -> tuple[str, ...]:
     if variable.type in ("String", "Binary"):
         found: Sequence[str] = variable.starts
+        if not found and variable.start is not None:
+            raise ValueError(
+                f"{variable.name}: start={variable.start[:40]!r} is an attribute, but a {variable.type} of FMI 3.0 "
+                "states its start value in a Start element"
+            )
     else:
         found = (variable.start or "").split()
         if faulty := [text for text in found if not _is_number(text, variable.type)]:

@@ -18,12 +18,11 @@ from threading import Lock
 import fmpy
 
 from cosim.components.component import Capabilities, Variable
-from cosim.components.fmu_description import Rows, read_description
-from cosim.components.fmu_log import Messages, Place, failure_text
+from cosim.components.fmu_description import Rows, only_step, read_description
 from eightpost.archive import extract_archive
 from eightpost.cache import keep, recall
 from eightpost.compilers import find_compiler
-from eightpost.errors import FmuError, StepError
+from eightpost.errors import FmuError
 from eightpost.files import sha256_of, writing
 from eightpost.fmi.description import Description
 from eightpost.validity import MEMBER, Validity
@@ -41,6 +40,7 @@ class FmuFile:
     path: Path  #: FMU file (.fmu).
     folder: Path  #: Folder in which it is unpacked.
     description: Description  #: Content of modelDescription.xml.
+    notes: tuple[str, ...] = ()  #: Notes about the archive.
 
     @classmethod
     def unpack(cls, path: str | Path, folder: str | Path, *, compile_missing: bool = False) -> FmuFile:
@@ -55,8 +55,8 @@ class FmuFile:
             FmuError: The file is missing, damaged or unsafe, is not an FMU of FMI 2.0 or 3.0 for co-simulation, or has
                 no binary for this platform.
         """
-        extract_archive(path, folder)
-        fmu = cls(Path(path), Path(folder), read_description(Path(path), Path(folder)))
+        notes = extract_archive(path, folder)
+        fmu = cls(Path(path), Path(folder), read_description(Path(path), Path(folder)), notes)
         if compile_missing and not fmu.has_binary:
             compile_sources(fmu.path, fmu.library, fmu.sources, fmu.build_options, version=fmu.version)
         fmu._check_platform()
@@ -140,11 +140,8 @@ class FmuFile:
     @property
     def conditions(self) -> tuple[str, ...]:
         """Conditions of its results other than the file itself."""
-        if not self.needs_tool:
-            return ()
-        return (
-            "it needs the tool that made it (needsExecutionTool): the results depend on the version installed here",
-        )
+        tool = "it needs the tool that made it (needsExecutionTool): the results depend on the version installed here"
+        return (*([tool] if self.needs_tool else []), *self.notes)
 
     @property
     def log_categories(self) -> frozenset[str]:
@@ -176,6 +173,7 @@ class FmuFile:
         return Capabilities(
             interpolates_inputs=can("canInterpolateInputs") and (self.version == 2 or self.rows.ramps_all),
             variable_step=can("canHandleVariableCommunicationStepSize"),
+            only_step=None if can("canHandleVariableCommunicationStepSize") else only_step(self.description),
             state=can("canGetAndSetFMUstate"),
             derivatives=can("providesDirectionalDerivative") and (self.version == 2 or self.rows.derives_all),
         )
@@ -273,84 +271,6 @@ def _remove_own(folder: Path, owner: int) -> None:
     """Remove the folder, except in a process that was forked off the owner, which still needs it."""
     if os.getpid() == owner:
         shutil.rmtree(folder, ignore_errors=True)
-
-
-# ==== Common part of components that are FMUs, in this process or another ============================================
-
-
-class OpenedFmu:
-    """File of an FMU, the state of its run, and the error report of a failed call.
-
-    Args:
-        fmu: Unpacked FMU.
-        name: Name of the component.
-        messages: Messages of the FMU.
-    """
-
-    def __init__(self, fmu: FmuFile, name: str, messages: Messages) -> None:
-        self._fmu, self._name, self._messages = fmu, name, messages
-        self.validity: Validity | None = fmu.validity  #: Range of validity of its model; None if the FMU has none.
-        self._inputs: dict[str, float] = {}
-        self._time = 0.0
-        self._changed: dict[str, None] = {}
-
-    @property
-    def variables(self) -> Mapping[str, Variable]:
-        """All variables by name."""
-        return self._fmu.variables
-
-    @property
-    def capabilities(self) -> Capabilities:
-        """Abilities declared in modelDescription.xml."""
-        return self._fmu.capabilities
-
-    @property
-    def is_ours(self) -> bool:
-        """Whether this project built the FMU, so that the state it keeps from run to run is known."""
-        return self._fmu.is_ours
-
-    @property
-    def identity(self) -> str:
-        """GUID of the FMU."""
-        return self._fmu.description.guid
-
-    @property
-    def source(self) -> str:
-        """File name of the FMU."""
-        return self._fmu.path.name
-
-    @property
-    def messages(self) -> tuple[str, ...]:
-        """Conditions of its results, changes to shared state, and its warnings and errors since it began, each once."""
-        return (*self._fmu.conditions, *self._changed, *self._messages.all)
-
-    def _stand(self, time: float, inputs: Mapping[str, float]) -> None:
-        """Record the state of the run: the time [s], and inputs in their own units."""
-        self._time, self._inputs = time, dict(inputs)
-
-    def _no_state(self) -> StepError:
-        """Return the error for a component that cannot save its state."""
-        return StepError(
-            f"component {self._name!r} ({self.source}) cannot save its state (canGetAndSetFMUstate is false in its "
-            "model description); use an algorithm that repeats no step"
-        )
-
-    def _unknown_state(self) -> StepError:
-        """Return the error for a state that the component does not know."""
-        return StepError(
-            f"component {self._name!r} ({self.source}) does not know this state: it belongs to another component, to a "
-            "run that has ended, or has been freed; save a state in this run"
-        )
-
-    def _not_begun(self) -> StepError:
-        """Return the error for a call before the component has begun."""
-        return StepError(f"component {self._name!r} ({self.source}) is not running; call begin() first")
-
-    def _failure(self, failed: str, why: str, to_do: str = "") -> StepError:
-        """Return the error for a failed call: the failure, its cause, and the advice."""
-        place = Place(self._name, self.source, self._time, self._inputs)
-        messages = self._messages.last
-        return StepError(failure_text(place, self.variables, failed=failed, why=why, messages=messages, to_do=to_do))
 
 
 # ==== Compilation of an FMU's own sources for a platform that it has no binary for ===================================

@@ -1,4 +1,4 @@
-"""Log messages of FMUs, and errors that an FMU causes."""
+"""Log messages of FMUs, and the errors that a failed call of an FMU causes."""
 
 from __future__ import annotations
 
@@ -11,14 +11,16 @@ import shutil
 import tempfile
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import fmpy
 from fmpy import fmi2
 
-from cosim.components.component import Variable
+from cosim.components.component import Capabilities, Variable
+from cosim.components.fmu_file import FmuFile
+from eightpost.errors import StepError
+from eightpost.validity import Validity
 
 # ---- Messages of an FMU, written to Python's logging with printf formats filled in and variables by name ------------
 
@@ -34,33 +36,31 @@ _VARIABLE = re.compile(r"#(?:#|([ribs]?\d+)#)")
 class Messages:
     """Warnings and more severe messages, each once; the first hundred, because an FMU may write the time into each."""
 
-    _KEPT = 100
+    _MOST = 100
 
     def __init__(self) -> None:
-        self._kept: dict[str, None] = {}
+        self._first: dict[str, None] = {}
         self._last: deque[str] = deque(maxlen=3)
         self._more = 0
 
     def add(self, text: str) -> None:
         """Add a message; the first hundred different ones are kept and the others counted."""
         self._last.append(text)
-        if text in self._kept:
-            return
-        if len(self._kept) < self._KEPT:
-            self._kept[text] = None
-        else:
+        if len(self._first) < self._MOST:
+            self._first[text] = None
+        elif text not in self._first:
             self._more += 1
 
     def clear(self) -> None:
         """Remove all messages."""
-        self._kept.clear()
+        self._first.clear()
         self._last.clear()
         self._more = 0
 
     @property
     def all(self) -> tuple[str, ...]:
         """All messages, each once, and the number of those not kept."""
-        return (*self._kept, *([f"and {self._more} more messages"] if self._more else []))
+        return (*self._first, *([f"and {self._more} more messages"] if self._more else []))
 
     @property
     def last(self) -> str:
@@ -72,9 +72,6 @@ class ComponentLog:
     """Log of one component: logger `cosim.fmu.<component>`, and its warnings and more severe messages.
 
     It does not reference the component, so it does not keep the component alive.
-
-    Args:
-        component: Name of the component.
     """
 
     def __init__(self, component: str) -> None:
@@ -126,8 +123,8 @@ class FmuLog(ComponentLog):
             self._logger.error("%s", text)
         self.errors += status in (ERROR, FATAL)
 
-    def _name(self, found: re.Match[str]) -> str:
-        return "#" if found[1] is None else self._names.get(found[1], found[0])
+    def _name(self, reference: re.Match[str]) -> str:
+        return "#" if reference[1] is None else self._names.get(reference[1], reference[0])
 
 
 def _load_formatter(folder: Path) -> Any:
@@ -152,7 +149,9 @@ def _load_formatter(folder: Path) -> Any:
 # ---- Texts for failed FMI calls -------------------------------------------------------------------------------------
 
 _NAMES = {DISCARD: "Discard", ERROR: "Error", FATAL: "Fatal", PENDING: "Pending"}
-_ADVICE = {
+
+#: Advice by status.
+ADVICE = {
     ERROR: "its inputs may be out of its range or the coupling step too large for it; it can be started again",
     FATAL: "it is not called again in this process; load it again for another run, and report the fault to its maker",
     PENDING: (
@@ -163,52 +162,14 @@ _ADVICE = {
 _INPUTS_SHOWN = 12
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
-    """State of a component when it failed."""
-
-    name: str  #: Name of the component.
-    source: str  #: Name of its file.
-    time: float  #: Time at which its last call began [s].
-    inputs: Mapping[str, float] = field(default_factory=dict)  #: Last values of its inputs, in its own units.
-
-
 def returned(status: int, function: str = "it", version: int = 2) -> str:
     """Return a sentence that describes a status of this version of FMI."""
-    known = status in _NAMES and (version == 2 or status != PENDING)
-    what = f"fmi{version}{_NAMES[status]}" if known else f"{status}, which is no status of FMI"
+    is_status = status in _NAMES and (version == 2 or status != PENDING)
+    what = f"fmi{version}{_NAMES[status]}" if is_status else f"{status}, which is no status of FMI"
     return f"{function} returned {what}."
 
 
-def advice(status: int) -> str:
-    """Return the advice for a status."""
-    return _ADVICE.get(status, "tell its maker")
-
-
-def failure_text(
-    place: Place, variables: Mapping[str, Variable], *, failed: str, why: str, messages: str, to_do: str = ""
-) -> str:
-    """Return the report of a failed call.
-
-    Args:
-        place: Component, time and inputs.
-        variables: Variables of the component, for the units of the inputs.
-        failed: Failure, without the component's name: "failed to step from 0.5 s by 0.001 s".
-        why: Cause, as a sentence.
-        messages: Last messages of the component.
-        to_do: Advice.
-    """
-    when = "" if " from " in failed else f" at {place.time:g} s"
-    parts = [
-        f"component {place.name!r} ({place.source}) {failed}{when}: {why}",
-        f"Last messages: {messages.rstrip('.')}.",
-    ]
-    parts += [_inputs(place.inputs, variables)] if place.inputs else []
-    parts += [f"What to do: {to_do}"] if to_do else []
-    return " ".join(parts)
-
-
-def _inputs(inputs: Mapping[str, float], variables: Mapping[str, Variable]) -> str:
+def _input_text(inputs: Mapping[str, float], variables: Mapping[str, Variable]) -> str:
     shown = [f"{name} = {value:g}{_unit(variables.get(name))}" for name, value in inputs.items()]
     more = f" and {len(shown) - _INPUTS_SHOWN} more" if len(shown) > _INPUTS_SHOWN else ""
     return f"Its inputs: {', '.join(shown[:_INPUTS_SHOWN])}{more}."
@@ -217,3 +178,93 @@ def _inputs(inputs: Mapping[str, float], variables: Mapping[str, Variable]) -> s
 def _unit(variable: Variable | None) -> str:
     unit = variable.unit if variable is not None else None
     return "" if unit is None or unit.name in ("", "1") else f" {unit.name}"
+
+
+# ---- Common part of components that are FMUs, in this process or another --------------------------------------------
+
+
+class OpenedFmu:
+    """File of an FMU, the state of its run, and the error report of a failed call.
+
+    Args:
+        fmu: Unpacked FMU.
+        name: Name of the component.
+        messages: Messages of the FMU.
+    """
+
+    def __init__(self, fmu: FmuFile, name: str, messages: Messages) -> None:
+        self._fmu, self._name, self._messages = fmu, name, messages
+        self.validity: Validity | None = fmu.validity  #: Range of validity of its model; None if the FMU has none.
+        self._inputs: dict[str, float] = {}
+        self._time = 0.0
+        self._changed: dict[str, None] = {}
+
+    @property
+    def variables(self) -> Mapping[str, Variable]:
+        """All variables by name."""
+        return self._fmu.variables
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """Abilities declared in modelDescription.xml."""
+        return self._fmu.capabilities
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether this project built the FMU, so that the state it keeps from run to run is known."""
+        return self._fmu.is_ours
+
+    @property
+    def identity(self) -> str:
+        """GUID of the FMU."""
+        return self._fmu.description.guid
+
+    @property
+    def source(self) -> str:
+        """File name of the FMU."""
+        return self._fmu.path.name
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """Conditions of its results, changes to shared state, and its warnings and errors since it began, each once."""
+        return (*self._fmu.conditions, *self._changed, *self._messages.all)
+
+    def _stand(self, time: float, inputs: Mapping[str, float]) -> None:
+        """Record the state of the run: the time [s], and inputs in their own units."""
+        self._time, self._inputs = time, dict(inputs)
+
+    def _check_state(self) -> None:
+        """Raise an error if the component cannot save its state."""
+        if not self.capabilities.state:
+            raise StepError(
+                f"component {self._name!r} ({self.source}) cannot save its state (canGetAndSetFMUstate is false in "
+                "its model description); use an algorithm that repeats no step"
+            )
+
+    def _unknown_state(self) -> StepError:
+        """Return the error for a state that the component does not know."""
+        return StepError(
+            f"component {self._name!r} ({self.source}) does not know this state: it belongs to another component, to a "
+            "run that has ended, or has been freed; save a state in this run"
+        )
+
+    def _not_begun(self) -> StepError:
+        """Return the error for a call before the component has begun."""
+        return StepError(f"component {self._name!r} ({self.source}) is not running; call begin() first")
+
+    def _failure(self, failed: str, why: str, to_do: str = "") -> StepError:
+        """Return the error for a failed call.
+
+        Args:
+            failed: Failure, without the component's name: "failed to step from 0.5 s by 0.001 s".
+            why: Cause, as a sentence.
+            to_do: Advice.
+        """
+        when = "" if " from " in failed else f" at {self._time:g} s"
+        parts = [
+            f"component {self._name!r} ({self.source}) {failed}{when}: {why}",
+            f"Last messages: {self._messages.last.rstrip('.')}.",
+        ]
+        parts += [_input_text(self._inputs, self.variables)] if self._inputs else []
+        parts += [f"What to do: {to_do}"] if to_do else []
+        return StepError(" ".join(parts))

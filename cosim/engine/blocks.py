@@ -1,13 +1,16 @@
-"""Blocks: a component's signals and C functions, as arrays and addresses."""
+"""Blocks of the loop: a component's signals and C functions as arrays and addresses; marks for compiled functions."""
 
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
 from functools import cache, lru_cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+# ==== Blocks: a component's signals and C functions, as arrays and addresses =========================================
 
 # ---- Calls of FMI functions by their addresses, from Python through ctypes and from compiled code -------------------
 
@@ -21,8 +24,7 @@ _BOOL = ctypes.c_bool
 EXCHANGE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER, _SIZE, _POINTER)
 SLOPES = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER, _SIZE, _POINTER, _POINTER)
 STEP = ctypes.CFUNCTYPE(_INT, _POINTER, _REAL, _REAL, _INT)
-SAVE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER)
-RESTORE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER)
+STATE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER)
 DERIVE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER, _SIZE, _POINTER, _SIZE, _POINTER, _POINTER)
 #: fmi3SetFloat64, fmi3GetFloat64; fmi3DoStep; fmi3GetDirectionalDerivative; fmi3IntermediateUpdateCallback.
 EXCHANGE_SIZED = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER, _SIZE, _POINTER, _SIZE)
@@ -51,18 +53,6 @@ def set_slopes(address: int, instance: int, references: int, count: int, orders:
 def do_step(address: int, instance: int, time: float, step: float, final: int) -> int:
     """Step from `time` by `step` [s]; `final` is 1 if no earlier state will be restored."""
     status: int = _function(STEP, int(address))(int(instance), time, step, final)
-    return status
-
-
-def save_state(address: int, instance: int, states: Integers, index: int) -> int:
-    """Save the state into states[index], a pointer that the FMU provides (0 at first)."""
-    status: int = _function(SAVE, int(address))(int(instance), states.ctypes.data + 8 * int(index))
-    return status
-
-
-def restore_state(address: int, instance: int, states: Integers, index: int) -> int:
-    """Restore the state that states[index] points to."""
-    status: int = _function(RESTORE, int(address))(int(instance), int(states[index]))
     return status
 
 
@@ -103,8 +93,8 @@ def derive_sized(
 
 
 def call_state(address: int, instance: int, pointer: int) -> int:
-    """Call a function for states with a pointer."""
-    status: int = _function(RESTORE, int(address))(int(instance), int(pointer))
+    """Restore the state at the address `pointer`, or save it at the address that is there (0 at first), or free it."""
+    status: int = _function(STATE, int(address))(int(instance), int(pointer))
     return status
 
 
@@ -194,3 +184,17 @@ def _words(value: Any) -> tuple[int, ...]:
         return value.address, 0, 0
     number = np.float64(value).view(np.int64) if isinstance(value, float) else value
     return int(number), 0, 0
+
+
+# ==== Machine code for functions of the loop: compiled by numba once per machine, stored on disk, called withou ======
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+#: All functions that compiled code calls.
+SHARED: list[Callable[..., Any]] = []
+
+
+def shared(function: Function) -> Function:
+    """Mark a function that is also called by compiled code."""
+    SHARED.append(function)
+    return function

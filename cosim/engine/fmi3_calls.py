@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.engine import blocks
-from cosim.engine.compiled import shared
+from cosim.engine.blocks import shared
 from cosim.engine.plan import Integers, Reals, References
 
 #: Types of real variables; other types are set and read outside the loop.

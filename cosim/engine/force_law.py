@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from cosim.engine import blocks
-from cosim.engine.compiled import shared
+from cosim.engine.blocks import shared
 from cosim.engine.plan import GET, RESTORE, SAVE, SET, SLOPES, STEP, Integers, Reals
 
 #: Operations of `operate`.
@@ -144,7 +144,7 @@ def read_force(p: Ports, m: Motion, i: int) -> int:
 @shared
 def try_point(p: Ports, m: Motion, i: int) -> int:
     """Evaluate corner i at its trial point from the accepted state."""
-    if refuses(m, blocks.restore_state(p.restore[i], p.instance[i], m.states, i), i, RESTORE):
+    if refuses(m, blocks.call_state(p.restore[i], p.instance[i], m.states[i]), i, RESTORE):
         return 1
     return 1 if advance(p, m, i, m.clock[1] - m.clock[0]) else read_force(p, m, i)
 
@@ -206,7 +206,7 @@ def accept_points(p: Ports, m: Motion) -> int:
         return REFUSED
     if m.clock[1] - m.clock[0] > p.shortest:
         for i in range(p.instance.size):
-            if refuses(m, blocks.save_state(p.save[i], p.instance[i], m.states, i), i, SAVE):
+            if refuses(m, blocks.call_state(p.save[i], p.instance[i], m.states.ctypes.data + 8 * i), i, SAVE):
                 return REFUSED
     keep_point(p, m)
     return DONE

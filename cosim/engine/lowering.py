@@ -9,6 +9,7 @@ triples the time. The blocks of the loop are types of numba, and FMI functions a
 from __future__ import annotations
 
 import hashlib
+import inspect
 import pickle
 import sys
 from collections.abc import Callable, Sequence
@@ -20,13 +21,20 @@ import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.typing.templates import AttributeTemplate
-from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, models, overload, register_model
+from numba.extending import (
+    infer_getattr,
+    lower_builtin,
+    lower_getattr_generic,
+    models,
+    overload,
+    register_model,
+    type_callable,
+)
 from numba.np import arrayobj
 from numba.np.numpy_support import from_dtype
 
 from cosim.engine import blocks
-from cosim.engine.blocks import FAILED, INTEGERS, REALS, WORDS, Kind, described
-from cosim.engine.compiled import SHARED
+from cosim.engine.blocks import FAILED, INTEGERS, REALS, SHARED, WORDS, Kind, described
 from cosim.engine.machine_code import Request, optimised
 
 # ---- Blocks as types of numba ---------------------------------------------------------------------------------------
@@ -100,250 +108,99 @@ def _array(context: Any, builder: Any, kind: Any, load: Any) -> Any:
     return array._getvalue()
 
 
-# ---- Calls of FMI functions -----------------------------------------------------------------------------------------
+# ---- Calls of FMI functions, and numbers at addresses ---------------------------------------------------------------
 
 _WORD, _POINTER, _REAL, _INT = ir.IntType(64), ir.IntType(8).as_pointer(), ir.DoubleType(), ir.IntType(32)
 _LLVM = {"pointer": _POINTER, "size": _WORD, "real": _REAL, "int": _INT, "byte": ir.IntType(8)}
 
+_EXCHANGE, _STATE = ("pointer", "pointer", "size", "pointer"), ("pointer", "pointer")
 
-def _call(kinds: tuple[str, ...]) -> Any:
+#: Arguments of the C functions behind functions of `blocks`, which are called at their first argument.
+_CALLS = {
+    blocks.exchange: _EXCHANGE,
+    blocks.set_slopes: (*_EXCHANGE, "pointer"),
+    blocks.do_step: ("pointer", "real", "real", "int"),
+    blocks.call_state: _STATE,
+    blocks.derive: ("pointer", "pointer", "size", "pointer", "size", "pointer", "pointer"),
+    blocks.exchange_sized: (*_EXCHANGE, "size"),
+    blocks.derive_sized: ("pointer", *("pointer", "size") * 4),
+    blocks.take_step: ("pointer", "real", "real", "int", "pointer", "pointer", "pointer", "pointer"),
+}
+
+#: Order of the C function's arguments, where it differs: the number of an argument, and what is added to it.
+_ORDERS = {
+    blocks.derive_sized: ((0, 0), (1, 0), (2, 0), (3, 0), (4, 0), (5, 0), (4, 0), (6, 0), (2, 0)),
+    blocks.take_step: ((0, 0), (1, 0), (2, 0), (3, 0), (4, 0), (4, 1), (4, 2), (5, 0)),
+}
+
+#: Types of the numbers that functions of `blocks` read from an array at an address.
+_READS = {blocks.reference_at: types.uint32, blocks.order_at: types.int32, blocks.real_at: types.float64}
+
+
+def _declare(function: Callable[..., Any], signature: Any, generate: Callable[..., Any]) -> None:
+    """Let compiled code use `generate` (of a builder and arguments) for a function; arguments are cast to its types."""
+
+    def typer(*_arguments: Any) -> Any:
+        return signature
+
+    typer.pysig = inspect.signature(function)  # type: ignore[attr-defined]  # numba takes the arguments' names from it
+    type_callable(function)(lambda _context: typer)
+    lower_builtin(function, *signature.args)(generate)
+
+
+def _call(kinds: tuple[str, ...], order: Sequence[tuple[int, int]]) -> Callable[..., Any]:
     """Return a code generator for a call of the function at the first argument with the other arguments."""
 
-    def codegen(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         kind = ir.FunctionType(_INT, [_LLVM[k] for k in kinds])
         function = builder.inttoptr(arguments[0], kind.as_pointer())
         values = []
-        for what, argument in zip(kinds, arguments[1:], strict=True):
+        for what, (place, more) in zip(kinds, order, strict=True):
+            value = arguments[1 + place]
+            value = builder.add(value, _WORD(more)) if more else value
             if what == "pointer":
-                values.append(builder.inttoptr(argument, _POINTER))
-            else:
-                values.append(builder.trunc(argument, _INT) if what == "int" else argument)
+                value = builder.inttoptr(value, _POINTER)
+            values.append(builder.trunc(value, _INT) if what == "int" else value)
         return builder.sext(builder.call(function, values), _WORD)
 
-    return codegen
+    return generate
 
 
-def _signature(kinds: tuple[str, ...]) -> Any:
-    return types.int64(types.int64, *(types.float64 if k == "real" else types.int64 for k in kinds))
-
-
-_EXCHANGE, _SLOPES = ("pointer", "pointer", "size", "pointer"), ("pointer", "pointer", "size", "pointer", "pointer")
-_STEP, _STATE = ("pointer", "real", "real", "int"), ("pointer", "pointer")
-_DERIVE = ("pointer", "pointer", "size", "pointer", "size", "pointer", "pointer")
-_EXCHANGE_SIZED = ("pointer", "pointer", "size", "pointer", "size")
-_DERIVE_SIZED = ("pointer", *("pointer", "size") * 4)
-_TAKE_STEP = ("pointer", "real", "real", "int", "pointer", "pointer", "pointer", "pointer")
-
-
-@intrinsic
-def _call_exchange(_context, address, instance, references, count, values):  # type: ignore[no-untyped-def]
-    return _signature(_EXCHANGE), _call(_EXCHANGE)
-
-
-@intrinsic
-def _call_slopes(_context, address, instance, references, count, orders, values):  # type: ignore[no-untyped-def]
-    return _signature(_SLOPES), _call(_SLOPES)
-
-
-@intrinsic
-def _call_step(_context, address, instance, time, step, final):  # type: ignore[no-untyped-def]
-    return _signature(_STEP), _call(_STEP)
-
-
-@intrinsic
-def _call_state(_context, address, instance, pointer):  # type: ignore[no-untyped-def]
-    return _signature(_STATE), _call(_STATE)
-
-
-@intrinsic
-def _call_derive(_context, address, instance, unknowns, sought, knowns, given, changes, result):  # type: ignore[no-untyped-def]
-    return _signature(_DERIVE), _call(_DERIVE)
-
-
-@overload(blocks.exchange)
-def _exchange(address, instance, references, count, values):  # type: ignore[no-untyped-def]
-    def implementation(address, instance, references, count, values):  # type: ignore[no-untyped-def]
-        return _call_exchange(address, instance, references, count, values)
-
-    return implementation
-
-
-@overload(blocks.set_slopes)
-def _set_slopes(address, instance, references, count, orders, values):  # type: ignore[no-untyped-def]
-    def implementation(address, instance, references, count, orders, values):  # type: ignore[no-untyped-def]
-        return _call_slopes(address, instance, references, count, orders, values)
-
-    return implementation
-
-
-@overload(blocks.do_step)
-def _do_step(address, instance, time, step, final):  # type: ignore[no-untyped-def]
-    def implementation(address, instance, time, step, final):  # type: ignore[no-untyped-def]
-        return _call_step(address, instance, time, step, final)
-
-    return implementation
-
-
-@overload(blocks.save_state)
-def _save_state(address, instance, states, index):  # type: ignore[no-untyped-def]
-    def implementation(address, instance, states, index):  # type: ignore[no-untyped-def]
-        return _call_state(address, instance, states.ctypes.data + 8 * index)
-
-    return implementation
-
-
-@overload(blocks.restore_state)
-def _restore_state(address, instance, states, index):  # type: ignore[no-untyped-def]
-    def implementation(address, instance, states, index):  # type: ignore[no-untyped-def]
-        return _call_state(address, instance, states[index])
-
-    return implementation
-
-
-@overload(blocks.derive)
-def _derive(address, instance, unknowns, sought, knowns, given, changes, result):  # type: ignore[no-untyped-def]
-    def implementation(address, instance, unknowns, sought, knowns, given, changes, result):  # type: ignore[no-untyped-def]
-        return _call_derive(address, instance, unknowns, sought, knowns, given, changes, result)
-
-    return implementation
-
-
-@intrinsic
-def _call_exchange_sized(_context, address, instance, references, count, values, size):  # type: ignore[no-untyped-def]
-    return _signature(_EXCHANGE_SIZED), _call(_EXCHANGE_SIZED)
-
-
-@intrinsic
-def _call_derive_sized(_context, address, instance, p, n_p, q, n_q, r, n_r, s, n_s):  # type: ignore[no-untyped-def]
-    return _signature(_DERIVE_SIZED), _call(_DERIVE_SIZED)
-
-
-@intrinsic
-def _call_take_step(_context, address, instance, time, step, final, event, end, early, reached):  # type: ignore[no-untyped-def]
-    return _signature(_TAKE_STEP), _call(_TAKE_STEP)
-
-
-@overload(blocks.exchange_sized)
-def _exchange_sized(address, instance, references, count, values, size):  # type: ignore[no-untyped-def]
-    def implementation(address, instance, references, count, values, size):  # type: ignore[no-untyped-def]
-        return _call_exchange_sized(address, instance, references, count, values, size)
-
-    return implementation
-
-
-@overload(blocks.derive_sized)
-def _derive_sized(address, instance, unknowns, sought, knowns, given, changes, result):  # type: ignore[no-untyped-def]
-    def implementation(address, instance, unknowns, sought, knowns, given, changes, result):  # type: ignore[no-untyped-def]
-        return _call_derive_sized(address, instance, unknowns, sought, knowns, given, changes, given, result, sought)
-
-    return implementation
-
-
-@overload(blocks.take_step)
-def _take_step(address, instance, time, step, final, flags, reached):  # type: ignore[no-untyped-def]
-    def implementation(address, instance, time, step, final, flags, reached):  # type: ignore[no-untyped-def]
-        return _call_take_step(address, instance, time, step, final, flags, flags + 1, flags + 2, reached)
-
-    return implementation
-
-
-@overload(blocks.call_state)
-def _call_any_state(address, instance, pointer):  # type: ignore[no-untyped-def]
-    def implementation(address, instance, pointer):  # type: ignore[no-untyped-def]
-        return _call_state(address, instance, pointer)
-
-    return implementation
-
-
-# ---- Numbers at addresses -------------------------------------------------------------------------------------------
-
-
-def _load(kind: Any) -> Any:
+def _load(kind: Any) -> Callable[..., Any]:
     """Return a code generator that reads a number of this type from an array at an address."""
 
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         array = builder.inttoptr(arguments[0], context.get_data_type(kind).as_pointer())
         value = builder.load(builder.gep(array, [arguments[1]]))
         return context.cast(builder, value, kind, signature.return_type)
 
-    return codegen
+    return generate
 
 
-def _store(kind: Any) -> Any:
-    """Return a code generator that writes a number of this type to an array at an address."""
+def _store(kind: Any) -> Callable[..., Any]:
+    """Return a code generator that writes a number of this type to an array at an address, or to the address."""
 
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array = builder.inttoptr(arguments[0], context.get_data_type(kind).as_pointer())
-        value = context.cast(builder, arguments[2], signature.args[2], kind)
-        builder.store(value, builder.gep(array, [arguments[1]]))
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        address, *index, value = arguments
+        array = builder.inttoptr(address, context.get_data_type(kind).as_pointer())
+        value = context.cast(builder, value, signature.args[-1], kind)
+        builder.store(value, builder.gep(array, index or [_WORD(0)]))
         return context.get_dummy_value()
 
-    return codegen
+    return generate
 
 
-@intrinsic
-def _load_reference(_context, address, index):  # type: ignore[no-untyped-def]
-    return types.int64(types.int64, types.int64), _load(types.uint32)
-
-
-@intrinsic
-def _load_order(_context, address, index):  # type: ignore[no-untyped-def]
-    return types.int64(types.int64, types.int64), _load(types.int32)
-
-
-@intrinsic
-def _load_real(_context, address, index):  # type: ignore[no-untyped-def]
-    return types.float64(types.int64, types.int64), _load(types.float64)
-
-
-@intrinsic
-def _store_real(_context, address, index, value):  # type: ignore[no-untyped-def]
-    return types.none(types.int64, types.int64, types.float64), _store(types.float64)
-
-
-@intrinsic
-def _store_byte(_context, address, index, value):  # type: ignore[no-untyped-def]
-    return types.none(types.int64, types.int64, types.int64), _store(types.uint8)
-
-
-@overload(blocks.reference_at)
-def _reference_at(address, index):  # type: ignore[no-untyped-def]
-    def implementation(address, index):  # type: ignore[no-untyped-def]
-        return _load_reference(address, index)
-
-    return implementation
-
-
-@overload(blocks.order_at)
-def _order_at(address, index):  # type: ignore[no-untyped-def]
-    def implementation(address, index):  # type: ignore[no-untyped-def]
-        return _load_order(address, index)
-
-    return implementation
-
-
-@overload(blocks.real_at)
-def _real_at(address, index):  # type: ignore[no-untyped-def]
-    def implementation(address, index):  # type: ignore[no-untyped-def]
-        return _load_real(address, index)
-
-    return implementation
-
-
-@overload(blocks.put_real)
-def _put_real(address, index, value):  # type: ignore[no-untyped-def]
-    def implementation(address, index, value):  # type: ignore[no-untyped-def]
-        return _store_real(address, index, value)
-
-    return implementation
-
-
-@overload(blocks.put_byte)
-def _put_byte(address, value):  # type: ignore[no-untyped-def]
-    def implementation(address, value):  # type: ignore[no-untyped-def]
-        return _store_byte(address, 0, value)
-
-    return implementation
+for _function, _kinds in _CALLS.items():
+    _order = _ORDERS.get(_function, tuple((k, 0) for k in range(len(_kinds))))
+    _numbers = {
+        place: types.float64 if kind == "real" else types.int64 for kind, (place, _) in zip(_kinds, _order, strict=True)
+    }
+    _declare(_function, types.int64(types.int64, *(_numbers[k] for k in sorted(_numbers))), _call(_kinds, _order))
+for _function, _kind in _READS.items():
+    _number = types.float64 if _kind is types.float64 else types.int64
+    _declare(_function, _number(types.int64, types.int64), _load(_kind))
+_declare(blocks.put_real, types.none(types.int64, types.int64, types.float64), _store(types.float64))
+_declare(blocks.put_byte, types.none(types.int64, types.int64), _store(types.uint8))
 
 
 # ---- The program ----------------------------------------------------------------------------------------------------

@@ -1,13 +1,14 @@
-"""The march over coupling steps, fixed and adaptive, and its energy meters."""
+"""The loop over coupling steps, fixed and adaptive; compiled, or the same functions in plain Python."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from math import isnan
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from cosim.engine import blocks
-from cosim.engine.compiled import shared
-from cosim.engine.implicit import restore_parts, save_parts, step_group
+from cosim.engine.blocks import Block, shared
 from cosim.engine.plan import (
     DISCARD,
     DIVERGED,
@@ -29,7 +30,19 @@ from cosim.engine.plan import (
     Reals,
     Step,
 )
-from cosim.engine.sweep import call, failed, missed_effects, pace_of, step_from
+from cosim.engine.sweep import (
+    call,
+    failed,
+    missed_effects,
+    pace_of,
+    restore_parts,
+    save_parts,
+    step_from,
+    step_group,
+    step_once,
+)
+
+# ==== The march over coupling steps, fixed and adaptive, and its energy meters =======================================
 
 # ---- Measures summed over a run, step by step -----------------------------------------------------------------------
 
@@ -122,10 +135,12 @@ class Tape(NamedTuple):
 class Grid(NamedTuple):
     """Communication points (K+1,) [s], the steps between them (K,) [s], and flags of recorded points (K+1,).
 
-    `drive`: drive at these points and at its own points between them; `begins` (K+1,) are the indices of the former.
+    `points` (K+1,) are the communication points as components get them: rounded as the sum of the steps. `drive`: drive
+    at these points and at its own points between them; `begins` (K+1,) are the indices of the former.
     """
 
     times: Reals
+    points: Reals
     steps: Reals
     recorded: Integers
     begins: Integers
@@ -238,7 +253,7 @@ def march(plan: Plan, m: Memory, tape: Tape, grid: Grid, mode: Mode, first: int,
         if m.stop[0] != 0:
             return STOPPED
         end = grid.times[k + 1]
-        step = step_from(m, grid.times[k], grid.steps[k], grid.begins[k], grid.begins[k + 1])
+        step = step_from(m, grid.points[k], grid.steps[k], grid.begins[k], grid.begins[k + 1])
         if _one_step(plan, m, grid.drive, step, mode):
             return REFUSED
         bad = _end_step(plan, m, end, step.size, mode)
@@ -351,7 +366,10 @@ def _try_step(
     if save_parts(plan, m, 0, count, 0):
         return -1.0
     for half in range(3):
-        at, part = (time, h) if half == 0 else (time + (half - 1) * (0.5 * h), 0.5 * h)
+        at = time + 0.5 * h if half == 2 else time
+        part = (
+            h if half == 0 else 0.5 * h if half == 1 else time + h - at
+        )  # the sum of the steps is the end, to the bit
         if _driven_step(plan, m, knots, p, at, part, mode):
             return -1.0
         if half == 0:
@@ -407,3 +425,51 @@ def march_adaptive(  # noqa: PLR0911 -- one return for each reason to stop
             if knots.recorded[p.event[0] - 1] == 1 and _record_end(plan, m, tape, event, p.drive, 1, mode.values):
                 return REFUSED
     return DONE
+
+
+# ==== Selection of the loop: compiled, or the same functions in plain Python =========================================
+
+#: Number of steps between checks for Ctrl-C and updates of the progress bar.
+COMPILED_CHUNK, PYTHON_CHUNK = 20_000, 100
+
+ENGINES = ("auto", "compiled", "python")
+
+
+Bind = Callable[..., Callable[..., int]]
+
+
+def bound(function: Callable[..., int]) -> Bind:
+    """Return a function that takes the named tuples of `function` and returns a function of its other arguments."""
+    return lambda *tuples: partial(function, *tuples)
+
+
+def compiled(function: Callable[..., int], instead: dict[str, Callable[..., int]]) -> Bind:
+    """Return the same as machine code; the named tuples become blocks, the other arguments are integers.
+
+    Args:
+        function: Function of the loop.
+        instead: Replacements of called functions, by name.
+    """
+
+    def bind(*tuples: Any) -> Callable[..., int]:
+        from cosim.engine.machine_code import machine_code  # noqa: PLC0415 -- LLVM, which the interpreted loop does not need
+
+        blocks = tuple(map(Block, tuples))
+        machine = machine_code(function, tuple(block.kind for block in blocks), instead)
+        return lambda *numbers: machine(*(block.address for block in blocks), *numbers)
+
+    return bind
+
+
+def loop(engine: str, *, adaptive: bool, implicit: bool) -> tuple[Bind, int]:
+    """Return the function that binds the loop, and the number of steps per call.
+
+    Args:
+        engine: `python`, else the compiled loop.
+        adaptive: Whether an error estimate controls the steps.
+        implicit: Whether steps are repeated.
+    """
+    function = march_adaptive if adaptive else march
+    if engine == "python":
+        return bound(function), PYTHON_CHUNK
+    return compiled(function, {} if implicit else {"step_group": step_once}), COMPILED_CHUNK

@@ -1,4 +1,4 @@
-"""HTML report of a run, and the origin that it states."""
+"""One run as an HTML page that needs no network, and as plots."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import scipy
 from markupsafe import Markup
 
 from cosim.report.drawing import Group, arrows, graph, groups
-from cosim.results.result import Result
-from cosim.results.rules import LARGEST_RESIDUAL
-from cosim.results.run_data import Coupled
+from cosim.session.result import Result
+from cosim.session.verdict import LARGEST_RESIDUAL, Coupled
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost import __version__
@@ -28,8 +28,12 @@ from eightpost.report import page as html
 from eightpost.report.charts import COLORS
 from eightpost.report.numbers import Display, figure, listed, percent
 from eightpost.report.packing import Spectra, Store, Traces, spectra, traces
+from eightpost.report.pictures import PANELS, display_unit, displayed, excerpt, new_figure, panels_of, save
+from eightpost.report.pictures import traces as traces_figure
 from eightpost.report.tables import Tile
 from eightpost.signals import Drivefile, TimeSeries
+
+# ==== HTML report of a run, and the origin that it states ============================================================
 
 # ==== Origin: files with their digests, versions and the machine =====================================================
 
@@ -419,3 +423,61 @@ def _packed(result: Result, kept: Traces, densities: Spectra | None) -> tuple[di
         "settling": result.settling,
     }
     return manifest, store.text
+
+
+# ==== Plots of runs: time traces and spectra. Each is one figure in one file =========================================
+
+
+def plot_traces(
+    runs: Mapping[str, TimeSeries],
+    channels: Sequence[str],
+    path: str | Path,
+    *,
+    start: float,
+    stop: float,
+    title: str = "Time traces",
+) -> None:
+    """Plot channels over time between `start` and `stop` [s], one panel each, one line per run."""
+    save(traces_figure(runs, channels, start=start, stop=stop, title=title), path)
+
+
+def plot_excerpt(series: TimeSeries, path: str | Path, *, title: str) -> str:
+    """Plot the first channels of a run over the middle of a long run or the whole of a short one.
+
+    Returns:
+        A sentence about the part of the run that the picture shows.
+    """
+    start, stop = excerpt(series)
+    shown = series.names[:PANELS]
+    plot_traces({title: series}, shown, path, start=start, stop=stop, title=title)
+    return f"{Path(path).name} shows {len(shown)} of {len(series.names)} channels from {start:g} to {stop:g} s"
+
+
+def plot_spectra(
+    runs: Mapping[str, TimeSeries],
+    channels: Sequence[str],
+    path: str | Path,
+    *,
+    highest: float = 30.0,
+    title: str = "Power spectral densities",
+) -> None:
+    """Plot power spectral densities (Welch, Hann, 4 s blocks) up to `highest` [Hz], one panel per channel."""
+    figure = new_figure(11, 2.4 * ((len(channels) + 1) // 2) + 0.8)
+    panels = panels_of(figure, len(channels), 2, sharex=True)
+    for panel, channel in zip(panels, channels, strict=True):
+        for (label, series), color in zip(runs.items(), COLORS, strict=False):
+            values = displayed(series, channel)
+            block = min(values.size, int(4.0 * series.sample_rate))
+            frequency, density = scipy.signal.welch(values, fs=series.sample_rate, nperseg=block, detrend="constant")
+            kept = (frequency > 0.0) & (frequency <= highest)
+            panel.semilogy(frequency[kept], density[kept], lw=1.2, color=color, label=label)
+        unit = display_unit(next(iter(runs.values())), channel)
+        panel.set_title(channel, fontsize=9)
+        panel.set_ylabel(f"({unit})²/Hz")
+        panel.grid(alpha=0.3)
+    for panel in panels[-2:]:
+        panel.set_xlabel("frequency [Hz]")
+        panel.tick_params(labelbottom=True)
+    panels[0].legend(frameon=False)
+    figure.suptitle(title)
+    save(figure, path)

@@ -1,19 +1,21 @@
-"""Setup of a run: components in their order, checks of their abilities and of the scenario, limits, step times."""
+"""Setup of a run: everything resolved, numbered and checked before it begins."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TypedDict
+from functools import cached_property
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.components.component import DISCRETE, Capabilities, Component, Variable, convert_between
-from cosim.session.planning import Flags, Layout, Limit, lay_out, real_names, recorded_names, recorded_steps
+from cosim.engine.plan import Mode
 from cosim.systems.algorithm import HELD_INPUTS, Accuracy, Adaptive, Algorithm
 from cosim.systems.coupling import Coupling, Scenario, targets_of
 from cosim.systems.system import System
+from eightpost.array_types import Integers
 from eightpost.errors import InputError, WiringError
 from eightpost.signals import Drivefile
 
@@ -30,10 +32,6 @@ ROUNDING = 1e-9
 
 def coupling_times(stop: float, step: float) -> Times:
     """Return the communication points (K+1,) [s]: whole multiples of the step, which do not drift, and the stop time.
-
-    Args:
-        stop: Duration of the run [s].
-        step: Coupling step [s].
 
     Raises:
         InputError: The step is not positive, longer than the run, or so short that the steps do not fit into memory.
@@ -56,16 +54,31 @@ def step_sizes(times: Times, step: float) -> Times:
 
     Differences of times contain rounding errors that change from step to step. Components that cache values for a step
     size, such as exponentials, would compute them again in every step.
-
-    Args:
-        times: Communication points (K+1,) [s].
-        step: Coupling step [s].
     """
     steps: Times = np.full(times.size - 1, step)
     rest = times[-1] - times[-2]
     if abs(rest - step) > ROUNDING * step:
         steps[-1] = rest
     return steps
+
+
+#: Number of steps after which the sum of the steps is a communication point to the bit.
+_SUMMED = 32
+
+
+def summed_steps(times: Times, step: float) -> tuple[Times, Times]:
+    """Return communication points (K+1,) [s] and the steps between them (K,) [s]: a point is the sum of the steps.
+
+    An FMU may compare the point that it is given with the sum of its steps, to the bit. The steps are `step` to the
+    bit except every 32nd, which leads to a point of `times` again, and the last one, which ends at the stop time.
+    """
+    points, steps, count = times.copy(), np.full(times.size - 1, step), times.size - 1
+    for k in range(1, _SUMMED):
+        points[k::_SUMMED] = points[k - 1 : count : _SUMMED] + step
+    points[-1] = times[-1]
+    for last in (slice(_SUMMED, None, _SUMMED), slice(count, None)):
+        steps[np.arange(times.size)[last] - 1] = points[last] - points[np.arange(times.size)[last] - 1]
+    return points, steps
 
 
 def joined(times: Times, others: Times) -> Times:
@@ -84,23 +97,57 @@ def joined(times: Times, others: Times) -> Times:
 def merged(times: Times) -> Times:
     """Return times (T,) [s] sorted, without repetitions that differ by rounding only."""
     times = np.sort(times)
-    kept: Times = times[np.append(np.diff(times) > ROUNDING * times[-1], True)]
-    return kept
+    distinct: Times = times[np.append(np.diff(times) > ROUNDING * times[-1], True)]
+    return distinct
 
 
 def among(times: Times, chosen: Times, stop: float) -> NDArray[np.bool_]:
-    """Return whether each time (T,) [s] equals one of the chosen ones (R,) [s], except for rounding.
-
-    Args:
-        times: Times to check.
-        chosen: Chosen times, in order.
-        stop: Duration of the run [s].
-    """
+    """Return whether each time (T,) [s] equals one of the chosen ones (R,) in order [s], except for rounding."""
     place = np.searchsorted(chosen, times)
     after = np.abs(times - chosen[np.clip(place, 0, chosen.size - 1)])
     before = np.abs(times - chosen[np.clip(place - 1, 0, chosen.size - 1)])
-    found: NDArray[np.bool_] = np.minimum(after, before) < ROUNDING * stop
-    return found
+    equal: NDArray[np.bool_] = np.minimum(after, before) < ROUNDING * stop
+    return equal
+
+
+def recorded_steps(scenario: Scenario, step: float, count: int) -> Integers:
+    """Return 1 for each of the communication points 0 to `count` that is recorded: the first, the last, and every n-th.
+
+    Raises:
+        InputError: The record step is not a whole number of coupling steps.
+    """
+    every, stride = scenario.record_step, 1
+    if every is not None:
+        stride = round(every / step)
+        if stride < 1 or abs(stride * step - every) > 1e-9 * every:
+            raise InputError(f"record_step {every} s is not a whole number of coupling steps of {step} s; change one")
+    flags = np.zeros(count + 1, np.int64)
+    flags[::stride] = 1
+    flags[-1] = 1
+    return flags
+
+
+# ==== Recorded variables =============================================================================================
+
+_NUMBERS = ("Real", *DISCRETE)
+
+
+def recorded_names(system: System, scenario: Scenario) -> tuple[str, ...]:
+    """Return the names of the recorded variables: those of the scenario, else every output that is a number.
+
+    Raises:
+        WiringError: A name is unknown or its values are not numbers.
+    """
+    names = tuple(dict.fromkeys(scenario.record)) or tuple(
+        f"{name}.{v.name}"
+        for name, component in system.components.items()
+        for v in component.variables.values()
+        if v.causality == "output" and v.type in _NUMBERS
+    )
+    for name in names:
+        if system.output(name).type not in _NUMBERS:
+            raise WiringError(f"{name} is a {system.output(name).type} and cannot be recorded; record numbers")
+    return names
 
 
 # ==== Integer, Boolean and enumeration variables in coupling, drive and recording ====================================
@@ -162,8 +209,8 @@ class DiscreteExchange:
         """Set every input whose source has changed at `time` [s]; return whether there was one."""
         if not self.is_coupled:
             return False
-        known = self._read(link.source for link in self.links.values())
-        current = {target: link(known[link.source]) for target, link in self.links.items()} | self._driven_at(time)
+        outputs = self._read(link.source for link in self.links.values())
+        current = {target: link(outputs[link.source]) for target, link in self.links.items()} | self._driven_at(time)
         changed = {target: value for target, value in current.items() if self._set.get(target) != value}
         for name, inputs in _by_component(changed).items():
             self.components[name].set(inputs, [changed[f"{name}.{variable}"] for variable in inputs])
@@ -173,8 +220,8 @@ class DiscreteExchange:
     def record(self, rows: int) -> None:
         """Record a row of discrete values if the loop has recorded more rows (`rows`) than this object."""
         if self.names and rows > len(self.rows):
-            known = self._read(self.names)
-            self.rows.append([known[name] for name in self.names])
+            values = self._read(self.names)
+            self.rows.append([values[name] for name in self.names])
 
     def _read(self, names: Iterable[str]) -> dict[str, float]:
         return {
@@ -204,7 +251,7 @@ def _links(system: System) -> dict[str, _Link]:
     links = {}
     for connection in system.discrete_connections:
         source, target = system.output(connection.source), system.input(connection.target)
-        unit = convert_between(source.unit, target.unit, f"{connection.source} -> {connection.target}")
+        unit = convert_between(source.unit, target.unit, str(connection))
         factor, offset = connection.gain * unit.factor, connection.gain * unit.offset + connection.offset
         links[connection.target] = _Link(connection.source, target, factor, offset)
     return links
@@ -218,13 +265,18 @@ def _by_component(names: Iterable[str]) -> dict[str, list[str]]:
     return variables
 
 
-# ==== Setup ==========================================================================================================
-
-# ---- Limits checked at every step -----------------------------------------------------------------------------------
-
+# ==== Limits checked at every step ===================================================================================
 
 #: Settings beyond the measured ones that count [intervals between them]: any, and far.
 _BEYOND, _FAR = 1e-9, 1.0
+
+
+class Limit(NamedTuple):
+    """Limit of a signal: it is exceeded where `sign` (1 or -1) times the signal is above `limit`."""
+
+    signal: str
+    sign: float
+    limit: float
 
 
 class _Shares(TypedDict):
@@ -241,11 +293,10 @@ class _LimitWatch:
     """Signals that are watched at every step after settling, and the share of time beyond their limits.
 
     The names are those of docs/reference/ports.md: `beyond_fit`, `beyond_settings`, `untested_settings`, and outputs
-    ending in `tire_force`.
+    ending in `tire_force`. Each shock of an assembly has these variables.
     """
 
     def __init__(self, system: System) -> None:
-        # Each shock of an assembly has these variables.
         self._fitted = _limits(system, "beyond_fit", 0.5)
         self._beyond = _limits(system, "beyond_settings", _BEYOND)
         self._far = _limits(system, "beyond_settings", _FAR)
@@ -273,7 +324,8 @@ class _LimitWatch:
         Args:
             times: Time beyond each limit, in the order of `watched`, followed by the total time [s].
         """
-        share = {limit: _share(time, times[-1]) for limit, time in zip(self.watched, times, strict=False)}
+        total = times[-1]
+        share = {limit: time / total if total else 0.0 for limit, time in zip(self.watched, times, strict=False)}
 
         def of_shocks(limits: Sequence[Limit]) -> dict[str, float]:
             return {limit.signal.rpartition(".")[0]: share[limit] for limit in limits}
@@ -284,7 +336,7 @@ class _LimitWatch:
             "share_far_beyond_settings": of_shocks(self._far),
             "share_untested_settings": of_shocks(self._untested),
             "share_tire_off": {
-                tire.signal: share[tire] if is_known else None for tire, is_known in self._tires.items()
+                tire.signal: share[tire] if has_load else None for tire, has_load in self._tires.items()
             },
         }
 
@@ -292,54 +344,83 @@ class _LimitWatch:
 def _limits(system: System, variable: str, limit: float) -> tuple[Limit, ...]:
     """Return an upper limit of each variable of this name, in components and in the parts of assemblies."""
     return tuple(
-        Limit(f"{name}.{known}", 1.0, limit)
-        for name, component in system.components.items()
-        for known in component.variables
-        if known.rpartition(".")[2] == variable
+        Limit(f"{component}.{name}", 1.0, limit)
+        for component, opened in system.components.items()
+        for name in opened.variables
+        if name.rpartition(".")[2] == variable
     )
-
-
-def _share(time: float, total: float) -> float:
-    return time / total if total else 0.0
 
 
 def _static_load(system: System, component: str, output: str) -> float:
     parameter = output.replace("tire_force", "static_tire_force")
-    known = system.components[component].variables.get(parameter)
-    value = system.parameters.get(component, {}).get(parameter, known.start if known else 0.0)
+    variable = system.components[component].variables.get(parameter)
+    value = system.parameters.get(component, {}).get(parameter, variable.start if variable else 0.0)
     return float(value or 0.0)
 
 
-# ---- Checks, before a run, that the components have the abilities that an algorithm needs ---------------------------
+# ==== Numbering ======================================================================================================
 
 
-def _check_variable_step(system: System, algorithm: Algorithm, times: Times, step: float) -> None:
-    """Refuse steps of several sizes, with `times` (K+1,) [s], for a component that accepts only one size."""
-    if not isinstance(algorithm, Adaptive) and abs(times[-1] - times[-2] - step) <= 1e-9 * step:
-        return
-    for name, component in system.components.items():
-        if not component.capabilities.variable_step:
-            raise WiringError(
-                f"{name} accepts steps of one size only, and the stop time is not a whole number of coupling steps of "
-                f"{step} s; change one of them"
-                if not isinstance(algorithm, Adaptive)
-                else f"{name} accepts steps of one size only: adaptive cannot step it"
-            )
+@dataclass(frozen=True)
+class Layout:
+    """Numbering of everything in the loop's arrays: parts, signals and extras by name, terms by (source, target)."""
+
+    #: Names of the components in the order of stepping, with the components of each connected group together.
+    parts: tuple[str, ...]
+    #: Variables read after every step, as `component.variable`; those of one part are adjacent.
+    signals: tuple[str, ...]
+    extras: tuple[str, ...]  #: Variables read at recorded points only, in the same form.
+    terms: Mapping[tuple[str, str], int]  #: Number of each connection's term, by source and target.
+    #: Sizes of the levels of each group of connected parts; parts of a level take nothing from each other.
+    levels: tuple[tuple[int, ...], ...]
+
+    @property
+    def groups(self) -> tuple[int, ...]:
+        """Number of parts of each group."""
+        return tuple(sum(counts) for counts in self.levels)
 
 
-def _check_repeats(system: System, algorithm: Algorithm) -> None:
-    """Refuse an algorithm that repeats steps for a component that cannot save its state."""
-    if not algorithm.repeats:
-        return
-    for name, component in system.components.items():
-        if not component.capabilities.state:
-            raise WiringError(
-                f"{algorithm.name} repeats steps, and {name} ({component.source}) cannot save and restore its state "
-                "(canGetAndSetFMUstate); use gauss-seidel"
-            )
+def lay_out(coupling: Coupling, order: Sequence[str]) -> Layout:
+    """Return the numbering of everything; `order` is the order of stepping."""
+    takes = {name: {term.part for feed in coupling.feeds[name] for term in feed.terms} for name in order}
+    groups = _groups(takes, order)
+    parts = tuple(name for group in groups for name in group)
+    feeds = [(name, feed) for name in parts for feed in coupling.feeds[name]]
+    pairs = [(term.source, f"{name}.{feed.target}") for name, feed in feeds for term in feed.terms]
+    return Layout(
+        parts=parts,
+        signals=tuple(f"{name}.{v}" for name in parts for v in coupling.outputs[name]),
+        extras=tuple(f"{name}.{v}" for name in parts for v in coupling.recorded[name]),
+        terms={pair: k for k, pair in enumerate(pairs)},
+        levels=tuple(_levels(group, takes) for group in groups),
+    )
 
 
-# ---- Setup of a run -------------------------------------------------------------------------------------------------
+def _groups(takes: Mapping[str, set[str]], order: Sequence[str]) -> list[list[str]]:
+    """Return groups of parts that are connected, directly or through others, in the order of stepping."""
+    groups: list[set[str]] = []
+    for name in order:
+        joins = takes[name] | {name}
+        near = [group for group in groups if group & joins]
+        groups = [group for group in groups if not group & joins] + [joins.union(*near)]
+    home = {name: k for k, group in enumerate(groups) for name in group}
+    members: dict[int, list[str]] = {}
+    for name in order:
+        members.setdefault(home[name], []).append(name)
+    return list(members.values())
+
+
+def _levels(group: Sequence[str], takes: Mapping[str, set[str]]) -> tuple[int, ...]:
+    """Return the sizes of consecutive levels of parts, in which no part takes anything from another."""
+    levels: list[set[str]] = [set()]
+    for name in group:
+        if takes[name] & levels[-1]:
+            levels.append(set())
+        levels[-1].add(name)
+    return tuple(map(len, levels))
+
+
+# ==== Setup ==========================================================================================================
 
 
 @dataclass(frozen=True)
@@ -355,7 +436,7 @@ class Setup:
     coupling: Coupling  #: Sources of every input.
     layout: Layout  #: Numbering of everything in the loop's arrays.
     times: Times  #: Communication points (K+1,) [s]; for an adaptive run those that may be recorded.
-    recorded: Flags  #: 1 for each communication point that is recorded (K+1,).
+    recorded: Integers  #: 1 for each communication point that is recorded (K+1,).
     #: Exchange of Integer, Boolean and enumeration variables, which the loop does not handle.
     discrete: DiscreteExchange
 
@@ -368,17 +449,26 @@ class Setup:
             InputError: The coupling step does not fit.
         """
         names = recorded_names(system, scenario)
+        reals = tuple(name for name in names if system.output(name).type == "Real")
         limits = _LimitWatch(system)
-        coupling = Coupling(system, scenario, every_step=limits.names, recorded=real_names(system, names))
+        coupling = Coupling(system, scenario, every_step=limits.names, recorded=reals)
         layout = lay_out(coupling, algorithm.order(coupling))
-        own = scenario.record_step if isinstance(algorithm, Adaptive) else None
-        grid = step if own is None else own
+        grid = scenario.record_step or step if isinstance(algorithm, Adaptive) else step
         times = coupling_times(scenario.stop, grid)
         recorded = recorded_steps(scenario, grid, times.size - 1)
-        _check_variable_step(system, algorithm, times, step)
-        _check_repeats(system, algorithm)
+        _check_abilities(system, algorithm, times, step)
         discrete = DiscreteExchange.of(system, scenario, names)
         return cls(system, scenario, algorithm, step, names, limits, coupling, layout, times, recorded, discrete)
+
+    @cached_property
+    def reals(self) -> tuple[str, ...]:
+        """Names of the variables that the loop records; discrete variables are recorded outside the loop."""
+        return tuple(name for name in self.names if self.system.output(name).type == "Real")
+
+    @property
+    def mode(self) -> Mode:
+        """Settings of the scheme for a step of the loop."""
+        return self.algorithm.mode(self.scenario.settling)
 
     def accuracy_of(self, target: str) -> Accuracy:
         """Return the accuracy of the values given to an input `component.variable`.
@@ -415,3 +505,27 @@ def _can_follow(capabilities: Capabilities) -> bool:
     at two steps would agree on a wrong result.
     """
     return capabilities.variable_step and capabilities.interpolates_inputs
+
+
+def _check_abilities(system: System, algorithm: Algorithm, times: Times, step: float) -> None:
+    """Refuse steps of several sizes, with `times` (K+1,) [s], and repeated steps, for components that cannot make them.
+
+    Raises:
+        WiringError: A component cannot make the steps.
+    """
+    adaptive = isinstance(algorithm, Adaptive)
+    is_even = not adaptive and abs(times[-1] - times[-2] - step) <= 1e-9 * step
+    for name, component in system.components.items():
+        if not component.capabilities.variable_step and not is_even:
+            raise WiringError(
+                f"{name} accepts steps of one size only: adaptive cannot step it"
+                if adaptive
+                else f"{name} accepts steps of one size only, and the stop time is not a whole number of coupling "
+                f"steps of {step} s; change one of them"
+            )
+    for name, component in system.components.items():
+        if algorithm.repeats and not component.capabilities.state:
+            raise WiringError(
+                f"{algorithm.name} repeats steps, and {name} ({component.source}) cannot save and restore its state "
+                "(canGetAndSetFMUstate); use gauss-seidel"
+            )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -11,7 +10,7 @@ from weakref import WeakKeyDictionary
 
 from cosim.components.component import DISCRETE, Component, Conversion, Variable, convert_between, named_unit, to_si
 from cosim.components.fmu_component import FmuComponent
-from cosim.session.master import Case
+from cosim.session.run import Case
 from cosim.ssp import flatten
 from cosim.ssp.description import read_structure
 from cosim.ssp.flatten import Hop, Network, Port, SystemPath, compose
@@ -25,7 +24,6 @@ from cosim.ssp.package import (
     Value,
     named,
     open_package,
-    read_inside,
 )
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import System, can_be_set
@@ -135,10 +133,10 @@ def _at(network: Network, target: Port, variable: Variable, given: _Given) -> Va
         if isinstance(value, (bool, str)):
             raise WiringError(f"{what} = {value!r}: a linear transformation needs a number; remove it")
         value = total(value)
-    return _typed(value, network, target, variable, assignment)
+    return _typed(value, target, variable, assignment)
 
 
-def _typed(value: Value, network: Network, target: Port, variable: Variable, assignment: Assignment) -> Value:
+def _typed(value: Value, target: Port, variable: Variable, assignment: Assignment) -> Value:
     """Return a value in the variable's type, if this is possible without loss."""
     number = not isinstance(value, (bool, str))
     if variable.type == "Real" and number:
@@ -146,7 +144,7 @@ def _typed(value: Value, network: Network, target: Port, variable: Variable, ass
     if variable.type in ("Integer", "Enumeration") and number and float(value).is_integer():
         return int(value)
     if variable.type == "Enumeration" and isinstance(value, str):
-        return _item(value, network, target, assignment)
+        return _item(value, target, variable, assignment)
     if (variable.type, type(value)) in (("Boolean", bool), ("String", str)):
         return value
     raise WiringError(
@@ -155,31 +153,15 @@ def _typed(value: Value, network: Network, target: Port, variable: Variable, ass
     )
 
 
-def _item(name: str, network: Network, target: Port, assignment: Assignment) -> int:
+def _item(name: str, target: Port, variable: Variable, assignment: Assignment) -> int:
     """Return the number of an enumeration's item: from the FMU, else from the parameter set."""
-    element = network.elements[target.path]
-    items = _items(element, target) if isinstance(element, FmuElement) else {}
-    items = items or dict(assignment.items)
+    items = variable.items or dict(assignment.items)
     if name not in items:
-        known = ", ".join(items) or "none known"
+        listed = ", ".join(items) or "none known"
         raise WiringError(
-            f"{assignment.where}: {target} = {name!r} is not an item of its enumeration ({known}); correct it"
+            f"{assignment.where}: {target} = {name!r} is not an item of its enumeration ({listed}); correct it"
         )
     return items[name]
-
-
-def _items(element: FmuElement, target: Port) -> dict[str, int]:
-    """Return the items of an FMU's enumeration, from its model description."""
-    root = ET.fromstring(read_inside(element.path, "modelDescription.xml", element.where))
-    types = {t.get("name"): t for t in (*root.iter("SimpleType"), *root.iter("EnumerationType"))}
-    name = target.name.partition("[")[0]  # of an array in FMI 3.0
-    for variable in root.iterfind("ModelVariables/*"):
-        kind = variable if variable.tag == "Enumeration" else variable.find("Enumeration")
-        if variable.get("name") in (target.name, name) and kind is not None:
-            declared = types.get(kind.get("declaredType"))
-            found = () if declared is None else declared.iter("Item")
-            return {item.get("name", ""): int(item.get("value", "0")) for item in found}
-    return {}
 
 
 # ---- Data for the open inputs of a package --------------------------------------------------------------------------

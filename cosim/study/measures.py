@@ -1,18 +1,19 @@
-"""Measures of a study: levels of ride height, tire force and other signals, by family, and their spectra."""
+"""Measures of a study: statistics of ride height, tire force and other signals, by family, and their spectra."""
 
 from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 
-from cosim.study.statistics import Filtered, Response, options_for, statistic
 from eightpost.array_types import Array
+from eightpost.cache import digest, keep, recall
 from eightpost.corners import CORNERS
 from eightpost.errors import EightpostError, InputError
 from eightpost.signals import TimeSeries
@@ -20,9 +21,235 @@ from eightpost.uncertainty import band_shares
 from eightpost.units import convert, us_customary
 from eightpost.validity import Validity
 
-# ==== Measures, and those of the user's own ==========================================================================
+# ---- Statistics that measures compute from their channels -----------------------------------------------------------
 
-# ---- User-defined measures ------------------------------------------------------------------------------------------
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Response:
+    """Channels of a run as input to a statistic: filtered, restricted to the measure's window, weighted."""
+
+    rows: Array  #: Channels (C, N), each in its SI unit.
+    step: float  #: Time between samples [s].
+    options: Mapping[str, float] = field(default_factory=dict)  #: Options of the statistic, in SI.
+
+    @property
+    def total(self) -> Array:
+        """Sum of the channels, sample by sample (N,)."""
+        values: Array = self.rows[0] if len(self.rows) == 1 else self.rows.sum(axis=0)
+        return values
+
+
+class _Statistic(NamedTuple):
+    """Function and properties of a statistic."""
+
+    of: Callable[[Response], float]  #: Function that computes the statistic of a response.
+    unit: str = ""  #: SI unit of the statistic; empty: that of the channels.
+    #: Whether the statistic depends on the mean, which is unreliable without a trusted gain at 0 Hz.
+    absolute: bool = False
+    #: Options of the statistic with their defaults; None if there is no default.
+    options: Mapping[str, float | None] = {}
+
+
+def rms(values: Array) -> float:
+    """Return the root mean square of the values after removing their mean."""
+    return float(np.std(values))
+
+
+def _joint_rms(response: Response) -> float:
+    """Return the root mean square of the channels' RMS values."""
+    return float(np.sqrt(np.mean(np.var(response.rows, axis=1))))
+
+
+def _peak(response: Response) -> float:
+    total = response.total
+    return float(np.max(np.abs(total - total.mean())))
+
+
+def _variation(response: Response) -> float:
+    """Return the coefficient of variation: RMS divided by the mean."""
+    total = response.total
+    mean = float(total.mean())
+    if mean == 0.0:
+        raise InputError(
+            "variation: the mean is zero, so the ratio is not defined; give the vehicle its static load, or use rms"
+        )
+    return rms(total) / abs(mean)
+
+
+def _work(response: Response) -> float:
+    """Return the integral of force times velocity by the trapezoidal rule."""
+    power = response.rows[0] * response.rows[1]
+    return float(scipy.integrate.trapezoid(power, dx=response.step))
+
+
+def _share(response: Response) -> float:
+    low, high = response.options["from"], response.options["to"]
+    total = response.total
+    return float(np.mean((total >= low) & (total < high)))
+
+
+#: Statistics by their name in study files.
+STATISTICS: Mapping[str, _Statistic] = {
+    "rms": _Statistic(lambda r: rms(r.total)),
+    "rms_with_mean": _Statistic(lambda r: float(np.sqrt(np.mean(r.total**2))), absolute=True),
+    "joint_rms": _Statistic(_joint_rms),
+    "mean": _Statistic(lambda r: float(np.mean(r.total)), absolute=True),
+    "peak": _Statistic(_peak),
+    "range": _Statistic(lambda r: float(np.ptp(r.total))),
+    "maximum": _Statistic(lambda r: float(np.max(r.total)), absolute=True),
+    "minimum": _Statistic(lambda r: float(np.min(r.total)), absolute=True),
+    "percentile": _Statistic(
+        lambda r: float(np.percentile(r.total, r.options["percent"])), absolute=True, options={"percent": None}
+    ),
+    "variation": _Statistic(_variation, unit="1", absolute=True),
+    "work": _Statistic(_work, unit="J"),
+    "share": _Statistic(_share, unit="1", options={"from": -np.inf, "to": np.inf}),
+}
+
+
+def statistic(name: str) -> _Statistic:
+    """Return a statistic by its name.
+
+    Raises:
+        InputError: There is no statistic of that name.
+    """
+    if name not in STATISTICS:
+        raise InputError(f"there is no statistic {name!r}; the statistics are {', '.join(STATISTICS)}")
+    return STATISTICS[name]
+
+
+def options_for(name: str, given: Mapping[str, float]) -> dict[str, float]:
+    """Return the options of a statistic, completed by defaults.
+
+    Raises:
+        InputError: An option is missing, or the statistic has no such option.
+    """
+    known = statistic(name).options
+    if unknown := sorted(set(given) - set(known)):
+        raise InputError(f"{name} has no option {unknown[0]!r}; its options: {', '.join(known) or 'none'}")
+    filled = {key: given.get(key, default) for key, default in known.items()}
+    if missing := [key for key, value in filled.items() if value is None]:
+        raise InputError(f"{name} needs the option {missing[0]!r}")
+    return {key: float(value) for key, value in filled.items() if value is not None}
+
+
+# ---- Band-pass for response measures --------------------------------------------------------------------------------
+
+#: Order of the Butterworth filter. It runs forward and backward: no phase shift, half the amplitude at each edge.
+_ORDER = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sections:
+    """A filter and its steady state for a unit step; both are cached because computing them is slow."""
+
+    rows: Array  #: Second-order sections (S, 6).
+    rest: Array  #: State of the filter in which a unit step gives its final value (S, 2).
+
+    @property
+    def pad(self) -> int:
+        """Number of samples of odd reflection at each end."""
+        return 3 * (2 * len(self.rows) + 1)
+
+    def forward_and_backward(self, values: Array, pad: int) -> Array:
+        """Return values (N,) filtered like scipy's sosfiltfilt, with `pad` samples of odd reflection at each end."""
+        before = 2.0 * values[0] - values[pad:0:-1]
+        after = 2.0 * values[-1] - values[-2 : -(pad + 2) : -1]
+        forward = self._once(np.concatenate((before, values, after)))
+        return self._once(forward[::-1])[::-1][pad:-pad]
+
+    def _once(self, values: Array) -> Array:
+        filtered, _ = scipy.signal.sosfilt(self.rows, values, zi=self.rest * values[0])
+        return np.asarray(filtered, dtype=np.float64)
+
+
+def band_pass(values: Array, rate: float, band: tuple[float, float], what: str) -> Array:
+    """Return values filtered to a band without phase shift; the mean remains if the band begins at 0.
+
+    Args:
+        values: Samples (N,).
+        rate: Samples per second [Hz].
+        band: Lower and upper edge [Hz]; 0 and infinity leave a side open.
+
+    Raises:
+        InputError: The band exceeds half the sample rate, or the record is too short for the filter.
+    """
+    low, high = band
+    if low >= 0.5 * rate or (np.isfinite(high) and high >= 0.5 * rate):
+        raise InputError(
+            f"measure {what!r}: the band {low:g} to {high:g} Hz exceeds half the sample rate of {rate:g} Hz; use a "
+            "smaller record_step, or inf as the upper edge"
+        )
+    sections = sections_of(low, high, rate)
+    if sections is None:
+        return values
+    pad = sections.pad
+    if values.shape[-1] <= pad:
+        raise InputError(
+            f"measure {what!r}: {values.shape[-1]} samples are too few for the band-pass filter; it needs {pad + 1}"
+        )
+    return sections.forward_and_backward(values, pad)
+
+
+@lru_cache(maxsize=64)
+def sections_of(low: float, high: float, rate: float) -> Sections | None:
+    """Return the filter, or None if both sides are open; it is in the cache, because scipy.signal starts slowly."""
+    if low <= 0.0 and not np.isfinite(high):
+        return None
+    key = digest((scipy.__version__, str(_ORDER), low.hex(), high.hex(), rate.hex()))
+    kept = recall("filters", key)
+    if kept is None:
+        designed = _designed(low, high, rate)
+        keep("filters", key, np.hstack((designed.rows, designed.rest)).astype("<f8").tobytes())
+        return designed
+    rows = np.frombuffer(kept, dtype="<f8").reshape(-1, 8)
+    return Sections(rows[:, :6].copy(), rows[:, 6:].copy())
+
+
+def _designed(low: float, high: float, rate: float) -> Sections:
+    if low > 0.0 and np.isfinite(high):
+        rows = scipy.signal.butter(_ORDER, (low, high), btype="bandpass", fs=rate, output="sos")
+    elif low > 0.0:
+        rows = scipy.signal.butter(_ORDER, low, btype="highpass", fs=rate, output="sos")
+    else:
+        rows = scipy.signal.butter(_ORDER, high, btype="lowpass", fs=rate, output="sos")
+    return Sections(np.asarray(rows), np.asarray(scipy.signal.sosfilt_zi(rows)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Filtered:
+    """A run with cached band-passed channels and windows, so that several measures share them."""
+
+    series: TimeSeries  #: The run.
+    _kept: dict[tuple[str, tuple[float, float]], Array] = field(init=False, repr=False, default_factory=dict)
+    _windows: dict[tuple[float, float], slice] = field(init=False, repr=False, default_factory=dict)
+
+    def samples(self, first: float, last: float) -> slice:
+        """Return the slice of the samples from one time to another [s], including both."""
+        if (first, last) not in self._windows:
+            begin, end = np.searchsorted(self.series.time, (first - 1e-9, last + 1e-9)).tolist()
+            self._windows[first, last] = slice(begin, end)
+        return self._windows[first, last]
+
+    def keep(self, name: str, band: tuple[float, float], values: Array) -> None:
+        """Store a channel (N,) that was filtered to a band [Hz] elsewhere."""
+        self._kept[name, band] = values
+
+    def channel(self, name: str, band: tuple[float, float] | None, what: str) -> Array:
+        """Return a channel (N,) in SI, unfiltered or filtered to a band [Hz]; `what` is the measure, for messages.
+
+        Raises:
+            MissingChannelError: There is no such channel.
+            InputError: The band does not fit the sample rate.
+        """
+        if band is None:
+            return self.series[name]
+        if (name, band) not in self._kept:
+            self._kept[name, band] = band_pass(self.series[name], self.series.sample_rate, band, what)
+        return self._kept[name, band]
+
+
+# ==== Measures, and those of the user's own ==========================================================================
 
 OwnFunction = Callable[[Response], float]
 
@@ -55,8 +282,6 @@ def own_function(entry: str) -> OwnFunction:
     return function
 
 
-# ---- Response measures ----------------------------------------------------------------------------------------------
-
 _STATISTICS = (("RMS", "rms"), ("mean", "mean"))
 
 #: Statistics that do not sum their channels.
@@ -74,7 +299,7 @@ class Measure:
 
     name: str  #: Display name.
     channels: tuple[str, ...]  #: Channels to evaluate; most statistics first sum several channels sample by sample.
-    statistic: str = "rms"  #: Name of a statistic of cosim.study.statistics; `rms` removes the mean.
+    statistic: str = "rms"  #: Name of a statistic of cosim.study.measures; `rms` removes the mean.
     display: str = ""  #: Display unit; empty: the SI unit.
     weights: tuple[float, ...] = ()  #: Factor for each channel; empty: all 1.
     #: Frequency band to which the channels are filtered [Hz]; 0 and infinity leave a side open.
@@ -145,7 +370,6 @@ class Measure:
         """Return the signals (C, N) of which the measure is computed: the sum of its channels, or each of them.
 
         Args:
-            run: The run, with cached filtered channels.
             start: End of the settling time [s].
         """
         rows = self._rows(run, start)
@@ -189,46 +413,26 @@ def channel_measures(series: TimeSeries) -> tuple[Measure, ...]:
     )
 
 
-def ride_measures(vehicle: str, corners: Sequence[str] = CORNERS) -> tuple[Measure, ...]:
-    """Return the measures of chapter 7 for a car with the channels of docs/reference/ports.md.
-
-    They cover total tire force (from which the grip number is computed), ride heights (aero number), tire forces, hub
-    accelerations and shock velocities.
-    """
-    tires = tuple(f"{vehicle}.{corner}.tire_force" for corner in corners)
-    measures = [
-        Measure("total tire force, RMS", tires, "rms", "lbf"),
-        Measure("total tire force, mean", tires, "mean", "lbf"),
-    ]
-    for axle in ("front", "rear"):
-        channel = (f"{vehicle}.{axle}.ride_height",)
-        measures += [
-            Measure(f"{axle} ride height, RMS", channel, "rms", "in"),
-            Measure(f"{axle} ride height, mean", channel, "mean", "in"),
-        ]
-    for corner, tire in zip(corners, tires, strict=True):
-        measures.append(Measure(f"{corner} tire force, RMS", (tire,), "rms", "lbf"))
-    for corner in corners:
-        channel = (f"{vehicle}.{corner}.hub_acceleration",)
-        measures.append(Measure(f"{corner} hub acceleration, RMS", channel, "rms", "g"))
-    for corner in corners:
-        measures.append(Measure(f"{corner} shock velocity, RMS", (f"{vehicle}.{corner}.velocity",), "rms", "in/s"))
-    return tuple(measures)
-
-
 # ==== Families by name, for the channels that a vehicle and its shocks have ==========================================
 
 #: Limit between low and high shock speed, as commonly used by teams [m/s].
 LOW_SPEED = convert(2.0, "in/s", "m/s")
 
-#: Bands of tire load [Hz]: chassis motion and wheel hop (Tables 4.2 and 5.2 have modes in both).
-BANDS = (("chassis", (0.5, 8.0)), ("wheel hop", (8.0, 30.0)))
+#: Bands of tire load [Hz]: chassis motion and wheel hop (Tables 4.2 and 5.2 have modes in both), and octaves from below
+#: the chassis modes to above the wheel modes.
+_BANDS = {"chassis (0.5 to 8 Hz)": (0.5, 8.0), "wheel hop (8 to 30 Hz)": (8.0, 30.0)}
+_OCTAVES = {f"{0.5 * 2.0**k:g} to {2.0**k:g} Hz": (0.5 * 2.0**k, 2.0**k) for k in range(6)}
 
-#: Octaves of the tire load spectra [Hz], from below the chassis modes to above the wheel modes.
-OCTAVES = tuple((0.5 * 2.0**k, 2.0**k) for k in range(6))
+#: Ranges of shock velocity [m/s].
+_SPEEDS = {
+    "high-speed rebound": (-np.inf, -LOW_SPEED),
+    "low-speed rebound": (-LOW_SPEED, 0.0),
+    "low-speed bump": (0.0, LOW_SPEED),
+    "high-speed bump": (LOW_SPEED, np.inf),
+}
 
 #: Signs of lf, rf, lr, rr in each mode of the four tire loads.
-MODES: Mapping[str, tuple[float, float, float, float]] = {
+_MODES = {
     "heave": (1.0, 1.0, 1.0, 1.0),
     "pitch": (-1.0, -1.0, 1.0, 1.0),
     "roll": (1.0, -1.0, 1.0, -1.0),
@@ -242,12 +446,16 @@ class Car:
 
     name: str  #: Name of the vehicle's component.
     corners: Sequence[str]  #: Names of the shocks' components.
-    channels: Collection[str]  #: All channels that can be recorded, as `component.variable`.
+    channels: Collection[str] = ()  #: All channels that can be recorded, as `component.variable`.
 
     def port(self, corner: str, variable: str) -> str:
         """Return the channel of a variable at a corner; those of a quarter car have no corner in the name."""
-        own = f"{self.name}.{corner}.{variable}"
-        return own if own in self.channels else f"{self.name}.{variable}"
+        own, plain = f"{self.name}.{corner}.{variable}", f"{self.name}.{variable}"
+        return plain if plain in self.channels and own not in self.channels else own
+
+    def ports(self, variable: str) -> tuple[str, ...]:
+        """Return the channels of a variable at all corners."""
+        return tuple(self.port(corner, variable) for corner in self.corners)
 
 
 def family(name: str, car: Car) -> tuple[Measure, ...]:
@@ -269,26 +477,39 @@ def _measures(name: str, car: Car) -> tuple[Measure, ...]:
     return tuple(m for m in FAMILIES[name](car) if set(m.channels) <= set(car.channels))
 
 
+def ride_measures(vehicle: str, corners: Sequence[str] = CORNERS) -> tuple[Measure, ...]:
+    """Return the measures of chapter 7 for a car with the channels of docs/reference/ports.md.
+
+    They cover total tire force (from which the grip number is computed), ride heights (aero number), tire forces, hub
+    accelerations and shock velocities.
+    """
+    return tuple(_ride(Car(vehicle, corners)))
+
+
 def _ride(car: Car) -> Iterator[Measure]:
-    """Yield the measures of chapter 7."""
-    yield from ride_measures(car.name, car.corners)
+    levels = {"total tire force": (car.ports("tire_force"), "lbf")}
+    levels |= {f"{axle} ride height": ((f"{car.name}.{axle}.ride_height",), "in") for axle in ("front", "rear")}
+    for name, (channels, unit) in levels.items():
+        yield from (Measure(f"{name}, {label}", channels, kind, unit) for label, kind in _STATISTICS)
+    for variable, unit in (("tire_force", "lbf"), ("hub_acceleration", "g"), ("velocity", "in/s")):
+        words = variable.replace("_", " ").replace("velocity", "shock velocity")
+        for corner in car.corners:
+            yield Measure(f"{corner} {words}, RMS", (car.port(corner, variable),), "rms", unit)
 
 
 def _numbers(car: Car) -> Iterator[Measure]:
     """Yield grip number and aero number (2.5); lower is better."""
-    tires = tuple(car.port(corner, "tire_force") for corner in car.corners)
     heights = tuple(f"{car.name}.{axle}.ride_height" for axle in ("front", "rear"))
-    yield Measure("grip number", tires, "rms", "lbf")
+    yield Measure("grip number", car.ports("tire_force"), "rms", "lbf")
     yield Measure("aero number", heights, "joint_rms", "in")
 
 
 def _tires(car: Car) -> Iterator[Measure]:
-    tires = tuple(car.port(corner, "tire_force") for corner in car.corners)
-    for corner, tire in zip(car.corners, tires, strict=True):
+    for corner, tire in zip(car.corners, car.ports("tire_force"), strict=True):
         yield Measure(f"{corner} tire force variation", (tire,), "variation", "1")
         yield Measure(f"{corner} tire force, RMS", (tire,), "rms", "lbf")
         yield Measure(f"{corner} tire force, 1st percentile", (tire,), "percentile", "lbf", options={"percent": 1.0})
-    yield Measure("total tire force variation", tires, "variation", "1")
+    yield Measure("total tire force variation", car.ports("tire_force"), "variation", "1")
 
 
 def _accelerations(car: Car) -> Iterator[Measure]:
@@ -300,50 +521,29 @@ def _accelerations(car: Car) -> Iterator[Measure]:
 
 
 def _travel(car: Car) -> Iterator[Measure]:
-    for corner in car.corners:
-        channel = (car.port(corner, "displacement"),)
-        yield Measure(f"{corner} suspension travel, RMS", channel, "rms", "in")
-        yield Measure(f"{corner} suspension travel, range", channel, "range", "in")
+    for corner, channel in zip(car.corners, car.ports("displacement"), strict=True):
+        yield Measure(f"{corner} suspension travel, RMS", (channel,), "rms", "in")
+        yield Measure(f"{corner} suspension travel, range", (channel,), "range", "in")
 
 
 def _energy(car: Car) -> Iterator[Measure]:
-    for corner in car.corners:
-        channels = (f"{corner}.force", car.port(corner, "velocity"))
-        yield Measure(f"{corner} energy into the shock", channels, "work", "J")
+    for corner, velocity in zip(car.corners, car.ports("velocity"), strict=True):
+        yield Measure(f"{corner} energy into the shock", (f"{corner}.force", velocity), "work", "J")
 
 
 def _velocities(car: Car) -> Iterator[Measure]:
     """Yield the shares of time in four ranges of shock velocity."""
-    inf = float("inf")
-    bins = {
-        "high-speed rebound": (-inf, -LOW_SPEED),
-        "low-speed rebound": (-LOW_SPEED, 0.0),
-        "low-speed bump": (0.0, LOW_SPEED),
-        "high-speed bump": (LOW_SPEED, inf),
-    }
-    for corner in car.corners:
-        channel = (car.port(corner, "velocity"),)
-        for label, (low, high) in bins.items():
-            yield Measure(f"{corner} time in {label}", channel, "share", "1", options={"from": low, "to": high})
+    for corner, channel in zip(car.corners, car.ports("velocity"), strict=True):
+        for label, (low, high) in _SPEEDS.items():
+            yield Measure(f"{corner} time in {label}", (channel,), "share", "1", options={"from": low, "to": high})
 
 
-def _tire_modes(car: Car) -> Iterator[Measure]:
-    """Yield heave, pitch, roll and warp of the four tire loads, each in two bands."""
-    for mode in MODES:
-        for label, band in BANDS:
-            yield _tire_mode(car, mode, f"{label} ({band[0]:g} to {band[1]:g} Hz)", band)
-
-
-def _tire_spectra(car: Car) -> Iterator[Measure]:
-    """Yield octave spectra of heave, pitch, roll and warp."""
-    for mode in MODES:
-        for band in OCTAVES:
-            yield _tire_mode(car, mode, f"{band[0]:g} to {band[1]:g} Hz", band)
-
-
-def _tire_mode(car: Car, mode: str, label: str, band: tuple[float, float]) -> Measure:
+def _tire_modes(car: Car, bands: Mapping[str, tuple[float, float]]) -> Iterator[Measure]:
+    """Yield heave, pitch, roll and warp of the four tire loads, each in some bands."""
     tires = tuple(f"{car.name}.{corner}.tire_force" for corner in CORNERS)
-    return Measure(f"tire load {mode}, {label}, RMS", tires, "rms", "lbf", weights=MODES[mode], band=band)
+    for mode, weights in _MODES.items():
+        for label, band in bands.items():
+            yield Measure(f"tire load {mode}, {label}, RMS", tires, "rms", "lbf", weights=weights, band=band)
 
 
 #: Functions that yield the measures of a family, by the family's name in study files.
@@ -355,8 +555,8 @@ FAMILIES: Mapping[str, Callable[[Car], Iterator[Measure]]] = {
     "travel": _travel,
     "energy": _energy,
     "velocities": _velocities,
-    "tire_modes": _tire_modes,
-    "tire_spectra": _tire_spectra,
+    "tire_modes": lambda car: _tire_modes(car, _BANDS),
+    "tire_spectra": lambda car: _tire_modes(car, _OCTAVES),
 }
 
 
@@ -380,7 +580,6 @@ def band_ends(document: Any, vehicle: str) -> dict[str, float]:
 
     Args:
         document: Validity that the vehicle's FMU states, as JSON content; None if it states none.
-        vehicle: Name of the vehicle's component.
     """
     try:
         ranges = () if document is None else Validity.from_json(document).ranges
@@ -395,8 +594,6 @@ def above_band(
     """Return the power above the band of each measure of a run, by measure; without those of other channels.
 
     Args:
-        run: Run of a setup.
-        measures: Measures that are computed from the run.
         ends: Upper end of the band by channel [Hz]; see `band_ends`.
         start: End of the settling time [s].
     """

@@ -12,9 +12,19 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from cosim.components.component import Variable, convert_between, named_unit, to_si
 from cosim.components.fmu_component import FmuComponent
+from cosim.study.definition import (
+    Build,
+    Constraint,
+    Drive,
+    Study,
+    Term,
+    Vehicle,
+    bond_at,
+    check_corners,
+    driving_channels,
+    ports,
+)
 from cosim.study.measures import Car, Measure, family
-from cosim.study.running.drives import driving_channels
-from cosim.study.study import Build, Constraint, Drive, Study, Term, Vehicle, bond_at, check_corners, ports
 from cosim.systems.system import System
 from eightpost import units
 from eightpost.display import some
@@ -110,7 +120,6 @@ def read_study(path: str | Path, fmu: Sources = lambda path: path) -> Study:
     """Read a study file; paths in it are relative to it.
 
     Args:
-        path: The file.
         fmu: Function that returns the FMU of a path in the file; the path may be a source from which an FMU is built.
 
     Raises:
@@ -261,7 +270,7 @@ class _Reader:
         common = [m for name in self._content.families for m in family(name, known)]
         common = [m for m in common if vehicle.means_trusted or not m.absolute]
         several = drives if len(drives) > 1 else ()
-        spread = [_of_drive(m, drive) for drive in several for m in common] or common
+        spread = [replace(m, name=f"{d.name}: {m.name}", drive=d.name) for d in several for m in common] or common
         unique = {m.name: m for m in spread}
         return (*unique.values(), *(self._measure(m) for m in self._content.measure))
 
@@ -330,10 +339,6 @@ def _not_a_shock(component: FmuComponent) -> str:
         causality = " and ".join(f"{name} is of causality {known[name].causality}" for name in ("velocity", "force"))
         return f"its {causality} (input and output in a shock)"
     return ""
-
-
-def _of_drive(measure: Measure, drive: Drive) -> Measure:
-    return replace(measure, name=f"{drive.name}: {measure.name}", drive=drive.name)
 
 
 def _term(term: _Term, measures: tuple[Measure, ...]) -> Term:

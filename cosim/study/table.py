@@ -6,19 +6,29 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 from pydantic import TypeAdapter
 
+from cosim.study.definition import Setup, Study, Term
 from cosim.study.measures import AboveBand, Measure
-from cosim.study.study import Study
-from eightpost import __version__
+from eightpost import __version__, units
+from eightpost.array_types import Array, Flags, Integers
+from eightpost.completion import warn_of_earlier_results
+from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError, InputError
-from eightpost.files import atomic_path, check_schema, parse_json
+from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json
+from eightpost.labelled import data_frame, dataset
 from eightpost.signals.parquet_file import parquet_size, read_columns, read_table
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from eightpost.report.pictures import Picture
 
 # ---- The file: written row group by row group, read column by column ------------------------------------------------
 
@@ -76,10 +86,6 @@ class StoredTable:
 def open_table(path: Path, *, advice: str = "name the results.parquet of a study") -> pa.Table | StoredTable:
     """Return a table with its metadata: in memory if it is small, else column by column.
 
-    Args:
-        path: Path of the file.
-        advice: Advice for the user if the file does not exist.
-
     Raises:
         FileFormatError: The file does not exist, or is not a Parquet file.
     """
@@ -92,11 +98,6 @@ def open_table(path: Path, *, advice: str = "name the results.parquet of a study
 
 def write_tables(path: Path, schema: pa.Schema, tables: Iterable[pa.Table]) -> None:
     """Write tables as row groups of one file, one after the other; an existing file is replaced when it is complete.
-
-    Args:
-        path: Path of the file.
-        schema: Columns, and metadata of the file.
-        tables: Tables in the order of their setups.
 
     Raises:
         InputError: Two rows have the same setup number, or the setups are not in order.
@@ -142,7 +143,11 @@ def study_schema(study: Study, measure_units: Mapping[str, str]) -> pa.Schema:
             *(pa.field(corner, pa.string()) for corner in study.corners),
             *(pa.field(m.name, pa.float64(), metadata=_words(m, measure_units[m.name])) for m in study.measures),
             *(pa.field(name, tail.get(name, pa.string())) for name in TAIL),
-            *(_error_field(m, measure_units[m.name]) for m in study.measures),
+            *(
+                pa.field(name, pa.float64(), metadata=_words(m, measure_units[m.name]) | {"label": name})
+                for m in study.measures
+                for name in (error_column(m.name),)
+            ),
         ]
     )
 
@@ -153,25 +158,11 @@ def result_table(rows: Sequence[Mapping[str, Any]], schema: pa.Schema) -> pa.Tab
     Raises:
         InputError: Two rows have the same setup number.
     """
-    return in_order(pa.Table.from_pylist(list(rows), schema=schema))
-
-
-def in_order(table: pa.Table) -> pa.Table:
-    """Return a table sorted by setup number.
-
-    Raises:
-        InputError: Two rows have the same setup number.
-    """
-    table = table.sort_by("setup")
+    table = pa.Table.from_pylist(list(rows), schema=schema).sort_by("setup")
     numbers = table["setup"].to_numpy()
     if np.unique(numbers).size < numbers.size:
         raise InputError("two rows have the same setup number")
     return table
-
-
-def _error_field(measure: Measure, unit: str) -> pa.Field:
-    name = error_column(measure.name)
-    return pa.field(name, pa.float64(), metadata=_words(measure, unit) | {"label": name})
 
 
 def _words(measure: Measure, unit: str) -> dict[str, str]:
@@ -264,10 +255,6 @@ def with_found_files(header: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
     The paths are relative to the folder in which the study was run. A file that the current folder does not have is
     looked for from the result's folder and from those above it.
-
-    Args:
-        header: Header of a result's file.
-        folder: Folder of the result.
     """
     study = header["study"]
     models = [study["vehicle"], *study["bank"].values()]
@@ -292,3 +279,286 @@ def _renamed(value: Any, names: Mapping[str, str]) -> Any:
     if isinstance(value, list):
         return [_renamed(one, names) for one in value]
     return names.get(value, value) if isinstance(value, str) else value
+
+
+# ==== Result of a study: one row per setup, with the provenance of its values ========================================
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StudyResult(Summarized):
+    """A study and its table.
+
+    Columns: `setup` (number), one per corner (name of the build), one per measure (SI; unit, display unit and label
+    in the field's metadata), `status` (done or failed), `message`, `coupling_error_percent`, `marks` (beyond a shock's
+    fitted range, a tire off the ground), `seconds` (wall time of its runs), and one `coupling error of ...` per measure
+    (SI).
+    """
+
+    study: Study  #: Definition of the study.
+    #: One row per setup, by number; a large table is read from its file column by column.
+    table: pa.Table | StoredTable
+    provenance: Provenance  #: Provenance of the values.
+    partial: bool = False  #: Whether setups are missing because the study was interrupted.
+    _cache: dict[str, Array] = field(default_factory=dict, repr=False)
+
+    def __len__(self) -> int:
+        return int(self.table.num_rows)
+
+    @property
+    def measures(self) -> tuple[Measure, ...]:
+        """Measures of the study, in the table's order."""
+        return self.study.measures
+
+    @property
+    def setups(self) -> Integers:
+        """Numbers of the setups (R,)."""
+        return np.asarray(self.table["setup"].to_numpy(), dtype=np.int64)
+
+    @property
+    def done(self) -> Flags:
+        """Whether each setup ran successfully (R,)."""
+        return self._flags(pa.compute.equal(self.table["status"], DONE))
+
+    @property
+    def is_marked(self) -> Flags:
+        """Whether each setup has a mark (R,)."""
+        return self._flags(pa.compute.not_equal(self.table["marks"], ""))
+
+    @staticmethod
+    def _flags(column: pa.ChunkedArray) -> Flags:
+        return np.asarray(column.fill_null(False).to_numpy(), dtype=np.bool_)
+
+    def setup(self, row: int) -> Setup:
+        """Return the setup of a row."""
+        return self.study.space.setup(int(self.setups[row]))
+
+    def row(self, builds: Mapping[str, str]) -> int | None:
+        """Return the row of a setup, or None if it was not run."""
+        found = np.flatnonzero(self.setups == self.study.space.find(builds).index)
+        return int(found[0]) if found.size else None
+
+    @property
+    def baseline_row(self) -> int | None:
+        """Row of the baseline; None if the study has no baseline or did not run it."""
+        return self.row(self.study.baseline) if self.study.baseline else None
+
+    def builds(self, corner: str) -> list[str]:
+        """Return the build of every row (R,) at a corner."""
+        names, places = self._coded(corner)
+        return [names[place] for place in places.tolist()]
+
+    def places(self, builds: Sequence[str]) -> Integers:
+        """Return the positions of the builds of every row at every corner (R, corners) among some builds."""
+        found = np.empty((len(self), len(self.study.corners)), dtype=np.int64)
+        for column, corner in enumerate(self.study.corners):
+            names, places = self._coded(corner)
+            found[:, column] = np.array([builds.index(name) for name in names], dtype=np.int64)[places]
+        return found
+
+    def _coded(self, corner: str) -> tuple[list[str], Integers]:
+        """Return the different builds at a corner, and the position of each row's build among them (R,)."""
+        column = self.table[corner].combine_chunks().dictionary_encode()
+        return column.dictionary.to_pylist(), np.asarray(column.indices.to_numpy(), dtype=np.int64)
+
+    def unit(self, measure: str) -> str:
+        """Return a measure's SI unit."""
+        return self.provenance.measure_units[measure]
+
+    def display(self, measure: str) -> str:
+        """Return a measure's display unit."""
+        return self.study.measure(measure).display or self.unit(measure)
+
+    def values(self, measure: str) -> Array:
+        """Return a measure of every row (R,) in SI; NaN if the setup failed.
+
+        Raises:
+            InputError: There is no such measure.
+        """
+        if measure not in self._cache:
+            self.study.measure(measure)
+            self._cache[measure] = np.asarray(self.table[measure].to_numpy(zero_copy_only=False), dtype=np.float64)
+        return self._cache[measure]
+
+    def shown(self, measure: str) -> Array:
+        """Return a measure of every row (R,) in its display unit."""
+        return np.asarray(units.convert(self.values(measure), self.unit(measure), self.display(measure)))
+
+    def shown_difference(self, measure: str, difference: float) -> float:
+        """Return a difference between two values of a measure, given in SI, in the measure's display unit."""
+        return units.conversion(self.unit(measure), self.display(measure))[0] * difference
+
+    @property
+    def objective(self) -> Array | None:
+        """Objective of every row (R,) (Eq 2.6); None if the study has none."""
+        if not self.study.objective:
+            return None
+        return np.asarray(np.sum([self._term(term) for term in self.study.objective], axis=0))
+
+    def _term(self, term: Term) -> Array:
+        own = self.unit(term.measure)
+        return np.asarray(term.weight * units.convert(self.values(term.measure), own, term.unit or own))
+
+    @property
+    def feasible(self) -> Flags:
+        """Whether each setup ran and meets all constraints (R,) (Eq 2.3)."""
+        kept = self.done
+        for constraint in self.study.constraints:
+            values = self.values(constraint.measure)
+            kept = kept & (values >= constraint.at_least) & (values <= constraint.at_most)
+        return kept
+
+    @property
+    def infeasible(self) -> int:
+        """Number of setups that ran and violate a constraint."""
+        return int(np.count_nonzero(self.done & ~self.feasible))
+
+    def ranking(self, measure: str | None = None) -> Integers:
+        """Return the rows of feasible setups, best first.
+
+        Args:
+            measure: Measure to rank by, lowest first; None: the objective, or the first measure if the study has none.
+        """
+        by = self.objective if measure is None else self.values(measure)
+        by = self.values(self.measures[0].name) if by is None else by
+        rows = np.flatnonzero(self.feasible)
+        return np.asarray(rows[np.argsort(by[rows], kind="stable")], dtype=np.int64)
+
+    def rows_of(self, setups: Integers, measure: str) -> Integers:
+        """Return the rows (K,) of setups, given by their numbers (K,), sorted by a measure."""
+        rows = np.searchsorted(self.setups, setups)
+        return np.asarray(rows[np.argsort(self.values(measure)[rows], kind="stable")], dtype=np.int64)
+
+    @property
+    def failures(self) -> tuple[tuple[Setup, str], ...]:
+        """Setups that failed, each with its message."""
+        messages = self.table["message"]
+        return tuple((self.setup(row), messages[row].as_py()) for row in np.flatnonzero(~self.done).tolist())
+
+    def marked(self, kind: str) -> int:
+        """Return the number of setups whose marks contain a text."""
+        found = pa.compute.match_substring(self.table["marks"], kind)
+        return int(np.count_nonzero(self._flags(found)))
+
+    @property
+    def seconds(self) -> float:
+        """Worker time of all setups [s]."""
+        return float(np.sum(self.table["seconds"].to_numpy()))
+
+    @property
+    def worst_coupling_error(self) -> float | None:
+        """Largest coupling error [%]; None if none is known."""
+        errors = self.table["coupling_error_percent"].drop_null().to_numpy()
+        return float(errors.max()) if errors.size else None
+
+    def _summary(self) -> Summary:
+        ranking, total = self.ranking(), len(self.study.space)
+        error = self.worst_coupling_error
+        best = "none is feasible" if not ranking.size else str(self.setup(int(ranking[0])))
+        return Summary.of(
+            f"Study {self.study.name}",
+            ("setups", f"{np.count_nonzero(self.done)} of {total} ran, {self.infeasible} violate a constraint"),
+            ("corners", ", ".join(self.study.corners)),
+            ("measures", some((measure.name for measure in self.measures), 3)),
+            ("best", best),
+            ("coupling error", "" if error is None else f"up to {error:.2g} %"),
+            ("failed", str(len(self.failures) or "")),
+            ("partial", "run it again with the same folder to resume" if self.partial else ""),
+        )
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return a row for each setup that ran: builds, objective (if there is one), feasibility, measures in SI.
+
+        Raises:
+            MissingExtraError: pandas is not installed.
+        """
+        rows = np.flatnonzero(self.done)
+        columns: dict[str, Any] = {c: [self.builds(c)[row] for row in rows] for c in self.study.corners}
+        if self.objective is not None:
+            columns["objective"] = self.objective[rows]
+        columns["feasible"] = self.feasible[rows]
+        columns |= {measure.name: self.values(measure.name)[rows] for measure in self.measures}
+        return data_frame(columns, self.setups[rows], "setup", dict(self.provenance.measure_units))
+
+    def to_xarray(self) -> xr.Dataset:
+        """Return the measures, in SI, of each setup that ran over `setup`; the builds are coordinates.
+
+        Raises:
+            MissingExtraError: xarray is not installed.
+        """
+        rows, along = np.flatnonzero(self.done), ("setup",)
+        variables = {m.name: (along, self.values(m.name)[rows], self.unit(m.name)) for m in self.measures}
+        if self.objective is not None:
+            variables["objective"] = (along, self.objective[rows], "")
+        corners = {c: (along, [self.builds(c)[row] for row in rows], "") for c in self.study.corners}
+        return dataset(variables, {"setup": (along, self.setups[rows], ""), **corners}, {"study": self.study.name})
+
+    def plot(self, across: str | None = None, up: str | None = None) -> Picture:
+        """Return a picture of the setups in the plane of two measures, with the best setup and the baseline.
+
+        Args:
+            across: Measure of the horizontal axis; default: the first of the objective.
+            up: Measure of the vertical axis; default: the second of the objective.
+
+        Raises:
+            InputError: There is no such measure; the message suggests a similar one.
+        """
+        from eightpost.report.pictures import Cloud, Mark, cloud  # noqa: PLC0415 -- matplotlib takes long to load
+
+        named = (*self.study.named_measures, *(measure.name for measure in self.measures))
+        names = across or named[0], up or next((name for name in named if name != (across or named[0])), named[0])
+        values = tuple(self.shown(name) for name in names)
+        best, marks = self.ranking(), []
+        if best.size:
+            marks.append(Mark("best", int(best[0])))
+        if self.baseline_row is not None:
+            marks.append(Mark("baseline", self.baseline_row))
+        labels = tuple(f"{name} [{self.display(name)}]" for name in names)
+        shown = Cloud((values[0], values[1]), (labels[0], labels[1]), self.feasible, tuple(marks))
+        return cloud(shown, title=self.study.name)
+
+    def save(self, path: str | Path) -> None:
+        """Write a Parquet file; an existing file is replaced only after the new one is complete."""
+        whole = self.table.read() if isinstance(self.table, StoredTable) else self.table
+        table = whole.replace_schema_metadata(header_of(self.study, self.provenance, partial=self.partial))
+        with atomic_path(path) as temporary:
+            pyarrow.parquet.write_table(table, temporary, compression="zstd")
+
+    @classmethod
+    def join(
+        cls, path: Path, study: Study, tables: Iterable[pa.Table], provenance: Provenance, *, partial: bool
+    ) -> StudyResult:
+        """Write tables as one Parquet file, one after the other, and return it as a result.
+
+        Args:
+            path: Path of the file; an existing file is replaced only after the new one is complete.
+
+        Raises:
+            InputError: Two rows have the same setup number.
+        """
+        schema = study_schema(study, provenance.measure_units)
+        write_tables(path, schema.with_metadata(header_of(study, provenance, partial=partial)), tables)
+        return cls(study, open_table(path), provenance, partial)
+
+    @classmethod
+    def load(cls, path: str | Path) -> StudyResult:
+        """Read a result that `save` wrote.
+
+        Files of the study with relative paths are also found if the current folder is not that in which it was run
+        (`with_found_files`).
+
+        Raises:
+            FileFormatError: The file does not exist, is not a study's result, or was written by a newer version.
+        """
+        path = Path(path)
+        warn_of_earlier_results(path.parent)
+        table = open_table(path)
+        stated = header_in(path, table)
+        try:
+            header = with_found_files(stated, path.parent)
+            study = Study.from_json(json.dumps(header["study"]))
+            made_by = Provenance.of_header(header)
+            check_columns(table, study_schema(study, made_by.measure_units))
+            return cls(study, table, made_by, bool(header["partial"]))
+        except (pa.ArrowException, *MALFORMED) as error:
+            what = f"is not a study result that this version can read ({error})"
+            raise FileFormatError(what, path=path) from error

@@ -8,11 +8,9 @@ from pathlib import PurePath
 
 import numpy as np
 
-from cosim.results.rules import LARGEST_ERROR
-from cosim.results.validity import MODEL_UNKNOWN, NOTABLE_POWER
-from cosim.study.certainty import Certainty
-from cosim.study.certainty.certainty import certainty_reasons
-from cosim.study.result import StudyResult
+from cosim.session.verdict import LARGEST_ERROR, MODEL_UNKNOWN, NOTABLE_POWER
+from cosim.study.choice.certainty import Certainty, certainty_reasons
+from cosim.study.table import StudyResult
 from eightpost.errors import InputError
 from eightpost.validity import Validity
 from eightpost.verdict import Grade, Reason, Rules, Verdict, listed
@@ -89,7 +87,6 @@ def study_verdict(result: StudyResult, certainty: Certainty | None = None) -> Ve
     """Return the verdict on a study.
 
     Args:
-        result: Result of the study.
         certainty: Certainty of the choice; None if it was not computed, so that it is unknown.
     """
     own = (*_marks(result), *_coupling(result), *_band(result), *_means(result), *_models(result))

@@ -292,3 +292,39 @@ ALGORITHMS: dict[str, Algorithm] = {
     "implicit": Implicit(),
     "adaptive": Adaptive(),
 }
+
+
+# ---- The default -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Automatic:
+    """Gauss-Seidel, or Implicit if that is not stable, at a step for which successive runs agree.
+
+    The step is halved from run to run. The differences between the runs give the error of the last one per channel
+    (`Result.stated_error`; cosim.session.result). The tolerance is met if the largest stated error is within it
+    and the local errors of all bonds are small in the last two runs. The last run is the result.
+    """
+
+    #: Coupling error to aim at, of velocities and forces of bonds and of tire forces, in percent of each signal's scale
+    #: (cosim.session.result.scales).
+    tolerance: float = 0.2
+    least: float = 1e-5  #: Smallest coupling step to try [s].
+    name: str = "default"
+
+    def __post_init__(self) -> None:
+        check_number("tolerance", self.tolerance, "%")
+        check_number("least", self.least, "s")
+        if not (self.tolerance > 0.0 and self.least > 0.0):
+            raise InputError(
+                f"tolerance and least step must be positive, not {self.tolerance!r} % and {self.least!r} s"
+            )
+
+
+#: Algorithms by the names that the command line and system files use.
+SCHEMES: Mapping[str, Algorithm | Automatic] = {"default": Automatic(), **ALGORITHMS}
+
+
+def default_scheme(name: str = "gauss-seidel") -> GaussSeidel | Implicit:
+    """Return a scheme of the default by its name, with the coupling values that the default uses."""
+    return Implicit() if name == Implicit().name else GaussSeidel(values="parabolic")

@@ -97,9 +97,10 @@ class Term:
     gain: float
     conversion: Conversion
 
-    def __call__(self, outputs: Mapping[str, float]) -> float:
-        """Return the contribution for the outputs' values."""
-        return self.gain * self.conversion(outputs[self.source])
+    @property
+    def part(self) -> str:
+        """Component of the output."""
+        return self.source.partition(".")[0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,13 +113,23 @@ class Feed:
     drive_conversion: Conversion
     constant: float
 
+    @property
+    def is_moving(self) -> bool:
+        """Whether the input changes during a run."""
+        return bool(self.terms) or self.drive is not None
+
+    def value(self, outputs: Mapping[str, float], drive: Sequence[float]) -> float:
+        """Return the input for values of the outputs (0 if not known yet) and of the drive's channels."""
+        value = self.constant
+        for term in self.terms:
+            value += term.gain * term.conversion(outputs.get(term.source, 0.0))
+        if self.drive is not None:
+            value += self.drive_conversion(drive[self.drive])
+        return float(value)
+
 
 class Coupling:
-    """Sources of every input, and the values of all connections until the first step.
-
-    `now` holds the current outputs; `ahead` holds new outputs of components that were all evaluated with the values of
-    `now`.
-    """
+    """Sources of every input, and the current values of all connections, `now`, until the first step."""
 
     def __init__(
         self, system: System, scenario: Scenario, *, every_step: Sequence[str] = (), recorded: Sequence[str] = ()
@@ -145,15 +156,12 @@ class Coupling:
         self.outputs = {name: _names_of(name, sources) for name in self.components}
         self.recorded = {name: _names_of(name, set(recorded) - sources) for name in self.components}
         self.now: dict[str, float] = {}
-        self.ahead: dict[str, float] = {}
 
     def feed_start(self, name: str) -> None:
         """Set a component's inputs to their values at the start, from the known outputs (0 if not known yet)."""
-        known = {source: self.now.get(source, 0.0) for feed in self.feeds[name] for source in _sources(feed)}
-        drive = self._first_drive
-        feeds = self.feeds[name]
-        if feeds:
-            self.components[name].set([f.target for f in feeds], [_value(f, known, drive) for f in feeds])
+        if feeds := self.feeds[name]:
+            values = [feed.value(self.now, self._first_drive) for feed in feeds]
+            self.components[name].set([feed.target for feed in feeds], values)
 
     def read(self, name: str) -> dict[str, float]:
         """Return a component's connected outputs, and its other variables read in every step, by full name."""
@@ -162,23 +170,26 @@ class Coupling:
             return {}
         return dict(zip((f"{name}.{n}" for n in names), self.components[name].get(names), strict=True))
 
-    def accept(self) -> None:
-        """Make the values of `ahead` the current ones."""
-        self.now.update(self.ahead)
-        self.ahead.clear()
-
     def order(self) -> tuple[tuple[str, ...], bool]:
         """Return the components sorted by their direct dependencies, and whether there is no dependency loop."""
         follows: dict[str, set[str]] = {name: set() for name in self.components}
         for name, feeds in self.feeds.items():
             direct = self.direct_inputs(name)
-            follows[name] = {
-                source.partition(".")[0] for feed in feeds if feed.target in direct for source in _sources(feed)
-            } - {name}
+            follows[name] = {term.part for feed in feeds if feed.target in direct for term in feed.terms} - {name}
         try:
             return tuple(TopologicalSorter(follows).static_order()), True
         except CycleError:
             return tuple(self.components), False
+
+    @property
+    def has_loop(self) -> bool:
+        """Whether components form a loop of connections."""
+        takes = {name: {t.part for f in feeds for t in f.terms} - {name} for name, feeds in self.feeds.items()}
+        try:
+            TopologicalSorter(takes).prepare()
+        except CycleError:
+            return True
+        return False
 
     def direct_inputs(self, name: str) -> frozenset[str]:
         """Return the inputs that connected outputs follow without delay; if no output is connected, use all outputs."""
@@ -193,21 +204,8 @@ class Coupling:
             for name, feeds in self.feeds.items()
             if not self.components[name].capabilities.interpolates_inputs
             for feed in feeds
-            if feed.terms or feed.drive is not None
+            if feed.is_moving
         )
-
-
-def _value(feed: Feed, outputs: Mapping[str, float], drive: Sequence[float]) -> float:
-    value = feed.constant
-    for term in feed.terms:
-        value += term(outputs)
-    if feed.drive is not None:
-        value += feed.drive_conversion(drive[feed.drive])
-    return float(value)
-
-
-def _sources(feed: Feed) -> tuple[str, ...]:
-    return tuple(term.source for term in feed.terms)
 
 
 def _names_of(component: str, full_names: set[str]) -> tuple[str, ...]:
@@ -219,8 +217,7 @@ def _feeds(system: System, scenario: Scenario) -> dict[str, tuple[Feed, ...]]:
     terms: dict[str, list[Term]] = {}
     for connection in system.real_connections:
         source, target = system.output(connection.source), system.input(connection.target)
-        what = f"{connection.source} -> {connection.target}"
-        conversion = convert_between(source.unit, target.unit, what)
+        conversion = convert_between(source.unit, target.unit, str(connection))
         # A term applies the gain last, so an offset that is added after the gain is divided by the gain here.
         offset = conversion.offset + connection.offset / connection.gain
         term = Term(connection.source, connection.gain, Conversion(conversion.factor, offset))

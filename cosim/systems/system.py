@@ -14,6 +14,7 @@ import numpy as np
 
 from cosim.components.component import DISCRETE, Component, Variable, convert_between, named_unit
 from cosim.components.fmu_component import FmuComponent
+from cosim.components.fmu_log import OpenedFmu
 from eightpost import units
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import UnknownUnitError, WiringError, suggestion
@@ -48,6 +49,10 @@ def own_unit(components: Mapping[str, Component], name: str, value: bool | float
     variable = find_variable(components, name)
     if isinstance(value, np.generic):
         value = value.item()
+    if variable.type == "Enumeration" and isinstance(value, str):
+        if value not in variable.items:
+            raise WiringError(f"{name} = {value!r}: {suggestion(value, variable.items)}")
+        return variable.items[value]
     if variable.type in DISCRETE:
         return int(value) if isinstance(value, float) and value.is_integer() else value
     if variable.type != "Real":
@@ -124,6 +129,14 @@ class Connection:
     gain: float = 1.0
     offset: float = 0.0
     convert: bool = False
+
+    @property
+    def ends(self) -> tuple[str, str]:
+        """Source and target."""
+        return self.source, self.target
+
+    def __str__(self) -> str:
+        return f"{self.source} -> {self.target}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,6 +262,36 @@ class System(Summarized):
     def ramps(self) -> bool:
         """Whether all components can ramp their inputs over a step."""
         return all(c.capabilities.interpolates_inputs for c in self.components.values())
+
+    @property
+    def can_repeat_steps(self) -> bool:
+        """Whether every component can save and restore its state."""
+        return all(c.capabilities.state for c in self.components.values())
+
+    @property
+    def accepts_any_step(self) -> bool:
+        """Whether every component accepts steps of any size."""
+        return all(c.capabilities.variable_step for c in self.components.values())
+
+    @property
+    def has_foreign_fmus(self) -> bool:
+        """Whether a component is an FMU that this project did not build."""
+        return any(isinstance(c, OpenedFmu) and not c.is_ours for c in self.components.values())
+
+    @property
+    def only_step(self) -> float | None:
+        """Coupling step that suits components which accept steps of one size only [s]; None if none states its size.
+
+        Raises:
+            WiringError: Two of them state different sizes.
+        """
+        sizes = {c.capabilities.only_step: name for name, c in self.components.items() if c.capabilities.only_step}
+        if len(sizes) > 1:
+            stated = " and ".join(f"{name} of {size:g} s" for size, name in sizes.items())
+            raise WiringError(
+                f"no coupling step suits the components: {stated} only (stepSize); export one of them again"
+            )
+        return next(iter(sizes), None)
 
     @property
     def coupled_with_held(self) -> frozenset[str]:

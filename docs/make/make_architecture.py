@@ -27,7 +27,7 @@ sys.path.insert(0, str(ROOT))
 from benchmarks.structure import PACKAGES, Source, importers, sources  # noqa: E402
 
 #: Connections that are not imports: the builder compiles C sources, the engine calls the functions of FMUs.
-_BEYOND_PYTHON = (("builder.native", "fmus"), ("cosim.engine", "fmus"))
+_BEYOND_PYTHON = (("builder", "fmus"), ("cosim.engine", "fmus"))
 
 #: What can be added: the files to open, and the page that describes it.
 _RECIPES = (
@@ -36,15 +36,15 @@ _RECIPES = (
         ("eightpost/shock/lpf1.py", "fmus/shock_lpf1/model.c", "fmus/shock_lpf1/interface.toml"),
         "development/add_a_law.md",
     ),
-    ("measure of a study", ("cosim/study/statistics.py", "cosim/study/measures.py"), "how_to/study.md"),
+    ("measure of a study", ("cosim/study/measures.py",), "how_to/study.md"),
     (
         "static rule of `check`",
-        ("builder/check/rules.txt", "builder/check/static/description.py"),
+        ("builder/check/rules.txt", "builder/check/description.py"),
         "reference/check.md",
     ),
     (
         "dynamic rule of `check`",
-        ("builder/check/rules.txt", "builder/check/probes/states.py"),
+        ("builder/check/rules.txt", "builder/check/probes/instances.py"),
         "reference/check.md",
     ),
     ("file format of signals", ("eightpost/signals/formats.py", "eightpost/signals/csv_file.py"), "reference/files.md"),
@@ -218,7 +218,7 @@ def traced_run() -> Trace:
 
 #: Program that builds FMUs for this platform alone: a sixth of the work, and only their run is traced.
 _BUILD = """
-from builder.native import toolchain
+from builder import toolchain
 from eightpost.__main__ import main
 here = toolchain.this_platform()
 if here.name in toolchain.PLATFORMS:

@@ -24,9 +24,9 @@ from page_parts import call, placed  # beside this file
 
 from eightpost import units
 from eightpost.corners import CORNERS
-from eightpost.rig.post.program import Bench
 from eightpost.signals import Drivefile, read_series
 from eightpost.signals.formats import write_series
+from eightpost.virtual.program import Bench
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE, PICTURE = ROOT / "docs" / "how_to" / "drivefile.md", ROOT / "docs" / "pictures" / "drivefile.png"

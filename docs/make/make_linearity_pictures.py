@@ -6,8 +6,9 @@ from pathlib import Path
 from eightpost.ident.linearity import Condition, Linearity, judge_linearity
 from eightpost.ident.linearity_plots import plot_conditions, plot_output
 from eightpost.ident.preparation import prepare
-from eightpost.rig.post import Car, LinearDamper, RigTest, random_drive, run_test, stand_in_truth
+from eightpost.rig import RigTest
 from eightpost.units import convert
+from eightpost.virtual import Car, LinearDamper, random_drive, run_test, stand_in_truth
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Baseline and alternate shock of 6.1.4.

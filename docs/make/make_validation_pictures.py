@@ -12,9 +12,10 @@ from matplotlib.figure import Figure
 from eightpost.ident import fit_shock
 from eightpost.ident.validation.records import dyno_record
 from eightpost.ident.validation.shocks import validate_shocks
-from eightpost.rig import DynoTest, demo_damper, measure, random_multisine
+from eightpost.rig import DynoTest
 from eightpost.signals import Drivefile, TimeSeries
 from eightpost.units import convert
+from eightpost.virtual import demo_damper, measure, random_multisine
 
 ROOT = Path(__file__).resolve().parents[2]
 LAWS = ("polylinear", "lpnl2", "hysteresis")

@@ -5,7 +5,7 @@ from typing import Any
 from docutils import nodes
 from sphinx.application import Sphinx
 
-from builder.documents.page import mathml
+from builder.page import mathml
 
 
 def _inline(writer: Any, node: nodes.math) -> None:

@@ -15,10 +15,9 @@ if TYPE_CHECKING:
     from eightpost.ident.preparation import Preparation
     from eightpost.ident.shock.force import GasTreatment
     from eightpost.ident.shock.law_fit import LawName, RecipeName, Robust
-    from eightpost.ident.vehicle import VehicleFit
+    from eightpost.ident.vehicle.vehicle_fit import VehicleFit
     from eightpost.progress import Progress
-    from eightpost.rig import DynoTest
-    from eightpost.rig.post import RigTest
+    from eightpost.rig import DynoTest, RigTest
     from eightpost.shock import Shock, ShockLaw
     from eightpost.signals import ChannelMap, TimeSeries
     from eightpost.vehicle import IdentifiedVehicle
@@ -141,7 +140,7 @@ def simulate(
     """
     from eightpost.ident import ShockFit
     from eightpost.ident import simulate as force_of
-    from eightpost.ident.vehicle import VehicleFit
+    from eightpost.ident.vehicle.vehicle_fit import VehicleFit
     from eightpost.shock import Shock, ShockLaw
     from eightpost.signals import TimeSeries
     from eightpost.vehicle import IdentifiedVehicle
@@ -159,8 +158,7 @@ def simulate(
 
 
 def _with_shocks(vehicle: IdentifiedVehicle, series: TimeSeries, shocks: object) -> TimeSeries:
-    from eightpost.ident.vehicle.many_setups import closed_at_ports
-    from eightpost.ident.vehicle.simulation import ports_of
+    from eightpost.ident.vehicle.simulation import closed_at_ports, ports_of
 
     ports = ports_of(vehicle.state_space)
     given = dict(shocks) if isinstance(shocks, Mapping) else dict.fromkeys(ports, shocks)
@@ -237,7 +235,7 @@ def build(
         >>> shock.path
     """
     from builder.build import build as build_fmus
-    from builder.documents.reference import Disclosure
+    from builder.reference import Disclosure
 
     several = isinstance(sources, Sequence) and not isinstance(sources, str)
     if several and not sources:
@@ -259,7 +257,7 @@ def _source_file(source: object, folder: Path) -> Path:
     """Return the file of a source; that of an object is written first."""
     from builder.build import fmu_identifier
     from eightpost.ident import ShockFit
-    from eightpost.ident.vehicle import VehicleFit
+    from eightpost.ident.vehicle.vehicle_fit import VehicleFit
     from eightpost.shock import Shock, write_shock
     from eightpost.vehicle import IdentifiedVehicle, write_vehicle
 
@@ -326,7 +324,7 @@ def identify(
     """
     from eightpost.ident.preparation import Decimation, Preparation, prepare
     from eightpost.ident.vehicle.plan import plan_identification
-    from eightpost.ident.vehicle.recipes import recipe as recipe_of
+    from eightpost.ident.vehicle.plan import recipe as recipe_of
     from eightpost.progress import portion, reported_to
 
     for argument, value, unit in (("damping", damping, "N.s/m"), ("rate", rate, "Hz"), ("settling", settling, "s")):
@@ -362,7 +360,7 @@ def identify(
 def _rig_tests(given: Sequence[str | Path | RigTest], channel_map: ChannelMap | None) -> Iterator[RigTest]:
     """Yield tests; files are read one by one, because a whole car's test takes much memory."""
     from eightpost.progress import parts
-    from eightpost.rig.post import RigTest, read_rig_test
+    from eightpost.rig import RigTest, read_rig_test
 
     for one in given:
         if isinstance(one, str | Path):

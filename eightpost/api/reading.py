@@ -11,12 +11,11 @@ from eightpost.errors import FileFormatError, InputError, missing_file, suggesti
 from eightpost.files import read_text
 
 if TYPE_CHECKING:
-    from cosim.results.result import SavedRun
-    from cosim.session.master import Case
+    from cosim.session.result import SavedRun
+    from cosim.session.run import Case
     from cosim.study import StudyResult
-    from eightpost.ident.vehicle import VehicleFit
-    from eightpost.rig import DynoTest, PeakVelocityTable
-    from eightpost.rig.post import RigTest
+    from eightpost.ident.vehicle.vehicle_fit import VehicleFit
+    from eightpost.rig import DynoTest, PeakVelocityTable, RigTest
     from eightpost.shock import Shock
     from eightpost.signals import ChannelMap, Drivefile
     from eightpost.vehicle import Vehicle
@@ -296,8 +295,7 @@ def record_kind(path: Path, channel_map: ChannelMap | None = None) -> Kind:
 def _record(
     path: Path, kind: str, channel_map: ChannelMap | None, units: dict[str, str], flip: tuple[str, ...]
 ) -> Readable:
-    from eightpost.rig import read_dyno_test, read_peak_velocity
-    from eightpost.rig.post import read_rig_test
+    from eightpost.rig import read_dyno_test, read_peak_velocity, read_rig_test
     from eightpost.signals import Drivefile
 
     if kind == "rig":
@@ -332,7 +330,7 @@ def _document(path: Path, kind: str) -> Readable:
         from cosim.study import StudyResult
 
         return StudyResult.load(path)
-    from cosim.results.result import SavedRun
+    from cosim.session.result import SavedRun
 
     return SavedRun.load(path)
 

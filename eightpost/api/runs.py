@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
@@ -11,12 +11,13 @@ from eightpost.api.reading import a, existing_toml
 from eightpost.errors import InputError, check_number, suggestion
 
 if TYPE_CHECKING:
-    from builder.build import Built
     from cosim import Algorithm, Automatic, Result, Scenario, System
-    from cosim.results.result import SavedRun
-    from cosim.session.master import Case, ParameterSweep
-    from cosim.study import Study, StudyResult
+    from cosim.session.parameter_sweep import ParameterSweep
+    from cosim.session.result import SavedRun
+    from cosim.session.run import Case
+    from cosim.study import Study
     from cosim.study.choice.compare import RunComparison
+    from eightpost.api.study_folder import AssessedStudy
     from eightpost.progress import Progress
 
     Value: TypeAlias = float | bool | str
@@ -119,7 +120,7 @@ def sweep(
         >>> found = ep.sweep("car.toml", parameters={"lf.compression_scale": [0.8, 1.0, 1.2]})
         >>> found.to_pandas()[["lf.compression_scale", "car.lf.tire_force"]]
     """
-    from cosim.session.master import sweep_parameters
+    from cosim.session.parameter_sweep import sweep_parameters
     from eightpost.progress import reported_to
 
     case = _case(system, scenario, algorithm, step, tolerance)
@@ -146,7 +147,7 @@ def compare(runs: Mapping[str, Run] | Sequence[Run], *, vehicle: str = "car") ->
     Example:
         >>> ep.compare({"soft": soft, "stiff": stiff}).to_pandas()
     """
-    from cosim.results.result import Result, SavedRun
+    from cosim.session.result import Result, SavedRun
     from cosim.study.choice.compare import compare_runs
 
     if isinstance(runs, str | Path | Result | SavedRun):
@@ -174,9 +175,9 @@ def _case(
     tolerance: float | None,
 ) -> Case:
     """Return the system to run with its scenario and coupling."""
-    from cosim.session.automatic import SCHEMES
-    from cosim.session.master import Case
+    from cosim.session.run import Case
     from cosim.system_file import read_case
+    from cosim.systems.algorithm import SCHEMES
     from cosim.systems.coupling import Scenario
     from cosim.systems.system import System
 
@@ -211,21 +212,25 @@ def study(
     definition: Study | str | Path,
     folder: str | Path,
     *,
+    certainty: bool = True,
     workers: int | None = None,
     progress: Progress | None = None,
-) -> StudyResult:
-    """Run every setup of shocks that a study allows.
+) -> AssessedStudy:
+    """Run every setup of shocks that a study allows, and compute how sure the choice of the best one is.
 
-    A study that was stopped resumes where it stopped when it is run again with the same folder.
+    A study that was stopped resumes where it stopped when it is run again with the same folder. The verbs that use its
+    results are methods of `eightpost.api.study_folder.StudyFolder`.
 
     Args:
         definition: Study, or its file (docs/how_to/study.md). FMUs of its shock and vehicle files are built first.
         folder: Folder of results.parquet and of the intermediate results.
+        certainty: Whether the certainty is computed, which runs some setups again with changed shocks.
         workers: Number of processes; default: one for each processor.
         progress: Callback that receives the amount of work done and the total.
 
     Returns:
-        The table: `.ranking()`, `.setup(row)`, `.to_pandas()` (a row per setup), `.to_xarray()`, `.plot()`.
+        The table: `.ranking()`, `.setup(row)`, `.certainty`, `.verdict`, `.to_pandas()` (a row per setup),
+        `.to_xarray()`, `.plot()`.
 
     Raises:
         InputError: The study cannot be run; no simulation was started.
@@ -234,49 +239,18 @@ def study(
     Example:
         >>> result = ep.study(ep.examples() / "study.toml", "study")
         >>> result.to_pandas().nsmallest(10, "objective")
+        >>> result.certainty.ties
     """
-    from builder.build import build
-    from cosim.study import Study
-    from cosim.study.running.sweep import run_study
-    from cosim.study.running.workers import ProcessWorkers
-    from eightpost.progress import advance, portion, reported_to
-    from eightpost.workers.process import usable_processors
-
     check_number("workers", workers)
     if workers is not None and workers < 1:
         raise InputError(f"workers is {workers!r}; it must be 1 or more")
+    from cosim.study import Study
+    from eightpost.api.study_folder import StudyFolder
+    from eightpost.progress import portion, reported_to
+
     with reported_to(progress):
-        if not isinstance(definition, Study):
-            with portion(0.0, 0.05):
-                definition, _ = read_with_fmus(
-                    definition, Path(folder) / "fmus", lambda sources, to: build(sources, to, progress=advance)
-                )
-        pool = ProcessWorkers(workers or usable_processors())
-        try:
-            with portion(0.05, 1.0):
-                return run_study(definition, folder, pool, advance)
-        finally:
-            pool.close()
-
-
-def read_with_fmus(
-    path: str | Path, folder: Path, build: Callable[[Sequence[Path], Path], list[Built]]
-) -> tuple[Study, list[Built]]:
-    """Read a study; FMUs of its shock and vehicle files are built first. Return the study and the FMUs.
-
-    Args:
-        path: Study file.
-        folder: Folder of the FMUs.
-        build: Function that builds FMUs of files in a folder.
-
-    Raises:
-        InputError: The file cannot be read, or names a file that does not exist.
-    """
-    from cosim.study.study_file import read_study, source_files
-
-    sources = source_files(existing_toml(path, "study"))
-    if missing := [source for source in sources if not source.is_file()]:
-        raise InputError(f"{path}: the file {missing[0]} does not exist; correct its name there, or make it first")
-    built = build(sources, folder) if sources else []
-    fmus = {Path(item.source): item.path for item in built}
-    return read_study(path, lambda source: fmus.get(source, source)), built
+        with portion(0.0, 0.05):
+            file = definition if isinstance(definition, Study) else existing_toml(definition, "study")
+            opened = StudyFolder(folder, file, workers=workers)
+        with portion(0.05, 1.0):
+            return opened.run(certainty=certainty)

@@ -161,7 +161,7 @@ def build_with_progress(
 ) -> list[Built]:
     """Build with a progress bar, because a first build compiles for all platforms."""
     from builder.build import build as build_fmus
-    from builder.documents.reference import Disclosure
+    from builder.reference import Disclosure
 
     with bar(console, "compiling") as advance:
         return build_fmus(

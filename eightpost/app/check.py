@@ -85,13 +85,16 @@ def _checked(path: Path, scope: Scope) -> CheckReport | NotChecked:
 
 
 def show_report(console: Console, report: CheckReport) -> None:
-    """Print the findings in an FMU, grouped by level, and the groups that were performed and skipped."""
+    """Print the findings in an FMU by level, the groups that were performed or skipped, and what no check sees."""
+    from builder.check import LIMITS
+
     console.print(f"{escape(str(report.path))}: {_verdict(report)}", highlight=False, soft_wrap=True)
     if report.findings:
         console.print(_table(report))
     _note(console, f"performed {', '.join(report.groups) or 'nothing'}")
     for skipped in report.skipped:
         _note(console, f"skipped {skipped.what}: {skipped.reason}")
+    _note(console, LIMITS)
 
 
 def _note(console: Console, text: str) -> None:

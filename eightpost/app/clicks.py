@@ -14,7 +14,7 @@ from eightpost.errors import InputError
 from eightpost.outputs import PICTURE
 
 if TYPE_CHECKING:
-    from eightpost.ident.shock.settings.clicks import Level
+    from eightpost.ident.shock.clicks import Level
 
 
 @click.command(cls=Verb)
@@ -57,8 +57,8 @@ def clicks(  # one parameter per option
       eightpost clicks shock.json --curve other_shock.json --speeds '0 m/s' '0.2 m/s' --plot target.png
       eightpost clicks shock.json --curve target.csv --fix compression=8
     """
-    from eightpost.ident.shock.settings.clicks import best_clicks, read_target
-    from eightpost.ident.shock.settings.plots import answer_table, plot_answer
+    from eightpost.ident.shock.clicks import best_clicks, read_target
+    from eightpost.ident.shock.plots import answer_table, plot_answer
     from eightpost.shock import read_shock
 
     console = Console()

@@ -10,9 +10,8 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.certainty import earlier_certainty
 from eightpost.app.options import FilePath, Number, OutputFile, Verb, map_option
-from eightpost.app.rig_runs import record_reader
+from eightpost.app.study import saved
 from eightpost.errors import InputError
 from eightpost.outputs import PICTURE
 from eightpost.report.console import Table, console_table, folded, right
@@ -20,7 +19,7 @@ from eightpost.verdict import Verdict
 
 if TYPE_CHECKING:
     from cosim.study.choice.compare import Comparison, RunComparison
-    from cosim.study.result import StudyResult
+    from cosim.study.table import StudyResult
     from eightpost.signals import ChannelMap
 
 #: Largest length of all labels of runs as headings of a table; longer ones are replaced by their numbers.
@@ -78,7 +77,13 @@ def compare(
     if measured is None:
         verdict = _compare_runs(console, folders, vehicle, output)
     elif len(folders) == 1:
-        verdict = _compare_with_rig(console, folders[0], measured, output, measures, channel_map, rank, level)
+        study = saved(console, folders[0])
+        entries, verdict, picture = study.compare(
+            measured, output, measures=measures, channel_map=channel_map, rank=rank, level=level
+        )
+        for table in (rank_table(entries), level_table(entries, study.result)):
+            console.print(table)
+        console.print(f"wrote {picture} and comparison.json in the same folder", highlight=False, soft_wrap=True)
     else:
         raise InputError(f"with --measured, compare takes the folder of one study, not {len(folders)} folders")
     show_verdict(console, verdict)
@@ -86,7 +91,7 @@ def compare(
 
 
 def _compare_runs(console: Console, folders: tuple[Path, ...], vehicle: str, output: Path | None) -> Verdict:
-    from cosim.results.result import SavedRun
+    from cosim.session.result import SavedRun
     from cosim.study.choice.compare import compare_runs
 
     saved = {str(folder): SavedRun.load(folder) for folder in folders}
@@ -98,48 +103,6 @@ def _compare_runs(console: Console, folders: tuple[Path, ...], vehicle: str, out
         compared.plot().save(output)
         console.print(f"wrote {output}", highlight=False)
     return compared.verdict
-
-
-def _compare_with_rig(
-    console: Console,
-    folder: Path,
-    measured: Path,
-    output: Path | None,
-    measures: tuple[str, ...],
-    channel_map: ChannelMap | None,
-    rank: float,
-    level: float | None,
-) -> Verdict:
-    """Compare a study with measured runs; print and write the comparison."""
-    from cosim.study.choice.compare import comparison_verdict
-    from cosim.study.choice.files import write_and_plot
-    from cosim.study.choice.rig_runs import compare_with_rig
-    from cosim.study.choice.selection import read_selection
-    from cosim.study.folder import RESULTS, SELECTION
-    from cosim.study.result import StudyResult
-
-    result = StudyResult.load(folder / RESULTS)
-    path = measured / SELECTION if measured.is_dir() else measured
-    found = compare_with_rig(
-        result,
-        path,
-        record_reader(console, channel_map),
-        measures=measures,
-        certainty=earlier_certainty(result, folder),
-    )
-    for note in found.notes:
-        console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
-    entries = found.comparisons
-    console.print(f"{len(found.runs)} runs of {entries[0].setups.size} setups", highlight=False)
-    for table in (rank_table(entries), level_table(entries, result)):
-        console.print(table)
-    verdict = comparison_verdict(entries, rank=rank, level=level)
-    selection = read_selection(folder / SELECTION, result) if (folder / SELECTION).is_file() else None
-    picture = write_and_plot(
-        entries, result, output or folder / "compared", verdict, selection.setups if selection else {}
-    )
-    console.print(f"wrote {picture} and comparison.json in the same folder", highlight=False, soft_wrap=True)
-    return verdict
 
 
 def rank_table(entries: Sequence[Comparison]) -> Table:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import shutil
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,17 +10,13 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.certainty import earlier_certainty, measured_noise, show_certainty
 from eightpost.app.options import FilePath, Verb, map_option
-from eightpost.app.rig_runs import record_reader
-from eightpost.errors import InputError
-from eightpost.files import atomic_path
-from eightpost.outputs import replacing
+from eightpost.app.study import saved, show_certainty, show_page
 from eightpost.report.console import Table, console_table, right
 
 if TYPE_CHECKING:
-    from cosim.study.certainty import Certainty
-    from cosim.study.result import StudyResult
+    from cosim.study.choice.certainty import Certainty
+    from cosim.study.table import StudyResult
     from eightpost.signals import ChannelMap
 
 #: Number of setups in the table.
@@ -57,48 +51,23 @@ def confirm(
       eightpost confirm out/ rig_day/selection.csv
       eightpost confirm out/ 37=run1.csv 120=run2.csv
     """
-    from cosim.study.certainty import write_certainty
-    from cosim.study.certainty.assess import Knowledge, certainty_of
-    from cosim.study.choice.rig_runs import requested_runs, with_rig_runs
-    from cosim.study.folder import CERTAINTY, PREVIOUS, RESULTS
-    from cosim.study.result import StudyResult
     from cosim.study.verdict import study_verdict
-    from eightpost.app.show import show_verdict, write_page
+    from eightpost.api.study_folder import CERTAINTY, PREVIOUS
+    from eightpost.app.show import show_verdict
 
     console = Console()
-    result = StudyResult.load(folder / RESULTS)
-    before = earlier_certainty(result, folder)
-    if before is None:
-        raise InputError(
-            f"{folder / CERTAINTY}: the study has no certainty, or that of another study; run `eightpost study` again "
-            "with the same folder (completed runs are not repeated)"
-        )
-    runs, notes = requested_runs(result, records)
-    known = Knowledge.of(before)
-    found = with_rig_runs(
-        result,
-        replace(known, run_to_run={**measured_noise(folder), **known.run_to_run}),
-        runs,
-        record_reader(console, channel_map),
-        measures=measures,
-    )
-    for note in (*notes, *found.notes):
-        console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
-    after = certainty_of(result, found.known, criterion=before.criterion, top=before.top)
+    study = saved(console, folder)
+    before, after = study.confirm(records, measures=measures, channel_map=channel_map)
+    result, new = study.result, after.runs[len(before.runs) :]
     console.print(
-        f"{len(found.new)} new runs of {len({run.setup for run in found.new})} setups; {len(after.runs)} in all",
-        highlight=False,
+        f"{len(new)} new runs of {len({run.setup for run in new})} setups; {len(after.runs)} in all", highlight=False
     )
     console.print(before_and_after(result, before, after))
     show_certainty(console, result, after)
     show_contradictions(console, result, after)
-    with atomic_path(folder / PREVIOUS) as temporary:
-        shutil.copyfile(folder / CERTAINTY, temporary)
-    with replacing(folder / CERTAINTY):
-        write_certainty(after, folder / CERTAINTY)
     show_verdict(console, study_verdict(result, after).about("choice", "rig runs"))
     console.print(f"wrote {folder / CERTAINTY}; the previous one is {PREVIOUS}", highlight=False, soft_wrap=True)
-    write_page(console, result, folder)
+    show_page(console, study)
     ctx.exit(1 if after.contradictions else 0)
 
 
@@ -133,7 +102,7 @@ def _level(result: StudyResult, certainty: Certainty, setup: int) -> str:
 
 def show_contradictions(console: Console, result: StudyResult, certainty: Certainty) -> None:
     """Print the measured levels that the prediction does not explain."""
-    from cosim.study.certainty.certainty import percent
+    from cosim.study.choice.certainty import chance_text
     from eightpost import units
 
     for one in certainty.contradictions:
@@ -142,7 +111,7 @@ def show_contradictions(console: Console, result: StudyResult, certainty: Certai
         console.print(
             f"[yellow]contradiction[/] {escape(one.file)}: {escape(one.measure)} of setup {one.setup} is "
             f"{measured:.4g} {unit}, predicted {predicted:.4g}; a deviation of this size has a probability of "
-            f"{percent(one.probability)}; {'used, as other runs agree' if one.used else 'left out'}",
+            f"{chance_text(one.probability)}; {'used, as other runs agree' if one.used else 'left out'}",
             highlight=False,
             soft_wrap=True,
         )

@@ -10,17 +10,16 @@ from rich.console import Console
 
 from eightpost import completion
 from eightpost.app.build import build_with_progress, show_built
-from eightpost.app.certainty import assess
 from eightpost.app.check import show_report
 from eightpost.app.compare import measure_table
 from eightpost.app.fit import show_fit, show_test
 from eightpost.app.options import OutputFolder, Verb
+from eightpost.app.progress import ConsoleListener
 from eightpost.app.run import run_with_progress
-from eightpost.app.study import run_with_workers, show_study
 from eightpost.app.study import show_result as show_study_result
+from eightpost.app.study import show_study
 from eightpost.corners import CORNERS
 from eightpost.examples_folder import examples_folder
-from eightpost.workers.process import usable_processors
 
 if TYPE_CHECKING:
     import cosim
@@ -125,9 +124,8 @@ def _couple_and_swap(console: Console, examples: Path, output: Path) -> dict[str
 
 
 def _measure(console: Console, results: dict[str, cosim.Result], output: Path) -> None:
-    from cosim.report.plots import plot_spectra, plot_traces
-    from cosim.study.choice.compare import compare_runs
-    from cosim.study.plots import plot_measures
+    from cosim.report.page import plot_spectra, plot_traces
+    from cosim.study.choice.compare import compare_runs, plot_measures
 
     console.rule("4. Response measures")
     compared = compare_runs(results)
@@ -141,15 +139,13 @@ def _measure(console: Console, results: dict[str, cosim.Result], output: Path) -
 def _study(console: Console, examples: Path, output: Path) -> Path:
     """Run and rank every setup of the three builds on the identified car; return the page."""
     from cosim.study import Build, Drive, Study, Term, Vehicle
-    from cosim.study.folder import chosen_so_far, page_of
     from cosim.study.measures import ride_measures
-    from cosim.study.running.sweep import Sweep
-    from cosim.study.running.workers import ProcessWorkers
+    from eightpost.api.study_folder import StudyFolder
 
     console.rule("5. Every setup of the three shocks on an identified car, and how sure the choice is")
-    folder, identified = output / "fmus", examples / "identified"
-    (car,) = build_with_progress(console, [identified / "car.json"], folder / "identified")
-    bank = {name: Build(folder / f"dyno_{name}.fmu") for name in _BUILDS}
+    fmus, identified = output / "fmus", examples / "identified"
+    (car,) = build_with_progress(console, [identified / "car.json"], fmus / "identified")
+    bank = {name: Build(fmus / f"dyno_{name}.fmu") for name in _BUILDS}
     study = Study(
         name=f"three builds on an identified car {_SYNTHETIC}",
         vehicle=Vehicle(car.path, means_trusted=False),
@@ -160,13 +156,8 @@ def _study(console: Console, examples: Path, output: Path) -> Path:
         objective=(Term("front ride height, RMS", 1000.0, "in"), Term("total tire force, RMS", 1.0, "lbf")),
         baseline=dict.fromkeys(CORNERS, _BASELINE),
     )
-    sweep = Sweep(study, output / "study")
-    show_study(console, sweep)
-    workers = ProcessWorkers(usable_processors())
-    try:
-        result = run_with_workers(console, sweep, workers)
-        certainty = assess(console, result, sweep.folder, workers)
-    finally:
-        workers.close()
-    show_study_result(console, result, certainty, top=5)
-    return page_of(result, sweep.folder, chosen_so_far(result, sweep.folder))
+    folder = StudyFolder(output / "study", study, listener=ConsoleListener(console))
+    show_study(console, folder.sweep)
+    result = folder.run()
+    show_study_result(console, result, result.certainty, top=5)
+    return folder.write_page()

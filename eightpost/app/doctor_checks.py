@@ -20,7 +20,7 @@ from eightpost.extras import EXTRAS, REQUIRED, install_command, missing, package
 from eightpost.workers.process import ROOT, usable_processors
 
 if TYPE_CHECKING:
-    from builder.native.toolchain import Toolchain
+    from builder.toolchain import Toolchain
 
 
 class State(Enum):
@@ -198,7 +198,7 @@ def _compiler() -> Iterator[Finding]:
     if missing("build-local"):
         yield Finding(group, name, State.ABSENT, "FMUs cannot be built", install_command("build"))
         return
-    from builder.native.toolchain import find_toolchain
+    from builder.toolchain import find_toolchain
 
     try:
         toolchain = find_toolchain()

@@ -25,7 +25,7 @@ from eightpost.errors import InputError
 
 if TYPE_CHECKING:
     from eightpost.drivefile import IterationFolder, Outcome
-    from eightpost.ident.response import FrequencyResponse
+    from eightpost.ident.vehicle.frequency_response import FrequencyResponse
     from eightpost.signals import ChannelMap
     from eightpost.vehicle import Vehicle
 
@@ -87,8 +87,8 @@ def drivefile() -> None:
               metavar="FREQUENCY", help="Control bandwidth of the aeroloaders.")  # fmt: skip
 @click.option("--means/--no-means", default=True, show_default=True,
               help="Reproduce the mean displacements by steady loads.")  # fmt: skip
-@click.option("--format", "suffix", type=click.Choice(["parquet", "csv", "mat"]), default="parquet", show_default=True,
-              help="File format of the drive files for the rig.")  # fmt: skip
+@click.option("--format", "suffix", type=click.Choice(["parquet", "csv", "mat", "drv"]), default="parquet",
+              show_default=True, help="File format of the drive files for the rig.")  # fmt: skip
 @UNITS
 @map_option("docs/explanation/rig.md")
 @flip_option("lf.displacement")
@@ -237,7 +237,7 @@ def simulate(
     from eightpost.app.progress import bar
     from eightpost.drivefile import IterationFolder, Status
     from eightpost.drivefile.folder import iterate
-    from eightpost.rig.post.program import Bench
+    from eightpost.virtual.program import Bench
 
     console = Console(soft_wrap=True, highlight=False)
     iteration = IterationFolder.read(folder)
@@ -252,8 +252,7 @@ def simulate(
 
 def _car(path: Path) -> tuple[Vehicle, FrequencyResponse | None]:
     """Return a car, and the response of its identification if there is one next to it."""
-    from eightpost.ident.vehicle import read_fit
-    from eightpost.ident.vehicle.vehicle_fit import fit_path
+    from eightpost.ident.vehicle.vehicle_fit import fit_path, read_fit
     from eightpost.vehicle import read_vehicle
 
     if path.suffix.lower() == ".json" and fit_path(path).is_file():

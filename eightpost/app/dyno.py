@@ -66,7 +66,7 @@ def dyno(  # one parameter per option
       eightpost dyno --build C/B --amplitude '0.5 in' --seed 7 -o as_on_the_lap.parquet
       eightpost dyno --configuration 1 --test all -o tests/
     """
-    from eightpost.rig.dynamometer import Specimen, drivefile_of, program
+    from eightpost.virtual.dynamometer import Specimen, drivefile_of, program
 
     console = Console()
     _check_options(test_name, amplitude=amplitude, speed=speed, duration=duration)

@@ -74,8 +74,8 @@ def export(  # one parameter per option
       eightpost export c0.json c4.json c8.json --over clicks=0,4,8 -o clicks.mat
       eightpost export adjustable.json --over rebound=0,7,14,21,28 -o clicks.txt
     """
-    from eightpost.ident.exports.export import export as write
-    from eightpost.ident.exports.export import export_shocks, has_shocks
+    from eightpost.ident.export import export as write
+    from eightpost.ident.export import export_shocks, has_shocks
 
     console = Console(soft_wrap=True, highlight=False)
     is_shock = has_shocks(sources)

@@ -19,7 +19,8 @@ from eightpost.verdict import Verdict
 if TYPE_CHECKING:
     from eightpost.ident import ShockFit
     from eightpost.ident.shock.force import GasTreatment
-    from eightpost.ident.shock.law_fit import RecipeName, Robust
+    from eightpost.ident.shock.law_fit import RecipeName
+    from eightpost.least_squares import Robust
     from eightpost.rig import DynoTest, PeakVelocityTable
     from eightpost.signals import ChannelMap
 

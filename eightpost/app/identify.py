@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from eightpost.ident.vehicle.experiment import Baseline
     from eightpost.ident.vehicle.static_rating import StaticRating
     from eightpost.ident.vehicle.vehicle_fit import VehicleFit
-    from eightpost.rig.post import RigTest
+    from eightpost.rig import RigTest
     from eightpost.signals import ChannelMap
     from eightpost.verdict import Verdict
 
-#: Names of `eightpost.ident.vehicle.recipes.RECIPES`, whose import would delay every help text.
+#: Names of `eightpost.ident.vehicle.plan.RECIPES`, whose import would delay every help text.
 RECIPES = ("boggs", "common-poles", "grey-box")
 
 
@@ -93,9 +93,8 @@ def identify(  # one parameter per option
     """
     from eightpost.ident.preparation import Decimation, Preparation, prepare, read_preparation
     from eightpost.ident.vehicle.plan import plan_identification
-    from eightpost.ident.vehicle.plots import plot_identification
     from eightpost.ident.vehicle.vehicle_fit import write_fit
-    from eightpost.rig.post.rig_test import read_rig_tests
+    from eightpost.rig.rig_test import read_rig_tests
 
     console = Console()
     _check(rig_files, baseline)
@@ -129,7 +128,7 @@ def identify(  # one parameter per option
         with portion(0.15, 1.0):
             fit = plan.identify(recipe_name)
     _show_fit(console, fit, fit.verdict)
-    written = [*write_fit(output, fit), *plot_identification(fit, output.with_name(f"{output.stem}_plots"), plots)]
+    written = [*write_fit(output, fit), *fit.write_plots(output.with_name(f"{output.stem}_plots"), plots)]
     console.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, highlight=False)
     ctx.exit(0 if fit.verdict.is_acceptable else 1)
 

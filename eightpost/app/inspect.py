@@ -16,9 +16,8 @@ from eightpost.report.console import Table, console_table
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from eightpost.ident.preparation.plausibility_rules import Finding
-    from eightpost.rig import DynoTest, PeakVelocityTable
-    from eightpost.rig.post import RigTest
+    from eightpost.checks import Fault
+    from eightpost.rig import DynoTest, PeakVelocityTable, RigTest
     from eightpost.signals import ChannelMap, TimeSeries
     from eightpost.signals.raw_record import RawRecord
 
@@ -58,12 +57,11 @@ def inspect(
       eightpost inspect run7.mf4 --units force=lbf --flip force
       eightpost inspect rig.csv --map my_map.toml --mass '3400 lbm'
     """
-    from eightpost.rig import read_dyno_tests, split_runs
+    from eightpost.rig import read_dyno_tests, read_rig_test, split_runs
     from eightpost.rig.columns import propose_map, with_channels
     from eightpost.rig.peak_velocity import read_peak_velocity
     from eightpost.rig.peak_velocity_columns import holds_peak_velocities
-    from eightpost.rig.post import read_rig_test
-    from eightpost.rig.post.rig_test import rig_map
+    from eightpost.rig.rig_test import rig_map
     from eightpost.signals import read_records
 
     console = Console(soft_wrap=True, highlight=False)
@@ -237,7 +235,7 @@ def _channel_table(series: TimeSeries, statistics: Sequence[str]) -> Table:
     return console_table(["channel", "unit", *statistics], rows)
 
 
-def _show_lags(console: Console, test: RigTest, findings: Sequence[Finding]) -> bool:
+def _show_lags(console: Console, test: RigTest, findings: Sequence[Fault]) -> bool:
     """Print the lags, with a warning if a channel is late and no finding says so; return whether there is a warning."""
     from eightpost.ident.preparation import drifts, record_lags
     from eightpost.ident.preparation.preparation import unexplained_lags

@@ -17,7 +17,7 @@ from eightpost.report.console import Table, console_table
 
 if TYPE_CHECKING:
     from eightpost.ident.linearity import Linearity
-    from eightpost.rig.post import RigTest
+    from eightpost.rig import RigTest
     from eightpost.signals import ChannelMap
 
 
@@ -67,7 +67,7 @@ def linearity(
     from eightpost.ident.linearity import Condition, Thresholds, judge_linearity
     from eightpost.ident.linearity_plots import plot_conditions, plot_output, write_effects, write_paths
     from eightpost.ident.preparation import prepare, read_preparation
-    from eightpost.ident.response import LocalPolynomial
+    from eightpost.ident.vehicle.estimators import LocalPolynomial
 
     console = Console(soft_wrap=True, highlight=False)
     how = read_preparation(how_file) if how_file else None
@@ -93,7 +93,7 @@ def linearity(
 
 
 def _tests(files: Sequence[Path], channel_map: ChannelMap | None) -> Iterator[RigTest]:
-    from eightpost.rig.post import read_rig_test
+    from eightpost.rig import read_rig_test
 
     for path in each(Console(stderr=True), files, "reading", len(files)):
         yield read_rig_test(path, channel_map=channel_map)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,26 +9,20 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost import completion
 from eightpost.app.options import (
     SCHEDULER,
     WORKERS,
     FilePath,
     OutputFolder,
     Verb,
-    check_outputs,
-    check_report_folder,
     seed_option,
 )
-from eightpost.app.progress import bar
-from eightpost.app.study import FILES, read_with_fmus, running_workers, show_coupling, show_result, show_study
+from eightpost.app.study import FILES, begin, opened, show_page, show_result
 from eightpost.report.console import Table, console_table, unbroken
 
 if TYPE_CHECKING:
-    from cosim.study.choice.optimise import Optimum, Search
-    from cosim.study.result import StudyResult
-    from cosim.study.running.sweep import Requested
-    from cosim.study.running.workers import Workers
+    from cosim.study.choice.optimise import Optimum
+    from cosim.study.table import StudyResult
 
 
 @click.command(cls=Verb)
@@ -68,45 +61,21 @@ def optimise(
       eightpost optimise examples/study.toml -o out/ --for "front ride height, RMS" --for "total tire force, RMS"
     """
     from cosim.study.choice.optimise import Search, objectives_in_words
-    from cosim.study.folder import RESULTS
-    from cosim.study.running.sweep import Requested
-    from eightpost.app.show import write_page
 
     console = Console()
-    check_report_folder(output, "study")
-    described = read_with_fmus(console, study_file, output)
+    folder, search = opened(console, study_file, output, workers, scheduler), Search(objectives, evaluations, seed)
     for name in objectives:
-        described.measure(name)
-    requested, search = Requested(described, output), Search(objectives, evaluations, seed)
-    check_outputs()  # the files that the study names are now known
-    show_study(console, requested, f"at most {evaluations} to be evaluated")
-    console.print(f"minimised: {escape(objectives_in_words(described, search))}", highlight=False, soft_wrap=True)
-    completion.begin(output)
-    with running_workers(workers, scheduler) as pool:
-        result, optimum = _search(console, requested, pool, search)
-        coupling = requested.coupling(pool)
-        compared = requested.compare_best(requested.everything(coupling), coupling)
-        if compared.machine is None and coupling.machine is not None:
-            result, optimum = _search(console, requested, pool, search)
-        everything = requested.everything(compared)
-    everything.save(output / RESULTS)
-    show_result(console, replace(result, partial=False), rank=objectives[0] if objectives else None)
+        folder.study.measure(name)
+    begin(console, folder, f"at most {evaluations} to be evaluated")
+    console.print(f"minimised: {escape(objectives_in_words(folder.study, search))}", highlight=False, soft_wrap=True)
+    result, optimum = folder.optimise(search)
+    show_result(console, result, rank=objectives[0] if objectives else None)
     if len(objectives) > 1:
         console.print(front_table(result, optimum, objectives))
-    console.print(f"{escape(optimum.status)}; the study has {len(described.space)} setups", highlight=False)
-    console.print(f"table: {output / RESULTS}", highlight=False, soft_wrap=True)
-    write_page(console, everything, output)
+    console.print(f"{escape(optimum.status)}; the study has {len(folder.study.space)} setups", highlight=False)
+    console.print(f"table: {folder.sweep.path}", highlight=False, soft_wrap=True)
+    show_page(console, folder)
     ctx.exit(0 if optimum.best is not None else 1)
-
-
-def _search(console: Console, requested: Requested, pool: Workers, search: Search) -> tuple[StudyResult, Optimum]:
-    from cosim.study.choice.optimise import search_study
-
-    with console.status("choosing the coupling step"):
-        coupling = requested.coupling(pool)
-    show_coupling(console, coupling, requested.study)
-    with bar(console, "setups", search.evaluations) as advance:
-        return search_study(requested, pool, coupling, search, advance)
 
 
 def front_table(result: StudyResult, optimum: Optimum, objectives: tuple[str, ...]) -> Table:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
+import click
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -17,6 +20,8 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+
+from eightpost.progress import Listener
 
 Item = TypeVar("Item")
 
@@ -50,8 +55,8 @@ def bar(console: Console, text: str, total: float | None = None) -> Iterator[Adv
         yield advance
 
 
-#: Interval of the lines about the progress in a log file [s].
-INTERVAL = 30.0
+#: Interval of the lines about the progress in a log file [s]; a program that shows them asks for a shorter one.
+INTERVAL = float(os.environ.get("EIGHTPOST_PROGRESS", "30"))
 
 
 class _Lines:
@@ -102,3 +107,36 @@ def each(console: Console, items: Iterable[Item], text: str, total: int) -> Iter
         for done, item in enumerate(items, start=1):
             yield item
             advance(done)
+
+
+class ConsoleListener(Listener):
+    """Listener that prints what it is told, with a progress bar for each work.
+
+    Args:
+        console: Console.
+    """
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+
+    def note(self, text: str) -> None:
+        """Print a note."""
+        self._console.print(f"[yellow]note[/] {escape(text)}", highlight=False, soft_wrap=True)
+
+    def say(self, text: str) -> None:
+        """Print a sentence."""
+        self._console.print(escape(text), highlight=False, soft_wrap=True)
+
+    def report(self, text: str) -> None:
+        """Print a note on standard error."""
+        click.echo(f"{click.style('note', fg='yellow')} {text}", err=True)
+
+    @contextmanager
+    def work(self, text: str, total: float | None = None) -> Iterator[Advance]:
+        """Show a progress bar, or the name of work without a total."""
+        if total is not None:
+            with bar(self._console, text, total) as advance:
+                yield advance
+            return
+        with self._console.status(text) as status:
+            yield lambda done, _all=0.0: status.update(f"{done:g} {text}")

@@ -14,8 +14,8 @@ from eightpost.app.progress import each
 from eightpost.outputs import RECORD
 
 if TYPE_CHECKING:
-    from eightpost.rig.post import RigTest
-    from eightpost.rig.post.program import Draws
+    from eightpost.rig import RigTest
+    from eightpost.virtual.program import Draws
 
 TESTS = ("random", "single", "sine", "bump", "static", "track")
 CARS = ("quarter_car", "seven_dof", "eight_post", "flexible")
@@ -104,9 +104,9 @@ def rig(  # one parameter per option
       eightpost rig --car quarter_car --test random --shock configuration:1 -o quarter.parquet
       eightpost rig --test static --mode warp -o warp.csv
     """
-    from eightpost.rig.post import program
-    from eightpost.rig.post.program import Bench
-    from eightpost.rig.post.truths import shocks_named
+    from eightpost.virtual import program
+    from eightpost.virtual.program import Bench
+    from eightpost.virtual.shocks import shocks_named
 
     bench = Bench.of(truth, car_seed=car_seed, friction=friction == "on", noise=noise == "rig", run=run_seed, seed=seed)
     names = bench.shocks(shocks or ("demo:A",))

@@ -17,7 +17,7 @@ from eightpost.outputs import PICTURE, RECORD, RESULT
 
 if TYPE_CHECKING:
     import cosim
-    from cosim.session.master import Case
+    from cosim.session.run import Case
 
 #: Files that every run writes.
 FILES = {"series.parquet": RECORD, "series.csv": RECORD, "result.json": RESULT, "traces.png": PICTURE}
@@ -144,7 +144,7 @@ def run(
 def _draw_excerpt(result: cosim.Result, path: Path, title: str) -> str:
     """Draw a picture of a run if the packages for it are installed; return a sentence about what it shows."""
     try:
-        from cosim.report.plots import plot_excerpt
+        from cosim.report.page import plot_excerpt
     except MissingExtraError as error:
         path.unlink(missing_ok=True)  # of an earlier run
         return f"There is no picture: {error}"

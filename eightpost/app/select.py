@@ -10,12 +10,13 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.options import FilePath, Number, Verb
+from eightpost.app.study import saved, show_page
 from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table, right, unbroken
 
 if TYPE_CHECKING:
     from cosim.study.choice.selection import Selection
-    from cosim.study.result import StudyResult
+    from cosim.study.table import StudyResult
 
 TOTAL, POOL, TWICE = 20, 0.02, 4
 
@@ -47,30 +48,24 @@ def select(folder: Path, measures: tuple[str, ...], total: int, pool: float, twi
       eightpost select out/
       eightpost select out/ --measure "front ride height, RMS=4" --measure "total tire force, RMS=4"
     """
-    from cosim.study.choice.selection import BASELINE_RUNS, repeated, write_selection
-    from cosim.study.choice.selection import select as choose
-    from cosim.study.folder import RESULTS, SELECTION
-    from cosim.study.result import StudyResult
-    from eightpost.app.certainty import earlier_certainty
-    from eightpost.app.show import write_page
+    from cosim.study.choice.selection import BASELINE_RUNS, repeated
+    from eightpost.api.study_folder import SELECTION
 
     console = Console()
-    result = StudyResult.load(folder / RESULTS)
+    study = saved(console, folder)
     names, share = _measures_and_counts(measures)
-    certainty = earlier_certainty(result, folder)
-    selection = choose(result, names, total=total, share=share, pool=pool, certainty=certainty)
-    console.print(selection_table(selection, result))
+    selection = study.select(names, total=total, share=share, pool=pool, twice=twice)
+    console.print(selection_table(selection, study.result))
     if marked := sum(bool(selected.marks) for selected in selection.chosen):
         console.print(f"* {marked} predictions have a mark: see the column marks of the list", highlight=False)
     console.print(f"any two setups differ at {selection.closest} or more corners", highlight=False)
-    write_selection(selection, result, folder / SELECTION, twice=twice)
     second = len(repeated(selection, twice))
     repeats = f", {second} of them twice" if second else ""
-    repeats += f", and {BASELINE_RUNS} runs of the baseline" if result.study.baseline else ""
+    repeats += f", and {BASELINE_RUNS} runs of the baseline" if study.study.baseline else ""
     console.print(
         f"wrote {folder / SELECTION}: {len(selection.chosen)} setups{repeats}", highlight=False, soft_wrap=True
     )
-    write_page(console, result, folder)
+    show_page(console, study)
 
 
 def _measures_and_counts(measures: tuple[str, ...]) -> tuple[tuple[str, ...], dict[str, int] | None]:

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.options import FilePath, OutputFile, Verb
+from eightpost.app.study import saved
 from eightpost.outputs import TABLE
 from eightpost.report.console import Table, console_table
 
@@ -33,16 +34,11 @@ def sensitivity(folder: Path, output: Path) -> None:
     Example:
       eightpost sensitivity out/
     """
-    from cosim.study.choice.sensitivity import sensitivities_of, write_terms
-    from cosim.study.folder import RESULTS
-    from cosim.study.result import StudyResult
-
     console = Console()
-    result = StudyResult.load(folder / RESULTS)
-    results = sensitivities_of(result)
-    console.print(f"{escape(result.study.name)}: {len(result)} setups, {results[0].method}", highlight=False)
+    study = saved(console, folder)
+    results = study.sensitivity(output)
+    console.print(f"{escape(study.study.name)}: {len(study.result)} setups, {results[0].method}", highlight=False)
     console.print(share_table(results))
-    write_terms(results, result.provenance.measure_units, output)
     console.print(f"wrote {output}", highlight=False, soft_wrap=True)
 
 

@@ -13,7 +13,7 @@ from eightpost.app.options import FilePath, LawName, OutputFile, Quantity, Verb
 from eightpost.outputs import PICTURE, SHOCK
 
 if TYPE_CHECKING:
-    from eightpost.ident.shock.settings.result import SettingsFit
+    from eightpost.ident.shock.settings import SettingsFit
 
 
 @click.command(cls=Verb)
@@ -52,9 +52,9 @@ def settings(  # one parameter per option
       eightpost settings rebound.toml --law lpf1 -o shock.json --plot click_map.png
       eightpost build shock.json -o dist/
     """
-    from eightpost.ident.shock.settings.plots import plot_click_map
-    from eightpost.ident.shock.settings.result import fit_settings
-    from eightpost.ident.shock.settings.table import read_settings_table, settings_of_names
+    from eightpost.ident.shock.plots import plot_click_map
+    from eightpost.ident.shock.settings import fit_settings
+    from eightpost.ident.shock.settings_table import read_settings_table, settings_of_names
     from eightpost.shock import write_shock
 
     console = Console()
@@ -75,7 +75,7 @@ def settings(  # one parameter per option
 def _show(console: Console, fit: SettingsFit) -> None:
     """Print the errors of each setting, the changes and the verdict."""
     from eightpost.app.show import show_verdict
-    from eightpost.ident.shock.settings.plots import settings_table
+    from eightpost.ident.shock.settings import settings_table
 
     console.print(settings_table(fit))
     for change in fit.shock.fit["changes"]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,17 +19,14 @@ from eightpost.app.options import (
     OutputFolder,
     Quantity,
     Verb,
-    check_outputs,
-    check_report_folder,
     seed_option,
 )
-from eightpost.app.study import FILES, read_with_fmus, running_workers, show_coupling, show_study
+from eightpost.app.study import FILES, begin, opened, show_page
 from eightpost.errors import InputError
 from eightpost.outputs import AIM, PAGE
 
 if TYPE_CHECKING:
-    from cosim.study.study import Study
-    from eightpost.app.shape_search import Aim, Request
+    from eightpost.api.shapes import Aim
 
 
 @click.command(cls=Verb)
@@ -102,17 +98,13 @@ def shapes(
       eightpost shapes examples/study.toml -o out/ --at lr --vary rebound.low --vary rebound.high
       eightpost shapes examples/study.toml -o out/ --limit 'compression.low=10 lbf.s/in,60 lbf.s/in'
     """
-    from cosim.study.choice.continuous import Robustness
-    from cosim.study.folder import RESULTS
-    from cosim.study.result import StudyResult
-    from cosim.study.study_file import bank_sources
-    from eightpost.app.shape_page import aim_verdict, write_aim
-    from eightpost.app.shape_search import Request, searched_groups
-    from eightpost.app.show import show_verdict, write_page
+    from cosim.study.choice.optimise import Robustness
+    from eightpost.api.shape_page import aim_verdict
+    from eightpost.api.shapes import Request, bank_plan, searched_groups
+    from eightpost.app.show import show_verdict
     from eightpost.shock.shape import CURVE_NUMBERS
 
     console = Console()
-    check_report_folder(output, "study")
     request = Request(
         vary=vary or CURVE_NUMBERS,
         limits=_limits(limits),
@@ -125,13 +117,13 @@ def shapes(
         seed=seed,
         uncertain=sure,
     )
-    described = read_with_fmus(console, study_file, output)
-    searched_groups(described, corners)
+    folder = opened(console, study_file, output, workers, scheduler)
+    searched_groups(folder.study, corners)
     if objective is not None:
-        described.measure(objective)
-    sources = {name: path for name, path in bank_sources(study_file).items() if path.suffix == ".json"}
+        folder.study.measure(objective)
+    begin(console, folder, bank_plan(folder.sweep))
     try:
-        found = _search(console, described, output, sources, request, workers, scheduler)
+        found = folder.shapes(request)
     except KeyboardInterrupt:
         console.print("[yellow]stopped[/]: no targets were written; completed runs of the bank are kept, those of the "
                       "search are not; run the command again with the same folder", highlight=False)  # fmt: skip
@@ -139,9 +131,9 @@ def shapes(
         ctx.exit(1)
     _show(console, found)
     show_verdict(console, aim_verdict(found))
-    for path in write_aim(found, output):
-        console.print(f"wrote {path}", highlight=False, soft_wrap=True)
-    write_page(console, StudyResult.load(output / RESULTS), output)
+    for name in ("shapes.json", "shapes.html"):
+        console.print(f"wrote {output / name}", highlight=False, soft_wrap=True)
+    show_page(console, folder)
     ctx.exit(0 if aim_verdict(found).is_acceptable else 1)
 
 
@@ -165,31 +157,9 @@ def _limits(stated: tuple[tuple[str, str], ...]) -> dict[str, tuple[float, float
     return found
 
 
-def _search(
-    console: Console, described: Study, output: Path, sources: Mapping[str, Path], request: Request,
-    workers: int | None, scheduler: str | None,
-) -> Aim:  # fmt: skip
-    from cosim.study.folder import RESULTS
-    from cosim.study.running.sweep import Requested
-    from eightpost.app.shape_search import aim, bank_plan
-
-    requested = Requested(described, output)
-    check_outputs()  # the files that the study names are now known
-    completion.begin(output)
-    show_study(console, requested, bank_plan(requested))
-    with running_workers(workers, scheduler) as pool:
-        with console.status("choosing the coupling step"):
-            coupling = requested.coupling(pool)
-        show_coupling(console, coupling, described)
-        with console.status("running the bank") as status:
-            found = aim(requested, sources, pool, coupling, request, lambda runs: status.update(f"{runs} trials"))
-        requested.everything(coupling).save(output / RESULTS)
-        return found
-
-
 def _show(console: Console, found: Aim) -> None:
     """Print objectives, band, targets and what is near them."""
-    from eightpost.app.shape_page import (
+    from eightpost.api.shape_page import (
         band_text,
         car_text,
         gain_table,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -15,7 +14,6 @@ from eightpost.verdict import Grade, Reason, Verdict
 
 if TYPE_CHECKING:
     import cosim
-    from cosim.study.result import StudyResult
 
 # ---- Output of a verdict, the same for every command ----------------------------------------------------------------
 
@@ -106,17 +104,3 @@ def _statistics(result: cosim.Result) -> Table:
         rows.append((channel, unit, *(f"{number:.4g}" for number in numbers)))
     columns = [*unbroken("channel"), "unit", "mean", "RMS", "minimum", "maximum"]
     return console_table(columns, rows, caption="RMS about the mean")
-
-
-# ---- Output of every verb that changes the page of a study ----------------------------------------------------------
-
-
-def write_page(console: Console, result: StudyResult, folder: Path, *, trace_command: str = "") -> None:
-    """Write the report of a study with its selection and spreads so far, and print the path of the page."""
-    from cosim.study.folder import chosen_so_far, page_of
-
-    chosen = chosen_so_far(result, folder)
-    for note in chosen.notes:
-        console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
-    page = page_of(result, folder, chosen, trace_command=trace_command)
-    console.print(f"page: {page}", highlight=False, soft_wrap=True)

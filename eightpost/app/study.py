@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +14,6 @@ from rich.markup import escape
 
 from eightpost import completion
 from eightpost.app.build import build_with_progress
-from eightpost.app.certainty import assess, show_certainty
 from eightpost.app.options import (
     RANK,
     SCHEDULER,
@@ -28,18 +25,16 @@ from eightpost.app.options import (
     check_outputs,
     check_report_folder,
 )
-from eightpost.app.progress import bar
+from eightpost.app.progress import ConsoleListener
 from eightpost.outputs import PAGE, TABLE
 from eightpost.report.console import Table, console_table, unbroken
-from eightpost.workers.process import usable_processors
 
 if TYPE_CHECKING:
-    from cosim.study.certainty import Certainty
-    from cosim.study.result import StudyResult
-    from cosim.study.running.evaluator import Coupling
+    from cosim.study.choice.certainty import Certainty
+    from cosim.study.definition import Study
     from cosim.study.running.sweep import Sweep
-    from cosim.study.running.workers import Workers
-    from cosim.study.study import Study
+    from cosim.study.table import StudyResult
+    from eightpost.api.study_folder import StudyFolder
 
 #: Time after which a silent worker is ended [s].
 PATIENCE = 300.0
@@ -105,36 +100,23 @@ def study(
     """
     # Read when pyarrow is imported: its own allocator keeps some 150 MB of the files that a large study joins.
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
-    from cosim.study.running.evaluator import traces
-    from cosim.study.running.sweep import Sweep
-    from cosim.study.verdict import study_verdict
-    from eightpost.app.show import write_page
-    from eightpost.signals import write_series
 
     console = Console()
     _stop_at_sigterm()
-    check_report_folder(output, "study")
-    described = read_with_fmus(console, study_file, output)
+    folder = opened(console, study_file, output, workers, scheduler, patience)
     if rank is not None:
-        described.measure(rank)
+        folder.study.measure(rank)
     for index in traced:
-        described.space.setup(index)
-    sweep = Sweep(described, output)
-    check_outputs()  # the files that the study names are now known
-    show_study(console, sweep)
-    completion.begin(output)
-    with running_workers(workers, scheduler, patience=patience) as pool:
-        result = run_with_workers(console, sweep, pool)
-        sure = sure and bool(result.done.any()) and not result.partial
-        certainty = _assessed(console, result, output, pool, rank) if sure else None
-    show_result(console, result, certainty, rank=rank, top=top)
-    for index, series in traces(result, traced).items():
-        write_series(series, output / "traces" / f"{index}.parquet")
-        console.print(f"traces of setup {index}: {output / 'traces' / f'{index}.parquet'}", highlight=False)
-    console.print(f"table: {sweep.path}", highlight=False, soft_wrap=True)
-    write_page(console, result, output, trace_command=f"eightpost study {study_file} -o {output} --trace {{setup}}")
-    stopped = result.partial or (sure and certainty is None)
-    ctx.exit(0 if not stopped and result.done.all() and study_verdict(result, certainty).is_acceptable else 1)
+        folder.study.space.setup(index)
+    begin(console, folder)
+    result = folder.run(criterion=rank, certainty=sure)
+    show_result(console, result, result.certainty, rank=rank, top=top)
+    for index, path in folder.write_traces(traced):
+        console.print(f"traces of setup {index}: {path}", highlight=False)
+    console.print(f"table: {folder.sweep.path}", highlight=False, soft_wrap=True)
+    show_page(console, folder, trace_command=f"eightpost study {study_file} -o {output} --trace {{setup}}")
+    stopped = result.partial or (sure and result.certainty is None and result.done.any())
+    ctx.exit(0 if not stopped and result.done.all() and result.verdict.is_acceptable else 1)
 
 
 def _stop_at_sigterm() -> None:
@@ -144,45 +126,47 @@ def _stop_at_sigterm() -> None:
     signal.signal(signal.SIGTERM, lambda _number, _frame: signal.raise_signal(signal.SIGINT))
 
 
-def _assessed(console: Console, result: StudyResult, output: Path, pool: Workers, rank: str | None) -> Certainty | None:
-    """Return the certainty of a complete study; None if Ctrl-C ended its computation."""
-    try:
-        return assess(console, result, output, pool, criterion=rank)
-    except KeyboardInterrupt:
-        console.print("[yellow]stopped[/]: the table is complete; run the command again for how sure the choice is")
-        return None
+def opened(
+    console: Console,
+    study_file: Path,
+    output: Path,
+    workers: int | None,
+    scheduler: str | None,
+    patience: float = PATIENCE,
+) -> StudyFolder:
+    """Return the study of a file with its output folder; FMUs of its shock and vehicle files are built."""
+    from eightpost.api.study_folder import StudyFolder
+
+    check_report_folder(output, "study")
+    return StudyFolder(
+        output,
+        study_file,
+        workers=workers,
+        scheduler=scheduler,
+        patience=patience,
+        listener=ConsoleListener(console),
+        build=partial(build_with_progress, console),
+    )
 
 
-def read_with_fmus(console: Console, path: Path, output: Path) -> Study:
-    """Read a study; build the FMUs of its shock and vehicle files first."""
-    from eightpost.api import runs
+def saved(console: Console, folder: Path, workers: int | None = None) -> StudyFolder:
+    """Return the study of a folder that `eightpost study` wrote."""
+    from eightpost.api.study_folder import StudyFolder
 
-    folder = output / "fmus"
-    study, built = runs.read_with_fmus(path, folder, partial(build_with_progress, console))
-    if built:
-        console.print(f"built {len(built)} FMUs in {folder}/", highlight=False)
-    return study
+    return StudyFolder(folder, workers=workers, listener=ConsoleListener(console))
 
 
-@contextmanager
-def running_workers(count: int | None, scheduler: str | None, *, patience: float = PATIENCE) -> Iterator[Workers]:
-    """Yield the requested workers, and close them afterwards."""
-    from cosim.study.running.workers import ProcessWorkers
-
-    if scheduler is not None:
-        from cosim.study.running.dask_workers import DaskWorkers
-
-        pool: Workers = DaskWorkers(scheduler, waiting=patience, report=_report)
-    else:
-        pool = ProcessWorkers(count or usable_processors(), patience=patience)
-    try:
-        yield pool
-    finally:
-        pool.close()
+def begin(console: Console, folder: StudyFolder, plan: str = "") -> None:
+    """Check a study and its outputs, print what it asks for, and mark its folder before it computes."""
+    sweep = folder.sweep
+    check_outputs()  # the files that the study names are now known
+    show_study(console, sweep, plan)
+    completion.begin(folder.path)
 
 
-def _report(text: str) -> None:
-    click.echo(f"{click.style('note', fg='yellow')} {text}", err=True)
+def show_page(console: Console, folder: StudyFolder, *, trace_command: str = "") -> None:
+    """Write the page of a study, and print its path."""
+    console.print(f"page: {folder.write_page(trace_command=trace_command)}", highlight=False, soft_wrap=True)
 
 
 def show_study(console: Console, sweep: Sweep, plan: str = "") -> None:
@@ -212,27 +196,6 @@ def _trust(read: Study) -> str:
     return "are trusted" if read.vehicle.means_trusted else "are not trusted: measures that depend on them are left out"
 
 
-def run_with_workers(console: Console, sweep: Sweep, workers: Workers) -> StudyResult:
-    """Choose the coupling and run a study with a progress bar."""
-    with console.status("choosing the coupling step"):
-        coupling = sweep.coupling(workers)
-    show_coupling(console, coupling, sweep.study)
-    with bar(console, "setups", len(sweep.study.space)) as advance:
-        return sweep.run(workers, coupling, advance)
-
-
-def show_coupling(console: Console, coupling: Coupling, read: Study) -> None:
-    """Print how the runs are coupled, and a note if the coupling error exceeds the accuracy."""
-    for note in coupling.notes:
-        console.print(escape(note), highlight=False, soft_wrap=True)
-    if coupling.stated_error > read.accuracy:
-        console.print(
-            f"[yellow]note[/] the coupling error of {coupling.stated_error:.2g} % exceeds the requested accuracy of "
-            f"{read.accuracy:g} %",
-            highlight=False,
-        )
-
-
 def show_result(
     console: Console,
     result: StudyResult,
@@ -259,6 +222,15 @@ def show_result(
     if certainty is not None:
         show_certainty(console, result, certainty)
     show_verdict(console, study_verdict(result, certainty))
+
+
+def show_certainty(console: Console, result: StudyResult, certainty: Certainty) -> None:
+    """Print the summary of a certainty."""
+    from cosim.study.choice.certainty import summary_lines
+
+    for place, line in enumerate(summary_lines(result, certainty)):
+        style = "bold" if place == 0 else ""
+        console.print(escape(line), style=style, highlight=False, soft_wrap=True)
 
 
 def _ranking(result: StudyResult, rows: list[int], rank: str | None) -> Table:

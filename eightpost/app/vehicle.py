@@ -15,7 +15,7 @@ from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table, unbroken
 
 if TYPE_CHECKING:
-    from eightpost.ident.response import FrequencyResponse
+    from eightpost.ident.vehicle.frequency_response import FrequencyResponse
     from eightpost.vehicle import Mode
 
 
@@ -43,11 +43,10 @@ def vehicle(path: Path, parameter: str | None, factors: str, names: tuple[str, .
     Example:
       eightpost vehicle car.toml --vary damping --factors 0.5,1,2,3 -o study
     """
-    from eightpost.ident.response import response_of, write_response
-    from eightpost.ident.vehicle.magnitude_plots import plot_magnitudes
-    from eightpost.ident.vehicle.parameter_study import frequencies_to, variants_of
+    from eightpost.ident.vehicle.frequency_response import response_of, write_response
+    from eightpost.ident.vehicle.plots import frequencies_to, plot_magnitudes, variants_of
     from eightpost.vehicle import StructuralVehicle, read_vehicle
-    from eightpost.vehicle.plausibility import doubts
+    from eightpost.vehicle.structural import doubts
 
     frequency = frequencies_to(high)
     car = read_vehicle(path)

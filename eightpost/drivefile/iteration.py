@@ -14,10 +14,9 @@ from eightpost.array_types import Array, Complex
 from eightpost.corners import channel
 from eightpost.drivefile.target import LimitHit, Limits, Lines, PassErrors, Target, pass_errors, within_limits
 from eightpost.errors import ParameterError
-from eightpost.ident.response import FrequencyResponse
-from eightpost.ident.vehicle.port_laws import bristle_force
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse
+from eightpost.ident.vehicle.simulation import bristle_force
 from eightpost.shock import ShockLaw
-from eightpost.signals import TimeSeries
 from eightpost.signals.filters import velocity_from_displacement
 from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace, StructuralVehicle, Vehicle, add_port_damping
 
@@ -71,14 +70,8 @@ def start_response(
     """Return the response of a car on the rig, about its motion on the track.
 
     Friction and shocks are replaced by the linear dampers that take up the same power at the velocities of the
-    track record: c = <F v> / <v^2>.
-
-    Args:
-        vehicle: Identified or structural car.
-        target: Target.
-        shocks: Shock law on the car by corner; a corner without one has the damping of the identification.
-        actuators: Bandwidths of the actuators; default those of 6.1.1.
-        measured: Response of the identification, for its coherence; None if it is not known.
+    track record: c = <F v> / <v^2>. A corner without a shock has the damping of the identification; actuators have the
+    bandwidths of 6.1.1 by default. The response of the identification, if it is known, gives the coherence.
 
     Raises:
         ParameterError: The car lacks a target channel, or is not continuous.
@@ -106,25 +99,17 @@ def _about_the_track(vehicle: Vehicle, target: Target, shocks: Mapping[str, Shoc
         if shocks:
             raise ParameterError(f"{vehicle.name} has its own dampers; omit --shock")
         return vehicle.with_damper(), notes
-    added = {}
+    added, rate = {}, target.rate
     for port in {**vehicle.baseline_damping, **vehicle.friction, **shocks}:
-        velocity = _velocity(target, port)
-        if velocity is None:
-            notes.append(f"{channel(port, 'displacement')} is not a target, so friction and shock of this corner are "
-                         "not converted to damping.")  # fmt: skip
+        name = channel(port, "displacement")
+        if name not in target.names:
+            notes.append(f"{name} is not a target, so friction and shock of this corner are not converted to damping.")
             continue
-        added[port] = _added_damping(vehicle, port, shocks.get(port), (velocity, target.rate))
+        velocity = velocity_from_displacement(target.series[name], rate, min(_CUTOFF, 0.4 * rate))
+        added[port] = _added_damping(vehicle, port, shocks.get(port), (velocity, rate))
     if unknown := [port for port in shocks if channel(port, "force") not in vehicle.state_space.input_names]:
         raise ParameterError(f"the car {vehicle.name!r} has no corner {unknown[0]!r}; correct --shock")
     return add_port_damping(vehicle.state_space, added), notes
-
-
-def _velocity(target: Target, port: str) -> Array | None:
-    """Return the shock velocity (N,) of a corner on the track, None if its displacement is not a target."""
-    name = channel(port, "displacement")
-    if name not in target.names:
-        return None
-    return velocity_from_displacement(target.series[name], target.rate, min(_CUTOFF, 0.4 * target.rate))
 
 
 def _added_damping(vehicle: IdentifiedVehicle, port: str, law: ShockLaw | None, on_track: tuple[Array, float]) -> float:
@@ -136,21 +121,17 @@ def _added_damping(vehicle: IdentifiedVehicle, port: str, law: ShockLaw | None, 
     friction = vehicle.friction.get(port, Friction())
     force = friction.force * np.tanh(velocity / friction.velocity) + bristle_force(velocity, rate, friction.bristle)
     if law is not None:
-        curve = np.array([law.static_force(float(v)) for v in np.linspace(velocity.min(), velocity.max(), 201)])
-        force = force + np.interp(velocity, np.linspace(velocity.min(), velocity.max(), 201), curve)
+        grid = np.linspace(velocity.min(), velocity.max(), 201)
+        force = force + np.interp(velocity, grid, [law.static_force(float(v)) for v in grid])
         force = force - vehicle.baseline_damping.get(port, 0.0) * velocity
     return float(np.mean(force * velocity) / np.mean(velocity**2))
 
 
 def _measured_coherence(measured: FrequencyResponse | None, target: Target, frequency: Array) -> Array | None:
     """Return the coherence (p, K) of the identification at the lines; 0 above its band, its edge value below."""
-    if measured is None or measured.coherence is None:
+    if measured is None or measured.coherence is None or not set(target.names) <= set(measured.output_names):
         return None
-    if any(name not in measured.output_names for name in target.names):
-        return None
-    rows = measured.select(outputs=target.names).coherence
-    if rows is None:
-        return None
+    rows = [measured.coherence[measured.output_names.index(name)] for name in target.names]
     return np.stack([np.interp(frequency, measured.frequency, row, right=0.0) for row in rows])
 
 
@@ -161,8 +142,7 @@ def _static(model: StateSpace, notes: list[str]) -> Array:
     except ParameterError as error:
         notes.append(f"The means of the target are not reproduced: {error}.")
         return np.zeros((len(model.outputs), len(model.inputs)))
-    loads = np.array([c.unit != "m" for c in model.inputs])
-    return np.asarray(np.where(loads, gain, 0.0))
+    return np.asarray(np.where(np.array([c.unit != "m" for c in model.inputs]), gain, 0.0))
 
 
 # ==== Regularised inverse of a frequency response, line by line ======================================================
@@ -200,19 +180,13 @@ def output_scale(lines: Lines, target: Complex, width: float) -> Array:
 
 
 def regularised_inverse(H: Complex, outputs: Array, units: tuple[str, ...], regularisation: float) -> Inverse:
-    """Return the Tikhonov-regularised inverse of a response at each line.
+    """Return the Tikhonov-regularised inverse of a response H (K, p, m) at each line.
 
         S = Y^-1 H U = W diag(s) V^H,   G = U V diag(s / (s^2 + lambda^2)) W^H Y^-1,   lambda = r s_max
 
-    Y are the amplitudes of the target channels, so that all channels count equally, and U typical amplitudes of the
-    inputs. Directions with singular values far below lambda are not driven: the rig cannot reach them without commands
-    that are far larger than typical ones.
-
-    Args:
-        H: Response (K, p, m).
-        outputs: Amplitudes Y of the channels (K, p).
-        units: SI units of the m inputs.
-        regularisation: Ratio r of lambda to the largest singular value of each line [1].
+    Y are the amplitudes of the target channels (K, p), so that all channels count equally, U typical amplitudes of the
+    inputs, and r is the regularisation [1]. Directions with singular values far below lambda are not driven: the rig
+    cannot reach them without commands that are far larger than typical ones.
 
     Raises:
         ParameterError: An input has another unit than m, N or N.m.
@@ -261,21 +235,15 @@ class Correction:
 
 
 def correction(H: Complex, passes: Sequence[PassSpectra], lines: Lines, width: float) -> Correction:
-    """Return the correction from the changes between successive passes.
+    """Return the correction from the changes between successive passes, in bands of a width [Hz].
 
-    A step from one pass to the next changes the drive by dX and the record by dY. With the prediction dP = H dX, the
-    factor c of a channel in a band minimises
+    A step from one pass to the next changes the drive by dX and the record by dY. With the prediction dP = H dX by the
+    starting response (K, p, m), the factor c of a channel in a band minimises
 
         sum_steps w |dY - c dP|^2 + prior |c - 1|^2
 
     Later steps and steps with high coherence have larger weights, because the car's response to small changes about the
     target is needed, and noise and drift from pass to pass must not enter it. The first step is that from rest.
-
-    Args:
-        H: Starting response (K, p, m).
-        passes: Passes in their order.
-        lines: Lines of the drive file.
-        width: Width of the bands [Hz].
     """
     measured = np.zeros((len(H), H.shape[1]), dtype=np.complex128)
     predicted = np.zeros(measured.shape)
@@ -307,13 +275,7 @@ def _coherence(cross: Complex, power: Array, dY: Complex, lines: Lines, width: f
 
 
 def start_gains(coherence: Array | None, shape: tuple[int, int], highest: float) -> Array:
-    """Return the gains (K, p) of the first pass.
-
-    Args:
-        coherence: Coherence of the identification (p, K); None if it is not known, which is then taken as 1.
-        shape: Numbers K of lines and p of channels.
-        highest: Maximum gain [1].
-    """
+    """Return the gains (K, p) of the first pass from the identification's coherence (p, K); None is taken as 1."""
     if coherence is None:
         return np.full(shape, highest)
     return np.asarray(highest * np.maximum(coherence.T, _UNKNOWN))
@@ -408,10 +370,6 @@ class Problem:
         """Lines of the target (K, p)."""
         return self.target.lines.spectrum(self.target.rows)
 
-    def series(self, commands: Array) -> TimeSeries:
-        """Return commands (m, N) in SI as a drive file's series."""
-        return TimeSeries(self.target.time, commands, self.inputs, self.units)
-
     def accepted(self, name: str) -> float:
         """Return the accepted error of a target channel [1]."""
         unit = self.target.units[self.target.names.index(name)]
@@ -448,35 +406,36 @@ class Outcome:
 
 
 def advance(problem: Problem, passes: Sequence[Pass]) -> Outcome:
-    """Return the state after the passes, and the next drive.
+    """Return the state after the passes, and the next drive; without passes, it is the first one.
 
         X_next = X + G K (Y_d - Y)                                                   (2.7)
 
     X, Y are those of the last pass. If its error exceeds `REJECTED` times the smallest error, they are those of the
     best pass, and the gains are halved for each rejected pass in a row. Before the first pass, X and Y are 0.
-
-    Args:
-        problem: Target, response and settings.
-        passes: Passes so far, in their order; empty for the first drive.
     """
-    target, settings = problem.target, problem.settings
+    target, settings, lines = problem.target, problem.settings, problem.target.lines
     errors = tuple(pass_errors(target, one.record) for one in passes)
     best, rejections = _history([one.total for one in errors])
-    spectra = [_spectra(target, one) for one in passes]
-    H, gain = _response_and_gains(problem, spectra)
-    scale = output_scale(target.lines, problem.wanted, settings.width)
+    moving = [target.without_means(one.record)[0] for one in passes]
+    H = problem.response
+    gain = start_gains(problem.start.response.coherence, problem.wanted.shape, settings.gain)
+    if passes and settings.is_updated:
+        spectra = [PassSpectra(lines.spectrum(one.drive - one.drive[:, :1]), lines.spectrum(rows))
+                   for one, rows in zip(passes, moving, strict=True)]  # fmt: skip
+        corrected = correction(H, spectra, lines, settings.width)
+        H, gain = H * corrected.factor[:, :, None], gains(corrected.coherence, settings.gain)
+    scale = output_scale(lines, problem.wanted, settings.width)
     inverse = regularised_inverse(H, scale, problem.units, settings.regularisation)
-    base = best if rejections else len(passes) - 1
     gain = gain * 0.5**rejections
-    before, error = np.zeros((len(problem.units), target.lines.samples)), problem.wanted
-    if base >= 0:
-        before, error = passes[base].drive - passes[base].drive[:, :1], _error(target, passes[base])
-    update = target.lines.rows(np.einsum("kij,kj->ki", inverse.G, gain * error))
-    steady = _steady_loads(problem, passes[base] if base >= 0 else None)
-    commands = before + target.drive_window * update + steady[:, None]
-    drive, hits = within_limits(
-        commands, problem.inputs, problem.units, target.lines, settings.limits, target.drive_window
-    )
+    before, error, base = np.zeros((len(problem.units), lines.samples)), problem.wanted, None
+    if passes and (best >= 0 or not rejections):
+        k = best if rejections else len(passes) - 1
+        base = passes[k]
+        before = base.drive - base.drive[:, :1]
+        error = lines.spectrum(target.error_window * (target.rows - moving[k]))
+    update = lines.rows(np.einsum("kij,kj->ki", inverse.G, gain * error))
+    commands = before + target.drive_window * update + _steady_loads(problem, base)[:, None]
+    drive, hits = within_limits(commands, problem.inputs, problem.units, lines, settings.limits, target.drive_window)
     status = _status(problem, errors, best, rejections)
     left = problem.wanted - np.einsum("kij,kj->ki", H @ inverse.G, problem.wanted)
     unreachable = np.linalg.norm(left, axis=0) / np.linalg.norm(problem.wanted, axis=0)
@@ -491,27 +450,6 @@ def _history(totals: Sequence[float]) -> tuple[int, int]:
         if total < smallest:
             best, smallest = k, total
     return best, rejections
-
-
-def _spectra(target: Target, one: Pass) -> PassSpectra:
-    steady = one.drive[:, :1]
-    moving, _ = target.without_means(one.record)
-    return PassSpectra(target.lines.spectrum(one.drive - steady), target.lines.spectrum(moving))
-
-
-def _error(target: Target, one: Pass) -> Complex:
-    moving, _ = target.without_means(one.record)
-    return target.lines.spectrum(target.error_window * (target.rows - moving))
-
-
-def _response_and_gains(problem: Problem, spectra: Sequence[PassSpectra]) -> tuple[Complex, Array]:
-    """Return the corrected response (K, p, m) and the gains (K, p)."""
-    settings = problem.settings
-    first = start_gains(problem.start.response.coherence, problem.wanted.shape, settings.gain)
-    if not (spectra and settings.is_updated):
-        return problem.response, first
-    found = correction(problem.response, spectra, problem.target.lines, settings.width)
-    return problem.response * found.factor[:, :, None], gains(found.coherence, settings.gain)
 
 
 def _steady_loads(problem: Problem, base: Pass | None) -> Array:

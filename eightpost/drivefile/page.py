@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eightpost.array_types import Array, Complex
+from eightpost.array_types import Complex
 from eightpost.drivefile.folder import IterationFolder
 from eightpost.drivefile.iteration import PATIENCE, REJECTED, Outcome, Pass, Problem, Status
 from eightpost.drivefile.target import EDGES, PassErrors
@@ -63,43 +63,31 @@ MEANS = RULES.add("mean displacement", ABOUT, Grade.LIMITED,
 
 
 _OF_STATUS = {
-    Status.CONVERGED: REPRODUCED, Status.RUNNING: RUNNING, Status.STALLED: STALLED, Status.DIVERGED: DIVERGED,
-}  # fmt: skip
+    Status.CONVERGED: (REPRODUCED, "the rig reproduces the target"),
+    Status.RUNNING: (RUNNING, "the target is not reproduced yet"),
+    Status.STALLED: (STALLED, "the target is not reproduced, and the error no longer decreases"),
+    Status.DIVERGED: (DIVERGED, "the iteration diverged"),
+}
 
 
 def iteration_verdict(problem: Problem, outcome: Outcome, hits: Sequence[str] = ()) -> Verdict:
-    """Return the verdict on an iteration.
-
-    Args:
-        problem: Target, response and settings.
-        outcome: State of the iteration.
-        hits: Sentences on the limits that changed the drive of the best pass.
-    """
+    """Return the verdict on an iteration; `hits` are sentences on limits that changed the drive of the best pass."""
     return Verdict(_reasons(problem, outcome, hits))
 
 
 def _reasons(problem: Problem, outcome: Outcome, hits: Sequence[str]) -> Iterator[Reason]:
-    rule, number = _OF_STATUS[outcome.status], outcome.best + 1
+    (rule, statement), number = _OF_STATUS[outcome.status], outcome.best + 1
     place = f"best pass {number} of {len(outcome.errors)}" if number else f"{len(outcome.errors)} passes"
-    statement = {
-        Status.CONVERGED: "the rig reproduces the target",
-        Status.RUNNING: "the target is not reproduced yet",
-        Status.STALLED: "the target is not reproduced, and the error no longer decreases",
-        Status.DIVERGED: "the iteration diverged",
-    }[outcome.status]
     figure = error_summary(outcome.errors[outcome.best]) if number else "no pass is better than a rig at rest"
     yield rule.reason(statement, figure=figure, origin=place)
     for hit in dict.fromkeys((*hits, *map(str, outcome.hits))):
         yield AT_LIMIT.reason("the drive is limited", figure=hit, origin="drive file")
     if number and problem.settings.has_means:
-        yield from _mean_reasons(problem, outcome.errors[outcome.best], place)
-
-
-def _mean_reasons(problem: Problem, errors: PassErrors, place: str) -> Iterator[Reason]:
-    for name, unit in zip(problem.target.names, problem.target.units, strict=True):
-        if unit == "m" and abs(errors.means[name]) > _MEAN:
-            figure = f"{name} {100.0 * errors.means[name]:+.0f} % of its RMS; limit {100.0 * _MEAN:g} %"
-            yield MEANS.reason("a mean displacement is not reproduced", figure=figure, origin=place)
+        means = outcome.errors[outcome.best].means
+        for name, unit in zip(problem.target.names, problem.target.units, strict=True):
+            if unit == "m" and abs(means[name]) > _MEAN:
+                figure = f"{name} {100.0 * means[name]:+.0f} % of its RMS; limit {100.0 * _MEAN:g} %"
+                yield MEANS.reason("a mean displacement is not reproduced", figure=figure, origin=place)
 
 
 def error_summary(errors: PassErrors) -> str:
@@ -272,17 +260,12 @@ def _time_figure(problem: Problem, outcome: Outcome, passes: Sequence[Pass]) -> 
     measured = target.lines.rows(target.lines.spectrum(target.without_means(passes[k].record)[0]))
     for panel, name in enumerate(worst):
         row = target.names.index(name)
-        part = _around(np.abs(measured[row] - wanted[row]), target.judged, target.rate)
+        error, half = np.abs(measured[row] - wanted[row]), round(0.5 * _SHOWN * target.rate)
+        centre = target.judged.start + int(np.argmax(error[target.judged]))
+        part = slice(max(centre - half, 0), centre + half)
         figure.line(panel, target.time[part], wanted[row, part], name="target", color=MEASURED)
         figure.line(panel, target.time[part], measured[row, part], name=f"pass {number}", color=COLORS[0])
     return figure
-
-
-def _around(error: Array, judged: slice, rate: float) -> slice:
-    """Return the samples around the largest error."""
-    centre = judged.start + int(np.argmax(error[judged]))
-    half = round(0.5 * _SHOWN * rate)
-    return slice(max(centre - half, 0), centre + half)
 
 
 def _response_figure(problem: Problem, outcome: Outcome) -> Figure:

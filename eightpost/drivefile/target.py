@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.fft
@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from eightpost.array_types import Array, Complex
 from eightpost.corners import CORNERS, channel
 from eightpost.errors import ConstantChannelError, MissingChannelError, ParameterError, TooShortError
-from eightpost.rig.post.rig_test import CHANNEL_UNITS, rig_map
+from eightpost.rig.rig_test import CHANNEL_UNITS, rig_map
 from eightpost.signals import ChannelMap, TimeSeries
 from eightpost.signals.filters import lowpass
 from eightpost.signals.formats import read_record
@@ -104,7 +104,6 @@ class Target:
     high: float  #: Highest frequency to reproduce [Hz].
 
     def __post_init__(self) -> None:
-        """Check the record."""
         if not self.series.is_uniform:
             raise ParameterError("the track record is not evenly sampled; resample it")
         if self.series.duration < _SHORTEST:
@@ -220,15 +219,10 @@ def read_channels(
     units: Mapping[str, str] | None = None,
     flip: Iterable[str] = (),
 ) -> TimeSeries:
-    """Read channels of a track or rig record.
+    """Read channels of a track or rig record in any format of `read_series`; by default those of `target_names`.
 
-    Args:
-        path: Path of the record, in any format of `read_series`.
-        names: Names of the channels; None for those of `target_names`.
-        optional: Names of channels to read if the record has them.
-        channel_map: Columns by channel; other columns must have the names of the channels (docs/explanation/rig.md).
-        units: Units by channel, for columns without a unit in the header.
-        flip: Names of the channels whose sign is changed.
+    The optional channels are read if the record has them. `units` are those of columns without a unit in the header. A
+    column that the map (docs/explanation/rig.md) does not name must have the name of its channel.
 
     Raises:
         DataError: The record has a fault; the message says which and where.
@@ -242,10 +236,10 @@ def read_channels(
         raise MissingChannelError(
             f"the record lacks {', '.join(missing)}; name their columns in a channel map (--map)", path=path
         )
-    kept = (*wanted, *(name for name in optional if name in mapping.channels))
-    for name in kept:
+    names = (*wanted, *(name for name in optional if name in mapping.channels))
+    for name in names:
         record.check_unique(mapping.channels[name].source, channel=name)
-    chosen = ChannelMap({name: mapping.channels[name] for name in kept}, mapping.time, mapping.path)
+    chosen = ChannelMap({name: mapping.channels[name] for name in names}, mapping.time, mapping.path)
     return mapped_series(record, chosen, units=units, expected=CHANNEL_UNITS)
 
 
@@ -291,22 +285,14 @@ class PassErrors:
 
     def of_quantity(self, quantity: str) -> float | None:
         """Return the root mean square of the errors of a quantity's channels [1]; None if it is not a target."""
-        found = [value for name, value in self.channels.items() if name.rpartition(".")[2] == quantity]
-        return float(np.sqrt(np.mean(np.square(found)))) if found else None
+        errors = [value for name, value in self.channels.items() if name.rpartition(".")[2] == quantity]
+        return float(np.sqrt(np.mean(np.square(errors)))) if errors else None
 
     @property
     def worst(self) -> tuple[str, float]:
         """Channel with the largest error, and its error [1]."""
         name = max(self.channels, key=lambda one: self.channels[one])
         return name, self.channels[name]
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the errors for a JSON file."""
-        return {
-            "total": self.total,
-            **{name: dict(getattr(self, name)) for name in ("channels", "peaks", "beyond", "means")},
-            "bands": {name: list(row) for name, row in self.bands.items()},
-        }
 
 
 def pass_errors(target: Target, record: Array) -> PassErrors:
@@ -379,70 +365,52 @@ class LimitHit:
             f"{self.limit:.4g} {self.unit} (exceeded for {100.0 * self.share:.2g} % of the time)"
         )
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the attributes for a JSON file."""
-        return asdict(self)
-
 
 def within_limits(
     rows: Array, names: tuple[str, ...], units: tuple[str, ...], lines: Lines, limits: Limits, window: Array
 ) -> tuple[Array, tuple[LimitHit, ...]]:
-    """Return the commands (m, N) within the limits, and the limits that changed them.
+    """Return the commands (m, N) [SI] within the limits, and the limits that changed them.
 
     A command beyond a limit is projected alternately onto the limit and onto the band of the drive file, so that it
-    gets no harmonics; finally, it is scaled by the small excess that remains.
-
-    Args:
-        rows: Commands (m, N), SI.
-        names: Names of the m inputs.
-        units: SI units of the m inputs.
-        lines: Lines of the drive file.
-        limits: Limits.
-        window: Weight (N,) of the drive, 0 at its ends.
+    gets no harmonics; finally, it is scaled by the small excess that remains. `window` is the weight (N,) of the drive,
+    0 at its ends.
     """
     limited, hits = rows.copy(), []
-    stroke, force = _Kind("stroke", "m", limits.stroke, _same), _Kind("force", "N", limits.force, _same)
-    velocity = _Kind("velocity", "m/s", limits.velocity, _slope_at(lines.rate))
-    of_unit = {"m": [stroke, velocity], "N": [force]}
+    of_unit = {"m": [("stroke", "m", limits.stroke), ("velocity", "m/s", limits.velocity)],
+               "N": [("force", "N", limits.force)]}  # fmt: skip
     for row, (name, unit) in enumerate(zip(names, units, strict=True)):
-        kinds = of_unit.get(unit, [])
-        found = [hit for kind in kinds if (hit := _hit(rows[row], name, kind, lines.rate))]
-        if found:
+        kinds = [_Kind(*kind, lines.rate) for kind in of_unit.get(unit, [])]
+        exceeded = [hit for kind in kinds if (hit := _hit(rows[row], name, kind))]
+        if exceeded:
             limited[row] = _projected(rows[row], kinds, lines, window)
-            hits += found
+            hits += exceeded
     return limited, tuple(hits)
 
 
-@dataclass(frozen=True, slots=True)
-class _Kind:
-    """A limit of one command, and the function from the command to the limited quantity."""
+class _Kind(NamedTuple):
+    """A limit of one command: of its value, or of its change per second between samples."""
 
     name: str
     unit: str
     limit: float
-    of: Callable[[Array], Array]
+    rate: float
+
+    @property
+    def is_slope(self) -> bool:
+        return self.name == "velocity"
+
+    def of(self, row: Array) -> Array:
+        """Return the limited quantity (N,) of a command (N,)."""
+        return np.asarray(np.diff(row, append=row[-1:]) * self.rate, dtype=np.float64) if self.is_slope else row
 
 
-def _same(row: Array) -> Array:
-    return row
-
-
-def _slope_at(rate: float) -> Callable[[Array], Array]:
-    """Return the function from a command (N,) to its change per second between samples (N,)."""
-
-    def slope(row: Array) -> Array:
-        return np.asarray(np.diff(row, append=row[-1:]) * rate, dtype=np.float64)
-
-    return slope
-
-
-def _hit(row: Array, name: str, kind: _Kind, rate: float) -> LimitHit | None:
+def _hit(row: Array, name: str, kind: _Kind) -> LimitHit | None:
     size = np.abs(kind.of(row))
     worst = int(np.argmax(size))
     if size[worst] <= (1.0 + _CLOSE) * kind.limit:
         return None
     share = float(np.mean(size > kind.limit))
-    return LimitHit(name, kind.name, float(size[worst]), kind.limit, kind.unit, worst / rate, share)
+    return LimitHit(name, kind.name, float(size[worst]), kind.limit, kind.unit, worst / kind.rate, share)
 
 
 def _projected(row: Array, kinds: list[_Kind], lines: Lines, window: Array) -> Array:
@@ -452,24 +420,16 @@ def _projected(row: Array, kinds: list[_Kind], lines: Lines, window: Array) -> A
         for kind in kinds:
             values = kind.of(steady + moving)
             excess = values - np.clip(values, -kind.limit, kind.limit)
-            moving = moving - (excess if kind.of is _same else _integral(excess, lines))
+            if kind.is_slope:  # the integral of the excess velocity within the band
+                slope = lines.spectrum(excess[None]) / (2j * np.pi * lines.frequency[:, None])
+                excess = lines.rows(slope)[0]
+            moving = moving - excess
         moving = window * lines.rows(lines.spectrum(moving[None]))[0]
-    return np.asarray(steady + moving * _remaining_scale(steady, moving, kinds), dtype=np.float64)
-
-
-def _integral(slope: Array, lines: Lines) -> Array:
-    """Return the integral (N,) of an excess velocity within the band."""
-    spectrum = lines.spectrum(slope[None]) / (2j * np.pi * lines.frequency[:, None])
-    return np.asarray(lines.rows(spectrum)[0])
-
-
-def _remaining_scale(steady: float, moving: Array, kinds: list[_Kind]) -> float:
-    """Return the largest factor of the motion, at most 1, with which all limits hold."""
-    scale = 1.0
+    scale = 1.0  # largest factor of the motion, at most 1, with which all limits hold
     for kind in kinds:
         values = kind.of(moving)
-        offset = steady if kind.of is _same else 0.0
+        offset = 0.0 if kind.is_slope else steady
         for extreme, room in ((values.max(), kind.limit - offset), (-values.min(), kind.limit + offset)):
             if extreme > room:
                 scale = min(scale, max(room, 0.0) / float(extreme))
-    return scale
+    return np.asarray(steady + moving * scale, dtype=np.float64)

@@ -150,6 +150,7 @@ class Description:
     exchange_sources: Sources  #: What to compile for model exchange.
     units: tuple[Unit, ...]  #: Units.
     types: Mapping[str, tuple[str, Attributes]]  #: Type and attributes of each type definition, by its name.
+    items: Mapping[str, Mapping[str, str]]  #: Value of each item of an enumeration, by the names of type and item.
     categories: tuple[str, ...]  #: Log categories.
     experiment: Attributes | None  #: Attributes of the default experiment.
     variables: tuple[Variable, ...]  #: Variables in their order.
@@ -297,6 +298,7 @@ def read_description(root: ET.Element, build: ET.Element | None = None) -> Descr
         exchange_sources=exchange_sources,
         units=tuple(_unit(e) for e in root.iterfind("UnitDefinitions/Unit")),
         types=types,
+        items={e.get("name", ""): items for e in root.iterfind("TypeDefinitions/*") if (items := _items(e))},
         categories=_named(root.iterfind("LogCategories/Category")),
         experiment=_attributes(root.find("DefaultExperiment")),
         variables=tuple(variables),
@@ -349,6 +351,10 @@ def _types(root: ET.Element) -> Iterator[tuple[str, tuple[str, Attributes]]]:
 
 def _typed(element: ET.Element) -> ET.Element | None:
     return next((child for child in element if child.tag in TYPES), None)
+
+
+def _items(element: ET.Element) -> dict[str, str]:
+    return {item.get("name", ""): item.get("value", "") for item in element.iter("Item")}
 
 
 def _unit(element: ET.Element) -> Unit:

@@ -10,7 +10,8 @@ from typing import Any
 
 _ARGUMENTS = {"p": c_void_p, "n": c_size_t, "d": c_double, "i": c_int, "b": c_bool}
 _RESULTS = {"Instantiate": c_void_p, "FreeInstance": None, "GetVersion": c_char_p, "GetTypesPlatform": c_char_p}
-_RESULTS |= dict.fromkeys(("InstantiateCoSimulation", "InstantiateModelExchange"), c_void_p)
+_KINDS = ("CoSimulation", "ModelExchange", "ScheduledExecution")
+_RESULTS |= {f"Instantiate{kind}": c_void_p for kind in _KINDS}
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from eightpost.ident.shock.fit import fit_shock
 from eightpost.ident.shock.peak_velocity import fit_peak_velocity
 from eightpost.ident.shock.result import ShockFit, fit_table, parameter_table
 from eightpost.ident.shock.simulation import simulate
-from eightpost.ident.validation.records import Validation, evaluate
+from eightpost.ident.validation.shock_tests import Validation, evaluate
 
 if TYPE_CHECKING:
     from eightpost.ident.shock.plots import plot_force_velocity, plot_peak_velocity

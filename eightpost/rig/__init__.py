@@ -1,20 +1,5 @@
-"""Rigs: dynamometer tests, generators of drive files, and a virtual dynamometer."""
+"""Records of dynamometers and rigs: files of any layout, read, checked and in ports of SI units."""
 
-from eightpost.rig.damper import BUILDS, CONFIGURATIONS, PhysicalDamper, cavitation, configuration, shim_build
-from eightpost.rig.dynamometer import (
-    Actuator,
-    Damper,
-    Sensor,
-    Sensors,
-    SineTest,
-    bump,
-    measure,
-    random_multisine,
-    read_out,
-    sine_test,
-    sine_tests,
-    static_steps,
-)
 from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.rig.dyno_test import (
     DynoTest,
@@ -24,40 +9,25 @@ from eightpost.rig.dyno_test import (
     split_runs,
     temperature_effect,
 )
+from eightpost.rig.geometry import Geometry
 from eightpost.rig.peak_velocity import PeakVelocityTable, read_peak_velocity
-from eightpost.rig.synthetic import Track, TruthDamper, ValveSide, demo_damper, track_drivefile
+from eightpost.rig.rig_faults import MismatchedRateError, SwappedCornersError
+from eightpost.rig.rig_test import RigConditions, RigTest, read_rig_test
 
 __all__ = [
-    "BUILDS",
-    "CONFIGURATIONS",
-    "Actuator",
-    "Damper",
     "DynoConditions",
     "DynoTest",
+    "Geometry",
+    "MismatchedRateError",
     "PeakVelocityTable",
-    "PhysicalDamper",
-    "Sensor",
-    "Sensors",
-    "SineTest",
+    "RigConditions",
+    "RigTest",
+    "SwappedCornersError",
     "TemperatureEffect",
-    "Track",
-    "TruthDamper",
-    "ValveSide",
-    "bump",
-    "cavitation",
-    "configuration",
-    "demo_damper",
-    "measure",
-    "random_multisine",
     "read_dyno_test",
     "read_dyno_tests",
-    "read_out",
     "read_peak_velocity",
-    "shim_build",
-    "sine_test",
-    "sine_tests",
+    "read_rig_test",
     "split_runs",
-    "static_steps",
     "temperature_effect",
-    "track_drivefile",
 ]

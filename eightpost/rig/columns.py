@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
+from eightpost.checks.dyno import fault
+from eightpost.checks.fault import Fault
 from eightpost.corners import CORNERS
 from eightpost.errors import DataError, FileFormatError, UnknownUnitError
-from eightpost.rig.plausibility_rules import CHANGED_COLUMN, CHOSEN_COLUMN, COMMANDED, DEAD, LEFT_OUT
 from eightpost.signals.raw_record import TIME_NAMES, ChannelMap, MappedChannel
 from eightpost.signals.table_text import is_number, letters_of
 from eightpost.units import compatible, convert, is_unit
@@ -26,7 +27,6 @@ from eightpost.units import compatible, convert, is_unit
 if TYPE_CHECKING:
     from eightpost.signals.raw_record import RawRecord
     from eightpost.signals.timeseries import TimeSeries
-    from eightpost.verdict import Reason
 
 
 # ---- Channels of a dynamometer file, and the choice among several columns -------------------------------------------
@@ -137,8 +137,8 @@ def with_channels(channel_map: ChannelMap | None, columns: Mapping[str, str]) ->
     return ChannelMap({**given.channels, **picks}, time, given.path)
 
 
-def choice_reasons(record: RawRecord, mapping: ChannelMap, given: ChannelMap | None, origin: str) -> Iterator[Reason]:
-    """Yield a reason for each channel for which one of several possible columns, or only a command, was found."""
+def choice_faults(record: RawRecord, mapping: ChannelMap, given: ChannelMap | None) -> Iterator[Fault]:
+    """Yield a fault for each channel for which one of several possible columns, or only a command, was found."""
     for name in ("displacement", "velocity", "force"):
         if name not in mapping.channels or (given is not None and name in given.channels):
             continue
@@ -146,14 +146,13 @@ def choice_reasons(record: RawRecord, mapping: ChannelMap, given: ChannelMap | N
         if is_command(used, name):
             figure = f"{used!r} was read, because there is no measured one"
             remedy = f"export the measured {name}, or confirm with --channel {name}='{used}'"
-            yield COMMANDED.reason(f"the {name} is not a measurement", figure=figure, origin=origin, remedy=remedy)
+            yield fault("a command instead of a measurement", f"the {name} is not a measurement", figure, remedy)
         taken = {pick.source for other, pick in mapping.channels.items() if other != name}
         others = [column for column in _candidates(record, name, taken) if column != used]
         if others:
             figure = f"{used!r} was read, and not {', '.join(map(repr, others))}"
             remedy = f"read another column with --channel {name}='{others[0]}', or confirm with '{used}'"
-            yield CHOSEN_COLUMN.reason(f"several columns could be the {name}", figure=figure, origin=origin,
-                                       remedy=remedy)  # fmt: skip
+            yield fault("one of several columns", f"several columns could be the {name}", figure, remedy)
 
 
 def _of_one_number(names: list[str], force: MappedChannel | None) -> list[str]:
@@ -246,37 +245,31 @@ _EMPTY, _CONSTANT = _DEAD = ("it is empty", "it is constant")
 
 
 def with_readable_columns(
-    record: RawRecord, given: ChannelMap | None, units: Mapping[str, str], origin: str
-) -> tuple[RawRecord, ChannelMap, tuple[Reason, ...]]:
-    """Return a record and a channel map without columns that cannot be read and are not needed, and reasons on them.
+    record: RawRecord, given: ChannelMap | None, units: Mapping[str, str]
+) -> tuple[RawRecord, ChannelMap, tuple[Fault, ...]]:
+    """Return a record and a channel map without columns that cannot be read and are not needed, and their faults.
 
     A displacement is not needed beside a velocity, nor the reverse, nor one of several columns that could be a channel.
     Columns that the caller named are kept, and so is what is needed, for a message about its fault. Empty cells between
     temperatures are interpolated: it is often logged more slowly than the force.
-
-    Args:
-        record: Columns of the file.
-        given: Channel map of the caller.
-        units: Units of the caller, by channel or column.
-        origin: Name of the record.
     """
     named = set(given.channels) if given is not None else set()
-    reasons: list[Reason] = []
+    faults: list[Fault] = []
     while True:
         mapping = dyno_map(record, given)
         for name, pick in mapping.channels.items():
             if name in named or pick.source not in record.names:
                 continue
-            fault = _fault(record, name, pick, units)
+            why = _unreadable(record, name, pick, units)
             smaller = _without(record, pick.source)
-            if fault and _is_complete(smaller, given, units, mapping):
-                is_dead = fault in _DEAD and name != "temperature" and name not in dyno_map(smaller, given).channels
-                rule = DEAD if is_dead else LEFT_OUT
-                reasons.append(rule.reason(f"the column {pick.source!r} was not read", figure=fault, origin=origin))
+            if why and _is_complete(smaller, given, units, mapping):
+                is_dead = why in _DEAD and name != "temperature" and name not in dyno_map(smaller, given).channels
+                rule = "a dead channel" if is_dead else "a column that was not read"
+                faults.append(fault(rule, f"the column {pick.source!r} was not read", why))
                 record = smaller
                 break
         else:
-            return _with_filled_temperature(record, mapping), mapping, tuple(reasons)
+            return _with_filled_temperature(record, mapping), mapping, tuple(faults)
 
 
 def _is_complete(smaller: RawRecord, given: ChannelMap | None, units: Mapping[str, str], whole: ChannelMap) -> bool:
@@ -286,7 +279,7 @@ def _is_complete(smaller: RawRecord, given: ChannelMap | None, units: Mapping[st
     readable = {
         name: pick
         for name, pick in mapping.channels.items()
-        if name in named or _fault(smaller, name, pick, units) in ("", _IS_COMMAND)
+        if name in named or _unreadable(smaller, name, pick, units) in ("", _IS_COMMAND)
     }
     usable = replace(mapping, channels=readable)
     return has_channels(_measured(usable)) or (has_channels(usable) and not has_channels(_measured(whole)))
@@ -298,7 +291,7 @@ def _measured(mapping: ChannelMap) -> ChannelMap:
     return replace(mapping, channels=channels)
 
 
-def _fault(record: RawRecord, channel: str, pick: MappedChannel, units: Mapping[str, str]) -> str:
+def _unreadable(record: RawRecord, channel: str, pick: MappedChannel, units: Mapping[str, str]) -> str:
     """Return why a column cannot be read as a channel; empty if it can, or if its samples may be repaired."""
     if pick.source not in record.names:
         return ""  # an error names it
@@ -359,11 +352,6 @@ def check_one_time(record: RawRecord, mapping: ChannelMap, given: ChannelMap | N
 
     Tables side by side, and channels with a time of their own, repeat the column of time. It applies to the columns
     behind it, up to the next one. A column of time that the caller named is not questioned.
-
-    Args:
-        record: Columns of the file.
-        mapping: Columns of the channels.
-        given: Channel map of the caller.
     """
     is_named = given is not None and given.time is not None
     if is_named or mapping.time is None or mapping.time.source not in record.names:
@@ -427,8 +415,8 @@ SAME, COUNTER = 0.9, 0.9999
 NAMED, TEXTS = 4, 8
 
 
-def column_reasons(record: RawRecord, mapping: ChannelMap, series: TimeSeries, origin: str) -> Iterator[Reason]:
-    """Yield a reason for each column that is not read and changes during the record."""
+def column_faults(record: RawRecord, mapping: ChannelMap, series: TimeSeries) -> Iterator[Fault]:
+    """Yield a fault for each column that is not read and changes during the record."""
     used = {pick.source for pick in mapping.channels.values()} | ({mapping.time.source} if mapping.time else set())
     for name, unit, column in zip(record.names, record.units, record.columns, strict=True):
         if name in used or _is_sensor(name, unit) or column.size != series.time.size:
@@ -437,8 +425,8 @@ def column_reasons(record: RawRecord, mapping: ChannelMap, series: TimeSeries, o
         is_text = column.dtype == object
         figure = _text_change(column, series.time) if is_text else _change(column, series, is_control=is_control)
         if figure:
-            yield CHANGED_COLUMN.reason(f"the column {name!r} changes during the run",
-                                        figure=figure + (f" [{unit}]" if unit else ""), origin=origin)  # fmt: skip
+            figure += f" [{unit}]" if unit else ""
+            yield fault("another column changes", f"the column {name!r} changes during the run", figure)
 
 
 def _is_sensor(name: str, unit: str | None) -> bool:

@@ -79,9 +79,6 @@ def conditions_from(preamble: Iterable[tuple[str, ...]]) -> tuple[DynoConditions
     Lines have the form `key: value`, `key = value` or `key,value`. A line may have several entries if each key ends in
     a colon. A quantity needs a unit: after the value (`150 psi`), in a separate cell, or with the key
     (`Gas Pressure (psi)`).
-
-    Args:
-        preamble: Cells of each line.
     """
     texts: dict[str, str] = {}
     quantities: dict[str, float] = {}
@@ -133,7 +130,7 @@ def pairs(cells: tuple[str, ...]) -> Iterator[tuple[str, str]]:
 
 def _join(words: list[str]) -> str:
     """Join the cells of a value: a number and its unit with a space, other cells with commas."""
-    if len(words) == 2 and units.is_unit(words[1]) and re.fullmatch(r"[-+]?[\d.]+", words[0]):
+    if len(words) == 2 and re.fullmatch(r"[-+]?[\d.]+", words[0]) and units.is_unit(words[1]):
         return " ".join(words)
     return ", ".join(words)
 

@@ -12,14 +12,15 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from eightpost.array_types import Array
+from eightpost.checks.dyno import PART_RULES
 from eightpost.display import Summary
 from eightpost.errors import MissingChannelError, WrongSignError
 from eightpost.files import sha256_of
 from eightpost.rig.columns import (
     DYNO_UNITS,
     check_one_time,
-    choice_reasons,
-    column_reasons,
+    choice_faults,
+    column_faults,
     dyno_map,
     has_channels,
     length_note,
@@ -34,8 +35,7 @@ from eightpost.rig.dyno_conditions import (
     stated_units,
 )
 from eightpost.rig.motion import path_of, turning_points
-from eightpost.rig.plausibility import SEGMENT, part_reasons, record_reasons, rectified_force
-from eightpost.rig.plausibility_rules import NEGATIVE_REST, PART_RULES
+from eightpost.rig.plausibility import SEGMENT, part_faults, record_faults, rectified_force
 from eightpost.signals import faults
 from eightpost.signals.faults import Origin
 from eightpost.signals.filters import velocity_from_displacement
@@ -135,12 +135,11 @@ class DynoTest(Recording):
     def judged(self, *, until: float = SEGMENT[1]) -> DynoTest:
         """Return the test with the reasons about samples and changes (`PART_RULES`) that this series has.
 
-        Args:
-            until: End of the fitted seconds, from the start of the series [s].
+        The fitted seconds end at `until` [s] from the start of the series.
         """
         kept = tuple(reason for reason in self.reasons if reason.rule not in PART_RULES)
-        found = part_reasons(self.series, measured=self.measured, origin=self.label, until=until)
-        return replace(self, reasons=(*kept, *found))
+        found = part_faults(self.series, measured=self.measured, until=until)
+        return replace(self, reasons=(*kept, *(fault.reason(self.label) for fault in found)))
 
     @property
     def stroke(self) -> float | None:
@@ -233,9 +232,8 @@ class _Reading:
 
     def test(self, record: RawRecord, conditions: DynoConditions) -> DynoTest:
         """Return the checked test of a table."""
-        label = f"record {self.path.name}"
         units = {**stated_units(record.preamble), **self.units}
-        record, mapping, left_out = with_readable_columns(record, self.channel_map, units, label)
+        record, mapping, left_out = with_readable_columns(record, self.channel_map, units)
         stated, outward = self._stated_signs(record, mapping)
         mapping = mapping.flipped(self.flip or outward)
         _check_channels(record, mapping)
@@ -259,13 +257,14 @@ class _Reading:
         signs = [f"the signs of {', '.join(outward)} were reversed, because the file states {stated!r}"] * bool(outward)
         steps = (*record.steps, *signs, *length_note(mapping), *derived, *named)
         test = DynoTest(series, known.over(of_name), self.path, sha256_of(self.path), steps, (*record.notes, *notes))
-        reasons = (
+        found = (
             *left_out,
-            *record_reasons(series, measured=measured, origin=test.label, conditions=test.conditions),
-            *column_reasons(record, mapping, series, test.label),
-            *choice_reasons(record, mapping, self.channel_map, test.label),
+            *record_faults(series, measured=measured, conditions=test.conditions),
+            *column_faults(record, mapping, series),
+            *choice_faults(record, mapping, self.channel_map),
         )
-        turned = next((reason for reason in reasons if reason.rule == NEGATIVE_REST.name), None)
+        reasons = tuple(fault.reason(test.label) for fault in found)
+        turned = next((reason for reason in reasons if reason.rule == "negative force at standstill"), None)
         if stated and turned is not None:
             what = (
                 f"the file states {stated!r}, but then {turned.statement} ({turned.figure}); name the channels to "
@@ -445,17 +444,10 @@ def _stretches(test: DynoTest, path: Array, pause: float) -> list[tuple[int, int
     # If a window is at rest, all of its samples belong to the pause, not only the middle one.
     resting = maximum_filter1d(still.astype(np.int8), width).astype(bool)
     turns = np.array(turning_points(path, threshold=SMALLEST * float(np.ptp(path))))
-    for start, stop in _intervals(resting):
+    for start, stop in faults.runs(resting):
         if stop - start < PAUSE_SHARE * _half_cycle_beside(turns, start, stop):
             resting[start:stop] = False
-    return _intervals(~resting) or [(0, path.size)]
-
-
-def _intervals(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return the first sample and the sample after the last of each sequence of True."""
-    edges = np.diff(np.concatenate(([0], flags.astype(np.int8), [0])))
-    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    return [(int(start), int(stop)) for start, stop in zip(starts, stops, strict=True)]
+    return faults.runs(~resting) or [(0, path.size)]
 
 
 def _half_cycle_beside(turns: NDArray[np.int64], start: int, stop: int) -> float:

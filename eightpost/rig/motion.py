@@ -13,10 +13,10 @@ from scipy.interpolate import CubicSpline
 from scipy.special import stdtrit
 
 from eightpost.array_types import Array
-from eightpost.rig.plausibility_rules import CONTRADICTORY_UNITS, DISAGREE, EARLY, LATE
+from eightpost.checks.dyno import fault
+from eightpost.checks.fault import Fault
 from eightpost.signals.filters import lowpass, velocity_from_displacement
 from eightpost.signals.timeseries import TimeSeries
-from eightpost.verdict import Reason
 
 # ==== Path, turning points of half cycles, and where a steady sine ends ==============================================
 
@@ -65,10 +65,7 @@ def turning_points(path: Array, *, threshold: float) -> list[int]:
 def run_down(time: Array, path: Array, velocity: Array) -> float | None:
     """Return the time [s] from which a steady sine runs down until the end of a record; None if it does not.
 
-    Args:
-        time: Times (N,) [s].
-        path: Displacement (N,) [m], without noise that has a stroke of 2 %.
-        velocity: Velocity (N,) [m/s].
+    The path (N,) [m] must have no noise with a stroke of 2 %.
     """
     turns = np.array(turning_points(path, threshold=SMALLEST * float(np.ptp(path))), dtype=np.intp)
     if turns.size < FEWEST + 1:
@@ -152,11 +149,7 @@ class Lag(NamedTuple):
 
 
 def force_lag(series: TimeSeries) -> Lag | None:
-    """Return the delay of the force of a record behind its velocity; None if it is unknown.
-
-    Args:
-        series: Record with `velocity` [m/s], `force` [N] and optionally `displacement` [m].
-    """
+    """Return the delay of the force of a record behind its velocity; None if it is unknown."""
     even = series if series.is_uniform else series.resample(series.sample_rate)
     rows = _compared(np.stack([even["velocity"], displacement_of(even), even["force"]]), even.sample_rate)
     if not rows.std(axis=1).all():
@@ -167,13 +160,7 @@ def force_lag(series: TimeSeries) -> Lag | None:
 
 
 def channel_lag(values: Array, reference: Array, rate: float) -> Lag | None:
-    """Return the delay of a channel behind one that it is proportional to; None if it is unknown.
-
-    Args:
-        values: Samples (N,) of the channel.
-        reference: Samples (N,) of the reference.
-        rate: Sample rate [Hz].
-    """
+    """Return the delay of a channel behind one that it is proportional to; None if it is unknown."""
     rows = _compared(np.stack([values, reference]), rate)
     if not rows.std(axis=1).all():
         return None
@@ -243,14 +230,7 @@ def _used(count: int, reach: int) -> NDArray[np.intp]:
 
 
 def _residual(columns: Array, shifted: Array, lags: Array, fine: Array) -> tuple[Array, Array]:
-    """Return the share that columns (M, C) do not explain at finer delays (F,), and the weight of the last column.
-
-    Args:
-        columns: Columns of the model about their means.
-        shifted: Values (M, L) moved forward by each delay, about their means.
-        lags: Delays (L,) [s].
-        fine: Delays (F,) [s] between them.
-    """
+    """Return the share that columns (M, C) do not explain at finer delays (F,), and the weight of the last column."""
     sums = columns.T @ shifted
     weights = _weights(columns, sums)
     share = 1.0 - np.sum(sums * weights, axis=0) / np.sum(shifted**2, axis=0)
@@ -273,14 +253,7 @@ def _independent(residual: Array) -> float:
 
 
 def _interval(lags: Array, profile: Array, best: int, independent: float) -> tuple[float, float] | None:
-    """Return the 95 % interval of the delay with the smallest residual; None if it is wide or ends with the search.
-
-    Args:
-        lags: Delays (F,) [s].
-        profile: Share of the residual at each; infinite where a delay is excluded.
-        best: Number of the delay with the smallest residual.
-        independent: Number of independent values of the residual.
-    """
+    """Return the 95 % interval of the delay with the smallest residual; None if it is wide or ends with the search."""
     limit = profile[best] * (1.0 + float(stdtrit(independent, 0.975)) ** 2 / independent)
     likely = np.flatnonzero(profile <= limit)
     first, last = int(likely[0]), int(likely[-1])
@@ -301,21 +274,16 @@ def lag_statement(series: TimeSeries) -> str:
     return f"lag of the force behind velocity: {lag}, of shock and instruments together; a fitted lag includes it"
 
 
-def lag_reasons(series: TimeSeries, origin: str) -> Iterator[Reason]:
-    """Yield a reason if the force is certainly later, or earlier, than a shock makes it.
-
-    Args:
-        series: Record with `velocity` [m/s], `force` [N] and optionally `displacement` [m].
-        origin: Name of the record.
-    """
+def lag_faults(series: TimeSeries) -> Iterator[Fault]:
+    """Yield a fault if the force is certainly later, or earlier, than a shock makes it."""
     lag = force_lag(series)
     if lag is None:
         return
     if lag.low > LAG:
-        yield LATE.reason("the force is later than a shock makes it", figure=f"by {lag}", origin=origin)
+        yield fault("late force", "the force is later than a shock makes it", f"by {lag}")
     elif lag.high < -max(LEAD, SAMPLES / series.sample_rate):
         lead = Lag(-lag.seconds, -lag.high, -lag.low)
-        yield EARLY.reason("the force is earlier than a shock makes it", figure=f"by {lead}", origin=origin)
+        yield fault("early force", "the force is earlier than a shock makes it", f"by {lead}")
 
 
 # ==== Whether the measured velocity is the slope of the displacement: units, gain, lag, mean, samples ================
@@ -346,22 +314,15 @@ APART = 0.2
 TRAVEL = 0.6
 
 
-def motion_reasons(series: TimeSeries, measured: tuple[str, ...], origin: str) -> Iterator[Reason]:
-    """Yield a reason if the measured velocity is not the slope of the displacement.
-
-    Args:
-        series: Record with `velocity` [m/s] and optionally `displacement` [m].
-        measured: Names of the channels that were measured, not derived.
-        origin: Name of the record.
-    """
+def motion_faults(series: TimeSeries, measured: tuple[str, ...]) -> Iterator[Fault]:
+    """Yield a fault if the measured velocity is not the slope of the displacement."""
     if "velocity" not in measured:
         return
     if "displacement" in series and (cause := cause_of(ratio := slope_ratio(series))):
         figure = f"the slope of displacement is {ratio:.4g} times the velocity: {cause}"
-        yield CONTRADICTORY_UNITS.reason("the units of the channels contradict each other", figure=figure,
-                                         origin=origin)  # fmt: skip
+        yield fault("contradictory units", "the units of the channels contradict each other", figure)  # fmt: skip
     elif figure := _disagreement(series) if "displacement" in series else _travel(series):
-        yield DISAGREE.reason("velocity and displacement disagree", figure=figure, origin=origin)
+        yield fault("velocity and displacement disagree", "velocity and displacement disagree", figure)
 
 
 def cause_of(ratio: float) -> str | None:

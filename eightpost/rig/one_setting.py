@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
+from eightpost.checks.dyno import fault
+from eightpost.checks.fault import Fault
 from eightpost.rig.motion import slopes
-from eightpost.rig.plausibility_rules import DRIFT, SMALL_CHANGE, TWO_SETTINGS
 from eightpost.signals.filters import lowpass
 from eightpost.signals.timeseries import TimeSeries
-from eightpost.verdict import Reason
 
 # ---- Force at standstill: gas force, and an error of the load cell's zero -------------------------------------------
 
@@ -66,13 +66,8 @@ FEWEST_MOVING = 2
 FEWEST_SHARE = 0.15
 
 
-def setting_reasons(series: TimeSeries, origin: str) -> Iterator[Reason]:
-    """Yield a reason for each stroke in which the force at the same velocity steps during the record.
-
-    Args:
-        series: Record or run with `velocity` [m/s] and `force` [N].
-        origin: Name of the record.
-    """
+def setting_faults(series: TimeSeries) -> Iterator[Fault]:
+    """Yield a fault for each stroke in which the force at the same velocity steps during the record."""
     velocity, force = series["velocity"], series["force"]
     block = cycle_blocks(velocity)
     count = int(block.max()) + 1
@@ -95,8 +90,8 @@ def setting_reasons(series: TimeSeries, origin: str) -> Iterator[Reason]:
             step, where = max(found, key=lambda one: abs(one[0].change))
             at = float(series.time[np.argmax(block == step.block)])
             figure = f"{side} force {100.0 * step.change:+.0f} % at the same velocity{where} from about {at:.4g} s on"
-            rule = TWO_SETTINGS if abs(step.change) >= LARGE_STEP else SMALL_CHANGE
-            yield rule.reason("the shock changed during the record", figure=figure, origin=origin)
+            rule = "the shock changed" if abs(step.change) >= LARGE_STEP else "the shock changed a little"
+            yield fault(rule, "the shock changed during the record", figure)
 
 
 def _phase(series: TimeSeries) -> Array:
@@ -217,10 +212,7 @@ class Explained(NamedTuple):
 def explained(series: TimeSeries) -> Explained:
     """Return the force that velocity, displacement and acceleration explain by least squares.
 
-        F = f(v) + a g(v) + k x, with f and g linear between knots; g is the effect of a lag
-
-    Args:
-        series: Record or run with `velocity` [m/s], `force` [N] and optionally `displacement` [m].
+    F = f(v) + a g(v) + k x, with f and g linear between knots; g is the effect of a lag
     """
     rate, force = series.sample_rate, series["force"]
     velocity = lowpass(series["velocity"], rate, min(50.0, 0.2 * rate), order=2)
@@ -250,14 +242,8 @@ def _hats(values: Array, count: int) -> Array:
     return np.stack([np.interp(values, knots, row) for row in np.eye(knots.size)], axis=1)
 
 
-def drift_reasons(series: TimeSeries, measured: tuple[str, ...], origin: str) -> Iterator[Reason]:
-    """Yield a reason if the force drifts at the same motion, or the displacement beside the velocity.
-
-    Args:
-        series: Record or run with `velocity` [m/s], `force` [N] and optionally `displacement` [m].
-        measured: Names of the channels that were measured, not derived.
-        origin: Name of the record.
-    """
+def drift_faults(series: TimeSeries, measured: tuple[str, ...]) -> Iterator[Fault]:
+    """Yield a fault if the force drifts at the same motion, or the displacement beside the velocity."""
     force, model = series["force"], explained(series).force
     span = float(np.ptp(model))
     parts = _parts(cycle_blocks(series["velocity"]), series["velocity"])
@@ -283,7 +269,7 @@ def drift_reasons(series: TimeSeries, measured: tuple[str, ...], origin: str) ->
                 f"{100.0 * found * series.duration:+.0f} % in the {name} at the same motion from "
                 f"{series.time[0]:.4g} s to {series.time[-1]:.4g} s"
             )
-            yield DRIFT.reason(f"the {name.split()[-1]} drifts", figure=figure, origin=origin)
+            yield fault("drift", f"the {name.split()[-1]} drifts", figure)
 
 
 def _gain(values: Array, reference: Array) -> float:

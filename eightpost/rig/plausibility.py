@@ -8,32 +8,19 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from eightpost.array_types import Array
+from eightpost.checks.dyno import fault
+from eightpost.checks.fault import Fault
 from eightpost.rig.dyno_conditions import DynoConditions
-from eightpost.rig.motion import displacement_of, lag_reasons, motion_reasons, path_of, run_down
-from eightpost.rig.one_setting import drift_reasons, explained, rest_force, setting_reasons
-from eightpost.rig.plausibility_rules import (
-    CONTRADICTORY_UNITS,
-    HELD,
-    HUM,
-    JUMP,
-    LARGE_REST,
-    NEGATIVE_REST,
-    RECTIFIED,
-    REPEATED,
-    RUN_DOWN,
-    SMOOTHED,
-    UNLIKELY_UNITS,
-    UNRELATED,
-)
+from eightpost.rig.motion import displacement_of, lag_faults, motion_faults, path_of, run_down
+from eightpost.rig.one_setting import drift_faults, explained, rest_force, setting_faults
 from eightpost.signals.faults import clipped_samples
 from eightpost.signals.filters import white_noise
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
-from eightpost.verdict import Reason
 
 # ==== The checks of a record =========================================================================================
-# Every finding is a reason of the verdict (`eightpost.verdict`) with its figure and a remedy; `plausibility_rules` has
-# the table of all rules.
+# A record has `velocity` [m/s], `force` [N] and optionally `displacement` [m]; `measured` names the channels that were
+# not derived. `eightpost/checks/dyno.txt` has all rules.
 
 # ---- Limits ---------------------------------------------------------------------------------------------------------
 
@@ -68,59 +55,43 @@ REST_SHARE = 0.03
 FAST = 0.15
 
 
-def record_reasons(
-    series: TimeSeries, *, measured: tuple[str, ...], origin: str, conditions: DynoConditions | None = None
-) -> Iterator[Reason]:
-    """Yield what is implausible about the units, signs and instruments of a record.
-
-    Args:
-        series: Record with `velocity` [m/s], `force` [N] and optionally `displacement` [m].
-        measured: Names of the channels that were measured, not derived.
-        origin: Name of the record.
-        conditions: Stated conditions, whose gas force the force is compared with.
-    """
+def record_faults(
+    series: TimeSeries, *, measured: tuple[str, ...], conditions: DynoConditions | None = None
+) -> Iterator[Fault]:
+    """Yield what is implausible about the units, signs and instruments of a record."""
     if rectified := rectified_force(series):
-        yield RECTIFIED.reason("the force is rectified", figure=rectified, origin=origin)
+        yield fault("rectified force", "the force is rectified", rectified)
         return
-    suspicious = list(_unit_reasons(series, measured, origin))
+    suspicious = list(_unit_faults(series, measured))
     yield from suspicious
-    yield from _rest_reasons(series, conditions or DynoConditions(), origin)
-    yield from motion_reasons(series, measured, origin)
+    yield from _rest_faults(series, conditions or DynoConditions())
+    yield from motion_faults(series, measured)
     if not suspicious:
-        yield from spectrum_reasons(series, measured, origin)
-        yield from lag_reasons(series, origin)
+        yield from spectrum_faults(series, measured)
+        yield from lag_faults(series)
     if (correlation := _correlation(series["force"], series["velocity"])) < WEAK:
         figure = f"their correlation is {correlation:.2f}"
-        yield UNRELATED.reason("force and velocity are hardly related", figure=figure, origin=origin)
+        yield fault("force without velocity", "force and velocity are hardly related", figure)
 
 
-def part_reasons(
-    series: TimeSeries, *, measured: tuple[str, ...], origin: str, until: float = SEGMENT[1]
-) -> Iterator[Reason]:
-    """Yield what is wrong in the samples of a record or a run of it, and what changed during it.
-
-    Args:
-        series: Record or run with `velocity` [m/s], `force` [N] and optionally `displacement` [m].
-        measured: Names of the channels that were measured, not derived.
-        origin: Name of the record.
-        until: End of the fitted seconds, from the start of the series [s].
-    """
-    yield from sample_reasons(series, measured, origin)
+def part_faults(series: TimeSeries, *, measured: tuple[str, ...], until: float = SEGMENT[1]) -> Iterator[Fault]:
+    """Yield what is wrong in the samples of a record or a run of it, and what changed during it."""
+    yield from sample_faults(series, measured)
     stop = run_down(series.time, path_of(series), series["velocity"])
     steady = series if stop is None else series.window(float(series.time[0]), stop)
     if not rectified_force(series):
-        changed = list(setting_reasons(steady, origin))
-        yield from changed or drift_reasons(steady, measured, origin)
+        changed = list(setting_faults(steady))
+        yield from changed or drift_faults(steady, measured)
     if stop is not None and stop - series.time[0] < until:
         figure = f"from {stop:.4g} s to {series.time[-1]:.4g} s the motion runs down"
         remedy = f"fit the part before it: --segment '0 s' '{stop - series.time[0]:.4g} s'"
-        yield RUN_DOWN.reason("the machine stops within the record", figure=figure, origin=origin, remedy=remedy)
+        yield fault("run-down of the machine", "the machine stops within the record", figure, remedy)
 
 
 # ---- Units ----------------------------------------------------------------------------------------------------------
 
 
-def _unit_reasons(series: TimeSeries, measured: tuple[str, ...], origin: str) -> Iterator[Reason]:
+def _unit_faults(series: TimeSeries, measured: tuple[str, ...]) -> Iterator[Fault]:
     rate = series.sample_rate
     if not LOWEST_SAMPLING <= rate <= HIGHEST_SAMPLING:
         hint = "time is probably in ms but labelled s" if rate < LOWEST_SAMPLING else "time is probably in s or min"
@@ -128,7 +99,7 @@ def _unit_reasons(series: TimeSeries, measured: tuple[str, ...], origin: str) ->
             f"{rate:.4g} samples per second over {series.duration:.4g} s; usual are {LOWEST_SAMPLING:g} to "
             f"{HIGHEST_SAMPLING:g} Hz: {hint}"
         )
-        yield UNLIKELY_UNITS.reason("the sample rate is not that of a dynamometer", figure=figure, origin=origin)
+        yield fault("unlikely units", "the sample rate is not that of a dynamometer", figure)
         return
     for name, (low, high) in PLAUSIBLE.items():
         if name in measured:
@@ -136,7 +107,7 @@ def _unit_reasons(series: TimeSeries, measured: tuple[str, ...], origin: str) ->
             largest = float(np.ptp(values) if name == "displacement" else np.abs(values).max())
             if not low <= largest <= high:
                 figure = f"it reaches {largest:.4g} (SI); plausible are {low:g} to {high:g}"
-                yield UNLIKELY_UNITS.reason(f"the unit of the {name} is probably wrong", figure=figure, origin=origin)
+                yield fault("unlikely units", f"the unit of the {name} is probably wrong", figure)
 
 
 # ---- Signs ----------------------------------------------------------------------------------------------------------
@@ -196,8 +167,8 @@ def _correlation(first: Array, second: Array) -> float:
     return float(np.corrcoef(first, second)[0, 1])
 
 
-def _rest_reasons(series: TimeSeries, conditions: DynoConditions, origin: str) -> Iterator[Reason]:
-    """Yield a reason if the force at standstill is not that of a gas, or not the stated one in its unit."""
+def _rest_faults(series: TimeSeries, conditions: DynoConditions) -> Iterator[Fault]:
+    """Yield a fault if the force at standstill is not that of a gas, or not the stated one in its unit."""
     velocity, force = series["velocity"], series["force"]
     if (found := rest_force(velocity, force)) is None:
         return
@@ -207,15 +178,15 @@ def _rest_reasons(series: TimeSeries, conditions: DynoConditions, origin: str) -
         rest < -0.5 * REST_SHARE * span and explained(series).rest < -REST_SHARE * span
     ):  # a lag of a stiff rebound does not count
         what = "the force at standstill is negative, although gas pushes"
-        yield NEGATIVE_REST.reason(what, figure=share, origin=origin)
+        yield fault("negative force at standstill", what, share)
     if rest > max(0.5 * span, STRONG_GAS):
-        yield LARGE_REST.reason("the force at standstill is large", figure=share, origin=origin)
+        yield fault("large force at standstill", "the force at standstill is large", share)
     stated = conditions.gas_force
     if stated and stated > 0.0 and rest > CLEAR * error:
         for factor, hint in ((_LBF, "lbf labelled N"), (1.0 / _LBF, "N labelled lbf")):
             if abs(stated / rest / factor - 1.0) < GAS_TOLERANCE:
                 figure = f"{rest:.4g} N at standstill, but the stated gas force is {stated:.4g} N: {hint}"
-                yield CONTRADICTORY_UNITS.reason("the unit of the force is wrong", figure=figure, origin=origin)
+                yield fault("contradictory units", "the unit of the force is wrong", figure)
 
 
 # ==== Faults in the samples: jumps, clipping, repeated samples =======================================================
@@ -230,21 +201,15 @@ REPEATED_SHARE = 0.02
 FORCE_MOVES = 0.2
 
 
-def sample_reasons(series: TimeSeries, measured: tuple[str, ...], origin: str) -> Iterator[Reason]:
-    """Yield the faults in the samples of a record or a run.
-
-    Args:
-        series: Record or run with `velocity` [m/s], `force` [N] and optionally `displacement` [m].
-        measured: Names of the channels that were measured, not derived.
-        origin: Name of the record.
-    """
+def sample_faults(series: TimeSeries, measured: tuple[str, ...]) -> Iterator[Fault]:
+    """Yield the faults in the samples of a record or a run."""
     moving = tuple(name for name in ("velocity", "displacement", "force") if name in measured)
     for name in moving:
         if figure := _jump(name, series):
-            yield JUMP.reason(f"the {name} jumps", figure=figure, origin=origin)
+            yield fault("jump of a channel", f"the {name} jumps", figure)
     if "displacement" in moving and (figure := _held(series)):
-        yield HELD.reason("the displacement is clipped", figure=figure, origin=origin)
-    yield from _repeated(series, moving, origin)
+        yield fault("clipped displacement", "the displacement is clipped", figure)
+    yield from _repeated(series, moving)
 
 
 def _jump(name: str, series: TimeSeries) -> str:
@@ -285,14 +250,14 @@ def _held(series: TimeSeries) -> str:
     return ""
 
 
-def _repeated(series: TimeSeries, names: tuple[str, ...], origin: str) -> Iterator[Reason]:
-    """Yield a reason if samples repeat the one before while the shock moves."""
+def _repeated(series: TimeSeries, names: tuple[str, ...]) -> Iterator[Fault]:
+    """Yield a fault if samples repeat the one before while the shock moves."""
     rows, speed = series.select(names).values, np.abs(series["velocity"])
     same = (np.diff(rows, axis=1) == 0.0).all(axis=0) & (speed[1:] > 0.1 * speed.max())
     if np.count_nonzero(same) > REPEATED_SHARE * same.size:
         first = series.time[int(np.argmax(same)) + 1]
         figure = f"{np.count_nonzero(same)} of {same.size + 1} samples, the first at {first:.4g} s"
-        yield REPEATED.reason("samples repeat the one before", figure=figure, origin=origin)
+        yield fault("repeated samples", "samples repeat the one before", figure)
 
 
 # ==== What the spectrum of a channel shows of its instrument: hum of the mains, and a moving average =================
@@ -317,25 +282,19 @@ NARROWEST = 4.0
 WIDTH, FLOOR = 0.1, 0.25
 
 
-def spectrum_reasons(series: TimeSeries, measured: tuple[str, ...], origin: str) -> Iterator[Reason]:
-    """Yield a reason for each channel with hum, and for a force that is a moving average.
-
-    Args:
-        series: Record with `velocity` [m/s], `force` [N] and optionally `displacement` [m].
-        measured: Names of the channels that were measured, not derived.
-        origin: Name of the record.
-    """
+def spectrum_faults(series: TimeSeries, measured: tuple[str, ...]) -> Iterator[Fault]:
+    """Yield a fault for each channel with hum, and for a force that is a moving average."""
     force, velocity, rate = series["force"], series["velocity"], series.sample_rate
     for name in ("force", "velocity", "displacement"):
         figure = _hum(series[name], rate) if name in measured else ""
         if name == "force" and not figure:  # without harmonics of the motion
             figure = _hum(force - explained(series).force, rate, float(np.ptp(force)))
         if figure:
-            yield HUM.reason(f"the {name} has hum", figure=figure, origin=origin)
+            yield fault("hum", f"the {name} has hum", figure)
     frequency = float(velocity.std() / displacement_of(series).std()) / (2.0 * np.pi)
     if seconds := _average(force, rate, frequency):
         figure = f"a moving average over about {1e3 * seconds:.3g} ms"
-        yield SMOOTHED.reason("the force is smoothed", figure=figure, origin=origin)
+        yield fault("smoothed force", "the force is smoothed", figure)
 
 
 def _hum(values: Array, rate: float, span: float = 0.0) -> str:

@@ -3,7 +3,7 @@
 from eightpost.shock.curve import CurveNumbers, StaticCurve
 from eightpost.shock.file import Shock, read_shock, write_shock
 from eightpost.shock.hysteresis import Hysteresis
-from eightpost.shock.law import FitParameter, Piece, Response, ShockLaw, Valve
+from eightpost.shock.law import FitParameter, Piece, Port, Response, ShockLaw, Valve
 from eightpost.shock.laws import (
     LAWS,
     fit_form,
@@ -19,7 +19,6 @@ from eightpost.shock.laws import (
 from eightpost.shock.lpf1 import Lpf1
 from eightpost.shock.lpnl2 import Lpnl2
 from eightpost.shock.polylinear import Polylinear
-from eightpost.shock.port import Port
 from eightpost.shock.settings import Axis, Settings, Term
 
 __all__ = [

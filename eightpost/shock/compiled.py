@@ -23,9 +23,8 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 from eightpost.array_types import Array
 from eightpost.cache import kept
 from eightpost.shock.curve import INNER_ORDER, KNOTS, OUTER_ORDER, CurveNumbers
-from eightpost.shock.law import Piece, ShockLaw, Valve, valve_force
+from eightpost.shock.law import Piece, Port, ShockLaw, Valve, valve_force
 from eightpost.shock.laws import LAWS, law_module, own_size, own_values, state_names
-from eightpost.shock.port import Port
 
 # ---- Compilation of functions from other files ----------------------------------------------------------------------
 
@@ -80,108 +79,6 @@ def _choice_of(functions: Sequence[Callable[..., Any]], number: int = 0) -> Call
 
     found: Callable[..., Any] = register_jitable(call)
     return found
-
-
-# ---- A law over a whole record --------------------------------------------------------------------------------------
-
-
-def stepped_force(law: type[ShockLaw], valve: Valve, own: tuple[float, ...], velocity: Array, step: Array) -> Array:
-    """Return the valve force (N,) [N] of a law for a record; it starts in steady motion, with one state F_lag = F_s.
-
-    Args:
-        law: Class of the law; its file has `advance_core`, and `weight_core` or `force_core`.
-        valve: Curve and scales of the static force.
-        own: The law's own parameters, in the order of its fields.
-        velocity: Damper velocity (N,) [m/s].
-        step: Time (N - 1,) from sample to sample [s].
-    """
-    force = np.empty(velocity.size)
-    numbers: Any = (valve, own)
-    if len(state_names(law)) > 1:  # in long tuples, machine code takes long to find a value
-        port = Port(compression_scale=valve.compression_scale, rebound_scale=valve.rebound_scale)
-        numbers = (_records([(law, port, tuple(valve.curve), own)]),)  # type: ignore[arg-type]
-    machine(law)(*numbers, np.ascontiguousarray(velocity), step, force)
-    return force
-
-
-def stepped_states(law: type[ShockLaw], valve: Valve, own: tuple[float, ...], velocity: Array, step: Array) -> Array:
-    """Return the states (N, 2) of a law with several states for a record; for the arguments see `stepped_force`."""
-    found = np.empty((velocity.size, len(state_names(law))))
-    numbers = _records([(law, Port(), tuple(valve.curve), own)])  # type: ignore[arg-type]
-    _state_machine(law)(numbers, np.ascontiguousarray(velocity), step, found)
-    return found
-
-
-@cache
-def _state_machine(law: type[ShockLaw]) -> Callable[..., None]:
-    start_core, advance_core = law_module(law).start_core, law_module(law).advance_core
-    number = _number_of(_registered(start_core, advance_core))
-
-    def loop(numbers: Any, velocity: Any, step: Any, found: Any) -> None:
-        if number == 0:
-            return
-        own = numbers[0].own
-        valve = Valve(numbers[0].curve, 1.0, 1.0)
-        states = start_core(velocity[0], 0.0, own, valve)
-        found[0, 0], found[0, 1] = states
-        for n in range(1, velocity.size):
-            # The states depend on the velocity alone.
-            states = advance_core(states, Piece(velocity[n - 1], velocity[n], 0.0, 0.0, step[n - 1]), own, valve)
-            found[n, 0], found[n, 1] = states
-
-    return compiled_loop(loop)
-
-
-@cache
-def machine(law: type[ShockLaw]) -> Callable[..., None]:
-    """Return the compiled loop of a law."""
-    return _machine_of_one_state(law) if len(state_names(law)) == 1 else _machine_of_states(law)
-
-
-def _machine_of_states(law: type[ShockLaw]) -> Callable[..., None]:
-    module = law_module(law)
-    start_core, advance_core, force_core = module.start_core, module.advance_core, module.force_core
-    number = _number_of(_registered(start_core, advance_core, force_core, valve_force))
-
-    def loop(numbers: Any, velocity: Any, step: Any, force: Any) -> None:
-        if number == 0:
-            return
-        port, own = numbers[0].port, numbers[0].own
-        valve = Valve(numbers[0].curve, port.compression_scale, port.rebound_scale)
-        before = valve_force(valve, velocity[0])
-        states = start_core(velocity[0], before, own, valve)
-        force[0] = force_core(states, velocity[0], before, own, valve)
-        for n in range(1, velocity.size):
-            after = valve_force(valve, velocity[n])
-            piece = Piece(velocity[n - 1], velocity[n], before, after, step[n - 1])
-            states = advance_core(states, piece, own, valve)
-            force[n] = force_core(states, velocity[n], after, own, valve)
-            before = after
-
-    return compiled_loop(loop)
-
-
-def _machine_of_one_state(law: type[ShockLaw]) -> Callable[..., None]:
-    module = law_module(law)
-    advance_core, weight_core = module.advance_core, module.weight_core
-    # numba checks only this file for changes, so this number makes the cached code depend on the other files too.
-    number = _number_of(_registered(advance_core, weight_core, valve_force))
-
-    def loop(valve: Any, own: Any, velocity: Any, step: Any, force: Any) -> None:
-        if number == 0:
-            return
-        before = valve_force(valve, velocity[0])
-        lagged = before
-        force[0] = before
-        for n in range(1, velocity.size):
-            after = valve_force(valve, velocity[n])
-            piece = Piece(velocity[n - 1], velocity[n], before, after, step[n - 1])
-            lagged = advance_core(lagged, piece, own, valve)
-            weight = weight_core(after, own)
-            force[n] = weight * lagged + (1.0 - weight) * after
-            before = after
-
-    return compiled_loop(loop)
 
 
 # ---- One step of any law inside a compiled loop ---------------------------------------------------------------------
@@ -250,6 +147,18 @@ def law_step(
     return states, port.motion_ratio * (force + gas)
 
 
+def _start_of(law: type[ShockLaw]) -> Callable[..., Any]:
+    core = getattr(law_module(law), "start_core", None)
+
+    def start(velocity: float, static: float, numbers: Any, valve: Valve) -> Any:
+        return core(velocity, static, numbers.own, valve)
+
+    def start_one(velocity: float, static: float, numbers: Any, valve: Valve) -> Any:
+        return static, 0.0
+
+    return start_one if len(state_names(law)) == 1 else start
+
+
 def _advance_of(law: type[ShockLaw]) -> Callable[..., Any]:
     core, count = law_module(law).advance_core, own_size(law)
 
@@ -280,7 +189,9 @@ def _force_of(law: type[ShockLaw]) -> Callable[..., Any]:
     return force
 
 
-_advance, _force = (_choice_of([of(law) for law in LAWS.values()]) for of in (_advance_of, _force_of))
+_start, _advance, _force = (
+    _choice_of([of(law) for law in LAWS.values()]) for of in (_start_of, _advance_of, _force_of)
+)
 
 register_jitable(law_step)
 
@@ -293,3 +204,56 @@ def _cores(module: ModuleType) -> list[Any]:
 
 #: A number that changes with any file that the code of `law_step` comes from.
 LAW_FILES = _number_of({law_step}.union(*(_registered(*_cores(law_module(law)), valve_force) for law in LAWS.values())))
+
+
+# ---- A law over a whole record --------------------------------------------------------------------------------------
+
+
+def stepped_force(law: type[ShockLaw], valve: Valve, own: tuple[float, ...], velocity: Array, step: Array) -> Array:
+    """Return the valve force (N,) [N] of a law for a record that starts in steady motion.
+
+    Args:
+        law: Class of the law.
+        valve: Curve and scales of the static force.
+        own: The law's own parameters, in the order of its fields.
+        velocity: Damper velocity (N,) [m/s].
+        step: Time (N - 1,) from sample to sample [s].
+    """
+    port = Port(compression_scale=valve.compression_scale, rebound_scale=valve.rebound_scale)
+    numbers, force = _records([(law, port, tuple(valve.curve), own)]), np.empty(velocity.size)
+    record_loop()(numbers, np.ascontiguousarray(velocity), step, np.empty((velocity.size, MOST_STATES)), force)
+    return force
+
+
+def stepped_states(law: type[ShockLaw], valve: Valve, own: tuple[float, ...], velocity: Array, step: Array) -> Array:
+    """Return the states (N, 2) of a law whose states depend on the velocity alone; see `stepped_force`."""
+    numbers, states = _records([(law, Port(), tuple(valve.curve), own)]), np.empty((velocity.size, MOST_STATES))
+    record_loop()(numbers, np.ascontiguousarray(velocity), step, states, np.empty(0))
+    return states
+
+
+@cache
+def record_loop() -> Callable[..., None]:
+    """Return the compiled loop over a record."""
+    # numba checks only this file for changes, so this number makes the cached code depend on the other files too.
+    number = LAW_FILES
+
+    def loop(numbers: Any, velocity: Any, step: Any, found: Any, force: Any) -> None:
+        if number == 0:
+            return
+        law, has_force = numbers[0], force.size > 0
+        valve = Valve(law.curve, law.port.compression_scale, law.port.rebound_scale)
+        before, states = 0.0, (0.0, 0.0)
+        for n in range(velocity.size):
+            after = valve_force(valve, velocity[n]) if has_force else 0.0
+            if n == 0:
+                states = _start(law.kind, velocity[n], after, law, valve)
+            else:
+                piece = Piece(velocity[n - 1], velocity[n], before, after, step[n - 1])
+                states = _advance(law.kind, states, piece, law, valve)
+            found[n, 0], found[n, 1] = states
+            if has_force:
+                force[n] = _force(law.kind, states, velocity[n], after, law, valve)
+            before = after
+
+    return compiled_loop(loop)

@@ -1,55 +1,247 @@
-"""The shock file (shock.json): one law with its parameters, the conditions of its measurement, and its origin."""
+"""The shock file (shock.json): one law, its measurement and origin, its band at a setting, its uncertainty."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import inf
+from math import inf, sqrt
 from pathlib import Path
-from typing import Any
+from statistics import NormalDist
+from typing import Any, get_args, get_origin, get_type_hints
+
+import numpy as np
 
 from eightpost import __version__
+from eightpost.array_types import Array
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError, ParameterError
 from eightpost.files import MALFORMED, atomic_path, check_schema, json_content
-from eightpost.shock.at_setting import band_section, force_half_width, setting_reasons, setting_text
-from eightpost.shock.curve import StaticCurve
+from eightpost.shock.curve import KNOTS, StaticCurve
 from eightpost.shock.law import ShockLaw
 from eightpost.shock.laws import FORMER, LAWS, law_name, law_title, own_parameters, parameter_units
-from eightpost.shock.port import Port
-from eightpost.shock.settings import TEMPERATURE, Axis, Settings, Term, setting_of
-from eightpost.validity import Validity, judged
-from eightpost.verdict import Verdict
+from eightpost.shock.settings import TEMPERATURE, Axis, Settings, is_tested, setting_of
+from eightpost.uncertainty import LeftOutBlocks, left_out_of
+from eightpost.validity import ModelUncertainty, ParameterUncertainty, Validity, judged
+from eightpost.verdict import Grade, Reason, Rules, Verdict
+
+# ---- Where a setting is, relative to the measured ones --------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Beyond:
+    """A setting of an axis outside the measured ones."""
+
+    axis: Axis  #: Axis.
+    value: float  #: Setting.
+    distance: float  #: Distance from the nearest measured setting.
+    intervals: float  #: The same, in multiples of the nearest interval between measured settings; infinite without one.
+
+
+def settings_beyond(settings: Settings, setting: Sequence[float]) -> tuple[Beyond, ...]:
+    """Return the axes on which a setting (a value per axis) is outside the measured settings."""
+    return tuple(
+        Beyond(axis, value, axis.beyond(value), axis.intervals_beyond(value))
+        for axis, value in zip(settings.axes, setting, strict=True)
+        if axis.beyond(value)
+    )
+
+
+# ---- The verdict on a setting ---------------------------------------------------------------------------------------
+
+#: Subject of the reasons.
+ABOUT = "setting"
+
+#: Distance beyond the measured settings, in intervals between them, up to which the continuation can be used.
+FARTHEST = 1.0
+
+RULES = Rules()
+
+UNTESTED = RULES.add("untested combination of settings", ABOUT, Grade.UNKNOWN,
+    condition="two or more adjusters (or an adjuster and the temperature) differ from the reference, and no files were "
+    "measured in this combination",
+    why="the effects of the adjusters are added there; whether one changes the effect of another is not known",
+    remedy="measure the shock at this combination and add the file to the table",
+)  # fmt: skip
+FAR_BEYOND = RULES.add("far beyond the measured settings", ABOUT, Grade.UNKNOWN,
+    condition=f"a setting is beyond the measured ones by more than {FARTHEST:g} of the nearest interval between them",
+    why="adjusters act progressively near their stops; the continuation is a straight line",
+    remedy="measure the shock at this setting and add the file to the table",
+)  # fmt: skip
+BEYOND = RULES.add("beyond the measured settings", ABOUT, Grade.LIMITED,
+    condition="a setting is beyond the measured ones by less than that",
+    why="there is no measurement beyond; the curve is continued in a straight line over the setting",
+    remedy="measure the shock at this setting and add the file to the table",
+)  # fmt: skip
+INSIDE = RULES.add("within the measured settings", ABOUT, Grade.USABLE,
+    condition="the setting is between measured settings, in a combination that was measured",
+    why="the curve is interpolated between measured curves; its band includes the error of the interpolation",
+)  # fmt: skip
+
+
+def setting_reasons(settings: Settings, setting: Sequence[float], origin: str) -> tuple[Reason, ...]:
+    """Return the reasons of a verdict on a setting (a value per axis)."""
+    return tuple(_reasons(settings, setting, origin))
+
+
+def _reasons(settings: Settings, setting: Sequence[float], origin: str) -> Iterator[Reason]:
+    where = setting_text(settings, setting)
+    outside = settings_beyond(settings, setting)
+    for one in outside:
+        rule = FAR_BEYOND if one.intervals > FARTHEST else BEYOND
+        figure = (
+            f"{one.axis.name} {one.value:g}; measured {one.axis.nodes[0]:g} to {one.axis.nodes[-1]:g} {one.axis.unit}"
+        )
+        yield rule.reason("the setting is beyond the measured ones", figure=figure, origin=origin)
+    if not is_tested(settings, setting):
+        yield UNTESTED.reason("this combination of settings was not measured", figure=where, origin=origin)
+    elif not outside:
+        yield INSIDE.reason("the setting is within the measured ones", figure=where, origin=origin)
+
+
+def setting_text(settings: Settings, setting: Sequence[float]) -> str:
+    """Return a setting as text, such as `rebound 12, temperature 313 K`."""
+    parts = []
+    for axis, value in zip(settings.axes, setting, strict=True):
+        unit = "" if axis.unit in ("click", "1", "") else f" {axis.unit}"
+        parts.append(f"{axis.name} {value:.4g}{unit}")
+    return ", ".join(parts)
+
+
+# ---- The band of the curve ------------------------------------------------------------------------------------------
+
+#: Error of the interpolation in the middle between two settings, as a multiple of the error with which a straight line
+#: between its neighbours predicts a measured setting (the larger of the two). Calibrated on random shocks so that the
+#: band covers 95 % (docs/how_to/settings.md).
+_CURVATURE = 0.5
+
+#: The same as a share of the difference between the two curves; it counts alone where there are only two settings.
+_DIFFERENCE = 0.02
+_DIFFERENCE_OF_TWO = 0.3
+
+#: Half-width for an untested combination, as a share of the smaller effects of its adjusters.
+_INTERACTION = 0.5
+
+
+def force_half_width(settings: Settings, law: ShockLaw, setting: Sequence[float]) -> tuple[float, ...]:
+    """Return the half-width of the 95 % band of the curve's force at the knots (25,) [N] at a setting.
+
+    The band includes the scatter of the measurements, the error of the interpolation between settings, the growth of
+    that error beyond the measured settings, and the unknown interaction of an untested combination.
+
+    Args:
+        settings: Effect of the settings.
+        law: Law at the reference setting.
+        setting: Value per axis.
+    """
+    squares = [0.0] * KNOTS
+    base = law.curve.knot_force
+    effects: list[list[float]] = []
+    for number, value in enumerate(setting):
+        axis = settings.axes[number]
+        if value == axis.reference and len(setting) > 1:
+            continue
+        curves = {node: _force_on_axis(settings, law, number, node) for node in axis.nodes}
+        between = _interpolation_error(axis, curves, value)
+        scatter = _scatter(settings, number, value)
+        here = _force_on_axis(settings, law, number, value)
+        effects.append([abs(a - b) for a, b in zip(here, base, strict=True)])
+        for k in range(KNOTS):
+            squares[k] += between[k] ** 2 + scatter[k] ** 2
+    if not effects:
+        squares = [width**2 for width in _scatter(settings, 0, setting[0])]
+    if len(effects) > 1 and not is_tested(settings, setting):
+        for k in range(KNOTS):
+            sizes = sorted(effect[k] for effect in effects)
+            squares[k] += (_INTERACTION * sum(sizes[:-1])) ** 2
+    return tuple(sqrt(square) for square in squares)
+
+
+def _force_on_axis(settings: Settings, law: ShockLaw, number: int, value: float) -> tuple[float, ...]:
+    """Return the force at the knots (25,) [N] with one axis at a value and the others at their reference."""
+    setting = list(settings.reference)
+    setting[number] = value
+    return settings.law_at(law, tuple(setting)).curve.knot_force
+
+
+def _scatter(settings: Settings, number: int, value: float) -> tuple[float, ...]:
+    """Return the half-width (25,) [N] of the measurements next to a value of one axis, interpolated between them."""
+    axis = settings.axes[number]
+    near = axis.neighbours(value)
+    low, high = _scatter_at(settings, number, near[0]), _scatter_at(settings, number, near[-1])
+    share = 0.0 if len(near) == 1 else (value - near[0]) / (near[1] - near[0])
+    return tuple((1.0 - share) * a + share * b for a, b in zip(low, high, strict=True))
+
+
+def _scatter_at(settings: Settings, number: int, node: float) -> tuple[float, ...]:
+    """Return the half-width (25,) [N] at a node with the other axes at their reference, or the largest at the node."""
+    reference = list(settings.reference)
+    reference[number] = node
+    rows = dict(zip(settings.tested, settings.half_width, strict=True))
+    if tuple(reference) in rows:
+        return rows[tuple(reference)]
+    there = [row for at, row in rows.items() if at[number] == node]
+    return tuple(max(column) for column in zip(*(there or settings.half_width), strict=True))
+
+
+def _interpolation_error(axis: Axis, curves: Mapping[float, Sequence[float]], value: float) -> list[float]:
+    """Return the half-width (25,) [N] for the interpolation at a value of one axis, given the curves at its nodes."""
+    nodes = axis.nodes
+    if value in nodes or len(nodes) == 1:
+        return [0.0] * KNOTS
+    j = axis.interval(value)
+    width = nodes[j + 1] - nodes[j]
+    w = (value - nodes[j]) / width
+    # Within the interval the error is like 4 w (1 - w); beyond, it grows with the distance.
+    shape = 4.0 * w * (1.0 - w) if 0.0 <= w <= 1.0 else 4.0 * max(-w, w - 1.0) * (1.0 + max(-w, w - 1.0))
+    bends = [_bend(nodes, curves, i) for i in (j, j + 1) if 0 < i < len(nodes) - 1]
+    share = _DIFFERENCE if bends else _DIFFERENCE_OF_TWO
+    error = []
+    for k in range(KNOTS):
+        difference = abs(curves[nodes[j + 1]][k] - curves[nodes[j]][k])
+        error.append(shape * (_CURVATURE * max((bend[k] for bend in bends), default=0.0) + share * difference))
+    return error
+
+
+def _bend(nodes: Sequence[float], curves: Mapping[float, Sequence[float]], i: int) -> list[float]:
+    """Return the error (25,) [N] with which a straight line between its neighbours predicts node i."""
+    w = (nodes[i] - nodes[i - 1]) / (nodes[i + 1] - nodes[i - 1])
+    before, here, after = (curves[nodes[n]] for n in (i - 1, i, i + 1))
+    return [abs((1.0 - w) * a + w * c - b) for a, b, c in zip(before, here, after, strict=True)]
+
+
+def band_section(law: ShockLaw, half_width: Sequence[float], level: float) -> dict[str, Any]:
+    """Return a curve's band as in the fit section of a shock file."""
+    return {
+        "level": level,
+        "velocity [m/s]": list(law.curve.knot_velocity),
+        "force [N]": list(law.curve.knot_force),
+        "half_width [N]": list(half_width),
+    }
+
 
 SCHEMA = 1
 
 
 @dataclass(frozen=True, repr=False)
 class Shock(Summarized):
-    """A shock: a law, and what is known about its origin.
+    """A shock: a law, and what is known about its origin."""
 
-    Args:
-        name: Display name of the build.
-        law: Law with its parameters, in SI units.
-        conditions: Conditions of the measurement: build, clicks and how they count, gas pressure, temperature range,
-            offset, fitted velocity, stroke and frequency ranges. Free-form, JSON values; units in the keys.
-        fit: Report of the fit: RMS, bounds, recipe. Free-form, JSON values. Left out if the verdict says that the
-            shock was edited after it.
-        inputs: Name and SHA-256 of each file that the shock was made from.
-        validity: Verdict on the fit and the ranges that it covers; None if not stated. It is "unknown" if `numbers` are
-            not those that were judged.
-        settings: Effect of the adjusters and of the temperature; `law` is then the law at the reference setting. None:
-            the shock was measured at one setting.
-    """
-
-    name: str
-    law: ShockLaw
+    name: str  #: Display name of the build.
+    law: ShockLaw  #: Law with its parameters, in SI units.
+    #: Conditions of the measurement: build, clicks and how they count, gas pressure, temperature range, offset, fitted
+    #: velocity, stroke and frequency ranges. Free-form, JSON values; units in the keys.
     conditions: Mapping[str, Any] = field(default_factory=dict)
+    #: Report of the fit: RMS, bounds, recipe. Free-form, JSON values. Left out if the verdict says that the shock was
+    #: edited after it.
     fit: Mapping[str, Any] = field(default_factory=dict)
-    inputs: tuple[Mapping[str, str], ...] = ()
+    inputs: tuple[Mapping[str, str], ...] = ()  #: Name and SHA-256 of each file that the shock was made from.
+    #: Verdict on the fit and the ranges that it covers; None if not stated. It is "unknown" if `numbers` are not those
+    #: that were judged.
     validity: Validity | None = None
+    #: Effect of the adjusters and of the temperature; `law` is then that at the reference setting. None: the shock was
+    #: measured at one setting.
     settings: Settings | None = None
 
     def __post_init__(self) -> None:
@@ -200,37 +392,30 @@ def read_shock(path: str | Path) -> Shock:
         ParameterError: A parameter is missing, unknown or out of range, or the law is a former one; the message names
             file and parameter.
     """
-    document = _read_document(Path(path))
+    path = Path(path)
+    document = _read_document(path)
     if document.get("law") in FORMER:
-        raise ParameterError(_no_longer_supported(document, Path(path)))
+        raise ParameterError(_no_longer_supported(document, path))
     law_class = LAWS.get(str(document.get("law")))
     if law_class is None:
         raise ParameterError(f"{path}: law is {document.get('law')!r}; it must be one of {', '.join(LAWS)}")
     try:
-        curve = _build(StaticCurve, "curve", document)
-        port = _build(Port, "port", document)
-        parameters = {**_section(document, "parameters"), "curve": curve, "port": port}
-        law = _construct(law_class, "parameters", parameters)
+        curve, port = ({name: _object(document, name)} for name in ("curve", "port"))
+        law = _construct(law_class, "parameters", _object(document, "parameters") | curve | port)
         validity = Validity.from_json(document["validity"]) if "validity" in document else None
-        settings = _settings(document) if "settings" in document else None
+        settings = _construct(Settings, "settings", document["settings"]) if "settings" in document else None
         if settings is not None:
             settings.law_at(law, settings.reference)
+        conditions, fit, inputs = _object(document, "conditions"), _object(document, "fit"), _inputs(document)
     except MALFORMED as error:
         raise ParameterError(f"{path}: {error}") from error
-    shock = Shock(
-        name=str(document.get("name") or Path(path).stem),
-        law=law,
-        conditions=_table(document, "conditions", Path(path)),
-        fit=_table(document, "fit", Path(path)),
-        inputs=_inputs(document, Path(path)),
-        settings=settings,
-    )
-    return shock if validity is None else replace(shock, validity=validity.checked(shock.numbers, Path(path).name))
+    shock = Shock(str(document.get("name") or path.stem), law, conditions, fit, inputs, settings=settings)
+    return shock if validity is None else replace(shock, validity=validity.checked(shock.numbers, path.name))
 
 
 def _no_longer_supported(document: dict[str, Any], path: Path) -> str:
     """Return what is wrong with a file of a former law, and the command that fits its records again."""
-    records = " ".join(entry["name"] for entry in _inputs(document, path) if "name" in entry) or "RECORD"
+    records = " ".join(entry["name"] for entry in _inputs(document) if "name" in entry) or "RECORD"
     command = "settings TABLE" if "settings" in document else f"fit {records}"
     return (
         f"{path}: the law {law_title(document['law'])} is no longer supported; fit the record again: "
@@ -238,70 +423,13 @@ def _no_longer_supported(document: dict[str, Any], path: Path) -> str:
     )
 
 
-def _settings(document: dict[str, Any]) -> Settings:
-    """Return the settings of a document; ValueError if an entry is missing, unknown or wrong."""
-    section = _section(document, "settings")
-    axes = tuple(_construct_axis(entry) for entry in _entries(section, "axes"))
-    terms = tuple(_construct_term(entry) for entry in _entries(section, "terms"))
-    return Settings(
-        axes=axes,
-        parameters=tuple(str(name) for name in section.get("parameters", ())),
-        terms=terms,
-        tested=_rows(section, "tested"),
-        half_width=_rows(section, "half_width"),
-    )
-
-
-def _entries(section: dict[str, Any], name: str) -> tuple[dict[str, Any], ...]:
-    entries = section.get(name, ())
-    if not isinstance(entries, tuple) or not all(isinstance(entry, dict) for entry in entries):
-        raise ValueError(f"settings: {name} must be a list of objects, not {entries!r}")
-    return entries
-
-
-def _construct_axis(entry: dict[str, Any]) -> Axis:
-    texts = {name: entry[name] for name in ("name", "unit", "counted") if name in entry}
-    if not all(isinstance(text, str) for text in texts.values()):
-        raise ValueError(f"settings: name, unit and counted of an axis must be texts, not {texts!r}")
-    stops = {name: entry.get(name) for name in ("lowest", "highest")}
-    for name, value in stops.items():
-        if value is not None and type(value) not in (int, float):
-            raise ValueError(f"settings: {name} must be a number, not {value!r}")
-    (nodes,) = _rows({"nodes": (entry.get("nodes", ()),)}, "nodes")
-    reference = _rows({"reference": ((entry.get("reference"),),)}, "reference")[0][0]
-    return Axis(nodes=nodes, reference=reference, lowest=stops["lowest"], highest=stops["highest"], **texts)
-
-
-def _construct_term(entry: dict[str, Any]) -> Term:
-    return Term(tuple(str(name) for name in entry.get("axes", ())), _rows(entry, "deviations"))
-
-
-def _rows(section: dict[str, Any], name: str) -> tuple[tuple[float, ...], ...]:
-    """Return rows of numbers; ValueError if they are something else."""
-    rows = section.get(name, ())
-    if not isinstance(rows, (list, tuple)) or not all(isinstance(row, (list, tuple)) for row in rows):
-        raise ValueError(f"settings: {name} must be rows of numbers")
-    if not all(type(value) in (int, float) for row in rows for value in row):
-        raise ValueError(f"settings: {name} must contain numbers only")
-    return tuple(tuple(float(value) for value in row) for row in rows)
-
-
-def _table(document: dict[str, Any], name: str, path: Path) -> dict[str, Any]:
-    table = document.get(name, {})
-    if not isinstance(table, dict):
-        raise FileFormatError(f"{name} must be an object, not {table!r}", path=path)
-    return table
-
-
-def _inputs(document: dict[str, Any], path: Path) -> tuple[Mapping[str, str], ...]:
-    found = document.get("inputs", [])
-    if not isinstance(found, list) or not all(
-        isinstance(entry, dict) and all(isinstance(text, str) for text in entry.values()) for entry in found
+def _inputs(document: dict[str, Any]) -> tuple[Mapping[str, str], ...]:
+    inputs = document.get("inputs", [])
+    if not isinstance(inputs, list) or not all(
+        isinstance(entry, dict) and all(isinstance(text, str) for text in entry.values()) for entry in inputs
     ):
-        raise FileFormatError(
-            "inputs must be a list of objects with text values: the files that the shock was made from", path=path
-        )
-    return tuple(found)
+        raise ValueError("inputs must be a list of objects with text values: the files that the shock was made from")
+    return tuple(inputs)
 
 
 def _read_document(path: Path) -> dict[str, Any]:
@@ -312,18 +440,17 @@ def _read_document(path: Path) -> dict[str, Any]:
     return document
 
 
-def _section(document: dict[str, Any], name: str) -> dict[str, Any]:
+def _object(document: dict[str, Any], name: str) -> dict[str, Any]:
     section = document.get(name, {})
     if not isinstance(section, dict):
         raise ValueError(f"{name} must be an object, not {section!r}")
-    return {key: tuple(value) if isinstance(value, list) else value for key, value in section.items()}
+    return section
 
 
-def _build(kind: type[Any], name: str, document: dict[str, Any]) -> Any:
-    return _construct(kind, name, _section(document, name))
-
-
-def _construct(kind: type[Any], section: str, values: dict[str, Any]) -> Any:
+def _construct(kind: type[Any], section: str, values: Any) -> Any:
+    """Return a record of JSON values; ValueError if one is missing, unknown or of another type than its field."""
+    if not isinstance(values, dict):
+        raise ValueError(f"{section} must be an object, not {values!r}")
     fields = dataclasses.fields(kind)
     known = {f.name for f in fields}
     needed = {f.name for f in fields if f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING}
@@ -331,8 +458,115 @@ def _construct(kind: type[Any], section: str, values: dict[str, Any]) -> Any:
         raise ValueError(f"{section}: unknown {', '.join(unknown)}; known are {', '.join(sorted(known))}")
     if missing := sorted(needed - set(values)):
         raise ValueError(f"{section}: {', '.join(missing)} missing")
-    for name, value in values.items():
-        numbers = value if isinstance(value, tuple) else (value,)
-        if name not in ("curve", "port") and not all(type(n) in (int, float) for n in numbers):
-            raise ValueError(f"{section}: {name} must be a number, not {value!r}")
-    return kind(**values)
+    hints = get_type_hints(kind)
+    return kind(**{name: _value(hints[name], section, name, value) for name, value in values.items()})
+
+
+def _value(kind: Any, section: str, name: str, value: Any) -> Any:
+    """Return a JSON value as the type of a field; ValueError if it is of another type."""
+    if get_origin(kind) is tuple:
+        if not isinstance(value, list):
+            raise ValueError(f"{section}: {name} must be a list, not {value!r}")
+        return tuple(_value(get_args(kind)[0], section, name, item) for item in value)
+    if dataclasses.is_dataclass(kind):
+        return _construct(kind, name, value)  # type: ignore[arg-type]
+    if kind is str and not isinstance(value, str):
+        raise ValueError(f"{section}: {name} must be a text, not {value!r}")
+    if kind is not str and not (value is None and kind is not float) and type(value) not in (int, float):
+        raise ValueError(f"{section}: {name} must be a number, not {value!r}")
+    return value
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedParameters:
+    """Parameters of a fitted shock's FMU that are not known exactly. n parameters."""
+
+    names: tuple[str, ...]  #: Names of the parameters.
+    values: Array  #: Fitted values (n,).
+    covariance: Array  #: Covariance of the parameters (n, n), which are independent.
+    lowest: Array  #: Lower limits (n,).
+    highest: Array  #: Upper limits (n,).
+    held: tuple[str, ...]  #: A sentence for each parameter that is kept constant.
+    #: Changes of the parameters when blocks of the test are left out; None if the file does not state them.
+    left_out: LeftOutBlocks | None = None
+
+
+def fitted_parameters(shock: Shock) -> FittedParameters | None:
+    """Return the uncertainty that a shock states; None if it states none, because it was not fitted.
+
+    The law's own parameters vary independently by their standard errors, within the fit's bounds. A parameter at a
+    bound, or one that the record does not determine, is kept constant. The static curve varies by `compression_scale`
+    and `rebound_scale`, whose intervals the fit derives from the covariance of the curve at the velocities of its
+    records: errors at different velocities cancel as far as they are independent. A file without these intervals (a
+    shock at a setting, or a fit of an earlier version) has the band alone, which is then taken to be fully correlated
+    over all velocities of a side, weighted by force. This overstates the effect of the band on a measure.
+    """
+    fitted, band = shock.fit.get("parameters"), shock.fit.get("curve_band")
+    if not isinstance(fitted, dict) or not isinstance(band, dict):
+        return None
+    own = {name: fitted[name] for law in own_parameters(type(shock.law)) for name in fitted if _is_of(name, law)}
+    free = {name: entry for name, entry in own.items() if entry["standard_error"] and not entry["at_bound"]}
+    held = tuple(f"{name} is kept at its fitted value: {_why(own[name])}" for name in own if name not in free)
+    scales = dict(_scales(band))
+    return FittedParameters(
+        (*free, *scales),
+        np.array([*(entry["value"] for entry in free.values()), *(1.0 for _ in scales)]),
+        np.diag([*(entry["standard_error"] ** 2 for entry in free.values()), *(d**2 for d in scales.values())]),
+        np.array([*(_bound(entry, 0) for entry in free.values()), *(0.0 for _ in scales)]),
+        np.array([*(_bound(entry, 1) for entry in free.values()), *(inf for _ in scales)]),
+        held,
+        left_out_of(shock.fit) if "factor_half_width" in band else None,
+    )
+
+
+def shock_uncertainty(shock: Shock) -> ModelUncertainty | None:
+    """Return the same as parameters that an FMU states; None if the shock states no uncertainty or cannot be read.
+
+    The standard deviation from one copy of the shock to another is that of the builds that were fitted together
+    (`fit.between_builds`); without it, it is not known.
+    """
+    try:
+        found = fitted_parameters(shock)
+        return None if found is None else _of_fit(found, shock)
+    except MALFORMED:
+        return None
+
+
+def _of_fit(found: FittedParameters, shock: Shock) -> ModelUncertainty:
+    builds = shock.fit.get("between_builds") or {}
+    copies = {name: float(entry["standard_deviation"]) for name, entry in builds.get("parameters", {}).items()}
+    deviations = np.sqrt(found.covariance.diagonal())
+    rows = zip(found.names, deviations.tolist(), found.lowest.tolist(), found.highest.tolist(), strict=True)
+    parameters = tuple(ParameterUncertainty(n, d, copies.get(n), low, high) for n, d, low, high in rows)
+    return ModelUncertainty(parameters=parameters, held=found.held, left_out=found.left_out)
+
+
+def _is_of(name: str, parameter: str) -> bool:
+    """Return whether a fitted value is that of a law's parameter, or of one of its elements, such as tau[2]."""
+    return name == parameter or name.startswith(f"{parameter}[")
+
+
+def _why(entry: dict[str, Any]) -> str:
+    return (
+        f"the fit ended at its {entry['at_bound']} bound" if entry["at_bound"] else "the record does not determine it"
+    )
+
+
+def _bound(entry: dict[str, Any], side: int) -> float:
+    bound = (entry["bounds"] or (None, None))[side]
+    return float(bound) if bound is not None else (-inf, inf)[side]
+
+
+def _scales(band: dict[str, Any]) -> Iterator[tuple[str, float]]:
+    """Yield the standard deviation of each side's factor."""
+    reach = NormalDist().inv_cdf(0.5 + 0.5 * band["level"])
+    for name, half_width in (band.get("factor_half_width") or dict(_correlated(band))).items():
+        yield name, float(half_width) / reach
+
+
+def _correlated(band: dict[str, Any]) -> Iterator[tuple[str, float]]:
+    """Yield the half-width of each side's factor if the whole band moves as one: RMS half-width over RMS force."""
+    velocity, force, half = (np.array(band[f"{name}"]) for name in ("velocity [m/s]", "force [N]", "half_width [N]"))
+    for name, side in (("compression_scale", velocity > 0.0), ("rebound_scale", velocity < 0.0)):
+        if side.any() and np.any(force[side]):
+            yield name, float(np.sqrt(np.sum(half[side] ** 2) / np.sum(force[side] ** 2)))

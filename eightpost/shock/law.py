@@ -16,22 +16,89 @@ A law is a single file (docs/development/add_a_law.md). Besides its class, the f
 - `FIT_PARAMETERS`: a `FitParameter` for each of these parameters. If it has not all of them, `UNITS` has their units by
   name.
 - `FIT_FORM`, optional: closed form of the same equations, with which a fit is faster. "no lag": F = F_s. "lag": the
-  lag of lag.py with alpha = 1; the first parameter is tau. "fading lag": alpha is 1 up to the second parameter F_1 and
+  lag of `advance`, alpha = 1; the first parameter is tau. "fading lag": alpha is 1 up to the second parameter F_1 and
   0 above the third F_2; `weight_slopes_core(static_force, factor, own)` in the file returns its derivatives by F_s, F_1
   and F_2, each times the factor. The fit evaluates both functions of alpha for arrays, with the `min`, `max` and
   `copysign` of numpy: they have no branches.
-  "lagged velocity": the law has a recipe of its own (eightpost/ident/shock/hysteresis_fit.py).
+  "lagged velocity": the law has a recipe of its own (eightpost/ident/shock/hysteresis.py).
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
-from math import isfinite
+from dataclasses import dataclass, field, fields
+from math import expm1, isfinite, tanh
 from typing import Any, NamedTuple
 
 from .curve import CurveNumbers, StaticCurve, curve_force
-from .port import Port
+
+
+def advance(lagged: float, static_start: float, static_end: float, time_constant: float, step: float) -> float:
+    """Return F_lag [N] after a step in which F_s changes linearly from `static_start` to `static_end` [N].
+
+        F_lag(h) = F_lag + (F_s0 - F_lag)(1 - e) + (F_s1 - F_s0)(1 - (1 - e) tau / h),   e = exp(-h / tau)
+
+    Args:
+        lagged: F_lag at the start of the step [N].
+        static_start: F_s at the start [N].
+        static_end: F_s at the end [N].
+        time_constant: tau [s], positive.
+        step: h [s], positive.
+
+    >>> advance(0.0, 100.0, 100.0, 0.0013, 0.0013)  # one time constant: 1 - 1/e of the way
+    63.212055882855765
+    """
+    ratio = step / time_constant
+    rise = -expm1(-ratio)
+    return lagged + (static_start - lagged) * rise + (static_end - static_start) * (1.0 - rise / ratio)
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Port:
+    """The parameters that all shock laws share.
+
+    Raises:
+        ValueError: A value is not finite or outside its range; the message names it.
+    """
+
+    #: Damper travel per port travel [1]: damper velocity = motion_ratio * velocity, port force = motion_ratio * damper
+    #: force.
+    motion_ratio: float = 1.0
+    compression_scale: float = 1.0  #: Factor on the static force in compression [1].
+    rebound_scale: float = 1.0  #: Factor on the static force in rebound [1].
+    gas_stiffness: float = 0.0  #: Parallel gas spring at the damper [N/m] (K of Eq 3.14).
+    gas_preload: float = 0.0  #: Gas force at zero displacement [N] (F_0 of Eq 3.14).
+    seal_friction: float = 0.0  #: Coulomb drag [N] (3.4.3), smoothed as tanh(v / friction_velocity).
+    friction_velocity: float = 0.005  #: Width of the smoothing [m/s].
+
+    def __repr__(self) -> str:
+        """Return the parameters that differ from their defaults, as an expression."""
+        stated = ((one.name, getattr(self, one.name), one.default) for one in fields(self))
+        return f"Port({', '.join(f'{name}={value!r}' for name, value, default in stated if value != default)})"
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            if not isfinite(getattr(self, name)):
+                raise ValueError(f"port: {name} must be finite, not {getattr(self, name)!r}")
+        for name in ("motion_ratio", "friction_velocity"):
+            if getattr(self, name) <= 0.0:
+                raise ValueError(f"port: {name} must be positive, not {getattr(self, name)!r}")
+        for name in ("compression_scale", "rebound_scale", "gas_stiffness", "seal_friction"):
+            if getattr(self, name) < 0.0:
+                raise ValueError(f"port: {name} must not be negative, not {getattr(self, name)!r}")
+
+    def scale(self, damper_velocity: float) -> float:
+        """Return the factor on the static force [1] at a damper velocity [m/s]."""
+        return self.compression_scale if damper_velocity > 0.0 else self.rebound_scale
+
+    def seal_force(self, damper_velocity: float) -> float:
+        """Return the seal drag [N] at a damper velocity [m/s]."""
+        return self.seal_friction * tanh(damper_velocity / self.friction_velocity)
+
+    def gas_force(self, displacement: float) -> float:
+        """Return the gas force at the damper [N] at a port displacement [m] (Eq 3.14: K x + F_0)."""
+        return self.gas_preload + self.gas_stiffness * self.motion_ratio * displacement
+
 
 #: Largest change of damper velocity [m/s] over which `follow` treats F_s as linear, and its maximum number of pieces.
 STRAIGHT = 0.01
@@ -45,19 +112,14 @@ State = Any
 class FitParameter(NamedTuple):
     """Defaults for fitting one of a law's own parameters, used unless the record gives better ones."""
 
-    name: str
-    """Name of the field."""
-    unit: str
-    low: float
-    start: float
-    high: float
-    """Bounds and starting value, in `unit`."""
-    scale: str
-    """"logarithmic" or "linear": scale of the steps of the search."""
-    above: str = ""
-    """Name of the parameter that must stay below this one; empty without such a condition."""
-    gap: float = 0.0
-    """Minimum distance to the parameter named by `above`, in `unit`."""
+    name: str  #: Name of the field.
+    unit: str  #: SI unit.
+    low: float  #: Lower bound, in `unit` as the following.
+    start: float  #: Starting value.
+    high: float  #: Upper bound.
+    scale: str  #: "logarithmic" or "linear": scale of the steps of the search.
+    above: str = ""  #: Name of the parameter that must stay below this one; empty without such a condition.
+    gap: float = 0.0  #: Minimum distance to the parameter named by `above`.
 
 
 class Valve(NamedTuple):
@@ -71,14 +133,11 @@ class Valve(NamedTuple):
 class Piece(NamedTuple):
     """A short piece of time in which velocity and static force change linearly from start to end."""
 
-    velocity_start: float
-    velocity_end: float
-    """Damper velocity at the end [m/s]."""
-    static_start: float
-    static_end: float
-    """F_s at the end [N]."""
-    step: float
-    """Duration [s]."""
+    velocity_start: float  #: Damper velocity at the start [m/s].
+    velocity_end: float  #: Damper velocity at the end [m/s].
+    static_start: float  #: F_s at the start [N].
+    static_end: float  #: F_s at the end [N].
+    step: float  #: Duration [s].
 
 
 def valve_force(valve: Valve, velocity: float) -> float:
@@ -90,18 +149,12 @@ def valve_force(valve: Valve, velocity: float) -> float:
 class Response(NamedTuple):
     """A shock's outputs at one instant; the names are those of docs/reference/ports.md."""
 
-    force: float
-    """Force at the port [N], positive in compression."""
-    static_force: float
-    """F_s [N]."""
-    lagged_force: float
-    """F_lag [N]."""
-    lag_weight: float
-    """alpha [1]."""
-    dissipated_power: float
-    """Valve and seal force times damper velocity [W]; without the gas spring."""
-    beyond_fit: float
-    """1 while the damper velocity is outside the fitted range, else 0."""
+    force: float  #: Force at the port [N], positive in compression.
+    static_force: float  #: F_s [N].
+    lagged_force: float  #: F_lag [N].
+    lag_weight: float  #: alpha [1].
+    dissipated_power: float  #: Valve and seal force times damper velocity [W]; without the gas spring.
+    beyond_fit: float  #: 1 while the damper velocity is outside the fitted range, else 0.
 
 
 @dataclass(frozen=True, slots=True)

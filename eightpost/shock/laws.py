@@ -13,9 +13,7 @@ from types import ModuleType
 from eightpost.shock.law import FitParameter, ShockLaw
 
 #: Files that are not laws, among them all files that import this one.
-_OTHERS = (
-    "at_setting", "compiled", "curve", "file", "fit_uncertainty", "lag", "law", "laws", "port", "settings", "shape",
-)  # fmt: skip
+_OTHERS = ("compiled", "curve", "file", "law", "laws", "settings", "shape")
 
 
 def own_parameters(law: type[ShockLaw]) -> tuple[str, ...]:

@@ -15,10 +15,9 @@ from scipy.optimize import least_squares, nnls
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError
 from eightpost.shock.curve import KNOTS, StaticCurve
-from eightpost.shock.law import ShockLaw
+from eightpost.shock.law import Port, ShockLaw
 from eightpost.shock.lpf1 import Lpf1
 from eightpost.shock.lpnl2 import Lpnl2
-from eightpost.shock.port import Port
 
 # ---- Shapes (chapter 8) ---------------------------------------------------------------------------------------------
 # Each side of the static curve has five numbers; its slope is a mean of them with positive weights, so the force always
@@ -263,12 +262,7 @@ def fit_law(law: ShockLaw) -> ShapeFit:
 
 
 def fit_shape(curve: StaticCurve, reach: float = REACH) -> ShapeFit:
-    """Fit a shape to a curve by least squares of the force, at equal steps of the root of the speed.
-
-    Args:
-        curve: Curve to fit, with or without knots.
-        reach: Highest speed to compare [m/s]; the curve's fitted range limits it.
-    """
+    """Fit a shape to a curve by least squares of the force, at equal steps of the root of the speed."""
     return fit_force(curve.force, min(reach, curve.compression_speed), min(reach, curve.rebound_speed))
 
 

@@ -13,7 +13,6 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
@@ -141,18 +140,11 @@ def read_tdms(path: str | Path) -> tuple[RawRecord, ...]:
     tables = [table for table in tables if table.columns]
     if not tables:
         raise FileFormatError("it contains no channel of numbers", path=path)
-    facts = tuple(_fact(*column) for table in tables if _is_settings(table) for column in table.columns)
-    samples = [table for table in tables if not _is_settings(table)] or tables
+    settings = [table for table in tables if all(len(column) == 1 for _, _, column in table.columns)]
+    facts = tuple(f"{name}: {float(column[0]):.9g} {unit}".strip()
+                  for table in settings for name, unit, column in table.columns)  # fmt: skip
+    samples = [table for table in tables if not any(table is one for one in settings)] or tables
     return tuple(_record(table._replace(preamble=(*table.preamble, *facts)), path) for table in samples)
-
-
-def _is_settings(table: Table) -> bool:
-    """Return whether a group has single values: settings of the test, not samples."""
-    return all(len(column) == 1 for _, _, column in table.columns)
-
-
-def _fact(name: str, unit: str, column: NDArray[np.float64]) -> str:
-    return f"{name}: {float(column[0]):.9g} {unit}".strip()
 
 
 def _record(table: Table, path: Path) -> RawRecord:
@@ -210,17 +202,13 @@ def read_mdf(path: str | Path) -> tuple[RawRecord, ...]:
     signals: list[Signal] = [signal for signal in found if signal.name.lower() != _TIME]
     if not signals:
         raise FileFormatError("it contains no numeric channel", path=path)
-    _check_sizes(signals, path)
-    first, *others = by_time(signals)
-    first = [*first, *temperatures_at(first[0].times, others)]
-    return tuple(_table(table, path, comment) for table in (first, *others))
-
-
-def _check_sizes(signals: list[Signal], path: Path) -> None:
     for signal in signals:
         if signal.samples.size != signal.times.size:
             what = f"it has {signal.samples.size} samples and {signal.times.size} times: the file is damaged"
             raise FileFormatError(what, path=path, channel=signal.name)
+    first, *others = by_time(signals)
+    first = [*first, *temperatures_at(first[0].times, others)]
+    return tuple(_table(table, path, comment) for table in (first, *others))
 
 
 def _table(signals: list[Signal], path: Path, comment: str) -> RawRecord:

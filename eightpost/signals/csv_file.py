@@ -83,11 +83,6 @@ def read_delimited(path: str | Path) -> tuple[RawRecord, ...]:
 def text_records(lines: list[str], path: Path, *, may_be_cut: bool = False) -> tuple[RawRecord, ...]:
     """Return the tables in the lines of a text file, or in the rows of a spreadsheet as such lines.
 
-    Args:
-        lines: Lines of the file.
-        path: Path of the file.
-        may_be_cut: Whether the last line may have been cut off, as in a text file that was not copied completely.
-
     Raises:
         FileFormatError: A table cannot be read; see read_delimited.
     """
@@ -264,10 +259,7 @@ def find_layout(lines: list[str], path: Path, *, offset: int = 0) -> Layout:
     The table is the last part of these lines in which every line has a number. The header is the last line before the
     table, or the line before that if there is a row of units in between.
 
-    Args:
-        lines: Lines of the file or block.
-        path: Path of the file.
-        offset: Number of lines of the file above the first of `lines`.
+    `offset` is the number of lines of the file above the first of `lines`.
 
     Raises:
         FileFormatError: There is no table of numbers, or its header has another number of columns.
@@ -415,7 +407,10 @@ def find_blocks(lines: list[str]) -> tuple[Block, ...]:
     headers = _headers(lines)
     if not headers:
         return (Block(0, len(lines), ()),)
-    starts = [0, *(_preamble_start(lines, header) for header in headers[1:])]
+    starts = [0]
+    for header in headers[1:]:  # below the last line above it that begins with a number
+        numbers = (i for i in range(header, 0, -1) if is_number(_first_cell(lines[i - 1])))
+        starts.append(next(numbers, 0))
     stops = [*starts[1:], len(lines)]
     return tuple(
         Block(start, stop, _preamble(lines[start:header]))
@@ -444,19 +439,10 @@ def _names_above_numbers(lines: list[str], row: int) -> set[str]:
         if len(cells) < 2 or not all(cells) or any(map(is_number, cells)):
             continue
         below = [_cells(line, delimiter) for line in lines[row + 1 : row + 6] if line.strip()][:2]
-        if len(below) > 1 and units_row(below[0]):
-            below = below[1:]
-        if below and len(below[0]) <= len(cells) and sum(map(is_number, below[0])) >= 2:
+        rows = [len(row) <= len(cells) and sum(map(is_number, row)) >= 2 for row in below]
+        if rows[:1] == [True] or (rows[1:] == [True] and units_row(below[0])):
             return {split_header(cell)[0].lower() for cell in cells}
     return set()
-
-
-def _preamble_start(lines: list[str], header: int) -> int:
-    """Return the number of the line after the last line above `header` that begins with a number."""
-    start = header
-    while start > 0 and not is_number(_first_cell(lines[start - 1])):
-        start -= 1
-    return start
 
 
 def _first_cell(line: str) -> str:
@@ -495,10 +481,6 @@ def without_comments(lines: Sequence[str], split: Callable[[str], list[str]]) ->
     """Return lines in which comments between two lines of numbers are empty, and the indices of these comments.
 
     A comment with as many cells as the numbers around it may be a header, and is kept.
-
-    Args:
-        lines: Lines of a file.
-        split: Function that returns the cells of a line.
     """
     found: list[int] = []
     kept = list(lines)
@@ -546,15 +528,11 @@ _FAR = 2.0
 
 
 def is_cut_off(cells: Sequence[str], *, has_end: bool) -> bool:
-    """Return whether the last number of a file was cut off: it has fewer digits than all numbers above it.
+    """Return whether the last of the numbers that end each row was cut off: it has fewer digits than all above it.
 
     If the file ends with a line end, only a change of a fixed number of decimals counts, because the program that
     wrote the file ended it. Without one, the digits of an exponent count too, and so does the value of a number with
     few digits: it is cut off if it is at least twice as far from the line through its two predecessors as any other.
-
-    Args:
-        cells: Last cell of each row.
-        has_end: Whether the last line has a line end.
     """
     if len(cells) < _FEWEST_ROWS or not is_number(cells[-1]):
         return False
@@ -576,7 +554,8 @@ def _digits(cell: str) -> tuple[int, int]:
 
 def _is_off(cells: Sequence[str]) -> bool:
     """Return whether the last number has few digits and is far from the line through the two above it."""
-    sizes = [_significant(cell) for cell in cells]
+    # Digits of each number without its exponent and without zeros in front.
+    sizes = [len(re.sub(r"[eE].*|\D", "", cell).lstrip("0")) for cell in cells]
     if sizes[-1] >= max(sizes[-2], np.median(sizes)):
         return False
     try:
@@ -585,11 +564,6 @@ def _is_off(cells: Sequence[str]) -> bool:
         return False
     bends = np.abs(np.diff(values, 2))
     return bool(bends[-1] > _FAR * bends[:-1].max())
-
-
-def _significant(cell: str) -> int:
-    """Return the number of digits of a number without its exponent and without zeros in front."""
-    return len(re.sub(r"[eE].*|\D", "", cell).lstrip("0"))
 
 
 CUT_NOTE = (

@@ -54,7 +54,9 @@ class Drivefile(Recording):
             TimeGapError: Samples are missing in an even time grid. An uneven grid has no gaps.
         """
         series = read_series(path, channel_map=channel_map, units=units)
-        if _is_even_but_for_gaps(series.time):
+        steps = np.diff(series.time)
+        median = float(np.median(steps)) if steps.size else 0.0
+        if steps.size and np.mean(np.abs(steps - median) < 0.25 * median) >= _EVEN_SHARE:
             check_gaps(series.time, origin=Origin(path=Path(path)))
         return cls(series)
 
@@ -116,11 +118,3 @@ class Drivefile(Recording):
         partial = 0.5 * (values[:, left] + ends) * inside
         primitive: Array = self._integral[:, left] + partial + values[:, :1] * before
         return primitive
-
-
-def _is_even_but_for_gaps(time: Array) -> bool:
-    steps = np.diff(time)
-    if steps.size == 0:
-        return False
-    median = float(np.median(steps))
-    return bool(np.mean(np.abs(steps - median) < 0.25 * median) >= _EVEN_SHARE)

@@ -193,7 +193,9 @@ def clipped_samples(values: Array, moving: NDArray[np.bool_]) -> NDArray[np.intp
     top = float(values.max())
     at_top = values >= top - tolerance
     none = np.empty(0, dtype=np.intp)
-    samples = np.flatnonzero(_in_long_runs(at_top) & moving)
+    long = [np.arange(start, stop) for start, stop in runs(at_top) if stop - start >= CLIP_RUN]
+    samples = np.concatenate([np.empty(0, dtype=np.intp), *long])
+    samples = samples[moving[samples]]
     if samples.size < CLIP_SHARE * values.size or at_top.all():
         return none
     next_level = float(values[~at_top].max())
@@ -201,14 +203,10 @@ def clipped_samples(values: Array, moving: NDArray[np.bool_]) -> NDArray[np.intp
     return samples if samples.size > CLIP_CROWDING * crowd else none
 
 
-def _in_long_runs(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the flags (N,) with True only in sequences of at least `CLIP_RUN` true samples."""
-    edges = np.diff(np.concatenate(([0], flags.astype(np.int8), [0])))
-    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    kept = np.zeros(flags.size, dtype=bool)
-    for start, stop in zip(starts, stops, strict=True):
-        kept[start:stop] = stop - start >= CLIP_RUN
-    return kept
+def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the first sample and the sample after the last of each run of true flags (N,)."""
+    edges = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def check_sign(

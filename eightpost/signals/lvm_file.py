@@ -223,11 +223,16 @@ def _is_same(times: NDArray[np.float64], others: NDArray[np.float64]) -> bool:
 
 def _joined(segments: Sequence[_Segment]) -> Iterator[_Segment]:
     """Yield segments; those that follow each other without a gap are one."""
+
+    def follows(times: NDArray[np.float64], others: NDArray[np.float64]) -> bool:
+        step = float(np.median(np.diff(times))) if times.size > 1 else -1.0
+        return bool(abs(others[0] - times[-1] - step) <= _FOLLOWS * step)
+
     last = segments[0]
     for segment in segments[1:]:
         shift = _between(last.start, segment.start)
         if last.kind == segment.kind and all(
-            _follows(a.times, b.times + shift) for a, b in zip(last.signals, segment.signals, strict=True)
+            follows(a.times, b.times + shift) for a, b in zip(last.signals, segment.signals, strict=True)
         ):
             signals = (
                 a._replace(
@@ -240,13 +245,6 @@ def _joined(segments: Sequence[_Segment]) -> Iterator[_Segment]:
             yield last
             last = segment
     yield last
-
-
-def _follows(times: NDArray[np.float64], others: NDArray[np.float64]) -> bool:
-    if times.size < 2:
-        return False
-    step = float(np.median(np.diff(times)))
-    return bool(abs(others[0] - times[-1] - step) <= _FOLLOWS * step)
 
 
 def _records(
@@ -306,10 +304,6 @@ def readable_lines(lines: Sequence[str], path: Path) -> tuple[list[str], tuple[s
     A last sample without a line end is left out. Special blocks and repeated empty lines are removed, empty lines
     within a table too. The tag `Channels` gets as many cells as the table has, and a missing `Decimal_Separator` is
     added if the numbers have a decimal comma.
-
-    Args:
-        lines: Lines of the file, split at line ends; the last one is empty if the file ends with a line end.
-        path: Path of the file, for messages.
 
     Raises:
         FileFormatError: A table without X values is interrupted, so that the times behind the gap are unknown, or a

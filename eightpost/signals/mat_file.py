@@ -225,8 +225,7 @@ _NAME = ("name", "channel", "label", "channelname")
 def opened(content: Mapping[str, Any]) -> tuple[dict[str, Any], Any]:
     """Return the variables of the only struct that has vectors, or those of the file, and the struct of their units.
 
-    Args:
-        content: Variables by name; structs are mappings, arrays of structs are sequences of mappings.
+    Structs are mappings, arrays of structs are sequences of mappings.
     """
     content = {name: _as_struct(_recorded(value) or value) for name, value in content.items()}
     units = content.pop("units", {})
@@ -260,7 +259,9 @@ def _recorded(value: Any) -> list[dict[str, Any]]:
     short = [_last_part(path) for path in paths]
     names = short if len(set(short)) == len(short) else paths
     named = zip(["time", *names], [times, *signals], strict=True)
-    return [{"name": name, "data": row["Data"], "unit": _text_or_none(row.get("Unit"))} for name, row in named]
+    # An empty text of MATLAB is an empty array.
+    return [{"name": name, "data": row["Data"], "unit": unit if isinstance(unit := row.get("Unit"), str) else None}
+            for name, row in named]  # fmt: skip
 
 
 def _index_of_times(signal: Mapping[str, Any], count: int) -> int:
@@ -269,10 +270,6 @@ def _index_of_times(signal: Mapping[str, Any], count: int) -> int:
     if stated.size == 1 and stated.dtype.kind in "iuf":
         return int(stated.item())
     return 1 if count == 1 else 0
-
-
-def _text_or_none(value: Any) -> str | None:
-    return value if isinstance(value, str) and value else None  # an empty text of MATLAB is an empty array
 
 
 def _rows(value: Any) -> list[Mapping[str, Any]]:

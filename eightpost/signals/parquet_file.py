@@ -33,10 +33,7 @@ SCHEMA_VERSION = 1
 def time_series_header(units: Mapping[str, str], *, sources: Mapping[str, str] | None = None, note: str = "") -> str:
     """Return the header of a time-series file as JSON.
 
-    Args:
-        units: SI units by channel name.
-        sources: SHA-256 digests by name of the files from which the series was made.
-        note: Description of the data for the user.
+    It has SI units by channel, SHA-256 digests by name of the files from which the series was made, and a note.
     """
     header = {
         "schema": "eightpost.time_series",
@@ -57,15 +54,13 @@ def parse_header(text: str | bytes, path: Path) -> dict[str, Any]:
     """
     header = parse_json(text, path)
     version = header.get("schema_version") if isinstance(header, dict) else None
-    if type(version) is not int or not _is_texts(header.get("units", {})) or type(header.get("note", "")) is not str:
+    units = header.get("units", {}) if isinstance(header, dict) else {}
+    are_texts = isinstance(units, dict) and all(isinstance(unit, str) for unit in units.values())
+    if type(version) is not int or not are_texts or type(header.get("note", "")) is not str:
         what = "its eightpost header cannot be read: it must have a schema_version, units by channel and a note"
         raise FileFormatError(what, path=path)
     check_schema(header, SCHEMA_VERSION, path, key="schema_version")
     return dict(header)
-
-
-def _is_texts(units: object) -> bool:
-    return isinstance(units, dict) and all(isinstance(unit, str) for unit in units.values())
 
 
 # ==== The file =======================================================================================================
@@ -140,17 +135,6 @@ def parquet_size(path: str | Path, *, advice: str = "") -> tuple[pa.Schema, int]
         return file.schema_arrow, int(file.metadata.num_rows)
 
 
-def _read_metadata(path: str | Path) -> dict[bytes, bytes]:
-    """Return the metadata of a Parquet file's schema.
-
-    Raises:
-        FileFormatError: The file cannot be read, or is not a Parquet file.
-    """
-    path = Path(path)
-    with _refusing(path, ""):
-        return dict(pa.parquet.read_schema(path).metadata or {})
-
-
 def _check_size(path: Path, metadata: pa.parquet.FileMetaData) -> None:
     cells = metadata.num_rows * metadata.num_columns
     if not 0 <= cells <= MOST_CELLS:
@@ -201,7 +185,10 @@ def parquet_header(path: str | Path) -> dict[str, Any]:
     Raises:
         FileFormatError: The file is not a Parquet file, or has a newer schema version.
     """
-    return _header(_read_metadata(path), Path(path))
+    path = Path(path)
+    with _refusing(path, ""):
+        metadata = dict(pa.parquet.read_schema(path).metadata or {})
+    return _header(metadata, path)
 
 
 def _header(metadata: Mapping[bytes, bytes], path: Path) -> dict[str, Any]:

@@ -310,47 +310,28 @@ def mapped_series(
         raise record.origin.header_fault(TooShortError, "it has no samples")
     time = channel_map.time or find_time(record)
     picks = {"time": time, **{name: pick for name, pick in channel_map.channels.items() if name != "time"}}
-    _check_given(units or {}, picks, record)
+    known = {*picks, *(pick.source for pick in picks.values())}
+    for name in units or {}:  # otherwise a typing error in the name of a channel has no effect
+        if name not in known:
+            what = f"a unit is given for this channel, but the channels that are read are: {', '.join(picks)}"
+            raise record.origin.header_fault(MissingChannelError, what, channel=name)
     labels = {name: _label(name, channel_map) for name in picks}
     columns = {name: record.index(pick.source, channel=labels[name]) for name, pick in picks.items()}
     expected = {"time": "s", **(expected or {})}
     _check_units(record, picks, columns, units or {})
     plans = {}
-    for name, pick in picks.items():
+    for name, pick in picks.items():  # all units before the numbers
         unit = record.unit(columns[name], channel=name, given=units or {}, mapped=pick.unit)
-        target = _target_unit(record, name, unit, expected.get(name))
-        plans[name] = _Plan(name, columns[name], pick, unit, target)
-    channels = {name: (plan.target, plan.values(record)) for name, plan in plans.items()}
+        plans[name] = unit, _target_unit(record, name, unit, expected.get(name))
+    channels = {}
+    for name, (unit, target) in plans.items():
+        raw, pick = record.numbers(columns[name], channel=name), picks[name]
+        check_finite(raw, channel=name, origin=record.origin)
+        scaled = raw if (pick.gain, pick.offset) == (1.0, 0.0) else pick.gain * raw + pick.offset
+        channels[name] = (target, convert(scaled, unit, target))
     _, times = channels.pop("time")
     check_time(times, origin=record.origin)
     return TimeSeries.from_channels(times, channels)
-
-
-@dataclass(frozen=True, slots=True)
-class _Plan:
-    """Recipe for one channel: column, gain and offset, unit of the column and SI unit."""
-
-    name: str
-    column: int
-    pick: MappedChannel
-    unit: str
-    target: str
-
-    def values(self, record: RawRecord) -> NDArray[np.float64]:
-        raw = record.numbers(self.column, channel=self.name)
-        check_finite(raw, channel=self.name, origin=record.origin)
-        pick = self.pick
-        scaled = raw if (pick.gain, pick.offset) == (1.0, 0.0) else pick.gain * raw + pick.offset
-        return convert(scaled, self.unit, self.target)
-
-
-def _check_given(units: Mapping[str, str], picks: Mapping[str, MappedChannel], record: RawRecord) -> None:
-    """Refuse a unit for a channel that is not read, because the channel name may be a typing error."""
-    known = {*picks, *(pick.source for pick in picks.values())}
-    for name in units:
-        if name not in known:
-            what = f"a unit is given for this channel, but the channels that are read are: {', '.join(picks)}"
-            raise record.origin.header_fault(MissingChannelError, what, channel=name)
 
 
 def _check_units(
@@ -453,12 +434,7 @@ def spread_evenly(times: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def temperatures_at(times: NDArray[np.float64], tables: Sequence[Sequence[Signal]]) -> list[Signal]:
-    """Return the temperatures of tables, interpolated at other times; beyond their own times they are constant.
-
-    Args:
-        times: Times (N,) [s].
-        tables: Channels at other times.
-    """
+    """Return the temperatures of tables, interpolated at other times; beyond their own times they are constant."""
     warm = [signal for table in tables for signal in table if is_unit(signal.unit) and compatible(signal.unit, "K")]
     return [
         signal._replace(samples=np.interp(times, signal.times, signal.samples), times=times)

@@ -130,7 +130,12 @@ def with_tabs(lines: list[str]) -> list[str]:
     if often < 0.5 * sum(bool(line.strip()) for line in lines[:200]) - 30 * all(kinds):
         return lines
     width = len(kinds)
-    return [_with_tabs(line, width) for line in lines]
+
+    def tabbed(line: str) -> str:
+        ways = (re.split(r"\s{2,}", line.strip()), line.split(), _NAME_WITH_UNIT.findall(line), _pairs(line))
+        return next(("\t".join(cells) for cells in ways if len(cells) == width), line)
+
+    return [tabbed(line) for line in lines]
 
 
 def _spaced_numbers(line: str) -> tuple[bool, ...]:
@@ -141,13 +146,6 @@ def _spaced_numbers(line: str) -> tuple[bool, ...]:
     found = tuple(bool(_PLAIN.fullmatch(cell)) or seconds_of(cell) is not None for cell in cells)
     has_commas = any("," in cell and (not plain or cell[-1] == ",") for cell, plain in zip(cells, found, strict=True))
     return found if sum(found) > 1 and not has_commas else ()
-
-
-def _with_tabs(line: str, width: int) -> str:
-    for cells in (re.split(r"\s{2,}", line.strip()), line.split(), _NAME_WITH_UNIT.findall(line), _pairs(line)):
-        if len(cells) == width:
-            return "\t".join(cells)
-    return line
 
 
 def _pairs(line: str) -> list[str]:
@@ -169,10 +167,6 @@ def without_footer(lines: Sequence[str], split: Callable[[str], list[str]]) -> i
 
     A line with a word in place of its first number and numbers in all other cells is a damaged row, not a footer,
     unless the word names a statistic (`Max`, `Average`).
-
-    Args:
-        lines: Lines of the table, from its first row of numbers.
-        split: Function that returns the cells of a line.
     """
     rows = [split(line) for line in lines]
     kinds = Counter(_kind(cells[0]) for cells in rows if any(cells))

@@ -1,14 +1,19 @@
 """Linear vehicle models with named channels; docs/reference/ports.md defines names and signs."""
 
 from eightpost.corners import CORNERS
-from eightpost.vehicle.bristle import Bristle
+from eightpost.vehicle.friction import Bristle
 from eightpost.vehicle.kernel import LinearStepper
-from eightpost.vehicle.quarter_car import QuarterCar
-from eightpost.vehicle.seven_dof import SevenDof
 from eightpost.vehicle.statespace import Channel, Mode, StateSpace, add_port_damping, add_port_stiffness, discretise
-from eightpost.vehicle.storage import read_vehicle, shipped, write_vehicle
-from eightpost.vehicle.structural import Corners
-from eightpost.vehicle.vehicles import Friction, IdentifiedVehicle, StructuralVehicle, Vehicle
+from eightpost.vehicle.structural import Corners, QuarterCar, SevenDof
+from eightpost.vehicle.vehicles import (
+    Friction,
+    IdentifiedVehicle,
+    StructuralVehicle,
+    Vehicle,
+    read_vehicle,
+    shipped,
+    write_vehicle,
+)
 
 __all__ = [
     "CORNERS",

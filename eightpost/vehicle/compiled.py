@@ -1,4 +1,4 @@
-"""The bristle of eightpost.vehicle.bristle as machine code: inside other compiled loops, and for whole records.
+"""The bristle of eightpost.vehicle.friction as machine code: inside other compiled loops, and for whole records.
 
 A compiled function may call `deflection_after` and `sliding_deflection`; it is stored on disk under `BRISTLE_FILE`.
 """
@@ -15,14 +15,14 @@ from numba.extending import register_jitable
 
 from eightpost.array_types import Array
 from eightpost.cache import kept
-from eightpost.vehicle import bristle
-from eightpost.vehicle.bristle import Bristle
+from eightpost.vehicle import friction
+from eightpost.vehicle.friction import Bristle
 
 #: Number that changes with the file of the law; see `eightpost.cache.kept`.
-BRISTLE_FILE = zlib.crc32(Path(bristle.__file__).read_bytes())
+BRISTLE_FILE = zlib.crc32(Path(friction.__file__).read_bytes())
 
-deflection_after = register_jitable(bristle.deflection_after)
-sliding_deflection = register_jitable(bristle.sliding_deflection)
+deflection_after = register_jitable(friction.deflection_after)
+sliding_deflection = register_jitable(friction.sliding_deflection)
 
 
 def _follow(velocity: Array, step: float, reach: float, static_ratio: float, stribeck_velocity: float) -> Array:
@@ -39,10 +39,7 @@ _compiled_follow = kept(njit(nogil=True, error_model="numpy")(_follow), BRISTLE_
 def deflections(velocity: Array, step: float, law: Bristle) -> Array:
     """Return the deflections z (N,) [m] of a bristle that is relaxed at the first sample.
 
-    Args:
-        velocity: Port velocity (N,) [m/s], linear between its samples.
-        step: Time between samples [s].
-        law: Parameters of the bristle.
+    The port velocity (N,) [m/s] is linear between its samples, which are `step` [s] apart.
     """
     values = np.ascontiguousarray(velocity, dtype=np.float64)
     return cast("Array", _compiled_follow(values, step, law.reach, law.static_ratio, law.stribeck_velocity))

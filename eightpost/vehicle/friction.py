@@ -4,24 +4,23 @@ The force at a port is the sum of three elements, positive in compression, with 
 d from the static state:
 
     F_c tanh(v / v_f)      friction that creeps, with the Coulomb force F_c and the smoothing velocity v_f
-    F_s z / z_s            friction that sticks: a bristle with the deflection z (eightpost/vehicle/bristle.py)
+    F_s z / z_s            friction that sticks: a bristle with the deflection z (`Bristle`)
     k2 d^2                 a spring that is stiffer in compression than in rebound
 
 It is added to the port's shock force, in the states and in the direct terms. The first element creeps instead of
 sticking: under a constant load below F_c the port moves at less than `v_f atanh(load / F_c)`.
 
-The python FMU of a vehicle contains this file, so it imports numpy only.
+The python FMU of a vehicle contains this file, so it imports numpy only. `eightpost.vehicle.compiled` compiles the
+functions of the bristle.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import ceil, sqrt
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-
-from .bristle import deflection_after
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -31,6 +30,63 @@ if TYPE_CHECKING:
     from .kernel import LinearStepper
 
     Array = NDArray[np.float64]
+
+# ==== The bristle ====================================================================================================
+
+
+def sliding_deflection(v: Any, reach: Any, static_ratio: Any, stribeck_velocity: Any) -> Any:
+    """Return the deflection z_b [m] at which a bristle slides with the velocity `v` [m/s]; see `Bristle`."""
+    ratio = v / stribeck_velocity
+    return reach * (1.0 + (static_ratio - 1.0) * np.exp(-ratio * ratio))
+
+
+def deflection_after(z: Any, v: Any, h: Any, reach: Any, static_ratio: Any, stribeck_velocity: Any) -> Any:
+    """Return the deflection [m] after `h` seconds at the constant velocity `v`, from the deflection `z` [m].
+
+        z+ = s z_b + (z - s z_b) exp(-|v| h / z_b),   s = sign v
+
+    It is exact for a constant velocity, and equal to `z` for none. For a velocity that changes, `v` is its mean.
+    """
+    limit = sliding_deflection(v, reach, static_ratio, stribeck_velocity)
+    return z - (np.copysign(limit, v) - z) * np.expm1(-np.abs(v) * h / limit)
+
+
+@dataclass(frozen=True, slots=True)
+class Bristle:
+    """Friction that sticks: a bristle that bends with the port and slides at a given deflection.
+
+        z' = v - |v| z / z_b(v),   z_b(v) = z_s (1 + (rho - 1) exp(-(v / v_s)^2)),   F = F_s z / z_s
+
+    with the port velocity v, the deflection z, the reach z_s and the sliding force F_s. For a port that moves much less
+    than the reach the bristle is a spring of stiffness F_s / z_s, so that the port sticks. At a port that slides the
+    force is F_s, and up to rho F_s at speeds below the Stribeck velocity v_s. The methods take numbers or arrays.
+
+    Source: C. Canudas de Wit, H. Olsson, K. J. Astrom, P. Lischinsky, "A new model for control of systems with
+    friction", IEEE Trans. Autom. Control 40 (1995) 419-425, doi 10.1109/9.376053, without micro-damping and viscous
+    friction.
+    """
+
+    force: float = 0.0  #: Sliding force F_s [N], not below zero; zero is no friction.
+    reach: float = 1e-4  #: Deflection z_s at which the bristle slides with the sliding force [m], above zero.
+    static_ratio: float = 1.0  #: Static over sliding force rho [1], at least 1.
+    #: Velocity v_s at which the static force has fallen to the sliding force [m/s], above zero: by 1 - 1/e.
+    stribeck_velocity: float = 0.01
+
+    @property
+    def stiffness(self) -> float:
+        """Stiffness of a port that sticks, F_s / z_s [N/m]."""
+        return self.force / self.reach
+
+    def deflection_after(self, z: Any, v: Any, h: Any) -> Any:
+        """Return the deflection [m] after `h` seconds at the mean velocity `v` [m/s], from the deflection `z` [m]."""
+        return deflection_after(z, v, h, self.reach, self.static_ratio, self.stribeck_velocity)
+
+    def force_at(self, z: Any) -> Any:
+        """Return the force [N] at a deflection `z` [m]."""
+        return self.force / self.reach * z
+
+
+# ==== Ports ==========================================================================================================
 
 #: Largest sub-step, as a fraction of the fastest time constant of the friction that creeps.
 SUB_STEP_SHARE = 0.0625
@@ -51,14 +107,10 @@ _MOST_NEWTON_STEPS, _AGREEMENT = 50, 1e-13
 class Ports(NamedTuple):
     """Ports of a linear model with m inputs and n states at which friction and springs act: P ports."""
 
-    velocity: Array
-    """Rows of C that give the port velocities (P, n)."""
-    selector: Array
-    """Matrix E (m, P) that selects the force input of each port."""
-    mobility: Array
-    """|C_v B_f| (P,) [1/kg]: immediate acceleration of a port per unit force at the port."""
-    displacement: Array
-    """Rows of C that give the port displacements (P, n); zeros where the model has none."""
+    velocity: Array  #: Rows of C that give the port velocities (P, n).
+    selector: Array  #: Matrix E (m, P) that selects the force input of each port.
+    mobility: Array  #: |C_v B_f| (P,) [1/kg]: immediate acceleration of a port per unit force at the port.
+    displacement: Array  #: Rows of C that give the port displacements (P, n); zeros where the model has none.
 
 
 def ports_of(
@@ -67,15 +119,10 @@ def ports_of(
     velocities: Sequence[int],
     displacements: Sequence[int | None] | None = None,
 ) -> Ports:
-    """Return the ports of a model.
+    """Return the ports of a model from the positions of force inputs and of outputs, in port order.
 
-    Velocities and displacements are computed from the states alone; they must have no direct term.
-
-    Args:
-        stepper: Linear model.
-        forces: Positions of the force inputs, in port order.
-        velocities: Positions of the velocity outputs.
-        displacements: Positions of the displacement outputs, None for a port without one; by default no port has one.
+    Velocities and displacements are computed from the states alone; they must have no direct term. A port without a
+    displacement has None.
     """
     rows = stepper.C[list(velocities)]
     columns = stepper.B[:, list(forces)]
@@ -91,13 +138,10 @@ def ports_of(
 def named_ports(
     stepper: LinearStepper, channels: tuple[Sequence[str], Sequence[str]], ports: Sequence[str], springs: Sequence[str]
 ) -> Ports:
-    """Return the ports of a model with named inputs and outputs.
+    """Return the ports of a model with named inputs and outputs (`channels`).
 
-    Args:
-        stepper: Linear model.
-        channels: Names of its inputs and of its outputs.
-        ports: Prefixes of the ports: "lf.", ...; "" for a quarter car.
-        springs: Prefixes of those that can have a spring.
+    `ports` are the prefixes of the ports: "lf.", ...; "" for a quarter car, and `springs` of those that can have a
+    spring.
     """
     inputs, outputs = (list(names) for names in channels)
     return ports_of(
@@ -109,16 +153,12 @@ def named_ports(
 
 
 class Bristles(NamedTuple):
-    """Parameters of the bristles at P ports; see `eightpost.vehicle.bristle.Bristle`."""
+    """Parameters of the bristles at P ports, arrays (P,); see `Bristle`."""
 
-    force: Array
-    """Sliding forces (P,) [N]."""
-    reach: Array
-    """Deflections at which they slide (P,) [m]."""
-    static_ratio: Array
-    """Static over sliding forces (P,) [1]."""
-    stribeck_velocity: Array
-    """Stribeck velocities (P,) [m/s]."""
+    force: Array  #: [N]
+    reach: Array  #: [m]
+    static_ratio: Array  #: [1]
+    stribeck_velocity: Array  #: [m/s]
 
     @classmethod
     def none(cls, ports: int) -> Bristles:
@@ -145,27 +185,32 @@ class PortFriction:
     spring: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        """Check the values."""
         if self.spring.size == 0:
             object.__setattr__(self, "spring", np.zeros(len(self.ports.mobility)))
-        _refuse(self.force, self.force >= 0.0, "friction force", "N, not below zero")
-        _refuse(self.width, self.width > 0.0, "friction velocity", "m/s, above zero")
-        _refuse(self.spring, np.full(self.spring.shape, True), "port spring", "N/m2")
+        rows = [
+            (self.force, self.force >= 0.0, "friction force", "N, not below zero"),
+            (self.width, self.width > 0.0, "friction velocity", "m/s, above zero"),
+            (self.spring, np.isfinite(self.spring), "port spring", "N/m2"),
+        ]
         if self.bristles is not None:
             force, reach, ratio, stribeck = self.bristles
-            _refuse(force, force >= 0.0, "bristle force", "N, not below zero")
-            _refuse(reach, reach > 0.0, "bristle reach", "m, above zero")
-            _refuse(ratio, ratio >= 1.0, "bristle static ratio", "at least 1")
-            _refuse(stribeck, stribeck > 0.0, "bristle Stribeck velocity", "m/s, above zero")
+            rows += [
+                (force, force >= 0.0, "bristle force", "N, not below zero"),
+                (reach, reach > 0.0, "bristle reach", "m, above zero"),
+                (ratio, ratio >= 1.0, "bristle static ratio", "at least 1"),
+                (stribeck, stribeck > 0.0, "bristle Stribeck velocity", "m/s, above zero"),
+            ]
+        for values, is_in_range, name, limits in rows:
+            wrong = np.flatnonzero(~(np.isfinite(values) & is_in_range))
+            if wrong.size:
+                value = values[wrong[0]]
+                raise ValueError(f"the {name} of port {wrong[0]} is {value!r}; give a finite number [{limits}]")
 
     @classmethod
     def of_values(cls, ports: Ports, names: Sequence[str], values: Mapping[str, float]) -> PortFriction:
-        """Return the friction for the parameters of a vehicle FMU; a missing `port_spring` is zero.
+        """Return the friction for the parameters of a vehicle FMU by name; a missing `port_spring` is zero.
 
-        Args:
-            ports: Ports at which it acts.
-            names: Prefixes of the ports.
-            values: Parameters by name.
+        `names` are the prefixes of the ports.
         """
 
         def at_ports(name: str) -> Array:
@@ -210,10 +255,10 @@ class PortFriction:
 
         As the trace of such a matrix, it is an upper bound of the squared frequencies at which the ports swing on them.
         """
-        own = 2.0 * SPRING_TRAVEL * np.abs(self.spring)
+        stiffness = 2.0 * SPRING_TRAVEL * np.abs(self.spring)
         if self.bristles is not None:
-            own = self.bristles.force / self.bristles.reach + own
-        return float(np.sum(own * self.ports.mobility))
+            stiffness = self.bristles.force / self.bristles.reach + stiffness
+        return float(np.sum(stiffness * self.ports.mobility))
 
     def sub_steps(self, h: float) -> int:
         """Return the number of equal sub-steps of a step of `h` seconds.
@@ -262,15 +307,8 @@ class PortFriction:
         """
         if not self.sticks or self.bristles is None:
             return z
-        force, *own = self.bristles
-        return np.where(force > 0.0, deflection_after(z, mean, s, *own), z)
-
-
-def _refuse(values: Array, is_in_range: NDArray[np.bool_], name: str, range_: str) -> None:
-    wrong = ~(np.isfinite(values) & is_in_range)
-    if wrong.any():
-        port = int(np.flatnonzero(wrong)[0])
-        raise ValueError(f"the {name} of port {port} is {values[port]!r}; give a finite number [{range_}]")
+        force, *law = self.bristles
+        return np.where(force > 0.0, deflection_after(z, mean, s, *law), z)
 
 
 def advance(stepper: LinearStepper, friction: PortFriction, x: Array, u0: Array, u1: Array, h: float) -> Array:
@@ -286,13 +324,7 @@ def advance(stepper: LinearStepper, friction: PortFriction, x: Array, u0: Array,
     itself for its state. The method has second order in the sub-step. Without friction it is bitwise equal to the step
     of the linear model.
 
-    Args:
-        stepper: Linear model.
-        friction: Friction at its ports.
-        x: Whole state (n,) or (n + P,) at t.
-        u0: Inputs (m,) at t, without friction.
-        u1: Inputs (m,) at t + h.
-        h: Step [s], above zero.
+    `x` is the whole state (n,) or (n + P,) at t; the inputs `u0` at t and `u1` at t + h (m,) are without friction.
 
     Raises:
         ValueError: The step is not a finite number above zero, or the friction is too stiff for it.
@@ -300,16 +332,16 @@ def advance(stepper: LinearStepper, friction: PortFriction, x: Array, u0: Array,
     Source: S. M. Cox, P. C. Matthews, "Exponential time differencing for stiff systems", J. Comput. Phys. 176 (2002)
     430-455, doi 10.1006/jcph.2002.6995: their ETD2RK.
     """
-    own, z = friction.split(x)
+    state, z = friction.split(x)
     if not friction.acts:
-        return _joined(stepper.advance(own, u0, u1, h), z)
+        return _joined(stepper.advance(state, u0, u1, h), z)
     count = friction.sub_steps(h)
     before = u0
     for k in range(1, count + 1):
         after = u1 if k == count else u0 + (u1 - u0) * (k / count)
-        own, z = _sub_step(stepper, friction, (own, z), (before, after), h / count)
+        state, z = _sub_step(stepper, friction, (state, z), (before, after), h / count)
         before = after
-    return _joined(own, z)
+    return _joined(state, z)
 
 
 def _joined(x: Array, z: Array) -> Array:

@@ -36,19 +36,11 @@ class Discrete(NamedTuple):
 
 
 def discretise(A: Array, B: Array, step: float) -> Discrete:
-    """Discretise `x' = A x + B u` exactly for inputs that are linear over the step.
+    """Discretise `x' = A x + B u` exactly for inputs that are linear over a step h > 0 [s].
 
     With `Z = [[A, B, 0], [0, 0, I/h], [0, 0, 0]]` the top row of `exp(Z h)` is `[Ad, G1, G2]`. `G1` is the
     response to a constant 1 over the step and `G2` that to a ramp from 0 to 1, so `B0 = G1 - G2` and `B1 = G2`.
     No matrix is inverted, so `A` may be singular.
-
-    Args:
-        A: State matrix (n, n) [1/s].
-        B: Input matrix (n, m).
-        step: Step h [s], above zero.
-
-    Returns:
-        Matrices of one step.
 
     Raises:
         ValueError: The step is not a finite number above zero.
@@ -92,15 +84,7 @@ def balance(A: Array) -> tuple[Array, Array]:
 
 
 def equilibrium(A: Array, B: Array, u: Array) -> Array:
-    """Solve `0 = A x + B u`, the steady state of constant inputs.
-
-    Args:
-        A: State matrix (n, n).
-        B: Input matrix (n, m).
-        u: Inputs (m,) or several sets of them (m, k).
-
-    Returns:
-        States (n,) or (n, k).
+    """Solve `0 = A x + B u`, the steady state x (n,) or (n, k) of constant inputs u (m,) or (m, k).
 
     Raises:
         ValueError: `A` is singular to working precision, so that there is no steady state, or many.
@@ -144,16 +128,7 @@ class LinearStepper:
         return new
 
     def advance(self, x: Array, u0: Array, u1: Array, h: float) -> Array:
-        """Return the exact state after `h` seconds for inputs that change linearly from `u0` to `u1`.
-
-        Args:
-            x: State (n,) at t.
-            u0: Inputs (m,) at t.
-            u1: Inputs (m,) at t + h; equal to `u0` if they are held.
-            h: Step [s], above zero.
-
-        Returns:
-            State (n,) at t + h.
+        """Return the exact state (n,) after `h` seconds for inputs (m,) that change linearly from `u0` to `u1`.
 
         Raises:
             ValueError: The step is not a finite number above zero.

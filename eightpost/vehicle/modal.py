@@ -59,7 +59,6 @@ class ModalForm:
     steady: bool  #: Whether constant inputs have a unique steady state, according to `kernel.equilibrium`.
 
     def __post_init__(self) -> None:
-        """Make the arrays read-only."""
         for name in ("sigma", "omega", "B_re", "B_im", "C_re", "C_im", "D", "coupling"):
             array = np.array(getattr(self, name), dtype=np.float64, order="C") + 0.0  # no negative zeros
             array.setflags(write=False)
@@ -108,9 +107,9 @@ def modal_form(model: StateSpace) -> ModalForm:
         raise ParameterError(f"{model.name}: a discrete model has no modal form; convert it to continuous time first")
     modes, groups = [], []
     for states in _separate_parts(model.A):
-        own, joined = _resolved(model, _decomposed(model, states))
-        modes += own
-        groups += joined
+        uncoupled, coupled = _resolved(model, states)
+        modes += uncoupled
+        groups += coupled
     modes.sort(key=lambda mode: (mode.eigenvalue.imag == 0.0, abs(mode.eigenvalue)))
     return _collected(model, modes, groups)
 
@@ -145,17 +144,6 @@ class _Subspace(NamedTuple):
         return len(self.matrix) == 1 or (len(self.matrix) == 2 and self.matrix[1, 0] != 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class _Part:
-    """Uncoupled part of a model: its states, and modes and coupled subspaces of its balanced state matrix."""
-
-    states: NDArray[np.intp]
-    scaling: Array
-    eigenvalues: Complex
-    vectors: Complex
-    coupled: Sequence[_Subspace]
-
-
 def _separate_parts(A: Array) -> list[NDArray[np.intp]]:
     """Return the states of each uncoupled part of the model, in increasing order."""
     if not len(A):
@@ -164,19 +152,29 @@ def _separate_parts(A: Array) -> list[NDArray[np.intp]]:
     return [np.flatnonzero(label == k) for k in range(count)]
 
 
-def _decomposed(model: StateSpace, states: NDArray[np.intp]) -> _Part:
+def _resolved(model: StateSpace, states: NDArray[np.intp]) -> tuple[list[_Mode], list[_Group]]:
+    """Return modes and groups of one part; a pair has its upper eigenvalue, which adds `Re(2 C v z)` to the outputs."""
     balanced, scaling = kernel.balance(model.A[np.ix_(states, states)])
     eigenvalues, vectors = np.linalg.eig(balanced)
     coupled: list[_Subspace] = []
     if not np.linalg.cond(vectors) <= WORST_CONDITION:
         subspaces = _subspaces(balanced)
         coupled = [space for space in subspaces if not space.is_mode]
-        own = [_eigenpair(space) for space in subspaces if space.is_mode]
-        eigenvalues = np.array([eigenvalue for eigenvalue, _ in own], dtype=np.complex128)
-        vectors = np.array([vector for _, vector in own], dtype=np.complex128).reshape(len(own), len(states)).T
+        pairs = [_eigenpair(space) for space in subspaces if space.is_mode]
+        eigenvalues = np.array([eigenvalue for eigenvalue, _ in pairs], dtype=np.complex128)
+        vectors = np.array([vector for _, vector in pairs], dtype=np.complex128).reshape(len(pairs), len(states)).T
     upper = eigenvalues.imag >= 0.0
-    found = vectors.astype(np.complex128)[:, upper]
-    return _Part(states, scaling, eigenvalues.astype(np.complex128)[upper], _phased(found), coupled)
+    eigenvalues, vectors = eigenvalues.astype(np.complex128)[upper], _phased(vectors.astype(np.complex128)[:, upper])
+    pair = eigenvalues.imag > 0.0
+    B, *others = _inputs(vectors, pair, [space.basis for space in coupled], model.B[states] / scaling[:, None])
+    out = model.C[:, states] * scaling
+    C = np.asarray(out @ np.where(pair, 2.0 * vectors, vectors.real), dtype=np.complex128)
+    modes = [_Mode(complex(e), *_scaled(B[k], C[:, k])) for k, e in enumerate(eigenvalues)]
+    groups = [
+        _Group(space.matrix, *_scaled(b, np.asarray(out @ space.basis, dtype=np.complex128)))
+        for space, b in zip(coupled, others, strict=True)
+    ]
+    return modes, groups
 
 
 def _subspaces(A: Array) -> list[_Subspace]:
@@ -186,18 +184,18 @@ def _subspaces(A: Array) -> list[_Subspace]:
     """
     T, Q = schur(A, output="real")
     blocks = np.split(np.arange(len(A)), np.flatnonzero(np.append(1.0, np.diag(T, -1)) == 0.0))
-    found = [_subspace(T, Q, tuple(block.tolist())) for block in blocks]
+    spaces = [_subspace(T, Q, tuple(block.tolist())) for block in blocks]
     while True:
-        if whole := [space for space in found if len(space.matrix) == len(A)]:
+        if whole := [space for space in spaces if len(space.matrix) == len(A)]:
             return whole[:1]
-        _, singular, right = svd(np.concatenate([space.basis for space in found], axis=1))
+        _, singular, right = svd(np.concatenate([space.basis for space in spaces], axis=1))
         if singular[0] <= WORST_CONDITION * singular[-1]:
-            return found
-        ends = np.cumsum([len(space.matrix) for space in found])[:-1]
+            return spaces
+        ends = np.cumsum([len(space.matrix) for space in spaces])[:-1]
         shares = [float(np.linalg.norm(part)) for part in np.split(right[-1], ends)]
         first, second = sorted(np.argsort(shares)[-2:].tolist())
-        joined = _subspace(T, Q, (*found[first].places, *found[second].places))
-        found = [joined if k == first else space for k, space in enumerate(found) if k != second]
+        joined = _subspace(T, Q, (*spaces[first].places, *spaces[second].places))
+        spaces = [joined if k == first else space for k, space in enumerate(spaces) if k != second]
 
 
 def _subspace(T: Array, Q: Array, places: tuple[int, ...]) -> _Subspace:
@@ -219,22 +217,6 @@ def _eigenpair(mode: _Subspace) -> tuple[complex, Complex]:
         return complex(T[0, 0]), basis[:, 0].astype(np.complex128)
     omega = float(np.sqrt(-T[0, 1] * T[1, 0]))
     return complex(T[0, 0], omega), basis[:, 0] + 1j * omega / T[0, 1] * basis[:, 1]
-
-
-def _resolved(model: StateSpace, part: _Part) -> tuple[list[_Mode], list[_Group]]:
-    """Return modes and groups of one part; a pair has its upper eigenvalue, which adds `Re(2 C v z)` to the outputs."""
-    vectors, pair = part.vectors, part.eigenvalues.imag > 0.0
-    bases = [space.basis for space in part.coupled]
-    B, *others = _inputs(vectors, pair, bases, model.B[part.states] / part.scaling[:, None])
-    shares = np.where(pair, 2.0 * vectors, vectors.real)
-    out = model.C[:, part.states] * part.scaling
-    C = np.asarray(out @ shares, dtype=np.complex128)
-    modes = [_Mode(complex(e), *_scaled(B[k], C[:, k])) for k, e in enumerate(part.eigenvalues)]
-    groups = [
-        _Group(space.matrix, *_scaled(b, np.asarray(out @ space.basis, dtype=np.complex128)))
-        for space, b in zip(part.coupled, others, strict=True)
-    ]
-    return modes, groups
 
 
 def _phased(vectors: Complex) -> Complex:
@@ -274,22 +256,10 @@ def _collected(model: StateSpace, modes: Sequence[_Mode], groups: Sequence[_Grou
     b = np.concatenate([np.zeros((0, m)), *(mode.b[None, :] for mode in modes), *(group.b for group in groups)])
     c = np.concatenate([np.zeros((p, 0)), *(mode.c[:, None] for mode in modes), *(group.c for group in groups)], axis=1)
     coupling = block_diag(*(group.matrix for group in groups)) if groups else np.zeros((0, 0))
-    return ModalForm(
-        eigenvalues.real,
-        eigenvalues.imag,
-        b.real,
-        b.imag,
-        c.real,
-        -c.imag,
-        model.D,
-        coupling,
-        steady=_has_steady_state(model),
-    )
-
-
-def _has_steady_state(model: StateSpace) -> bool:
     try:
-        kernel.equilibrium(model.A, model.B, np.zeros(len(model.inputs)))
+        kernel.equilibrium(model.A, model.B, np.zeros(m))
+        steady = True
     except ValueError:
-        return False
-    return True
+        steady = False
+    arrays = (eigenvalues.real, eigenvalues.imag, b.real, b.imag, c.real, -c.imag, model.D, coupling)
+    return ModalForm(*arrays, steady=steady)

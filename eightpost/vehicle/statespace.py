@@ -52,7 +52,6 @@ class Channel:
     unit: str
 
     def __post_init__(self) -> None:
-        """Check the name and the unit."""
         if not self.name or self.name != self.name.strip() or ":" in self.name:
             raise ParameterError(
                 f"channel name {self.name!r} is invalid: it must not be empty, begin or end with a blank, or contain "
@@ -84,28 +83,27 @@ class StateSpace:
     name: str = "model"  #: Name of the model.
 
     def __post_init__(self) -> None:
-        """Make the matrices read-only and check names and shapes."""
-        for field in ("A", "B", "C", "D"):
-            object.__setattr__(self, field, _frozen(getattr(self, field), f"{self.name}: {field}"))
         for field in ("inputs", "outputs"):
             object.__setattr__(self, field, tuple(getattr(self, field)))
-            _check_unique([channel.name for channel in getattr(self, field)], f"{self.name}: {field}")
-        self._check_shapes()
+            names = [channel.name for channel in getattr(self, field)]
+            if twice := sorted({name for name in names if names.count(name) > 1}):
+                raise ParameterError(
+                    f"{self.name}: {field} contain {', '.join(twice)} more than once; names must be unique"
+                )
+        n, m, p = len(self.A), len(self.inputs), len(self.outputs)
+        for field, expected in {"A": (n, n), "B": (n, m), "C": (p, n), "D": (p, m)}.items():
+            object.__setattr__(self, field, _frozen(getattr(self, field), f"{self.name}: {field}"))
+            shape = getattr(self, field).shape
+            if shape != expected:
+                raise ParameterError(
+                    f"{self.name}: {field} has the shape {shape}; {n} states, {m} inputs and {p} outputs need "
+                    f"{expected}"
+                )
         if self.dt is not None and not (np.isfinite(self.dt) and self.dt > 0.0):
             raise ParameterError(
                 f"{self.name}: the sample time is {self.dt!r} s; give a finite number above zero, or None for a "
                 "continuous model"
             )
-
-    def _check_shapes(self) -> None:
-        n, m, p = len(self.A), len(self.inputs), len(self.outputs)
-        for field, expected in {"A": (n, n), "B": (n, m), "C": (p, n), "D": (p, m)}.items():
-            found = getattr(self, field).shape
-            if found != expected:
-                raise ParameterError(
-                    f"{self.name}: {field} has the shape {found}; {n} states, {m} inputs and {p} outputs need "
-                    f"{expected}"
-                )
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, StateSpace):
@@ -133,8 +131,10 @@ class StateSpace:
         Raises:
             ParameterError: A name is unknown; the message lists the known ones.
         """
-        columns = _positions(self.input_names, inputs, f"{self.name}: unknown input")
-        rows = _positions(self.output_names, outputs, f"{self.name}: unknown output")
+        columns, rows = (
+            list(range(len(names))) if chosen is None else _positions(names, chosen, f"{self.name}: unknown {kind}")
+            for kind, names, chosen in (("input", self.input_names, inputs), ("output", self.output_names, outputs))
+        )
         return replace(
             self,
             B=self.B[:, columns],
@@ -158,16 +158,10 @@ class StateSpace:
         return tuple(_mode(pole) for pole in sorted(poles, key=abs))
 
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
-        """Return `H = C (s I - A)^-1 B + D` at `s = 2 pi j f`, or at `z = exp(2 pi j f dt)`.
+        """Return `H = C (s I - A)^-1 B + D` (p, m, K) at `s = 2 pi j f`, or at `z = exp(2 pi j f dt)`, for f (K,) [Hz].
 
         The state matrix is balanced and transformed to complex Schur form once. Each frequency then needs one
         triangular solve, which is backward stable even for repeated poles and many states.
-
-        Args:
-            frequency_hz: Frequencies (K,) [Hz].
-
-        Returns:
-            H (p, m, K).
 
         Raises:
             ParameterError: A pole is at one of the frequencies.
@@ -254,17 +248,10 @@ class StateSpace:
     def from_control(
         cls, system: Any, *, input_units: Sequence[str], output_units: Sequence[str], name: str | None = None
     ) -> StateSpace:
-        """Convert a model of python-control, which has no units.
-
-        Args:
-            system: A `control.StateSpace` (or anything that `control.ss` accepts) with a defined time base.
-            input_units: SI units, one per input.
-            output_units: SI units, one per output.
-            name: Name of the model; None takes the system's name.
+        """Convert a `control.StateSpace`, or anything that `control.ss` accepts, which has no units.
 
         Raises:
-            ParameterError: The number of units differs from the number of channels, or the time base is not defined
-                (`dt=None`).
+            ParameterError: The number of units is not that of the channels, or it has no time base (`dt=None`).
         """
         with needs("control", "exchange with python-control"):
             import control  # noqa: PLC0415  see to_control
@@ -296,15 +283,7 @@ def _frozen(values: ArrayLike, where: str) -> Array:
     return array
 
 
-def _check_unique(names: list[str], where: str) -> None:
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise ParameterError(f"{where} contain {', '.join(twice)} more than once; names must be unique")
-
-
-def _positions(names: tuple[str, ...], selection: Iterable[str] | None, problem: str) -> list[int]:
-    if selection is None:
-        return list(range(len(names)))
+def _positions(names: tuple[str, ...], selection: Iterable[str], problem: str) -> list[int]:
     chosen = [selection] if isinstance(selection, str) else list(selection)
     for name in chosen:
         if name not in names:
@@ -347,7 +326,7 @@ Hold = Literal["zero", "first"]
 
 
 def discretise(model: StateSpace, step: float, hold: Hold = "zero") -> StateSpace:
-    """Return the discrete model whose samples equal those of the continuous model.
+    """Return the discrete model whose samples, `step` [s] apart, equal those of the continuous model.
 
     "zero": Inputs are held over the step. `x[k+1] = Ad x[k] + (B0 + B1) u[k]`; C and D do not change, so an output
     without a direct term does not get one.
@@ -359,14 +338,6 @@ def discretise(model: StateSpace, step: float, hold: Hold = "zero") -> StateSpac
 
     The new direct term is not a property of the vehicle: it is the effect, at the sample, of an input that is linear
     up to the sample. With a shock it gives an algebraic loop; coupled runs use the continuous model.
-
-    Args:
-        model: Continuous model.
-        step: Sample time [s].
-        hold: Input values between samples: "zero" (held) or "first" (linear).
-
-    Returns:
-        Discrete model with the same channels.
 
     Raises:
         ParameterError: The model is already discrete, or the step or the hold is invalid.
@@ -385,18 +356,15 @@ def discretise(model: StateSpace, step: float, hold: Hold = "zero") -> StateSpac
 
 
 def add_port_damping(model: StateSpace, damping: Mapping[str, float]) -> StateSpace:
-    """Return the model with linear dampers at its shock ports: the force is `c v` plus the input.
+    """Return the continuous model with linear dampers at its shock ports: the force is `c v` plus the input.
 
     With `u_F = c v + u_F'` and `v = C_v x` (a shock velocity has no direct term):
 
         A' = A + B_F c C_v,    C' = C + D_F c C_v
 
     A negative rate removes a damper: a model that was identified around a baseline damping (the dissertation's C-bar)
-    becomes a model whose input is the whole shock force. Both conversions are exact.
-
-    Args:
-        model: Continuous model with `force` and `velocity` channels per port.
-        damping: Damping rate by port [N.s/m]: "lf", "rf", ...; "" is the port of a quarter car.
+    becomes a model whose input is the whole shock force. Both conversions are exact. Rates are by port [N.s/m]: "lf",
+    "rf", ...; "" is the port of a quarter car.
 
     Raises:
         ParameterError: The model is discrete, a port does not exist, or a velocity has a direct term.
@@ -405,11 +373,7 @@ def add_port_damping(model: StateSpace, damping: Mapping[str, float]) -> StateSp
 
 
 def add_port_stiffness(model: StateSpace, stiffness: Mapping[str, float]) -> StateSpace:
-    """Return the model with linear springs at its shock ports, as `add_port_damping` adds dampers.
-
-    Args:
-        model: Continuous model with `force` and `displacement` channels per port.
-        stiffness: Spring rate by port [N/m]: "lf", "rf", ...; "" is the port of a quarter car.
+    """Return the model with linear springs at its shock ports [N/m], as `add_port_damping` adds dampers.
 
     Raises:
         ParameterError: The model is discrete, a port does not exist, or a displacement has a direct term.

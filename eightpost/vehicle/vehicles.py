@@ -1,24 +1,31 @@
-"""Vehicles with a structural or an identified model, as stored in vehicle files."""
+"""Vehicles with a structural or an identified model, and their files."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, astuple, dataclass, field, replace
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import MISSING, Field, asdict, astuple, dataclass, field, fields, replace
 from math import isfinite
+from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from scipy.constants import g
 
-from eightpost.corners import channel
+import eightpost
+from eightpost.array_types import Array
+from eightpost.corners import CORNERS, channel
 from eightpost.display import Summarized, Summary, some
-from eightpost.errors import ParameterError
+from eightpost.errors import FileFormatError, InputError, ParameterError, UnknownUnitError
+from eightpost.files import MALFORMED, atomic_path, check_schema, json_content, toml_content
+from eightpost.units import compatible, convert
 from eightpost.validity import Validity
-from eightpost.vehicle import quarter_car, seven_dof
-from eightpost.vehicle.bristle import Bristle
-from eightpost.vehicle.quarter_car import QuarterCar
-from eightpost.vehicle.seven_dof import SevenDof
-from eightpost.vehicle.statespace import StateSpace, add_port_damping, add_port_stiffness
-from eightpost.vehicle.structural import check_static
+from eightpost.vehicle.friction import Bristle
+from eightpost.vehicle.statespace import Channel, StateSpace, add_port_damping, add_port_stiffness
+from eightpost.vehicle.structural import Corners, QuarterCar, SevenDof
+
+# ==== Vehicles ========================================================================================================
 
 Model = Literal["quarter_car", "seven_dof", "state_space"]
 
@@ -38,17 +45,14 @@ class StructuralVehicle(Summarized):
     static: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check the static state against the outputs."""
-        object.__setattr__(self, "static", check_static(self.static, self.coupled().output_names, self.name))
+        object.__setattr__(self, "static", _check_static(self.static, self.coupled().output_names, self.name))
 
     def _summary(self) -> Summary:
-        known = self.parameters
-        sprung = known.sprung_mass
-        unsprung = known.unsprung_mass if isinstance(known, QuarterCar) else sum(known.unsprung_mass)
-        model = self.coupled()
+        p, model = self.parameters, self.coupled()
+        unsprung = p.unsprung_mass if isinstance(p, QuarterCar) else sum(p.unsprung_mass)
         return Summary.of(
             f"Vehicle {self.name}: {self.model}",
-            ("masses", f"{sprung:.4g} kg sprung, {unsprung:.4g} kg unsprung"),
+            ("masses", f"{p.sprung_mass:.4g} kg sprung, {unsprung:.4g} kg unsprung"),
             ("inputs", some(model.input_names)),
             ("outputs", some(model.output_names)),
             ("static state", some(f"{name} {value:.4g}" for name, value in self.static.items() if value)),
@@ -61,15 +65,25 @@ class StructuralVehicle(Summarized):
 
     def coupled(self) -> StateSpace:
         """Return the model without its own dampers, whose inputs are the whole shock forces."""
-        if isinstance(self.parameters, QuarterCar):
-            return quarter_car.coupled(self.parameters)
-        return seven_dof.coupled(self.parameters)
+        return self.parameters.coupled()
 
     def with_damper(self) -> StateSpace:
         """Return the model with its linear dampers, for frequency responses and modes."""
-        if isinstance(self.parameters, QuarterCar):
-            return quarter_car.with_damper(self.parameters)
-        return seven_dof.with_damper(self.parameters)
+        return self.parameters.with_damper()
+
+
+def _check_static(static: Mapping[str, float], outputs: Sequence[str], where: str) -> dict[str, float]:
+    """Return a copy of a static state; ParameterError: a value is not finite, or its output has no static part."""
+    with_static = [name for name in outputs if name.endswith(("tire_force", "ride_height"))]
+    for name, value in static.items():
+        if name not in with_static:
+            raise ParameterError(
+                f"{where}: a static value is given for {name!r}; this model has static values of "
+                f"{', '.join(with_static)}"
+            )
+        if not isfinite(value):
+            raise ParameterError(f"{where}: the static {name} is {value}; give a finite number")
+    return {name: float(value) for name, value in static.items()}
 
 
 class Friction(NamedTuple):
@@ -103,33 +117,37 @@ class Friction(NamedTuple):
 
     def fault(self) -> str | None:
         """Return what is wrong with the values, None if they are valid."""
-        own = self.bristle
-        for name, value, is_in_range, range_ in (
-            ("force", self.force, self.force >= 0.0, "N, not below zero"),
-            ("velocity", self.velocity, self.velocity > 0.0, "m/s, above zero"),
-            ("bristle.force", own.force, own.force >= 0.0, "N, not below zero"),
-            ("bristle.reach", own.reach, own.reach > 0.0, "m, above zero"),
-            ("bristle.static_ratio", own.static_ratio, own.static_ratio >= 1.0, "at least 1"),
-            ("bristle.stribeck_velocity", own.stribeck_velocity, own.stribeck_velocity > 0.0, "m/s, above zero"),
-            ("spring", self.spring, True, "N/m2"),
-            ("mean_travel", self.mean_travel, True, "m"),
+        force, velocity, bristle, spring, mean_travel = self
+        for name, value, is_in_range, limits in (
+            ("force", force, force >= 0.0, "N, not below zero"),
+            ("velocity", velocity, velocity > 0.0, "m/s, above zero"),
+            ("bristle.force", bristle.force, bristle.force >= 0.0, "N, not below zero"),
+            ("bristle.reach", bristle.reach, bristle.reach > 0.0, "m, above zero"),
+            ("bristle.static_ratio", bristle.static_ratio, bristle.static_ratio >= 1.0, "at least 1"),
+            (
+                "bristle.stribeck_velocity",
+                bristle.stribeck_velocity,
+                bristle.stribeck_velocity > 0.0,
+                "m/s, above zero",
+            ),
+            ("spring", spring, True, "N/m2"),
+            ("mean_travel", mean_travel, True, "m"),
         ):
             if not (isfinite(value) and is_in_range):
-                return f"{name} is {value!r}; give a finite number [{range_}]"
+                return f"{name} is {value!r}; give a finite number [{limits}]"
         return None
 
 
 def _stated(law: Friction) -> dict[str, Any]:
     """Return the values that are not the defaults of their fields: a later version may have further fields."""
-    known = {**law._asdict(), "bristle": asdict(law.bristle)}
-    usual = {**Friction()._asdict(), "bristle": asdict(Bristle())}
-    return {name: value for name, value in known.items() if value != usual[name]}
+    values, usual = ({**one._asdict(), "bristle": asdict(one.bristle)} for one in (law, Friction()))
+    return {name: value for name, value in values.items() if value != usual[name]}
 
 
 def _plain(law: Friction) -> Friction:
     """Return the same law with Python's numbers."""
-    own = Bristle(*(float(value) for value in astuple(law.bristle)))
-    return Friction(float(law.force), float(law.velocity), own, float(law.spring), float(law.mean_travel))
+    bristle = Bristle(*(float(value) for value in astuple(law.bristle)))
+    return Friction(float(law.force), float(law.velocity), bristle, float(law.spring), float(law.mean_travel))
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -153,9 +171,8 @@ class IdentifiedVehicle(Summarized):
     validity: Validity | None = None
 
     def __post_init__(self) -> None:
-        """Check the static state and the ports against the model's channels."""
         names = self.state_space.output_names
-        object.__setattr__(self, "static", check_static(self.static, names, self.name))
+        object.__setattr__(self, "static", _check_static(self.static, names, self.name))
         object.__setattr__(self, "baseline_damping", {k: float(v) for k, v in self.baseline_damping.items()})
         object.__setattr__(self, "sources", dict(self.sources))
         friction = {k: _plain(v) for k, v in self.friction.items()}
@@ -180,7 +197,7 @@ class IdentifiedVehicle(Summarized):
         return {
             **{name: getattr(model, name).tolist() for name in ("A", "B", "C", "D")},
             "dt": model.dt,
-            "channels": [(known.name, known.unit) for known in (*model.inputs, *model.outputs)],
+            "channels": [(one.name, one.unit) for one in (*model.inputs, *model.outputs)],
             "baseline_damping": self.baseline_damping,
             "static": self.static,
             "friction": {port: _stated(law) for port, law in self.friction.items()},
@@ -264,3 +281,304 @@ class IdentifiedVehicle(Summarized):
 
 
 Vehicle = StructuralVehicle | IdentifiedVehicle
+
+
+# ==== Vehicle files ==================================================================================================
+
+
+def read_vehicle(path: str | Path) -> Vehicle:
+    """Read a vehicle: parameters from a .toml file, an identified model from a .json file.
+
+    >>> read_vehicle(shipped("seven_dof")).model
+    'seven_dof'
+
+    Raises:
+        FileFormatError: The file does not exist, does not have the format of its suffix, or has an unsupported schema.
+        ParameterError: A key or a value is invalid, or the model is not consistent.
+        UnknownUnitError: A unit is unknown or has the wrong dimension.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".toml":
+        return _read_toml(path)
+    if path.suffix.lower() == ".json":
+        return _read_json(path)
+    raise FileFormatError("a vehicle is a .toml file (parameters) or a .json file (identified model)", path=path)
+
+
+def write_vehicle(path: str | Path, vehicle: Vehicle) -> None:
+    """Write a vehicle; an existing file is replaced only when the new one is complete.
+
+    Numbers that are read back are bitwise equal.
+
+    Raises:
+        FileFormatError: The suffix does not match the vehicle: .toml for parameters, .json for an identified model.
+    """
+    needed = ".toml" if isinstance(vehicle, StructuralVehicle) else ".json"
+    if Path(path).suffix.lower() != needed:
+        raise FileFormatError(f"the vehicle {vehicle.name!r} ({vehicle.model}) must be written as {needed}", path=path)
+    text = _toml(vehicle) if isinstance(vehicle, StructuralVehicle) else _rows_on_lines(document(vehicle))
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def shipped(model: Literal["quarter_car", "seven_dof"]) -> Path:
+    """Return the path of the file with the dissertation's Table 4.1 (quarter car) or Table 5.1 (seven-DOF car)."""
+    return Path(__file__).with_name(f"{model}.toml")
+
+
+# ---- Parameters in TOML ---------------------------------------------------------------------------------------------
+# Every value is a number with its unit in quotes. A corner parameter has one value for all corners ("2000 lbf/in"), one
+# per axle ({ front = "1280 lbf/in", rear = "588 lbf/in" }) or one per corner ({ lf = ..., rf = ..., lr = ..., rr = ...
+# }). A mass may be given as a weight: sprung_weight = "675 lbf".
+
+#: Newest schema of these files that can be read.
+TOML_SCHEMA = 1
+
+_MODELS: dict[str, type[QuarterCar] | type[SevenDof]] = {"quarter_car": QuarterCar, "seven_dof": SevenDof}
+_TOP_LEVEL = ("schema", "model", "name", "notes", "tool", "parameters", "static")
+_QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+_AXLES = {"front": ("lf", "rf"), "rear": ("lr", "rr")}
+#: Static values of each model: key of [static], unit and places.
+_STATIC: dict[str, dict[str, tuple[str, tuple[str, ...]]]] = {
+    "quarter_car": {"tire_force": ("N", ("",)), "ride_height": ("m", ("",))},
+    "seven_dof": {"tire_force": ("N", CORNERS), "ride_height": ("m", ("front", "rear"))},
+}
+
+
+def _read_toml(path: Path) -> StructuralVehicle:
+    content = toml_content(path)
+    check_schema(content, TOML_SCHEMA, path)
+    model = content.get("model")
+    if model is None:
+        is_other = "bank" in content or "components" in content
+        what = "a study or a system, not a vehicle" if is_other else "no model of a vehicle"
+        raise ParameterError(
+            f"{path}: the file defines {what}; a vehicle file has model = {' or '.join(map(repr, _MODELS))}"
+        )
+    if not isinstance(model, str) or model not in _MODELS:
+        raise ParameterError(f"{path}: model is {model!r}; choose one of {', '.join(_MODELS)}")
+    _check_keys(path, "key", content, _TOP_LEVEL)
+    parameters, static = (_table(path, content, key) for key in ("parameters", "static"))
+    weights = [_weight(declared.name) for declared in fields(_MODELS[model]) if declared.name.endswith("mass")]
+    _check_keys(path, "parameter", parameters, [*(declared.name for declared in fields(_MODELS[model])), *weights])
+    _check_keys(path, "static value", static, _STATIC[model])
+    values = [_parameter(path, declared, parameters) for declared in fields(_MODELS[model])]
+    heights = {key: _spread(f"{path}, [static] {key}", value, *_STATIC[model][key]) for key, value in static.items()}
+    at_places = {f"{place}.{key}" if place else key: number
+                 for key, numbers in heights.items() for place, number in numbers.items()}  # fmt: skip
+    try:
+        return StructuralVehicle(str(content.get("name", path.stem)), _MODELS[model](*values), at_places)
+    except ParameterError as error:
+        raise ParameterError(f"{path}, [parameters]: {error}") from error
+
+
+def _table(path: Path, content: dict[str, Any], key: str) -> dict[str, Any]:
+    table = content.get(key, {})
+    if not isinstance(table, dict):
+        raise ParameterError(f"{path}: {key} is {table!r}; it must be a table: [{key}]")
+    return table
+
+
+def _check_keys(path: Path, what: str, table: Mapping[str, Any], possible: Iterable[str]) -> None:
+    possible = tuple(possible)
+    for key in table:
+        if key not in possible:
+            raise ParameterError(f"{path}: unknown {what} {key!r}; the known ones are {', '.join(possible)}")
+
+
+def _weight(name: str) -> str:
+    return name.removesuffix("mass") + "weight"
+
+
+def _parameter(path: Path, declared: Field[Any], table: dict[str, Any]) -> Any:
+    """Return the value of a parameter in the table, or its default."""
+    name, unit = declared.name, str(declared.metadata["unit"])
+    candidates = (name, _weight(name)) if name.endswith("mass") else (name,)
+    stated = [key for key in candidates if key in table]
+    if len(stated) == 2:
+        raise ParameterError(f"{path}, [parameters]: both {stated[0]} and {stated[1]} are given; keep one")
+    if not stated and declared.default is MISSING:
+        raise ParameterError(
+            f'{path}, [parameters]: {" or ".join(candidates)} is missing; add it, e.g. {name} = "... {unit}"'
+        )
+    if not stated:
+        return declared.default
+    is_weight, per_corner = stated[0] != name, declared.type in (Corners, "Corners")
+    where = f"{path}, [parameters] {stated[0]}"
+    numbers = _spread(where, table[stated[0]], "N" if is_weight else unit, CORNERS if per_corner else ("",))
+    if is_weight:
+        numbers = {place: number / g for place, number in numbers.items()}
+    return Corners(**numbers) if per_corner else numbers[""]
+
+
+def _spread(where: str, value: Any, unit: str, places: tuple[str, ...]) -> dict[str, float]:
+    """Return one number per place from one value for all, one per axle or one per place."""
+    if not isinstance(value, dict):
+        return dict.fromkeys(places, _quantity(where, value, unit))
+    axles = " or front and rear" if places == CORNERS else ""
+    layouts = "give one value" if places == ("",) else f"give one value for all, or {', '.join(places)}{axles}"
+    numbers = {}
+    for group, text in value.items():
+        for place in _AXLES.get(group, (group,)) if places == CORNERS else (group,):
+            if place not in places or place in numbers:
+                raise ParameterError(f"{where}: {group!r} is not valid here; {layouts}")
+            numbers[place] = _quantity(f"{where}.{group}", text, unit)
+    missing = [place for place in places if place not in numbers]
+    if missing:
+        raise ParameterError(f"{where}: {', '.join(missing)} is missing; {layouts}")
+    return numbers
+
+
+def _quantity(where: str, value: Any, unit: str) -> float:
+    """Return the number of a text such as "70 in", converted to `unit`."""
+    match = _QUANTITY.fullmatch(value) if isinstance(value, str) else None
+    if match is None:
+        raise ParameterError(f'{where} is {value!r}; write a number with its unit in quotes, e.g. "1.5 {unit}"')
+    if not match[2]:
+        raise ParameterError(f'{where}: {value!r} has no unit; add it, e.g. "{match[1]} {unit}"')
+    try:
+        fits = compatible(match[2], unit)
+    except UnknownUnitError as error:
+        raise UnknownUnitError(f"{where}: {error}") from error
+    if not fits:
+        what = f"{where}: {value!r} has the wrong dimension; give it in {unit} or a unit of the same dimension"
+        raise UnknownUnitError(what)
+    return convert(float(match[1]), match[2], unit)
+
+
+def _toml(vehicle: StructuralVehicle) -> str:
+    """Return the text of a file with a vehicle's parameters in SI."""
+    p = vehicle.parameters
+    lines = [
+        f"schema = {TOML_SCHEMA}",
+        f"tool = {_quoted(f'eightpost {eightpost.__version__}')}",
+        f"model = {_quoted(vehicle.model)}",
+        f"name = {_quoted(vehicle.name)}",
+        "",
+        "[parameters]",
+    ]
+    for declared in fields(p):
+        value, unit = getattr(p, declared.name), declared.metadata["unit"]
+        if value is not None:
+            places = value._asdict() if isinstance(value, Corners) else {"": float(value)}
+            lines.append(f"{declared.name} = {_written(places, unit)}")
+    lines += ["", "[static]"] if vehicle.static else []
+    for key, (unit, names) in _STATIC[vehicle.model].items() if vehicle.static else ():
+        places = {name: vehicle.static.get(f"{name}.{key}" if name else key, 0.0) for name in names}
+        lines.append(f"{key} = {_written(places, unit)}")
+    return "\n".join(lines) + "\n"
+
+
+def _quoted(text: str) -> str:
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in escaped) + '"'
+
+
+def _written(values: Mapping[str, float], unit: str) -> str:
+    """Return values by place, or the only one, with their unit."""
+    if "" in values:
+        return f'"{values[""]!r} {unit}"'
+    return "{ " + ", ".join(f'{place} = "{value!r} {unit}"' for place, value in values.items()) + " }"
+
+
+# ---- JSON files of identified vehicles ------------------------------------------------------------------------------
+
+#: Newest schema of these files that can be read: 2 has bristles and port springs, 3 their mean travel. A file has the
+#: oldest schema that is sufficient.
+SCHEMA = 3
+
+_NEEDED = ("name", "inputs", "outputs", "A", "B", "C", "D")
+_OPTIONAL = ("schema", "kind", "tool", "model", "dt", "baseline_damping", "static", "sources", "friction", "validity")
+
+
+def document(vehicle: IdentifiedVehicle) -> dict[str, Any]:
+    """Return the content of a vehicle file: texts, numbers, lists and tables."""
+    model = vehicle.state_space
+    friction = {
+        port: {"force": law.force, "velocity": law.velocity}
+        | ({"bristle": asdict(law.bristle), "spring": law.spring} if _schema(law) > 1 else {})
+        | ({"mean_travel": law.mean_travel} if law.mean_travel else {})
+        for port, law in vehicle.friction.items()
+    }
+    return {
+        "schema": max((_schema(law) for law in vehicle.friction.values()), default=1),
+        "kind": "vehicle",
+        "tool": f"eightpost {eightpost.__version__}",
+        "model": vehicle.model,
+        "name": vehicle.name,
+        "sources": dict(vehicle.sources),
+        "dt": model.dt,
+        "model_name": model.name,
+        "inputs": [asdict(channel) for channel in model.inputs],
+        "outputs": [asdict(channel) for channel in model.outputs],
+        "baseline_damping": dict(vehicle.baseline_damping),
+        "static": dict(vehicle.static),
+        **({"friction": friction} if friction else {}),
+        **({} if vehicle.validity is None else {"validity": vehicle.validity.to_json()}),
+        **{field: getattr(model, field).tolist() for field in ("A", "B", "C", "D")},
+    }
+
+
+def _schema(law: Friction) -> int:
+    """Return the oldest schema that has all of a law."""
+    return 3 if law.mean_travel else 2 if law[2:] != Friction()[2:] else 1
+
+
+def _rows_on_lines(content: dict[str, Any]) -> str:
+    """Return JSON with one matrix row or channel per line, which makes files easy to compare."""
+    entries = []
+    for key, value in content.items():
+        if isinstance(value, list) and value:
+            rows = ",\n".join(f"    {json.dumps(row, allow_nan=False)}" for row in value)
+            entries.append(f"  {json.dumps(key)}: [\n{rows}\n  ]")
+        else:
+            entries.append(f"  {json.dumps(key)}: {json.dumps(value, allow_nan=False)}")
+    return "{\n" + ",\n".join(entries) + "\n}\n"
+
+
+def _read_json(path: Path) -> IdentifiedVehicle:
+    content = json_content(path)
+    if not isinstance(content, dict):
+        raise FileFormatError("is JSON, but not a vehicle: it must be an object in braces", path=path)
+    check_schema(content, SCHEMA, path)
+    if (kind := content.get("kind", "vehicle")) != "vehicle":
+        raise FileFormatError(f"is a {kind} file, not a vehicle; eightpost identify makes vehicles", path=path)
+    if content.get("model", "state_space") != "state_space":
+        raise FileFormatError(f"model is {content['model']!r}; a JSON vehicle is a 'state_space'", path=path)
+    for key in _NEEDED:
+        if key not in content:
+            raise ParameterError(f"{path}: {key!r} is missing; a vehicle needs {', '.join(_NEEDED)}")
+    for key in content:
+        if key not in (*_NEEDED, *_OPTIONAL, "model_name"):
+            raise ParameterError(f"{path}: unknown key {key!r}; the known keys are {', '.join((*_NEEDED, *_OPTIONAL))}")
+    try:
+        return _vehicle(content, path.name)
+    except InputError as error:
+        raise type(error)(f"{path}: {error}") from error
+    except MALFORMED as error:
+        what = f"does not contain a vehicle in the format of this version ({error})"
+        raise FileFormatError(what, path=path) from error
+
+
+def _vehicle(content: dict[str, Any], origin: str) -> IdentifiedVehicle:
+    inputs, outputs = (
+        tuple(Channel(one["name"], one["unit"]) for one in content[key]) for key in ("inputs", "outputs")
+    )
+    n, m, p, name = len(content["A"]), len(inputs), len(outputs), str(content["name"])
+
+    def matrix(key: str, *shape: int) -> Array:
+        """Return a matrix; one without states is an empty list."""
+        values = np.asarray(content[key], dtype=np.float64)
+        return np.zeros(shape) if values.size == 0 and 0 in shape else values
+
+    A, B, C, D = matrix("A", n, n), matrix("B", n, m), matrix("C", p, n), matrix("D", p, m)
+    model = StateSpace(A, B, C, D, inputs, outputs, content.get("dt"), str(content.get("model_name", name)))
+    laws = {}
+    for port, law in content.get("friction", {}).items():
+        springs = (law.get(key, 0.0) for key in ("spring", "mean_travel"))
+        laws[port] = Friction(law["force"], law["velocity"], Bristle(**law.get("bristle", {})), *springs)
+    damping, static, sources = (content.get(key, {}) for key in ("baseline_damping", "static", "sources"))
+    vehicle = IdentifiedVehicle(name, model, damping, static, sources, laws)
+    if "validity" not in content:
+        return vehicle
+    return replace(vehicle, validity=Validity.from_json(content["validity"]).checked(vehicle.numbers, origin))

@@ -26,12 +26,7 @@ _LOOK = 0.05
 
 
 class Heartbeats:
-    """Heartbeat counters of the workers of one pool, with the time of their last change.
-
-    Args:
-        count: Number of workers.
-        context: Multiprocessing context of the workers.
-    """
+    """Heartbeat counters of the workers of one pool, with the time of their last change."""
 
     def __init__(self, count: int, context: SpawnContext) -> None:
         self._places = context.Value("q", 0)
@@ -126,9 +121,7 @@ _GRACE = 3.0
 class Pool:
     """Worker processes of this machine. If one crashes or hangs, all calls in progress fail with BrokenProcessPool.
 
-    Args:
-        count: Number of processes.
-        patience: Time without a heartbeat after which a working process is ended [s].
+    A working process without a heartbeat for `patience` [s] is ended.
     """
 
     def __init__(self, count: int, patience: float) -> None:

@@ -343,11 +343,7 @@ def _waiter(end: Any) -> Callable[[float], bool]:
 
 
 class ParentChannel:
-    """The child's end of the channel: requests of the parent, replies, and notices before a reply.
-
-    Args:
-        number: First argument of the child's module.
-    """
+    """The child's end of the channel: requests of the parent, replies, and notices before a reply."""
 
     def __init__(self, number: str) -> None:
         if sys.platform == "win32":
@@ -359,12 +355,7 @@ class ParentChannel:
             self._connection = Connection(int(number))
 
     def serve(self, answer: Callable[[Any], Any], unsendable: Callable[[Exception], Any] | None = None) -> None:
-        """Answer requests until the parent closes the channel or ends.
-
-        Args:
-            answer: Function that takes a request and returns the reply.
-            unsendable: Function that takes the error for a reply that cannot be pickled, and returns another reply.
-        """
+        """Answer requests until the parent closes the channel or ends."""
         with contextlib.suppress(EOFError, OSError):
             while True:
                 reply = answer(pickle.loads(self._connection.recv_bytes()))

@@ -187,10 +187,6 @@ def supervised(work: Callable[[], object], complain: Callable[[str], None]) -> i
     """Run a command in a child of this process, and return its exit code; in the child this does not return.
 
     The code is 1 if the child ended before the command was complete, or was ended because an FMU did not return.
-
-    Args:
-        work: The command; it ends with SystemExit.
-        complain: Function that prints an error.
     """
     global record  # noqa: PLW0603 -- one record per process
     if sys.platform == "win32":
@@ -251,10 +247,7 @@ def _supervised_on_windows(work: Callable[[], object], complain: Callable[[str],
 def _work(work: Callable[[], object], mine: Record, life: int | None = None) -> NoReturn:
     """Run a command in the child, and record its exit code when it is complete.
 
-    Args:
-        work: The command.
-        mine: Record of this process.
-        life: Pipe of which the parent has the other end, so that this process ends with it.
+    This process ends with its parent, which has the other end of the pipe `life`.
     """
     import tempfile  # noqa: PLC0415 -- none of this is needed in the parent
     import threading  # noqa: PLC0415
@@ -312,11 +305,7 @@ def _code(found: Record, status: int, watch: _Watch, complain: Callable[[str], N
 
 
 class _Watch:
-    """Time without a change while an FMU is called, or after the command was complete.
-
-    Args:
-        found: Record of the process.
-    """
+    """Time without a change while an FMU is called, or after the command was complete."""
 
     def __init__(self, found: Record) -> None:
         self._record, self._state, self._quiet, self._before = found, b"", 0.0, time.monotonic()
@@ -336,10 +325,7 @@ class _Watch:
 class _Command:
     """The child that runs a command, seen from its parent.
 
-    Args:
-        child: Number of its process.
-        told: End of the pipe that says which signals it received.
-        found: Record of the child.
+    The pipe `told` says which signals it received.
     """
 
     def __init__(self, child: int, told: int, found: Record) -> None:

@@ -1,4 +1,4 @@
-/* The first-order lag tau dF_lag/dt = F_s - F_lag (Eq 3.24), exact over any step: eightpost/shock/lag.py. */
+/* The first-order lag tau dF_lag/dt = F_s - F_lag (Eq 3.24), exact over any step: eightpost/shock/law.py. */
 #ifndef EIGHTPOST_LAG_H
 #define EIGHTPOST_LAG_H
 

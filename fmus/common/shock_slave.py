@@ -10,7 +10,7 @@ from pythonfmu.enums import Fmi2Status
 
 TableSlave = import_module(f"{__name__}_law.table_slave").TableSlave
 StaticCurve = import_module(f"{__name__}_law.curve").StaticCurve
-Port = import_module(f"{__name__}_law.port").Port
+Port = import_module(f"{__name__}_law.law").Port
 
 _OUTPUTS = ("force", "static_force", "lagged_force", "lag_weight", "dissipated_power", "beyond_fit")
 

@@ -30,7 +30,7 @@ int has_all_values(fmi3Instance instance, const char *function, size_t reference
 /* fmi3_other_types.c: an empty list is accepted, because this FMU has no variable of that type; a reference is an error. */
 fmi3Status accepts_no_other(fmi3Instance instance, const char *function, size_t n);
 
-/* Value reference of the independent variable; builder/fmu/description.py writes it into modelDescription.xml. */
+/* Value reference of the independent variable; builder/interface.py writes it into modelDescription.xml. */
 enum { TIME_REFERENCE = 1000000 };
 
 /* Both versions number their statuses alike, as far as this FMU uses them. */

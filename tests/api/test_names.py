@@ -13,7 +13,7 @@ PACKAGE = Path(ep.__file__).parent
 
 #: Everything below the API in the order of imports.
 BELOW = ("builder.build", "builder.ssp", "cosim", "cosim.study", "eightpost.ident", "eightpost.ident.vehicle",
-         "eightpost.rig.post", "eightpost.drivefile", "eightpost.report.page")  # fmt: skip
+         "eightpost.virtual", "eightpost.drivefile", "eightpost.report.page")  # fmt: skip
 
 
 def loaded_after(code: str) -> set[str]:
@@ -34,7 +34,7 @@ def test_a_name_loads_no_numerical_library_before_it_is_called():
 
 @pytest.mark.slow
 def test_a_fit_loads_neither_of_the_libraries_that_take_half_a_second():
-    loaded = loaded_after("import eightpost.app.fit, eightpost.ident.shock.hysteresis_fit")
+    loaded = loaded_after("import eightpost.app.fit, eightpost.ident.shock.hysteresis")
     assert "scipy.optimize" in loaded and not {"scipy.signal", "scipy.stats"} & loaded
 
 

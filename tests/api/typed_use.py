@@ -5,13 +5,12 @@ from typing import assert_type
 import eightpost as ep
 from builder.build import Built
 from cosim import Result
-from cosim.session.master import ParameterSweep
+from cosim.session.parameter_sweep import ParameterSweep
 from cosim.study import StudyResult
 from cosim.study.choice.compare import RunComparison
 from eightpost.ident import ShockFit
-from eightpost.ident.vehicle import VehicleFit
-from eightpost.rig import DynoTest
-from eightpost.rig.post import RigTest
+from eightpost.ident.vehicle.vehicle_fit import VehicleFit
+from eightpost.rig import DynoTest, RigTest
 
 test = ep.read("dyno.csv", "dyno")
 assert_type(test, DynoTest)

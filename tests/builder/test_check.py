@@ -13,10 +13,10 @@ import pytest
 from click.testing import CliRunner
 
 from builder.check import CATALOGUE, GROUPS, Level, Scope, check, process, tools
+from builder.check.archive import read_subject
+from builder.check.description import _integers, units_of
 from builder.check.rules import findings
-from builder.check.static.variables import _integers, units_of
-from builder.check.subject import read_subject
-from builder.native.toolchain import this_platform
+from builder.toolchain import this_platform
 from eightpost.app.check import check as command
 from eightpost.archive import read_archive, write_archive
 from eightpost.errors import EightpostError, FmuError
@@ -130,7 +130,7 @@ def container(tmp_path_factory, fmus):
 def container_report(container):
     """Return the full report on the container, one of whose calls hangs."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(process, "_MISUSE_TIMEOUT", 5.0)
+        patch.setattr(process, "_MISUSE_PATIENCE", 5.0)
         return check(container)
 
 
@@ -143,7 +143,7 @@ def test_a_foreign_native_fmu_breaks_no_more_rules_of_the_standard_than_are_know
 @pytest.mark.nightly
 def test_crashes_and_hangs_of_a_foreign_fmu_on_invalid_calls_are_reported(container_report):
     crashes = [finding.message for finding in container_report.findings if finding.rule.identifier == "crash-misuse"]
-    assert any("did not end within 5 s in or after fmi2DoStep" in message for message in crashes)
+    assert any("did not end within 5 s of processor time in or after fmi2DoStep" in message for message in crashes)
     assert any("killed by signal 11 in or after fmi2GetReal with NULL" in message for message in crashes)
 
 
@@ -301,10 +301,22 @@ def test_a_probe_that_cannot_be_started_is_an_error_and_not_a_finding(fmus, monk
 
 @pytest.mark.slow
 def test_a_hang_is_a_finding(python_fmus, tmp_path, monkeypatch):
-    monkeypatch.setattr(process, "_TIMEOUT", 2.0)
+    monkeypatch.setattr(process, "_PATIENCE", 1.0)
     hang = in_slave(b"def advance(self, step):", b"def advance(self, step):\n        while True: pass")
     report = check(altered(python_fmus["lpnl2"], tmp_path / "lpnl2.fmu", hang), groups=("simulation",))
-    assert ["did not end within 2 s" in finding.message for finding in report.findings] == [True]
+    assert ["did not end within 1 s of processor time" in finding.message for finding in report.findings] == [True]
+
+
+@pytest.mark.slow
+def test_an_fmu_that_is_slow_is_skipped_from_there_on_without_a_finding(python_fmus, tmp_path, monkeypatch):
+    monkeypatch.setattr(process, "_BUDGET", 1.6)
+    slow = in_slave(b"def advance(self, step):", b"def advance(self, step):\n        sum(range(300000))")
+    path = altered(python_fmus["lpnl2"], tmp_path / "lpnl2.fmu", slow)
+    report = check(path, groups=("simulation", "reset", "steps", "instances"))
+    assert rules(report) == set()
+    reasons = {skipped.what: skipped.reason for skipped in report.skipped}
+    assert "too much processor time" in reasons["simulation: remaining calls"]
+    assert "too much processor time" in reasons["instances"]
 
 
 @pytest.mark.parametrize("unit", SI_UNITS)
@@ -390,7 +402,7 @@ def test_with_a_stub_compiler_the_rebuild_is_skipped_without_a_finding(fmus, com
     report = check(fmus["lpnl2"], groups=("rebuild",))
     assert (report.findings, report.groups) == ((), ())
     (skipped,) = report.skipped
-    assert "the sources could not be compiled here: there is no working C compiler" in skipped.reason
+    assert "does not work (xcrun: error: invalid active developer path)" in skipped.reason
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows cannot execute a shell script")

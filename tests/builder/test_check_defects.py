@@ -1,7 +1,6 @@
 """Seeded defects: each is added to a copy of a native FMU, and `check` must find it with the right rule.
 
-Defects of modelDescription.xml and of the C code are in check_defects.toml, those of model exchange in
-check_defects_exchange.toml; defects of the archive are in this file.
+Defects of modelDescription.xml and of the C code are in check_defects.toml, defects of the archive in this file.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ from .check_defects import (
     without,
 )  # fmt: skip
 
-TABLES = defects.read_tables("check_defects.toml", "check_defects_exchange.toml")
+TABLES = defects.read_tables("check_defects.toml")
 
 LINUX, WINDOWS, MAC = "binaries/linux64/lpnl2.so", "binaries/win64/lpnl2.dll", "binaries/darwin64/lpnl2.dylib"
 WIN32, ARM, ARM_MAC = (
@@ -112,6 +111,10 @@ def defects_of_the_archive():
             in_description({"variable": "velocity", "old": 'causality="input"', "new": 'causality="output"'}),
         ),
         "no reference results": Defect("reference-given", without("extra/")),
+        "a description in UTF-16": Defect("xml-encoding", member(XML, lambda b: b.decode().encode("utf-16"))),
+        "a name that Windows reserves": Defect("archive-windows", member("extra/con.txt", lambda _: b"x")),
+        "a name that Windows forbids": Defect("archive-windows", member("extra/a:b", lambda _: b"x")),
+        "a path that Windows cannot hold": Defect("archive-windows", member(f"extra/{'x' * 201}", lambda _: b"x")),
         "a stranger at the top": Defect("archive-stray", member(".DS_Store", lambda _: b"x")),
         "two cases of one name": Defect("archive-case", member("documentation/Index.html", lambda _: b"x")),
         "wrong reference": Defect("reference-results", member(REFERENCE, digit_before_the_middle), ("reference",)),
@@ -186,6 +189,23 @@ def test_an_fmu_without_a_defect_is_clean(name, fmus, tmp_path, compiled):
     groups = tuple({group for defect in IN_CODE.values() for group in defect.groups} - {"static"})
     sound = Defect("crash", compiled, groups, name)
     assert found(defective(fmus[name], tmp_path, sound), sound) == set()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("option", "rule"),
+    [
+        ("-Wl,-z,execstack", "executable-stack"),
+        ("-Wl,-rpath,/home/maker/lib", "runpath"),
+        ("-Wl,-rpath,$ORIGIN", ""),
+        ("-march=x86-64-v3", "processor"),
+        ("-O1", ""),
+    ],
+)
+def test_a_defect_of_the_binary_is_found_by_its_rule(option, rule, tmp_path):
+    path = defects.foreign_fmu("mass_spring", tmp_path, option)
+    broken = {finding.rule.identifier for finding in check(path, groups=STATIC).findings}
+    assert broken & {"executable-stack", "runpath", "processor"} == ({rule} if rule else set())
 
 
 def rewritten(fmu: Path, target: Path, edit: Callable[[zipfile.ZipFile, zipfile.ZipInfo, bytes], None]) -> Path:

@@ -6,8 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from builder.check.probes import simulation
-from builder.check.probes.bench import Skip
-from builder.check.probes.instance import CallError
+from builder.check.probes.bench import CallError, Skip
 
 START = 1.0
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from builder.check.probes import ports
+from builder.check.probes import simulation
 from builder.check.probes.bench import Skip
 
 
@@ -49,8 +49,8 @@ def probed(monkeypatch, fmu, velocity="input", displacement=False, can=True):
         running=lambda: nullcontext(fmu),
         timing=SimpleNamespace(start=2.0, step=0.01, at=lambda point: 2.0 + 0.01 * point),
     )
-    monkeypatch.setattr(ports, "step", lambda instance, time, h: instance.step(time, h))
-    return list(ports.probe_ports(bench))
+    monkeypatch.setattr(simulation, "step", lambda instance, time, h: instance.step(time, h))
+    return list(simulation.probe_ports(bench))
 
 
 def damper(given):

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from builder.check.probes.states import _freed
+from builder.check.probes.instances import _freed
 
 OK, WARNING, ERROR = 0, 1, 3
 KEPT, NULL = "the pointer is not NULL after fmi2FreeFMUstate", "fmi2FreeFMUstate of NULL is rejected"

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from builder.check import tools
-from builder.check.subject import read_subject
+from builder.check.archive import read_subject
 from eightpost.archive import read_archive, write_archive
 
 XML = "modelDescription.xml"

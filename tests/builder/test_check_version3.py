@@ -14,11 +14,11 @@ from benchmarks.fuzz.damage import change_xml
 from builder.assembly import assemble
 from builder.build import build
 from builder.check import GROUPS, Level, check
+from builder.check.archive import read_subject
+from builder.check.description import static_findings
 from builder.check.probes.bench import Bench
-from builder.check.static import static_findings
-from builder.check.subject import read_subject
-from builder.check.version3 import finding_in_version_3, text_in_version_3
-from builder.documents.reference import Disclosure
+from builder.check.rules import finding_in_version_3, text_in_version_3
+from builder.reference import Disclosure
 from cosim.system_file import read_case
 from eightpost.app.check import check as command
 from eightpost.archive import read_archive, write_archive

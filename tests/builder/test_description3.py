@@ -12,8 +12,8 @@ from fmpy.validation import validate_fmu
 from lxml import etree
 
 from builder.build import build
-from builder.documents.reference import Disclosure
-from builder.native.toolchain import PLATFORMS, installed, this_platform
+from builder.reference import Disclosure
+from builder.toolchain import PLATFORMS, installed, this_platform
 from eightpost.__main__ import main
 from eightpost.archive import read_archive
 from eightpost.errors import FmuError

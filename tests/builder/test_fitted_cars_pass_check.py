@@ -6,7 +6,7 @@ import pytest
 
 from builder.build import build
 from builder.check import check
-from builder.fmu.interface import RATES, steady_terms
+from builder.interface import RATES, steady_terms
 from eightpost.corners import CORNERS
 from eightpost.ident.grey_box.family import declared, linear_model, port_laws
 from eightpost.ident.vehicle.experiment import Experiment

@@ -12,8 +12,8 @@ from fmpy import simulate_fmu
 from fmpy.build import build_platform_binary
 
 from builder.build import build, fmu_identifier
-from builder.documents.reference import Disclosure
-from builder.native.toolchain import PLATFORMS, SystemCompiler, Zig, find_toolchain, this_platform
+from builder.reference import Disclosure
+from builder.toolchain import PLATFORMS, SystemCompiler, Zig, find_toolchain, this_platform
 from eightpost.archive import extract_archive, read_archive, write_archive
 from eightpost.errors import FmuError
 from eightpost.shock import LAWS, Shock, write_shock

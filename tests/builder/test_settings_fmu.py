@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from builder.build import build
-from builder.fmu.product import shock_product
-from builder.native.native_fmu import c_sources
+from builder.native_fmu import c_sources
+from builder.product import shock_product
 from cosim import Bond, FmuComponent, GaussSeidel, Scenario, System, run
 from eightpost.errors import FmuError
 from eightpost.shock import write_shock

@@ -1,5 +1,7 @@
 """A Python shock FMU contains its law's file, gives the same numbers, and restores its state completely."""
 
+import importlib
+import sys
 import zipfile
 from pathlib import Path
 
@@ -9,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import eightpost.shock
+from builder.build import build
 from eightpost.errors import StepError
 from eightpost.shock import LAWS
 
@@ -113,7 +116,7 @@ def test_the_fmu_contains_unchanged_copies_of_library_files(python_fmus, name):
     with zipfile.ZipFile(python_fmus[name]) as archive:
         shipped = [n for n in archive.namelist() if "_law/" in n and (library / Path(n).name).is_file()]
         shipped = [n for n in shipped if not n.endswith("__init__.py")]
-        assert {Path(n).name for n in shipped} >= {"curve.py", "law.py", "port.py", f"{name}.py"}
+        assert {Path(n).name for n in shipped} >= {"curve.py", "law.py", f"{name}.py"}
         for member in shipped:
             assert archive.read(member) == (library / Path(member).name).read_bytes()
 
@@ -256,3 +259,16 @@ def test_a_tunable_parameter_takes_effect_at_once_and_an_invalid_one_fails_the_s
     fmu.set(("lag_zero_force",), (1.0,))
     with pytest.raises(StepError, match="lag_zero_force"):
         fmu.step(0.501, 1e-3)
+
+
+def test_a_python_fmu_that_ran_in_this_process_does_not_affect_the_next_build(tmp_path, monkeypatch, model_files):
+    """PythonFMU puts the folder of an FMU, with the FMU's own copy of its library, first in the path."""
+    (tmp_path / "pythonfmu").mkdir()
+    (tmp_path / "pythonfmu/__init__.py").write_text("")
+    for name in [name for name in sys.modules if name.partition(".")[0] == "pythonfmu"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.syspath_prepend(tmp_path)
+    copy = importlib.import_module("pythonfmu")
+    (fmu,) = build([next(f for f in model_files if f.stem == "lpf1")], tmp_path / "built", target="python")
+    assert any(name.startswith("binaries/") for name in zipfile.ZipFile(fmu.path).namelist())
+    assert sys.modules["pythonfmu"] is copy

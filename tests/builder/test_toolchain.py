@@ -13,10 +13,10 @@ import lief
 import numpy as np
 import pytest
 
-from builder.fmu.interface import source_folder
-from builder.native import toolchain
-from builder.native.tables import _BLOCKS, _blocks_of_rows
-from builder.native.toolchain import (
+from builder import toolchain
+from builder.interface import source_folder
+from builder.tables import _BLOCKS, _blocks_of_rows
+from builder.toolchain import (
     PLATFORMS,
     Library,
     SystemCompiler,
@@ -260,9 +260,9 @@ def test_the_cache_key_covers_everything_a_binary_depends_on_and_no_folder_name(
     assert key_of(zig, Library("little", {"little.c": b"int f;"}), windows) != key
     for folder in ("c-code", "fmus"):
         shutil.copytree(fmi_headers() if folder == "c-code" else source_folder(), tmp_path / folder)
-    monkeypatch.setattr("builder.native.toolchain.source_folder", lambda: tmp_path / "fmus")
-    monkeypatch.setattr("builder.native.toolchain.fmi_headers", lambda: tmp_path / "c-code")
-    monkeypatch.setattr("builder.native.toolchain.fmi_headers", lambda: tmp_path / "c-code")
+    monkeypatch.setattr("builder.toolchain.source_folder", lambda: tmp_path / "fmus")
+    monkeypatch.setattr("builder.toolchain.fmi_headers", lambda: tmp_path / "c-code")
+    monkeypatch.setattr("builder.toolchain.fmi_headers", lambda: tmp_path / "c-code")
     assert key_of(zig, LIBRARY, windows) == key
     for name in ("fmus/common/windows_entry.c", "c-code/fmi2TypesPlatform.h"):
         old = (tmp_path / name).read_bytes()
@@ -317,7 +317,7 @@ def test_an_error_in_the_source_is_reported_with_the_platform_and_the_compilers_
 
 
 def test_without_any_compiler_the_error_message_names_the_package_to_install(monkeypatch):
-    monkeypatch.setattr("builder.native.toolchain._zig", lambda: None)
+    monkeypatch.setattr("builder.toolchain._zig", lambda: None)
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("CC", raising=False)
     with pytest.raises(FmuError, match=r'pip install "eightpost\[build\]".*--target python'):

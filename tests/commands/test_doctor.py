@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 from click.testing import CliRunner
 
-from builder.native.toolchain import find_toolchain
+from builder.toolchain import find_toolchain
 from eightpost.__main__ import main
 from eightpost.app import doctor_checks, doctor_run
 from eightpost.cache import cache_folder

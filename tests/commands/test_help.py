@@ -17,10 +17,9 @@ from cosim.study.choice import selection
 from cosim.study.running import workers
 from eightpost.__main__ import VERBS, main
 from eightpost.ident.shock.law_fit import GasTreatment, RecipeName, Robust
-from eightpost.ident.vehicle.recipes import RECIPES
-from eightpost.rig.post.program import PROGRAMS
-from eightpost.rig.post.truths import TRUTHS
+from eightpost.ident.vehicle.plan import RECIPES
 from eightpost.shock import LAWS
+from eightpost.virtual.program import PROGRAMS, TRUTHS
 
 SLOW = ("numpy", "scipy", "matplotlib", "numba", "llvmlite", "pint", "pyarrow", "plotly", "pydantic", "fmpy", "jinja2")
 

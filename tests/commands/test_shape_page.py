@@ -9,9 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cosim.study.choice.continuous import Band, Evaluation, Optimum, Range, Robustness, ShockSpace
-from eightpost.app import shape_page
-from eightpost.app.shape_page import (
+from cosim.study.choice.optimise import Band, Evaluation, Range, Robustness, ShapeOptimum, ShockSpace
+from eightpost.api import shape_page
+from eightpost.api.shape_page import (
     aim_verdict,
     band_text,
     car_text,
@@ -23,10 +23,10 @@ from eightpost.app.shape_page import (
     robust_table,
     write_aim,
 )
-from eightpost.app.shape_search import Aim, Curves, Neighbour, Request, Target
-from eightpost.rig.damper.builds import NearestValving, Valving
+from eightpost.api.shapes import Aim, Curves, Neighbour, Request, Target
 from eightpost.shock.shape import Shape, ShapeFit, Side
 from eightpost.verdict import is_intact
+from eightpost.virtual.damper import NearestValving, Valving
 
 CORNERS = ("lf", "rf", "lr", "rr")
 SHAPE = Shape(Side(3e3, 1500.0, 0.1, 600.0, 100.0), Side(4e3, 1500.0, 0.1, 600.0, 100.0))
@@ -37,7 +37,9 @@ TARGET = Target(
     CORNERS, SHAPE, VELOCITY, 800.0 * VELOCITY - 1.0, 800.0 * VELOCITY + 1.0, {"rebound.low": (1200.0, 1900.0)},
     ("rebound.low",), (Neighbour("soft", 30.0, 0.05, 9.5),), VALVING, SHAPE, 9.7,
 )  # fmt: skip
-OPTIMUM = Optimum(np.array([0.4]), 9.3, 9.0, 0.15, 9.4, True, ((10.0, 9.1), (11.0, 9.0)), 50, ("converged", "steps"))
+OPTIMUM = ShapeOptimum(
+    np.array([0.4]), 9.3, 9.0, 0.15, 9.4, True, ((10.0, 9.1), (11.0, 9.0)), 50, ("converged", "steps")
+)
 
 
 def car(*, unknown=()):

@@ -9,10 +9,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cosim.study.choice.continuous import Evaluation, Optimum, Robustness
-from cosim.study.study import Build
-from eightpost.app import shape_search
-from eightpost.app.shape_search import Curves, Request, bank_plan, find_curves, searched_groups, shapes_of_bank
+from cosim.study.choice.optimise import Evaluation, Robustness, ShapeOptimum
+from cosim.study.definition import Build
+from eightpost.api import shapes as shape_search
+from eightpost.api.shapes import Curves, Request, bank_plan, find_curves, searched_groups, shapes_of_bank
 from eightpost.errors import InputError
 from eightpost.shock import Shock, read_shock, write_shock
 from eightpost.shock.shape import Shape, ShapeFit, Side
@@ -131,7 +131,9 @@ def test_gains_are_counted_from_the_best_of_the_bank_and_a_band_needs_an_assured
         point, status = (best, ("planned",)) if iterations is None else (polished, ("polished",))
         assert problem.given == ((0, 1.0, "grip", None) if iterations is None else (6, 2.0, "grip", "cars"))
         assert iterations is None or (len(starts) == 1 and starts[0] is best)
-        return Optimum(point, 9.2, 9.0, 0.1, assured, True, ((10.0, 9.0),) if iterations is None else (), 9, status)
+        return ShapeOptimum(
+            point, 9.2, 9.0, 0.1, assured, True, ((10.0, 9.0),) if iterations is None else (), 9, status
+        )
 
     def band(problem, optimum, start, share):
         assert (problem.given, optimum.point is polished, start, share) == ((0, 2.0, "grip", "cars"), True, 10.0, 0.7)
@@ -148,7 +150,9 @@ def test_gains_are_counted_from_the_best_of_the_bank_and_a_band_needs_an_assured
         monkeypatch.setattr(shape_search, name, stub)
     asked = Request(vary=("rebound.low",), robustness=Robustness(6, 2.0), keep=0.7, objective="grip")
     study = SimpleNamespace(bank={}, baseline={})
-    found = find_curves(SimpleNamespace(study=study, folder=Path("out")), {}, None, None, asked, counted.append)
+    found = find_curves(
+        SimpleNamespace(study=study, folder=Path("out"), units={}), {}, None, None, asked, None, counted.append
+    )
     assert found.gains.tolist() == [1.0, 0.5, -1.0]
     assert (found.predicted_gain, found.chance, found.car) == (1.0, pytest.approx(2.0 / 3.0), "cars")
     assert (found.band, counted) == (("band", [77]) if has_band else (None, []))
@@ -196,17 +200,16 @@ def test_targets_nearest_builds_and_valvings_are_run_as_fmus_of_their_own_beside
     def find(_self):
         return SimpleNamespace(find=lambda one: setups.append(one) or SimpleNamespace(index=40 - 10 * len(setups)))
 
-    def run(study, folder):
+    def variant(study, folder):
         checked.append((study, folder))
         table = SimpleNamespace(take=lambda rows: np.array(["e", "d", "c", "b"])[rows].tolist())
         return SimpleNamespace(request=lambda _w, _c, numbers: Results(np.sort(numbers), table))
 
     monkeypatch.setattr(Bank, "space", property(find), raising=False)
-    monkeypatch.setattr(shape_search, "Requested", run)
     monkeypatch.setattr(
         shape_search, "build", lambda paths, _to: [SimpleNamespace(path=one.with_suffix(".fmu")) for one in paths]
     )
-    whole = SimpleNamespace(study=study, folder=tmp_path)
+    whole = SimpleNamespace(study=study, folder=tmp_path, variant=variant)
     found = shape_search._verified(whole, None, None, dict.fromkeys(CORNERS, "soft"), targets)
     assert [list(one.values()) for one in setups] == [
         ["soft", "soft", "soft", "soft"],

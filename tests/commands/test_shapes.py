@@ -12,8 +12,8 @@ from click.testing import CliRunner
 from cosim.components.component import Variable
 from cosim.study import Build, StudyResult
 from eightpost.__main__ import main
-from eightpost.app.shape_page import aim_verdict
-from eightpost.app.whatif import change_of
+from eightpost.api.clicks import change_of
+from eightpost.api.shape_page import aim_verdict
 from eightpost.errors import InputError
 from eightpost.shock import read_shock
 
@@ -62,7 +62,7 @@ def test_ctrl_c_ends_the_search_with_what_is_kept_and_exit_code_1(fmus, tmp_path
     def interrupted(*_args):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("eightpost.app.shapes._search", interrupted)
+    monkeypatch.setattr("eightpost.api.study_folder.StudyFolder.shapes", interrupted)
     text = TEXT.format(car=fmus["seven_dof"], bank=EXAMPLES / "bank", track=EXAMPLES / "data" / "track.parquet")
     for shock in ("B_B", "C_C"):
         text = text.replace(f"{EXAMPLES / 'bank'}/{shock}.json", str(fmus["lpnl2"]))

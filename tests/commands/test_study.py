@@ -146,7 +146,7 @@ def test_ctrl_c_while_the_certainty_is_computed_keeps_the_complete_table(file, t
     def interrupted(*_args, **_options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("eightpost.app.study.assess", interrupted)
+    monkeypatch.setattr("eightpost.api.study_folder.StudyFolder.assess", interrupted)
     done = CliRunner().invoke(main, ["study", str(file), "-o", str(tmp_path / "out"), "--workers", "1"])
     assert done.exit_code == 1 and "the table is complete" in done.output
     assert StudyResult.load(tmp_path / "out" / "results.parquet").done.all()

@@ -13,11 +13,11 @@ from builder.check.rules import Level, Rule
 from cosim.study.choice.compare import RunComparison
 from cosim.study.choice.optimise import Optimum
 from cosim.study.measures import Measure
+from eightpost.api.shape_page import number_table
+from eightpost.api.shapes import bank_plan
 from eightpost.app.check import _table as findings_table
 from eightpost.app.compare import measure_table
 from eightpost.app.optimise import front_table
-from eightpost.app.shape_page import number_table
-from eightpost.app.shape_search import bank_plan
 from eightpost.app.study import show_study
 from eightpost.corners import CORNERS
 from eightpost.report.tables import ResultTable, result_table

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from cosim import Algorithm, Bond, Capabilities, Result, Scenario, System, run
-from cosim.components.functions import StateCallbacks, address_of
+from cosim.components.component import Callbacks, address_of
 from cosim.engine import blocks
 from cosim.engine.plan import DISCARD
 from eightpost.errors import StepError
@@ -21,7 +21,7 @@ def restorable_parts(make: Any) -> Any:
         longest = np.inf
 
         def functions(self) -> Any:
-            table = StateCallbacks(self).table()
+            table = Callbacks(self).table()
 
             def do_step(instance: Any, time: float, step: float, final: int) -> int:
                 return DISCARD if step > self.longest else blocks.do_step(table.do_step, 0, time, step, final)

@@ -9,7 +9,7 @@ import pytest
 
 from cosim import Adaptive, Bond, GaussSeidel, Implicit, Jacobi, Result, Scenario, System, run
 from cosim.engine import march
-from cosim.session import automatic
+from cosim.session import run as run_module
 from eightpost.errors import StepError
 from eightpost.signals import Drivefile, TimeSeries
 
@@ -71,13 +71,13 @@ def test_an_adaptive_run_is_compared_at_eight_times_its_tolerance_and_if_needed_
     parts: Any, monkeypatch: pytest.MonkeyPatch, relative: float, others: list[float]
 ) -> None:
     made = []
-    plain = automatic.DenseRuns.run
+    plain = run_module.DenseRuns.run
 
     def spied(self: Any, scheme: Any, step: float) -> Result:
         made.append(scheme.relative / relative)
         return plain(self, scheme, step)
 
-    monkeypatch.setattr(automatic.DenseRuns, "run", spied)
+    monkeypatch.setattr(run_module.DenseRuns, "run", spied)
     result = ran(parts(), Adaptive(relative=relative, largest=0.2), step=0.1, stop=0.3)
     assert made == pytest.approx([1.0, *others])
     assert result.coupling_error is not None

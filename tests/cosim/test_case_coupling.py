@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import cosim
-from cosim.session.master import Case
+from cosim.session.run import Case
 from eightpost.errors import InputError
 
 

@@ -24,8 +24,8 @@ from cosim import (
     System,
     run,
 )
+from cosim.components.component import Callbacks, address_of
 from cosim.components.fmu_file import FmuFile
-from cosim.components.functions import StateCallbacks, address_of
 from cosim.engine import blocks
 from cosim.systems.system import Connection
 from eightpost.corners import CORNERS
@@ -47,7 +47,7 @@ def sums(make: Any) -> Callable[..., Any]:
 
     class Sum(make.component):
         def functions(self) -> Any:
-            return StateCallbacks(self).table()
+            return Callbacks(self).table()
 
         def refused(self, what: str, *_: Any) -> StepError:
             return StepError(f"refused to {what}")

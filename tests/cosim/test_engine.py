@@ -33,8 +33,8 @@ from cosim import (
     System,
     run,
 )
-from cosim.components.fmu_instance import FmuInstance
-from cosim.engine import loop
+from cosim.components.fmu_component import FmuInstance
+from cosim.engine import march
 from cosim.systems.algorithm import VALUES
 from eightpost.errors import StepError
 from eightpost.signals import Drivefile
@@ -219,7 +219,7 @@ def test_the_compiled_loop_releases_the_gil(
     quarter_cars: Join, bumps: Drivefile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One call of the loop covers the whole run; if it held the GIL, the counting thread would stop meanwhile."""
-    monkeypatch.setattr(loop, "COMPILED_CHUNK", 10**9)
+    monkeypatch.setattr(march, "COMPILED_CHUNK", 10**9)
     system, scenario = (
         quarter_cars(),
         Scenario(30.0, bumps, {"a": "car_a.road"}, record=("car_a.velocity",), record_step=1.0),

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from cosim.engine import machine_code
 from cosim.engine.blocks import Block, described
-from cosim.engine.compiled import compiled
 from cosim.engine.fmi3_calls import is_refused
 from cosim.engine.machine_code import Request, object_file
+from cosim.engine.march import compiled
 from eightpost.cache import keep, recall
 
 #: Code with numba's calling convention: the result is stored where the first argument points.
@@ -138,7 +138,7 @@ def _no_integer(number: int) -> int:
 
 @pytest.mark.nightly
 def test_the_engine_loads_without_importing_numba() -> None:
-    program = "import sys, cosim.engine.loop, cosim.engine.machine_code; assert 'numba' not in sys.modules"
+    program = "import sys, cosim.engine.march, cosim.engine.machine_code; assert 'numba' not in sys.modules"
     subprocess.run([sys.executable, "-c", program], check=True)
 
 

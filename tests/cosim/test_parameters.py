@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cosim import Bond, Connection, FmuComponent, Scenario, System, Variable, run
-from cosim.session.master import sweep_parameters
+from cosim.session.parameter_sweep import sweep_parameters
 from eightpost.errors import InputError, WiringError
 
 #: A step at which a short run takes milliseconds.

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cosim import Scenario, System
-from cosim.session.planning import Layout, lay_out
+from cosim.session.setup import Layout, lay_out
 from cosim.systems.coupling import Coupling
 from cosim.systems.system import Connection
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from cosim import Automatic, Bond, Capabilities, GaussSeidel, Result, Scenario, System, run
-from cosim.results.error_estimate import Comparison, compare, difference, scales, stated_error
-from cosim.results.run_data import Coupled
-from cosim.session import automatic
+from cosim.session import run as run_module
+from cosim.session.result import Comparison, compare, difference, scales, stated_error
+from cosim.session.verdict import Coupled
 from eightpost.errors import InputError
 from eightpost.signals import TimeSeries
 
@@ -348,9 +348,11 @@ def test_compared_runs_record_every_step_or_the_shortest_interval_that_fits_in_m
     make: Any, monkeypatch: pytest.MonkeyPatch, record_step: float, fewest: int, every: float
 ) -> None:
     system, scenario = coupled(make, 60.0), Scenario(1.2, record=("car.velocity",))
-    runs = automatic.DenseRuns(system, scenario, record_step=record_step, engine="python", progress=None)
+    runs = run_module.DenseRuns(
+        run_module.Request(system, scenario, GaussSeidel(), 0.001, engine="python"), record_step
+    )
     # There are two decisive channels, i.e. 2400 values at 1 ms.
-    monkeypatch.setattr(automatic, "_MOST_VALUES", 2400 / fewest * (1.0 + 1e-9))
+    monkeypatch.setattr(run_module, "_MOST_VALUES", 2400 / fewest * (1.0 + 1e-9))
     time = runs.run(GaussSeidel(), 0.001).series.time
     assert np.diff(time)[0] == pytest.approx(every)
 

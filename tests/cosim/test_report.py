@@ -18,7 +18,7 @@ from cosim.report import page as page_module
 from cosim.report import write_report
 from cosim.report.drawing import arrows, groups
 from cosim.report.page import drive_digest
-from cosim.results.run_data import BondEnergy, Coupled
+from cosim.session.verdict import BondEnergy, Coupled
 from eightpost import __version__
 from eightpost.errors import OutputError
 from eightpost.report.numbers import figure

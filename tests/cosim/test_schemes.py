@@ -22,10 +22,9 @@ from cosim import (
     System,
     run,
 )
-from cosim.engine import implicit, sweep
-from cosim.engine.implicit import _broyden, _invert
+from cosim.engine import sweep
 from cosim.engine.plan import EXTRAPOLATED, HELD
-from cosim.engine.sweep import on_parabola, step_from
+from cosim.engine.sweep import _broyden, _invert, on_parabola, step_from
 from cosim.systems.algorithm import VALUES
 from eightpost.errors import InputError
 
@@ -192,8 +191,8 @@ def test_a_column_of_the_jacobian_is_the_difference_over_the_disturbance(monkeyp
         missed=np.array([1.0, 2.0]), after=np.zeros(2), guess=np.array([3.0, 4.0]), kept=np.array([9.0, 0.5]),
         jacobian=np.zeros(4),
     )  # fmt: skip
-    monkeypatch.setattr(implicit, "_disagreement", lambda _plan, _m, _g, to: to.__setitem__(slice(None), [2.0, 5.0]))
-    implicit._take_difference(SimpleNamespace(loops=loops), m, 0, 1)
+    monkeypatch.setattr(sweep, "_disagreement", lambda _plan, _m, _g, to: to.__setitem__(slice(None), [2.0, 5.0]))
+    sweep._take_difference(SimpleNamespace(loops=loops), m, 0, 1)
     assert m.jacobian.tolist() == [0.0, 2.0, 0.0, 6.0]
     assert m.guess.tolist() == [9.0, 4.0]  # the disturbance is undone
 

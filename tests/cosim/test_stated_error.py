@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cosim import Automatic, Bond, Capabilities, FmuComponent, GaussSeidel, Jacobi, Result, Scenario, System, run
-from cosim.results.error_estimate import difference
+from cosim.session.result import difference
 from eightpost.signals import Drivefile
 from eightpost.verdict import Grade
 

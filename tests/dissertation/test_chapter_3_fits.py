@@ -10,8 +10,8 @@ import pytest
 
 from dissertation import QUICK
 from dissertation import chapter_3_fits as chapter
-from eightpost.rig import sine_tests
 from eightpost.signals import TimeSeries
+from eightpost.virtual import sine_tests
 
 LAWS = ("polylinear", "lpf1", "lpnl2")
 EFFORT = replace(QUICK, configurations=(1, 5, 6, 9))

@@ -9,7 +9,7 @@ import pytest
 
 from dissertation import QUICK
 from dissertation import chapter_5_identification as chapter
-from eightpost.ident.response import FrequencyResponse
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse
 from eightpost.vehicle import CORNERS
 from eightpost.vehicle.statespace import Channel
 

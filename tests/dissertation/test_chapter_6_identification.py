@@ -10,7 +10,7 @@ import pytest
 from dissertation import QUICK
 from dissertation import chapter_6_identification as chapter
 from dissertation.chapter_6_setup import inputs_of_table, zeroed_table
-from eightpost.ident.response import FrequencyResponse
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse
 from eightpost.vehicle.statespace import Channel
 
 OUTPUTS, MASK = zeroed_table()

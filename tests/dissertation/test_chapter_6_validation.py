@@ -12,7 +12,7 @@ from dissertation import QUICK
 from dissertation import chapter_6_validation as chapter
 from dissertation.rig_bench import EIGHT_POST
 from dissertation.true_cars import TOTAL
-from eightpost.rig.post.car import displacement_modes, force_modes
+from eightpost.rig.geometry import displacement_modes, force_modes
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import CORNERS
 

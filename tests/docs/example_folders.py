@@ -10,7 +10,7 @@ _IDENTIFY = "compares two recipes for minutes: tests/ident_response/test_identif
 
 #: Examples that are not run, by their first words, and why.
 NOT_RUN = {
-    "dyno --configuration 1 --test all": "writes every test of a chapter: tests/rig/test_virtual_dynamometer.py",
+    "dyno --configuration 1 --test all": "writes every test of a chapter: tests/virtual/test_virtual_dynamometer.py",
     "inspect run7.mf4": "needs an MDF record: tests/signals/test_mdf_file.py reads them",
     "inspect rig.csv --map": "needs a channel map of a rig: tests/commands/test_inspect.py",
     "rig --program all": "simulates half an hour of rig tests; the same program is run for identification",

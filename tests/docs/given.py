@@ -45,7 +45,7 @@ tests = [read_dyno_test("examples/data/dyno_A.csv")]
 
 _RIG_TESTS = """
 take("rig")
-from eightpost.rig.post import read_rig_test
+from eightpost.rig import read_rig_test
 tests = [read_rig_test("rig/baseline.parquet")]
 """
 

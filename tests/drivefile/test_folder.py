@@ -12,13 +12,13 @@ from click.testing import CliRunner
 from eightpost.__main__ import main
 from eightpost.drivefile import IterationFolder
 from eightpost.drivefile.page import verdict_of
-from eightpost.rig.post import RigSensors, quarter_truth, run_test
-from eightpost.rig.post.truths import LinearDamper
 from eightpost.signals import Drivefile, TimeSeries, read_series
 from eightpost.signals.formats import write_series
 from eightpost.units import convert
 from eightpost.vehicle import shipped
 from eightpost.verdict import Grade
+from eightpost.virtual import RigSensors, quarter_truth, run_test
+from eightpost.virtual.shocks import LinearDamper
 
 #: The damper of Table 4.1, so that the linear car of the table is the car on the rig.
 DAMPER = "16.67 lbf.s/in"
@@ -177,14 +177,3 @@ def test_the_virtual_rig_takes_the_seed_of_the_car(iteration, tmp_path):
     copy = copy_of(iteration, tmp_path / "copy", 2)
     shown = eightpost("drivefile", "simulate", copy, *RIG, "--car-seed", 4, "--passes", 3, code=2)
     assert "has no random parameters" in shown
-
-
-@pytest.mark.nightly
-def test_an_iteration_that_is_not_accepted_exits_with_1(track, tmp_path):
-    """A stroke of 3 mm cannot reproduce the road."""
-    start = ("drivefile", "start", track, "--car", shipped("quarter_car"), "-o", tmp_path / "lap", "--stroke", "3 mm")
-    assert "road needs a stroke" in eightpost(*start)
-    shown = eightpost("drivefile", "simulate", tmp_path / "lap", *RIG, "--passes", 5, code=1)
-    assert "limit of an actuator" in shown or "the drive is limited" in shown
-    assert "Not usable" in shown or "Unknown" in shown
-    assert IterationFolder.read(tmp_path / "lap").played == 5

@@ -29,12 +29,6 @@ def test_an_exact_response_finds_the_roads_in_one_pass(quarter, problem_of, sett
     )  # slower roads move the whole car, which no channel shows
 
 
-def test_an_exact_response_of_four_wheels_reproduces_the_target_in_one_pass(seven_dof, problem_of, settings):
-    rig, _ = seven_dof
-    outcomes = rig.passes(problem_of(rig, settings), 1)
-    assert totals(outcomes)[0] < 5e-3
-
-
 @pytest.mark.parametrize(("gain", "wrong"), [(1.0, 1.25), (0.5, 1.0), (0.8, 0.7), (0.6, 1.3 * np.exp(0.5j))])
 def test_each_pass_multiplies_the_error_by_one_minus_gain_over_the_error_of_the_response(
     quarter, problem_of, settings, gain, wrong

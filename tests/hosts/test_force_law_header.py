@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from builder.native.toolchain import fmi_headers
+from builder.toolchain import fmi_headers
 from cosim import ExtrapolatedForce, ForceLaw, HeldForce
 from cosim.components.fmu_file import FmuFile
 from eightpost.archive import extract_archive

@@ -26,7 +26,7 @@ import fmpy
 import numpy as np
 import pytest
 
-from builder.native.toolchain import Zig, find_toolchain, fmi_headers, this_platform
+from builder.toolchain import Zig, find_toolchain, fmi_headers, this_platform
 from cosim import FmuComponent
 from eightpost.archive import extract_archive
 from eightpost.cache import cache_folder

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from eightpost.ident.shock.curve import CurveBasis
-from eightpost.ident.shock.lag import lag
-from eightpost.ident.shock.simulation import simulate
-from eightpost.rig.dynamometer import random_multisine
+from eightpost.ident.shock.simulation import lag, simulate
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Port, StaticCurve
 from eightpost.signals import TimeSeries
+from eightpost.virtual.dynamometer import random_multisine
 
 FINE = 20000.0
 INNER = (2600.0, 90.0, -1500.0, 60.0, 700.0, *[0.0] * 10)

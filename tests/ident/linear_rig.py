@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.corners import CORNERS
-from eightpost.rig.post import RigTest
+from eightpost.rig import RigTest
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
-from eightpost.vehicle import StateSpace, add_port_damping, read_vehicle, shipped
+from eightpost.vehicle import add_port_damping, read_vehicle, shipped
 
 Array = NDArray[np.float64]
 
@@ -20,13 +18,13 @@ DAMPING = convert(17.5, "lbf/(in/s)", "N.s/m")
 PORTS = {"quarter_car": ("",), "seven_dof": CORNERS}
 
 
-def car(name: str, damping: Mapping[str, float] | None = None) -> StateSpace:
+def car(name, damping=None):
     """Return a car of the dissertation with linear dampers; `damping` replaces `DAMPING` at its ports."""
     model = read_vehicle(shipped(name)).coupled()  # type: ignore[arg-type]
     return add_port_damping(model, dict.fromkeys(PORTS[name], DAMPING) | dict(damping or {}))
 
 
-def spectrum(samples: int, highest: float, generator: np.random.Generator) -> NDArray[np.complex128]:
+def spectrum(samples, highest, generator):
     """Return a random spectrum, constant up to 2 Hz, decreasing up to `highest` [Hz]; standard deviation 1."""
     lines = np.fft.rfftfreq(samples, 1.0 / RATE)
     shape = np.where((lines > 0.0) & (lines < highest), 1.0 / np.maximum(lines / 2.0, 1.0), 0.0)
@@ -34,16 +32,7 @@ def spectrum(samples: int, highest: float, generator: np.random.Generator) -> ND
     return np.asarray(drawn / np.fft.irfft(drawn, samples).std())
 
 
-def record(
-    name: str,
-    *,
-    seconds: float = 10.0,
-    seed: int = 1,
-    damping: Mapping[str, float] | None = None,
-    active: Sequence[str] = (),
-    size: float = 1.0,
-    noise: float = 1e-3,
-) -> RigTest:
+def record(name, *, seconds=10.0, seed=1, damping=None, active=(), size=1.0, noise=1e-3):
     """Return a random test at 1250 Hz; `noise` is relative to the standard deviation of each channel."""
     model, generator = car(name, damping), np.random.default_rng(seed)
     samples = round(seconds * RATE)

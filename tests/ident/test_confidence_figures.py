@@ -7,16 +7,17 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from eightpost.ident.shock.problem import blocks_of, covariance, covariances, curve_band, quantile, standard_error
-from eightpost.ident.vehicle.common_poles.deviations import (
+from eightpost.ident.shock.problem import blocks_of, covariances, curve_band, quantile
+from eightpost.ident.vehicle.common_poles import (
+    correlated_noise,
     correlation_length,
     response_deviation,
-    sampled_models,
     spread,
     unmodelled,
 )
 from eightpost.ident.vehicle.experiment import Ranges, ranges_of
 from eightpost.ident.vehicle.trust import ForceEstimate
+from eightpost.least_squares import Directions, standard_error
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel, StateSpace
 
@@ -48,29 +49,6 @@ def test_blocks_last_three_tenths_of_a_second_and_are_at_least_twenty(rows, leng
     assert quantile(runs_of(rows)) == pytest.approx(student.ppf(0.975, count - 1), rel=1e-12)
 
 
-def linear_problem(seed=1):
-    """600 rows of a line fit with a correlated residual, and two rows that only stiffen it."""
-    rng = np.random.default_rng(seed)
-    jacobian = rng.normal(size=(602, 3)) * [1.0, 30.0, 1e-3]
-    y = jacobian @ [1.0, -2.0, 500.0] + np.convolve(rng.normal(size=616), np.ones(15), "valid")
-    return jacobian, y
-
-
-def test_the_covariance_is_that_of_fits_without_one_block_each():
-    """Every fit is repeated without one block: the delete-a-block jackknife."""
-    jacobian, y = linear_problem()
-    runs = runs_of((600,))
-    solution = np.linalg.lstsq(jacobian, y, rcond=None)[0]
-    fits = []
-    for block in blocks_of(runs):
-        kept = np.setdiff1d(np.arange(602), np.arange(602)[block])
-        fits.append(np.linalg.lstsq(jacobian[kept], y[kept], rcond=None)[0])
-    apart = np.array(fits) - np.mean(fits, axis=0)
-    expected = (len(fits) - 1) / len(fits) * apart.T @ apart
-    found = covariance(jacobian, (y - jacobian @ solution)[:600], runs)
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
-
-
 def test_half_widths_count_the_change_of_a_fit_without_each_penalty():
     """Every fit is repeated without one of two penalties."""
     generator = np.random.default_rng(4)
@@ -78,26 +56,13 @@ def test_half_widths_count_the_change_of_a_fit_without_each_penalty():
     y = np.append(jacobian[:600] @ np.array([3.0, -2.0, 1.0]) + generator.standard_normal(600), np.zeros(3))
     runs, solution = runs_of((600,)), np.linalg.lstsq(jacobian, y, rcond=None)[0]
     error = jacobian @ solution - y
-    found = covariances(jacobian, error[:600], runs, (error[600:601], error[601:602]))
+    directions = Directions.of(jacobian)
+    found = covariances(directions, error[:600], runs, (error[600:601], error[601:602]))
     without = [np.linalg.lstsq(np.delete(jacobian, k, 0), np.delete(y, k), rcond=None)[0] for k in (600, 601)]
     bias = (np.array(without) - solution) / quantile(runs)
-    difference = found - covariances(jacobian, error[:600], runs)
+    difference = found - covariances(directions, error[:600], runs)
     np.testing.assert_allclose(difference, [bias.T @ bias] * 3, rtol=1e-6, atol=1e-12)
     assert np.abs(bias).max() > 1e-3
-
-
-def test_what_a_record_does_not_determine_has_no_covariance_and_the_rest_keeps_its_own():
-    jacobian, y = linear_problem()
-    residual = (y - jacobian @ np.linalg.lstsq(jacobian, y, rcond=None)[0])[:600]
-    alone = covariance(jacobian, residual, runs_of((600,)))
-    wider = np.column_stack([jacobian, np.zeros(602)])
-    found = covariance(wider, residual, runs_of((600,)))
-    assert np.isnan(found[3]).all()
-    assert np.isnan(found[:, 3]).all()
-    np.testing.assert_allclose(found[:3, :3], alone, rtol=1e-9)
-    twins = covariance(np.column_stack([jacobian, jacobian[:, 0]]), residual, runs_of((600,)))
-    assert np.isnan(twins[[0, 3]]).all()
-    np.testing.assert_allclose(twins[1:3, 1:3], alone[1:, 1:], rtol=1e-9)
 
 
 def test_a_band_has_the_deviation_of_the_sum_that_the_curve_is():
@@ -295,20 +260,10 @@ def test_the_band_of_the_fit_includes_its_edges():
     assert unmodelled(response, model_with(band=(2.1, 5.9)), (), {}) == {}
 
 
-def test_the_requested_number_of_models_is_sampled(monkeypatch):
-    module = "eightpost.ident.vehicle.common_poles.deviations"
-    monkeypatch.setattr(f"{module}._sampled", lambda _, noise: noise)
-    rng = np.random.default_rng(2)
-    shape = (2, 3, 4000)
-    white = rng.normal(size=shape) + 1j * rng.normal(size=shape)
-    misfit = white[..., :3996] + white[..., 1:3997] + white[..., 2:3998]
-    found = SimpleNamespace(
-        points=SimpleNamespace(H=np.zeros(shape), s=np.zeros(4000)),
-        refined=SimpleNamespace(solution=SimpleNamespace(misfit=misfit)),
-    )  # fmt: skip
-    drawn = sampled_models(found, 5, seed=3)
-    assert len(drawn) == 5
-    assert drawn[0].shape == shape
+def test_resampled_noise_has_power_one_and_is_correlated_over_neighbours():
+    generator = np.random.default_rng(3)
+    drawn = [correlated_noise(generator, (2, 3, 4000), 3) for _ in range(5)]
+    assert drawn[0].shape == (2, 3, 4000)
     # Power 1, half of it in each part; correlated over three neighbours: correlations 2/3 and 1/3, then 0.
     noise = np.concatenate([sample.reshape(-1, 4000) for sample in drawn])
     assert np.mean(np.abs(noise) ** 2) == pytest.approx(1.0, abs=0.03)
@@ -325,14 +280,11 @@ def test_a_drift_that_short_blocks_do_not_show_widens_the_interval_of_a_mean():
     """The residual of a mean falls by 60 from start to end."""
     noise, drift = np.random.default_rng(1).normal(size=6000), np.linspace(30.0, -30.0, 6000)
     column, runs, row = np.ones((6000, 1)), runs_of((6000,)), np.ones((1, 1))
-    still, moving = (covariances(column, residual - residual.mean(), runs) for residual in (noise, noise + drift))
+    still, moving = (
+        covariances(Directions.of(column), residual - residual.mean(), runs) for residual in (noise, noise + drift)
+    )
     assert still.shape == moving.shape == (3, 1, 1)
     assert standard_error(row, still)[0] < 2.0 * still[0, 0, 0] ** 0.5
     assert standard_error(row, moving)[0] > 3.0 * moving[0, 0, 0] ** 0.5
     # The true change over the record, 60, is about the width of the interval of quarters: 30 to either side.
     assert quantile(runs) * standard_error(row, moving)[0] == pytest.approx(26.0, abs=4.0)
-
-
-def test_the_widest_of_several_intervals_counts_for_each_value():
-    covariances_of_two = np.array([np.diag([4.0, 1.0]), np.diag([1.0, 9.0])])
-    assert standard_error(np.eye(2), covariances_of_two).tolist() == [2.0, 3.0]

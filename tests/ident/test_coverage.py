@@ -7,10 +7,10 @@ import pytest
 
 from eightpost.ident import fit_shock, simulate
 from eightpost.ident.shock.curve import KnotBasis, curve_forces
-from eightpost.rig.dynamometer import random_multisine
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Lpf1, Lpnl2, Port, law_name, own_parameters
 from eightpost.signals import TimeSeries
+from eightpost.virtual.dynamometer import random_multisine
 
 RATE = 8000.0
 SPEEDS = np.array([-0.5, -0.2, -0.05, 0.05, 0.2, 0.5])

@@ -14,9 +14,10 @@ from fmpy import read_model_description, simulate_fmu
 from builder.build import build
 from eightpost.ident import evaluate, fit_shock, simulate
 from eightpost.ident.shock.runs import prepare
-from eightpost.rig import DynoTest, demo_damper, measure, random_multisine
+from eightpost.rig import DynoTest
 from eightpost.shock import LAWS, write_shock
 from eightpost.signals import TimeSeries
+from eightpost.virtual import demo_damper, measure, random_multisine
 
 
 def record(seed, *, duration):

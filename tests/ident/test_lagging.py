@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from eightpost.ident.shock.lag import RowFilter, lag, lag_sensitivity
-from eightpost.shock.lag import advance
+from eightpost.ident.shock.simulation import RowFilter, lag, lag_sensitivity
+from eightpost.shock.law import advance
 from eightpost.signals import lowpass
 
 forces = arrays(np.float64, 40, elements=st.floats(-3000.0, 3000.0, allow_subnormal=False))

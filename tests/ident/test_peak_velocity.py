@@ -16,8 +16,8 @@ from eightpost.ident import fit_peak_velocity
 from eightpost.ident.shock.curve import curve_forces, curve_through
 from eightpost.ident.shock.peak_velocity import fit_tables
 from eightpost.rig import PeakVelocityTable
-from eightpost.rig.synthetic import demo_damper
 from eightpost.shock import read_shock, write_shock
+from eightpost.virtual.shocks import demo_damper
 
 SPEED = np.array([0.0254, 0.0508, 0.1016, 0.127, 0.1905, 0.254])
 

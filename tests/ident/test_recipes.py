@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from eightpost.ident import evaluate, fit_shock
-from eightpost.rig.dynamometer import measure, random_multisine
 from eightpost.rig.dyno_test import DynoTest, read_dyno_test
-from eightpost.rig.synthetic import demo_damper
+from eightpost.virtual.dynamometer import measure, random_multisine
+from eightpost.virtual.shocks import demo_damper
 
 pytestmark = pytest.mark.nightly
 

@@ -9,12 +9,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from eightpost.checks.dyno import fault
 from eightpost.ident import fit_shock
-from eightpost.ident.shock.cross_validation import CrossValidation, HeldOutErrors
+from eightpost.ident.shock.law_fit import CrossValidation, HeldOutErrors
 from eightpost.ident.shock.runs import StrokeRange, prepare_runs, strokes
 from eightpost.ident.shock.verdict import peak_velocity_validity, shock_validity
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.rig.plausibility_rules import LATE
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade
 
@@ -88,7 +88,7 @@ def test_a_test_of_one_frequency_is_at_most_usable_within_limits(motions):
 
 @pytest.mark.parametrize(("low", "is_reported"), [(0.0067, True), (0.0066, False), (None, True)])
 def test_a_late_force_counts_if_it_turns_a_tenth_of_the_force_or_is_not_known_again(low, is_reported, monkeypatch):
-    late = LATE.reason("late", figure="by 12 ms", origin="a")
+    late = fault("late force", "late", "by 12 ms").reason("a")
     tests, runs = judged_records(*THREE_TESTS)
     tests = [replace(test, reasons=(late,)) for test in tests]
     frequency = StrokeRange.of(runs.prepared).frequency[1]

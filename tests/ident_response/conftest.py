@@ -6,18 +6,18 @@ import pytest
 
 from eightpost.corners import CORNERS
 
-from .rig_tests import Rig, rig
+from .rig_tests import rig
 
 
 @pytest.fixture(scope="session")
-def quarter_car() -> Rig:
+def quarter_car():
     """Quarter car of Table 4.1, 100 s: a test with the baseline shock and one with another shock."""
     outputs = ("velocity", "tire_force", "ride_height", "hub_acceleration", "chassis_position")
     return rig("quarter_car", 100.0, {"road": 0.004, "aero_force": 400.0}, outputs)
 
 
 @pytest.fixture(scope="session")
-def seven_dof() -> Rig:
+def seven_dof():
     """Seven-DOF car of Table 5.1, 100 s: a baseline test, then a test with another shock at each corner in turn."""
     sizes = {f"{corner}.road": 0.004 for corner in CORNERS}
     sizes |= {"heave_force": 1000.0, "roll_moment": 600.0, "pitch_moment": 1000.0}

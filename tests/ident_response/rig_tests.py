@@ -32,15 +32,15 @@ class Rig(NamedTuple):
     damping: Mapping[str, float]
 
     @property
-    def inputs(self) -> tuple[str, ...]:
+    def inputs(self):
         return self.rig + self.forces
 
     @property
-    def truth(self) -> StateSpace:
+    def truth(self):
         """Exact model around the baseline damping, with the channels of the estimates."""
         return add_port_damping(self.model, self.damping).select(inputs=self.inputs, outputs=self.outputs)
 
-    def input_power(self, frequency: Array, width: float = 0.2) -> Array:
+    def input_power(self, frequency, width=0.2):
         """Return the power of each input around each frequency, summed over all records."""
         total = np.zeros((len(self.inputs), frequency.size))
         for record in self.records:
@@ -57,7 +57,7 @@ class Rig(NamedTuple):
         return total
 
 
-def noise(generator: np.random.Generator, samples: int, rate: float, highest: float = HIGHEST) -> Array:
+def noise(generator, samples, rate, highest=HIGHEST):
     """Return white noise up to `highest` [Hz], not periodic in the samples."""
     lines = np.fft.rfftfreq(2 * samples, 1.0 / rate)
     spectrum = generator.normal(size=lines.size) + 1j * generator.normal(size=lines.size)
@@ -66,7 +66,7 @@ def noise(generator: np.random.Generator, samples: int, rate: float, highest: fl
     return np.asarray(values / values.std())
 
 
-def respond(model: StateSpace, u: Array, rate: float, every: int) -> Array:
+def respond(model, u, rate, every):
     """Return every n-th sample of a model's outputs, from rest, for inputs (m, N) that are linear between samples."""
     h = 1.0 / rate
     poles, V = np.linalg.eig(model.A)
@@ -84,7 +84,7 @@ def respond(model: StateSpace, u: Array, rate: float, every: int) -> Array:
     return np.asarray(y.real)
 
 
-def rig_test(model: StateSpace, damping: Mapping[str, float], drive: Mapping[str, Array]) -> TimeSeries:
+def rig_test(model, damping, drive):
     """Return a test with linear shocks: the drive, all outputs and the shock forces, at `RATE`."""
     loop = add_port_damping(model, damping)
     samples = next(iter(drive.values())).size
@@ -99,7 +99,7 @@ def rig_test(model: StateSpace, damping: Mapping[str, float], drive: Mapping[str
     return TimeSeries.from_channels(np.arange(y.shape[1]) / RATE, channels)
 
 
-def rig(name: str, seconds: float, sizes: Mapping[str, float], outputs: tuple[str, ...]) -> Rig:
+def rig(name, seconds, sizes, outputs):
     model = read_vehicle(shipped(name)).coupled()  # type: ignore[arg-type]
     generator = np.random.default_rng(4)
     samples = round(seconds * FINE)

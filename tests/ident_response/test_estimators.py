@@ -6,50 +6,40 @@ import numpy as np
 import pytest
 
 from eightpost.errors import InputError
-from eightpost.ident.response import (
-    H1,
-    Blocks,
-    FrequencyResponse,
-    LocalPolynomial,
-    Recipe,
-    SameDrive,
-    contribution_error,
-    estimate_response,
-    response_of,
-)
-
-from .rig_tests import Rig
+from eightpost.ident.vehicle.estimators import H1, LocalPolynomial, SameDrive, estimate_response
+from eightpost.ident.vehicle.frequency_response import contribution_error, response_of
+from eightpost.ident.vehicle.records import Blocks
 
 
-def _estimate(rig: Rig, recipe: Recipe) -> FrequencyResponse:
+def _estimate(rig, recipe):
     found = estimate_response(
         rig.records, inputs=rig.inputs, outputs=rig.outputs, recipe=recipe, baseline_damping=rig.damping
     )
     return found.band(0.3, 25.0)
 
 
-def _errors(rig: Rig, found: FrequencyResponse) -> np.ndarray:
+def _errors(rig, found):
     return contribution_error(found, response_of(rig.truth, found.frequency), rig.input_power(found.frequency))
 
 
-def test_the_local_polynomial_method_is_within_a_tenth_of_a_percent_for_the_quarter_car(quarter_car: Rig) -> None:
+def test_the_local_polynomial_method_is_within_a_tenth_of_a_percent_for_the_quarter_car(quarter_car):
     assert _errors(quarter_car, _estimate(quarter_car, LocalPolynomial(degree=4, spacing=0.1))).max() < 1e-3
 
 
-def test_the_local_polynomial_method_is_within_half_a_percent_for_the_seven_dof_car(seven_dof: Rig) -> None:
+def test_the_local_polynomial_method_is_within_half_a_percent_for_the_seven_dof_car(seven_dof):
     assert _errors(seven_dof, _estimate(seven_dof, LocalPolynomial(spacing=0.2))).max() < 5e-3
 
 
 @pytest.mark.repeated
 @pytest.mark.parametrize("window", ["hann", "hamming"])
-def test_the_leakage_of_windowed_blocks_decreases_with_their_length(quarter_car: Rig, window: str) -> None:
+def test_the_leakage_of_windowed_blocks_decreases_with_their_length(quarter_car, window):
     lengths = (2.5, 5.0, 10.0, 20.0)
     errors = [_errors(quarter_car, _estimate(quarter_car, H1(Blocks(length, window)))).max() for length in lengths]
     assert errors == sorted(errors, reverse=True)
     assert errors[-1] < 0.25 * errors[0]
 
 
-def test_short_windows_overestimate_damping(quarter_car: Rig) -> None:
+def test_short_windows_overestimate_damping(quarter_car):
     found = _estimate(quarter_car, H1(Blocks(4.0, "hamming")))
     near = np.abs(found.frequency - 3.04) < 0.13
     truth = response_of(quarter_car.truth, found.frequency)
@@ -57,19 +47,19 @@ def test_short_windows_overestimate_damping(quarter_car: Rig) -> None:
     assert np.abs(measured).max() < 0.97 * np.abs(exact).max()
 
 
-def test_the_estimate_from_one_drive_agrees_with_the_global_one(quarter_car: Rig) -> None:
+def test_the_estimate_from_one_drive_agrees_with_the_global_one(quarter_car):
     blocks = Blocks(10.0)
     recipes = (SameDrive(H1(blocks), ("force",)), H1(blocks))
     errors, together = (_errors(quarter_car, _estimate(quarter_car, r)).max() for r in recipes)
     assert errors < 3.0 * together
 
 
-def test_the_two_experiment_method_with_local_polynomials_is_within_half_a_percent(quarter_car: Rig) -> None:
+def test_the_two_experiment_method_with_local_polynomials_is_within_half_a_percent(quarter_car):
     recipe = SameDrive(LocalPolynomial(spacing=0.1), ("force",))
     assert _errors(quarter_car, _estimate(quarter_car, recipe)).max() < 5e-3
 
 
-def test_forces_of_linear_shocks_alone_are_rejected_as_dependent(quarter_car: Rig) -> None:
+def test_forces_of_linear_shocks_alone_are_rejected_as_dependent(quarter_car):
     with pytest.raises(InputError, match="depend linearly"):
         estimate_response(
             quarter_car.records[:1],
@@ -77,10 +67,3 @@ def test_forces_of_linear_shocks_alone_are_rejected_as_dependent(quarter_car: Ri
             outputs=quarter_car.outputs,
             recipe=LocalPolynomial(spacing=0.2),
         )
-
-
-@pytest.mark.nightly
-def test_errors_of_local_polynomials_are_a_tenth_of_those_of_windows_on_short_tests(seven_dof: Rig) -> None:
-    # All five tests have the same drive, so blocks of 10 s give only 19 independent blocks for 7 inputs.
-    windowed, local = (_estimate(seven_dof, recipe) for recipe in (H1(Blocks(10.0)), LocalPolynomial(spacing=0.2)))
-    assert 10.0 * _errors(seven_dof, local).max() < _errors(seven_dof, windowed).max() < 0.1

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import CliRunner
 
 from eightpost.__main__ import main
 from eightpost.ident.vehicle.vehicle_fit import read_fit
-from eightpost.rig.post import RigTest
+from eightpost.rig import RigTest
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import read_vehicle
 
-from .rig_tests import BASELINE, Rig
+from .rig_tests import BASELINE
 
 
 @pytest.fixture(scope="module")
-def files(quarter_car: Rig, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+def files(quarter_car, tmp_path_factory):
     """Rig files of the first 50 s of the quarter car's two tests."""
     folder = tmp_path_factory.mktemp("rig")
     found = []
@@ -29,19 +28,19 @@ def files(quarter_car: Rig, tmp_path_factory: pytest.TempPathFactory) -> list[Pa
     return found[::-1]
 
 
-def _identify(*words: object) -> Result:
+def _identify(*words):
     return CliRunner().invoke(main, ["identify", *[str(word) for word in words]])
 
 
 @pytest.fixture(scope="module")
-def done(files: list[Path], tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, Path]:
+def done(files, tmp_path_factory):
     car = tmp_path_factory.mktemp("out") / "corner.json"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("eightpost.app.progress.INTERVAL", 0.0)
         return _identify(*files, "-o", car), car
 
 
-def test_two_files_give_a_vehicle_with_fit_and_plots(done: tuple[Result, Path]) -> None:
+def test_two_files_give_a_vehicle_with_fit_and_plots(done):
     result, car = done
     assert result.exit_code == 0, result.output
     fit = read_fit(car)
@@ -51,7 +50,7 @@ def test_two_files_give_a_vehicle_with_fit_and_plots(done: tuple[Result, Path]) 
     }
 
 
-def test_the_progress_moves_from_the_first_file_on_and_has_no_long_standstill(done: tuple[Result, Path]) -> None:
+def test_the_progress_moves_from_the_first_file_on_and_has_no_long_standstill(done):
     result, _ = done
     before, after = result.output.split("decimated to")
     shares = [[int(share) for share in re.findall(r"identifying: (\d+)%", text)] for text in (before, after)]
@@ -61,14 +60,14 @@ def test_the_progress_moves_from_the_first_file_on_and_has_no_long_standstill(do
     assert steps.size > 30 and steps.max() <= 20
 
 
-def test_the_baseline_does_not_depend_on_the_order_of_the_files(done: tuple[Result, Path]) -> None:
+def test_the_baseline_does_not_depend_on_the_order_of_the_files(done):
     result, car = done
     assert "baseline baseline.parquet" in result.output
     # At 250 Hz, central differences give velocities that are 1 % low at 10 Hz and 9 % low at 30 Hz.
     assert read_fit(car).vehicle.baseline_damping[""] == pytest.approx(BASELINE, rel=0.05)
 
 
-def test_decisions_are_printed(done: tuple[Result, Path]) -> None:
+def test_decisions_are_printed(done):
     for said in (
         "decimated to 125 Hz",
         "misfit of the",
@@ -83,7 +82,7 @@ def test_decisions_are_printed(done: tuple[Result, Path]) -> None:
 
 
 @pytest.mark.nightly
-def test_a_preparation_file_replaces_rate_and_settling(files: list[Path], tmp_path: Path) -> None:
+def test_a_preparation_file_replaces_rate_and_settling(files, tmp_path):
     (tmp_path / "prep.toml").write_text('rate = "62.5 Hz"\nsettling = "4 s"\n')
     result = _identify(
         *files,
@@ -100,7 +99,7 @@ def test_a_preparation_file_replaces_rate_and_settling(files: list[Path], tmp_pa
     assert "decimated to 62.5 Hz" in " ".join(result.output.split())
 
 
-def test_the_input_of_a_coupled_identified_vehicle_is_the_whole_shock_force(done: tuple[Result, Path]) -> None:
+def test_the_input_of_a_coupled_identified_vehicle_is_the_whole_shock_force(done):
     vehicle = read_vehicle(done[1])
     frequency = np.arange(2.0, 5.0, 0.01)
     peaks = [
@@ -122,7 +121,7 @@ def test_the_input_of_a_coupled_identified_vehicle_is_the_whole_shock_force(done
         (lambda files: [*files, "--output-channels", "spin"], "no output spin"),
     ],
 )
-def test_unusable_arguments_exit_2_with_the_reason(files: list[Path], tmp_path: Path, words, said: str) -> None:
+def test_unusable_arguments_exit_2_with_the_reason(files, tmp_path, words, said):
     given = words(files)
     output = [] if "-o" in given else ["-o", tmp_path / "car.json"]
     result = _identify(*given, *output)
@@ -132,7 +131,7 @@ def test_unusable_arguments_exit_2_with_the_reason(files: list[Path], tmp_path: 
 
 
 @pytest.mark.nightly
-def test_a_model_far_from_its_data_exits_1(quarter_car: Rig, tmp_path: Path) -> None:
+def test_a_model_far_from_its_data_exits_1(quarter_car, tmp_path):
     generator = np.random.default_rng(3)
     for name, record in zip(("a", "b"), quarter_car.records, strict=True):
         wild = record["tire_force"].std() * generator.standard_normal(len(record))

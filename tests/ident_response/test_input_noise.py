@@ -7,16 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eightpost.ident.response import H1, LocalPolynomial
-from eightpost.ident.response.estimators import input_noise
-from eightpost.ident.response.records import Record, Records
+from eightpost.ident.vehicle.estimators import H1, LocalPolynomial, input_noise
+from eightpost.ident.vehicle.records import Record, Records
 from eightpost.vehicle import Channel
 
 RATE, COUNT = 125.0, 50_000
 INPUTS = (Channel("road", "m"), Channel("force", "N"))
 
 
-def records(noise: float, *, seed: int = 3) -> Records:
+def records(noise, *, seed=3):
     """Return a test with a gain of 2 from road and 3 from force, driven below 30 Hz, with white noise on the inputs.
 
     The force follows the road, apart from a tenth of its amplitude.
@@ -31,11 +30,11 @@ def records(noise: float, *, seed: int = 3) -> Records:
     return Records((Record(u, y[None]),), RATE, INPUTS, (Channel("y", "m"),))
 
 
-def test_without_noise_there_is_no_bias() -> None:
+def test_without_noise_there_is_no_bias():
     assert max(input_noise(records(0.0), (1.0, 25.0)).bias.values()) < 1e-6
 
 
-def test_the_stated_bias_is_that_of_noise_in_the_force_only() -> None:
+def test_the_stated_bias_is_that_of_noise_in_the_force_only():
     """Compare with the estimate: the force's own part is small, so its noise matters and that of the road does not."""
     plain, noise = records(0.0), 0.04
     u = plain.tests[0].u.copy()
@@ -50,14 +49,14 @@ def test_the_stated_bias_is_that_of_noise_in_the_force_only() -> None:
     assert stated["road"] < 1e-3
 
 
-def test_frequencies_without_drive_do_not_count() -> None:
+def test_frequencies_without_drive_do_not_count():
     noisy = records(0.02)
     driven, all_of_them = (input_noise(noisy, (1.0, high)).bias for high in (28.0, 0.5 * RATE))
     assert all_of_them == pytest.approx(driven, rel=0.1)
 
 
 @pytest.mark.parametrize(("recipe", "name"), [(LocalPolynomial(), "local polynomials"), (H1(None), "H1")])
-def test_the_sentence_names_the_estimator_and_the_direction_of_its_bias(recipe, name) -> None:
+def test_the_sentence_names_the_estimator_and_the_direction_of_its_bias(recipe, name):
     noise = input_noise(records(0.01), (1.0, 25.0))
     sentence = noise.summary(recipe)
     assert sentence.startswith(f"Estimator: {name}")

@@ -7,19 +7,19 @@ import pytest
 from scipy.signal import residue
 
 from eightpost.errors import InputError, ParameterError, TooShortError
-from eightpost.ident.response import FrequencyResponse, response_of
-from eightpost.ident.vehicle import (
+from eightpost.ident.vehicle.frequency_response import response_of
+from eightpost.ident.vehicle.simulation import simulate_with_shocks
+from eightpost.ident.vehicle.siso_models import (
     BandWeights,
     RationalFit,
     SisoFits,
     TransferFunction,
     has_direct_term,
     parallel_model,
-    simulate_with_shocks,
 )
 from eightpost.shock import Polylinear, StaticCurve
 from eightpost.signals import TimeSeries
-from eightpost.vehicle import Channel, IdentifiedVehicle, add_port_damping, discretise, read_vehicle, shipped
+from eightpost.vehicle import Channel, IdentifiedVehicle, add_port_damping, read_vehicle, shipped
 
 from .rig_tests import ALTERNATE, BASELINE, noise, respond
 
@@ -27,11 +27,11 @@ F = np.arange(0.2, 25.0, 0.05)
 EVERYWHERE = BandWeights(((0.0, 100.0, 1.0),))
 
 
-def _quarter_car() -> FrequencyResponse:
+def _quarter_car():
     return response_of(add_port_damping(read_vehicle(shipped("quarter_car")).coupled(), {"": BASELINE}), F)
 
 
-def _linear_shock(rate: float) -> Polylinear:
+def _linear_shock(rate):
     """Return a linear shock, F = rate v."""
     speed = 0.4
     inner = (rate * speed, *[0.0] * 14)
@@ -40,7 +40,7 @@ def _linear_shock(rate: float) -> Polylinear:
     return Polylinear(StaticCurve(inner, line, rebound, speed, 0.01, 5.0, 5.0, rate, rate))
 
 
-def test_known_polynomials_are_recovered_to_rounding() -> None:
+def test_known_polynomials_are_recovered_to_rounding():
     b, a = [2.0, 300.0, 4e4], [1.0, 8.0, 900.0, 1500.0]
     s = 2j * np.pi * F
     fit = RationalFit(3, 2).fit(F, np.polyval(b, s) / np.polyval(a, s), np.ones(F.size))
@@ -51,13 +51,13 @@ def test_known_polynomials_are_recovered_to_rounding() -> None:
     np.testing.assert_allclose(fit.residues[order], residues[expected], rtol=1e-9)
 
 
-def test_every_path_of_the_quarter_car_is_recovered_to_rounding() -> None:
+def test_every_path_of_the_quarter_car_is_recovered_to_rounding():
     for path in _quarter_car().H.reshape(-1, F.size):
         fit = RationalFit(4, 4).fit(F, path, np.ones(F.size))
         assert np.abs(fit.frequency_response(F) - path).max() < 1e-10 * np.abs(path).max()
 
 
-def test_the_output_error_does_not_exceed_that_of_the_initial_reweighted_fit() -> None:
+def test_the_output_error_does_not_exceed_that_of_the_initial_reweighted_fit():
     generator = np.random.default_rng(3)
     path = _quarter_car().between("tire_force", "road")
     noisy = path * (1.0 + 0.1 * (generator.normal(size=F.size) + 1j * generator.normal(size=F.size)))
@@ -68,14 +68,14 @@ def test_the_output_error_does_not_exceed_that_of_the_initial_reweighted_fit() -
     assert errors[1] <= errors[0]
 
 
-def test_fits_of_pure_noise_are_stable() -> None:
+def test_fits_of_pure_noise_are_stable():
     generator = np.random.default_rng(5)
     for _ in range(5):
         wild = generator.normal(size=F.size) + 1j * generator.normal(size=F.size)
         assert (RationalFit(8, 7).fit(F, wild, np.ones(F.size)).poles.real < 0.0).all()
 
 
-def test_frequencies_without_weight_have_no_effect() -> None:
+def test_frequencies_without_weight_have_no_effect():
     path = _quarter_car().between("velocity", "road").copy()
     path[F > 20.0] = 1e6
     fit = RationalFit(4, 4).fit(F, path, BandWeights(((0.0, 20.0, 1.0),)).at(F))
@@ -83,7 +83,7 @@ def test_frequencies_without_weight_have_no_effect() -> None:
     assert np.abs(fit.frequency_response(F) - path)[below].max() < 1e-9 * np.abs(path[below]).max()
 
 
-def test_the_parallel_realisation_equals_the_transfer_functions_at_every_frequency() -> None:
+def test_the_parallel_realisation_equals_the_transfer_functions_at_every_frequency():
     response = _quarter_car().select(outputs=["velocity", "tire_force"])
     paths: dict[tuple[str, str], TransferFunction] = {}
     for i, output in enumerate(response.output_names):
@@ -94,7 +94,7 @@ def test_the_parallel_realisation_equals_the_transfer_functions_at_every_frequen
     np.testing.assert_allclose(model.frequency_response(F), response.H, rtol=1e-9, atol=1e-14)
 
 
-def test_degrees_that_cannot_be_simulated_and_too_few_frequencies_are_rejected() -> None:
+def test_degrees_that_cannot_be_simulated_and_too_few_frequencies_are_rejected():
     with pytest.raises(ParameterError, match="numerator"):
         RationalFit(3, 4)
     with pytest.raises(TooShortError, match="coefficients"):
@@ -102,21 +102,21 @@ def test_degrees_that_cannot_be_simulated_and_too_few_frequencies_are_rejected()
 
 
 @pytest.mark.parametrize("name", ["quarter_car", "seven_dof"])
-def test_direct_terms_predicted_from_names_are_those_of_the_models(name: str) -> None:
+def test_direct_terms_predicted_from_names_are_those_of_the_models(name):
     model = read_vehicle(shipped(name)).coupled()  # type: ignore[arg-type]
     direct = model.direct_terms()
     predicted = np.array([[has_direct_term(o, i) for i in model.input_names] for o in model.output_names])
     np.testing.assert_array_equal(predicted, direct)
 
 
-def _identified() -> IdentifiedVehicle:
+def _identified():
     weights = dict.fromkeys(("road", "aero_force", "force"), EVERYWHERE)
     fits = SisoFits((4,), tolerance=1e-6, weights=weights).fit(_quarter_car())
     return IdentifiedVehicle("identified", fits.model, {"": BASELINE})
 
 
 @pytest.mark.nightly
-def test_feedback_of_the_force_difference_changes_the_shock_of_an_identified_car() -> None:
+def test_feedback_of_the_force_difference_changes_the_shock_of_an_identified_car():
     rate = 1000.0
     road = 0.004 * noise(np.random.default_rng(8), 10_000, rate, 20.0)
     drive = TimeSeries.from_channels(np.arange(road.size) / rate, {"road": ("m", road)})
@@ -131,18 +131,7 @@ def test_feedback_of_the_force_difference_changes_the_shock_of_an_identified_car
     np.testing.assert_allclose(found["force"], ALTERNATE * found["velocity"], rtol=1e-6, atol=1e-6)
 
 
-@pytest.mark.nightly
-def test_a_discrete_model_with_its_baseline_shock_responds_as_identified() -> None:
-    dt = 0.004
-    vehicle = IdentifiedVehicle("discrete", discretise(_identified().state_space, dt, "zero"), {"": BASELINE})
-    road = 0.004 * noise(np.random.default_rng(8), 2000, 1.0 / dt, 20.0)
-    drive = TimeSeries.from_channels(np.arange(road.size) * dt, {"road": ("m", road)})
-    found = simulate_with_shocks(vehicle, {"": _linear_shock(BASELINE)}, drive)
-    alone = simulate_with_shocks(IdentifiedVehicle("no port", vehicle.state_space, {}), {}, drive)
-    np.testing.assert_allclose(found["tire_force"], alone["tire_force"], atol=1e-6 * found["tire_force"].std())
-
-
-def test_a_drive_with_unknown_channels_is_rejected() -> None:
+def test_a_drive_with_unknown_channels_is_rejected():
     drive = TimeSeries.from_channels(np.arange(100) * 0.001, {"lf.road": ("m", np.zeros(100))})
     with pytest.raises(InputError, match=r"lf\.road"):
         simulate_with_shocks(_identified(), {}, drive)
@@ -150,7 +139,7 @@ def test_a_drive_with_unknown_channels_is_rejected() -> None:
         simulate_with_shocks(_identified(), {"lf": _linear_shock(1.0)}, drive)
 
 
-def test_a_velocity_with_a_direct_term_from_its_own_force_is_rejected() -> None:
+def test_a_velocity_with_a_direct_term_from_its_own_force_is_rejected():
     one = TransferFunction(np.array([-1.0 + 0j]), np.array([1.0 + 0j]), 0.5)
     model = parallel_model({("velocity", "force"): one}, [Channel("force", "N")], [Channel("velocity", "m/s")])
     drive = TimeSeries(np.arange(100) * 0.001, np.empty((0, 100)), (), ())

@@ -10,11 +10,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from eightpost.errors import FmuError, InputError, ParameterError, StepError
-from eightpost.ident.response import FrequencyResponse, response_of
-from eightpost.ident.response.frequency_response import Preconditioning
-from eightpost.ident.vehicle import parallel_model, simulate_with_shocks
-from eightpost.ident.vehicle.many_setups import ManySetups
-from eightpost.ident.vehicle.siso_models import TransferFunction, balance
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, Preconditioning
+from eightpost.ident.vehicle.simulation import ManySetups, simulate_with_shocks
+from eightpost.ident.vehicle.siso_models import TransferFunction, balance, parallel_model
 from eightpost.shock import Lpf1, Lpnl2
 from eightpost.shock.file import read_shock
 from eightpost.signals import TimeSeries
@@ -27,13 +25,13 @@ RATE = 1250.0
 BANK = Path(__file__).resolve().parents[2] / "examples" / "bank"
 
 
-def _copies(count: int) -> dict[tuple[str, str], TransferFunction]:
+def _copies(count):
     """Return transfer functions of one mode to several outputs, as if each output had its own mode."""
     poles = np.array([-2.0 + 20.0j, -2.0 - 20.0j])
     return {(f"y{k}", "u"): TransferFunction(poles, (k + 1.0) * np.array([1 - 2j, 1 + 2j]), 0.1) for k in range(count)}
 
 
-def test_reduction_merges_copies_of_one_mode() -> None:
+def test_reduction_merges_copies_of_one_mode():
     outputs = [Channel(f"y{k}", "m") for k in range(5)]
     model = parallel_model(_copies(5), [Channel("u", "N")], outputs)
     found = balance(model, np.array([1e3]), np.full(5, 1e-6))
@@ -47,7 +45,7 @@ def test_reduction_merges_copies_of_one_mode() -> None:
     assert (reduced.poles().real < 0.0).all()
 
 
-def test_the_truncation_error_is_below_twice_the_sum_of_the_omitted_hankel_values() -> None:
+def test_the_truncation_error_is_below_twice_the_sum_of_the_omitted_hankel_values():
     generator = np.random.default_rng(2)
     paths = {}
     for k in range(6):
@@ -64,7 +62,7 @@ def test_the_truncation_error_is_below_twice_the_sum_of_the_omitted_hankel_value
         assert np.linalg.norm(wrong[:, 0], axis=0).max() <= bound * (1.0 + 1e-6)
 
 
-def test_a_path_with_low_coherence_is_extrapolated_with_decreasing_magnitude() -> None:
+def test_a_path_with_low_coherence_is_extrapolated_with_decreasing_magnitude():
     frequency = np.arange(1, 400) * 0.05
     H = 100.0 / (2.0 + 2j * np.pi * frequency) ** 2
     generator = np.random.default_rng(1)
@@ -82,27 +80,20 @@ def test_a_path_with_low_coherence_is_extrapolated_with_decreasing_magnitude() -
     assert "extrapolated" in notes[0]
 
 
-def test_paths_are_zeroed_on_request() -> None:
-    response = response_of(read_vehicle(shipped("quarter_car")).coupled(), np.arange(1, 300) * 0.1)
-    found, notes = Preconditioning(zeroed=(("velocity", "aero_force"),)).apply(response)
-    assert not found.between("velocity", "aero_force").any()
-    assert "1 of" in notes[-1]
-
-
 @pytest.fixture(scope="module")
-def car() -> IdentifiedVehicle:
+def car():
     model = add_port_damping(read_vehicle(shipped("quarter_car")).coupled(), {"": BASELINE})
     return IdentifiedVehicle("car", model, {"": BASELINE})
 
 
 @pytest.fixture(scope="module")
-def drive() -> TimeSeries:
+def drive():
     road = 0.004 * noise(np.random.default_rng(8), 1500, RATE, 20.0)
     return TimeSeries.from_channels(np.arange(road.size) / RATE, {"road": ("m", road - road.mean())})
 
 
 @pytest.fixture(scope="module")
-def bank() -> list[Lpf1 | Lpnl2]:
+def bank():
     """Two shipped builds, one of them with a gas spring and a constant lag that is long compared with the steps."""
     first, second = (read_shock(BANK / f"{name}.json").law for name in ("AA_AA", "C_B"))
     assert isinstance(first, Lpnl2)
@@ -114,9 +105,7 @@ def bank() -> list[Lpf1 | Lpnl2]:
 
 
 @pytest.mark.slow
-def test_a_setup_among_many_responds_as_it_does_alone(
-    car: IdentifiedVehicle, drive: TimeSeries, bank: list[Lpf1 | Lpnl2]
-) -> None:
+def test_a_setup_among_many_responds_as_it_does_alone(car, drive, bank):
     together = ManySetups(car, bank, drive).run([[0], [1], [0]])
     np.testing.assert_array_equal(together[0], together[2])
     for place, law in enumerate(bank):
@@ -127,16 +116,12 @@ def test_a_setup_among_many_responds_as_it_does_alone(
             assert together[place, row].std() == pytest.approx(alone[name].std(), rel=1e-3)
 
 
-def test_outputs_are_stored_at_every_nth_sample(
-    car: IdentifiedVehicle, drive: TimeSeries, bank: list[Lpf1 | Lpnl2]
-) -> None:
+def test_outputs_are_stored_at_every_nth_sample(car, drive, bank):
     every, fifth = (ManySetups(car, bank, drive, step).run([[0]]) for step in (1, 5))
     np.testing.assert_array_equal(fifth, every[..., ::5])
 
 
-def test_smooth_friction_acts_as_a_linear_damper(
-    car: IdentifiedVehicle, drive: TimeSeries, bank: list[Lpf1 | Lpnl2]
-) -> None:
+def test_smooth_friction_acts_as_a_linear_damper(car, drive, bank):
     # If the smoothing velocity is far above that of the motion, friction is a linear damper F_c / v_f.
     with_friction = replace(car, friction={"": Friction(50_000.0, 100.0)})
     found = ManySetups(with_friction, bank, drive).run([[0]])[0]
@@ -146,9 +131,7 @@ def test_smooth_friction_acts_as_a_linear_damper(
     np.testing.assert_allclose(found.std(axis=1), expected.std(axis=1), rtol=2e-3)
 
 
-def test_setups_that_cannot_be_simulated_together_are_rejected(
-    car: IdentifiedVehicle, drive: TimeSeries, bank: list[Lpf1 | Lpnl2]
-) -> None:
+def test_setups_that_cannot_be_simulated_together_are_rejected(car, drive, bank):
     with pytest.raises(InputError, match="each setup needs one shock"):
         ManySetups(car, bank, drive).run([[0, 1]])
     wrong = TimeSeries.from_channels(drive.time, {"lf.road": ("m", drive["road"])})
@@ -160,20 +143,18 @@ def test_setups_that_cannot_be_simulated_together_are_rejected(
 
 
 @pytest.fixture
-def pushed(drive: TimeSeries) -> TimeSeries:
+def pushed(drive):
     """The drive with a force at the port in addition to the shock, with a mean that has no effect."""
     force = 200.0 + 300.0 * np.sin(2.0 * np.pi * 4.0 * drive.time)
     return drive.with_channel("force", "N", force)
 
 
-def test_without_a_compiler_setups_run_step_by_step(
-    car: IdentifiedVehicle, pushed: TimeSeries, bank: list[Lpf1 | Lpnl2], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_compiler_setups_run_step_by_step(car, pushed, bank, monkeypatch):
     rubbing = replace(car, friction={"": Friction(30.0, 0.01, Bristle(100.0, 1e-4, 1.1, 0.01), 1e5)})
     short = pushed.window(0.0, 0.3)
     compiled = ManySetups(rubbing, bank, short, 2).run([[0], [1]])
 
-    def none(*_: object, **__: object) -> bytes:
+    def none(*_, **__):
         raise FmuError("no C compiler was found")
 
     monkeypatch.setattr("eightpost.machine.run.compiled", none)
@@ -183,9 +164,7 @@ def test_without_a_compiler_setups_run_step_by_step(
     assert np.delete(error, car.state_space.output_names.index("hub_acceleration"), axis=1).max() < 2e-3
 
 
-def test_the_port_of_a_car_without_displacement_has_no_gas_spring(
-    car: IdentifiedVehicle, drive: TimeSeries, bank: list[Lpf1 | Lpnl2]
-) -> None:
+def test_the_port_of_a_car_without_displacement_has_no_gas_spring(car, drive, bank):
     kept = [name for name in car.state_space.output_names if name != "displacement"]
     blind = replace(car, state_space=car.state_space.select(outputs=kept))
     without = replace(bank[1], port=replace(bank[1].port, gas_stiffness=0.0))
@@ -195,9 +174,7 @@ def test_the_port_of_a_car_without_displacement_has_no_gas_spring(
     assert np.std(seen[0] - seen[1]) > 1e-3 * seen[1].std()
 
 
-def test_shocks_that_are_too_stiff_for_the_step_and_growing_motions_are_step_errors(
-    car: IdentifiedVehicle, drive: TimeSeries, bank: list[Lpf1 | Lpnl2]
-) -> None:
+def test_shocks_that_are_too_stiff_for_the_step_and_growing_motions_are_step_errors(car, drive, bank):
     for scale in (20.0, 400.0):  # the forces of a step do not converge, or the motion diverges
         stiff = replace(bank[0], port=replace(bank[0].port, rebound_scale=scale))
         with pytest.raises(StepError, match="resample the drive"):
@@ -207,9 +184,7 @@ def test_shocks_that_are_too_stiff_for_the_step_and_growing_motions_are_step_err
         ManySetups(growing, bank, drive).run([[0]])
 
 
-def test_a_setup_with_a_steep_lagged_shock_moves_as_its_differential_equations(
-    car: IdentifiedVehicle, pushed: TimeSeries, bank: list[Lpf1 | Lpnl2]
-) -> None:
+def test_a_setup_with_a_steep_lagged_shock_moves_as_its_differential_equations(car, pushed, bank):
     law, model = replace(bank[1], port=replace(bank[1].port, motion_ratio=0.9, seal_friction=20.0)), car.state_space
     short = pushed.window(0.0, 0.4)
     inputs = np.zeros((len(model.inputs), len(short)))
@@ -218,7 +193,7 @@ def test_a_setup_with_a_steep_lagged_shock_moves_as_its_differential_equations(
     at, row, place = (names.index(n) for names, n in ((model.input_names, "force"), (model.output_names, "velocity"),
                                                       (model.output_names, "displacement")))  # fmt: skip
 
-    def motion(t: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    def motion(t, x):
         u = np.array([np.interp(t, short.time, one) for one in inputs])
         v = model.C[row] @ x[:-1] + model.D[row] @ u
         own = replace(law.port, gas_preload=0.0)

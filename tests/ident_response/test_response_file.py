@@ -3,27 +3,19 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from eightpost.errors import FileFormatError, InputError, MissingChannelError, ParameterError, TooShortError
-from eightpost.ident.response import (
-    H1,
-    Blocks,
-    FrequencyResponse,
-    LocalPolynomial,
-    SameDrive,
-    estimate_response,
-    read_response,
-    write_response,
-)
+from eightpost.ident.vehicle.estimators import H1, LocalPolynomial, SameDrive, estimate_response
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, read_response, write_response
+from eightpost.ident.vehicle.records import Blocks
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel
 
 
-def _response() -> FrequencyResponse:
+def _response():
     generator = np.random.default_rng(1)
     H = generator.normal(size=(2, 3, 5)) + 1j * generator.normal(size=(2, 3, 5))
     variance = np.abs(H)
@@ -33,12 +25,12 @@ def _response() -> FrequencyResponse:
     return FrequencyResponse(np.arange(1.0, 6.0), H, inputs, outputs, np.full((2, 5), 0.5), None, variance)
 
 
-def _record(samples: int = 1000, rate: float = 100.0) -> TimeSeries:
+def _record(samples=1000, rate=100.0):
     values = np.random.default_rng(2).normal(size=(3, samples))
     return TimeSeries(np.arange(samples) / rate, values, ("u", "v", "y"), ("m", "m", "N"))
 
 
-def test_a_response_that_is_read_back_is_bitwise_equal(tmp_path: Path) -> None:
+def test_a_response_that_is_read_back_is_bitwise_equal(tmp_path):
     response = _response()
     write_response(tmp_path / "h.npz", response, sources={"a.csv": "0" * 64})
     again = read_response(tmp_path / "h.npz")
@@ -49,7 +41,7 @@ def test_a_response_that_is_read_back_is_bitwise_equal(tmp_path: Path) -> None:
         np.testing.assert_array_equal(getattr(again, name), getattr(response, name))
 
 
-def test_a_file_of_a_newer_schema_is_rejected(tmp_path: Path) -> None:
+def test_a_file_of_a_newer_schema_is_rejected(tmp_path):
     write_response(tmp_path / "h.npz", _response())
     with np.load(tmp_path / "h.npz") as content:
         members = {name: content[name] for name in content.files}
@@ -60,13 +52,13 @@ def test_a_file_of_a_newer_schema_is_rejected(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"no zip at all", b"PK\x03\x04broken"])
-def test_another_file_is_rejected_with_its_name(tmp_path: Path, content: bytes) -> None:
+def test_another_file_is_rejected_with_its_name(tmp_path, content):
     (tmp_path / "h.npz").write_bytes(content)
     with pytest.raises(FileFormatError, match=r"h\.npz"):
         read_response(tmp_path / "h.npz")
 
 
-def test_channels_are_selected_by_name_in_the_given_order() -> None:
+def test_channels_are_selected_by_name_in_the_given_order():
     chosen = _response().select(inputs=["lf.force", "lf.road"], outputs=["lf.tire_force"])
     assert chosen.input_names == ("lf.force", "lf.road")
     np.testing.assert_array_equal(chosen.between("lf.tire_force", "lf.road"), _response().H[1, 0])
@@ -74,7 +66,7 @@ def test_channels_are_selected_by_name_in_the_given_order() -> None:
         _response().select(inputs=["rf.road"])
 
 
-def test_unusable_records_are_rejected_with_the_reason() -> None:
+def test_unusable_records_are_rejected_with_the_reason():
     blocks, both = Blocks(1.0), {"inputs": ["u", "v"], "outputs": ["y"]}
     with pytest.raises(MissingChannelError, match="w"):
         estimate_response([_record()], inputs=["w"], outputs=["y"], recipe=H1(blocks))

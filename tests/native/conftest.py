@@ -17,9 +17,9 @@ from builder.assembly import Assembly, read_parts
 from builder.assembly.assembled_fmu import _unbuilt as assembled_source
 from builder.assembly.assembled_fmu import assembly_sources
 from builder.assembly.plan import assembly_interface
-from builder.fmu.product import shock_product, vehicle_product
-from builder.native.native_fmu import c_sources, compiled, version_files
-from builder.native.toolchain import find_toolchain, fmi_headers
+from builder.native_fmu import c_sources, compiled, version_files
+from builder.product import shock_product, vehicle_product
+from builder.toolchain import find_toolchain, fmi_headers
 from eightpost.archive import extract_archive, write_archive
 from eightpost.shock import Shock
 from eightpost.vehicle import read_vehicle, shipped

@@ -6,7 +6,7 @@ from ctypes import byref, c_bool, c_char_p, c_double, c_int, c_size_t, c_uint, c
 import numpy as np
 from fmpy import fmi3, read_model_description
 
-from builder.native.toolchain import this_platform
+from builder.toolchain import this_platform
 
 OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 CO_SIMULATION, MODEL_EXCHANGE, SCHEDULED_EXECUTION = "CoSimulation", "ModelExchange", "ScheduledExecution"

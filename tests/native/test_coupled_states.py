@@ -6,7 +6,7 @@ import pytest
 from builder.assembly import Assembly, read_parts
 from builder.assembly.documents import _vehicle_model
 from builder.build import build
-from builder.fmu.product import vehicle_product
+from builder.product import vehicle_product
 from cosim import FmuComponent
 from eightpost.archive import extract_archive
 from eightpost.corners import CORNERS

@@ -17,7 +17,7 @@ from fmpy.build import build_platform_binary
 from fmpy.model_description import read_build_description
 
 from builder.build import build
-from builder.native.toolchain import PLATFORMS, Zig, find_toolchain, fmi_headers, headers_of, this_platform
+from builder.toolchain import PLATFORMS, Zig, find_toolchain, fmi_headers, headers_of, this_platform
 from eightpost.archive import extract_archive, read_archive, write_archive
 from eightpost.shock import LAWS
 from eightpost.vehicle import shipped

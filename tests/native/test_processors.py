@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from builder.native.toolchain import FLAGS, Zig, find_toolchain
+from builder.toolchain import FLAGS, Zig, find_toolchain
 from eightpost.cache import cache_folder
 from eightpost.shock import LAWS
 

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 import eightpost.shock
 from eightpost.errors import StepError
-from eightpost.shock import LAWS, hysteresis, lag
+from eightpost.ident.shock.simulation import lag
+from eightpost.shock import LAWS, hysteresis
 
 OUTPUTS = ("force", "static_force", "lagged_force", "lag_weight", "dissipated_power", "beyond_fit")
 PARAMETERS = {

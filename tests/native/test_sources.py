@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from builder.native.native_fmu import COMMON
+from builder.native_fmu import COMMON
 from eightpost.shock import LAWS
 
 MODELS = (*LAWS, "seven_dof", "quarter_car", "car_with_seat", "assembly")

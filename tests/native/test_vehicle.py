@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from builder.build import build
-from builder.native.toolchain import this_platform
+from builder.toolchain import this_platform
 from cosim import FmuComponent
 from eightpost.archive import read_archive, write_archive
 from eightpost.corners import CORNERS

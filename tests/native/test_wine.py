@@ -14,7 +14,7 @@ import pytest
 from fmpy import read_model_description
 
 from builder.build import build
-from builder.native.toolchain import Zig, find_toolchain, fmi_headers
+from builder.toolchain import Zig, find_toolchain, fmi_headers
 
 WINE = shutil.which("wine64") or shutil.which("wine")
 HOST = Path(__file__).with_name("load_and_step.c")

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eightpost.ident.shock.lag import lag as first_order
+from eightpost.ident.shock.simulation import lag as first_order
 from eightpost.rig.motion import (
     EARLIEST,
     LAG,
@@ -15,10 +15,10 @@ from eightpost.rig.motion import (
     Lag,
     channel_lag,
     force_lag,
-    lag_reasons,
+    lag_faults,
     lag_statement,
 )
-from eightpost.rig.plausibility import record_reasons
+from eightpost.rig.plausibility import record_faults
 from eightpost.signals import TimeSeries
 
 SPEEDS = (0.0254, 0.0508, 0.0762, 0.127, 0.2032, 0.254)
@@ -259,7 +259,7 @@ def test_the_statement_has_the_lag_and_its_interval():
 
 
 def rules(series):
-    return [reason.rule for reason in lag_reasons(series, "run")]
+    return [reason.rule.name for reason in lag_faults(series)]
 
 
 def test_only_a_lag_that_a_shock_certainly_does_not_have_is_a_reason():
@@ -273,7 +273,7 @@ def test_only_a_lag_that_a_shock_certainly_does_not_have_is_a_reason():
 
 def test_a_lead_is_stated_without_a_minus():
     series = record(random_motion(), lag=-5e-3)
-    (reason,) = lag_reasons(series, "run")
+    (reason,) = lag_faults(series)
     lag = force_lag(series)
     assert reason.figure == f"by {Lag(-lag.seconds, -lag.high, -lag.low)}"
     assert 0.0 < -lag.high < -lag.low
@@ -286,6 +286,6 @@ def test_a_velocity_that_is_a_difference_of_positions_makes_no_early_force():
 
 def test_the_reasons_of_a_record_have_the_lag():
     series = record(sines(), lag=20e-3)
-    (reason,) = record_reasons(series, measured=series.names, origin="run")
-    assert reason.rule == "late force"
+    (reason,) = record_faults(series, measured=series.names)
+    assert reason.rule.name == "late force"
     assert reason.figure == f"by {force_lag(series)}"

@@ -7,10 +7,9 @@ from click.testing import CliRunner
 from eightpost.__main__ import main
 from eightpost.corners import CORNERS
 from eightpost.errors import MissingChannelError
-from eightpost.rig import read_dyno_test
+from eightpost.rig import read_dyno_test, read_rig_test
 from eightpost.rig.columns import propose_map
-from eightpost.rig.post import read_rig_test
-from eightpost.rig.post.rig_test import CHANNEL_UNITS
+from eightpost.rig.rig_test import CHANNEL_UNITS
 from eightpost.signals import ChannelMap
 from eightpost.signals.faults import Origin
 from eightpost.signals.raw_record import RawRecord

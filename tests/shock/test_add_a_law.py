@@ -28,8 +28,8 @@ import sys
 from pathlib import Path
 import numpy as np
 import builder.build, cosim, eightpost.shock as shock
-from builder.native import toolchain
-from builder.native.toolchain import this_platform
+from builder import toolchain
+from builder.toolchain import this_platform
 here = (this_platform(),)
 toolchain.Zig.platforms = property(lambda self: here)
 root = Path.cwd()
@@ -68,8 +68,8 @@ print(name)
 #: longer than all others.
 CALL = """
 import shlex, sys
-from builder.native import toolchain
-from builder.native.toolchain import this_platform
+from builder import toolchain
+from builder.toolchain import this_platform
 from eightpost.__main__ import main
 here = (this_platform(),)
 platforms, *lines = sys.argv[1:]

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from eightpost.ident.shock.simulation import simulate
-from eightpost.rig.dynamometer import random_multisine
 from eightpost.rig.dyno_test import DynoConditions, DynoTest
 from eightpost.shock import Lpf1, Polylinear, Port, Shock, StaticCurve
 from eightpost.signals import TimeSeries
+from eightpost.virtual.dynamometer import random_multisine
 
 INCH, POUND = 0.0254, 4.4482216152605
 

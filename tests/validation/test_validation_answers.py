@@ -6,8 +6,16 @@ import numpy as np
 import pytest
 
 from eightpost.errors import MissingChannelError, ParameterError, TooShortError
-from eightpost.ident.validation.records import dyno_record, evaluate, residual_of, validate_random
-from eightpost.ident.validation.shock_tests import loop_of, validate_bump, validate_sine, validate_static
+from eightpost.ident.validation.records import dyno_record
+from eightpost.ident.validation.shock_tests import (
+    Loop,
+    evaluate,
+    residual_of,
+    validate_bump,
+    validate_random,
+    validate_sine,
+    validate_static,
+)
 from eightpost.rig.dyno_test import DynoTest
 
 from .conftest import INCH, TABLE_3_3, bump_path, dragged, record, shock_of, sine_path, static_path
@@ -65,7 +73,7 @@ def test_a_loop_of_a_lagging_linear_damper_has_its_known_area_and_width():
     damping, amplitude, omega, tau = 3000.0, 0.01, 40.0, 2e-3
     phase = np.linspace(0.0, 2.0 * np.pi, 4000, endpoint=False)
     gain, lag = damping * amplitude * omega / np.hypot(1.0, omega * tau), np.arctan(omega * tau)
-    loop = loop_of(amplitude * np.sin(phase), amplitude * omega * np.cos(phase), gain * np.cos(phase - lag))
+    loop = Loop(amplitude * np.sin(phase), amplitude * omega * np.cos(phase), gain * np.cos(phase - lag))
     assert loop.energy == pytest.approx(np.pi * amplitude * gain * np.cos(lag), rel=1e-4)
     assert loop.hysteresis == pytest.approx(2.0 * gain * np.sin(lag), rel=1e-3)
     assert loop.compression_peak == pytest.approx(gain, rel=1e-5)

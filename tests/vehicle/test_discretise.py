@@ -30,13 +30,6 @@ def test_zero_order_hold_agrees_with_scipy_and_python_control(model, step):
     assert (found.dt, found.inputs, found.outputs) == (step, model.inputs, model.outputs)
 
 
-@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
-@pytest.mark.parametrize("step", [1e-4, 0.002, 0.01])
-def test_first_order_hold_agrees_with_scipy(model, step):
-    matrices = tuple(getattr(model, name) for name in MATRICES)
-    assert_same(discretise(model, step, "first"), cont2discrete(matrices, step, "foh")[:4])
-
-
 def test_first_order_hold_is_exact_for_straight_lines():
     model = MODELS[0]
     t = np.arange(0.0, 0.5, 0.005)

@@ -98,44 +98,6 @@ def test_the_scheme_is_of_second_order(name, force):
 CASES = [(force, width) for force in (50.0, 200.0, 500.0) for width in (1e-3, 5e-3)]
 
 
-@pytest.mark.repeated
-@pytest.mark.parametrize(
-    ("name", "force", "width"),
-    [("quarter_car with damper", *case) for case in CASES]
-    + [
-        pytest.param("seven_dof with damper", *case, marks=pytest.mark.nightly if case[0] > 1e5 * case[1] else ())
-        for case in CASES
-    ],
-)
-def test_the_sub_steps_are_short_enough_at_one_millisecond(name, force, width):
-    """RMS errors of velocities and tire forces are below 0.1 % of the standard deviation, for sliding and creeping."""
-    stepper, friction = with_friction(name, force, width)
-    model, h = MODELS[name], 1e-3
-    u = roads(name, np.arange(121) * h)
-    x = stepper.equilibrium(u[0])
-    found, exact = run(stepper, friction, x, u, h), [x]
-    for before, after in pairwise(u):
-        exact.append(integrate(model, friction, exact[-1], before, after, h, rtol=1e-9))
-    for suffix in ("velocity", "tire_force"):
-        rows = [k for k, output_name in enumerate(model.output_names) if output_name.endswith(suffix)]
-        y, expected = found @ model.C[rows].T + u @ model.D[rows].T, exact @ model.C[rows].T + u @ model.D[rows].T
-        assert (np.sqrt(np.mean((y - expected) ** 2, axis=0)) < 1e-3 * expected.std(axis=0)).all()
-
-
-@pytest.mark.nightly
-def test_on_a_random_road_the_sub_steps_agree_with_ten_times_finer_ones():
-    """With 5000 random heights per second friction changes its sign often, so the error of the sub-steps is largest."""
-    stepper, friction = with_friction("quarter_car", 190.0, 2e-3)
-    h, parts = 2e-4, 10
-    u = np.zeros((501, stepper.B.shape[1]))
-    u[:, MODELS["quarter_car"].input_names.index("road")] = 4e-5 * np.random.default_rng(3).normal(size=len(u))
-    fine = np.array([np.interp(np.arange((len(u) - 1) * parts + 1) / parts, np.arange(len(u)), row) for row in u.T]).T
-    at_rest = stepper.equilibrium(u[0])
-    found = run(stepper, friction, at_rest, u, h) @ friction.ports.velocity.T
-    precise = run(stepper, friction, at_rest, fine, h / parts)[::parts] @ friction.ports.velocity.T
-    assert np.sqrt(np.mean((found - precise) ** 2)) < 3e-4 * np.std(precise)
-
-
 @pytest.mark.nightly
 def test_a_quarter_car_follows_its_equations_of_motion_with_friction():
     """m1 w1'' = k d + F,  m2 w2'' = k_t (y - w2) - k d - F,  d = w2 - w1,  F = F_c tanh(d' / v_f) + c d'."""
@@ -176,28 +138,6 @@ def test_a_quarter_car_follows_its_equations_of_motion_with_friction():
         assert np.abs(got[name] - values).max() < tolerance * np.abs(values).max(), name
 
 
-@pytest.mark.nightly
-def test_the_energy_loss_of_an_undamped_car_equals_the_work_of_friction():
-    """In free motion of the quarter car, the loss of 1/2 m v^2 + 1/2 k d^2 is the integral of F v."""
-    p = QUARTER.parameters
-    stepper, friction = with_friction("quarter_car", 150.0, 0.01)
-    h, rest = 2e-4, np.zeros(3)
-    x = stepper.equilibrium(np.array([0.01, 0.0, 0.0]))  # lifted by the road, which then drops
-    states = run(stepper, friction, x, np.tile(rest, (4001, 1)), h)
-    w1, w2, v1, v2 = states.T
-    energy = 0.5 * (
-        p.sprung_mass * v1**2
-        + p.unsprung_mass * v2**2
-        + p.suspension_stiffness * (w2 - w1) ** 2
-        + p.tire_stiffness * w2**2
-    )
-    power = 150.0 * np.tanh((v2 - v1) / 0.01) * (v2 - v1)
-    work = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * h)])
-    assert (np.diff(energy) <= 1e-12 * energy[0]).all()
-    assert energy[-1] < 0.2 * energy[0]
-    np.testing.assert_allclose(energy[0] - energy, work, atol=2e-4 * energy[0])
-
-
 @pytest.mark.slow
 def test_friction_dissipates_energy_in_every_period_of_a_sine():
     stepper, friction = with_friction("seven_dof with damper", 300.0, 0.005)
@@ -227,16 +167,6 @@ def test_the_port_creeps_below_the_coulomb_force_and_slides_above_it():
     assert -1.4 * creep < float(np.mean(x[50:] @ velocity)) < -0.4 * creep
     free = run(stepper, friction, np.zeros(4), np.tile(4.0 * load, (21, 1)), h)
     assert np.abs(free @ displacement).max() > 20.0 * creep * 0.02
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("name", ["quarter_car", "seven_dof with damper"])
-def test_very_stiff_friction_stays_bounded(name):
-    """With 0.1 mm/s and 1500 N friction settles at up to 1e6 1/s, thousands of times faster than the car."""
-    stepper, friction = with_friction(name, 1500.0, 1e-4)
-    u = roads(name, np.arange(4) * 1e-3)
-    velocities = run(stepper, friction, stepper.equilibrium(u[0]), u, 1e-3) @ friction.ports.velocity.T
-    assert np.abs(velocities).max() < 1e-3  # a road of some mm does not move a port with friction of 1500 N
 
 
 @given(

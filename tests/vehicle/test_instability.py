@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from builder.fmu.product import vehicle_product
+from builder.product import vehicle_product
 from eightpost.errors import FmuError
 from eightpost.ident.vehicle.stability import closed_loop_stability
 from eightpost.vehicle import Channel, IdentifiedVehicle, StateSpace, read_vehicle, shipped
@@ -13,7 +13,7 @@ from eightpost.vehicle import Channel, IdentifiedVehicle, StateSpace, read_vehic
 STABLE = read_vehicle(shipped("quarter_car")).with_damper()
 
 
-def car(growth: float, frequency: float = 0.0, damping: float | None = 0.0) -> IdentifiedVehicle:
+def car(growth, frequency=0.0, damping=0.0):
     """Return the quarter car with a pair that grows at a rate [1/s] beside it; `damping` is its baseline."""
     omega = 2.0 * np.pi * frequency
     A = np.block([[STABLE.A, np.zeros((4, 2))], [np.zeros((2, 4)), np.array([[growth, omega], [-omega, growth]])]])

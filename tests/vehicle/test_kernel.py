@@ -94,16 +94,6 @@ def test_irregular_steps_with_ramps_follow_a_fine_integration(name):
         np.testing.assert_allclose(x, exact, rtol=1e-8, atol=1e-9 * np.abs(exact).max())
 
 
-@given(step=STEPS, share=st.floats(0.01, 0.99))
-def test_two_partial_steps_equal_the_whole_step(step, share):
-    one, random = stepper("seven_dof with damper"), np.random.default_rng(5)
-    x, u0, u1 = random.normal(size=14), random.normal(size=11), random.normal(size=11)
-    between = u0 + share * (u1 - u0)
-    whole = one.advance(x, u0, u1, step)
-    parts = one.advance(one.advance(x, u0, between, share * step), between, u1, (1 - share) * step)
-    np.testing.assert_allclose(parts, whole, rtol=1e-9, atol=1e-11 * np.abs(whole).max())
-
-
 @pytest.mark.parametrize("name", MODELS)
 def test_equilibrium_is_steady(name):
     one = stepper(name)
@@ -111,12 +101,6 @@ def test_equilibrium_is_steady(name):
     rest = one.equilibrium(u)
     assert np.abs(one.A @ rest + one.B @ u).max() < 1e-9
     np.testing.assert_allclose(one.advance(rest, u, u, 0.01), rest, rtol=1e-9, atol=1e-11)  # u is of order 1
-
-
-def test_output_is_cx_plus_du():
-    one, random = stepper("quarter_car"), np.random.default_rng(1)
-    x, u = random.normal(size=4), random.normal(size=3)
-    np.testing.assert_array_equal(one.output(x, u), one.C @ x + one.D @ u)
 
 
 def test_a_model_without_a_steady_state_is_rejected_with_the_reason():

@@ -5,7 +5,6 @@ from __future__ import annotations
 import control
 import numpy as np
 import pytest
-from scipy.integrate import Radau
 
 RATE = 2000.0  # N.s/m
 
@@ -58,36 +57,6 @@ def test_linear_shocks_agree_with_python_controls_closed_loop(monolithic, drive,
     np.testing.assert_allclose(found.tire_force, tire, atol=1e-8 * np.abs(tire).max())
 
 
-def steep_shock(monolithic):
-    return monolithic.Shock(
-        lambda v: 1500.0 * np.tanh(v / 0.08) + 900.0 * v,
-        lambda f: np.clip((1200.0 - np.abs(f)) / 800.0, 0.0, 1.0),
-        0.0013,
-    )
-
-
-@pytest.mark.nightly
-def test_nonlinear_run_agrees_with_an_implicit_method_and_a_tighter_tolerance(monolithic, drive):
-    t, road, external = (part[..., :60] for part in drive)
-    car, shock = monolithic.Car(front_anti_roll_rate=3e4), steep_shock(monolithic)
-    run = monolithic.coupled_run(car, shock, t, road, external)
-    tight = monolithic.coupled_run(car, shock, t, road, external, rtol=1e-11)
-    implicit = monolithic.coupled_run(car, shock, t, road, external, method=Radau, rtol=1e-8)
-    for other in (tight, implicit):
-        for name in ("shock_velocity", "tire_force", "ride_height"):
-            expected = getattr(tight, name)
-            np.testing.assert_allclose(getattr(other, name), expected, atol=1e-6 * np.abs(expected).max())
-    np.testing.assert_allclose(run.tire_force, tight.tire_force, atol=1e-6 * np.abs(tight.tire_force).max())
-
-
-def test_one_shock_for_all_corners_equals_four_equal_shocks(monolithic, drive):
-    t, road, _ = (part[..., :20] for part in drive)
-    shock = steep_shock(monolithic)
-    one = monolithic.coupled_run(monolithic.Car(), shock, t, road)
-    four = monolithic.coupled_run(monolithic.Car(), [shock] * 4, t, road)
-    np.testing.assert_allclose(four.tire_force, one.tire_force, rtol=1e-9)
-
-
 def test_the_car_remains_at_rest_under_constant_inputs_with_a_gas_spring(monolithic):
     t = np.linspace(0.0, 0.2, 11)
     steady = np.ones(11)
@@ -98,11 +67,3 @@ def test_the_car_remains_at_rest_under_constant_inputs_with_a_gas_spring(monolit
     assert np.abs(run.shock_velocity).max() < 1e-9
     assert run.tire_force.sum(axis=0) == pytest.approx(2000.0 * steady)  # vertical balance
     assert np.abs(run.hub_acceleration).max() < 1e-6
-
-
-def test_results_are_available_at_any_time(monolithic, drive):
-    t, road, _ = (part[..., :20] for part in drive)
-    shock = steep_shock(monolithic)
-    at_knots = monolithic.coupled_run(monolithic.Car(), shock, t, road)
-    between = monolithic.coupled_run(monolithic.Car(), shock, t, road, at=np.array([0.0, 0.0033, 0.02]))
-    np.testing.assert_allclose(between.tire_force[:, 2], at_knots.tire_force[:, 10], rtol=1e-6, atol=1e-6)

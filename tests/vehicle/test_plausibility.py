@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from builder.documents.validity import validity_of
+from builder.reference import validity_of
 from eightpost.units import convert
 from eightpost.vehicle import Corners, QuarterCar, SevenDof, StructuralVehicle, read_vehicle, shipped
-from eightpost.vehicle.plausibility import MISTAKES, USUAL, doubts
+from eightpost.vehicle.structural import MISTAKES, USUAL, doubts
 from eightpost.verdict import Grade
 
 

@@ -16,7 +16,6 @@ from eightpost.vehicle import (
     add_port_damping,
     add_port_stiffness,
     discretise,
-    quarter_car,
     read_vehicle,
     shipped,
 )
@@ -57,7 +56,7 @@ def test_a_spring_at_the_port_equals_a_stiffer_spring_of_the_equations():
     stiffer = replace(vehicle.parameters, suspension_stiffness=vehicle.parameters.suspension_stiffness + 7000.0)
     names = [n for n in vehicle.coupled().output_names if n != "spring_force"]
     found = add_port_stiffness(vehicle.coupled(), {"": 7000.0}).select(outputs=names)
-    assert_same(found, quarter_car.coupled(stiffer).select(outputs=names))
+    assert_same(found, stiffer.coupled().select(outputs=names))
 
 
 @pytest.mark.parametrize("baseline", [{}, {"": 900.0}])
@@ -66,10 +65,10 @@ def test_a_car_with_a_progressive_spring_is_coupled_about_the_state_without_load
     k1, k2, travel = 30e3, 4e5, 0.02
     tests = QuarterCar(300.0, 40.0, k1 + 2.0 * k2 * travel, 220e3, baseline.get("", 0.0))
     law = Friction(spring=k2, mean_travel=travel)
-    names = [n for n in quarter_car.coupled(tests).output_names if n != "spring_force"]
-    identified = quarter_car.with_damper(tests).select(outputs=names)
+    names = [n for n in tests.coupled().output_names if n != "spring_force"]
+    identified = tests.with_damper().select(outputs=names)
     car = IdentifiedVehicle("found", identified, baseline, friction={"": law})
-    expected = quarter_car.coupled(QuarterCar(300.0, 40.0, k1, 220e3))
+    expected = QuarterCar(300.0, 40.0, k1, 220e3).coupled()
     assert_same(car.coupled(), expected.select(outputs=names))
     assert car.with_damper() == identified
     unloaded = car.unloaded()

@@ -64,14 +64,6 @@ def identified(draw):
     )
 
 
-@pytest.mark.nightly
-@ROUND_TRIP
-@given(vehicle=structural())
-def test_parameters_that_are_read_back_are_equal(tmp_path, vehicle):
-    write_vehicle(tmp_path / "car.toml", vehicle)
-    assert read_vehicle(tmp_path / "car.toml") == vehicle
-
-
 @pytest.mark.parametrize("kind", ["quarter_car", "seven_dof"])
 @pytest.mark.parametrize("has_static", [True, False])
 def test_a_shipped_car_with_any_name_is_read_back_equal(tmp_path, kind, has_static):

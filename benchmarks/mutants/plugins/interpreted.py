@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cosim.engine import loop
-from cosim.engine.compiled import bound
+from cosim.engine import march
+from cosim.engine.march import bound
 
-loop.compiled = lambda function, _=None: bound(function)  # type: ignore[attr-defined]
+march.compiled = lambda function, _=None: bound(function)  # type: ignore[attr-defined]

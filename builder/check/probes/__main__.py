@@ -1,4 +1,4 @@
-"""Command `python -m builder.check.probes PROBE UNPACKED_FMU PROGRESS_FILE [STEPS]`, which prints JSON lines."""
+"""Command `python -m builder.check.probes FMU PROGRESS PATIENCE BUDGET REACH GROUP...`, which prints JSON lines."""
 
 from __future__ import annotations
 
@@ -6,46 +6,72 @@ import importlib
 import json
 import os
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
-from builder.check.probes.bench import Bench, Result, Results, Skip
-from builder.check.probes.instance import CallError, TerminatedError
-from builder.check.probes.library import MissingFunctionError
-from builder.check.rules import RULES, Finding
+from builder.check.probes.bench import REACH, Bench, CallError, Measured, Result, Results, Skip, TerminatedError
+from builder.check.probes.instances import process_state
+from builder.check.probes.library import Library, MissingFunctionError
+from builder.check.rules import GROUPS, RULES, Finding
+
+#: Time that a call may take that uses no processor time [s].
+_STILL = 60.0
+_LOOK = 0.2  # s
 
 
-def main(name: str, folder: Path, progress: Path, reach: int | None = None) -> None:
-    """Run one probe; everything that the FMU itself prints goes to stderr.
+def main(folder: Path, progress: Path, patience: float, budget: float, reach: int | None, groups: list[str]) -> None:
+    """Run the probes of groups in turn; everything that the FMU itself prints goes to stderr.
 
     Args:
-        name: Module and function of the probe: simulation.probe_steps.
         folder: Folder of the unpacked FMU.
         progress: File for the name of the current call.
+        patience: Longest processor time of a call [s].
+        budget: Processor time for all groups, of which one may take half [s].
         reach: Number of steps after which the FMU ends the simulation itself; None if it does not.
+        groups: Names of groups. If the first one, `simulation`, fails, the others do not run.
     """
     channel = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)
-    module, _, function = name.partition(".")
-    probe: Callable[[Bench], Results] = getattr(importlib.import_module(f"builder.check.probes.{module}"), function)
-    completed = True
+    errors = os.dup(2)
+    os.dup2(errors, 1)
+    os.environ["LC_ALL"] = "C.UTF-8"  # a call of setlocale(LC_ALL, "") selects it; Python starts with "C"
+    process = process_state()
+    threading.Thread(target=_watch, args=(channel, patience, budget), daemon=True).start()
+    for group in groups:
+        for stream in (1, 2):  # an FMU may have closed it, and the next file would take its place
+            os.dup2(errors, stream)
+        _write(channel, group=group)
+        probe: Callable[[Bench], Results] = getattr(
+            importlib.import_module(f"builder.check.probes.{GROUPS[group].module}"), f"probe_{group}"
+        )
+        completed = True
+        for result in _results(probe, folder, progress, reach, process):
+            completed &= not isinstance(result, Stopped)
+            reach = int(result.value) if isinstance(result, Measured) and result.name == REACH else reach
+            _write(channel, **_line(result))
+        _write(channel, completed=completed)
+        if not completed and group == "simulation":
+            return
+
+
+class Stopped(Finding):
+    """A finding after which the group cannot go on."""
+
+
+def _results(probe: Callable[[Bench], Results], *bench_of: Any) -> Iterator[Result]:
     try:
-        bench = Bench(folder, progress, reach)
+        bench = Bench(*bench_of)
         try:
-            for result in probe(bench):
-                _write(channel, _line(result))
+            yield from probe(bench)
         except TerminatedError as error:
-            _write(channel, _line(Skip(str(error), "remaining calls")))
-        for found in _undeclared(bench):
-            _write(channel, _line(found))
+            yield Skip(str(error), "remaining calls")
+        yield from _undeclared(bench)
     except OSError as error:
-        completed = False
-        _write(channel, _line(RULES["loads"].finding(str(error))))
+        yield Stopped(RULES["loads"], str(error))
     except (CallError, MissingFunctionError) as error:
-        completed = False
-        _write(channel, _line(RULES["simulates"].finding(str(error))))
-    _write(channel, {"completed": True} if completed else {"stopped": True})
+        yield Stopped(RULES["simulates"], str(error))
 
 
 def _undeclared(bench: Bench) -> Iterator[Finding]:
@@ -55,7 +81,27 @@ def _undeclared(bench: Bench) -> Iterator[Finding]:
         yield RULES["log-undeclared"].finding(f"it uses the category {name!r}")
 
 
-def _line(result: Result) -> dict[str, str]:
+def _watch(channel: TextIO, patience: float, budget: float) -> None:
+    """End the process if a call does not return, or if groups take too long."""
+    call, began, still = -1, 0.0, 0.0
+    while True:
+        time.sleep(_LOOK)
+        busy, now = time.process_time(), time.monotonic()
+        if Library.calls != call:
+            call, began, still = Library.calls, busy, now
+        if busy - began > patience or now - still > _STILL:
+            _write(channel, hung=f"{patience:g} s of processor time" if busy - began > patience else f"{_STILL:g} s")
+            os._exit(1)
+        if busy > budget or busy - _started > 0.5 * budget:
+            _write(channel, skipped="remaining calls", reason="they would take too much processor time")
+            _write(channel, completed=True, used=busy)
+            os._exit(1)
+
+
+_started = 0.0
+
+
+def _line(result: Result) -> dict[str, Any]:
     if isinstance(result, Finding):
         return {"rule": result.rule.identifier, "message": result.message}
     if isinstance(result, Skip):
@@ -63,11 +109,15 @@ def _line(result: Result) -> dict[str, str]:
     return {"value": result.name, "is": result.value}
 
 
-def _write(channel: TextIO, line: dict[str, str] | dict[str, bool]) -> None:
+def _write(channel: TextIO, **line: Any) -> None:
+    global _started  # noqa: PLW0603 - the time at which the current group began
+    if "group" in line:
+        _started = time.process_time()
     channel.write(json.dumps(line) + "\n")
     channel.flush()
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3]), *map(int, sys.argv[4:]))
+    words = sys.argv[1:]
+    main(Path(words[0]), Path(words[1]), *map(float, words[2:4]), int(words[4]) if words[4] else None, words[5:])
     os._exit(0)  # skip the exit handlers of loaded libraries, whose errors are not caused by the FMU

@@ -1,4 +1,4 @@
-"""Probes of instances: several at once, after a reset, and their effects on the process."""
+"""Probes of instances and their states: several at once, reset, rollback, effects on the process."""
 
 from __future__ import annotations
 
@@ -18,9 +18,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from builder.check.probes.bench import Bench, Results, Skip, Values, compare, differ, set_other_parameters, step
-from builder.check.probes.instance import CallError, Instance, TerminatedError
-from builder.check.rules import RULES, Finding
+from builder.check.probes.bench import (
+    Bench,
+    CallError,
+    Instance,
+    Results,
+    Skip,
+    TerminatedError,
+    Values,
+    compare,
+    differ,
+    refused,
+    set_other_parameters,
+    step,
+)
+from builder.check.rules import RULES, Finding, Rule, listed
+from eightpost.workers.process import python_command, run
+
+# ==== Probes of instances: several at once, after a reset, and their effects on the process ==========================
 
 
 def _resident() -> int:
@@ -96,6 +111,10 @@ def _fifty(bench: Bench, alone: list[Values]) -> Iterator[Finding]:
         yield RULES["fifty-instances"].finding("their outputs differ from those of one alone")
 
 
+def _descriptors() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
 def _instance_growth(bench: Bench) -> Iterator[Finding]:
     def cycle() -> None:
         with bench.running() as instance:
@@ -103,10 +122,12 @@ def _instance_growth(bench: Bench) -> Iterator[Finding]:
 
     for _ in range(_WARM_CYCLES):
         cycle()
-    before = _resident()
+    before, files = _resident(), _descriptors()
     for _ in range(_CYCLES):
         cycle()
-    grown = _resident() - before
+    grown, opened = _resident() - before, _descriptors() - files
+    if opened >= _CYCLES // 2:
+        yield RULES["descriptors"].finding(f"after {_CYCLES} instances {opened} more descriptors are open")
     if grown > _INSTANCE_GROWTH:
         yield RULES["growth"].finding(f"creating and freeing {_CYCLES} instances leaked {grown / 1e6:.1f} MB")
 
@@ -114,7 +135,8 @@ def _instance_growth(bench: Bench) -> Iterator[Finding]:
 # ---- Runs after a reset ---------------------------------------------------------------------------------------------
 
 _STRIDE = 10  # steps
-_RESET_PATIENCE, _PROCESSOR_PATIENCE = 40.0, 15.0  # s
+_LATE = 1.1  # share of the default experiment
+_RESET_PATIENCE = 0.8  # s of processor time
 
 
 def probe_reset(bench: Bench) -> Results:
@@ -130,8 +152,8 @@ def probe_reset(bench: Bench) -> Results:
 
 
 def _late(bench: Bench) -> Iterator[Finding | Skip]:
-    """Reset after twice the default experiment and repeat the run: some defects only occur or show late."""
-    most = 2 * bench.timing.whole
+    """Reset after the default experiment and repeat the run: some defects only occur or show late."""
+    most = int(_LATE * bench.timing.whole)
     with bench.instance() as instance:
         first = _long_run(bench, instance, most)
         if first.refusal is None:
@@ -182,11 +204,11 @@ def _long_run(bench: Bench, instance: Instance, most: int, *, patient: bool = Fa
     bench.initialize(instance)
     rows: list[Values] = []
     point = 0
-    end, processor_end = time.monotonic() + _RESET_PATIENCE, time.process_time() + _PROCESSOR_PATIENCE
+    end = time.process_time() + _RESET_PATIENCE
     try:
         while point < most:
             if point % _STRIDE == 0:
-                if not patient and (time.monotonic() > end or time.process_time() > processor_end):
+                if not patient and time.process_time() > end:
                     break
                 rows.append(instance.reals(bench.outputs))
                 bench.drive(instance, bench.excitation(bench.timing.at(point)))
@@ -226,29 +248,49 @@ def _compare(where: str, first: list[Values], second: list[Values]) -> Iterator[
 
 # ---- Effects of steps on the process --------------------------------------------------------------------------------
 
-_WARM_STEPS, _BLOCK_STEPS = 1000, 6000  # steps
-_STEP_PATIENCE = 5.0  # s
-_STEP_GROWTH = 3e5  # bytes in each of two blocks: 50 bytes per step, more than an allocator retains
+_WARM_STEPS, _BLOCK_STEPS = 1000, 3000  # steps
+_STEP_PATIENCE = 0.8  # s of processor time
+_STEP_GROWTH = 1.5e5  # bytes in each of two blocks: 50 bytes per step, more than an allocator retains
 
 
 def probe_footprint(bench: Bench) -> Results:
     """Compare the process before and after a run, and over many steps."""
-    os.environ["LC_ALL"] = "C.UTF-8"  # a call of setlocale(LC_ALL, "") selects it; Python starts with "C"
-    before = locale.setlocale(locale.LC_ALL)
     with _standard_output() as caught:
         with bench.running() as instance:
             bench.run(instance, bench.excitation, bench.all_points())
             instance.need("Terminate")
         printed = _read(caught)
-    after = locale.setlocale(locale.LC_ALL)
-    if after != before:
-        yield RULES["locale"].finding(f"a run changed it from {before!r} to {after!r}")
+    for what, after in process_state().items():
+        if after != (before := bench.process[what]):
+            rule = RULES["locale" if what == "locale" else "process-state"]
+            yield rule.finding(f"it changed the {what} from {before} to {after}")
     if printed:
         text = printed[:80].decode("utf-8", "replace")
         yield RULES["standard-output"].finding(
             f"a run of {bench.timing.count} steps printed {len(printed)} bytes, starting with {text!r}"
         )
     yield from _step_growth(bench) if sys.platform == "linux" else [Skip("memory is only measured on Linux", "memory")]
+
+
+def process_state() -> dict[str, str]:
+    """Return what belongs to the host: locale, working folder, signals, standard streams, arithmetic."""
+    state = {"locale": locale.setlocale(locale.LC_ALL), "working folder": str(Path.cwd())}
+    tiny, one = sys.float_info.min, float(len("1"))
+    state["small numbers"] = "0" if tiny / 2 == 0.0 else "numbers"
+    state["rounding"] = "to nearest" if one + 1e-30 == one == one - 1e-30 and -one - 1e-30 == -one else "in a direction"
+    for number, name in enumerate(("standard input", "standard output", "standard error")):
+        try:
+            status = os.fstat(number)
+            state[name] = f"file {status.st_dev}:{status.st_ino}"
+        except OSError:
+            state[name] = "closed"
+    masks = {"SigIgn": "ignored signals", "SigCgt": "handled signals", "SigBlk": "blocked signals"}
+    with suppress(OSError):  # Linux
+        for line in Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines():
+            name, _, mask = line.partition(":")
+            if name in masks:
+                state[masks[name]] = listed([str(k + 1) for k in range(64) if int(mask, 16) >> k & 1]) or "none"
+    return state
 
 
 @contextmanager
@@ -300,12 +342,194 @@ def _step_growth(bench: Bench) -> Iterator[Finding | Skip]:
 
 def _walk(bench: Bench, instance: Instance, points: range) -> int:
     """Step through points until the time limit; return the first point that was not reached."""
-    end = time.monotonic() + _STEP_PATIENCE
+    end = time.process_time() + _STEP_PATIENCE
     for point in points:
-        if time.monotonic() > end:
+        if time.process_time() > end:
             return point
         bench.drive(instance, bench.excitation(bench.timing.at(point)))
         step(instance, bench.timing.at(point), bench.timing.step)
         instance.reals(bench.outputs)
         instance.messages.clear()  # log messages would count as memory of this process
     return points.stop
+
+
+# ==== Probes of FMU states: rollback, restoring in other instances and other processes, damaged states ===============
+
+_TIMEOUT = 60.0
+
+
+def probe_state(bench: Bench) -> Results:
+    """Save a state in the middle of a run, continue, restore the state, continue again."""
+    if not bench.description.can("canGetAndSetFMUstate"):
+        yield Skip("canGetAndSetFMUstate is not true")
+        return
+    yield from _rollback(bench)
+    yield from _start(bench)
+    yield from _freed(bench)
+    if sys.platform == "linux":
+        yield from _state_growth(bench)
+    if bench.description.can("canSerializeFMUstate"):
+        yield from _serialized(bench)
+    else:
+        yield Skip("canSerializeFMUstate is not true", "serialized states")
+
+
+def _halves(bench: Bench) -> tuple[range, range]:
+    """Return the points before and after the middle of a run."""
+    middle = max(bench.timing.count // 2, 1)
+    return range(middle), range(middle, bench.timing.count)
+
+
+def _rollback(bench: Bench) -> Iterator[Finding]:
+    before, after = _halves(bench)
+    with bench.running() as instance:
+        bench.run(instance, bench.excitation, before)
+        state = instance.state()
+        there = instance.reals(bench.outputs)
+        first = [there, *bench.run(instance, bench.excitation, after)]
+        for _ in range(2):
+            instance.need("SetFMUstate", state)
+            again = [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, after)]
+            yield from _compare_runs(RULES["rollback"], "after a rollback", first, again)
+        instance.call("FreeFMUstate", ctypes.byref(state))
+
+
+def _start(bench: Bench) -> Iterator[Finding]:
+    """Check that a state saved right after initialization restores the start of the run."""
+    with bench.running() as instance:
+        state = instance.state()
+        first = bench.run(instance, bench.excitation, bench.all_points())
+        instance.need("SetFMUstate", state)
+        again = bench.run(instance, bench.excitation, bench.all_points())
+        instance.call("FreeFMUstate", ctypes.byref(state))
+        yield from _compare_runs(RULES["rollback"], "after a rollback to the start", first, again)
+
+
+def _freed(bench: Bench) -> Iterator[Finding]:
+    with bench.running() as instance:
+        state = instance.state()
+        status = instance.call("FreeFMUstate", ctypes.byref(state))
+        if refused(status) or state.value is not None:
+            yield RULES["state-freed"].finding("the pointer is not NULL after fmi2FreeFMUstate")
+        elif refused(instance.call("FreeFMUstate", ctypes.byref(state), note=" of NULL")):
+            yield RULES["state-freed"].finding("fmi2FreeFMUstate of NULL is rejected")
+
+
+_STATES, _STATE_GROWTH = 1000, 5e4  # states, and bytes in each of two blocks of them
+
+
+def _state_growth(bench: Bench) -> Iterator[Finding]:
+    with bench.running() as instance:
+        sizes = []
+        for count in (_STATES // 10, _STATES, _STATES):
+            for _ in range(count):
+                state = instance.state()
+                instance.call("FreeFMUstate", ctypes.byref(state))
+            sizes.append(_resident())
+    if (grown := min(after - before for before, after in itertools.pairwise(sizes))) > _STATE_GROWTH:
+        yield RULES["state-growth"].finding(f"{_STATES} states that were freed leaked {grown / 1e6:.2f} MB")
+
+
+def _serialized(bench: Bench) -> Iterator[Finding]:
+    before, after = _halves(bench)
+    with bench.running() as instance:
+        bench.run(instance, bench.excitation, before)
+        state = instance.state()
+        content = instance.serialized(state)
+        if content != instance.serialized(state) or content != instance.serialized(instance.state()):
+            yield RULES["serialized-same"].finding("two serializations of the same state differ")
+        first = [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, after)]
+    with bench.running() as other:  # after the first was freed: some FMUs allow only one instance at a time
+        yield from _compare_runs(
+            RULES["serialized-state"], "in another instance", first, _restored(bench, other, content)
+        )
+    yield from _other_process(bench, content, first)
+
+
+def _restored(bench: Bench, instance: Instance, content: bytes) -> list[Values]:
+    """Run the second half from a serialized state; return the outputs at the state and after each step.
+
+    Raises:
+        CallError: A call was rejected.
+    """
+    status, state = instance.deserialize(content)
+    if refused(status):
+        raise CallError(
+            f"fmi2DeSerializeFMUstate rejected a state that the FMU itself serialized{instance.last_message()}"
+        )
+    instance.need("SetFMUstate", state)
+    return [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, _halves(bench)[1])]
+
+
+def _other_process(bench: Bench, content: bytes, first: list[Values]) -> Iterator[Finding]:
+    with tempfile.TemporaryDirectory() as folder:
+        saved, progress = Path(folder) / "state", Path(folder) / "progress"
+        saved.write_bytes(content)
+        progress.touch()
+        words = (str(bench.folder), str(progress), str(saved), str(bench.timing.count))
+        command = python_command("builder.check.probes.instances", *words)
+        bench.library.begin("restoring a serialized state in another process")
+        ran = run(command, _TIMEOUT)
+    if ran.code is None:
+        yield RULES["serialized-process"].finding(f"restoring did not end within {_TIMEOUT:g} s")
+        return
+    if ran.code != 0:
+        last = ran.errors.decode("utf-8", "replace").strip().splitlines()[-1:] or [f"code {ran.code}"]
+        yield RULES["serialized-process"].finding(f"restoring failed: {last[0]}")
+        return
+    rows = [[float.fromhex(word) for word in line.split()] for line in ran.output.decode().splitlines()]
+    yield from _compare_runs(RULES["serialized-process"], "in another process", first, rows)
+
+
+def _compare_runs(rule: Rule, where: str, first: list[Values], again: list[Values]) -> Iterator[Finding]:
+    yield from compare((rule, RULES["rollback-bits"]), f"{where} the same steps differ", first, again)
+
+
+# ---- Damaged serialized states --------------------------------------------------------------------------------------
+
+_PLACES = 12
+
+
+def probe_corrupt_state(bench: Bench) -> Results:
+    """Damage bytes at several places of a serialized state."""
+    if not (bench.description.can("canGetAndSetFMUstate") and bench.description.can("canSerializeFMUstate")):
+        yield Skip("canSerializeFMUstate is not true")
+        return
+    with bench.running() as instance:
+        bench.run(instance, bench.excitation, _halves(bench)[0])
+        content = instance.serialized(instance.state())
+    accepted = []
+    for what, damaged in _damaged(content):
+        with bench.running() as instance:
+            bench.library.begin(f"fmi2DeSerializeFMUstate of bytes {what}")
+            status, _ = instance.deserialize(damaged)
+            accepted += [] if refused(status) else [what]
+    if accepted:
+        yield RULES["serialized-corrupt"].finding(f"accepted: {listed(accepted)}")
+
+
+def _damaged(content: bytes) -> Iterator[tuple[str, bytes]]:
+    for place in range(0, len(content), max(len(content) // _PLACES, 1)):
+        yield f"with byte {place} changed", content[:place] + bytes([content[place] ^ 0x41]) + content[place + 1 :]
+    yield "cut in half", content[: len(content) // 2]
+    yield "without content", b""
+    yield "with bytes appended", content + b"\0" * 8
+
+
+def restore(folder: Path, progress: Path, saved: Path, reach: int) -> None:
+    """Restore a state in a new instance, continue the run, and print the outputs in hexadecimal, a line per point.
+
+    This module run as a program does this for `_other_process`.
+    """
+    channel = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    bench = Bench(folder, progress, reach)
+    with bench.running() as instance:
+        for row in _restored(bench, instance, saved.read_bytes()):
+            channel.write(" ".join(value.hex() for value in row) + "\n")
+    channel.flush()
+
+
+if __name__ == "__main__":
+    restore(Path(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[3]), int(sys.argv[4]))
+    os._exit(0)

@@ -1,19 +1,45 @@
-"""The C functions of an FMU, with argument types and a record of the last call."""
+"""The C functions of an FMU, with argument types and a record of the last call; FMI 3.0 with the names of FMI 2.0."""
 
 from __future__ import annotations
 
 import ctypes
+import math
 import mmap
 import os
 import platform
+import re
 import shutil
 import sys
 import tempfile
-from ctypes import c_char_p, c_double, c_int, c_void_p
+from ctypes import (
+    POINTER,
+    c_bool,
+    c_char_p,
+    c_double,
+    c_float,
+    c_int,
+    c_int8,
+    c_int16,
+    c_int32,
+    c_int64,
+    c_uint,
+    c_uint8,
+    c_uint16,
+    c_uint32,
+    c_uint64,
+    c_void_p,
+)
+from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
+from urllib.parse import urlparse
 
+from eightpost.fmi.description import OLD_TYPES, Description
 from eightpost.fmi.functions import FUNCTIONS
+from eightpost.fmi.names import function_name
+
+# ==== The C functions of an FMU, with argument types and a record of the last call ===================================
 
 WARNING: Final = 1
 DISCARD: Final = 2
@@ -68,6 +94,7 @@ class Library:
     """
 
     version = 2  #: Version of FMI.
+    calls = 0  #: Number of calls that were begun in this process.
 
     def __init__(self, path: Path, progress: Path) -> None:
         self.path, self.progress = path, progress
@@ -77,6 +104,7 @@ class Library:
             stream.flush()
             self._progress = mmap.mmap(stream.fileno(), 512)
         self._functions: dict[str, Any] = {}
+        self._called: dict[str, Any] = {}  # by the names of FMI 2.0
         self.begin(f"loading {path.name}")
         self._library = ctypes.CDLL(str(path), mode=getattr(os, "RTLD_NOW", 0) | getattr(os, "RTLD_LOCAL", 0))
 
@@ -91,9 +119,10 @@ class Library:
     def _copied(self, path: Path) -> Library:
         return Library(path, self.progress)
 
-    def begin(self, call: str) -> None:
+    def begin(self, call: str, note: str = "") -> None:
         """Record the name of a call before it is made."""
-        text = call.encode()[:500]
+        Library.calls += 1
+        text = f"{call}{note}".encode()[:500]
         self._progress[: len(text) + 1] = text + b"\0"
 
     def call(self, name: str, *arguments: Any, note: str = "") -> int:
@@ -102,8 +131,10 @@ class Library:
         Raises:
             MissingFunctionError: The function is not exported.
         """
-        function = self.function(name)
-        self.begin(f"fmi2{name}{note}")
+        function = self._called.get(name)
+        if function is None:
+            function = self._called[name] = self.function(name)
+        self.begin(f"fmi2{name}", note)
         return int(function(*arguments) or 0)
 
     def function(self, name: str) -> Any:
@@ -163,3 +194,245 @@ def platform_folders(fmi: int) -> tuple[str, ...]:
     tuple_name = f"{machine}-{ {'win': 'windows'}.get(system, system) }"
     own = (f"{system}{bits}",) if machine == "x86_64" or system == "darwin" else ()
     return (tuple_name,) if fmi == 3 else (*own, tuple_name)
+
+
+# ==== FMI 3.0 with the names and arguments of FMI 2.0 ================================================================
+
+Logger3 = ctypes.CFUNCTYPE(None, c_void_p, c_int, c_char_p, c_char_p)
+Update = ctypes.CFUNCTYPE(None, c_void_p, c_double, c_bool, c_bool, c_bool, c_bool, POINTER(c_bool), POINTER(c_double))
+
+Clock = ctypes.CFUNCTYPE(None, c_void_p)
+
+TYPES: Final[dict[str, Any]] = {
+    "Float64": c_double, "Float32": c_float, "Int8": c_int8, "UInt8": c_uint8, "Int16": c_int16, "UInt16": c_uint16,
+    "Int32": c_int32, "UInt32": c_uint32, "Int64": c_int64, "UInt64": c_uint64, "Boolean": c_bool, "String": c_char_p,
+    "Enumeration": c_int64,
+}  # fmt: skip
+
+#: Type of FMI 3.0 for a reference that no variable has.
+_USUAL = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean", "String": "String"}
+
+
+def library_of(description: Description, path: Path, progress: Path) -> Library:
+    """Load a binary of either FMI version; see `Library`."""
+    return Library3(description, path, progress) if description.fmi == 3 else Library(path, progress)
+
+
+@dataclass
+class Step3:
+    """What the last step reported, and what happened in it."""
+
+    event: bool  #: eventHandlingNeeded.
+    terminate: bool  #: terminateSimulation.
+    early: bool  #: earlyReturn.
+    last: float  #: lastSuccessfulTime [s].
+    requests: tuple[float, ...]  #: Times [s] of intermediate updates in which inputs were requested.
+
+
+@dataclass
+class _Live:
+    """Data of one instance: its callbacks, its experiment, and the inputs and derivatives for the next step."""
+
+    callbacks: tuple[Any, ...] = ()
+    experiment: tuple[Any, ...] = (0, 0.0, 0.0, 0, 0.0)
+    inputs: dict[int, float] = field(default_factory=dict)
+    slopes: dict[int, float] = field(default_factory=dict)
+    begin: float = 0.0
+    requests: list[float] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        #: eventHandlingNeeded, terminateSimulation, earlyReturn and lastSuccessfulTime of the last step.
+        self.results = c_bool(), c_bool(), c_bool(), c_double()
+        self.pointers = tuple(map(ctypes.byref, self.results))
+
+
+class Library3(Library):
+    """A loaded binary of FMI 3.0; `call` and `function` take names and arguments of FMI 2.0."""
+
+    version = 3
+    unset = False  #: Value of the flags that a step returns before the FMU sets them.
+
+    def __init__(self, description: Description, path: Path, progress: Path) -> None:
+        super().__init__(path, progress)
+        self._description = description
+        self._natives = {int(v.reference): v.native for v in description.variables if v.is_callable}
+        self._live: dict[int, _Live] = {}
+
+    def _copied(self, path: Path) -> Library:
+        return Library3(self._description, path, self.progress)
+
+    def function(self, name: str) -> Any:
+        """Return a function with the arguments of fmi2<name>.
+
+        Raises:
+            MissingFunctionError: The function of FMI 3.0 is not exported.
+        """
+        kind = name[3:]
+        if kind in _USUAL:
+            return lambda *arguments: self._exchange(name[:3], kind, *arguments)
+        if name == "FreeInstance":
+            return self.native(name)
+        return getattr(self, f"_{name}", None) or self.native(function_name(name))
+
+    def last_step(self, address: int | None) -> Step3:
+        """Return what the last step of an instance reported."""
+        live = self._of(address)
+        event, terminate, early, last = (result.value for result in live.results)
+        return Step3(event, terminate, early, last, tuple(live.requests))
+
+    def begin(self, call: str, note: str = "") -> None:
+        """Record the name of a call before it is made, with the function of FMI 3.0."""
+        super().begin(_name_3(call), note)
+
+    def _of(self, address: int | None) -> _Live:
+        return self._live.setdefault(address or 0, _Live())
+
+    # ---- Life ------------------------------------------------------------------------------------------------------
+
+    def _Instantiate(  # noqa: N802
+        self, name: bytes, kind: int, guid: bytes, resources: bytes, callbacks: Any, visible: int, logging: int
+    ) -> int | None:
+        logger = callbacks._obj.logger
+        live = _Live()
+        log = Logger3(lambda _environment, status, category, text: logger(None, b"", status, category, text))
+        update = Update(lambda *arguments: self._update(live, *arguments))
+        live.callbacks = (log, update)
+        place = path_of(resources)
+        if kind == CO_SIMULATION:
+            required = self.intermediate_inputs
+            references = (c_uint * len(required))(*required)
+            none = ctypes.cast(c_void_p(None), Update)
+            address = self.native("InstantiateCoSimulation")(
+                name, guid, place, visible, logging, False, False, references, len(required), None, log,
+                update if required else none,
+            )  # fmt: skip
+        else:
+            address = self.native("InstantiateModelExchange")(name, guid, place, visible, logging, None, log)
+        if address is None:
+            return None
+        self._live[address] = live
+        return int(address)
+
+    @property
+    def intermediate_inputs(self) -> list[int]:
+        """References of the inputs that can be set in intermediate updates."""
+        return [int(v.reference) for v in self._description.interpolated_inputs]
+
+    def _SetupExperiment(self, address: int, *experiment: Any) -> int:  # noqa: N802
+        self._of(address).experiment = experiment
+        return 0
+
+    def _EnterInitializationMode(self, address: int) -> int:  # noqa: N802
+        return int(self.native("EnterInitializationMode")(address, *self._of(address).experiment))
+
+    def _Reset(self, address: int) -> int:  # noqa: N802
+        live = self._of(address)
+        live.slopes.clear()
+        live.inputs.clear()
+        return int(self.native("Reset")(address))
+
+    # ---- Values ----------------------------------------------------------------------------------------------------
+
+    def _exchange(self, way: str, kind: str, address: int, references: Any, count: int, values: Any) -> int:
+        """Set or get variables one after another if a type has several types in FMI 3.0."""
+        if references is None or values is None:
+            return int(self.native(f"{way}{_USUAL[kind]}")(address, references, count, None, count))
+        natives = [self._native_of(reference, kind) for reference in references[:count]]
+        if kind == "Real" and way == "Set":
+            self._of(address).inputs.update((references[k], values[k]) for k in range(count))
+        if kind in ("Real", "String") and set(natives) <= {_USUAL[kind]}:
+            return int(self.native(f"{way}{_USUAL[kind]}")(address, references, count, values, count))
+        worst = 0
+        for k, native in enumerate(natives):
+            buffer = (TYPES[native] * 1)(values[k])
+            name = f"{way}{'Int64' if native == 'Enumeration' else native}"
+            worst = max(worst, int(self.native(name)(address, (c_uint * 1)(references[k]), 1, buffer, 1)))
+            if way == "Get":
+                values[k] = buffer[0]
+        return worst
+
+    def _native_of(self, reference: int, kind: str) -> str:
+        native = self._natives.get(reference, "")
+        old = OLD_TYPES.get(native)
+        return native if old == kind or (kind, old) == ("Integer", "Enumeration") else _USUAL[kind]
+
+    def _SetRealInputDerivatives(self, address: int, references: Any, count: int, orders: Any, slopes: Any) -> int:  # noqa: N802
+        if references is None or orders is None or slopes is None:
+            return ERROR  # an FMU of FMI 3.0 has no such call
+        known = set(self.intermediate_inputs)
+        if any(orders[k] != 1 or references[k] not in known for k in range(count)):
+            return ERROR
+        self._of(address).slopes.update((references[k], slopes[k]) for k in range(count))
+        return 0
+
+    def _GetRealOutputDerivatives(self, address: int, references: Any, count: int, orders: Any, values: Any) -> int:  # noqa: N802
+        numbers = (c_int32 * count)(*orders)
+        return int(self.native("GetOutputDerivatives")(address, references, count, numbers, values, count))
+
+    def _GetDirectionalDerivative(  # noqa: N802
+        self, address: int, unknowns: Any, n_unknowns: int, knowns: Any, n_knowns: int, seed: Any, result: Any
+    ) -> int:
+        function = self.native("GetDirectionalDerivative")
+        return int(function(address, unknowns, n_unknowns, knowns, n_knowns, seed, n_knowns, result, n_unknowns))
+
+    # ---- Steps -----------------------------------------------------------------------------------------------------
+
+    def _update(self, live: _Live, _environment: Any, time: float, set_requested: bool, *_others: Any) -> None:
+        if not set_requested:
+            return
+        live.requests.append(time)
+        for reference, slope in live.slopes.items():
+            value = live.inputs.get(reference, self._start(reference)) + slope * (time - live.begin)
+            address = next((a for a, one in self._live.items() if one is live), 0)
+            self.native("SetFloat64")(address, (c_uint * 1)(reference), 1, (c_double * 1)(value), 1)
+
+    def _start(self, reference: int) -> float:
+        variable = next(v for v in self._description.variables if v.reference == str(reference))
+        return variable.number("start") or 0.0
+
+    def _DoStep(self, address: int, time: float, h: float, final: int) -> int:  # noqa: N802
+        live = self._of(address)
+        live.begin = time
+        live.requests.clear()
+        event, terminate, early, last = live.results
+        event.value = terminate.value = early.value = self.unset
+        last.value = math.nan if self.unset else time
+        status: int = self.native("DoStep")(address, time, h, bool(final), *live.pointers)
+        for reference, slope in live.slopes.items():
+            live.inputs[reference] = live.inputs.get(reference, self._start(reference)) + slope * h
+        live.slopes.clear()
+        return max(status, DISCARD) if terminate.value else status
+
+    def _GetBooleanStatus(self, address: int, kind: int, value: Any) -> int:  # noqa: N802
+        value._obj.value = int(kind == TERMINATED and self._of(address).results[1].value)
+        return 0
+
+    # ---- Model exchange --------------------------------------------------------------------------------------------
+
+    def _NewDiscreteStates(self, address: int, info: Any) -> int:  # noqa: N802
+        flags = [c_bool() for _ in range(5)]
+        time = c_double()
+        status = int(self.native("UpdateDiscreteStates")(address, *map(ctypes.byref, flags), ctypes.byref(time)))
+        for (name, _), flag in zip(info._obj._fields_, flags, strict=False):
+            setattr(info._obj, name, int(flag.value))
+        info._obj.nextEventTime = time.value
+        return status
+
+    def _CompletedIntegratorStep(self, address: int, final: int, enter: Any, end: Any) -> int:  # noqa: N802
+        flags = c_bool(), c_bool()
+        status = int(self.native("CompletedIntegratorStep")(address, bool(final), *map(ctypes.byref, flags)))
+        enter._obj.value, end._obj.value = (int(flag.value) for flag in flags)
+        return status
+
+
+@cache
+def _name_3(call: str) -> str:
+    name, mark, rest = re.fullmatch(r"(\w*)(\W?)(.*)", call, re.DOTALL).groups()  # type: ignore[union-attr]
+    return f"fmi3{function_name(name[4:])}{mark}{rest}" if name.startswith("fmi2") else call
+
+
+def path_of(resources: bytes) -> bytes:
+    """Return the path of a folder with a separator at its end (FMI 3.0) from its URI (FMI 2.0)."""
+    from urllib.request import url2pathname  # noqa: PLC0415 -- a third of a probe's start, also of FMI 2.0
+
+    return (url2pathname(urlparse(resources.decode()).path) + "/").encode()

@@ -9,8 +9,18 @@ from ctypes import c_double, c_uint
 from dataclasses import dataclass, replace
 from typing import Any
 
-from builder.check.probes.bench import Bench, Results, step
-from builder.check.probes.instance import C_TYPES, CallError, Instance, Value, base_type, refused, status_name
+from builder.check.probes.bench import (
+    C_TYPES,
+    Bench,
+    CallError,
+    Instance,
+    Results,
+    Value,
+    base_type,
+    refused,
+    status_name,
+    step,
+)
 from builder.check.probes.library import ERROR, FATAL, FREEING_NOTHING, MissingFunctionError
 from builder.check.rules import RULES, Finding, Rule, listed
 from eightpost.fmi.description import Variable

@@ -1,21 +1,44 @@
-"""Probes of valid runs: constant and varying inputs, irregular steps, the first outputs, model exchange."""
+"""Probes of valid runs: simulation, steps, first outputs, ports, reference results."""
 
 from __future__ import annotations
 
+import csv
 import hashlib
+import itertools
 import math
 import random
 import re
 import struct
-from collections.abc import Callable, Iterator
+from bisect import bisect_right
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 
-from builder.check.probes.bench import REACH, Bench, Measured, Results, Skip, Values, differ, other_value, step
-from builder.check.probes.instance import CallError, Instance, Message, TerminatedError, Value, refused, status_name
+from builder.check.probes.bench import (
+    REACH,
+    Bench,
+    CallError,
+    Instance,
+    Measured,
+    Message,
+    Results,
+    Skip,
+    TerminatedError,
+    Value,
+    Values,
+    differ,
+    inside,
+    other_value,
+    refused,
+    status_name,
+    step,
+)
 from builder.check.probes.library import DISCARD, ERROR
 from builder.check.rules import RULES, Finding, listed
 from eightpost.fmi.description import Variable
+
+# ==== Probes of valid runs: constant and varying inputs, irregular steps, the first outputs, model exchange ==========
 
 # ---- Runs with constant and with varying inputs ---------------------------------------------------------------------
 
@@ -26,6 +49,7 @@ _CONVERSION = re.compile(rb"%[-+ #0]*\d*(\.\d+)?(l|ll|h|z)?[diufFeEgGxXsScp]")
 
 def probe_simulation(bench: Bench) -> Results:
     """Simulate and check start values, outputs, repeatability and log messages."""
+    yield from _versions(bench)
     with bench.instance(replace(bench.birth, logging=True)) as instance:
         bench.initialize(instance)
         reached = _count_steps(bench, instance, bench.held)
@@ -49,6 +73,18 @@ def probe_simulation(bench: Bench) -> Results:
     if first and differ(first, second):
         yield RULES["deterministic"].finding("a second run in the same process gave different outputs")
     yield from _messages(messages)
+
+
+def _versions(bench: Bench) -> Iterator[Finding]:
+    """Compare what the binary says about itself with the description."""
+    stated = bench.description.attributes.get("fmiVersion", "")
+    returned = {name: (bench.library.native(name)() or b"").decode("utf-8", "replace")
+                for name in ("GetVersion", "GetTypesPlatform")[: 4 - bench.description.fmi]}  # fmt: skip
+    version = returned["GetVersion"]
+    if version != stated and (bench.description.fmi == 2 or version.split(".")[:2] != stated.split(".")[:2]):
+        yield RULES["version-string"].finding(f"it returns {version!r}, the description states {stated!r}")
+    if returned.get("GetTypesPlatform", "default") != "default":
+        yield RULES["types-platform"].finding(f"it returns {returned['GetTypesPlatform']!r}")
 
 
 def _count_steps(bench: Bench, instance: Instance, signal: Callable[[float], Values]) -> int:
@@ -152,6 +188,79 @@ def _is_unformatted(message: Message) -> bool:
 
 def _shown(text: bytes) -> str:
     return text.decode("utf-8", "replace").strip()[:200]
+
+
+# ---- Inputs and tunable parameters ----------------------------------------------------------------------------------
+
+_FEW, _SOME, _MOST_TUNED = 5, 50, 20  # steps, steps, parameters
+
+
+def probe_inputs(bench: Bench) -> Results:
+    """Set inputs once, and tunable parameters between steps."""
+    yield from _kept(bench)
+    parameters = [v for v in bench.description.of("parameter") if v.variability == "tunable"][:_MOST_TUNED]
+    idle = [variable.name for variable in parameters if _is_idle(bench, variable)]
+    if idle:
+        yield RULES["tunable-used"].finding(f"without effect between steps, but with one before: {listed(idle)}")
+
+
+def _kept(bench: Bench) -> Iterator[Finding]:
+    """Compare steps after inputs that are set in initialization mode only with steps before each of which they are."""
+    values = [other_value(variable, random.Random(4)) for variable in bench.inputs]
+    rows: list[list[Values]] = []
+    read: list[Values] = []
+    try:
+        for is_repeated in (True, False):
+            with bench.instance() as instance:
+                bench.enter(instance)
+                bench.drive(instance, values)
+                instance.need("ExitInitializationMode")
+                read = [instance.reals(bench.inputs)]
+                rows.append([])
+                for point in range(min(_FEW, bench.timing.count)):
+                    if is_repeated:
+                        bench.drive(instance, values)
+                    step(instance, bench.timing.at(point), bench.timing.step)
+                    rows[-1].append(instance.reals(bench.outputs))
+                read.append(instance.reals(bench.inputs))
+    except CallError:
+        return  # other probes report this
+    for when, found in zip(("at the end of initialization", "in a step"), read, strict=True):
+        if lost := [v.name for v, a, b in zip(bench.inputs, values, found, strict=True) if abs(a - b) > 1e-6 * abs(a)]:
+            yield RULES["inputs-kept"].finding(f"changed {when}: {listed(lost)}")
+            return
+    if differ(*rows) > _EQUAL:
+        yield RULES["inputs-kept"].finding("outputs differ from those after the same inputs are set before each step")
+
+
+_EQUAL = 1e-9
+
+
+def _is_idle(bench: Bench, variable: Variable) -> bool:
+    """Return whether a parameter has an effect if it is set before the first step, and none if it is set after two."""
+    value = next(
+        (v for k in range(9) if (v := other_value(variable, random.Random(k))) != variable.number("start")), 0.0
+    )
+    try:
+        plain, early, late = (_tuned(bench, variable, value, at) for at in (None, 0, 2))
+    except CallError:
+        return False  # it contradicts another parameter
+    return differ(plain, early) > _EQUAL and plain == late
+
+
+def _tuned(bench: Bench, variable: Variable, value: float, at: int | None) -> list[Values]:
+    """Return the outputs of a run in which a parameter is set in initialization mode (0) or after some steps."""
+    rows = []
+    with bench.instance() as instance:
+        bench.enter(instance)
+        for point in range(min(_SOME, bench.timing.count) + 1):
+            if point == 1:
+                instance.need("ExitInitializationMode")
+            if point == at and refused(instance.set(variable, value)):
+                raise CallError(f"{variable.name} was rejected")
+            if point:
+                rows += bench.run(instance, bench.excitation, range(point - 1, point))
+    return rows
 
 
 # ---- Steps of irregular length, also from other start times ---------------------------------------------------------
@@ -260,9 +369,187 @@ def _is_at_rest(bench: Bench, inputs: Values, start: float, outputs: Values) -> 
 # ---- Digest of the outputs, to compare a run with the same run elsewhere --------------------------------------------
 
 
-def probe_trace(bench: Bench) -> Results:
+def probe_surroundings(bench: Bench) -> Results:
     """Run and yield the digest of the outputs."""
     with bench.running() as instance:
         rows = [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, bench.all_points())]
     flat = [value for row in rows for value in row]
     yield Measured("outputs", hashlib.sha256(struct.pack(f"<{len(flat)}d", *flat)).hexdigest())
+
+
+# ==== Probe of velocity/force ports: a shock has input velocity and output force, a vehicle the reverse ==============
+
+_FREQUENCY, _POINTS, _CYCLES = 4.0, 250, 3
+_AMPLITUDES = (0.05, 0.2, 0.5)  # m/s
+_FORCE = 200.0  # N
+_ENERGY_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True)
+class _Port:
+    """The velocity and force of one port, and its displacement if there is one."""
+
+    velocity: Variable
+    force: Variable
+    displacement: Variable | None
+
+
+def probe_ports(bench: Bench) -> Results:
+    """Find the ports and excite them."""
+    shocks = list(_ports(bench, "input", "output"))
+    vehicles = list(_ports(bench, "output", "input"))
+    if not shocks and not vehicles:
+        yield Skip("there is no pair of velocity [m/s] and force [N]")
+    for port in shocks:
+        for size in _AMPLITUDES:
+            yield from _cycle(bench, port, size)
+    for port in vehicles:
+        yield from _push(bench, port)
+
+
+def _ports(bench: Bench, velocity: str, force: str) -> Iterator[_Port]:
+    by_name = bench.description.by_name
+    for v in bench.description.of(velocity):
+        prefix, dot, last = v.name.rpartition(".")
+        other = by_name.get(f"{prefix}{dot}force")
+        if last == "velocity" and v.unit == "m/s" and other and other.causality == force and other.unit == "N":
+            beside = by_name.get(f"{prefix}{dot}displacement")
+            yield _Port(v, other, beside if beside and beside.causality == velocity else None)
+
+
+def _cycle(bench: Bench, port: _Port, size: float) -> Iterator[Finding]:
+    """Drive a shock through closed cycles and check the last one."""
+    h = 1 / (_FREQUENCY * _POINTS)
+    if not bench.description.can("canHandleVariableCommunicationStepSize"):
+        h = bench.timing.step
+    velocities, forces = _driven(bench, port, size, h)
+    up = [f for v, f in zip(velocities, forces, strict=True) if v > 0.5 * size]
+    down = [f for v, f in zip(velocities, forces, strict=True) if v < -0.5 * size]
+    if up and down and sum(up) / len(up) <= sum(down) / len(down):
+        yield RULES["shock-sign"].finding(
+            f"{port.force.name} is {sum(up) / len(up):.4g} N in compression at {size:g} m/s, "
+            f"{sum(down) / len(down):.4g} N in rebound"
+        )
+    powers = [v * f for v, f in zip(velocities, forces, strict=True)]
+    energy, scale = sum(powers) * h, sum(map(abs, powers)) * h
+    if energy < -_ENERGY_TOLERANCE * scale:
+        yield RULES["passive"].finding(f"{port.force.name} produced {-energy:.4g} J in a cycle of {size:g} m/s")
+
+
+def _driven(bench: Bench, port: _Port, size: float, h: float) -> tuple[Values, Values]:
+    """Return velocity and force over the last cycle; the force is that at the end of the step with that velocity."""
+    velocities: Values = []
+    forces: Values = []
+    rate = 2 * math.pi / (_POINTS * h)
+    with bench.running() as instance:
+        for point in range(_CYCLES * _POINTS):
+            phase = rate * h * point
+            velocity = inside(port.velocity, size * math.sin(phase))
+            inputs, values = [port.velocity], [velocity]
+            if port.displacement is not None:
+                inputs.append(port.displacement)
+                values.append(inside(port.displacement, -size / rate * math.cos(phase)))
+            instance.set_reals(inputs, values)
+            step(instance, bench.timing.start + point * h, h)
+            velocities.append(velocity)
+            forces += instance.reals([port.force])
+    return velocities[-_POINTS:], forces[-_POINTS:]
+
+
+def _push(bench: Bench, port: _Port) -> Iterator[Finding]:
+    """Apply a positive force at one port of a vehicle from the start of a run: the shock there must extend."""
+    ends = []
+    for force in (0.0, _FORCE):
+        with bench.running() as instance:
+            instance.set(port.force, (port.force.number("start") or 0.0) + force)
+            for point in range(5):
+                step(instance, bench.timing.at(point), bench.timing.step)
+            ends += instance.reals([port.velocity])
+    if ends[1] >= ends[0]:
+        yield RULES["vehicle-sign"].finding(
+            f"{_FORCE:g} N on {port.force.name} moved {port.velocity.name} by {ends[1] - ends[0]:+.3g} m/s"
+        )
+
+
+# ==== Probe of the reference results in extra/ (files of the FMI cross-check: NAME_ref.csv, NAME_in.csv, NAME_ref.opt)
+
+_TOLERANCE = 1e-3
+Columns = Mapping[str, list[float]]
+
+
+def probe_reference(bench: Bench) -> Results:
+    """Compute every reference result again and compare."""
+    found = sorted(bench.folder.glob("extra/**/*_ref.csv"))
+    if not found:
+        yield Skip("there are no reference results in extra/")
+    for path in found:
+        try:
+            yield from _compare_file(bench, path)
+        except (CallError, ValueError, KeyError, IndexError, OSError) as error:
+            yield RULES["reference-results"].finding(f"{path.name}: {error}")
+
+
+def _compare_file(bench: Bench, path: Path) -> Iterator[Finding]:
+    stem = path.name.removesuffix("_ref.csv")
+    expected = _columns(path)
+    inputs = _columns(path.with_name(f"{stem}_in.csv")) if path.with_name(f"{stem}_in.csv").is_file() else {}
+    options = _options(path.with_name(f"{stem}_ref.opt"))
+    names = [name for name in expected if name != "time" and name in bench.description.by_name]
+    got = _run_rows(bench, expected["time"], inputs, names)
+    tolerance = options.get("RelTol", _TOLERANCE)
+    wrong = {name: worst for name in names if not (worst := _worst(got[name], expected[name])) <= tolerance}
+    if wrong:
+        shown = listed([f"{name} by {worst:.1e}" for name, worst in wrong.items()])
+        yield RULES["reference-results"].finding(
+            f"{path.name}: outputs differ by more than {tolerance:g} of their size: {shown}"
+        )
+
+
+def _worst(got: list[float], expected: list[float]) -> float:
+    size = max(map(abs, expected)) or 1.0
+    return max(abs(a - b) for a, b in zip(got, expected, strict=True)) / size
+
+
+def _run_rows(bench: Bench, times: list[float], inputs: Columns, names: list[str]) -> dict[str, list[float]]:
+    """Step from row to row, with inputs held over each step as in the rules of the cross-check."""
+    variables = [bench.description.by_name[name] for name in names]
+    rows = []
+    with bench.instance() as instance:
+        bench.enter(instance, start=times[0])
+        _set_inputs(bench, instance, inputs, times[0])
+        instance.need("ExitInitializationMode")
+        rows.append(instance.reals(variables))
+        for begin, end in itertools.pairwise(times):
+            _set_inputs(bench, instance, inputs, begin)
+            step(instance, begin, end - begin)
+            rows.append(instance.reals(variables))
+    return {name: [row[k] for row in rows] for k, name in enumerate(names)}
+
+
+def _set_inputs(bench: Bench, instance: Instance, inputs: Columns, time: float) -> None:
+    driven = [v for v in bench.inputs if v.name in inputs]
+    values = [_at(inputs, v.name, time) for v in driven]
+    status = instance.set_reals(driven, values)
+    if refused(status):
+        raise CallError(f"inputs at {time:g} s were rejected{instance.last_message()}")
+
+
+def _at(columns: Columns, name: str, time: float) -> float:
+    times, values = columns["time"], columns[name]
+    right = min(max(bisect_right(times, time), 1), len(times) - 1)
+    left = right - 1
+    share = min(max((time - times[left]) / (times[right] - times[left]), 0.0), 1.0)
+    return values[left] + share * (values[right] - values[left])
+
+
+def _columns(path: Path) -> dict[str, list[float]]:
+    with path.open(newline="", encoding="utf-8") as stream:
+        header, *rows = [row for row in csv.reader(stream) if row]
+    return {name.strip().strip('"'): [float(row[k]) for row in rows] for k, name in enumerate(header)}
+
+
+def _options(path: Path) -> dict[str, float]:
+    if not path.is_file():
+        return {}
+    found = re.findall(r"(?m)^\s*(\w+)\s*[,=]\s*([-+0-9.eE]+)\s*$", path.read_text(encoding="utf-8"))
+    return {name: float(value) for name, value in found}

@@ -8,10 +8,18 @@ from collections.abc import Iterator, Sequence
 from ctypes import c_char_p, c_double, c_size_t, c_uint
 from typing import Any
 
-from builder.check.probes.bench import Bench, Results, Skip
-from builder.check.probes.instance import CallError, Instance, refused
-from builder.check.probes.library import CO_SIMULATION, MODEL_EXCHANGE, MissingFunctionError
-from builder.check.probes.library3 import TYPES, Library3
+from builder.check.probes.bench import Bench, CallError, Instance, Results, Skip, refused
+from builder.check.probes.library import (
+    CO_SIMULATION,
+    MODEL_EXCHANGE,
+    TYPES,
+    Clock,
+    Library3,
+    Logger3,
+    MissingFunctionError,
+    Update,
+    path_of,
+)
 from builder.check.rules import RULES, Finding, listed
 from eightpost.fmi.description import Variable, whole_number
 
@@ -25,8 +33,8 @@ def probe_version_3(bench: Bench) -> Results:
     if not isinstance(library, Library3):
         yield Skip("it is of FMI 2.0")
         return
-    yield from _version(bench, library)
     yield from _undeclared(bench, library)
+    yield from _declared(bench, library)
     yield from _numbers(bench, library)
     if bench.description.co_simulation is None:
         yield Skip("the FMU does not support co-simulation", "steps, values and adjoint derivatives")
@@ -35,13 +43,6 @@ def probe_version_3(bench: Bench) -> Results:
     yield from _counts(bench, library)
     yield from _arrays(bench, library)
     yield from _adjoint(bench, library)
-
-
-def _version(bench: Bench, library: Library3) -> Iterator[Finding]:
-    returned = (library.native("GetVersion")() or b"").decode("utf-8", "replace")
-    stated = bench.description.attributes.get("fmiVersion", "")
-    if returned.split(".")[:2] != stated.split(".")[:2]:
-        yield RULES["version-string"].finding(f"it returns {returned!r}, the description states {stated!r}")
 
 
 def _undeclared(bench: Bench, library: Library3) -> Iterator[Finding]:
@@ -58,6 +59,28 @@ def _undeclared(bench: Bench, library: Library3) -> Iterator[Finding]:
                 yield RULES["undeclared-type"].finding(f"an instance for {name} was created")
 
 
+def _declared(bench: Bench, library: Library3) -> Iterator[Finding]:
+    """Instantiate with event mode and for scheduled execution, if the description declares them."""
+    birth, log = bench.birth, Logger3(lambda *_: None)
+    first = (b"probe", birth.guid.encode(), path_of(birth.resources.encode()), False, False)
+    none = ctypes.cast(ctypes.c_void_p(None), Update)
+    lock = ctypes.CFUNCTYPE(None)(lambda: None)
+    kinds = {
+        "event mode": (bench.description.can("hasEventMode"), "CoSimulation", (True, False, None, 0, None, log, none)),
+        "scheduled execution": (
+            bench.description.is_scheduled, "ScheduledExecution", (None, log, Clock(lambda *_: None), lock, lock)
+        ),
+    }  # fmt: skip
+    for name, (is_declared, function, arguments) in kinds.items():
+        if is_declared:
+            library.begin(f"fmi3Instantiate{function}", f" for {name}")
+            address = library.native(f"Instantiate{function}")(*first, *arguments)
+            if address is None:
+                yield RULES["declared-kind"].finding(f"fmi3Instantiate{function} with {name} returned NULL")
+            else:
+                library.native("FreeInstance")(address)
+
+
 def _created(bench: Bench, library: Library3, kind: int) -> Instance | None:
     birth = bench.birth
     try:
@@ -68,23 +91,27 @@ def _created(bench: Bench, library: Library3, kind: int) -> Instance | None:
 
 
 def _steps(bench: Bench, library: Library3) -> Iterator[Finding]:
-    """Step with varying inputs, and look at the results of each step and at its intermediate updates."""
+    """Step with varying inputs, and look at the results of each step and at its intermediate updates.
+
+    Before a second run, all results have values that a step must replace.
+    """
     wrong, outside, requested, steps = [], [], 0, 0
-    with bench.running() as instance:
-        for point in range(min(_STEPS, bench.timing.count)):
-            time, h = bench.timing.at(point), bench.timing.step
-            bench.drive(instance, bench.excitation(time))
-            if refused(instance.step(time, h)):
-                break  # other probes report this
-            steps += 1
-            step, end, margin = library.last_step(instance.address), time + h, _ROUNDING * max(1.0, abs(time + h))
-            wrong += (
-                [f"lastSuccessfulTime {step.last!r} after a step to {end!r} s"] if abs(step.last - end) > margin else []
-            )
-            wrong += ["earlyReturn"] if step.early else []
-            wrong += ["eventHandlingNeeded"] if step.event else []
-            outside += [t for t in step.requests if not time - margin <= t <= end + margin]
-            requested += len(step.requests)
+    for library.unset in (False, True):
+        with bench.running() as instance:
+            for point in range(min(_STEPS, bench.timing.count)):
+                time, h = bench.timing.at(point), bench.timing.step
+                bench.drive(instance, bench.excitation(time))
+                if refused(instance.step(time, h)) and not library.unset:
+                    break  # other probes report this
+                steps += 1
+                step, end, margin = library.last_step(instance.address), time + h, _ROUNDING * max(1.0, abs(time + h))
+                late = f"lastSuccessfulTime {step.last!r} after a step to {end!r} s"
+                wrong += [] if abs(step.last - end) <= margin else [late]
+                flags = {"earlyReturn": step.early, "eventHandlingNeeded": step.event}
+                wrong += [name for name, value in (flags | {"terminateSimulation": step.terminate}).items() if value]
+                outside += [t for t in step.requests if not time - margin <= t <= end + margin]
+                requested += len(step.requests)
+    library.unset = False
     if wrong:
         yield RULES["step-results"].finding(listed(list(dict.fromkeys(wrong)), most=3))
     if outside:

@@ -2,35 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import json
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
-from cosim.results.result import Result, SavedRun
-from cosim.study.choice.robust import REACH
+from cosim.session.result import Result, SavedRun
 from cosim.study.measures import Measure, available, channel_measures, ride_measures
-from eightpost import units
+from cosim.study.table import StudyResult
+from eightpost import __version__, units
 from eightpost.array_types import Array, Flags, Integers
 from eightpost.display import Summarized, Summary, some
-from eightpost.errors import InputError
+from eightpost.errors import FileFormatError, InputError
+from eightpost.files import MALFORMED, atomic_path, json_content
 from eightpost.labelled import data_frame
 from eightpost.signals import TimeSeries
-from eightpost.verdict import Grade, Reason, Rules, Verdict
+from eightpost.verdict import Grade, Reason, Rules, Verdict, is_intact, sealed
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from eightpost.report.pictures import Picture
-
-
-# ==== Comparison =====================================================================================================
+    from eightpost.report.pictures import Axes, Figure, Picture
 
 # ---- Comparison of measured with predicted levels -------------------------------------------------------------------
 
+#: Half-width of a band, in standard deviations (Fig 7.7).
+REACH = 2.0
 
 #: Minimum number of setups for a best-fit line with an uncertainty.
 FEWEST = 3
@@ -188,10 +191,6 @@ def usable_deviation(estimate: float, freedom: int) -> float:
     """Return the deviation of the normal distribution that has the 95 % interval of an estimated deviation.
 
     A deviation that was estimated from few repeats may be far too small, so its interval is that of Student's t.
-
-    Args:
-        estimate: Estimated standard deviation of one rig run.
-        freedom: Degrees of freedom of the estimate: number of repeated runs beyond the first one of each setup.
     """
     return estimate * float(stats.t.ppf(_UPPER, freedom) / stats.norm.ppf(_UPPER))
 
@@ -233,7 +232,6 @@ def comparison_verdict(comparisons: Sequence[Comparison], *, rank: float, level:
     """Return the verdict on comparisons of a study with the rig.
 
     Args:
-        comparisons: Comparison of each measure.
         rank: Minimum rank correlation (Spearman).
         level: Maximum level error [%]; None for no limit.
     """
@@ -256,29 +254,16 @@ def _faults(one: Comparison, rank: float, level: float | None) -> Iterator[Reaso
         yield WRONG_LEVEL.reason("the study's levels differ from those of the rig", figure=figure, origin=one.measure)
 
 
-def percent_change(values: Sequence[float]) -> float | None:
-    """Return the change of a measure from the first run to the last [%]; None if it is 0 in the first run."""
-    return 100.0 * (values[-1] / values[0] - 1.0) if values[0] else None
-
-
-def verdict_of_runs(documents: Mapping[str, Mapping[str, Any]]) -> Verdict:
-    """Return the verdict on compared runs, given their result.json by folder."""
-    return Verdict(
-        replace(reason, origin=f"{folder}: {reason.origin}")
-        for folder, document in documents.items()
-        for reason in _of_run(document).reasons
-    )
-
-
-def _of_run(document: Mapping[str, Any]) -> Verdict:
+def _of_run(label: str, run: Result | SavedRun) -> Iterator[Reason]:
+    """Yield the reasons of the verdict on a run, with its label in their origins."""
     try:
-        return Verdict.from_json(document.get("verdict"))
+        verdict = run.verdict if isinstance(run, Result) else Verdict.from_json(run.document.get("verdict"))
     except InputError:
-        statement = "the run has no verdict"
-        return Verdict([OLD_RUN.reason(statement, figure="0 reasons stated", origin="result.json")])
+        verdict = Verdict([OLD_RUN.reason("the run has no verdict", figure="0 reasons stated", origin="result.json")])
+    yield from (replace(reason, origin=f"{label}: {reason.origin}") for reason in verdict.reasons)
 
 
-# ==== Response measures of runs ======================================================================================
+# ---- Response measures of runs --------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -295,7 +280,8 @@ class RunComparison(Summarized):
 
     def change(self, measure: Measure) -> float | None:
         """Return the change of a measure from the first run to the last [%]; None if it is 0 in the first run."""
-        return percent_change(self.values(measure))
+        first, *_, last = self.values(measure)
+        return 100.0 * (last / first - 1.0) if first else None
 
     def _summary(self) -> Summary:
         changes = {one.name: self.change(one) for one in self.measures}
@@ -317,13 +303,12 @@ class RunComparison(Summarized):
         rows = [self.values(measure) for measure in self.measures]
         columns: dict[str, Any] = {"unit": [measure.display for measure in self.measures]}
         columns |= {label: [row[k] for row in rows] for k, label in enumerate(self.runs)}
-        columns["change"] = [percent_change(row) for row in rows]
+        columns["change"] = [self.change(measure) for measure in self.measures]
         return data_frame(columns, [measure.name for measure in self.measures], "measure", {"change": "%"})
 
     def plot(self) -> Picture:
         """Return a picture of the change of each measure from the first run to the others."""
-        from cosim.study.plots import changes  # noqa: PLC0415 -- matplotlib takes long to load
-        from eightpost.report.pictures import Picture  # noqa: PLC0415
+        from eightpost.report.pictures import Picture  # noqa: PLC0415 -- matplotlib takes long to load
 
         return Picture(changes(self.runs, self.measures))
 
@@ -333,7 +318,6 @@ def compare_runs(runs: Mapping[str, Result | SavedRun], vehicle: str = "car") ->
 
     Args:
         runs: Two or more runs by label; the first is the baseline.
-        vehicle: Name of the vehicle component.
 
     Raises:
         InputError: There are fewer than two runs, or they have no channel in common.
@@ -345,8 +329,196 @@ def compare_runs(runs: Mapping[str, Result | SavedRun], vehicle: str = "car") ->
     measures = available(ride_measures(vehicle), *series) or available(channel_measures(series[0]), *series)
     if not measures:
         raise InputError(f"{next(iter(runs))} and the other runs have no channel in common")
-    documents = {
-        label: {"verdict": one.verdict.to_json()} if isinstance(one, Result) else one.document
-        for label, one in runs.items()
+    verdict = Verdict(reason for label, run in runs.items() for reason in _of_run(label, run))
+    return RunComparison(settled, measures, verdict)
+
+
+# ---- JSON file of the comparisons of measured with predicted levels -------------------------------------------------
+
+
+def write_comparisons(
+    comparisons: Sequence[Comparison], units: Mapping[str, str], path: str | Path, verdict: Verdict
+) -> None:
+    """Write comparisons as JSON, levels in SI."""
+    document = sealed({
+        "schema": 1,
+        "kind": "comparison",
+        "tool": f"eightpost {__version__}",
+        "verdict": verdict.to_json(),
+        "measures": [_entry(one, units[one.measure]) for one in comparisons],
+    })  # fmt: skip
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def write_and_plot(
+    comparisons: Sequence[Comparison],
+    result: StudyResult,
+    folder: Path,
+    verdict: Verdict,
+    selected: Mapping[str, Collection[int]],
+) -> Path:
+    """Write comparison.json, and comparison.png with the measures of the selection, or else of the objective.
+
+    Args:
+        selected: Setups that were selected for each measure; empty if there is no selection.
+
+    Returns:
+        The picture.
+    """
+    write_comparisons(comparisons, result.provenance.measure_units, folder / "comparison.json", verdict)
+    first = selected or dict.fromkeys(term.measure for term in result.study.objective)
+    drawn = [one for one in comparisons if one.measure in first] or list(comparisons)
+    shown = {one.measure: (result.unit(one.measure), result.display(one.measure)) for one in comparisons}
+    _plot_comparisons(drawn, folder / "comparison.png", shown=shown, selected=selected)
+    return folder / "comparison.png"
+
+
+def read_run_to_run(path: str | Path) -> dict[str, float]:
+    """Return the standard deviation of one rig run by measure [SI], as a comparison found it from repeated runs.
+
+    It is increased for the number of repeats; see `usable_deviation`.
+
+    Raises:
+        FileFormatError: The file is not a comparison, was edited after it, or no setup was run twice.
+    """
+    document = json_content(path, advice="`eightpost compare --measured` writes it")
+    try:
+        repeats = [(entry, sum(runs - 1 for runs in entry["runs"])) for entry in document["measures"]]
+        deviations = {
+            str(entry["measure"]): usable_deviation(float(entry["run_to_run"]), freedom) if freedom else 0.0
+            for entry, freedom in repeats
+        }
+    except MALFORMED as error:
+        raise FileFormatError(f"is not a comparison of a study with the rig ({error!r})", path=path) from error
+    if not is_intact(document):
+        raise FileFormatError("was edited after the comparison; run `eightpost compare --measured` again", path=path)
+    if not any(deviations.values()):
+        raise FileFormatError("contains no run-to-run deviation, because no setup was run twice on the rig", path=path)
+    return deviations
+
+
+def _entry(comparison: Comparison, unit: str) -> dict[str, Any]:
+    return {
+        "measure": comparison.measure,
+        "unit": unit,
+        "setups": comparison.setups.tolist(),
+        "runs": comparison.runs.tolist(),
+        "predicted": comparison.predicted.tolist(),
+        "measured": comparison.measured.tolist(),
+        "run_to_run": comparison.run_to_run,
+        "spearman": comparison.spearman,
+        "spearman_attainable": comparison.attainable,
+        "kendall": comparison.kendall,
+        "slope": comparison.line.slope,
+        "slope_interval_95": list(comparison.line.interval()),
+        "intercept": comparison.line.intercept,
+        "scatter": comparison.line.scatter,
+        "band": comparison.band,
+        "within_band": int(comparison.within.sum()),
+        "interval_95": [[None if np.isnan(end) else end for end in row] for row in comparison.interval.tolist()],
+        "within_interval": int(comparison.inside.sum()),
+        "judged": comparison.judged,
+        "level_error_percent": comparison.level_error,
+        "bias_percent": comparison.bias,
     }
-    return RunComparison(settled, measures, verdict_of_runs(documents))
+
+
+# ---- Plot of measured and predicted levels (Fig 7.7) ----------------------------------------------------------------
+
+_PREDICTED, _MEASURED = "#1f77b4", "#d95f02"
+
+
+def _plot_comparisons(
+    comparisons: Sequence[Comparison],
+    path: str | Path,
+    *,
+    shown: Mapping[str, tuple[str, str]],
+    selected: Mapping[str, Collection[int]],
+) -> None:
+    """Draw for every measure the levels by setup with bars of two standard deviations, and measured over predicted.
+
+    Setups that were `selected` for a measure have filled markers, the others hollow ones; `shown` are the SI unit and
+    the display unit by measure.
+    """
+    from eightpost.report.pictures import new_figure, panels_of, save  # noqa: PLC0415 -- matplotlib takes long to load
+
+    figure = new_figure(11, 3.4 * len(comparisons) + 0.4)
+    panels = panels_of(figure, 2 * len(comparisons), 2, width_ratios=(1.3, 1.0))
+    for trend, scatter, comparison in zip(panels[::2], panels[1::2], comparisons, strict=True):
+        si, unit = shown[comparison.measure]
+        factor = units.conversion(si, unit)[0]
+        own = np.isin(comparison.setups, list(selected.get(comparison.measure, comparison.setups)))
+        _trend(trend, comparison, factor)
+        _scatter(scatter, comparison, factor, own)
+        trend.set_ylabel(f"{comparison.measure} [{unit}]", fontsize=9)
+        scatter.set_xlabel(f"predicted [{unit}]", fontsize=9)
+        scatter.set_ylabel(f"measured [{unit}]", fontsize=9)
+    panels[-2].set_xlabel("setup, by predicted level", fontsize=9)
+    for panel in panels[:2]:
+        panel.legend(frameon=False, fontsize=8)
+    save(figure, path)
+
+
+def _trend(axes: Axes, comparison: Comparison, factor: float) -> None:
+    order = np.argsort(comparison.predicted, kind="stable")
+    places = np.arange(order.size)
+    axes.plot(places, factor * comparison.predicted[order], "s", color=_PREDICTED, ms=5, label="predicted")
+    label = f"measured, ± 2 sigma of {'a run' if comparison.run_to_run else 'the scatter'}"
+    measured, band = factor * comparison.measured[order], factor * comparison.band
+    axes.errorbar(places, measured, band, fmt="o", color=_MEASURED, ms=5, capsize=3, label=label)
+    axes.set_xticks(places, [str(number) for number in comparison.setups[order]], rotation=90, fontsize=7)
+    axes.grid(alpha=0.3)
+
+
+def _scatter(axes: Axes, comparison: Comparison, factor: float, own: NDArray[np.bool_]) -> None:
+    ends = np.linspace(comparison.predicted.min(), comparison.predicted.max(), 50)
+    line = comparison.line.at(ends)
+    axes.plot(factor * ends, factor * line, color="black", lw=1.0, label=f"best fit, slope {comparison.line.slope:.3g}")
+    for sign in (-1.0, 1.0):
+        band = line + sign * comparison.band
+        axes.plot(factor * ends, factor * band, "--", color="black", lw=0.8, label="± 2 sigma" if sign > 0.0 else None)
+    sure = 2.0 * comparison.line.error_at(ends)
+    axes.fill_between(factor * ends, factor * (line - sure), factor * (line + sure), color="black", alpha=0.12, lw=0)
+    for kept, fill in ((own, "full"), (~own, "none")):
+        predicted, measured = factor * comparison.predicted[kept], factor * comparison.measured[kept]
+        axes.plot(predicted, measured, "o", color=_MEASURED, fillstyle=fill)
+    ranks = f"Spearman {comparison.spearman:.3f}\nKendall {comparison.kendall:.3f}"
+    axes.text(0.03, 0.97, ranks, transform=axes.transAxes, va="top", fontsize=8)
+    axes.grid(alpha=0.3)
+
+
+# ==== Plot of response measures of several runs ======================================================================
+
+
+def plot_measures(
+    runs: Mapping[str, TimeSeries], measures: Sequence[Measure], path: str | Path, *, title: str = "Response measures"
+) -> None:
+    """Plot each measure's change from the first run to the others in percent; measures of zero are omitted."""
+    from eightpost.report.pictures import save  # noqa: PLC0415 -- matplotlib takes long to load
+
+    save(changes(runs, measures, title=title), path)
+
+
+def changes(runs: Mapping[str, TimeSeries], measures: Sequence[Measure], *, title: str = "Response measures") -> Figure:
+    """Return the figure of `plot_measures`."""
+    from eightpost.report.pictures import COLORS, new_figure  # noqa: PLC0415 -- matplotlib takes long to load
+
+    labels = list(runs)
+    baseline = runs[labels[0]]
+    kept = [m for m in measures if m.statistic == "rms" and m.of(baseline) > 0.0]
+    figure = new_figure(9, 0.33 * len(kept) + 1.6)
+    axes = figure.subplots()
+    positions = np.arange(len(kept))
+    height = 0.8 / max(1, len(labels) - 1)
+    for k, label in enumerate(labels[1:]):
+        change = [100.0 * (m.of(runs[label]) / m.of(baseline) - 1.0) for m in kept]
+        axes.barh(positions + k * height, change, height=0.9 * height, color=COLORS[(1 + k) % len(COLORS)], label=label)
+    axes.set_yticks(positions + 0.4 - height / 2, [m.name for m in kept])
+    axes.invert_yaxis()
+    axes.axvline(0.0, color="black", lw=0.8)
+    axes.set_xlabel(f"change from {labels[0]} [%]")
+    axes.grid(axis="x", alpha=0.3)
+    axes.legend(frameon=False)
+    figure.suptitle(title)
+    return figure

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from cosim.study.certainty import Certainty
-from cosim.study.certainty.assess import Knowledge
-from cosim.study.certainty.certainty import ConfirmedRun
+from cosim.study.choice.assess import Knowledge
+from cosim.study.choice.certainty import Certainty, ConfirmedRun
 from cosim.study.choice.compare import FEWEST, Comparison, usable_deviation
+from cosim.study.definition import Drive, SetupSpace, Study
 from cosim.study.measures import Measure
-from cosim.study.result import StudyResult
-from cosim.study.study import Drive, SetupSpace, Study
+from cosim.study.table import StudyResult
 from eightpost.array_types import Array, Integers
 from eightpost.display import some
 from eightpost.errors import FileFormatError, InputError
@@ -28,8 +28,7 @@ from eightpost.signals import TimeSeries
 _MISSING = 2.0
 
 
-@dataclass(frozen=True, slots=True)
-class MeasuredRun:
+class MeasuredRun(NamedTuple):
     """One run on the rig."""
 
     file: Path  #: Record of the run.
@@ -37,8 +36,7 @@ class MeasuredRun:
     drive: str  #: Name of the drive.
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Measured:
+class Measured(NamedTuple):
     """Measures of R runs on one or several drives."""
 
     setups: Integers  #: Setup number of each run (R,).
@@ -80,11 +78,6 @@ def measured_runs(runs: Sequence[MeasuredRun], study: Study, read: Callable[[Pat
     A channel of the vehicle is found under its name without the component: `car.lf.tire_force` as `lf.tire_force`. The
     first sample of a record is the start of the run; the settling time is excluded as in the study.
 
-    Args:
-        runs: Measured runs.
-        study: Study that defines the measures.
-        read: Function that returns the channels of a record.
-
     Raises:
         InputError: There are no runs, or a record is shorter than its drive.
     """
@@ -116,8 +109,6 @@ def comparisons(result: StudyResult, measured: Measured, certainty: Certainty | 
     """Compare every measure that was measured; the run-to-run deviation is pooled over setups with several runs.
 
     Args:
-        result: Result of the study.
-        measured: Measured levels.
         certainty: Certainty of the study, which states intervals of the levels; None without one.
 
     Raises:
@@ -178,7 +169,10 @@ def _setup(cells: Mapping[str, str], space: SetupSpace) -> int:
         raise InputError(
             f"there is no setup; state its number in a column `setup`, or builds at {', '.join(space.corners)}"
         )
-    number = _number(cells["setup"]) if cells.get("setup") else None
+    text = cells.get("setup", "")
+    if text and not text.isdecimal():
+        raise InputError(f"setup must be a number, not {text!r}")
+    number = int(text) if text else None
     if not builds and number is not None:
         return space.setup(number).index
     found = space.find(builds).index
@@ -188,12 +182,6 @@ def _setup(cells: Mapping[str, str], space: SetupSpace) -> int:
             "the builds"
         )
     return found
-
-
-def _number(text: str) -> int:
-    if not text.isdecimal():
-        raise InputError(f"setup must be a number, not {text!r}")
-    return int(text)
 
 
 def _measures(series: TimeSeries, drive: Drive, study: Study, file: Path) -> Iterator[tuple[str, float]]:
@@ -213,31 +201,23 @@ def _rig_channels(measure: Measure, study: Study) -> tuple[str, ...]:
     return tuple(channel.removeprefix(f"{study.vehicle.name}.") for channel in measure.channels)
 
 
-@dataclass(frozen=True, slots=True)
-class _RigComparison:
-    """A study beside its rig runs."""
-
-    runs: tuple[MeasuredRun, ...]  #: Rig runs that have a record.
-    comparisons: tuple[Comparison, ...]  #: Comparison of each measure.
-    notes: tuple[str, ...]  #: Sentences about records and measures that are left out.
-
-
 def compare_with_rig(
     result: StudyResult,
     path: str | Path,
     read: Callable[[Path], TimeSeries],
     measures: Sequence[str] = (),
     certainty: Certainty | None = None,
-) -> _RigComparison:
+) -> tuple[int, tuple[Comparison, ...], list[str]]:
     """Compare a study's prediction with the rig runs of a list.
 
     Args:
-        result: Result of the study.
         path: List of rig runs; see `read_run_list`.
-        read: Function that returns the channels of a record.
         measures: Measures to compare. By default, all that do not depend on a mean, because the zero of the rig
             differs.
         certainty: Certainty of the study, which states intervals of the levels; None without one.
+
+    Returns:
+        Number of rig runs with a record, comparison of each measure, and notes about what is left out.
 
     Raises:
         InputError: A measure is unknown, no record of the list exists, or none of the measures can be computed.
@@ -251,10 +231,10 @@ def compare_with_rig(
     if means:
         notes.append(f"left out, because the zero of the rig differs: {', '.join(means)}; compare one with --measure")
     names = [name for name in measures or rig.values if name in rig.values and name not in means]
-    compared = comparisons(result, replace(rig, values={name: rig.values[name] for name in names}), certainty)
+    compared = comparisons(result, rig._replace(values={name: rig.values[name] for name in names}), certainty)
     if not compared:
         raise InputError(f"{path}: no measure can be compared: {'; '.join(notes)}")
-    return _RigComparison(runs, compared, tuple(notes))
+    return len(runs), compared, notes
 
 
 def without(missing: Mapping[str | Path, Mapping[str, str]]) -> list[str]:
@@ -287,20 +267,10 @@ def runs_with_records(runs: Sequence[MeasuredRun], path: str | Path) -> tuple[tu
 # ---- Confirmation: the certainty that follows from measured levels --------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class _Confirmed:
-    """Knowledge with new rig runs."""
-
-    known: Knowledge  #: Knowledge with the new runs.
-    new: tuple[ConfirmedRun, ...]  #: The new runs.
-    notes: tuple[str, ...]  #: Sentences about records and measures that are left out.
-
-
 def requested_runs(result: StudyResult, texts: Sequence[str]) -> tuple[tuple[MeasuredRun, ...], list[str]]:
     """Return the rig runs that arguments name, and notes about records that do not exist.
 
     Args:
-        result: Result of the study.
         texts: One list of runs (a CSV file, see `read_run_list`, or a folder with a selection.csv), or one or more
             SETUP=FILE on the first drive of the study.
 
@@ -337,16 +307,12 @@ def with_rig_runs(
     runs: Sequence[MeasuredRun],
     read: Callable[[Path], TimeSeries],
     measures: Sequence[str] = (),
-) -> _Confirmed:
-    """Return what is known with rig runs; a record that is known already counts once.
+) -> tuple[Knowledge, list[str]]:
+    """Return what is known with rig runs, and notes about what is left out; a record that is known counts once.
 
     Unless a run-to-run deviation is stated, it comes from setups that were tested several times, in all runs so far.
 
     Args:
-        result: Result of the study.
-        known: Knowledge without the new runs.
-        runs: Rig runs.
-        read: Function that returns the channels of a record.
         measures: Measures to take into account. By default, all that do not depend on a mean, because the zero of the
             rig differs.
 
@@ -369,7 +335,7 @@ def with_rig_runs(
     earlier = repeated_noise(known.runs)
     stated = {name: value for name, value in known.run_to_run.items() if value != earlier.get(name)}
     noise = {**repeated_noise(every), **stated}
-    return _Confirmed(replace(known, runs=every, run_to_run=noise), tuple(made), (*notes, *without(missing)))
+    return replace(known, runs=every, run_to_run=noise), [*notes, *without(missing)]
 
 
 def _values(
@@ -396,12 +362,8 @@ def repeated_noise(runs: Sequence[ConfirmedRun]) -> Mapping[str, float]:
 
     It is increased for the number of repeats; see `usable_deviation`.
     """
-    names = dict.fromkeys(name for run in runs for name in run.values)
-    return dict(_repeated(runs, names))
-
-
-def _repeated(runs: Sequence[ConfirmedRun], names: Mapping[str, None]) -> Iterator[tuple[str, float]]:
-    for name in names:
+    found = dict[str, float]()
+    for name in dict.fromkeys(name for run in runs for name in run.values):
         squares, freedom = 0.0, 0
         for setup in dict.fromkeys((run.setup, run.drive) for run in runs):
             values = [run.values[name] for run in runs if (run.setup, run.drive) == setup and name in run.values]
@@ -409,4 +371,5 @@ def _repeated(runs: Sequence[ConfirmedRun], names: Mapping[str, None]) -> Iterat
                 squares += float(np.sum((np.array(values) - np.mean(values)) ** 2))
                 freedom += len(values) - 1
         if freedom:
-            yield name, usable_deviation(float(np.sqrt(squares / freedom)), freedom)
+            found[name] = usable_deviation(float(np.sqrt(squares / freedom)), freedom)
+    return found

@@ -1,142 +1,43 @@
-"""Spread of the leading setups over draws of uncertain parameters, and certainty with an uncertainty file."""
+"""Certainty with an uncertainty file, and spread of the leading setups over draws of the uncertain parameters."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
 from numpy.typing import ArrayLike
+from pydantic import BaseModel, ConfigDict, Field
 from scipy.stats import norm, qmc
 
-from cosim.study.certainty.assess import Knowledge
-from cosim.study.certainty.certainty import OBJECTIVE, Effect, VehicleSource
-from cosim.study.certainty.effects import UncertainParameter, effects_of, parameter_values, stated_parameters
-from cosim.study.certainty.sources import error_sources
-from cosim.study.result import StudyResult
+from cosim.study.choice.assess import Knowledge
+from cosim.study.choice.certainty import OBJECTIVE, Effect, VehicleSource
+from cosim.study.choice.compare import read_run_to_run
+from cosim.study.choice.sources import (
+    UncertainParameter,
+    effects_of,
+    error_sources,
+    parameter_values,
+    stated_parameters,
+)
+from cosim.study.definition import Parameters, Study
 from cosim.study.running.evaluator import coupling_of
-from cosim.study.running.sweep import Requested
+from cosim.study.running.sweep import Sweep
 from cosim.study.running.workers import Workers
-from cosim.study.study import Parameters, Study
+from cosim.study.table import StudyResult
 from eightpost import units
-from eightpost.array_types import Array, Flags, Integers
-from eightpost.errors import InputError
+from eightpost.array_types import Array, Integers
+from eightpost.errors import FileFormatError, InputError
+from eightpost.files import atomic_path, read_text
 from eightpost.progress import Progress
+from eightpost.toml_document import parse_model
 from eightpost.uncertainty import FittedParameter, LeftOutBlocks, correlation_of, square_root
 from eightpost.validity import ParameterUncertainty
-
-# ==== Draws, each of them simulated ==================================================================================
-
-# ---- Spread of setups -----------------------------------------------------------------------------------------------
-
-
-#: Half-width of a band, in standard deviations (Fig 7.7).
-REACH = 2.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Spread:
-    """Values of one measure of K setups with their uncertainty, in one unit.
-
-    Raises:
-        InputError: The shapes disagree, there is a single draw, or run_to_run or runs are invalid.
-    """
-
-    measure: str  #: Name of the measure.
-    setups: Integers  #: Numbers of the setups (K,).
-    values: Array  #: Values with the best parameters (K,); NaN if the setup failed.
-    draws: Array  #: Values with drawn parameters (S, K); S = 0 if shocks and vehicle are treated as known exactly.
-    run_to_run: float = 0.0  #: Standard deviation of one rig run; 0 to ignore run-to-run noise.
-    runs: int = 1  #: Number of rig runs of each setup that would be averaged.
-
-    def __post_init__(self) -> None:
-        if self.values.shape != self.setups.shape or self.draws.shape[1:] != self.setups.shape:
-            found = f"{self.values.shape} and {self.draws.shape}"
-            raise InputError(
-                f"{self.measure}: values and draws must have {self.setups.size} setups; their shapes are {found}"
-            )
-        if self.draws.shape[0] == 1:
-            raise InputError(f"{self.measure}: a spread cannot be computed from one draw; use two or more, or none")
-        if not self.run_to_run >= 0.0 or self.runs < 1:
-            raise InputError(
-                f"{self.measure}: run_to_run must be 0 or more and runs 1 or more, not {self.run_to_run} and "
-                f"{self.runs}"
-            )
-
-    @property
-    def deviation(self) -> Array:
-        """Standard deviation of each level from the parameters and the run-to-run noise (K,)."""
-        return np.asarray(np.sqrt(_variance(self.draws) + self._noise), dtype=np.float64)
-
-    def difference(self, other: int) -> tuple[Array, Array]:
-        """Return the differences of all setups from the one in row `other` (K,), and their standard deviations (K,)."""
-        paired = _variance(self.draws - self.draws[:, other : other + 1])
-        noise = np.where(np.arange(self.setups.size) == other, 0.0, 2.0 * self._noise)
-        return self.values - self.values[other], np.asarray(np.sqrt(paired + noise), dtype=np.float64)
-
-    def worse_than(self, other: int) -> Flags:
-        """Return whether each setup is higher than another by more than the uncertainty of the difference (K,)."""
-        above, deviation = self.difference(other)
-        return np.asarray(above > REACH * deviation, dtype=np.bool_)
-
-    def only(self, setups: Sequence[int]) -> Spread:
-        """Return the spread of some of the setups, by number."""
-        kept = np.isin(self.setups, setups)
-        return replace(self, setups=self.setups[kept], values=self.values[kept], draws=self.draws[:, kept])
-
-    @property
-    def _noise(self) -> float:
-        return self.run_to_run**2 / self.runs
-
-
-def spreads_of(
-    result: StudyResult, draws: Sequence[StudyResult], noise: Mapping[str, float] | None = None, *, runs: int = 1
-) -> tuple[Spread, ...]:
-    """Return the spread of the objective, if the study has one, and of every measure.
-
-    Args:
-        result: Result with the best parameters.
-        draws: Results of the drawn studies (`robust_draws`); setups that one of them lacks are omitted.
-        noise: Standard deviation of one rig run by measure [SI]; 0 for measures that are not listed.
-        runs: Number of rig runs of each setup that would be averaged.
-
-    Raises:
-        InputError: `noise` names a measure that the study lacks, or there is one draw only.
-    """
-    deviations = {measure.name: 0.0 for measure in result.measures}
-    for name, deviation in (noise or {}).items():
-        deviations[result.study.measure(name).name] = deviation
-    if result.study.objective:
-        deviations = {OBJECTIVE: _objective_noise(result, deviations), **deviations}
-    shared = result.setups
-    for drawn in draws:
-        shared = np.intersect1d(shared, drawn.setups)
-    return tuple(_spread(name, shared, (result, *draws), noise, runs) for name, noise in deviations.items())
-
-
-def _spread(name: str, setups: Integers, results: Sequence[StudyResult], noise: float, runs: int) -> Spread:
-    best, *rows = (_values(result, name)[np.isin(result.setups, setups)] for result in results)
-    return Spread(name, setups, best, np.stack(rows) if rows else np.empty((0, setups.size)), noise, runs)
-
-
-def _values(result: StudyResult, name: str) -> Array:
-    objective = result.objective if name == OBJECTIVE else None
-    return result.values(name) if objective is None else np.where(result.done, objective, np.nan)
-
-
-def _objective_noise(result: StudyResult, noise: Mapping[str, float]) -> float:
-    """Return the run-to-run deviation of the objective, with independent deviations of its measures."""
-    terms = result.study.objective
-    factors = [term.weight * units.conversion(result.unit(term.measure), term.unit)[0] for term in terms]
-    return float(np.sqrt(sum((f * noise[term.measure]) ** 2 for f, term in zip(factors, terms, strict=True))))
-
-
-def _variance(draws: Array) -> Array:
-    """Return the variance (K,) of draws (S, K); 0 without draws."""
-    return np.var(draws, axis=0, ddof=1) if draws.shape[0] else np.zeros(draws.shape[1])
-
 
 # ---- Uncertain parameters of shocks and vehicle, and studies in which they are drawn --------------------------------
 
@@ -146,7 +47,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Uncertain:
-    """Parameters of one FMU with their covariance, such as that of a fit. n parameters.
+    """Parameters of one FMU with their covariance, such as that of a fit: n parameters.
 
     Raises:
         InputError: The shapes disagree, or the covariance is not symmetric or has negative variances.
@@ -196,9 +97,7 @@ def drawn_studies(
     """Return studies with drawn parameters: a Latin hypercube of their normal distribution.
 
     Args:
-        study: Study with the best values.
         uncertain: Uncertain parameters; each parameter at most once.
-        draws: Number of studies S.
         seed: Seed of the random number generator; the same seed gives the same studies.
         vehicles: FMUs of equivalent vehicles; the draws use the study's own vehicle and these in turn.
 
@@ -208,9 +107,7 @@ def drawn_studies(
     if draws < 2:
         raise InputError(f"a spread needs two or more draws, not {draws}")
     for entry in uncertain:
-        if entry.part != study.vehicle.name and entry.part not in study.bank:
-            known = ", ".join((study.vehicle.name, *study.bank))
-            raise InputError(f"there is no part {entry.part!r}; the parts are {known}")
+        _check_part(study, entry.part)
     sizes = [len(entry.names) for entry in uncertain]
     uniform = qmc.LatinHypercube(max(sum(sizes), 1), rng=seed).random(draws)[:, : sum(sizes)]
     fitted = [FittedParameter(entry.left_out, name) for entry in uncertain for name in entry.names]
@@ -221,36 +118,45 @@ def drawn_studies(
     return tuple(_with(cars[s % len(cars)], uncertain, [rows[s] for rows in values]) for s in range(draws))
 
 
+def _check_part(study: Study, part: str) -> None:
+    if part != study.vehicle.name and part not in study.bank:
+        raise InputError(f"there is no part {part!r}; the parts are {', '.join((study.vehicle.name, *study.bank))}")
+
+
 def _with(study: Study, uncertain: Sequence[Uncertain], values: Sequence[Array]) -> Study:
     drawn: dict[str, dict[str, float]] = {}
     for entry, row in zip(uncertain, values, strict=True):
         drawn.setdefault(entry.part, {}).update(zip(entry.names, row.tolist(), strict=True))
-    bank = {n: replace(b, parameters=_over(b.parameters, drawn.get(n))) for n, b in study.bank.items()}
-    vehicle = study.vehicle
-    vehicle = replace(vehicle, parameters=_over(vehicle.parameters, drawn.get(vehicle.name)))
+
+    def parameters(name: str, own: Parameters) -> Parameters:
+        return {**own, **drawn.get(name, {})}
+
+    bank = {n: replace(b, parameters=parameters(n, b.parameters)) for n, b in study.bank.items()}
+    vehicle = replace(study.vehicle, parameters=parameters(study.vehicle.name, study.vehicle.parameters))
     return replace(study, bank=bank, vehicle=vehicle)
 
 
-def _over(own: Parameters, drawn: Mapping[str, float] | None) -> Parameters:
-    return {**own, **(drawn or {})}
-
-
-# ---- Robustness of a choice -----------------------------------------------------------------------------------------
+# ---- What is uncertain ----------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
-class Draws:
-    """Uncertain parameters and number of draws."""
+class Uncertainty:
+    """Uncertainties of a study's parts and of the rig."""
 
-    parts: tuple[Uncertain, ...]  #: Uncertain parameters with their covariance.
-    count: int = 32  #: Number of draws.
-    seed: int = 0  #: Seed of the random number generator.
-    vehicles: tuple[Path, ...] = ()  #: FMUs of equivalent vehicles.
+    parts: tuple[Uncertain, ...] = ()  #: Uncertain parameters with their covariance.
+    #: Shock files by build; the uncertainty is read from the fit in the file.
+    fits: Mapping[str, Path] = field(default_factory=dict)
+    vehicles: tuple[Path, ...] = ()  #: FMUs of equivalent vehicles, such as fits of other records.
+    run_to_run: Mapping[str, float] = field(default_factory=dict)  #: Standard deviation of one rig run by measure [SI].
+    runs: int = 1  #: Number of rig runs of each setup that would be averaged.
 
     @property
     def any(self) -> bool:
-        """Whether anything is uncertain."""
+        """Whether a parameter or the vehicle is uncertain."""
         return bool(self.parts or self.vehicles)
+
+
+# ---- Draws, each of them simulated, and their file ------------------------------------------------------------------
 
 
 def leading(result: StudyResult, count: int, measure: str | None = None) -> Integers:
@@ -263,16 +169,18 @@ def leading(result: StudyResult, count: int, measure: str | None = None) -> Inte
 
 
 def run_draws(
-    result: StudyResult, folder: str | Path, workers: Workers, draws: Draws, setups: Sequence[int]
+    result: StudyResult,
+    sweep: Sweep,
+    workers: Workers,
+    uncertain: Uncertainty,
+    setups: Sequence[int],
+    count: int,
+    seed: int = 0,
 ) -> Iterator[StudyResult]:
-    """Run setups with every draw, with the coupling of the study; runs that are in the folder are not repeated.
+    """Run setups with every draw, with the coupling of the study; completed runs in its folder are not repeated.
 
     Args:
-        result: Result of the study.
-        folder: Folder of completed runs.
-        workers: Workers that run the setups.
-        draws: Uncertain parameters and number of draws.
-        setups: Numbers of the setups.
+        sweep: The study, whose FMUs the runs use.
 
     Yields:
         Results of the setups for each draw; nothing if nothing is uncertain.
@@ -280,11 +188,61 @@ def run_draws(
     Raises:
         InputError: A part is not in the study, or an FMU lacks a parameter.
     """
-    if not draws.any:
-        return
-    coupling = coupling_of(result)
-    for study in drawn_studies(result.study, draws.parts, draws=draws.count, seed=draws.seed, vehicles=draws.vehicles):
-        yield Requested(study, folder).request(workers, coupling, setups)
+    if uncertain.any:
+        coupling = coupling_of(result)
+        for study in drawn_studies(result.study, uncertain.parts, draws=count, seed=seed, vehicles=uncertain.vehicles):
+            yield sweep.variant(study, sweep.folder).request(workers, coupling, setups)
+
+
+class Spread(NamedTuple):
+    """Values of one measure [SI], or of the objective, of K setups, and the same with drawn parameters."""
+
+    measure: str
+    setups: Integers  #: Numbers of the setups (K,).
+    values: Array  #: Values with the best parameters (K,); NaN if the setup failed.
+    draws: Array  #: Values with drawn parameters (S, K).
+
+
+def spreads_of(result: StudyResult, draws: Sequence[StudyResult], setups: Sequence[int]) -> tuple[Spread, ...]:
+    """Return the spread of the objective, if the study has one, and of every measure, of setups that all draws have."""
+    kept = np.asarray(setups, dtype=np.int64)
+    for drawn in (result, *draws):
+        kept = np.intersect1d(kept, drawn.setups)
+    names = [*([OBJECTIVE] if result.study.objective else []), *(measure.name for measure in result.measures)]
+
+    def values(one: StudyResult, name: str) -> Array:
+        objective = one.objective if name == OBJECTIVE else None
+        found = one.values(name) if objective is None else np.where(one.done, objective, np.nan)
+        return found[np.isin(one.setups, kept)]
+
+    none = np.empty((0, kept.size))
+    return tuple(
+        Spread(name, kept, values(result, name), np.stack([values(one, name) for one in draws]) if draws else none)
+        for name in names
+    )
+
+
+def write_spreads(spreads: Sequence[Spread], path: str | Path, result: StudyResult, stated: Uncertainty) -> None:
+    """Write spreads with the stated run-to-run deviations, one row per measure [SI]."""
+    noise = {OBJECTIVE: _objective_noise(result, stated.run_to_run), **stated.run_to_run}
+    rows = [
+        {"measure": one.measure, "setups": one.setups.tolist(), "values": one.values.tolist(),
+         "draws": one.draws.tolist(), "run_to_run": noise.get(one.measure, 0.0), "runs": stated.runs}
+        for one in spreads
+    ]  # fmt: skip
+    many, number = pa.list_(pa.float64()), pa.int64()
+    types = {"measure": pa.string(), "setups": pa.list_(number), "values": many, "draws": pa.list_(many),
+             "run_to_run": pa.float64(), "runs": number}  # fmt: skip
+    with atomic_path(path) as temporary:
+        table = pa.Table.from_pylist(rows, schema=pa.schema(types, {b"study": result.provenance.digest.encode()}))
+        pyarrow.parquet.write_table(table, temporary, compression="zstd")
+
+
+def _objective_noise(result: StudyResult, noise: Mapping[str, float]) -> float:
+    """Return the run-to-run deviation of the objective, with independent deviations of its measures."""
+    terms = result.study.objective
+    factors = [term.weight * units.conversion(result.unit(term.measure), term.unit)[0] for term in terms]
+    return float(np.sqrt(sum((f * noise.get(one.measure, 0.0)) ** 2 for f, one in zip(factors, terms, strict=True))))
 
 
 # ==== Entries of an uncertainty file replace what the models state ===================================================
@@ -295,9 +253,9 @@ _APART = 1.0
 
 def knowledge_of(
     result: StudyResult,
-    uncertain: Draws,
+    uncertain: Uncertainty,
     run_to_run: Mapping[str, float],
-    folder: str | Path,
+    sweep: Sweep,
     workers: Workers,
     progress: Progress = lambda _done, _all: None,
 ) -> Knowledge:
@@ -307,12 +265,7 @@ def knowledge_of(
     Equivalent vehicles replace what the vehicle's FMU states; parameters of the vehicle are added to it.
 
     Args:
-        result: Result of the study.
-        uncertain: Entries of the file, with the fits' parameters.
-        run_to_run: Standard deviation of one rig run by measure, SI.
-        folder: Folder of the study.
-        workers: Workers that run the setups.
-        progress: Called after each part of the runs.
+        sweep: The study, whose FMUs the runs use.
     """
     stated, unstated, notes = stated_parameters(result)
     named = {(part.part, name) for part in uncertain.parts for name in part.names}
@@ -320,9 +273,14 @@ def knowledge_of(
     kept = len(parameters)
     for part in uncertain.parts:
         entries = _parameters(part, _values_in_study(result, part))
-        notes += tuple(_departures(part, entries))
+        notes += tuple(
+            f"{part.part}: the study has {one.stated.name} = {one.value:.4g}, the uncertainty file {value:.4g}; only "
+            "its deviation is used"
+            for one, value in zip(entries, part.values.tolist(), strict=True)
+            if abs(one.value - value) > _APART * one.stated.deviation
+        )
         parameters += entries
-    found = effects_of(result, parameters, folder, workers, progress, vehicles=uncertain.vehicles)
+    found = effects_of(result, parameters, sweep, workers, progress, vehicles=uncertain.vehicles)
     effects, place = list(found[:kept]), kept
     for part in uncertain.parts:
         effects += _correlated(found[place : place + len(part.names)], part)
@@ -336,16 +294,9 @@ def knowledge_of(
 
 
 def _values_in_study(result: StudyResult, part: Uncertain) -> Mapping[str, float]:
-    """Return the values of a part's parameters in the study.
-
-    Raises:
-        InputError: The part is neither a build nor the vehicle, or its FMU lacks a parameter.
-    """
+    """Return the values of a part's parameters in the study."""
     study = result.study
-    if part.part != study.vehicle.name and part.part not in study.bank:
-        raise InputError(
-            f"there is no part {part.part!r}; the parts are {', '.join((study.vehicle.name, *study.bank))}"
-        )
+    _check_part(study, part.part)
     made = study.vehicle if part.part == study.vehicle.name else study.bank[part.part]
     found = parameter_values(made.fmu, made.parameters, part.names)
     if missing := [name for name in part.names if name not in found]:
@@ -360,15 +311,6 @@ def _parameters(part: Uncertain, values: Mapping[str, float]) -> list[UncertainP
     return [
         UncertainParameter(part.part, values[name], ParameterUncertainty(name, deviation, None, *limits), part.left_out)
         for name, deviation, *limits in rows
-    ]
-
-
-def _departures(part: Uncertain, entries: Sequence[UncertainParameter]) -> list[str]:
-    return [
-        f"{part.part}: the study has {one.stated.name} = {one.value:.4g}, the uncertainty file {value:.4g}; only its "
-        "deviation is used"
-        for one, value in zip(entries, part.values.tolist(), strict=True)
-        if abs(one.value - value) > _APART * one.stated.deviation
     ]
 
 
@@ -403,8 +345,7 @@ def _combined(effects: Sequence[Effect], factors: Array, name: str) -> Effect:
 # ---- Check of the linear model by simulated draws -------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class LinearityCheck:
+class LinearityCheck(NamedTuple):
     """Largest difference between the linear effects and simulated draws."""
 
     measure: str  #: Name of the measure.
@@ -427,11 +368,6 @@ def linearity_check(result: StudyResult, known: Knowledge, spreads: Sequence[Spr
 
     Setups whose difference varies by less than a tenth of the largest variation are left out: their relative difference
     matters little.
-
-    Args:
-        result: Result of the study.
-        known: Knowledge with the effects.
-        spreads: Simulated draws of the measures of the leading setups.
     """
     sources = error_sources(result, known.effects, vehicle=known.vehicle)
     rows = {int(number): row for row, number in enumerate(result.setups)}
@@ -445,8 +381,93 @@ def linearity_check(result: StudyResult, known: Knowledge, spreads: Sequence[Spr
         linear = np.sqrt(np.sum((changes - changes[leader]) ** 2, axis=1))
         simulated = (spread.draws - spread.draws[:, leader : leader + 1]).std(axis=0, ddof=1)
         for k in np.flatnonzero(simulated > 0.1 * np.nanmax(simulated)).tolist():
-            setup = int(spread.setups[k])
-            found.append(
-                LinearityCheck(spread.measure, setup, float(linear[k]), float(simulated[k]), len(spread.draws))
-            )
+            figures = int(spread.setups[k]), float(linear[k]), float(simulated[k]), len(spread.draws)
+            found.append(LinearityCheck(spread.measure, *figures))
     return max(found, key=lambda one: abs(np.log(max(one.linear, 1e-300) / one.simulated))) if found else None
+
+
+# ---- Reader of uncertainty files (TOML, docs/how_to/study_choice.md) ------------------------------------------------
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class _Known(_Strict):
+    value: float
+    deviation: float = Field(ge=0.0)
+    lowest: float = -inf
+    highest: float = inf
+
+
+class _Part(_Strict):
+    part: str
+    parameters: dict[str, _Known] = Field(min_length=1)
+    correlation: list[list[float]] | None = None
+
+
+class _File(_Strict):
+    schema_: int = Field(alias="schema")
+    uncertain: list[_Part] = Field(default_factory=list)
+    fits: dict[str, str] = Field(default_factory=dict)
+    vehicles: list[str] = Field(default_factory=list)
+    run_to_run: dict[str, float | str] = Field(default_factory=dict)
+    compared: str = ""
+    runs: int = Field(default=1, ge=1)
+
+
+def read_uncertainty(path: str | Path, result: StudyResult) -> Uncertainty:
+    """Read an uncertainty file for a study; paths in it are relative to the file.
+
+    Raises:
+        FileFormatError: The file cannot be read, or an entry is unknown, missing or invalid; the message has its line.
+    """
+    path = Path(path)
+    text = read_text(path, advice="name an uncertainty file (docs/how_to/study_choice.md)")
+    document = parse_model(_File, text, path, 1)
+    try:
+        return _uncertainty(document, path.parent, result)
+    except InputError as error:
+        raise FileFormatError(str(error), path=path) from error
+
+
+def _uncertainty(document: _File, folder: Path, result: StudyResult) -> Uncertainty:
+    for build in document.fits:
+        if build not in result.study.bank:
+            raise InputError(f"fits: there is no build {build!r}; the builds are {', '.join(result.study.bank)}")
+    measured = read_run_to_run(folder / document.compared) if document.compared else {}
+    return Uncertainty(
+        parts=tuple(_part(entry) for entry in document.uncertain),
+        fits={build: folder / file for build, file in document.fits.items()},
+        vehicles=tuple(folder / file for file in document.vehicles),
+        run_to_run=measured | {name: _noise(name, value, result) for name, value in document.run_to_run.items()},
+        runs=document.runs,
+    )
+
+
+def _part(entry: _Part) -> Uncertain:
+    known = list(entry.parameters.values())
+    deviation = np.array([k.deviation for k in known])
+    rows = np.eye(len(known)).tolist() if entry.correlation is None else entry.correlation
+    if [len(row) for row in rows] != [len(known)] * len(known):
+        raise InputError(
+            f"{entry.part}: the correlation of {len(known)} parameters must be a matrix of {len(known)} rows and "
+            "columns"
+        )
+    return Uncertain(
+        entry.part,
+        tuple(entry.parameters),
+        np.array([k.value for k in known]),
+        np.array(rows) * np.outer(deviation, deviation),
+        np.array([k.lowest for k in known]),
+        np.array([k.highest for k in known]),
+    )
+
+
+def _noise(name: str, value: float | str, result: StudyResult) -> float:
+    """Return a run-to-run deviation in SI; numbers without a unit are in SI."""
+    result.study.measure(name)
+    if not isinstance(value, str):
+        return value
+    number, unit = units.quantity(value)
+    return abs(float(units.convert(number, unit, result.unit(name))))

@@ -11,10 +11,10 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from cosim.study.certainty import OBJECTIVE, Certainty
+from cosim.study.choice.certainty import OBJECTIVE, Certainty
 from cosim.study.choice.sensitivity import levels_of
-from cosim.study.result import StudyResult
-from cosim.study.study import Setup
+from cosim.study.definition import Setup
+from cosim.study.table import StudyResult
 from eightpost import units
 from eightpost.array_types import Array, Integers
 from eightpost.errors import FileFormatError, InputError
@@ -86,7 +86,6 @@ def select(
     failed or break a constraint are excluded.
 
     Args:
-        result: Result of the study.
         measures: Measures to confirm; empty: those of the objective, or all if the study has no objective.
         total: Total number of setups. Those that are not proposed tests are divided equally among the ends of all
             measures; the first ones get the remainder.
@@ -103,7 +102,8 @@ def select(
     if share is None:
         names = _names(result, measures, total)
         tests = _tests(result, rows, certainty, total - 2 * len(names))
-        counts: Mapping[str, int] = _divided(names, total - len(tests))
+        each, left = divmod((total - len(tests)) // 2, len(names))
+        counts: Mapping[str, int] = {name: each + (place < left) for place, name in enumerate(names)}
     else:
         counts = share
         tests = _tests(result, rows, certainty, rows.size - 2 * sum(share.values()))
@@ -156,12 +156,6 @@ def _names(result: StudyResult, measures: Sequence[str], total: int) -> list[str
     return names
 
 
-def _divided(names: Sequence[str], total: int) -> dict[str, int]:
-    """Return the number of setups at each end by measure."""
-    each, left = divmod(total // 2, len(names))
-    return {name: each + (place < left) for place, name in enumerate(names)}
-
-
 def _order(rows: Integers, values: Array) -> Integers:
     """Return rows sorted by value, lowest first."""
     return rows[np.lexsort((rows, values[rows]))]
@@ -202,9 +196,6 @@ def write_selection(selection: Selection, result: StudyResult, path: str | Path,
     The column `file` names the record that `eightpost compare --measured` reads from the folder of the list.
 
     Args:
-        selection: Setups to test.
-        result: Result of the study.
-        path: List.
         twice: Maximum number of setups with a second run; see `repeated`.
     """
     corners = tuple(result.study.corners)
@@ -241,20 +232,16 @@ def read_selection(path: str | Path, result: StudyResult) -> Selection:
     path = Path(path)
     text = read_text(path)
     try:
-        rows = [row for row in _rows(text) if row["end"] in _ENDS]
-        return selection_of(result, [_selection_file_selected(row, result) for row in rows])
+        heads, *lines = csv.reader(io.StringIO(text, newline=""))
+        rows = [dict(zip(map(plain_cell, heads), map(plain_cell, line), strict=True)) for line in lines if line]
+        return selection_of(result, [_read(row, result) for row in rows if row["end"] in _ENDS])
     except (csv.Error, *MALFORMED) as error:
         raise FileFormatError(
             f"is not a selection of this study ({error}); run `eightpost select` again", path=path
         ) from error
 
 
-def _rows(text: str) -> list[dict[str, str]]:
-    heads, *lines = csv.reader(io.StringIO(text, newline=""))
-    return [dict(zip(map(plain_cell, heads), map(plain_cell, line), strict=True)) for line in lines if line]
-
-
-def _selection_file_selected(row: dict[str, str], result: StudyResult) -> Selected:
+def _read(row: dict[str, str], result: StudyResult) -> Selected:
     setup = result.study.space.setup(int(row["setup"]))
     if (place := result.row(setup.builds)) is None:
         raise InputError(f"setup {setup.index} was not run in the study")

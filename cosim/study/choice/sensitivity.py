@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations
+from math import prod
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,10 +16,15 @@ import pyarrow as pa
 import pyarrow.parquet
 from scipy.linalg import cho_factor, cho_solve, helmert
 
-from cosim.study.result import StudyResult
-from cosim.study.study import SetupSpace
+from cosim.components.component import Variable
+from cosim.study.definition import Build, Parameters, SetupSpace
+from cosim.study.running.evaluator import Evaluator, coupling_of
+from cosim.study.running.sweep import Trials
+from cosim.study.running.workers import Workers
+from cosim.study.table import StudyResult, error_column
+from eightpost import units
 from eightpost.array_types import Array, Integers
-from eightpost.errors import InputError
+from eightpost.errors import InputError, StepError
 from eightpost.files import atomic_path
 
 # ---- Factors --------------------------------------------------------------------------------------------------------
@@ -46,7 +52,6 @@ def levels_of(space: SetupSpace, indices: Integers) -> Integers:
     """Return the builds of setups as indices into the factors' builds.
 
     Args:
-        space: Space of the setups.
         indices: Numbers of setups (N,); each must satisfy `alike` of the space.
 
     Returns:
@@ -82,11 +87,6 @@ def _groups(space: SetupSpace) -> list[tuple[str, ...]]:
     return list(dict.fromkeys(sorted_groups))
 
 
-def varied(factors: Sequence[Factor]) -> list[int]:
-    """Return the indices of the factors with two or more builds."""
-    return [place for place, factor in enumerate(factors) if len(factor.builds) > 1]
-
-
 # ---- Sensitivity of measures to the corners -------------------------------------------------------------------------
 
 
@@ -117,7 +117,8 @@ class Sensitivity:
 
     def share(self, *names: str) -> float:
         """Return the share of the variance [1] of a factor, or of the interaction of two factors."""
-        term = self.main[names[0]] if len(names) == 1 else self._pair(*names)
+        pairs = {**self.pairs, **{(second, first): term for (first, second), term in self.pairs.items()}}
+        term = self.main[names[0]] if len(names) == 1 else pairs[names[0], names[1]]
         return self._part(float(np.mean(term**2)))
 
     def total(self, name: str) -> float:
@@ -128,15 +129,6 @@ class Sensitivity:
     def rest_share(self) -> float:
         """Share of the variance [1] that neither main effects nor pairs explain."""
         return self._part(self.rest)
-
-    def shares(self) -> Iterator[tuple[str, float]]:
-        """Yield names and shares of the variance [1]: factors, pairs (`lf x rf`), rest."""
-        yield from ((name, self.share(name)) for name in self.main)
-        yield from ((" x ".join(pair), self.share(*pair)) for pair in self.pairs)
-        yield "rest", self.rest_share
-
-    def _pair(self, first: str, second: str) -> Array:
-        return self.pairs[first, second] if (first, second) in self.pairs else self.pairs[second, first]
 
     def _part(self, variance: float) -> float:
         return variance / self.variance if self.variance > 0.0 else 0.0
@@ -173,7 +165,7 @@ def available_sensitivities(result: StudyResult) -> tuple[Sensitivity, ...]:
 def _varied(result: StudyResult) -> tuple[list[Factor], Integers]:
     """Return the factors with two or more builds, and their levels (N, F), one row per setup."""
     factors = factors_of(result.study.space)
-    free = varied(factors)
+    free = [place for place, factor in enumerate(factors) if len(factor.builds) > 1]
     return [factors[k] for k in free], levels_of(result.study.space, result.setups)[:, free]
 
 
@@ -181,32 +173,16 @@ def sensitivity(factors: Sequence[Factor], levels: Integers, values: Array, meas
     """Return the sensitivity of a measure to the factors.
 
     Args:
-        factors: The F factors, each with two or more builds.
         levels: Index of the build of each factor (N, F), one row per setup, no setup twice.
         values: Values of the measure (N,); failed setups (NaN) are ignored.
-        measure: Name of the measure.
 
     Raises:
-        InputError: The shapes disagree, a setup occurs twice, or too few setups were run for the main effects.
+        InputError: Too few setups were run for the main effects.
     """
-    shape = tuple(len(factor.builds) for factor in factors)
-    levels, values = _checked(shape, levels, values, measure)
-    if values.size == np.prod(shape, dtype=np.int64):
-        return _exact(factors, levels, values, measure)
-    return _fitted(factors, levels, values, measure)
-
-
-def _checked(shape: tuple[int, ...], levels: Integers, values: Array, measure: str) -> tuple[Integers, Array]:
-    if levels.shape != (values.size, len(shape)):
-        raise InputError(
-            f"{measure}: {values.size} values of {len(shape)} factors need levels of the shape "
-            f"{(values.size, len(shape))}, not {levels.shape}"
-        )
     done = np.isfinite(values)
-    numbers = np.ravel_multi_index(tuple(levels[done].T), shape)
-    if np.unique(numbers).size != numbers.size:
-        raise InputError(f"{measure}: a setup occurs twice; give each setup once")
-    return np.ascontiguousarray(levels[done], dtype=np.int64), values[done]
+    levels, values = np.ascontiguousarray(levels[done], dtype=np.int64), values[done]
+    whole = values.size == prod(len(factor.builds) for factor in factors)
+    return (_exact if whole else _fitted)(factors, levels, values, measure)
 
 
 def _exact(factors: Sequence[Factor], levels: Integers, values: Array, measure: str) -> Sensitivity:
@@ -234,7 +210,11 @@ def _fitted(factors: Sequence[Factor], levels: Integers, values: Array, measure:
         if design is not None:
             break
     else:
-        raise InputError(_too_few(factors, values.size, measure))
+        needed = 2 + sum(len(f.builds) - 1 for f in factors)
+        raise InputError(
+            f"{measure}: {values.size} setups are too few to separate the factors; run {needed} or more, with every "
+            "build at every position and no two positions always alike"
+        )
     (mean, *effects), squares = design.solve(values)
     main = {factor.name: effect for factor, effect in zip(factors, effects, strict=False)}
     joint = {
@@ -279,13 +259,7 @@ class _Design:
 
 @lru_cache(maxsize=2)  # most measures of a study are known for the same setups
 def _design(sizes: tuple[int, ...], levels: bytes, pairs: tuple[tuple[int, int], ...]) -> _Design | None:
-    """Return the design of the mean, all main effects and some pairs; None if the setups do not determine them.
-
-    Args:
-        sizes: Number of builds of each factor.
-        levels: Content of the levels (N, F), 64-bit integers.
-        pairs: Pairs of factors that interact.
-    """
+    """Return the design of the mean, all main effects and some pairs; None if the setups do not determine them."""
     columns = np.frombuffer(levels, dtype=np.int64).reshape(-1, len(sizes)).T
     coded = [np.asarray(helmert(size).T, dtype=np.float64) for size in sizes]  # columns of sum 0, orthonormal
     cells = [np.zeros_like(columns[0]), *columns, *(columns[i] * sizes[j] + columns[j] for i, j in pairs)]
@@ -308,29 +282,12 @@ def _block(first: tuple[Integers, Array], second: tuple[Integers, Array]) -> Arr
     return np.asarray(code.T @ counts @ coded, dtype=np.float64)
 
 
-def _too_few(factors: Sequence[Factor], setups: int, measure: str) -> str:
-    needed = 2 + sum(len(f.builds) - 1 for f in factors)
-    return (
-        f"{measure}: {setups} setups are too few to separate the factors; run {needed} or more, with every build at "
-        "every position and no two positions always alike"
-    )
-
-
 # ---- Table of sensitivities, with one row per term and builds, for other programs and for plots ---------------------
 
-_COLUMNS = pa.schema(
-    [
-        ("measure", pa.string()),
-        ("unit", pa.string()),
-        ("first", pa.string()),
-        ("second", pa.string()),
-        ("first_build", pa.string()),
-        ("second_build", pa.string()),
-        ("effect", pa.float64()),
-        ("share", pa.float64()),
-        ("method", pa.string()),
-    ]
-)
+_COLUMNS = pa.schema({
+    **dict.fromkeys(("measure", "unit", "first", "second", "first_build", "second_build"), pa.string()),
+    "effect": pa.float64(), "share": pa.float64(), "method": pa.string(),
+})  # fmt: skip
 
 
 def write_terms(sensitivities: Sequence[Sensitivity], units: Mapping[str, str], path: str | Path) -> None:
@@ -338,11 +295,6 @@ def write_terms(sensitivities: Sequence[Sensitivity], units: Mapping[str, str], 
 
     Columns: `measure`, its SI `unit`, the factors `first` and `second` (empty for a main effect) and their builds, the
     `effect` [unit] of these builds, the `share` of the variance [1] of the term, and the `method`.
-
-    Args:
-        sensitivities: Sensitivities of the measures.
-        units: SI units by measure.
-        path: The file.
     """
     rows = [row for one in sensitivities for row in _rows(one, units[one.measure])]
     with atomic_path(path) as temporary:
@@ -361,3 +313,129 @@ def _rows(sensitivity: Sensitivity, unit: str) -> Iterator[dict[str, Any]]:
         for build, row in zip(builds[first], effects.tolist(), strict=True):
             for other, effect in zip(builds[second], row, strict=True):
                 yield term | {"first_build": build, "second_build": other, "effect": effect}
+
+
+# ==== Changes of every measure by a change at single corners: two runs of one setup, with and without it =============
+
+#: Name of the weighted sum of Eq 2.6 among the effects.
+OBJECTIVE = "objective"
+
+
+@dataclass(frozen=True, slots=True)
+class MeasureChange:
+    """Change of one measure by a change of the shocks, in the measure's display unit."""
+
+    measure: str  #: Name of the measure.
+    unit: str  #: Display unit.
+    before: float  #: Value without the change.
+    after: float  #: Value with the change.
+    noise: float  #: Estimated coupling error of a single run; NaN if not known.
+
+    @property
+    def change(self) -> float:
+        """Value with the change less the value without it."""
+        return self.after - self.before
+
+    @property
+    def relative(self) -> float:
+        """Change as a share of the value without it [1]; NaN if that is 0."""
+        return self.change / self.before if self.before else float("nan")
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether the change is larger than the coupling error of a run."""
+        return not abs(self.change) <= self.noise
+
+
+def shock_at(
+    result: StudyResult, evaluator: Evaluator, corner: str, setup: int | None = None
+) -> tuple[Build, Mapping[str, Variable]]:
+    """Return the build at a corner of a setup (default: the baseline, or else the best), and its FMU's variables.
+
+    Raises:
+        InputError: There is no such corner or setup.
+    """
+    builds = _builds(result, setup)
+    if corner not in builds:
+        raise InputError(f"there is no corner {corner!r}; the corners are {', '.join(builds)}")
+    shock = evaluator.system(result.study.space.find(builds)).components[corner]
+    return result.study.bank[builds[corner]], shock.variables
+
+
+def what_if(
+    result: StudyResult,
+    workers: Workers,
+    changes: Mapping[str, Parameters],
+    *,
+    setup: int | None = None,
+    before: Mapping[str, Parameters] | None = None,
+) -> tuple[MeasureChange, ...]:
+    """Return the effect of other parameters of the shocks at some corners on the objective and every measure.
+
+    Args:
+        result: Result of a study; its FMUs and drive files must still exist at their paths.
+        changes: Parameters that change, by corner, such as `{"lr": {"clicks.rebound": 13.0}}`.
+        setup: Number of the setup; None: the baseline, or else the best setup.
+
+    Raises:
+        InputError: There is no such corner or setup, or nothing changes.
+        StepError: A run failed.
+    """
+    if not any(changes.values()):
+        raise InputError("nothing changes; name a corner and a parameter of its shock")
+    builds = {corner: result.study.bank[name] for corner, name in _builds(result, setup).items()}
+    for corner in (*changes, *(before or {})):
+        if corner not in builds:
+            raise InputError(f"there is no corner {corner!r}; the corners are {', '.join(builds)}")
+    first = _with(builds, before or {})
+    trials = Trials(result.study, result.provenance.measure_units, workers, coupling_of(result))
+    runs = trials.run([first, _with(first, changes)])
+    if not runs.done.all():
+        raise StepError(f"a run failed: {runs.failures[0][1]}")
+    return _effects(runs)
+
+
+def _builds(result: StudyResult, setup: int | None) -> Mapping[str, str]:
+    """Return the builds by corner of a setup by its number, of the baseline, or of the best setup."""
+    if setup is not None:
+        return result.study.space.setup(setup).builds
+    if result.study.baseline:
+        return result.study.baseline
+    ranked = result.ranking()
+    if not ranked.size:
+        raise InputError("no setup of the study meets its constraints; name one with --setup")
+    return result.setup(int(ranked[0])).builds
+
+
+def _with(builds: Mapping[str, Build], changes: Mapping[str, Parameters]) -> dict[str, Build]:
+    """Return builds by corner with other values of some parameters."""
+    return {
+        corner: replace(build, parameters={**build.parameters, **changes.get(corner, {})})
+        for corner, build in builds.items()
+    }
+
+
+def _effects(runs: StudyResult) -> tuple[MeasureChange, ...]:
+    found = []
+    if runs.objective is not None:
+        before, after = runs.objective.tolist()
+        found.append(MeasureChange(OBJECTIVE, "", before, after, _objective_noise(runs)))
+    for measure in runs.measures:
+        noise = runs.shown_difference(measure.name, _noise(runs, measure.name))
+        before, after = runs.shown(measure.name).tolist()
+        found.append(MeasureChange(measure.name, runs.display(measure.name), before, after, noise))
+    return tuple(found)
+
+
+def _noise(runs: StudyResult, measure: str) -> float:
+    """Return the larger coupling error of a measure of both runs [SI]; NaN if it is not known."""
+    errors = np.asarray(runs.table[error_column(measure)].to_numpy(zero_copy_only=False), dtype=np.float64)
+    return float(np.max(np.abs(errors)))
+
+
+def _objective_noise(runs: StudyResult) -> float:
+    """Return the coupling error of the objective: the weighted sum of its terms' errors."""
+    factors = (t.weight * units.conversion(runs.unit(t.measure), t.unit or runs.unit(t.measure))[0]
+               for t in runs.study.objective)  # fmt: skip
+    noises = (_noise(runs, term.measure) for term in runs.study.objective)
+    return float(sum(abs(factor) * noise for factor, noise in zip(factors, noises, strict=True)))

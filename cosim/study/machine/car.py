@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from cosim.components.fmu_component import FmuComponent
+from cosim.study.definition import Parameters
 from cosim.study.machine.sources import Constants, Sources
-from cosim.study.study import Parameters
 from eightpost.machine import NotInBatchError, Port, Vehicle
 
 #: Parameters of the ports, in the order of PortFriction in fmus/machine/car.h; the last one is that of springs.

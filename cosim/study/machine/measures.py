@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cosim.study.measures import Measure
-from cosim.study.statistics import Sections, sections_of
+from cosim.study.measures import Measure, Sections, sections_of
 from eightpost.array_types import Array
 from eightpost.machine import Quantity
 from eightpost.signals import TimeSeries
@@ -54,7 +53,7 @@ class _Summed:
         return np.asarray(self.step * (total - 0.5 * (self.of[0, _FIRST] + self.of[0, _LAST])))
 
 
-#: Statistics that are computed from the sums, by the names in cosim.study.statistics.
+#: Statistics that are computed from the sums, by the names in cosim.study.measures.
 _STREAMED: Mapping[str, Callable[[_Summed], Array]] = {
     "rms": lambda s: s.rms,
     "rms_with_mean": lambda s: np.sqrt(s.variances[0] + s.mean**2),
@@ -156,7 +155,7 @@ def _bands(measures: Sequence[Measure], times: Array) -> dict[ChannelBand, Secti
 
 
 def _window(measure: Measure, times: Array, settling: float) -> tuple[int, int]:
-    """Return the rows of a measure, as cosim.study.statistics.Filtered does."""
+    """Return the rows of a measure, as cosim.study.measures.Filtered does."""
     first, last = measure.section or (-np.inf, np.inf)
     begin, end = np.searchsorted(times, (max(first, settling) - 1e-9, last + 1e-9)).tolist()
     return begin, end

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from cosim.components.fmu_component import FmuComponent
+from cosim.study.definition import Parameters
 from cosim.study.machine.sources import Sources
-from cosim.study.study import Parameters
 from eightpost.machine import LAWS, NotInBatchError, ShockData
 
 

@@ -14,18 +14,17 @@ import numpy as np
 
 from cosim.components.component import to_si
 from cosim.components.fmu_component import FmuComponent
-from cosim.results.error_estimate import judged_by
-from cosim.results.rules import LARGEST_ERROR
-from cosim.results.run_data import BondEnergy, Coupled
-from cosim.session.automatic import default_scheme
-from cosim.session.planning import Limit
+from cosim.session.result import judged_by
+from cosim.session.setup import Limit
 from cosim.session.setup import Setup as SessionSetup
+from cosim.session.verdict import LARGEST_ERROR, BondEnergy, Coupled
+from cosim.study.definition import Build, Drive, Setup, Study
 from cosim.study.machine.car import FmuVehicle, read_vehicle
 from cosim.study.machine.measures import BatchMeasures, ChannelBand
 from cosim.study.machine.plan import Plan
 from cosim.study.machine.shocks import read_shock
-from cosim.study.statistics import Filtered
-from cosim.study.study import Build, Drive, Setup, Study
+from cosim.study.measures import Filtered
+from cosim.systems.algorithm import default_scheme
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost.array_types import Array
@@ -62,7 +61,7 @@ class Models(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RunSummary:
-    """What a row states of one run besides its measures; the names are those of cosim.results.result.Result."""
+    """What a row states of one run besides its measures; the names are those of cosim.session.result.Result."""
 
     share_beyond_fit: Mapping[str, float]  #: Share of time beyond the fit of each shock.
     #: Share of time without tire load by channel; None if the static load is unknown.
@@ -236,10 +235,8 @@ class Batches:
     """Batches of a study at one step.
 
     Args:
-        models: FMUs and scenarios of the study.
         step: Step [s].
         recorded: Names of channels whose series are wanted.
-        measured: Whether the measures are computed.
 
     Attributes:
         left_out: Builds whose setups run through the FMUs, each with the reason.
@@ -318,11 +315,7 @@ def _wiring(models: Models) -> tuple[tuple[str, str], ...]:
 
 
 def _shocks(models: Models) -> tuple[dict[str, ShockData | None], tuple[str, ...]]:
-    """Return the shocks by build, None for those that run through the FMUs, and why a law or FMU has no batch.
-
-    Raises:
-        NotInBatchError: No build has a batch.
-    """
+    """Return the shocks by build, None for those that run through the FMUs, and why a law or FMU has no batch."""
     fmus, bank = models.fmus, models.study.bank
     found: dict[str, ShockData | None] = {}
     reasons: dict[str, None] = {}

@@ -1,38 +1,137 @@
-"""Evaluation of setups: coupled runs of a vehicle and the shocks of a setup, reduced to measures."""
+"""Evaluation of setups: coupled runs of a vehicle and the shocks of a setup, reduced to measures, and their errors."""
 
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
+import numpy as np
 from pydantic import TypeAdapter
 
 from cosim.components.component import Component, to_si
 from cosim.components.fmu_component import FmuComponent
-from cosim.results.result import Result
-from cosim.results.rules import LARGEST_ERROR
-from cosim.session.automatic import default_scheme
+from cosim.session.result import Result
 from cosim.session.session import Session
-from cosim.study.measures import AboveBand, above_band, band_ends
-from cosim.study.result import StudyResult
+from cosim.session.verdict import LARGEST_ERROR, Coupled
+from cosim.study.definition import Drive, Setup, Study, bond_at, check_corners, read_drive
+from cosim.study.measures import AboveBand, Filtered, above_band, band_ends
 from cosim.study.running.batches import Batches, BatchRun, RunSummary
-from cosim.study.running.drives import read_drive
-from cosim.study.running.error_model import ErrorModel
-from cosim.study.statistics import Filtered
-from cosim.study.study import Drive, Setup, Study, bond_at, check_corners
-from cosim.study.table import DONE, FAILED, error_column
+from cosim.study.table import DONE, FAILED, StudyResult, error_column
+from cosim.systems.algorithm import default_scheme
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
+from eightpost.array_types import Array
 from eightpost.errors import EightpostError, WiringError
 from eightpost.machine.reasons import NotInBatchError
 from eightpost.signals import TimeSeries
 from eightpost.workers.pool import heartbeat
+
+# ---- Estimate of coupling errors from the local errors that the bonds of each run measure ---------------------------
+
+
+class CoupledRun(Protocol):
+    """Run with the local errors of its bonds."""
+
+    @property
+    def coupled(self) -> Mapping[str, Coupled]:
+        """Local errors by bond."""
+
+
+@dataclass(frozen=True)
+class ErrorModel:
+    """Gains from the local errors of bond ends to coupling errors."""
+
+    ends: tuple[str, ...]  #: Names of the bond ends with local errors, as `bond.velocity` or `bond.force`.
+    #: Gain of each end for each compared channel; the errors are in percent of the channel's scale.
+    channels: Mapping[str, tuple[float, ...]]
+    #: Gain of each end for each measure; the errors are in the measure's SI unit.
+    measures: Mapping[str, tuple[float, ...]]
+
+    def worst_channel(self, result: CoupledRun) -> float:
+        """Return the largest estimated error of the compared channels, in percent of the channel's scale."""
+        return float(np.sqrt(self._gains["channels"] @ self._squares(result)).max(initial=0.0))
+
+    def of_measures(self, result: CoupledRun) -> dict[str, float]:
+        """Return the estimated error of every measure that the pilots had, in its SI unit."""
+        return dict(zip(self.measures, np.sqrt(self._gains["measures"] @ self._squares(result)).tolist(), strict=True))
+
+    @cached_property
+    def _gains(self) -> dict[str, Array]:
+        gains = {"channels": self.channels, "measures": self.measures}
+        return {what: np.array([*one.values()]).reshape(-1, len(self.ends)) for what, one in gains.items()}
+
+    def _squares(self, result: CoupledRun) -> Array:
+        local = local_errors(result)
+        return np.array([local[end] for end in self.ends]) ** 2
+
+
+class Pilot(NamedTuple):
+    """A run with known coupling errors."""
+
+    result: CoupledRun  #: Run at the study's step.
+    channels: Mapping[str, float]  #: Error of each compared channel, in percent of the channel's scale.
+    measures: Mapping[str, float]  #: Error of each measure of the run's drive, in its SI unit.
+
+
+def fit_error_model(pilots: Sequence[Pilot]) -> ErrorModel:
+    """Return the gains fitted to the errors of one or more pilots."""
+    local = [local_errors(pilot.result) for pilot in pilots]
+    ends = tuple(end for end in local[0] if any(one[end] > 0.0 for one in local))
+    squares = np.array([[one[end] ** 2 for end in ends] for one in local]).reshape(len(pilots), len(ends))
+    measures = dict.fromkeys(name for pilot in pilots for name in pilot.measures)
+    return ErrorModel(
+        ends,
+        channels={n: _gains(squares, [p.channels.get(n) for p in pilots], _middle) for n in pilots[0].channels},
+        measures={n: _gains(squares, [p.measures.get(n) for p in pilots], _mean) for n in measures},
+    )
+
+
+def local_errors(result: CoupledRun) -> dict[str, float]:
+    """Return the local error of every bond end of a run, in SI."""
+    found: dict[str, float] = {}
+    for bond, coupled in result.coupled.items():
+        found |= {f"{bond}.velocity": coupled.velocity_error, f"{bond}.force": coupled.force_error}
+    return found
+
+
+def _gains(
+    squares: Array, errors: Sequence[float | None], excess: Callable[[Array, Array], float]
+) -> tuple[float, ...]:
+    """Return the gains (E,) fitted to the pilots that have the error; zeros if it is zero for all.
+
+    `excess` returns the factor by which the fitted squares are too large; the gains are divided by it.
+    """
+    from scipy.optimize import nnls  # noqa: PLC0415 -- only the process that chooses the coupling needs it
+
+    known = np.array([error is not None for error in errors])
+    known_squares = np.array([float(error) ** 2 for error in errors if error is not None])
+    if not known_squares.any() or squares.shape[1] == 0:
+        return tuple(0.0 for _ in range(squares.shape[1]))
+    rows = squares[known]
+    sizes = rows.mean(axis=0)  # of order 1, for the solver
+    gains = np.asarray(
+        nnls(rows / sizes, known_squares / known_squares.mean())[0] * known_squares.mean() / sizes, dtype=np.float64
+    )
+    return tuple((gains / excess(rows @ gains, known_squares)).tolist())
+
+
+def _middle(estimated: Array, known_squares: Array) -> float:
+    """Return the factor that balances the largest over- and underestimate of the errors of channels."""
+    usual = known_squares > 1e-2 * known_squares.mean()
+    ratios = estimated[usual] / known_squares[usual]
+    return float(np.sqrt(ratios.min() * ratios.max())) if ratios.min() > 0.0 else 1.0
+
+
+def _mean(estimated: Array, known_squares: Array) -> float:
+    """Return the factor of the mean squares; the errors of measures change sign, and may be zero by chance."""
+    return float(estimated.mean() / known_squares.mean()) or 1.0
+
 
 # ---- Evaluator of setups --------------------------------------------------------------------------------------------
 
@@ -95,9 +194,6 @@ _COUPLING: TypeAdapter[Coupling] = TypeAdapter(Coupling)
 class Evaluator:
     """Evaluator of the setups of one study in this process; an FMU's instance is kept and reset between runs.
 
-    Args:
-        study: Study to run.
-
     Raises:
         FmuError: An FMU cannot be used.
         InputError: The study's corners are not those of the vehicle.
@@ -115,16 +211,18 @@ class Evaluator:
         self._earlier: Mapping[float, Batches | str] = {}
 
     def for_study(self, study: Study) -> Evaluator | None:
-        """Return an evaluator of a study that differs only in its shocks, with the same instances; None if it does not.
+        """Return an evaluator of a variant with the same instances; None if the study is none.
 
-        The evaluators share the instances, so they must be used one after the other.
+        A variant has other shocks, or other parameters of the vehicle. The evaluators share the instances, so they must
+        be used one after the other.
         """
-        own = self.study
+        vehicle = replace(self.study.vehicle, parameters=study.vehicle.parameters)
         shocks = {name: getattr(study, name) for name in ("bank", "corners", "alike", "baseline")}
-        if replace(own, **shocks) != study:
+        if replace(self.study, vehicle=vehicle, **shocks) != study:
             return None
         found = copy(self)
-        found.study, found._batches, found._earlier = study, {}, {**self._earlier, **self._batches}
+        found.study, found._batches = study, {}
+        found._earlier = {**self._earlier, **self._batches} if vehicle == self.study.vehicle else {}
         return found
 
     def system(self, setup: Setup) -> System:
@@ -167,6 +265,7 @@ class Evaluator:
 
     def row(self, setup: Setup, coupling: Coupling) -> Row:
         """Run a setup on every drive and return its row; failures are reported in the row and not raised."""
+        heartbeat()
         began = clock.perf_counter()
         found: Row = {"setup": setup.index, **setup.builds, **dict.fromkeys(m.name for m in self.study.measures)}
         try:
@@ -182,9 +281,9 @@ class Evaluator:
         """
         batches = self.batches(coupling)
         if batches is None:
-            return [self._row_alive(setup, coupling) for setup in setups]
+            return [self.row(setup, coupling) for setup in setups]
         return [
-            self._row_alive(setup, coupling) if runs is None else self._batch_row(setup, coupling, runs, seconds)
+            self.row(setup, coupling) if runs is None else self._batch_row(setup, coupling, runs, seconds)
             for setup, runs, seconds in batches.runs(setups)
         ]
 
@@ -216,9 +315,7 @@ class Evaluator:
         """Return the machine's runs of a setup by drive, with channels and without measures.
 
         Args:
-            setup: Setup.
             step: Step [s].
-            recorded: Names of the channels.
 
         Raises:
             NotInBatchError: The machine cannot run the setup, or does not finish it.
@@ -235,28 +332,15 @@ class Evaluator:
             StepError: An FMU failed, or the coupling diverged.
         """
         recorded = tuple(dict.fromkeys(channel for measure in self.study.measures for channel in measure.channels))
-        for setup, runs in self._machine_or_none(setups, coupling, recorded):
+        found: Iterable[tuple[Setup, dict[str, BatchRun] | None, float]] = ((setup, None, 0.0) for setup in setups)
+        if coupling.machine is not None:
+            with suppress(NotInBatchError, EightpostError):
+                found = Batches(self, coupling.machine.step, recorded, measured=False).runs(setups)
+        for setup, runs, _ in found:
             if runs is None:
                 yield setup, {d.name: self.run(setup, d, coupling).series for d in self.study.drives}
             else:
                 yield setup, {name: run.channels() for name, run in runs.items()}
-
-    def _machine_or_none(
-        self, setups: Sequence[Setup], coupling: Coupling, recorded: Sequence[str]
-    ) -> Iterator[tuple[Setup, dict[str, BatchRun] | None]]:
-        """Yield setups with the machine's runs; None if they run through the FMUs."""
-        batches = None
-        if coupling.machine is not None:
-            with suppress(NotInBatchError, EightpostError):
-                batches = Batches(self, coupling.machine.step, recorded, measured=False)
-        if batches is None:
-            yield from ((setup, None) for setup in setups)
-        else:
-            yield from ((setup, runs) for setup, runs, _ in batches.runs(setups))
-
-    def _row_alive(self, setup: Setup, coupling: Coupling) -> Row:
-        heartbeat()
-        return self.row(setup, coupling)
 
     def _batch_row(self, setup: Setup, coupling: Coupling, runs: Mapping[str, BatchRun], seconds: float) -> Row:
         found: Row = {"setup": setup.index, **setup.builds}
@@ -409,18 +493,18 @@ def coupling_of(result: StudyResult) -> Coupling:
     return Coupling.from_json(result.provenance.settings["coupling"])
 
 
-def traces(result: StudyResult, setups: Iterable[int]) -> dict[int, TimeSeries]:
+def traces(result: StudyResult, setups: Iterable[int], evaluator: Evaluator | None = None) -> dict[int, TimeSeries]:
     """Return the time series of the measures' channels on the first drive by setup, as those of the study.
 
     Args:
         result: Result of the study; its FMUs and drive files must still exist at their paths.
-        setups: Numbers of the setups.
+        evaluator: Evaluator of the study; None: a new one.
 
     Raises:
         InputError: A file does not exist any more, or there is no such setup.
         StepError: An FMU failed.
     """
-    evaluator = Evaluator(result.study)
+    evaluator = evaluator or Evaluator(result.study)
     coupling, drive = coupling_of(result), result.study.drives[0]
     space = result.study.space
     chosen = [space.setup(index) for index in setups]

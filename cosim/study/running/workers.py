@@ -1,21 +1,72 @@
-"""Worker processes of a study, and the work that they do."""
+"""The program that computes a study: results of workers are equal to the bit only if they have the same one."""
 
 from __future__ import annotations
 
+import hashlib
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import version
 from itertools import islice
+from pathlib import Path
 from typing import Protocol
 
-from cosim.study.running import choose_machine
+import cosim
+import eightpost
+from cosim.study.definition import Study
+from cosim.study.running.coupling import coupling_for
 from cosim.study.running.evaluator import Coupling, Evaluator, Row
-from cosim.study.study import Study
 from cosim.study.table import FAILED
+from eightpost import __version__
 from eightpost.errors import StepError
+from eightpost.machine.library import sources
 from eightpost.workers.pool import POLL, Pool, working
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """What determines the bits of a result besides its inputs."""
+
+    version: str  #: Version of eightpost.
+    code: str  #: SHA-256 of its sources.
+    libraries: Mapping[str, str]  #: Versions of the libraries that compute measures, by name.
+
+    def difference(self, expected: Program) -> str:
+        """Return in words how this program differs from the expected one; empty if it is the same."""
+        if self.version != expected.version:
+            return f"eightpost {self.version}, but {expected.version} is required"
+        if self.code != expected.code:
+            return f"eightpost {self.version} with other sources, but the same ones are required"
+        return ""
+
+    def other_libraries(self, expected: Program) -> str:
+        """Return the libraries that have other versions than expected, as text."""
+        apart = {name: found for name, found in self.libraries.items() if found != expected.libraries.get(name)}
+        return ", ".join(f"{name} {found} instead of {expected.libraries.get(name)}" for name, found in apart.items())
+
+
+@cache
+def program() -> Program:
+    """Return the program of this process."""
+    digest = hashlib.sha256()
+    for package in (cosim, eightpost):
+        folder = Path(package.__file__ or "").parent
+        for path in sorted(folder.rglob("*.py")):
+            if "examples" not in path.relative_to(folder).parts:  # a wheel has them, a checkout does not
+                _add(digest, path.relative_to(folder).as_posix(), path.read_bytes())
+    for name, content in sorted(sources().items()):
+        _add(digest, name, content)
+    return Program(__version__, digest.hexdigest(), {name: version(name) for name in ("numpy", "scipy")})
+
+
+def _add(digest: hashlib._Hash, name: str, content: bytes) -> None:
+    digest.update(name.encode() + b"\0" + content.replace(b"\r\n", b"\n") + b"\0")
+
+
+# ==== Worker processes of a study, and the work that they do =========================================================
 
 # ---- Functions that run in worker processes; all arguments are plain values, so that they can run on ----------------
 
@@ -41,7 +92,7 @@ def _open_study(study: str) -> None:
 def choose(study: str) -> Coupling:
     """Choose the coupling of a study, given as JSON."""
     with working():
-        return choose_machine.choose(_evaluator_for(study))
+        return coupling_for(_evaluator_for(study))
 
 
 def rows(study: str, coupling: Coupling, indices: Sequence[int]) -> list[Row]:
@@ -103,7 +154,6 @@ class ProcessWorkers:
     """Worker processes of this machine. If an FMU makes one crash or hang, only one setup fails.
 
     Args:
-        count: Number of processes.
         patience: Time without a heartbeat after which a process is ended [s].
     """
 

@@ -6,7 +6,7 @@ curve describes. The data are SYNTHETIC.
 
 from matplotlib.figure import Figure
 
-from eightpost.rig import shim_build, sine_test
+from eightpost.virtual import shim_build, sine_test
 
 damper = shim_build("C/B")
 figure = Figure(figsize=(7, 4), layout="constrained")

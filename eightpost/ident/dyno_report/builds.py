@@ -15,16 +15,15 @@ from eightpost.array_types import Array
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError, ParameterError
 from eightpost.files import document_kind, sha256_of
-from eightpost.ident.dyno_report.curve import STROKES, Stroke, VelocityCurve, forces_at
-from eightpost.ident.dyno_report.cycles import Found, Unknown, known, mean_of
 from eightpost.ident.dyno_report.entry import (
-    Band,
     Entry,
+    ForceBand,
     entry_of_shock,
     entry_of_table,
     entry_of_test,
     with_gas_of_slow_runs,
 )
+from eightpost.ident.dyno_report.loop import STROKES, Found, Stroke, Unknown, VelocityCurve, forces_at, known, mean_of
 from eightpost.rig import read_dyno_tests, split_runs
 from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.rig.dyno_test import FEWEST, SHORTEST, TemperatureEffect, temperature_effect
@@ -44,15 +43,12 @@ _TOLERANCE = "tol"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Limits:
+class CurveLimits:
     """A master curve with its tolerance."""
 
-    #: Name of the file.
-    name: str
-    #: Curve in the middle of the limits.
-    master: VelocityCurve
-    #: Tolerance in either direction at the velocities of the curve (K,) [N].
-    tolerance: Array
+    name: str  #: Name of the file.
+    master: VelocityCurve  #: Curve in the middle of the limits.
+    tolerance: Array  #: Tolerance in either direction at the velocities of the curve (K,) [N].
 
     def at(self, speed: float, stroke: Stroke) -> tuple[float, float] | None:
         """Return the force of the master and its tolerance [N] at a speed [m/s]; None beyond the curve."""
@@ -63,10 +59,10 @@ class Limits:
         return force, float(np.interp(velocity, self.master.velocity, self.tolerance))
 
     @property
-    def band(self) -> Band:
+    def band(self) -> ForceBand:
         """Limits over velocity."""
         master = self.master
-        return Band(master.velocity, master.force - self.tolerance, master.force + self.tolerance)
+        return ForceBand(master.velocity, master.force - self.tolerance, master.force + self.tolerance)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +71,7 @@ class Judgement:
 
     entry: Entry
     stroke: Stroke
-    #: Number of speeds that were judged.
-    count: int
+    count: int  #: Number of speeds that were judged.
     #: Speed [m/s], force [N], and force and tolerance of the master [N] there.
     speed: float
     force: float
@@ -101,7 +96,7 @@ class Judgement:
         return f"{force} lbf at {convert(self.speed, 'm/s', 'in/s'):.3g} in/s, master {master} ± {tolerance} lbf"
 
 
-def judgements(limits: Limits, entries: Sequence[Entry], speeds: Sequence[float]) -> Iterator[Judgement]:
+def judgements(limits: CurveLimits, entries: Sequence[Entry], speeds: Sequence[float]) -> Iterator[Judgement]:
     """Yield the judgement of each stroke of runs and tables at speeds [m/s] that the entry and the master reach."""
     for entry in entries:
         for stroke in STROKES if entry.kind != "law" else ():
@@ -114,7 +109,7 @@ def judgements(limits: Limits, entries: Sequence[Entry], speeds: Sequence[float]
                 yield Judgement(entry, stroke, len(found), *max(found)[1:])
 
 
-def limits_of(entry: Entry, records: Sequence[RawRecord], tolerances: Sequence[tuple[float, str]]) -> Limits:
+def limits_of(entry: Entry, records: Sequence[RawRecord], tolerances: Sequence[tuple[float, str]]) -> CurveLimits:
     """Return the limits of a master curve.
 
     Args:
@@ -137,11 +132,11 @@ def limits_of(entry: Entry, records: Sequence[RawRecord], tolerances: Sequence[t
     if found is not None:
         speeds, values, unit = found
         size = np.interp(np.abs(curve.velocity), speeds, values)
-        return Limits(name, curve, size if unit == "N" else 0.01 * size * np.abs(curve.force))
+        return CurveLimits(name, curve, size if unit == "N" else 0.01 * size * np.abs(curve.force))
     if not tolerances:
         raise InputError(f"--limits {name} has no column of tolerances; add --tolerance '5 %' or --tolerance '20 N'")
     sizes = [np.full(curve.force.size, v) if unit == "N" else 0.01 * v * np.abs(curve.force) for v, unit in tolerances]
-    return Limits(name, curve, np.max(sizes, axis=0))
+    return CurveLimits(name, curve, np.max(sizes, axis=0))
 
 
 def _column(record: RawRecord, path: Path | None) -> tuple[Array, Array, str] | None:
@@ -188,15 +183,12 @@ def short_names(names: Iterable[str]) -> dict[str, str]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Variant:
+class BuildVariant:
     """A build at one setting of the adjusters."""
 
-    #: Display name: the build in short, and the clicks if the report has several of this build.
-    label: str
-    #: Name of the build.
-    build: str
-    #: Entries in the order of the files.
-    entries: tuple[Entry, ...]
+    label: str  #: Display name: the build in short, and the clicks if the report has several of this build.
+    build: str  #: Name of the build.
+    entries: tuple[Entry, ...]  #: Entries in the order of the files.
 
     @property
     def runs(self) -> tuple[Entry, ...]:
@@ -214,7 +206,7 @@ class Variant:
         return tuple(entry for entry in found if entry.highest >= FAST * highest)
 
 
-def variants_of(entries: Sequence[Entry]) -> tuple[Variant, ...]:
+def variants_of(entries: Sequence[Entry]) -> tuple[BuildVariant, ...]:
     """Return the builds with their clicks; a law without clicks belongs to the clicks of its build if there is one."""
     stated: dict[str, list[str | None]] = {}
     for entry in entries:
@@ -231,7 +223,7 @@ def variants_of(entries: Sequence[Entry]) -> tuple[Variant, ...]:
     several = {build for build, _ in groups if sum(key[0] == build for key in groups) > 1}
     short = short_names(stated)
     return tuple(
-        Variant(f"{short[build]}, {clicks or 'clicks not stated'}" if build in several else short[build], build,
+        BuildVariant(f"{short[build]}, {clicks or 'clicks not stated'}" if build in several else short[build], build,
                 tuple(found))
         for (build, clicks), found in groups.items()
     )  # fmt: skip
@@ -242,7 +234,7 @@ def mean_force(entries: Iterable[Entry], speed: float, stroke: Stroke) -> Found:
     return mean_of(forces_at(entry.curve, speed, stroke) for entry in entries)
 
 
-def repeated_runs(variant: Variant) -> tuple[tuple[Entry, ...], ...]:
+def repeated_runs(variant: BuildVariant) -> tuple[tuple[Entry, ...], ...]:
     """Return the groups of two or more runs with the same gas pressure and standard deviations of velocity."""
     groups: list[list[Entry]] = []
     for entry in sorted(variant.runs, key=_motion):
@@ -267,7 +259,7 @@ def _motion(entry: Entry) -> float:
     return float(entry.test.series["velocity"].std()) if entry.test else 0.0
 
 
-def heat_effect(variant: Variant) -> TemperatureEffect | None:
+def heat_effect(variant: BuildVariant) -> TemperatureEffect | None:
     """Return the change of force with temperature over the repeated runs of a variant; None without them."""
     return temperature_effect(entry.test for entry in variant.runs if entry.test)
 
@@ -280,12 +272,9 @@ class CarCorner:
     """A corner of a car; a ParameterError is raised if a value is not positive."""
 
     name: str
-    #: Sprung mass on the corner [kg].
-    mass: float
-    #: Rate of the suspension at the wheel [N/m].
-    wheel_rate: float
-    #: Damper travel per wheel travel [1].
-    motion_ratio: float = 1.0
+    mass: float  #: Sprung mass on the corner [kg].
+    wheel_rate: float  #: Rate of the suspension at the wheel [N/m].
+    motion_ratio: float = 1.0  #: Damper travel per wheel travel [1].
 
     def __post_init__(self) -> None:
         for what, value, option in (
@@ -300,9 +289,6 @@ class CarCorner:
         """Return c r^2 / (2 sqrt(k m)) [1] of a damping rate c at the damper [N.s/m].
 
         The tire is rigid in this equation, and the damper moves r times as far as the wheel.
-
-        Args:
-            rate: Damping rate at the damper [N.s/m].
         """
         if isinstance(rate, Unknown):
             return rate
@@ -311,10 +297,6 @@ class CarCorner:
 
 def corners_of_car(path: Path, motion_ratio: float = 1.0) -> tuple[CarCorner, ...]:
     """Return the corners of a car file: one of a quarter car, four of a seven-DOF car with the static weight of each.
-
-    Args:
-        path: Vehicle file (.toml) with masses and rates.
-        motion_ratio: Damper travel per wheel travel [1].
 
     Raises:
         InputError: The file is an identified model, which has no separate masses and rates.
@@ -344,18 +326,12 @@ def corners_of_car(path: Path, motion_ratio: float = 1.0) -> tuple[CarCorner, ..
 class DynoReport:
     """Content of a report."""
 
-    #: Runs, tables and laws.
-    entries: tuple[Entry, ...]
-    #: Builds with their clicks; the reference is the first.
-    variants: tuple[Variant, ...]
-    #: Speeds of the tables [m/s].
-    speeds: tuple[float, ...]
-    #: Corners for damping ratios.
-    corners: tuple[CarCorner, ...] = ()
-    #: Build of corners of the car: a name for each corner.
-    fitted_to: Mapping[str, str] = field(default_factory=dict)
-    #: Curve with tolerances that the measured curves must meet.
-    limits: Limits | None = None
+    entries: tuple[Entry, ...]  #: Runs, tables and laws.
+    variants: tuple[BuildVariant, ...]  #: Builds with their clicks; the reference is the first.
+    speeds: tuple[float, ...]  #: Speeds of the tables [m/s].
+    corners: tuple[CarCorner, ...] = ()  #: Corners for damping ratios.
+    fitted_to: Mapping[str, str] = field(default_factory=dict)  #: Build of corners of the car: a name for each corner.
+    limits: CurveLimits | None = None  #: Curve with tolerances that the measured curves must meet.
     #: Velocities of the shaft on a track (N,) [m/s] by name of the file.
     track: Mapping[str, Array] = field(default_factory=dict)
 
@@ -383,7 +359,7 @@ def dyno_report(
     speeds: Sequence[float] = (),
     corners: Sequence[CarCorner] = (),
     fitted_to: Mapping[str, str] | None = None,
-    limits: Limits | None = None,
+    limits: CurveLimits | None = None,
     track: Mapping[str, Array] | None = None,
 ) -> DynoReport:
     """Return the report of entries.
@@ -411,7 +387,7 @@ def dyno_report(
     return DynoReport(tuple(entries), variants, shown, tuple(corners), fitted, limits, dict(track or {}))
 
 
-def _listed(variants: Sequence[Variant]) -> str:
+def _listed(variants: Sequence[BuildVariant]) -> str:
     return ", ".join(dict.fromkeys(name for variant in variants for name in (variant.build, variant.label)))
 
 
@@ -429,10 +405,8 @@ class Reading:
     #: Build, and settings of the adjusters, of files, by name of the file.
     builds: Mapping[str, str] = field(default_factory=dict)
     clicks: Mapping[str, str] = field(default_factory=dict)
-    #: Whether to split records into runs.
-    split: bool = False
-    #: Cycle of a steady sine that is shown: `mean` of all, the `last`, or its number.
-    cycle: str | int = "mean"
+    split: bool = False  #: Whether to split records into runs.
+    cycle: str | int = "mean"  #: Cycle of a steady sine that is shown: `mean` of all, the `last`, or its number.
 
     def check(self, paths: Sequence[Path]) -> None:
         """Check that every file that an option names is given.
@@ -464,11 +438,6 @@ def read_entries(
     The build of an entry is the one given for its file, else the one stated in the file. A shock file without a build
     belongs to the build of the record that it was fitted to, if that record is among the files. Otherwise the name of
     the file is the build.
-
-    Args:
-        paths: Files of records, peak-velocity tables and shocks.
-        reading: Options.
-        advance: Callback that receives the number of files that were read.
 
     Raises:
         InputError: A file cannot be read, or there is no file.
@@ -530,13 +499,8 @@ def _with_unique_names(entries: Sequence[Entry]) -> tuple[Entry, ...]:
     return tuple(found)
 
 
-def read_limits(path: Path, reading: Reading, tolerances: Sequence[tuple[float, str]]) -> Limits:
+def read_limits(path: Path, reading: Reading, tolerances: Sequence[tuple[float, str]]) -> CurveLimits:
     """Return the limits of a master curve: of a dynamometer file or a shock file with one curve.
-
-    Args:
-        path: File; a table of peak velocities may have a column of tolerances.
-        reading: Options, without builds and cycles.
-        tolerances: Values with the unit `%` or `N` for a file without tolerances; the largest one counts.
 
     Raises:
         InputError: The file has several curves, or there is no tolerance.

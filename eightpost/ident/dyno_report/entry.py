@@ -10,30 +10,28 @@ from typing import Any, Literal
 import numpy as np
 
 from eightpost.array_types import Array
-from eightpost.ident.dyno_report.curve import (
+from eightpost.ident.dyno_report.loop import (
+    SLOW,
     STROKES,
     Branches,
+    Cycles,
+    Found,
+    SlowFigures,
     Stroke,
     StrokeFigures,
+    Unknown,
     VelocityCurve,
     branches_of,
     closed_loop,
     curve_of_law,
     curve_of_series,
     curve_of_table,
-    force_at_zero,
-    stroke_figures,
-)
-from eightpost.ident.dyno_report.cycles import (
-    SLOW,
-    Cycles,
-    Found,
-    SlowFigures,
-    Unknown,
     cycles_of,
     energy_over_time,
     force_at_rest,
+    force_at_zero,
     slow_figures,
+    stroke_figures,
 )
 from eightpost.rig.dyno_test import DynoTest, temperature_drift
 from eightpost.rig.motion import force_lag
@@ -48,34 +46,28 @@ CORRELATED = 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class EntrySetting:
     """Build and conditions of an entry; unknown conditions are None."""
 
-    #: Name of the build.
-    build: str
-    #: Settings of the adjusters, in the team's words.
-    clicks: str | None = None
-    #: Gas pressure [Pa].
-    gas_pressure: float | None = None
-    #: Mean temperature [K].
-    temperature: float | None = None
+    build: str  #: Name of the build.
+    clicks: str | None = None  #: Settings of the adjusters, in the team's words.
+    gas_pressure: float | None = None  #: Gas pressure [Pa].
+    temperature: float | None = None  #: Mean temperature [K].
 
 
 @dataclass(frozen=True, slots=True)
 class Warming:
     """Temperature and energy of a run."""
 
-    #: Mean temperature of the first tenth [K].
-    start: Found
-    #: Mean temperature of the last tenth minus that of the first [K].
-    drift: Found
+    start: Found  #: Mean temperature of the first tenth [K].
+    drift: Found  #: Mean temperature of the last tenth minus that of the first [K].
     #: Energy from the first to the last sample [J], and mean power [W].
     energy: Found
     power: Found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Band:
+class ForceBand:
     """A band about a curve: velocities (M,) [m/s], lower and upper forces (M,) [N]."""
 
     velocity: Array
@@ -90,34 +82,26 @@ class Entry:
     kind: Kind
     #: Unique display name.
     name: str
-    setting: Setting
+    setting: EntrySetting
     #: Path of the file, None for data in memory, and its digest, empty without a file.
     source: Path | None
     sha256: str
-    #: Mean force over velocity, without `level` and, of a run, without its lag.
-    curve: VelocityCurve | Unknown
-    #: Knee and slopes of each stroke.
-    strokes: Mapping[Stroke, StrokeFigures]
-    #: Force at zero velocity [N], of a run after its lag is removed.
-    offset: Found
-    #: Constant part of the force [N] that the curve is without: gas force of a slow run, else `offset`.
-    level: Found
+    curve: VelocityCurve | Unknown  #: Mean force over velocity, without `level` and, of a run, without its lag.
+    strokes: Mapping[Stroke, StrokeFigures]  #: Knee and slopes of each stroke.
+    offset: Found  #: Force at zero velocity [N], of a run after its lag is removed.
+    level: Found  #: Constant part of the force [N] that the curve is without: gas force of a slow run, else `offset`.
     #: Cycles of a run, with the peaks of its closed loop, or the reason why they are unknown.
     cycles: Cycles | Unknown
-    #: Lag of force behind velocity [s]; of a law its time constant, at zero velocity if it has several.
-    lag: Found
+    lag: Found  #: Lag of force behind velocity [s]; of a law its time constant, at zero velocity if it has several.
     #: Gas force and friction.
     slow: SlowFigures
     warming: Warming
-    #: Measured branches of a run, without `level`.
-    branches: Branches | None = None
-    #: Record of a run with an even time step.
-    test: DynoTest | None = None
+    branches: Branches | None = None  #: Measured branches of a run, without `level`.
+    test: DynoTest | None = None  #: Record of a run with an even time step.
     #: Shock of a law, and the 95 % band of its static curve.
     shock: Shock | None = None
-    band: Band | None = None
-    #: Notes on the file.
-    notes: tuple[str, ...] = field(default=())
+    band: ForceBand | None = None
+    notes: tuple[str, ...] = field(default=())  #: Notes on the file.
 
     @property
     def highest(self) -> float:
@@ -165,7 +149,7 @@ def entry_of_test(test: DynoTest, name: str, build: str, *, cycle: str | int = "
     known = test.conditions
     heat = float(series["temperature"].mean()) if "temperature" in series else known.temperature
     return Entry(
-        "run", name, Setting(build, known.clicks, known.gas_pressure, heat), test.source, test.sha256,
+        "run", name, EntrySetting(build, known.clicks, known.gas_pressure, heat), test.source, test.sha256,
         curve, _strokes_of(curve), offset, offset, cycles, _lag(series), slow_figures(series), _warming(series, test),
         branches, test=replace(test, series=series),
         notes=(*test.derived, *test.notes, *([whole] if cycle != "mean" and cycles.span is None else [])),
@@ -253,8 +237,8 @@ def entry_of_table(table: PeakVelocityTable, name: str, build: str) -> Entry:
     no_time = SlowFigures(gas, _NO_TIME, _NO_TIME, _NO_TIME)
     notes = (f"the gas force was found from {table.gas_source}",) if table.gas_source else ()
     return Entry(
-        "table", name, Setting(build, table.clicks), table.source, table.sha256, curve, _strokes_of(curve), gas, gas,
-        _NO_TIME, _NO_TIME, no_time, Warming(*(_NO_TIME,) * 4), notes=notes,
+        "table", name, EntrySetting(build, table.clicks), table.source, table.sha256, curve, _strokes_of(curve),
+        gas, gas, _NO_TIME, _NO_TIME, no_time, Warming(*(_NO_TIME,) * 4), notes=notes,
     )  # fmt: skip
 
 
@@ -264,19 +248,11 @@ _NO_RECORD = Unknown("a law has no record; see its runs")
 
 
 def entry_of_shock(shock: Shock, name: str, build: str, *, source: Path | None = None, sha256: str = "") -> Entry:
-    """Return the entry of a fitted law; see `entry_of_test` for the arguments.
-
-    Args:
-        shock: Shock.
-        name: Unique display name.
-        build: Name of the build.
-        source: Path of the shock file.
-        sha256: Digest of the shock file.
-    """
+    """Return the entry of a fitted law; see `entry_of_test` for the arguments."""
     curve, port, known = curve_of_law(shock.law), shock.law.port, shock.conditions
     heat = _numbers(known.get("temperature_range [K]"))
     pressure, clicks = known.get("gas_pressure [Pa]"), known.get("clicks")
-    setting = Setting(
+    setting = EntrySetting(
         build,
         str(clicks) if clicks else None,
         float(pressure) if isinstance(pressure, int | float) else None,
@@ -308,7 +284,7 @@ def _estimate(known: Mapping[str, Any], key: str) -> Found:
     return Unknown("the shock file states no estimate of the gas force")
 
 
-def _band(shock: Shock) -> Band | None:
+def _band(shock: Shock) -> ForceBand | None:
     """Return the band of the fit section; None if it is missing or has another form."""
     found = shock.fit.get("curve_band")
     if not isinstance(found, Mapping):
@@ -318,7 +294,7 @@ def _band(shock: Shock) -> Band | None:
         return None
     velocity, force, half = columns
     assert velocity is not None and force is not None and half is not None
-    return Band(velocity, force - half, force + half)
+    return ForceBand(velocity, force - half, force + half)
 
 
 def _numbers(value: object) -> Array | None:

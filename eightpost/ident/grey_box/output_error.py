@@ -68,7 +68,6 @@ class Parameter:
     fixed: bool = False  #: Whether the parameter keeps its start value.
 
     def __post_init__(self) -> None:
-        """Check that bounds, start and prior agree."""
         if not self.low <= self.start <= self.high:
             raise ParameterError(
                 f"{self.name}: the start {self.start:g} {self.unit} must be within the bounds {self.low:g} to "

@@ -103,8 +103,7 @@ class Spectra:
     def fit(self, output: Term, inputs: Sequence[Term], high: float | None = None) -> Regression | None:
         """Return the coefficients of a derivative of one channel on those of others up to a frequency [Hz].
 
-        Returns:
-            None if a channel is missing, the output is zero, or the inputs do not determine the coefficients.
+        None if a channel is missing, the output is zero, or the inputs do not determine the coefficients.
         """
         if not self.has(name for name, _ in (output, *inputs)):
             return None
@@ -283,13 +282,7 @@ def _delay(
 
 
 def comparisons(spectra: Spectra, corners: Sequence[str], mass: float | None = None) -> Iterator[Comparison]:
-    """Yield the comparisons of all laws whose channels are known.
-
-    Args:
-        spectra: Spectra of a record.
-        corners: Names of its corners; one empty name for a quarter car.
-        mass: Mass of the car [kg], None if it is unknown.
-    """
+    """Yield the comparisons of all laws whose channels are known; the mass of the car [kg] may be unknown."""
     yield from _tires(spectra, corners)
     yield from _travels(spectra, corners)
     yield from _slopes(spectra, corners)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,6 +11,7 @@ import numpy as np
 from scipy.signal import cheby1, sosfiltfilt
 
 from eightpost.array_types import Array
+from eightpost.checks.fault import Fault
 from eightpost.corners import CORNERS, channel
 from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.files import toml_content
@@ -25,10 +25,9 @@ from eightpost.ident.preparation.lags import (
     record_lags,
 )
 from eightpost.ident.preparation.plausibility import record_findings
-from eightpost.ident.preparation.plausibility_rules import WRONG_DELAY, Finding
 from eightpost.ident.threads import for_each
-from eightpost.rig.post.car import MODES, Geometry, displacement_modes, force_modes, ride_heights
-from eightpost.rig.post.rig_test import CHANNEL_UNITS, RigTest
+from eightpost.rig.geometry import MODES, Geometry, displacement_modes, force_modes, ride_heights
+from eightpost.rig.rig_test import CHANNEL_UNITS, RigTest
 from eightpost.signals.filters import velocity_from_displacement
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert, quantity
@@ -54,7 +53,6 @@ class Decimation:
     ripple: float = 0.005
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         if not (np.isfinite(self.rate) and self.rate > 0.0 and 0.0 < self.band < 1.0):
             raise ParameterError(f"{self}: rate must be above 0 Hz and band between 0 and 1")
         if self.order < 1 or not self.ripple > 0.0:
@@ -82,25 +80,16 @@ class Decimation:
         return factor
 
     def apply(self, values: Array, rate: float) -> Array:
-        """Return every n-th sample of the low-passed values; the values themselves if they are at the new rate.
+        """Return every n-th sample of the low-passed values (..., N) at a rate [Hz], preferably without mean.
 
-        Args:
-            values: Samples (..., N), with time last, preferably without mean.
-            rate: Sample rate of the values [Hz].
+        Values at the new rate are returned as they are.
         """
         factor = self.factor(rate)
         if factor == 1:
             return values
-        sections = _sections(self, rate)
+        sections = cheby1(self.order, self.ripple, self.cutoff, fs=rate, output="sos")
         pad = min(values.shape[-1] - 1, 6 * self.order * factor)
         return np.asarray(sosfiltfilt(sections, values, axis=-1, padlen=pad)[..., ::factor], dtype=np.float64)
-
-
-@lru_cache(maxsize=8)
-def _sections(decimation: Decimation, rate: float) -> Array:
-    """Return the filter's second-order sections (S, 6)."""
-    low, ripple = decimation.cutoff, decimation.ripple
-    return np.asarray(cheby1(decimation.order, ripple, low, fs=rate, output="sos"), dtype=np.float64)
 
 
 # ==== Math channels 45 to 62 of Table 6.1, computed from measured channels (6.1.2) ===================================
@@ -122,60 +111,28 @@ class MathChannels(NamedTuple):
 def math_channels(
     series: TimeSeries, corners: Sequence[str], *, pot_cutoff: float | None, geometry: Geometry | None
 ) -> MathChannels:
-    """Compute the math channels of a rig record.
+    """Compute the math channels of a rig record at its own rate; a quarter car has one corner with an empty name.
 
-    Args:
-        series: Rig record at its own rate.
-        corners: Names of its corners; one empty name for a quarter car.
-        pot_cutoff: Cut-off frequency of the potentiometers' low-pass for the shock velocities [Hz]; None computes none.
-        geometry: Geometry of the rig for the aeroloaders' modes and the ride heights; None computes none.
+    Without a cut-off frequency of the potentiometers' low-pass [Hz] there are no shock velocities; without a geometry,
+    there are no modes of the aeroloaders and no ride heights.
     """
-    channels: Mapping[str, Array] = {}
-    steps: tuple[str, ...] = ()
-    if pot_cutoff is not None:
-        channels, steps = _velocities_of(series, corners, pot_cutoff)
-    if geometry is not None:
-        modes, more = _modes_of(series, geometry)
-        channels, steps = {**channels, **modes}, (*steps, *more)
-    return MathChannels(channels, steps)
-
-
-def _velocities_of(series: TimeSeries, corners: Sequence[str], cutoff: float) -> MathChannels:
-    """Compute the shock velocities from the potentiometers: low-pass, central differences (6.1.2).
-
-    A corner without a potentiometer keeps its own velocity. Central differences return `sin(x) / x` of the true
-    velocity with `x = 2 pi f / rate`: 0.4 % low at 30 Hz for a rate of 1250 Hz. They are therefore computed before a
-    record is decimated.
-
-    Args:
-        series: Rig record at its own rate.
-        corners: Names of its corners; one empty name for a quarter car.
-        cutoff: Cut-off frequency of the low-pass [Hz], at most 0.4 of the sample rate.
-    """
-    rate = series.sample_rate
-    cutoff = min(cutoff, HIGHEST_CUTOFF * rate)
+    channels: dict[str, Array] = {}
+    steps: list[str] = []
     pots = {channel(corner, "velocity"): channel(corner, "displacement") for corner in corners}
     pots = {velocity: pot for velocity, pot in pots.items() if pot in series}
-    if not pots:
-        return MathChannels({})
-    velocities = {name: velocity_from_displacement(series[pot], rate, cutoff) for name, pot in pots.items()}
-    low = 100.0 * (1.0 - float(np.sinc(2.0 * 20.0 / rate)))
-    names = ", ".join(velocities)
-    step = f"{names} from displacement: low-pass {cutoff:g} Hz, central differences ({low:.2g} % low at 20 Hz)"
-    return MathChannels(velocities, (step,))
-
-
-def _modes_of(series: TimeSeries, geometry: Geometry) -> MathChannels:
-    """Compute the aeroloaders' modes (Eq 6.1, 6.2) and the ride heights, if the record has the channels for them.
-
-    Args:
-        series: Rig record of a car with four aeroloaders.
-        geometry: Positions of the aeroloaders and of the points where ride heights are defined [m].
-    """
-    steps: list[str] = []
-    channels: dict[str, Array] = {}
+    if pot_cutoff is not None and pots:
+        # Low-pass and central differences (6.1.2), which return sin(x) / x of the true velocity with x = 2 pi f / rate:
+        # 0.4 % low at 30 Hz for a rate of 1250 Hz. They are therefore computed before a record is decimated.
+        rate = series.sample_rate
+        cutoff = min(pot_cutoff, HIGHEST_CUTOFF * rate)
+        channels = {name: velocity_from_displacement(series[pot], rate, cutoff) for name, pot in pots.items()}
+        low = 100.0 * (1.0 - float(np.sinc(2.0 * 20.0 / rate)))
+        names = ", ".join(channels)
+        steps.append(
+            f"{names} from displacement: low-pass {cutoff:g} Hz, central differences ({low:.2g} % low at 20 Hz)"
+        )
     heights, loads, roads = (_corners(series, quantity) for quantity in ("aero_position", "aero", "road"))
-    if heights is not None:
+    if geometry is not None and heights is not None:
         modes = displacement_modes(geometry) @ heights
         channels |= {f"aero.{mode}": row for mode, row in zip(MODES, modes, strict=True)}
         steps.append("aeroloaders' heave, pitch, roll and warp from their positions (Eq 6.1)")
@@ -183,7 +140,7 @@ def _modes_of(series: TimeSeries, geometry: Geometry) -> MathChannels:
             nose, spoiler = ride_heights(modes[0], modes[1], roads, geometry)
             channels |= {"front.ride_height": nose, "rear.ride_height": spoiler}
             steps.append("ride heights from heave, pitch and the wheelloaders' plane (6.1.2)")
-    if loads is not None:
+    if geometry is not None and loads is not None:
         channels |= dict(zip(_MODE_FORCES, -force_modes(geometry) @ loads, strict=True))
         steps.append("aeroloaders' modal forces from their load cells, positive upward (Eq 6.2)")
     return MathChannels(channels, tuple(steps))
@@ -217,7 +174,7 @@ class Prepared:
     steps: tuple[str, ...]  #: Descriptions of the steps that were applied to all records, a sentence each.
     notes: tuple[str, ...]  #: Findings that the user should check, a sentence each.
     sources: Mapping[str, str]  #: SHA-256 digest of each file by name.
-    findings: tuple[tuple[Finding, ...], ...] = ()  #: Channels of each record that contradict the mechanics of the car.
+    findings: tuple[tuple[Fault, ...], ...] = ()  #: Channels of each record that contradict the mechanics of the car.
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
@@ -244,9 +201,9 @@ class Prepared:
         return (*lines, *self.steps, *(f"note: {note}" for note in self.notes))
 
 
-def _places(names: Sequence[str], findings: Sequence[Sequence[Finding]]) -> Iterator[tuple[Finding, Sequence[str]]]:
+def _places(names: Sequence[str], findings: Sequence[Sequence[Fault]]) -> Iterator[tuple[Fault, Sequence[str]]]:
     """Yield each finding with the names of the records that have it, in the words of the first one."""
-    found: dict[tuple[str, tuple[str, ...]], tuple[Finding, list[str]]] = {}
+    found: dict[tuple[str, tuple[str, ...]], tuple[Fault, list[str]]] = {}
     for name, own in zip(names, findings, strict=True):
         for finding in own:
             found.setdefault((finding.rule.name, finding.channels), (finding, []))[1].append(name)
@@ -254,8 +211,6 @@ def _places(names: Sequence[str], findings: Sequence[Sequence[Finding]]) -> Iter
 
 
 # ---- Preparation of recorded rig tests for an identification (6.1.2, 6.4.1) -----------------------------------------
-
-Channels = Mapping[str, Array]
 
 #: Minimum number of samples that a record must have after preparation.
 _FEWEST = 100
@@ -285,7 +240,6 @@ class Preparation:
     mass: float | None = None  #: Mass of the car [kg], by which the forces are checked; None if it is unknown.
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         if self.pot_cutoff is not None and not self.pot_cutoff > 0.0:
             raise ParameterError(f"the potentiometers' cut-off must be above 0 Hz, not {self.pot_cutoff:g}")
         if self.settling < 0.0:
@@ -295,14 +249,10 @@ class Preparation:
 
 
 def prepare(tests: Iterable[RigTest], preparation: Preparation | None = None) -> Prepared:
-    """Prepare rig tests.
+    """Prepare rig tests; the default settings are those of `Preparation`.
 
     Each test is decimated to the model's rate before the next one is requested. If the tests come from a generator,
     only one at a time is in memory.
-
-    Args:
-        tests: One or more tests of one car.
-        preparation: Settings; None takes the defaults.
 
     Raises:
         InputError: No test was given, or the tests are of different cars.
@@ -312,12 +262,11 @@ def prepare(tests: Iterable[RigTest], preparation: Preparation | None = None) ->
         MissingChannelError: A channel that is to be advanced or synchronised is missing.
     """
     how = preparation or Preparation()
-    first: _Single | None = None
     singles: list[_Single] = []
     for number, test in enumerate(tests, start=1):
-        single = _prepared(test, how, _called(test, number), first)
-        first = first or single
-        singles.append(single._replace(full=None) if number > 1 else single)
+        name = test.source.name if test.source else f"record {number}"
+        single = _prepared(test, how, name, singles[0] if singles else None)
+        singles.append(single._replace(full=None) if singles else single)
     if not singles:
         raise InputError("no rig test was given; give one or more")
     return _together(singles, how)
@@ -332,16 +281,12 @@ class _Single(NamedTuple):
     means: Mapping[str, float]
     lags: tuple[Lag, ...]
     drifts: tuple[Lag, ...]
-    findings: tuple[Finding, ...]
+    findings: tuple[Fault, ...]
     steps: tuple[str, ...]
     sha256: str
     full: TimeSeries | None
     """Channel at full rate that other records are synchronised with."""
     notes: tuple[str, ...]
-
-
-def _called(test: RigTest, number: int) -> str:
-    return test.source.name if test.source else f"record {number}"
 
 
 def _prepared(test: RigTest, how: Preparation, name: str, first: _Single | None) -> _Single:
@@ -357,9 +302,11 @@ def _prepared(test: RigTest, how: Preparation, name: str, first: _Single | None)
         lags.append(late)
         series = advance_channels(series, dict.fromkeys(series.names, late.seconds))
     computed, steps = math_channels(series, corners, pot_cutoff=how.pot_cutoff, geometry=how.geometry)
-    first_kept = _first_kept(series, how.settling, name)
+    if how.settling >= series.duration:
+        raise TooShortError(f"{name}: the record has {series.duration:.4g} s, but the settling is {how.settling:.4g} s")
+    start = int(np.searchsorted(series.time, series.time[0] + how.settling)) if how.settling else 0
     try:
-        record, means = _decimated(series, computed, first_kept, how.decimation)
+        record, means = _decimated(series, computed, start, how.decimation)
     except ParameterError as error:
         raise ParameterError(f"{name}: {error}") from error
     return _Single(name, corners, record, means, tuple(lags), changes, findings, steps, test.sha256, full, test.notes)
@@ -379,19 +326,12 @@ def _start(series: TimeSeries, first: TimeSeries, channel: str, name: str) -> La
     return late
 
 
-def _first_kept(series: TimeSeries, settling: float, name: str) -> int:
-    """Return the index of the first sample after settling."""
-    if settling >= series.duration:
-        raise TooShortError(f"{name}: the record has {series.duration:.4g} s, but the settling is {settling:.4g} s")
-    return int(np.searchsorted(series.time, series.time[0] + settling)) if settling else 0
-
-
 def _decimated(
-    series: TimeSeries, computed: Channels, first: int, decimation: Decimation
+    series: TimeSeries, computed: Mapping[str, Array], first: int, decimation: Decimation
 ) -> tuple[TimeSeries, dict[str, float]]:
     """Return a record with its math channels at the model's rate without means, and the means."""
     rate = series.sample_rate
-    rows: Channels = {**dict(zip(series.names, series.values, strict=True)), **computed}
+    rows = {**dict(zip(series.names, series.values, strict=True)), **computed}
     units = dict(zip(series.names, series.units, strict=True)) | {name: CHANNEL_UNITS[name] for name in computed}
     means = {name: float(row[first:].mean()) for name, row in rows.items()}
     # Row by row, because all channels at full rate and their filtered copies would take gigabytes.
@@ -432,27 +372,26 @@ def _together(singles: Sequence[_Single], how: Preparation) -> Prepared:
 
 
 def _steps(single: _Single, how: Preparation) -> tuple[str, ...]:
-    steps = [f"{name} advanced by {1e3 * delay:.4g} ms" for name, delay in how.delays.items()]
-    if how.same_start:
-        steps.append(f"every record synchronised with the first one by {how.same_start}")
-    steps += single.steps
-    if how.settling:
-        steps.append(f"the first {how.settling:g} s omitted")
-    steps.append("means removed and stored")
     decimation = how.decimation
-    steps.append(
+    return (
+        *(f"{name} advanced by {1e3 * delay:.4g} ms" for name, delay in how.delays.items()),
+        *((f"every record synchronised with the first one by {how.same_start}",) if how.same_start else ()),
+        *single.steps,
+        *((f"the first {how.settling:g} s omitted",) if how.settling else ()),
+        "means removed and stored",
         f"decimated to {decimation.rate:g} Hz: Chebyshev I of order {decimation.order}, forward and backward, "
-        f"pass band to {decimation.cutoff:g} Hz"
+        f"pass band to {decimation.cutoff:g} Hz",
     )
-    return tuple(steps)
 
 
-def unexplained_lags(lags: Iterable[Lag], findings: Sequence[Finding]) -> tuple[Lag, ...]:
+def unexplained_lags(lags: Iterable[Lag], findings: Sequence[Fault]) -> tuple[Lag, ...]:
     """Return the notable lags of a record, without those of channels that a finding already reports as out of step.
 
     The lag `tire_force` is that of all corners together, so it is reported by a finding on any of them.
     """
-    delayed = {name for finding in findings if finding.rule is WRONG_DELAY for name in finding.channels}
+    delayed = {
+        name for finding in findings if finding.rule.name == "a channel is out of step" for name in finding.channels
+    }
     delayed |= {name.rpartition(".")[2] for name in delayed}
     return tuple(lag for lag in lags if lag.is_notable and lag.channel not in delayed)
 
@@ -481,9 +420,8 @@ def _notes(singles: Sequence[_Single], shared: Sequence[str], how: Preparation) 
 
 # ==== Files with settings ============================================================================================
 
-_KEYS = ("rate", "pot_cutoff", "settling", "same_start", "mass", "delays", "geometry")
-#: Value of `pot_cutoff` that keeps the records' own velocities.
-_OWN = "own"
+#: Numbers of a file and their units.
+_NUMBERS = {"rate": "Hz", "pot_cutoff": "Hz", "settling": "s", "mass": "kg"}
 
 
 def read_preparation(path: str | Path) -> Preparation:
@@ -509,43 +447,36 @@ def read_preparation(path: str | Path) -> Preparation:
     """
     path = Path(path)
     content = toml_content(path)
-    _check_keys(path, content, _KEYS, "")
-    given: dict[str, Any] = {}
-    rate = _si(path, "rate", content["rate"], "Hz") if "rate" in content else None
-    if "pot_cutoff" in content:
-        own = content["pot_cutoff"] == _OWN
-        given["pot_cutoff"] = None if own else _si(path, "pot_cutoff", content["pot_cutoff"], "Hz")
-    if "settling" in content:
-        given["settling"] = _si(path, "settling", content["settling"], "s")
-    if "mass" in content:
-        given["mass"] = _si(path, "mass", content["mass"], "kg")
+    _check_keys(path, content, (*_NUMBERS, "same_start", "delays", "geometry"), "")
+    keeps_velocities = content.get("pot_cutoff") == "own"
+    given: dict[str, Any] = {key: _si(path, key, content[key], unit) for key, unit in _NUMBERS.items()
+                             if key in content and not (key == "pot_cutoff" and keeps_velocities)}  # fmt: skip
+    if keeps_velocities:
+        given["pot_cutoff"] = None
     if "same_start" in content:
         given["same_start"] = str(content["same_start"])
     delays = _table(path, content, "delays")
     given["delays"] = {name: _si(path, f"delays.{name}", value, "s") for name, value in delays.items()}
     if "geometry" in content:
-        given["geometry"] = _geometry(path, _table(path, content, "geometry"))
+        table, names = _table(path, content, "geometry"), tuple(declared.name for declared in fields(Geometry))
+        _check_keys(path, table, names, "geometry.")
+        missing = [name for name in names if name not in table]
+        if missing:
+            what = f"[geometry] lacks {', '.join(missing)}; add them, e.g. {missing[0]} = '60 in'"
+            raise ParameterError(f"{path}: {what}")
+        given["geometry"] = Geometry(**{name: _si(path, f"geometry.{name}", table[name], "m") for name in names})
     try:
-        if rate is not None:
-            given["decimation"] = Decimation(rate)
+        if "rate" in given:
+            given["decimation"] = Decimation(given.pop("rate"))
         return Preparation(**given)
     except ParameterError as error:
         raise ParameterError(f"{path}: {error}") from error
 
 
-def _geometry(path: Path, table: Mapping[str, Any]) -> Geometry:
-    names = tuple(declared.name for declared in fields(Geometry))
-    _check_keys(path, table, names, "geometry.")
-    missing = [name for name in names if name not in table]
-    if missing:
-        raise ParameterError(f"{path}: [geometry] lacks {', '.join(missing)}; add them, e.g. {missing[0]} = '60 in'")
-    return Geometry(**{name: _si(path, f"geometry.{name}", table[name], "m") for name in names})
-
-
-def _check_keys(path: Path, table: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
+def _check_keys(path: Path, table: Mapping[str, Any], names: tuple[str, ...], where: str) -> None:
     for key in table:
-        if key not in known:
-            raise ParameterError(f"{path}: unknown key {where + key!r}; the known keys are {', '.join(known)}")
+        if key not in names:
+            raise ParameterError(f"{path}: unknown key {where + key!r}; the known keys are {', '.join(names)}")
 
 
 def _table(path: Path, content: Mapping[str, Any], key: str) -> dict[str, Any]:

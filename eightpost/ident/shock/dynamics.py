@@ -3,131 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.curve import KnotBasis
-from eightpost.ident.shock.force import Dynamics, ForceModel, Limits, linear_solution
-from eightpost.ident.shock.lag import lag, lag_sensitivity
-from eightpost.ident.shock.simulation import array_form
+from eightpost.ident.shock.force import Dynamics, ForceModel, LawLimits
+from eightpost.ident.shock.simulation import array_form, lag, lag_sensitivity
+from eightpost.least_squares import Parameters, linear_solution
 from eightpost.shock import CurveNumbers, FitParameter, ShockLaw, Valve, fit_form, fit_parameters, law_module
 
 # ==== Laws that are fitted by stepping their own functions ===========================================================
 
-# ---- A law's own parameters as declared in its file, and their coordinates in the optimiser's box -------------------
+# ---- A law's own parameters ----------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class _OwnParameters:
-    """Parameters (k,) and theta (k,), their coordinates in a box.
+class OwnParameters(Dynamics):
+    """Dynamics whose theta are the coordinates of parameters that are declared with their bounds."""
 
-    theta is the parameter itself, or its logarithm if the scale is logarithmic. If a parameter must stay above another
-    one by a gap, its coordinate is its share u of the remaining range: value = low + u (high - low) with
-    low = max(declared low, other + gap), so that 0 <= u <= 1 ensures all conditions.
-
-    Raises:
-        ValueError: A parameter is above one that is not declared before it.
-    """
-
-    declared: tuple[FitParameter, ...]  #: Declarations of the law's file, in the order of its fields.
-
-    def __post_init__(self) -> None:
-        for i, parameter in enumerate(self.declared):
-            before = [p.name for p in self.declared[:i]]
-            if parameter.above and parameter.above not in before:
-                what = f"{parameter.name} is above {parameter.above!r}, which must be declared before it"
-                raise ValueError(f"FIT_PARAMETERS: {what}; declared before it: {', '.join(before) or 'none'}")
-
-    @property
-    def logarithmic(self) -> NDArray[np.bool_]:
-        """Whether each theta (k,) is a logarithm."""
-        return np.array([p.scale == "logarithmic" and not p.above for p in self.declared], dtype=bool)
-
-    def bounds(self) -> tuple[Array, Array]:
-        """Return the lowest and the highest theta (k,)."""
-        pairs = [(0.0, 1.0) if p.above else (p.low, self._highest(i)) for i, p in enumerate(self.declared)]
-        low, high = np.array(pairs, dtype=np.float64).reshape(-1, 2).T
-        return self._logarithms(low), self._logarithms(high)
-
-    def start(self) -> Array:
-        """Return theta (k,) of the declared starts, moved inside the box."""
-        return self.theta(np.array([p.start for p in self.declared], dtype=np.float64))
-
-    def theta(self, values: Array) -> Array:
-        """Return theta (k,) of values (k,), moved inside the box."""
-        theta = self._logarithms(np.where(self.logarithmic, np.maximum(values, 1e-300), values))
-        for i, parameter in enumerate(self.declared):
-            if parameter.above:
-                low, high, _ = self._room(i, values)
-                theta[i] = (values[i] - low) / max(high - low, 1e-300)
-        return np.clip(theta, *self.bounds())
-
-    def values(self, theta: Array) -> Array:
-        """Return the parameters (k,), SI."""
-        found = np.where(self.logarithmic, np.exp(np.where(self.logarithmic, theta, 0.0)), theta)
-        for i in self._dependent:
-            low, high, _ = self._room(i, found)
-            found[i] = low + theta[i] * (high - low)
-        return np.asarray(found)
-
-    def jacobian(self, theta: Array) -> Array:
-        """Return dvalues/dtheta (k, k)."""
-        values = self.values(theta)
-        found = np.diag(np.where(self.logarithmic, values, 1.0))
-        for i in self._dependent:
-            low, high, moves = self._room(i, values)
-            found[i] = (1.0 - theta[i]) * found[self._below(i)] if moves else 0.0
-            found[i, i] = high - low
-        return found
-
-    @property
-    def _dependent(self) -> list[int]:
-        return [i for i, p in enumerate(self.declared) if p.above]
-
-    def _below(self, i: int) -> int:
-        return [p.name for p in self.declared].index(self.declared[i].above)
-
-    def _room(self, i: int, values: Array) -> tuple[float, float, bool]:
-        """Return the range left to a parameter that is above another one, and whether its lower end depends on that."""
-        parameter, below = self.declared[i], float(values[self._below(i)]) + self.declared[i].gap
-        return max(parameter.low, below), max(self._highest(i), below), below > parameter.low
-
-    def _highest(self, i: int) -> float:
-        """Return the highest value that leaves enough range for the parameters above."""
-        name = self.declared[i].name
-        rooms = [self._highest(j) - p.gap for j, p in enumerate(self.declared) if p.above == name]
-        return min([self.declared[i].high, *rooms])
-
-    def _logarithms(self, values: Array) -> Array:
-        return np.where(self.logarithmic, np.log(np.where(self.logarithmic, values, 1.0)), values)
-
-
-# ---- Dynamics of a law that is known only by its file ---------------------------------------------------------------
-
-#: Steps for differences: of a curve parameter over the force's standard deviation, of theta over its scale.
-_CURVE_STEP, _OWN_STEP = 1e-5, 1e-4
-
-#: Number of values in the scan of a parameter, and half the range of the scan about the start of a logarithm.
-_SCAN, _SCANNED = 9, np.log(30.0)
-
-
-@dataclass(frozen=True)
-class SteppedLaw(Dynamics):
-    """Any law with `advance_core`, `weight_core` and `FIT_PARAMETERS` in its file.
-
-    theta are the law's own parameters; see `_OwnParameters`.
-    """
-
-    limits: Limits  #: Bounds for the record; LPF1's lag is searched within them.
-    kind: type[ShockLaw]  #: The law's class.
-    own: _OwnParameters = field(init=False)  #: The law's own parameters as declared in its file.
-    _last: list[tuple[object, Array]] = field(init=False, default_factory=list, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "own", _OwnParameters(fit_parameters(self.kind)))
+    own: Parameters
 
     @property
     def names(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -137,7 +33,49 @@ class SteppedLaw(Dynamics):
     @property
     def units(self) -> tuple[str, ...]:  # type: ignore[override]
         """SI units of the law's own parameters."""
-        return tuple(p.unit for p in self.own.declared)
+        return tuple(p.unit for p in self.own.declared)  # type: ignore[attr-defined]
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Return the lowest and the highest theta."""
+        return self.own.bounds()
+
+    def values(self, theta: Array) -> Array:
+        """Return the law's own parameters."""
+        return self.own.values(theta)
+
+    def values_jacobian(self, theta: Array) -> Array:
+        """Return dvalues/dtheta."""
+        return self.own.jacobian(theta)
+
+    def value_bounds(self) -> tuple[tuple[float, float], ...]:
+        """Return the bounds of the law's own parameters."""
+        return self.own.value_bounds()
+
+
+# ---- Dynamics of a law that is known only by its file ---------------------------------------------------------------
+
+#: Steps for differences: of a curve parameter over the force's standard deviation, of theta over its range, or of its
+#: logarithm.
+_CURVE_STEP, _OWN_STEP = 1e-5, 1e-5
+
+#: Number of values in the scan of a parameter, and half the range of the scan about the start of a logarithm.
+_SCAN, _SCANNED = 9, np.log(30.0)
+
+
+@dataclass(frozen=True)
+class SteppedLaw(OwnParameters):
+    """Any law with `advance_core`, `weight_core` and `FIT_PARAMETERS` in its file.
+
+    theta are the law's own parameters; see `Parameters`.
+    """
+
+    limits: LawLimits  #: Bounds for the record; LPF1's lag is searched within them.
+    kind: type[ShockLaw]  #: The law's class.
+    own: Parameters = field(init=False)  #: The law's own parameters as declared in its file.
+    _last: list[tuple[object, Array]] = field(init=False, default_factory=list, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "own", Parameters(fit_parameters(self.kind)))
 
     def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
         """Step every run through the law; the last result is cached, because its derivatives are needed next."""
@@ -172,27 +110,6 @@ class SteppedLaw(Dynamics):
         by_curve = coarse.runs.rows(np.array(moved) / small).T
         return by_curve, coarse.runs.rows(np.array(own).reshape(theta.size, -1) / steps[:, None]).T
 
-    def bounds(self) -> tuple[Array, Array]:
-        """Return the lowest and the highest theta."""
-        return self.own.bounds()
-
-    def scale(self) -> Array:
-        """Return a tenth: of the logarithm, or of the range."""
-        low, high = self.bounds()
-        return np.where(self.own.logarithmic, 0.1, 0.1 * (high - low))
-
-    def values(self, theta: Array) -> Array:
-        """Return the law's own parameters."""
-        return self.own.values(theta)
-
-    def values_jacobian(self, theta: Array) -> Array:
-        """Return dvalues/dtheta."""
-        return self.own.jacobian(theta)
-
-    def value_bounds(self) -> tuple[tuple[float, float], ...]:
-        """Return the declared bounds."""
-        return tuple((p.low, p.high) for p in self.own.declared)
-
     def like_full_lag(self, model: ForceModel, full_lag: Array) -> Array:
         """Return the theta whose response to LPF1's curve is closest to LPF1's; each parameter is scanned in turn."""
         coarse, b = model.coarse, full_lag[: model.curve_count]
@@ -209,8 +126,8 @@ class SteppedLaw(Dynamics):
         return theta
 
     def _steps(self, theta: Array) -> Array:
-        _, high = self.bounds()
-        steps = _OWN_STEP * self.scale()
+        low, high = self.bounds()
+        steps = _OWN_STEP * np.where(self.own.logarithmic, 1.0, high - low)
         return np.where(theta + steps > high, -steps, steps)
 
 
@@ -267,11 +184,11 @@ _TAU_SHARES = (1.0, 1.7)
 _FULL_SHARES, _ZERO_SHARES = (0.03, 0.15, 0.5), (0.4, 0.8, 1.6)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class NoLag(Dynamics):
     """No lag: F = F_s."""
 
-    limits: Limits
+    limits: LawLimits
     kind: type[ShockLaw] | None = None
     is_costly = False
 
@@ -289,15 +206,18 @@ class NoLag(Dynamics):
         return columns, np.empty((columns.shape[0], 0))
 
 
-@dataclass(frozen=True, slots=True)
-class FullLag(Dynamics):
+@dataclass(frozen=True)
+class FullLag(OwnParameters):
     """Full lag: F = F_lag (Eq 3.24); theta = (tau,) [s]."""
 
-    limits: Limits
+    limits: LawLimits
     kind: type[ShockLaw] | None = None
-    names = ("time_constant",)
-    units = ("s",)
     is_costly = False  # a lag adds almost no cost in the spectrum
+
+    @cached_property
+    def own(self) -> Parameters:  # type: ignore[override]
+        """The time constant within the bounds of the record."""
+        return Parameters((_time_constant(self.limits),))
 
     def force(self, model: ForceModel, b: Array, theta: Array) -> Array:
         """Return F = F_lag."""
@@ -315,41 +235,28 @@ class FullLag(Dynamics):
         by_tau = model.lagged_rows(b, theta[0] + step) - model.lagged_rows(b, theta[0] - step)
         return model.curve_rows(theta[0]), by_tau[:, None] / (2.0 * step)
 
-    def bounds(self) -> tuple[Array, Array]:
-        """Return the bounds of tau."""
-        lowest, highest = self.limits.time_constant
-        return np.array([lowest]), np.array([highest])
-
-    def scale(self) -> Array:
-        """Return a change of 1 ms."""
-        return np.array([1e-3])
-
-    def value_bounds(self) -> tuple[tuple[float, float], ...]:
-        """Return the bounds of tau [s]."""
-        return (self.limits.time_constant,)
-
     def changes(self) -> tuple[str, ...]:
         """Return notes on changed bounds of tau."""
         return self.limits.lag_changes
 
 
-@dataclass(frozen=True, slots=True)
-class FadingLag(Dynamics):
+@dataclass(frozen=True)
+class FadingLag(OwnParameters):
     """Fading lag: alpha, given by the law's file, falls from 1 to 0 between two static forces (Eq 3.25).
 
-    theta = (tau [s], F_1 [N], u [1]) with F_2 = F_1 + g + u (F_max - g - F_1), 0 <= u <= 1, so that
-    F_2 - F_1 >= g and F_2 <= F_max are plain bounds.
+    theta = (tau [s], F_1 [N], share of the range left to F_2), so that F_2 - F_1 is at least the gap.
     """
 
-    limits: Limits
+    limits: LawLimits
     kind: type[ShockLaw]
 
-    @property
-    def names(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Names of the law's own parameters."""
-        return tuple(p.name for p in fit_parameters(self.kind))
-
-    units = ("s", "N", "N")
+    @cached_property
+    def own(self) -> Parameters:  # type: ignore[override]
+        """The parameters within the bounds of the record."""
+        (low, high), gap = self.limits.force, self.limits.gap
+        _, full, zero = fit_parameters(self.kind)
+        ends = full._replace(low=low, high=high), zero._replace(low=low + gap, high=high, gap=gap)
+        return Parameters((_time_constant(self.limits), *ends))
 
     def weight(self, static: Array, theta: Array) -> Array:
         """Return alpha (N,) [1] at static forces (N,) [N]."""
@@ -407,49 +314,24 @@ class FadingLag(Dynamics):
         pairs = [(full, zero) for full in _FULL_SHARES for zero in _ZERO_SHARES if zero > full]
         return [self.theta(tau, full * peak, zero * peak) for full, zero in pairs]
 
-    def bounds(self) -> tuple[Array, Array]:
-        """Return the bounds of tau, F_1 and u."""
-        (shortest, longest), (lowest, highest) = self.limits.time_constant, self.limits.force
-        return np.array([shortest, lowest, 0.0]), np.array([longest, highest - self.limits.gap, 1.0])
-
-    def scale(self) -> Array:
-        """Return a change of 1 ms and of a tenth of the forces."""
-        return np.array([1e-3, 0.1 * self.limits.force[1], 0.1])
-
-    def values(self, theta: Array) -> Array:
-        """Return tau [s], F_1 and F_2 [N]."""
-        return np.array([theta[0], theta[1], theta[1] + self.limits.gap + theta[2] * self._room(theta)])
-
-    def values_jacobian(self, theta: Array) -> Array:
-        """Return d(tau, F_1, F_2)/dtheta (3, 3)."""
-        jacobian = np.eye(3)
-        jacobian[2] = (0.0, 1.0 - theta[2], self._room(theta))
-        return jacobian
-
-    def value_bounds(self) -> tuple[tuple[float, float], ...]:
-        """Return the bounds of tau [s], F_1 and F_2 [N]."""
-        lowest, highest = self.limits.force
-        return self.limits.time_constant, (lowest, highest - self.limits.gap), (lowest + self.limits.gap, highest)
-
     def changes(self) -> tuple[str, ...]:
         """Return notes on changed bounds of tau and of the forces."""
         return (*self.limits.lag_changes, *self.limits.force_changes)
 
     def theta(self, time_constant: float, full: float, zero: float) -> Array:
         """Return theta of tau [s], F_1 and F_2 [N]; forces outside the bounds are moved inside."""
-        low, high = self.bounds()
-        full = float(np.clip(full, low[1], high[1]))
-        room = max(self.limits.force[1] - self.limits.gap - full, 1e-9 * self.limits.force[1])
-        return np.clip([time_constant, full, (zero - full - self.limits.gap) / room], low, high)
+        return self.own.theta(np.array([time_constant, full, zero]))
 
-    def _room(self, theta: Array) -> float:
-        return float(self.limits.force[1] - self.limits.gap - theta[1])
+
+def _time_constant(limits: LawLimits) -> FitParameter:
+    low, high = limits.time_constant
+    return FitParameter("time_constant", "s", low, low, high, "linear")
 
 
 # ---- Choice of the dynamics -----------------------------------------------------------------------------------------
 
 
-def dynamics_for(law: type[ShockLaw], limits: Limits) -> Dynamics:
+def dynamics_for(law: type[ShockLaw], limits: LawLimits) -> Dynamics:
     """Return the dynamics of a law."""
     forms: dict[str, type[NoLag | FullLag | FadingLag]] = {"no lag": NoLag, "lag": FullLag, "fading lag": FadingLag}
     form = fit_form(law)

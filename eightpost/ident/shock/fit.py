@@ -3,31 +3,41 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 from scipy.optimize import Bounds, minimize
 from threadpoolctl import threadpool_limits
 
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError
-from eightpost.ident.shock.cross_validation import CrossValidation, HeldOutErrors
-from eightpost.ident.shock.curve import CurveBasis, working_basis
-from eightpost.ident.shock.dynamics import FadingLag, FullLag, NoLag, dynamics_for
-from eightpost.ident.shock.force import FORCE, ForceModel, GasTreatment, gas_columns, limits_for, linear_solution
-from eightpost.ident.shock.hysteresis_fit import fit_hysteresis
-from eightpost.ident.shock.law_fit import Choices, LawName, RecipeName, Robust, fit_law, has_own_recipe, screened_runs
-from eightpost.ident.shock.problem import Solution, block_changes, covariances
+from eightpost.ident.shock.curve import CurveBasis, knot_basis, working_basis
+from eightpost.ident.shock.dynamics import FadingLag, FullLag, NoLag, best_lag, dynamics_for
+from eightpost.ident.shock.force import FORCE, ForceModel, GasTreatment, gas_columns, limits_for
+from eightpost.ident.shock.hysteresis import fit_hysteresis
+from eightpost.ident.shock.law_fit import (
+    Choices,
+    CrossValidation,
+    HeldOutErrors,
+    LawName,
+    RecipeName,
+    fit_law,
+    has_own_recipe,
+)
+from eightpost.ident.shock.problem import Solution, blocks_of, covariances
 from eightpost.ident.shock.result import ShockFit, Story, result_of
-from eightpost.ident.shock.runs import Runs, prepare_runs, slower_peak
+from eightpost.ident.shock.runs import PreparedRun, Runs, prepare_runs, slower_peak
 from eightpost.ident.shock.verdict import BuildSpread, build_spread
+from eightpost.least_squares import NORMAL, Directions, Robust, linear_solution
 from eightpost.progress import portion
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import LAWS
 from eightpost.units import convert
 
-# ---- Recipe boggs (3.3): the curve, then tau on a grid, then LPNL2's parameters by constrained search ---------------
+# ==== Recipe boggs (3.3): the curve, then tau on a grid, then LPNL2's parameters by constrained search ===============
 # The curve is fitted without lag to the low-passed record and then kept; the model's force is not low-passed again.
 
 #: Spacing of the time constants on the grid [s] (3.3.2).
@@ -116,7 +126,8 @@ def _static(model: ForceModel) -> Solution:
         return replace(_static(replace(model, gas=model.gas.without_stiffness())), notes=(_NEGATIVE,))
     at_rows = np.hstack([model.curve_rows(), model.gas_rows])
     error = at_rows @ weights - model.runs.target
-    spread, left_out = covariances(at_rows, error, model.runs), block_changes(at_rows, error, model.runs)
+    directions = Directions.of(at_rows)
+    spread, left_out = covariances(directions, error, model.runs), directions.moves(error, blocks_of(model.runs))
     return Solution(model, weights, spread, True, "linear least squares", left_out=left_out)
 
 
@@ -173,14 +184,109 @@ def _with_theta(static: Solution, theta: Array, converged: bool, status: str) ->
     parameters = np.append(static.parameters, theta)
     spread = np.zeros((len(static.covariance), parameters.size, parameters.size))
     spread[:, :m, :m] = static.covariance
-    by_theta = model.rows_jacobian(parameters)[:, model.linear_count :]
+    by_theta = Directions.of(model.rows_jacobian(parameters)[:, model.linear_count :])
     error = model.rows(parameters) - model.runs.target
     spread[:, m:, m:] = covariances(by_theta, error, model.runs)
-    left_out = np.hstack([static.left_out, block_changes(by_theta, error, model.runs)])
+    left_out = np.hstack([static.left_out, by_theta.moves(error, blocks_of(model.runs))])
     return Solution(model, parameters, spread, converged, status, static.notes, left_out)
 
 
-# ---- Fits of all laws -----------------------------------------------------------------------------------------------
+# ==== Spikes, replaced before the fit ================================================================================
+
+
+def screened_force(runs: Runs) -> list[Array]:
+    """Return the force of a single-lag model (N,) [N] over each run."""
+    limits = limits_for(runs.measured, runs.rate)
+    basis = knot_basis(runs.velocity, runs.inside)
+    model = ForceModel(runs, basis, gas_columns(runs, "estimate")[0], FullLag(limits))
+    force = model.force(best_lag(model, limits.time_constant))
+    return [np.asarray(force[part]) for part in runs.parts]
+
+
+#: A raw sample is a spike if it exceeds this many standard deviations of the noise, ...
+_SPIKE = 10.0
+
+#: ... and differs by this share of the force's standard deviation from a running median of this many samples. The
+#: median follows anything longer than half of its samples; smaller spikes have no effect after the low-pass.
+_SPIKES = ((5, 0.1), (7, 0.25))
+
+#: Below this number of samples per period of the cutoff frequency, spikes cannot be distinguished from the motion.
+_FINE = 10.0
+
+
+def _spikes_of(raw: Array, predicted: Array, deviation: float) -> tuple[Array, NDArray[np.bool_]]:
+    """Return a raw signal (N,) without its spikes, and which samples (N,) were spikes."""
+    left, clean = raw - predicted, raw
+    for size, share in _SPIKES:
+        rest = left - median_filter(left, size=size, mode="nearest")
+        noise = NORMAL * float(np.median(np.abs(rest)))
+        spiked = np.abs(rest) > max(_SPIKE * noise, share * deviation)
+        clean = np.where(spiked & (clean == raw), raw - rest, clean)
+    return clean, clean != raw
+
+
+def without_spikes(test: DynoTest, prepared: PreparedRun, force: Array) -> tuple[DynoTest, int]:
+    """Return a test whose force has no spikes over the prepared segment, and the number of replaced samples."""
+    if test.series.sample_rate < _FINE * prepared.cutoff:
+        return test, 0
+    time = test.series.time - test.series.time[0]
+    here = (time >= prepared.record.time[0]) & (time <= prepared.record.time[-1])
+    predicted = np.interp(time[here], prepared.record.time, force)
+    whole = test.series["force"].copy()
+    whole[here], spiked = _spikes_of(whole[here], predicted, prepared.deviation)
+    if not spiked.any():
+        return test, 0
+    return replace(test, series=test.series.with_channel("force", "N", whole)), int(spiked.sum())
+
+
+def without_motion_spikes(test: DynoTest) -> tuple[DynoTest, dict[str, int]]:
+    """Return a test whose motion has no outlying single samples, and the number of replaced samples by channel."""
+    found: dict[str, int] = {}
+    series = test.series
+    for name in ("velocity", "displacement"):
+        if name not in series:
+            continue
+        values = series[name]
+        smooth = median_filter(values, size=5, mode="nearest")
+        rest = values - smooth
+        noise = NORMAL * float(np.median(np.abs(rest)))
+        spiked = np.abs(rest) > max(_SPIKE * noise, 0.1 * float(np.ptp(np.quantile(values, (0.01, 0.99)))))
+        if spiked.any():
+            found[name] = int(spiked.sum())
+            series = series.with_channel(name, series.units[series.names.index(name)], np.where(spiked, smooth, values))
+    return (replace(test, series=series), found) if found else (test, found)
+
+
+#: Maximum number of searches for spikes.
+_SCREENINGS = 3
+
+
+def screened_runs(
+    tests: Sequence[DynoTest], prepared: Callable[[Sequence[DynoTest]], Runs]
+) -> tuple[Runs, int, list[str]]:
+    """Return runs without spikes, the number of replaced samples, and notes on what was replaced."""
+    cleaned, notes = [], []
+    total = 0
+    for test in tests:
+        clean, found = without_motion_spikes(test)
+        cleaned.append(clean)
+        total += sum(found.values())
+        notes += [f"{count} outlying samples of {name} were replaced" for name, count in found.items()]
+    runs, counts = prepared(cleaned), [0] * len(cleaned)
+    for _ in range(_SCREENINGS):
+        forces = screened_force(runs)
+        found_now = [without_spikes(t, p, f) for t, p, f in zip(cleaned, runs.prepared, forces, strict=True)]
+        if [count for _, count in found_now] == counts:
+            break
+        counts = [count for _, count in found_now]
+        runs = prepared([test for test, _ in found_now])
+    spikes = sum(counts)
+    if spikes:
+        notes.append(f"{spikes} samples of the force were replaced: spikes, far from the model, and their neighbours")
+    return runs, total + spikes, notes
+
+
+# ==== Fits of all laws ===============================================================================================
 
 #: Law whose held-out error is stated beside that of the fitted law.
 _BESIDE = "lpnl2"
@@ -240,21 +346,21 @@ def _solved(runs: Runs, law: str, choices: Choices) -> tuple[Solution, int, Held
     """Return the solution with its notes, the number of down-weighted samples, and the errors on left-out parts."""
     if choices.recipe == "boggs":
         return fit_boggs(runs, law, choices.gas), 0, None
-    fitted = fit_of(runs, law, choices)
-    solution, (samples, notes) = fitted.fit.solution(), fitted.fit.downweighted()
+    fitted = fit_of([runs], law, choices)
+    solution, (samples, notes) = fitted.fit.solution().solution(), fitted.fit.downweighted()
     held_out, more = _held_out(fitted, choices)
     return replace(solution, notes=(*fitted.fit.notes, *notes, *solution.notes, *more)), samples, held_out
 
 
-def fit_of(runs: Runs, law: str, choices: Choices) -> CrossValidation:
-    """Return the joint fit of a law to runs, ready for cross-validation.
+def fit_of(groups: Sequence[Runs], law: str, choices: Choices) -> CrossValidation:
+    """Return the joint fit of a law to the runs of one or more settings, ready for cross-validation.
 
     Raises:
         ValueError: The law or the fit rejects the data.
     """
     if has_own_recipe(law):
-        return fit_hysteresis(runs, law, choices)
-    return CrossValidation(fit_law(runs, law, choices))
+        return fit_hysteresis(groups, law, choices)
+    return CrossValidation(fit_law(groups, law, choices))
 
 
 def _held_out(fitted: CrossValidation, choices: Choices) -> tuple[HeldOutErrors | None, tuple[str, ...]]:
@@ -267,7 +373,7 @@ def _held_out(fitted: CrossValidation, choices: Choices) -> tuple[HeldOutErrors 
     if law == _BESIDE:
         return HeldOutErrors(fitted.left_out, own.percent), ()
     try:
-        other = fit_of(runs.weighted(np.ones_like(weights)), _BESIDE, choices).errors(weights)
+        other = fit_of([runs.weighted(np.ones_like(weights))], _BESIDE, choices).errors(weights)
     except ValueError as error:
         return HeldOutErrors(fitted.left_out, own.percent), (f"no held-out error of LPNL2: {error}",)
     return HeldOutErrors(fitted.left_out, own.percent, other.percent), ()
@@ -282,6 +388,6 @@ def _between_builds(
 
     def fit_alone(own: Runs) -> Solution:
         is_boggs = choices.recipe == "boggs"
-        return fit_boggs(own, law, choices.gas) if is_boggs else fit_of(own, law, choices).fit.solution()
+        return fit_boggs(own, law, choices.gas) if is_boggs else fit_of([own], law, choices).fit.solution().solution()
 
     return build_spread(runs, solution, fit_alone)

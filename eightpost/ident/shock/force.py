@@ -113,7 +113,7 @@ _HEADROOM = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class LawLimits:
     """Bounds of the dynamic parameters."""
 
     time_constant: tuple[float, float]  #: Lowest and highest tau [s].
@@ -124,7 +124,7 @@ class Limits:
     force_changes: tuple[str, ...] = ()
 
 
-def limits_for(force: Array, rate: float, *, ceiling: float = float("inf")) -> Limits:
+def limits_for(force: Array, rate: float, *, ceiling: float = float("inf")) -> LawLimits:
     """Return the bounds that suit a record.
 
     Args:
@@ -135,7 +135,7 @@ def limits_for(force: Array, rate: float, *, ceiling: float = float("inf")) -> L
     peak = float(np.abs(force - force.mean()).max())
     time_constant, lag_changes = _time_constant(rate)
     forces, gap = (min(FORCE[0], 0.1 * peak), min(_HEADROOM * peak, ceiling)), min(GAP, 0.05 * peak)
-    return Limits(time_constant, forces, gap, lag_changes, _force_changes(forces, gap, peak))
+    return LawLimits(time_constant, forces, gap, lag_changes, _force_changes(forces, gap, peak))
 
 
 def _time_constant(rate: float) -> tuple[tuple[float, float], tuple[str, ...]]:
@@ -173,17 +173,6 @@ def _force(force: float) -> str:
 
 # ==== The model ======================================================================================================
 
-# ---- Linear least squares by singular values ------------------------------------------------------------------------
-
-
-def linear_solution(columns: Array, target: Array) -> Array:
-    """Return the weights (n,) of columns (N, n) that fit a target (N,) by least squares, using singular values."""
-    size = np.linalg.norm(columns, axis=0)
-    size[size == 0.0] = 1.0
-    weights, *_ = np.linalg.lstsq(columns / size, target, rcond=1e-12)
-    return np.asarray(weights / size, dtype=np.float64)
-
-
 # ---- Interface of a law's dynamics for the fit ----------------------------------------------------------------------
 
 
@@ -197,7 +186,7 @@ class Dynamics(ABC):
     units: tuple[str, ...] = ()
     #: Whether starting points, shape and outliers are found on a thinned record.
     is_costly: bool = True
-    limits: Limits
+    limits: LawLimits
     kind: type[ShockLaw] | None
 
     @abstractmethod
@@ -224,10 +213,6 @@ class Dynamics(ABC):
     def bounds(self) -> tuple[Array, Array]:
         """Return the lowest and the highest theta (k,)."""
         return np.empty(0), np.empty(0)
-
-    def scale(self) -> Array:
-        """Return the typical size of a change of theta (k,)."""
-        return np.empty(0)
 
     def values(self, theta: Array) -> Array:
         """Return the law's own parameters (k,), SI."""
@@ -336,10 +321,6 @@ class ForceModel:
         if self.gas.size:
             lowest[-1] = 0.0
         return np.append(lowest, low), np.append(np.full(self.linear_count, np.inf), high)
-
-    def scale(self) -> Array:
-        """Return the typical size of a change of the parameters."""
-        return np.append(np.full(self.linear_count, self.runs.deviation), self.dynamics.scale())
 
     def split(self, parameters: Array) -> tuple[Array, Array, Array]:
         """Return curve (n,), gas (g,) and theta (k,)."""

@@ -1,29 +1,47 @@
-"""The law `hysteresis` in a fit: its states, its force model, and the search for its parameters."""
+"""The law `hysteresis` in a fit: its states, its force model, the search for its parameters, its stop."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, cholesky, solve_triangular
-from scipy.optimize import nnls
+from scipy.linalg import block_diag
 
 from eightpost.array_types import Array
 from eightpost.ident.shock.curve import RIDGE, KnotBasis
-from eightpost.ident.shock.force import Dynamics, ForceModel, Limits
+from eightpost.ident.shock.force import Dynamics, ForceModel, GasColumns, LawLimits, gas_columns, limits_for
+from eightpost.ident.shock.law_fit import (
+    WORTHWHILE,
+    Choices,
+    CrossValidation,
+    FittedLaw,
+    all_runs,
+    hardest,
+    joint_model,
+)
+from eightpost.ident.shock.problem import FitModel, JointFit
 from eightpost.ident.shock.runs import Runs
 from eightpost.ident.shock.simulation import Pieces
-from eightpost.progress import beats
-from eightpost.shock import Hysteresis, Port, ShockLaw, StaticCurve, Valve
+from eightpost.least_squares import (
+    REGULAR,
+    Minimum,
+    Weigh,
+    minimum_from,
+    non_negative,
+    reweighted,
+    weights_for,
+    with_fixed,
+)
+from eightpost.shock import LAWS, Hysteresis, Port, ShockLaw, StaticCurve, Valve
 from eightpost.shock.curve import KNOTS
 
 # ==== States over whole records: the lagged velocity and the travel of the stop ======================================
 
-#: Number of time constants.
-_TAUS = 3
+#: Number of nodes of ln tau over the lagged velocity.
+NODES = 3
 
 #: Change of a logarithm for derivatives by differences.
 _STEP = 1e-4
@@ -46,7 +64,7 @@ class States:
     def columns(self) -> Array:
         """Return the columns (N, K) of f1, and that of the stop if there is one: their weights are forces [N]."""
         found = self.basis.design(self.velocity) / self.basis.speed
-        return np.column_stack([found, self._followed[1]]) if self.parameters.size > _TAUS else found
+        return np.column_stack([found, self._followed[1]]) if self.parameters.size > NODES else found
 
     def derivatives(self, slopes: Array, stop: Array) -> Array:
         """Return the derivatives of the force (N, s) [N] by the parameters.
@@ -59,7 +77,7 @@ class States:
         found = []
         for number, step in enumerate(_STEP * np.eye(self.parameters.size)):
             velocity, travel = self._states_of(self.parameters + step)
-            found.append(slope * (velocity - self.velocity) if number < _TAUS else stop * (travel - self._followed[1]))
+            found.append(slope * (velocity - self.velocity) if number < NODES else stop * (travel - self._followed[1]))
         return np.array(found).T / _STEP
 
     @cached_property
@@ -68,8 +86,8 @@ class States:
 
     def _states_of(self, parameters: Array) -> tuple[Array, Array]:
         """Return u (N,) [m/s] and the travel of the stop over its yield travel (N,) [1]."""
-        stop = np.exp(parameters[_TAUS:]).tolist() or (1.0, 1.0)
-        own = (*np.zeros(KNOTS).tolist(), *np.exp(parameters[:_TAUS]).tolist(), 1.0, *stop)
+        stop = np.exp(parameters[NODES:]).tolist() or (1.0, 1.0)
+        own = (*np.zeros(KNOTS).tolist(), *np.exp(parameters[:NODES]).tolist(), 1.0, *stop)
         zero = (0.0,) * KNOTS
         valve = Valve(StaticCurve.through_knots(self.basis.knots, zero, zero).numbers(), 1.0, 1.0)
         pairs = zip(self.runs.prepared, self.runs.parts, strict=True)
@@ -100,9 +118,6 @@ _SHORTEST_SHARE = 0.1
 #: show that the force stays there at higher speeds (docs/explanation/shock_law.md).
 LEAST_END = 0.2
 
-#: Number of nodes of ln tau over the lagged velocity.
-NODES = 3
-
 
 @dataclass(frozen=True, slots=True)
 class LaggedVelocity(Dynamics):
@@ -112,13 +127,13 @@ class LaggedVelocity(Dynamics):
     given by its force at its yield travel [N] and the logarithms of yield travel and time constant.
     """
 
-    limits: Limits  #: Bounds for the record; only the sampling interval matters.
+    limits: LawLimits  #: Bounds for the record; only the sampling interval matters.
     kind: type[ShockLaw]  #: The law's class.
     shortest: float = TIME_CONSTANT[0]  #: Lower bound of tau [s].
     has_stop: bool = False  #: Whether the stop is fitted.
 
     @classmethod
-    def of(cls, kind: type[ShockLaw], limits: Limits, rate: float) -> LaggedVelocity:
+    def of(cls, kind: type[ShockLaw], limits: LawLimits, rate: float) -> LaggedVelocity:
         """Return the dynamics without stop for records of a sampling rate [Hz]."""
         return cls(limits, kind, max(TIME_CONSTANT[0], _SHORTEST_SHARE / rate))
 
@@ -224,7 +239,8 @@ def knots_of(model: ForceModel) -> KnotBasis:
 # ==== Search for the parameters by variable projection ===============================================================
 # Given the parameters of the states (ln tau, and yield travel and time constant of the stop), the force is linear in
 # everything else: slopes of f0 and f1, stop force, gas force. These follow from non-negative least squares, so the
-# search has three or five dimensions.
+# search has three or five dimensions. Over several settings each has curves and offsets of its own; what is linear but
+# shared, the force of the stop and the gas stiffness, is searched too.
 
 #: Lowest rate of a thinned record [Hz].
 _THIN_RATE = 400.0
@@ -232,23 +248,16 @@ _THIN_RATE = 400.0
 #: Penalty on changes of ln tau from node to node, as a share of the force's standard deviation.
 _EVEN = 3e-3
 
-#: Damping of the steps: its initial value, its factor of change, its bounds; largest change of a logarithm in a step.
-_DAMPING, _CHANGE, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 10.0, 1e-6, 1e6
+#: Largest change of a logarithm in a step.
 _LONGEST = 1.5
 
-#: Smallest change of the logarithms that counts as a change.
-_SMALL = 1e-5
 
-#: Share of the diagonal that is added to normal equations, for directions that no row determines.
-_REGULAR = 1e-12
-
-
-# ---- The force error as a function of the parameters of the states alone --------------------------------------------
+# ---- The force error of one setting as a function of the parameters of the states alone -----------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """Force error at the rows, minimised over the linear parameters.
+    """Force error of a setting at the rows, minimised over the linear parameters.
 
     The linear parameters are the slopes of f0 (25,) and of f1 (25,) at the knots, times the highest speed, the stop's
     force at its yield travel if there is a stop, and the weights of the gas columns; all in N.
@@ -263,22 +272,24 @@ class Projection:
         assert isinstance(self.model.dynamics, LaggedVelocity), "the projection is that of the law hysteresis"
         return self.model.dynamics
 
-    def bounds(self) -> tuple[Array, Array]:
-        """Return the lowest and the highest parameters of the states."""
-        return self.dynamics.state_bounds()
+    def at(self, parameters: Array, shared: NDArray[np.intp], forces: Array) -> Projected:
+        """Return the minimum over the linear parameters.
 
-    def at(self, parameters: Array) -> Projected:
-        """Return the projection at parameters of the states (3,) or (5,)."""
-        states = self.states_at(parameters)
-        columns = self.columns_of(states)
-        weighted = self.model.runs.weights[:, None] * columns
-        gram = weighted.T @ columns + self.penalty.T @ self.penalty
-        linear = non_negative(gram, weighted.T @ self.model.runs.target, self.is_free)
-        return Projected(self, states, linear, columns, gram)
-
-    def rows(self, parameters: Array, linear: Array) -> Array:
-        """Return the force at the rows (R,) [N] for given parameters of the states (s,) and linear parameters (n,)."""
-        return np.asarray(self.columns_of(self.states_at(parameters)) @ linear)
+        Args:
+            parameters: Parameters of the states (3,) or (5,).
+            shared: Places of the linear parameters that are given.
+            forces: Their values [N].
+        """
+        states = States(self.motion, knots_of(self.model), parameters, is_fine=not self.is_thin)
+        columns, own = self.columns_of(states), np.ones(self.is_free.size, dtype=bool)
+        own[shared] = False
+        weights, target = self.model.runs.weights, self.model.runs.target
+        gram = (weights[:, None] * columns).T @ columns + self.penalty.T @ self.penalty
+        towards = columns[:, own].T @ (weights * (target - columns[:, shared] @ forces))
+        linear = np.zeros(own.size)
+        linear[own] = non_negative(gram[np.ix_(own, own)], towards, self.is_free[own])
+        linear[shared] = forces
+        return Projected(self, states, linear, columns, gram, own)
 
     @cached_property
     def penalty(self) -> Array:
@@ -297,10 +308,6 @@ class Projection:
     def motion(self) -> Runs:
         """The runs over which the states are computed."""
         return _thinned(self.model.runs) if self.is_thin else self.model.runs
-
-    def states_at(self, parameters: Array) -> States:
-        """Return the states for their parameters (s,)."""
-        return States(self.motion, knots_of(self.model), parameters, is_fine=not self.is_thin)
 
     def columns_of(self, states: States) -> Array:
         """Return the columns (R, n) of the linear parameters at the rows."""
@@ -325,18 +332,14 @@ class Projection:
 
 @dataclass(frozen=True, eq=False)
 class Projected:
-    """The minimum over the linear parameters for given parameters of the states."""
+    """The minimum over the linear parameters of a setting for given parameters of the states."""
 
     problem: Projection  #: Problem that was minimised.
     states: States  #: States.
     linear: Array  #: Linear parameters (n,) [N].
     columns: Array  #: Columns (R, n) at the rows.
     gram: Array  #: Matrix (n, n) of the normal equations, with penalties.
-
-    @property
-    def parameters(self) -> Array:
-        """Parameters of the states (s,)."""
-        return self.states.parameters
+    own: NDArray[np.bool_]  #: Whether each linear parameter (n,) was optimised, not given.
 
     @cached_property
     def by_states(self) -> Array:
@@ -349,10 +352,15 @@ class Projected:
         """The force error at the rows (R,) [N], without weights."""
         return np.asarray(self.columns @ self.linear - self.problem.model.runs.target)
 
+    @property
+    def penalties(self) -> tuple[Array, Array]:
+        """Values of the penalties of the linear parameters, and of those of the states [N]."""
+        return self.problem.penalty @ self.linear, self.problem.unevenness @ self.states.parameters
+
     @cached_property
     def cost(self) -> float:
         """Sum of squares of the weighted force error and of the penalties [N2]."""
-        penalties = np.append(self.problem.penalty @ self.linear, self.problem.unevenness @ self.parameters)
+        penalties = np.concatenate(self.penalties)
         return float(self.problem.model.runs.weights @ self.error**2 + penalties @ penalties)
 
     @cached_property
@@ -360,19 +368,22 @@ class Projected:
         """Whether each linear parameter (n,) is at its bound, zero."""
         return (self.linear <= 0.0) & ~self.problem.is_free
 
-    @cached_property
-    def normal_equations(self) -> tuple[Array, Array]:
-        """Return matrix (s, s) and right side (s,) for a step of the states' parameters.
+    def equations(self, size: float) -> tuple[Array, Array]:
+        """Return matrix and right side for a step of the states' parameters and of the given forces over their size.
 
         The free linear parameters follow the step, so their directions are projected out (Kaufman 1975).
         """
-        weighted = self.problem.model.runs.weights[:, None] * self.by_states
-        used = ~self.is_fixed
+        problem, given, used = self.problem, ~self.own, ~self.is_fixed & self.own
+        changes = np.hstack([self.by_states, size * self.columns[:, given]])
+        weighted = problem.model.runs.weights[:, None] * changes
         across, gram = weighted.T @ self.columns[:, used], self.gram[np.ix_(used, used)]
-        gram = gram + _REGULAR * float(np.diag(gram).max()) * np.eye(len(gram))
-        uneven = self.problem.unevenness
-        matrix = weighted.T @ self.by_states - across @ np.linalg.solve(gram, across.T) + uneven.T @ uneven
-        return matrix, -weighted.T @ self.error - uneven.T @ (uneven @ self.parameters)
+        gram = gram + REGULAR * float(np.diag(gram).max()) * np.eye(len(gram))
+        penalty = block_diag(problem.unevenness, size * problem.penalty[:, given])
+        values = np.concatenate(
+            [problem.unevenness @ self.states.parameters, problem.penalty[:, given] @ self.linear[given]]
+        )
+        matrix = weighted.T @ changes - across @ np.linalg.solve(gram, across.T) + penalty.T @ penalty
+        return matrix, -weighted.T @ self.error - penalty.T @ values
 
 
 def _thinned(runs: Runs) -> Runs:
@@ -382,103 +393,258 @@ def _thinned(runs: Runs) -> Runs:
     return runs.thinned(max((k for k in shared if runs.rate / k >= _THIN_RATE), default=1))[0]
 
 
-def non_negative(gram: Array, towards: Array, is_free: NDArray[np.bool_]) -> Array:
-    """Return x (n,) that minimises x' gram x - 2 towards' x; only free elements of x may be negative."""
-    # Free elements are eliminated first: x_free = inverse (towards_free - across x).
-    inverse = np.linalg.pinv(gram[np.ix_(is_free, is_free)], hermitian=True)
-    across = gram[np.ix_(is_free, ~is_free)]
-    rest = gram[np.ix_(~is_free, ~is_free)] - across.T @ inverse @ across
-    right = towards[~is_free] - across.T @ (inverse @ towards[is_free])
-    size = np.sqrt(np.maximum(np.diag(rest), np.finfo(float).tiny))
-    factor = cholesky(rest / np.outer(size, size) + _REGULAR * np.eye(size.size), lower=True)
-    found = np.empty(towards.size)
-    found[~is_free] = nnls(factor.T, solve_triangular(factor, right / size, lower=True))[0] / size
-    found[is_free] = inverse @ (towards[is_free] - across @ found[~is_free])
-    return found
+# ---- All settings together ------------------------------------------------------------------------------------------
 
 
-# ---- Search over the parameters of the states -----------------------------------------------------------------------
+@dataclass(frozen=True, eq=False)
+class HysteresisProblem:
+    """Force error of all settings, minimised over the curves and offsets of each.
 
+    The parameters of the search are those of the states (3,) or (5,). Of several settings they are followed by the
+    force of the stop at its yield travel if there is one, and the weight of the gas stiffness if it is fitted, both as
+    shares of the force's standard deviation.
+    """
 
-class SearchPoint(Protocol):
-    """A minimum over the linear parameters for given other ones, from which a search can step."""
+    model: FitModel  #: Model of the whole records, with their weights.
+    is_thin: bool  #: Whether the states are computed on thinned records.
 
-    @property
-    def parameters(self) -> Array:
-        """Parameters of the search (s,)."""
+    @cached_property
+    def parts(self) -> tuple[Projection, ...]:
+        """Force error of each setting."""
+        return tuple(Projection(model, is_thin=self.is_thin) for model in self.model.models)
 
-    @property
-    def cost(self) -> float:
-        """Sum of squares [N2]."""
+    @cached_property
+    def shared(self) -> NDArray[np.intp]:
+        """The places of the linear parameters that several settings share."""
+        stop, stiffness = [2 * KNOTS] * self.parts[0].dynamics.has_stop, [-1] * bool(self.model.first.gas.size)
+        return np.array([*stop, *stiffness] if len(self.parts) > 1 else [], dtype=np.intp)
 
-    @property
-    def normal_equations(self) -> tuple[Array, Array]:
-        """Matrix (s, s) and right side (s,) for a step of the parameters."""
-
-
-_Point = TypeVar("_Point", bound=SearchPoint)
-_Reached_co = TypeVar("_Reached_co", bound=SearchPoint, covariant=True)
-
-
-class SearchProblem(Protocol[_Reached_co]):
-    """A problem whose linear parameters follow from the others."""
+    @cached_property
+    def deviation(self) -> float:
+        """Standard deviation of the force [N]."""
+        return self.model.runs.deviation
 
     def bounds(self) -> tuple[Array, Array]:
         """Return the lowest and the highest parameters."""
+        low, high = self.parts[0].dynamics.state_bounds()
+        return np.append(low, np.zeros(self.shared.size)), np.append(high, np.full(self.shared.size, np.inf))
 
-    def at(self, parameters: Array) -> _Reached_co:
-        """Return the minimum over the linear parameters."""
+    def at(self, parameters: Array) -> HysteresisPoint:
+        """Return the minimum over the curves and offsets of all settings."""
+        states, forces = np.split(parameters, [parameters.size - self.shared.size])
+        parts = tuple(part.at(states, self.shared, self.deviation * forces) for part in self.parts)
+        return HysteresisPoint(self, parameters, parts)
+
+    def rows(self, point: HysteresisPoint) -> Array:
+        """Return the force at the rows (R,) [N] for the parameters of a point, such as that of thinned records."""
+        pairs = zip(self.parts, point.parts, strict=True)
+        states = ((part, replace(p.states, runs=part.motion, is_fine=not self.is_thin), p.linear) for part, p in pairs)
+        return np.concatenate([part.columns_of(state) @ linear for part, state, linear in states])
+
+    def search(self, start: Array, effort: tuple[float, int]) -> Minimum[HysteresisPoint]:
+        """Return the minimum from a start, with a tolerance and a maximum number of evaluations."""
+        tolerance, evaluations = effort
+        return minimum_from(self, start, tolerance=tolerance, evaluations=evaluations, longest=_LONGEST)
+
+
+@dataclass(frozen=True, eq=False)
+class HysteresisPoint:
+    """The minimum over the curves of all settings for given parameters of the search."""
+
+    problem: HysteresisProblem  #: Problem that was minimised.
+    parameters: Array  #: Parameters of the search.
+    parts: tuple[Projected, ...]  #: Minimum of each setting.
+
+    @cached_property
+    def cost(self) -> float:
+        """Sum of squares of the weighted force errors and of the penalties [N2]."""
+        return sum(part.cost for part in self.parts)
+
+    @cached_property
+    def error(self) -> Array:
+        """The force error at the rows (R,) [N], without weights."""
+        return np.concatenate([part.error for part in self.parts])
+
+    @cached_property
+    def normal_equations(self) -> tuple[Array, Array]:
+        """Matrix (s, s) and right side (s,) for a step of the parameters, which the free curves follow."""
+        pairs = [part.equations(self.problem.deviation) for part in self.parts]
+        return np.sum([matrix for matrix, _ in pairs], axis=0), np.sum([right for _, right in pairs], axis=0)
+
+
+# ==== The fitted law =================================================================================================
+
+#: Starting values of tau [s], the same at all nodes.
+_TAUS = (2e-3, 6e-3, 2e-2, 6e-2)
+
+#: Starting values of the stop: yield travel [m] and time constant [s].
+_STOPS = ((3e-4, 1e-2), (1e-3, 3e-2), (1e-4, 1e-1))
+
+#: Number of starts that are followed to their minimum.
+_FOLLOWED = 2
+
+#: Tolerance and maximum number of evaluations: of a first search from each start, of a search to the minimum, and of a
+#: fit to a part of the record, which must not end near its start, the fit to everything.
+_ROUGH, _FINE, _REFIT = (1e-2, 6), (1e-5, 40), (1e-6, 30)
+
+#: Maximum number of reweightings.
+_WEIGHINGS = 4
+
+_ONE_SPEED = "the law has no stop: the test has a single speed, at which a stop and a lag cannot be distinguished"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Found(Generic[_Point]):
-    """The end of a search."""
+class HysteresisFit(FittedLaw):
+    """The law `hysteresis` fitted to the runs of one or more settings."""
 
-    end: _Point  #: Minimum over the linear parameters at the end.
-    converged: bool  #: Whether it is a minimum.
-    status: str  #: Description of how the search ended.
+    found: Minimum[HysteresisPoint]  #: Minimum, on the whole record at the end.
+    stop_note: str = ""  #: Sentence on whether the law has a stop, and why; empty if one would hardly lower the error.
 
     @property
-    def cost(self) -> float:
-        """Sum of squares of the weighted force error and of the penalties [N2]."""
-        return self.end.cost
+    def error(self) -> Array:
+        """The force error at the rows (R,) [N], without weights."""
+        return self.found.end.error
+
+    @property
+    def has_converged(self) -> bool:
+        """Whether the search ended at a minimum."""
+        return self.found.converged
+
+    def again(self, weights: Array) -> HysteresisFit:
+        """Return the fit on thinned records with weights (R,) of the rows, searched from this minimum."""
+        model = self.model.weighted(weights)
+        return replace(self, model=model, found=self._searched(model, is_thin=True))
+
+    def robust(self, weigh: Weigh | None) -> HysteresisFit:
+        """Return the fit on thinned records with weights that follow its own residuals."""
+        if weigh is None:
+            return self
+        return reweighted(self, lambda fit: fit.robust_weights(weigh), HysteresisFit.again, _WEIGHINGS)
+
+    def whole(self) -> HysteresisFit:
+        """Return the fit on the whole records, searched from this minimum."""
+        return replace(self, found=self._searched(self.model, is_thin=False))
+
+    def _searched(self, model: FitModel, *, is_thin: bool) -> Minimum[HysteresisPoint]:
+        return HysteresisProblem(model, is_thin).search(self.found.end.parameters, _FINE)
+
+    def refitted_rows(self, weights: Array) -> Array:
+        """Return the force (R,) [N] of a free simulation, fitted again with weights (R,) from this minimum.
+
+        The fit uses a thinned record, the simulation the whole one.
+        """
+        thin = HysteresisProblem(self.model.weighted(weights), is_thin=True)
+        whole = HysteresisProblem(self.model, is_thin=False)
+        return whole.rows(thin.search(self.found.end.parameters, _REFIT).end)
+
+    def solution(self) -> JointFit:
+        """Return the solution with its covariance; what is at a bound is fixed."""
+        model, end = self.model, self.found.end
+        x = np.zeros(model.size)
+        rows: list[Array] = []
+        fixed: list[Array] = []
+        penalties: tuple[list[Array], list[Array]] = ([], [])
+        low, high = end.problem.parts[0].dynamics.state_bounds()
+        for number, (part, place) in enumerate(zip(end.parts, model.places, strict=True)):
+            single, states = part.problem.model, part.states.parameters
+            to_linear, to_states = search_coordinates(single)
+            x[place] = np.linalg.solve(np.vstack([to_linear, to_states]), np.append(part.linear, states))
+            at_bound = (states <= low) | (states >= high)
+            root = np.sqrt(single.runs.weights)[:, None]
+            rows.append(model.scattered(root * single.rows_jacobian(x[place]), number))
+            penalties[0].append(model.scattered(part.problem.penalty @ to_linear, number))
+            penalties[1].append(model.scattered(part.problem.unevenness @ to_states, number))
+            fixed += [model.scattered(to_linear[part.is_fixed], number), model.scattered(to_states[at_bound], number)]
+        jacobian = with_fixed(np.vstack([*rows, *penalties[0], *penalties[1]]), np.vstack(fixed))
+        values = tuple(map(np.concatenate, zip(*(part.penalties for part in end.parts), strict=True)))
+        notes = (self.stop_note,) * bool(self.stop_note)
+        ended = {"converged": self.found.converged, "status": self.found.status, "notes": notes}
+        return JointFit.of(model, x, jacobian, np.sqrt(self.weights) * end.error, values, **ended)
 
 
-def minimum_from(problem: SearchProblem[_Point], start: Array, *, tolerance: float, evaluations: int) -> Found[_Point]:
-    """Search for the minimum over the parameters of a problem by damped Gauss-Newton steps within their bounds.
+def search_coordinates(model: ForceModel) -> tuple[Array, Array]:
+    """Return matrices from the parameters of a model (n + g + k,) to the linear ones of the search and to the states'.
 
-    Args:
-        problem: Problem to minimise.
-        start: Starting point (s,), moved inside the bounds.
-        tolerance: Relative decrease of the cost below which the search stops.
-        evaluations: Maximum number of evaluations.
+    The model's parameters are the slopes of the whole curve, gas, and theta; those of the search are the slopes of f0,
+    those of f1, the stop, and gas.
     """
-    low, high = problem.bounds()
-    here, damping, rise = problem.at(np.clip(start, low, high)), _DAMPING, _CHANGE
-    for count in beats(range(2, evaluations + 1)):
-        after = np.clip(here.parameters + _step(here, low, high, damping), low, high)
-        if np.abs(after - here.parameters).max() < _SMALL:
-            return Found(here, True, f"No further step is better. {count} evaluations.")
-        there = problem.at(after)
-        gain = here.cost - there.cost
-        if gain > 0.0:
-            here, damping, rise = there, max(damping / _CHANGE, _LEAST_DAMPING), _CHANGE
-            if gain <= tolerance * here.cost:
-                return Found(here, True, f"The sum of squares no longer decreases. {count} evaluations.")
-        elif damping > _MOST_DAMPING:
-            return Found(here, True, f"No step within the bounds is better. {count} evaluations.")
-        else:
-            damping, rise = damping * rise, rise * _CHANGE
-    return Found(here, False, f"No minimum after {evaluations} evaluations.")
+    gas, has_stop = model.gas.count, model.dynamics.has_stop  # type: ignore[attr-defined]
+    curve, g, slopes, taus, stop, rest = np.split(
+        np.eye(2 * KNOTS + gas + NODES + 3 * has_stop),
+        np.cumsum([KNOTS, gas, KNOTS, NODES, int(has_stop)]),
+    )
+    return np.vstack([curve - slopes, slopes, stop, g]), np.vstack([taus, rest])
 
 
-def _step(here: SearchPoint, low: Array, high: Array, damping: float) -> Array:
-    """Return a damped step (s,); parameters at a bound that would leave it stay."""
-    matrix, right = here.normal_equations
-    stays = ((here.parameters <= low) & (right < 0.0)) | ((here.parameters >= high) & (right > 0.0))
-    size = np.diag(matrix).copy()
-    size = np.maximum(size, 1e-10 * size.max() + np.finfo(float).tiny)
-    matrix = matrix + damping * np.diag(size)
-    step = np.zeros(right.size)
-    step[~stays] = np.linalg.solve(matrix[np.ix_(~stays, ~stays)], right[~stays])
-    return np.clip(step, -_LONGEST, _LONGEST)
+def fit_hysteresis(groups: Sequence[Runs], law: str, choices: Choices) -> CrossValidation:
+    """Return the fit of the law `hysteresis` to the runs of each setting, ready for cross-validation.
+
+    It has a stop if the runs can show one, and if left-out parts are predicted better with it. The curves of several
+    settings have a lag and a stop in common, which the setting with the largest force determines first.
+    """
+    runs, weigh = all_runs(groups), weights_for(choices.robust)
+    gas, notes = gas_columns(runs, choices.gas)
+    if len(groups) > 1:
+        first = fit_hysteresis([hardest(groups)], law, choices).fit
+        assert isinstance(first, HysteresisFit)
+        model = _model_of(groups, gas, first.model.dynamics)
+        problem = HysteresisProblem(model, is_thin=True)
+        start = np.append(first.found.end.parameters, _start_forces(problem, first))
+        every = "both curves depend on the setting"
+        fit = HysteresisFit(law, (*first.notes, *notes, every), model, problem.search(start, _FINE), first.stop_note)
+        return CrossValidation(fit.robust(weigh).whole())
+    dynamics = LaggedVelocity.of(LAWS[law], limits_for(runs.measured, runs.rate), runs.rate)
+    model = _model_of(groups, gas, dynamics)
+    problem, starts = HysteresisProblem(model, is_thin=True), [np.full(NODES, np.log(tau)) for tau in _TAUS]
+    fit = HysteresisFit(law, tuple(notes), model, _followed(problem, _rough(problem, starts))).robust(weigh)
+    if runs.has_one_motion:
+        return CrossValidation(replace(fit, stop_note=_ONE_SPEED).whole())
+    model = replace(model, models=(replace(model.first, dynamics=dynamics.with_stop()),)).weighted(fit.weights)
+    taus, problem = fit.found.end.parameters, HysteresisProblem(model, is_thin=True)
+    rough = _rough(problem, [np.append(taus, np.log(stop)) for stop in _STOPS])
+    if rough[0].cost > (1.0 - WORTHWHILE) * fit.found.cost:
+        return CrossValidation(fit.whole())
+    stopped = replace(fit, model=model, found=_followed(problem, rough)).robust(weigh)
+    return _better(CrossValidation(fit), CrossValidation(stopped))
+
+
+def _model_of(groups: Sequence[Runs], gas: GasColumns, dynamics: Dynamics) -> FitModel:
+    return replace(joint_model(groups, gas, dynamics, cells=KNOTS // 2), local=KNOTS)
+
+
+def _start_forces(problem: HysteresisProblem, first: HysteresisFit) -> Array:
+    """Return the shared forces of the first fit, as shares of the force's standard deviation of all settings."""
+    gas, linear = first.model.first.gas, first.found.end.parts[0].linear
+    stiffness = float(linear[-1]) / gas.size if gas.size else 0.0  # [N/m]
+    common = problem.model.first.gas.size
+    forces = [float(linear[2 * KNOTS])] if problem.parts[0].dynamics.has_stop else []
+    return np.array([*forces, *([stiffness * common] if common else [])]) / problem.deviation
+
+
+def _better(without: CrossValidation, stopped: CrossValidation) -> CrossValidation:
+    """Return the fit with a stop if that is worthwhile on left-out parts, else the other."""
+    counted = np.maximum(without.fit.weights, stopped.fit.weights)
+    held, other = without.errors(counted), stopped.errors(counted)
+    figures = f"held-out error {other.percent:.3g} % with a stop, {held.percent:.3g} % without"
+    if stopped.fit.has_converged and held.is_beaten_by(other):
+        return _with_note(stopped, f"the law has a stop: {figures}")
+    return _with_note(without, f"the law has no stop: {figures}; a stop must be better by a standard error and 2 %")
+
+
+def _with_note(found: CrossValidation, note: str) -> CrossValidation:
+    """Return the fit on the whole records with its note on the stop; computed predictions are kept."""
+    assert isinstance(found.fit, HysteresisFit)
+    other = CrossValidation(replace(found.fit, stop_note=note).whole())
+    other.__dict__.update({name: value for name, value in found.__dict__.items() if name != "fit"})
+    return other
+
+
+def _rough(problem: HysteresisProblem, starts: Sequence[Array]) -> list[Minimum[HysteresisPoint]]:
+    """Return the ends of short searches from some starts, the best first."""
+    return sorted((problem.search(start, _ROUGH) for start in starts), key=lambda found: found.cost)
+
+
+def _followed(problem: HysteresisProblem, rough: Sequence[Minimum[HysteresisPoint]]) -> Minimum[HysteresisPoint]:
+    """Return the best minimum from the best ends of short searches."""
+    ends = [problem.search(found.end.parameters, _FINE) for found in rough[:_FOLLOWED]]
+    return min(ends, key=lambda found: found.cost)

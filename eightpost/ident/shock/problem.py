@@ -1,28 +1,34 @@
-"""Least-squares problem of a fit, and the uncertainty of its parameters."""
+"""The problem of a fit of one or more settings, and the uncertainty of its solution."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
-from scipy.optimize import nnls
 from scipy.special import stdtrit
 
 from eightpost.array_types import Array
-from eightpost.ident.shock.force import ForceModel
+from eightpost.ident.shock.curve import KnotBasis
+from eightpost.ident.shock.force import Dynamics, ForceModel
 from eightpost.ident.shock.runs import Runs
-from eightpost.progress import beat
+from eightpost.least_squares import (
+    Directions,
+    Minimum,
+    Residual,
+    linear_solution,
+    minimum_from,
+    standard_error,
+    with_fixed,
+)
+from eightpost.shock import Port, ShockLaw
+from eightpost.shock.curve import KNOTS
 
 # ==== Uncertainty of parameters and curve, valid for correlated residuals ============================================
-# The residual of a damper model is not white noise: it is what the law does not describe, and its correlation lasts as
-# long as that of the motion. So the rows are divided into blocks, and the uncertainty follows from the change of the
-# solution when a block is left out (delete-a-block jackknife to first order: a sandwich covariance corrected for
-# leverage).
+# The uncertainty follows from the change of the solution when a block of rows is left out (eightpost.least_squares).
 #
 # A shock that warms or drifts during the test changes its parameters slowly, which blocks of 0.3 s do not show. So the
 # same is done with quarters and eighths of the records, and the widest of the three intervals counts.
@@ -53,12 +59,6 @@ _LONG_LEVEL = 0.925
 #: Share of the range of the covariate that an interval contains on either side.
 _STATES = 0.5
 
-#: Singular values of the scaled Jacobian below this share of the largest are directions without information.
-_NO_INFORMATION = 1e-7
-
-#: Upper bound of a block's leverage in a direction, so that a block that alone determines it is not left out entirely.
-_MOST_LEVERAGE = 0.98
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CurveBand:
@@ -87,26 +87,25 @@ def _student(blocks: int, level: float) -> float:
     return float(stdtrit(max(blocks - 1, 1), 0.5 + 0.5 * level))
 
 
-def covariances(jacobian: Array, residual: Array, runs: Runs, penalties: Sequence[Array] = ()) -> Array:
+def covariances(directions: Directions, residual: Array, runs: Runs, penalties: Sequence[Array] = ()) -> Array:
     """Return the covariances (3, n, n) of parameters for short blocks, eighths and quarters of the records.
 
     Each is scaled so that `quantile(runs)` standard errors are the half-width of its 95 % interval; `standard_error`
-    takes the largest. For the first three arguments see `covariance`.
+    takes the largest.
 
     Args:
-        jacobian: Jacobian of the residual.
-        residual: Residual of the fit.
+        directions: Directions of the Jacobian (R + T, n) of the residual, followed by rows that are not data.
+        residual: Residual (R,) of the fit.
         runs: Records of the fit.
         penalties: Values (P,) of penalties that bias the parameters, in the order of the rows of the Jacobian behind
             those of the data. The bias is added to the half-widths as the root of the sum of squares.
     """
     short = blocks_of(runs)
-    found = [covariance(jacobian, residual, runs)]
+    found = [directions.covariance(residual, short)]
     for count in _LONG:
         ends = np.linspace(0, residual.size, count + 1).astype(int).tolist()
         widened = (_student(count, _LONG_LEVEL) / _student(len(short), LEVEL)) ** 2
-        found.append(widened * covariance(jacobian, residual, runs, [slice(*pair) for pair in pairwise(ends)]))
-    directions = _Directions.of(jacobian)
+        found.append(widened * directions.covariance(residual, [slice(*pair) for pair in pairwise(ends)]))
     moves = [_drift(directions, residual, runs)[None]]
     if penalties:
         moves.append(_without_penalties(directions, residual, penalties))
@@ -114,12 +113,7 @@ def covariances(jacobian: Array, residual: Array, runs: Runs, penalties: Sequenc
     return np.array(found) + bias.T @ bias
 
 
-def block_changes(jacobian: Array, residual: Array, runs: Runs) -> Array:
-    """Return the changes of the parameters (B, n) when each block of `blocks_of` is left out; see `covariance`."""
-    return _Directions.of(jacobian).moves(residual, blocks_of(runs))
-
-
-def _drift(directions: _Directions, residual: Array, runs: Runs) -> Array:
+def _drift(directions: Directions, residual: Array, runs: Runs) -> Array:
     """Return the changes of the parameters (n,) from the middle of the covariate, temperature or time, to its ends.
 
     The residual is regressed on three forces that grow with the covariate: shares of the force in compression and of
@@ -130,11 +124,9 @@ def _drift(directions: _Directions, residual: Array, runs: Runs) -> Array:
     rows = directions.left[: residual.size]
     growing = covariate[:, None] * patterns
     seen = growing - rows @ (rows.T @ growing)  # the fit follows what the parameters can
-    size = np.linalg.norm(seen, axis=0)
-    size[size == 0.0] = 1.0
-    gains = np.linalg.lstsq(seen / size, -residual, rcond=_NO_INFORMATION)[0] / size
+    gains = linear_solution(seen, -residual, weakest=1e-7)
     change = _STATES * float(np.ptp(covariate)) * (patterns @ gains)
-    return np.asarray((rows.T @ change / directions.strength) @ directions.right / directions.size)
+    return directions.parameters(rows.T @ change)
 
 
 def _slow_patterns(runs: Runs) -> Array:
@@ -144,81 +136,11 @@ def _slow_patterns(runs: Runs) -> Array:
     return np.column_stack([(force - mean) * compression, (force - mean) * ~compression, np.ones(force.size)])
 
 
-def _without_penalties(directions: _Directions, residual: Array, penalties: Sequence[Array]) -> Array:
+def _without_penalties(directions: Directions, residual: Array, penalties: Sequence[Array]) -> Array:
     """Return the changes of the solution (G, n) when each of G penalties is left out, to first order."""
     ends = np.cumsum([residual.size, *(values.size for values in penalties)]).tolist()
     values = np.concatenate([residual, *penalties, np.zeros(len(directions.left) - ends[-1])])
     return directions.moves(values, [slice(*pair) for pair in pairwise(ends)])
-
-
-def standard_error(rows: Array, covariances: Array) -> Array:
-    """Return the standard errors (M,) of linear functions of parameters: rows (M, n), covariances (..., n, n)."""
-    variances = np.einsum("mi,...ij,mj->...m", rows, covariances, rows).reshape(-1, rows.shape[0])
-    return np.asarray(np.sqrt(np.maximum(variances.max(axis=0), 0.0)))
-
-
-def covariance(jacobian: Array, residual: Array, runs: Runs, blocks: list[slice] | None = None) -> Array:
-    """Return the covariance (n, n) of parameters from a Jacobian (R + T, n) and a residual (R,).
-
-    Rows beyond the R rows of the runs are not data: they add stiffness but no scatter. Parameters that the record does
-    not determine are NaN.
-
-    Args:
-        jacobian: Jacobian of the residual.
-        residual: Residual of the fit.
-        runs: Records of the fit.
-        blocks: Blocks of rows that are treated as independent; None for those of `blocks_of`.
-    """
-    directions = _Directions.of(jacobian)
-    moves = directions.moves(residual, blocks or blocks_of(runs))
-    count = moves.shape[0]
-    moves = moves - moves.mean(axis=0)
-    result = (count - 1) / count * moves.T @ moves
-    result[directions.unknown], result[:, directions.unknown] = np.nan, np.nan
-    return np.asarray(result, dtype=np.float64)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Directions:
-    """Directions of the parameters (n,) that K singular vectors of a Jacobian (M, n) determine."""
-
-    left: Array  #: Left singular vectors (M, K).
-    strength: Array  #: Singular values (K,) of the Jacobian with columns of size 1.
-    right: Array  #: Right singular vectors (K, n).
-    size: Array  #: Sizes of the columns (n,).
-    unknown: NDArray[np.bool_]  #: Whether each parameter (n,) is not determined.
-
-    @classmethod
-    def of(cls, jacobian: Array) -> _Directions:
-        """Return the directions of a Jacobian."""
-        size = np.linalg.norm(jacobian, axis=0)
-        size[size == 0.0] = 1.0
-        left, strength, directions = np.linalg.svd(jacobian / size, full_matrices=False)
-        known = strength > _NO_INFORMATION * strength[0]
-        unknown = 1.0 - np.sum(directions[known] ** 2, axis=0) > 1e-6
-        return cls(left[:, known], strength[known], directions[known], size, unknown)
-
-    def moves(self, residual: Array, blocks: list[slice]) -> Array:
-        """Return the changes of the parameters (B, n) when each of B blocks of rows of a residual is left out."""
-        return np.asarray((_moves(self.left, residual, blocks) / self.strength) @ self.right / self.size)
-
-
-def _moves(orthogonal: Array, residual: Array, blocks: list[slice]) -> Array:
-    """Return the changes of the solution (B, n), in orthogonal coordinates, when each block is left out.
-
-    Without block b: (I - Q_b' Q_b)^-1 Q_b' r_b.
-    """
-    moves = []
-    for block in blocks:
-        q = orthogonal[block]
-        if len(q) < q.shape[1]:  # a block of many settings' records determines few directions
-            _, size, rows = np.linalg.svd(q, full_matrices=False)
-            share, axes = size**2, rows.T
-        else:
-            share, axes = np.linalg.eigh(q.T @ q)
-        left = 1.0 - np.minimum(share, _MOST_LEVERAGE)
-        moves.append(axes @ ((axes.T @ (q.T @ residual[block])) / left))
-    return np.array(moves)
 
 
 def curve_band(columns: Array, samples: Array, b: Array, covariance: Array, velocity: Array, reach: float) -> CurveBand:
@@ -242,10 +164,6 @@ def factor_rows(samples: Array, b: Array) -> Array:
     A change of the curve changes the force at each sample. The factor is the one that comes closest to this change
     (least squares over the samples of a side), so that errors of opposite sign at different velocities cancel as far
     as the covariance of the coefficients says. NaN for a side without samples.
-
-    Args:
-        samples: Columns (R, n) of the curve at the samples of the records.
-        b: Coefficients (n,) of the curve.
     """
     force = samples @ b
     sides = (np.maximum(force, 0.0), np.minimum(force, 0.0))
@@ -253,9 +171,108 @@ def factor_rows(samples: Array, b: Array) -> Array:
         return np.array([side @ samples / (side @ side) for side in sides])
 
 
-# ==== The problem, with bounds and constraints =======================================================================
+# ==== Models of one or more settings =================================================================================
 
-# ---- The solution that a recipe returns -----------------------------------------------------------------------------
+#: Lowest slope of a curve times the highest speed [N]; it covers rounding. Closer to a bound, a parameter is at it.
+CLEAR_SLOPE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class FitModel:
+    """Force models of all settings of a shock, with their shared parameters; one record is a fit of one setting.
+
+    Parameters x: for each setting its slopes (K,), gas offsets and own elements of theta, then the shared gas stiffness
+    if it is fitted, then the rest of the law's theta, which all settings share.
+    """
+
+    models: tuple[ForceModel, ...]  #: Force model of each setting; all have the same knots and the same dynamics.
+    local: int = 0  #: Number of leading elements of theta that each setting has for itself.
+
+    @property
+    def first(self) -> ForceModel:
+        """The model of the first setting, the only one of a single fit."""
+        return self.models[0]
+
+    @property
+    def dynamics(self) -> Dynamics:
+        """The dynamics of the law."""
+        return self.first.dynamics
+
+    @property
+    def basis(self) -> KnotBasis:
+        """The knots of all curves."""
+        basis = self.first.basis.curve
+        assert isinstance(basis, KnotBasis)
+        return basis
+
+    @cached_property
+    def places(self) -> tuple[Array, ...]:
+        """The indices in x of each model's parameters, in the model's own order."""
+        start, curves, thetas, has_stiffness = 0, [], [], self.first.gas.size is not None
+        for model in self.models:
+            count = model.curve_count + model.gas.offsets
+            curves.append(np.arange(start, start + count))
+            thetas.append(np.arange(start + count, start + count + self.local))
+            start += count + self.local
+        stiffness = [np.array([start])] if has_stiffness else []
+        shared = start + has_stiffness + np.arange(len(self.dynamics.names))
+        return tuple(
+            np.concatenate([curve, *stiffness, theta, shared]).astype(int)
+            for curve, theta in zip(curves, thetas, strict=True)
+        )
+
+    @cached_property
+    def size(self) -> int:
+        """Number of parameters."""
+        return int(max(place.max() for place in self.places)) + 1
+
+    @cached_property
+    def runs(self) -> Runs:
+        """All runs, in the order of the settings."""
+        if len(self.models) == 1:
+            return self.first.runs
+        runs = Runs.of([p for model in self.models for p in model.runs.prepared])
+        return runs.weighted(np.concatenate([model.runs.weights for model in self.models]))
+
+    def rows(self, x: Array) -> Array:
+        """Return the low-passed force at the rows (R,) [N]."""
+        return np.concatenate([m.rows(x[p]) for m, p in zip(self.models, self.places, strict=True)])
+
+    def error(self, x: Array) -> Array:
+        """Return the force error (R,) [N] without weights."""
+        return self.rows(x) - self.runs.target
+
+    def scattered(self, rows: Array, number: int) -> Array:
+        """Return rows (M, n) of the parameters of a setting as rows of x."""
+        scattered = np.zeros((len(rows), self.size))
+        scattered[:, self.places[number][: rows.shape[1]]] = rows
+        return scattered
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Return the lowest and the highest x; no curve falls."""
+        low, high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
+        for model, place in zip(self.models, self.places, strict=True):
+            low[place], high[place] = model.bounds()
+            low[place[: model.curve_count]] = CLEAR_SLOPE
+        return low, high
+
+    def weighted(self, weights: Array) -> FitModel:
+        """Return the model with other weights (R,) of the rows."""
+        ends = np.cumsum([m.runs.target.size for m in self.models])[:-1]
+        parts = zip(self.models, np.split(weights, ends), strict=True)
+        return replace(self, models=tuple(model.weighted(part) for model, part in parts))
+
+    def with_dynamics(self, dynamics: Dynamics) -> FitModel:
+        """Return the model of another law on the same curves."""
+        return replace(self, models=tuple(model.with_dynamics(dynamics) for model in self.models))
+
+    @cached_property
+    def coarse(self) -> FitModel:
+        """The model on thinned records, at the same rows."""
+        return replace(self, models=tuple(model.coarse for model in self.models))
+
+
+# ==== The solution ===================================================================================================
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -270,199 +287,118 @@ class Solution:
     converged: bool  #: Whether the optimiser ended at a minimum.
     status: str  #: Description of how the optimiser ended.
     notes: tuple[str, ...] = ()  #: Changes that the recipe made, one sentence each.
-    #: Changes of the parameters (B, n + g + k) when each block is left out, see `block_changes`; (0, 0) if they are not
+    #: Changes of the parameters (B, n + g + k) when each block is left out, see `JointFit`; (0, 0) if they are not
     #: known.
     left_out: Array = field(default_factory=lambda: np.empty((0, 0)))
 
 
-# ---- Nonlinear least squares with linear inequality constraints, such as a curve that must not fall -----------------
-
-#: Levenberg's damping of scaled columns: its initial value, its factor of change, and its lower bound. In a series of
-#: rejected steps the first raises it by the factor, the second by its square, and so on, as small changes do nothing.
-_DAMPING, _CHANGE, _LEAST_DAMPING = 1e-6, 10.0, 1e-9
-
-#: A rejected step ends the search if its predicted gain was at most this many tolerances: the cost then has a kink, or
-#: the derivatives are not accurate enough.
-_NO_MORE = 10.0
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class Inequalities:
-    """Linear inequalities matrix @ x >= floor."""
+class JointFit:
+    """The curves of all settings and their law."""
 
-    matrix: Array  #: Matrix (J, n).
-    floor: Array  #: Lower bounds (J,).
+    model: FitModel  #: Model of all settings.
+    x: Array  #: Parameters.
+    covariance: Array  #: Covariances (3, n, n) of x, see `covariances`.
+    converged: bool  #: Whether the search ended at a minimum.
+    status: str  #: Description of how the search ended.
+    notes: tuple[str, ...] = ()  #: Notes on the choices of the fit, one sentence each.
+    #: Changes of x (B, n) of a single setting when each block is left out; (0, n) of several.
+    left_out: Array = field(default_factory=lambda: np.empty((0, 0)))
 
-    def room(self, x: Array) -> Array:
-        """Return the distance (J,) of x from each bound, positive inside."""
-        return np.asarray(self.matrix @ x - self.floor)
+    @classmethod
+    def of(
+        cls, model: FitModel, x: Array, jacobian: Array, error: Array, penalties: Sequence[Array] = (), **ended: Any
+    ) -> JointFit:
+        """Return the fit of parameters x with its covariance; for jacobian, error and penalties see `covariances`."""
+        directions, runs = Directions.of(jacobian), model.runs
+        spread = covariances(directions, error, runs, penalties)
+        is_single = len(model.models) == 1
+        left_out = directions.moves(error, blocks_of(runs)) if is_single else np.empty((0, x.size))
+        return cls(model, x, spread, left_out=left_out, **ended)
 
-    def and_bounds(self, low: Array, high: Array) -> Inequalities:
-        """Return these inequalities together with low <= x <= high."""
-        unit, below, above = np.eye(low.size), np.isfinite(low), np.isfinite(high)
-        return Inequalities(
-            np.vstack([self.matrix, unit[below], -unit[above]]),
-            np.concatenate([self.floor, low[below], -high[above]]),
-        )
+    def solution(self, number: int = 0) -> Solution:
+        """Return the part of the solution that belongs to a setting."""
+        place = self.model.places[number]
+        spread, left_out = self.covariance[:, place[:, None], place], self.left_out[:, place]
+        x = self.x[place]
+        return Solution(self.model.models[number], x, spread, self.converged, self.status, self.notes, left_out)
 
+    def slopes(self, number: int) -> Array:
+        """Return the slopes (25,) [N.s/m] of a setting's curve at the knots of `StaticCurve`."""
+        model, b = self.model.models[number], self._part(number)[0]
+        return self.model.basis.subdivided(model.basis.to_curve @ b)[2]
 
-class _SearchResult(NamedTuple):
-    """The end of a search: x (n,), whether it is a minimum, and a description of how the search ended."""
+    def lagged_slopes(self, number: int) -> Array | None:
+        """Return the slopes (25,) [N.s/m] of the lagged part of a setting's curve; None for a law without one."""
+        theta = self._part(number)[2]
+        return np.maximum(theta[:KNOTS], 0.0) / self.model.basis.speed if self.model.local else None
 
-    x: Array
-    converged: bool
-    status: str
+    def law(self, number: int) -> ShockLaw:
+        """Return the law of a setting, with the gas force of its records."""
+        model = self.model.models[number]
+        b, g, theta = self._part(number)
+        preload, stiffness = model.gas.values(g)
+        curve = self.model.basis.static_curve(model.basis.to_curve @ b)
+        return self.model.dynamics.law(curve, Port(gas_preload=preload, gas_stiffness=stiffness), theta)
 
+    def half_width(self, number: int) -> Array:
+        """Return the half-width (25,) [N] of the 95 % band of a setting's curve at the knots of `StaticCurve`."""
+        model, place = self.model.models[number], self.model.places[number]
+        here = place[: model.curve_count]
+        velocity = self.model.basis.subdivided(np.zeros(self.model.basis.count))[0]
+        errors = standard_error(model.basis.at(velocity), np.nan_to_num(self.covariance[:, here[:, None], here]))
+        return quantile(model.runs) * errors
 
-def constrained_least_squares(
-    residual: Callable[[Array], Array],
-    jacobian: Callable[[Array], Array],
-    start: Array,
-    inequalities: Inequalities,
-    *,
-    tolerance: float,
-    evaluations: int,
-) -> _SearchResult:
-    """Minimise the sum of squares under linear inequality constraints.
-
-    Args:
-        residual: Function from (n,) to (R,).
-        jacobian: Function from (n,) to (R, n).
-        start: Starting point (n,); it may violate the constraints.
-        inequalities: Constraints; there must be points that satisfy all of them.
-        tolerance: Relative decrease of the sum of squares below which the search stops.
-        evaluations: Maximum number of evaluations of the residual.
-    """
-    x, error, slopes = start, residual(start), jacobian(start)
-    cost = float(error @ error) if (inequalities.room(x) >= 0.0).all() else np.inf
-    damping, rise = _DAMPING, _CHANGE
-    for count in range(2, evaluations + 1):
-        step = _step(slopes, error, Inequalities(inequalities.matrix, -inequalities.room(x)), damping)
-        tried = residual(x + step)
-        gain = cost - float(tried @ tried)
-        if gain < 0.0:
-            promised = cost - float(np.sum((error + slopes @ step) ** 2))
-            if promised <= _NO_MORE * tolerance * cost:
-                return _SearchResult(x, True, f"No step within the constraints is better. {count} evaluations.")
-            damping, rise = damping * rise, rise * _CHANGE
-            continue
-        x, error, cost = x + step, tried, cost - gain if np.isfinite(cost) else float(tried @ tried)
-        if gain <= tolerance * cost:
-            return _SearchResult(x, True, f"The sum of squares no longer decreases. {count} evaluations.")
-        slopes, damping, rise = jacobian(x), max(damping / _CHANGE, _LEAST_DAMPING), _CHANGE
-    return _SearchResult(x, False, f"No minimum within the constraints after {evaluations} evaluations.")
+    def _part(self, number: int) -> tuple[Array, Array, Array]:
+        return self.model.models[number].split(self.x[self.model.places[number]])
 
 
-def _step(slopes: Array, error: Array, inequalities: Inequalities, damping: float) -> Array:
-    """Return the step d (n,) that minimises |error + slopes d|^2 + damping |d|^2, d scaled, with matrix d >= floor."""
-    size = np.linalg.norm(slopes, axis=0)
-    size[size == 0.0] = 1.0
-    zeros = np.zeros(size.size)
-    q, r = np.linalg.qr(np.vstack([slopes / size, np.sqrt(damping) * np.eye(size.size)]))
-    towards = q.T @ np.append(error, zeros)
-    across = solve_triangular(r, (inequalities.matrix / size).T, trans="T").T
-    moved = _least_distance(across, inequalities.floor + across @ towards)
-    return np.asarray(solve_triangular(r, moved - towards) / size)
+# ==== The nonlinear least-squares problem of laws without a recipe of their own ======================================
 
-
-def _least_distance(matrix: Array, floor: Array) -> Array:
-    """Return the shortest z (n,) with matrix z >= floor (Lawson and Hanson 1974, chapter 23)."""
-    if (floor <= 0.0).all():
-        return np.zeros(matrix.shape[1])
-    length = np.linalg.norm(matrix, axis=1)
-    length[length == 0.0] = 1.0
-    rows, reach = matrix / length[:, None], floor / length
-    unit = float(np.abs(reach).max())
-    target = np.append(np.zeros(rows.shape[1]), 1.0)
-    weights, _ = nnls(np.vstack([rows.T, reach / unit]), target)
-    left = np.vstack([rows.T, reach / unit]) @ weights - target
-    return np.asarray(-unit * left[:-1] / left[-1])
-
-
-# ---- The nonlinear least-squares problem of the joint recipe, and its minimum ---------------------------------------
-
-#: Maximum number of evaluations of the residual; a curve at its constraint needs many.
+#: Maximum number of evaluations of the residual.
 _EVALUATIONS = 200
 
 #: Relative decrease of the sum of squares below which the search stops.
 TOLERANCE = 1e-6
 
-#: Lowest slope of a curve times the highest speed [N]; it covers rounding.
-CLEAR_SLOPE = 1e-6
-
-#: In the covariance, a violation of an active constraint by 1 N counts like a force error of this many N everywhere.
-_STIFF = 10.0
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Problem:
-    """Weighted force error of a model at the rows, followed by the penalties of its curve, which must not fall."""
+class FitProblem:
+    """Weighted force error of a model at the rows, followed by the penalties of its curves."""
 
-    model: ForceModel  #: Model of the force.
+    model: FitModel  #: Model of the force.
     tolerance: float = TOLERANCE  #: Relative decrease of the sum of squares below which the search stops.
 
-    def residual(self, parameters: Array) -> Array:
-        """Return the weighted force error and the penalties (R + P,) [N] of parameters (n + g + k,)."""
-        beat()
-        runs, penalty = self.model.runs, self.model.penalty
-        error = np.sqrt(runs.weights) * (self.model.rows(parameters) - runs.target)
-        return np.concatenate([error, penalty @ parameters[: self.model.curve_count]])
+    def bounds(self) -> tuple[Array, Array]:
+        """Return the lowest and the highest x."""
+        return self.model.bounds()
 
-    def jacobian(self, parameters: Array) -> Array:
-        """Return the derivative (R + P, n + g + k) of `residual` at parameters (n + g + k,)."""
-        penalty, slopes = self.model.penalty, self.model.rows_jacobian(parameters)
-        rest = np.zeros((len(penalty), slopes.shape[1] - penalty.shape[1]))
-        return np.vstack([np.sqrt(self.model.runs.weights)[:, None] * slopes, np.hstack([penalty, rest])])
+    def at(self, x: Array) -> Residual:
+        """Return the residual (R + P,) [N] at parameters x (n,), with its Jacobian."""
+        return Residual(x, self.residual(x), lambda: self.jacobian(x))
 
-    def at(self, parameters: Array, status: str) -> Minimum:
-        """Return given parameters (n + g + k,) as a minimum, without a search."""
-        return Minimum(self, parameters, self.residual(parameters), self.jacobian(parameters), True, status)
+    def residual(self, x: Array) -> Array:
+        """Return the weighted force error and the penalties (R + P,) [N]."""
+        pairs = zip(self.model.models, self.model.places, strict=True)
+        penalties = [m.penalty @ x[p[: m.curve_count]] for m, p in pairs]
+        return np.concatenate([np.sqrt(self.model.runs.weights) * self.model.error(x), *penalties])
 
-    def minimum_from(self, start: Array) -> Minimum:
-        """Optimise all parameters from a start (n + g + k,)."""
-        low, high = self.model.bounds()
-        matrix = np.eye(self.model.curve_count, low.size)
-        ended = constrained_least_squares(
-            self.residual,
-            self.jacobian,
-            np.clip(start, low, high),
-            Inequalities(matrix, np.full(len(matrix), CLEAR_SLOPE)).and_bounds(low, high),
-            tolerance=self.tolerance,
-            evaluations=_EVALUATIONS,
-        )
-        return replace(self.at(np.clip(ended.x, low, high), ended.status), converged=ended.converged)
+    def jacobian(self, x: Array) -> Array:
+        """Return the derivative (R + P, n) of `residual`."""
+        rows, penalties, scattered = [], [], self.model.scattered
+        for number, (model, place) in enumerate(zip(self.model.models, self.model.places, strict=True)):
+            rows.append(scattered(np.sqrt(model.runs.weights)[:, None] * model.rows_jacobian(x[place]), number))
+            penalties.append(scattered(model.penalty, number))
+        return np.vstack([*rows, *penalties])
 
+    def minimum_from(self, start: Array) -> Minimum[Residual]:
+        """Optimise all parameters from a start (n,)."""
+        return minimum_from(self, start, tolerance=self.tolerance, evaluations=_EVALUATIONS)
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Minimum:
-    """The end of a search."""
-
-    problem: Problem  #: Problem that was minimised.
-    parameters: Array  #: Parameters (n + g + k,) at the minimum.
-    residual: Array  #: Residual (R + P,) at the minimum, with penalties [N].
-    jacobian: Array  #: Jacobian of the residual at the minimum.
-    converged: bool  #: Whether it is a minimum.
-    status: str  #: Description of how the search ended.
-
-    @property
-    def cost(self) -> float:
-        """Sum of squares of the force error at the rows and of the penalties [N2]."""
-        return float(self.residual @ self.residual)
-
-    @property
-    def curve(self) -> Array:
-        """The curve's coefficients b (n,)."""
-        return self.parameters[: self.problem.model.curve_count]
-
-    def solution(self) -> Solution:
-        """Return the solution with its covariance."""
-        model = self.problem.model
-        error = self.residual[: model.runs.target.size]
-        jacobian = np.vstack([self.jacobian, self._stiff()])
-        spread, left_out = covariances(jacobian, error, model.runs), block_changes(jacobian, error, model.runs)
-        return Solution(model, self.parameters, spread, self.converged, self.status, left_out=left_out)
-
-    def _stiff(self) -> Array:
-        """Return rows (T, n + g + k) that fix the slopes that are at their bound."""
-        touched = np.flatnonzero(self.curve < 2.0 * CLEAR_SLOPE)
-        return np.asarray(_STIFF * np.sqrt(self.residual.size) * np.eye(self.parameters.size)[touched])
+    def fit_at(self, minimum: Minimum[Residual]) -> JointFit:
+        """Return the fit of a minimum with its covariance; what is at a bound is fixed."""
+        x, (low, high) = minimum.end.parameters, self.bounds()
+        fixed = np.eye(x.size)[(x - low < CLEAR_SLOPE) | (high - x < CLEAR_SLOPE)]
+        error = minimum.end.residual[: self.model.runs.target.size]
+        jacobian = with_fixed(minimum.end.jacobian, fixed)
+        return JointFit.of(self.model, x, jacobian, error, converged=minimum.converged, status=minimum.status)

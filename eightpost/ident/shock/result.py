@@ -14,11 +14,11 @@ import numpy as np
 from eightpost.array_types import Array
 from eightpost.display import Summarized, Summary
 from eightpost.errors import ParameterError, suggestion
-from eightpost.ident.shock.cross_validation import HeldOutErrors
 from eightpost.ident.shock.curve import fitted_curve
 from eightpost.ident.shock.force import GasColumns
+from eightpost.ident.shock.law_fit import HeldOutErrors
 from eightpost.ident.shock.problem import LEVEL, CurveBand, Solution, blocks_of, curve_band, factor_rows, quantile
-from eightpost.ident.shock.runs import Prepared, Runs
+from eightpost.ident.shock.runs import PreparedRun, Runs
 from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.shock.verdict import (
     BuildSpread,
@@ -55,12 +55,7 @@ _FACTORS = ("compression_scale", "rebound_scale")
 
 
 def curve_band_of(solution: Solution, error: float) -> CurveBand:
-    """Return the band of a solution's static curve over the velocities of its records.
-
-    Args:
-        solution: Solution of a fit.
-        error: RMS error of the fit on left-out parts [N], which the band contains besides that of the jackknife.
-    """
+    """Return the band of a solution's static curve over the velocities of its records."""
     model = solution.model
     n, inside = model.curve_count, model.runs.velocity[model.runs.inside]
     velocity = np.linspace(inside.min(), inside.max(), _BAND)
@@ -219,7 +214,7 @@ def _range(values: Array) -> list[float]:
     return [float(values.min()), float(values.max())]
 
 
-def _frequency_range(prepared: Prepared) -> list[float]:
+def _frequency_range(prepared: PreparedRun) -> list[float]:
     """Return the range of frequencies [Hz] that contains 99 % of the velocity's power."""
     velocity = prepared.record["velocity"][prepared.inside]
     power = np.cumsum(np.abs(np.fft.rfft(velocity - velocity.mean())) ** 2)

@@ -14,7 +14,7 @@ from scipy.optimize import minimize_scalar
 
 from eightpost.array_types import Array
 from eightpost.errors import ParameterError, TooShortError
-from eightpost.ident.shock.lag import RowFilter
+from eightpost.ident.shock.simulation import RowFilter
 from eightpost.rig.dyno_test import SMALLEST_SPREAD, DynoTest
 from eightpost.rig.plausibility import SEGMENT
 from eightpost.signals import TimeSeries, lowpass
@@ -35,11 +35,6 @@ def _choose_segment(
     series: TimeSeries, requested: tuple[float, float] | None, cutoff: float
 ) -> tuple[tuple[float, float], list[str]]:
     """Return start and stop [s] of the segment, and a sentence if it is not the dissertation's.
-
-    Args:
-        series: Record with `velocity`; time starts at 0.
-        requested: Requested start and end [s], or None.
-        cutoff: Cutoff frequency of the low-pass [Hz]; the filter's edges are left out.
 
     Raises:
         ParameterError: The requested segment is not in the record.
@@ -96,7 +91,7 @@ _ENOUGH = 4000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Prepared:
+class PreparedRun:
     """A record prepared for the fit: resampled evenly, low-passed, with its segment.
 
     The model is driven over all samples, but only those `inside` count; the others are the filter's edges.
@@ -147,7 +142,7 @@ def prepare(
     *,
     segment: tuple[float, float] | None = None,
     cutoff: float | None = None,
-) -> Prepared:
+) -> PreparedRun:
     """Prepare a record for the fit.
 
     Args:
@@ -175,7 +170,7 @@ def prepare(
     if not slower_peak(series["velocity"][inside]) > 0.0:
         raise ParameterError("the velocity never changes its sign in the segment: a fit needs both strokes")
     record, reference = _about_mean_displacement(series, inside)
-    return Prepared(
+    return PreparedRun(
         record=record,
         rate=record.sample_rate,
         inside=inside,
@@ -301,7 +296,7 @@ class StrokeRange:
     frequency: tuple[float, float]  #: Frequencies [Hz]: the inverse of twice the duration of a stroke.
 
     @classmethod
-    def of(cls, prepared: Sequence[Prepared]) -> StrokeRange:
+    def of(cls, prepared: Sequence[PreparedRun]) -> StrokeRange:
         """Return the ranges of prepared records."""
         found = [strokes(p.record["velocity"][p.inside], p.step) for p in prepared]
         stroke, speed, duration = np.hstack(found)
@@ -354,17 +349,17 @@ ONE_MOTION = 1.5
 class Runs:
     """Prepared records that are fitted together, with N samples and R rows in total."""
 
-    prepared: tuple[Prepared, ...]  #: One or more records.
+    prepared: tuple[PreparedRun, ...]  #: One or more records.
     weights: Array  #: Weights (R,) of the rows, 0 to 1.
 
     @classmethod
-    def of(cls, prepared: Sequence[Prepared]) -> Runs:
+    def of(cls, prepared: Sequence[PreparedRun]) -> Runs:
         """Return prepared records as runs whose rows all have weight 1."""
         runs = cls(tuple(prepared), np.empty(0))
         return runs.weighted(np.ones(sum(f.rows.size for f in runs.filters)))
 
     @property
-    def first(self) -> Prepared:
+    def first(self) -> PreparedRun:
         """The first run, for values that all runs share."""
         return self.prepared[0]
 
@@ -512,7 +507,7 @@ def _are_alike(one: tuple[float, float], other: tuple[float, float]) -> bool:
     return all(max(a, b) <= ONE_MOTION * min(a, b) for a, b in zip(one, other, strict=True))
 
 
-def _every(prepared: Prepared, start: int, by: int) -> Prepared:
+def _every(prepared: PreparedRun, start: int, by: int) -> PreparedRun:
     kept = slice(start, None, by)
     temperature = None if prepared.temperature is None else prepared.temperature[kept]
     record, inside = prepared.record.at(kept), prepared.inside[kept]
@@ -526,11 +521,6 @@ def prepare_runs(
     cutoff: float | None = None,
 ) -> Runs:
     """Prepare records to be fitted together.
-
-    Args:
-        tests: One or more records.
-        segment: Start and end [s] of each record; see `prepare`.
-        cutoff: Cutoff frequency of the low-pass [Hz]; see `prepare`.
 
     Raises:
         ParameterError: There is no record.

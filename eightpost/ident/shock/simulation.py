@@ -1,22 +1,162 @@
-"""Simulation of a law over a whole record with array operations, with the results of the scalar law."""
+"""Laws and lags over whole records: simulation, the exact recursion of a lag, the rows that a fit compares."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from types import FunctionType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import irfft, next_fast_len, rfft
 
-from eightpost.array_types import Array
+from eightpost.array_types import Array, Complex
 from eightpost.ident.shock.curve import curve_forces
 from eightpost.shock import ShockLaw, fit_form, law_module, own_values
 from eightpost.shock.law import MOST_PIECES, STRAIGHT
 from eightpost.signals import TimeSeries
 from eightpost.signals.filters import recursion
+
+# ---- The exact first-order lag of whole records ---------------------------------------------------------------------
+
+
+def lag(static: Array, time_constant: float, step: float) -> Array:
+    """Return F_lag of tau dF_lag/dt = F_s - F_lag (Eq 3.24), exact for F_s linear between the samples.
+
+        F_lag[n+1] = (1 - r) F_lag[n] + (r - w) F_s[n] + w F_s[n+1],   r = 1 - exp(-h / tau),  w = 1 - r tau / h
+
+    It starts in equilibrium, F_lag[0] = F_s[0], and is linear in F_s, so each column of a design may be lagged alone.
+
+    Args:
+        static: Static force F_s (N,) [N], or columns (N, n).
+        time_constant: tau [s], positive.
+        step: h [s], positive.
+
+    Returns:
+        Lagged values with the shape of `static`.
+    """
+    rise, weight = _weights(time_constant, step)
+    # Filtering along the last axis is several times as fast for contiguous columns.
+    series = static.T
+    driven = weight * series
+    driven[..., 1:] += (rise - weight) * series[..., :-1]
+    driven[..., 0] = series[..., 0]
+    return recursion(driven, [rise - 1.0]).T
+
+
+def _lag_response(frequency: Array, time_constant: float, step: float) -> NDArray[np.complex128]:
+    """Return the gain (K,) of `lag` at frequencies (K,) [Hz], that is, of the recursion and not the continuous lag."""
+    rise, weight = _weights(time_constant, step)
+    delay = np.exp(-2j * np.pi * frequency * step)
+    return np.asarray((weight + (rise - weight) * delay) / (1.0 + (rise - 1.0) * delay))
+
+
+def lag_sensitivity(static: Array, lagged: Array, time_constant: float, step: float) -> Array:
+    """Return dF_lag/dtau (N,) [N/s], by differentiating the recursion of `lag`."""
+    ratio = step / time_constant
+    rise, _ = _weights(time_constant, step)
+    ratio_slope = -ratio / time_constant
+    rise_slope = np.exp(-ratio) * ratio_slope
+    weight_slope = (rise / ratio - np.exp(-ratio)) / ratio * ratio_slope
+    drive = np.zeros_like(static)
+    drive[1:] = weight_slope * np.diff(static) + rise_slope * (static[:-1] - lagged[:-1])
+    return recursion(drive, [rise - 1.0])
+
+
+def _weights(time_constant: float, step: float) -> tuple[float, float]:
+    ratio = step / time_constant
+    rise = float(-np.expm1(-ratio))
+    return rise, 1.0 - rise / ratio
+
+
+# ---- The low-pass in the frequency domain, evaluated only at the samples that the optimiser uses --------------------
+
+#: Samples per period of the cutoff frequency; the low-pass leaves 1e-5 at twice the cutoff frequency.
+_SAMPLES_PER_PERIOD = 4.0
+
+#: Order of the record's low-pass, and its extension at either end times the cutoff frequency: its slowest pole decays
+#: by exp(-2 pi 0.195 f_c t), to 4e-7 here.
+_ORDER, _EXTENSION = 8, 12.0
+
+
+@dataclass(frozen=True, slots=True)
+class RowFilter:
+    """Filter from N samples to the R rows of a fit: zero-phase low-pass, thinned, inside the segment."""
+
+    count: int  #: Number N of samples.
+    rate: float  #: Sampling rate [Hz].
+    cutoff: float  #: Cutoff frequency of the low-pass [Hz].
+    first: int  #: First sample inside the segment.
+    inside: int  #: Number of samples inside the segment.
+    every: int  #: Number of samples per row.
+
+    @classmethod
+    def of(cls, inside: NDArray[np.bool_], rate: float, cutoff: float) -> RowFilter:
+        """Return the filter of a record whose samples (N,) count where `inside` is true."""
+        numbers = np.flatnonzero(inside)
+        every = max(int(rate // (_SAMPLES_PER_PERIOD * cutoff)), 1)
+        return cls(inside.size, rate, cutoff, int(numbers[0]), int(numbers.size), every)
+
+    @property
+    def rows(self) -> NDArray[np.intp]:
+        """The indices (R,) of the samples that become rows."""
+        return np.arange(self.first, self.first + self.inside, self.every)
+
+    @property
+    def row_rate(self) -> float:
+        """Rows per second [Hz]."""
+        return self.rate / self.every
+
+    def spectrum(self, values: Array) -> Complex:
+        """Return the spectrum (..., K) of values (..., N) in the passband of the low-pass."""
+        left, right, short = self._lengths()
+        return np.asarray(rfft(_extended(values, left, right), axis=-1)[..., : short // 2 + 1])
+
+    def rows_of(self, spectrum: Complex, *, time_constant: float | None = None) -> Array:
+        """Return the rows (..., R) of a spectrum (..., K), behind a lag if a time constant [s] is given."""
+        left, _, short = self._lengths()
+        gain: Array | Complex = _gain(self.rate, self.cutoff, short, self.every)
+        if time_constant is not None:
+            frequency = np.asarray(np.arange(short // 2 + 1) * (self.row_rate / short), dtype=np.float64)
+            gain = gain * _lag_response(frequency, time_constant, 1.0 / self.rate)
+        start = (self.first + left) // self.every
+        samples = irfft(spectrum * gain, short, axis=-1)
+        return np.asarray(samples[..., start : start + self.rows.size])
+
+    def __call__(self, values: Array) -> Array:
+        """Return the rows (..., R) of values (..., N)."""
+        return self.rows_of(self.spectrum(values))
+
+    def _lengths(self) -> tuple[int, int, int]:
+        """Return the numbers of samples added before and after, and the number of samples after thinning."""
+        extension = int(np.ceil(_EXTENSION * self.rate / self.cutoff))
+        left = extension + (-(self.first + extension)) % self.every
+        short = int(next_fast_len(-(-(left + self.count + extension) // self.every), True))
+        return left, short * self.every - left - self.count, short
+
+
+@lru_cache(maxsize=64)
+def _gain(rate: float, cutoff: float, short: int, every: int) -> Array:
+    """Return the low-pass's gain at the remaining frequencies, over the thinning factor."""
+    # 1 / (1 + (f / cutoff)^16) after the bilinear transform; the tangent of a frequency is infinite at half the rate.
+    angle, corner = np.pi * np.arange(short // 2 + 1) / (short * every), np.tan(np.pi * cutoff / rate)
+    passed, stopped = np.cos(angle) ** (2 * _ORDER), (np.sin(angle) / corner) ** (2 * _ORDER)
+    return np.asarray(passed / (every * (passed + stopped)))
+
+
+def _extended(values: Array, left: int, right: int) -> Array:
+    """Return values (..., N) extended by point reflection at their ends, as `lowpass` does; constant beyond that."""
+    count = values.shape[-1]
+    extended = np.empty((*values.shape[:-1], left + count + right))
+    extended[..., left : left + count] = values
+    a, b = min(left, count - 1), min(right, count - 1)
+    extended[..., left - a : left] = 2.0 * values[..., :1] - values[..., a:0:-1]
+    extended[..., : left - a] = extended[..., left - a : left - a + 1]
+    extended[..., left + count : left + count + b] = 2.0 * values[..., -1:] - values[..., -2 : -2 - b : -1]
+    extended[..., left + count + b :] = extended[..., left + count + b - 1 : left + count + b]
+    return extended
 
 
 def simulate(law: ShockLaw, series: TimeSeries) -> Array:
@@ -90,7 +230,7 @@ class Pieces:
 
 
 def _lagged(law: ShockLaw, time_constant: float, begin: float, pieces: Pieces) -> Array:
-    """Return F_lag (N,) [N], as `eightpost.shock.lag.advance` computes it, for all pieces at once."""
+    """Return F_lag (N,) [N], as `eightpost.shock.law.advance` computes it, for all pieces at once."""
     static = _static_forces(law, pieces.velocity)
     ratio = pieces.step / time_constant
     rise = -np.expm1(-ratio)

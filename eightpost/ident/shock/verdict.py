@@ -10,14 +10,13 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.errors import EightpostError
-from eightpost.ident.shock.cross_validation import HeldOutErrors
 from eightpost.ident.shock.dynamics import FadingLag
-from eightpost.ident.shock.force import linear_solution
-from eightpost.ident.shock.problem import Solution, quantile, standard_error
+from eightpost.ident.shock.law_fit import HeldOutErrors
+from eightpost.ident.shock.problem import Solution, quantile
 from eightpost.ident.shock.runs import ONE_FREQUENCY, Runs, StrokeRange
+from eightpost.least_squares import linear_solution, standard_error
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.motion import force_lag
-from eightpost.rig.plausibility_rules import LATE
 from eightpost.units import convert, us_customary
 from eightpost.validity import Range, Validity
 from eightpost.verdict import Grade, Reason, Rules, Verdict
@@ -113,14 +112,7 @@ def in_field_units(value: float, unit: str) -> tuple[float, str]:
 
 
 def findings(solution: Solution, parameters: Iterable[Parameter], *, recipe: str, gas: str) -> list[str]:
-    """Return a sentence for each doubt about a solution besides those of the verdict.
-
-    Args:
-        solution: Solution of a recipe.
-        parameters: Scalar parameters of the solution.
-        recipe: Name of the recipe.
-        gas: Treatment of the gas force.
-    """
+    """Return a sentence for each doubt about a solution besides those of the verdict."""
     # A gas stiffness at its lower bound, 0, is normal.
     own = [parameter for parameter in parameters if parameter.name != "gas_stiffness"]
     bounds = [_at_bound(parameter) for parameter in own if parameter.at_bound]
@@ -314,7 +306,7 @@ def _of_record(test: DynoTest, frequency: float) -> Iterator[Reason]:
     A late force counts if it turns a tenth of the force or more from damping into stiffness at a frequency [Hz].
     """
     for reason in test.reasons:
-        lag = force_lag(test.series) if reason.rule == LATE.name else None
+        lag = force_lag(test.series) if reason.rule == "late force" else None
         if lag is None or 2.0 * np.pi * frequency * lag.low > _TURNED:
             yield reason
     for note in test.notes:
@@ -411,11 +403,6 @@ def build_spread(
 ) -> tuple[BuildSpread | None, tuple[str, ...]]:
     """Return the spread between the builds of runs that were fitted together, and notes.
 
-    Args:
-        runs: Runs of all builds.
-        common: Common fit.
-        fit_alone: Function that fits the runs of one build like the common fit.
-
     Returns:
         The spread, None if the runs are of one build, or if fewer than two builds can be fitted alone.
     """
@@ -453,13 +440,7 @@ def _spread(found: dict[str, Solution], common: Solution, notes: tuple[str, ...]
 
 
 def side_scales(force: Array, common: Array, velocity: Array) -> dict[str, Array]:
-    """Return the scales (B,) with which a common curve (M,) is closest to the curves (B, M) of builds, by its side.
-
-    Args:
-        force: Force of each build (B, M) [N].
-        common: Force of the common curve (M,) [N].
-        velocity: Velocities (M,) [m/s].
-    """
+    """Return the scales (B,) with which a common curve (M,) is closest to the curves (B, M) of builds, by its side."""
     found = {}
     for name, sign in _SIDES.items():
         side = sign * velocity > 0.0

@@ -12,11 +12,11 @@ from scipy.stats import rankdata
 from eightpost.array_types import Array, Complex
 from eightpost.errors import MissingChannelError, ParameterError, TooShortError
 from eightpost.ident.preparation import Decimation, Preparation, prepare
-from eightpost.ident.response import FrequencyResponse
 from eightpost.ident.validation.records import STANDING, ErrorSpectrum, Kind, Recognition, Record, error_spectrum
 from eightpost.ident.vehicle.experiment import quantity
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse
 from eightpost.ident.vehicle.static_rating import holds
-from eightpost.rig.post import RigConditions, RigTest
+from eightpost.rig import RigConditions, RigTest
 from eightpost.signals import TimeSeries
 from eightpost.signals.filters import lowpass
 from eightpost.vehicle import StateSpace
@@ -41,11 +41,6 @@ def recognise_drive(series: TimeSeries, roads: Sequence[str], loads: Sequence[st
     The kinds are tried in this order: static, if no road moves and the loads are constant at least half of the time;
     sine, if 90 % of the roads' power lies within 20 % of one frequency; bump, if the roads are constant at least half
     of the time; otherwise random.
-
-    Args:
-        series: The record.
-        roads: Names of its wheelloader channels.
-        loads: Names of its aeroloaders, or of forces and moments on the chassis.
     """
     road = _rows(series, roads)
     if road.std(axis=1).max(initial=0.0) < _AT_REST:
@@ -219,10 +214,6 @@ class Comparison:
         """Return the spectra of the error, and its coherence with the prediction.
 
         The coherence is near 1 if another gain or phase would have predicted the error.
-
-        Args:
-            rate: Sample rate [Hz].
-            band: Highest frequency [Hz].
         """
         if not self.predicted.any():
             return None
@@ -266,9 +257,7 @@ def with_total(series: TimeSeries) -> TimeSeries:
 def compare(measured: TimeSeries, predicted: TimeSeries) -> tuple[Comparison, ...]:
     """Return the comparisons of all outputs that are in both series and not constant in the measurement.
 
-    Args:
-        measured: Measured outputs, processed by `Judging.inside`.
-        predicted: Predicted outputs, processed by `Judging.inside`.
+    Both series were processed by `Judging.inside`.
     """
     names = [name for name in predicted.names if name in measured and measured[name].std() > 0.0]
     moving = _moving(measured, names)
@@ -345,11 +334,7 @@ class Trend:
 
 
 def trends_of(records: Sequence[Sequence[Comparison]]) -> tuple[Trend, ...]:
-    """Return the trends of all judged outputs; empty for fewer than three records.
-
-    Args:
-        records: Comparisons of each record.
-    """
+    """Return the trends of all judged outputs; empty for fewer than three records."""
     if len(records) < FEWEST:
         return ()
     by_name = [{output.name: output for output in outputs} for outputs in records]
@@ -388,13 +373,7 @@ class SineOutput:
 
 
 def sine_output(output: Comparison, frequency: float, rate: float) -> SineOutput:
-    """Return gain, phase and harmonics of an output of a sine record.
-
-    Args:
-        output: Measured and predicted output.
-        frequency: Sine frequency [Hz].
-        rate: Sample rate [Hz].
-    """
+    """Return gain, phase and harmonics of an output of a sine record."""
     turns = 2.0 * np.pi * frequency * np.arange(output.measured.size) / rate
     basis = np.stack([np.cos(turns), np.sin(turns)], axis=1)
     fitted = np.linalg.lstsq(basis, np.stack([output.measured, output.predicted], axis=1), rcond=None)[0]
@@ -435,13 +414,7 @@ class StaticOutput:
 
 
 def static_outputs(measured: TimeSeries, predicted: TimeSeries, loads: Sequence[str]) -> tuple[StaticOutput, ...]:
-    """Return the outputs during the holds; empty if the loads are never constant.
-
-    Args:
-        measured: The record.
-        predicted: Outputs of the vehicle at the same times.
-        loads: Names of the loads.
-    """
+    """Return the outputs during the holds; empty if the loads are never constant."""
     there = [name for name in loads if name in measured]
     if not there:
         return ()
@@ -571,13 +544,7 @@ class Response:
 
 
 def main_paths(response: FrequencyResponse, model: StateSpace, band: tuple[float, float]) -> tuple[Response, ...]:
-    """Return the strongest response of every judged quantity's outputs to a road and to a shock force.
-
-    Args:
-        response: Estimate that the model was fitted to.
-        model: Identified model, around the same damping.
-        band: Frequency range of the fit [Hz].
-    """
+    """Return the strongest response of every judged quantity's outputs to a road and to a shock force."""
     low, high = max(band[0], float(response.frequency[0])), min(band[1], float(response.frequency[-1]))
     estimate = response.band(low, high)
     outputs = [n for n in estimate.output_names if quantity(n) in JUDGED and n in model.output_names]

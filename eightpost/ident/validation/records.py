@@ -1,26 +1,23 @@
-"""Records that models are validated on: kinds of tests, motion, and the error of a prediction on a record."""
+"""Records that models are validated on, their kinds of tests and their motion, and spectra of errors."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import label, uniform_filter1d
+from scipy.ndimage import uniform_filter1d
 
 from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.files import document_kind
 from eightpost.ident.shock.result import digest_of
-from eightpost.ident.shock.runs import prepare, refined_frequency, single_frequency
-from eightpost.ident.shock.simulation import simulate
+from eightpost.ident.shock.runs import refined_frequency, single_frequency
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.motion import displacement_of
-from eightpost.shock import Shock, ShockLaw
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
 
@@ -113,11 +110,7 @@ _WINDOW, _SHORTEST_WINDOW = 1.0 / 200.0, 0.05
 
 
 def standing(series: TimeSeries) -> Mask:
-    """Return where a record stands still (N,): within 1/200 of its length it moves less than 1 % of its stroke.
-
-    Args:
-        series: `displacement` [m], or `velocity` [m/s] to integrate.
-    """
+    """Return where a record stands still (N,): within 1/200 of its length it moves less than 1 % of its stroke."""
     half = _half_window(series)
     # Means over a quarter of the window keep the sensor's noise from being taken for motion.
     smooth = uniform_filter1d(displacement_of(series), max(1, half // 2), mode="nearest")
@@ -128,14 +121,6 @@ def standing(series: TimeSeries) -> Mask:
 def _half_window(series: TimeSeries) -> int:
     window = max(_WINDOW * series.duration, _SHORTEST_WINDOW)
     return max(1, round(0.5 * window * series.sample_rate))
-
-
-def stretches(mask: Mask) -> list[tuple[int, int]]:
-    """Return the first and last sample of every run of true values of a mask (N,)."""
-    labels, count = label(mask)
-    starts = np.flatnonzero(np.diff(labels, prepend=0) > 0) if count else np.empty(0, int)
-    ends = np.flatnonzero(np.diff(labels, append=0) < 0) if count else np.empty(0, int)
-    return [(int(a), int(b)) for a, b in zip(starts, ends, strict=True)]
 
 
 def moving_part(series: TimeSeries) -> TimeSeries:
@@ -171,9 +156,6 @@ def recognise_motion(test: DynoTest) -> Recognition:
     2. static: it stands still at least half of the time and is never faster than 1 in/s (Fig 3.12: 0.2 in/s);
     3. bump: it stands still at least half of the time and is faster (Fig 3.13: 30 in/s);
     4. random: everything else, including track records.
-
-    Args:
-        test: Test with displacement; if displacement is missing, the velocity is integrated.
     """
     series = _coarse(test.series)
     frequency = frequency_of(series)
@@ -239,13 +221,7 @@ class DynoRecord(Record):
 
 
 def dyno_record(test: DynoTest, *, name: str | None = None, kind: Kind | None = None) -> DynoRecord:
-    """Return a record; its kind is recognised if it is not given.
-
-    Args:
-        test: Measured test.
-        name: Display name; default the file's name.
-        kind: Kind of the test, which replaces the recognised one.
-    """
+    """Return a record; its kind is recognised if it is not given."""
     seen = Recognition(kind, "given by the user") if kind else recognise_motion(test)
     return DynoRecord(
         name=name or (test.source.stem if test.source else "record"),
@@ -317,161 +293,3 @@ def error_spectrum(
         threshold=1.0 - 0.05 ** (1.0 / (averages - 1.0)),
         share=float(unbiased @ density[kept]) / total if total > 0.0 else 0.0,
     )
-
-
-# ==== Evaluation =====================================================================================================
-
-# ---- The error of a fitted shock on a record that it was not fitted to (3.4) ----------------------------------------
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Validation:
-    """The error of a prediction, with prediction and measurement through the same low-pass."""
-
-    rms: float  #: RMS of the error [N].
-    offset: float  #: Mean of the error, measured minus predicted [N]; part of `rms`.
-    deviation: float  #: Standard deviation of the low-passed measured force [N].
-    beyond: float  #: Share of the samples whose velocity is outside the fitted range [1].
-    #: Velocity [m/s], force [N] and, if known, displacement [m] from the shock's reference; low-passed.
-    measured: TimeSeries
-    predicted: TimeSeries  #: Predicted force [N].
-    changes: tuple[str, ...]  #: Departures from the dissertation's treatment of the record (3.3), one sentence each.
-    cutoff: float  #: Cutoff frequency of the low-pass [Hz].
-    seconds: float  #: Computing time of the law's evaluation [s].
-
-    @property
-    def percent(self) -> float:
-        """The RMS error in percent of the standard deviation, as in Tables 3.4 and 3.5."""
-        return 100.0 * self.rms / self.deviation
-
-    @property
-    def error(self) -> Array:
-        """Measured minus predicted force (N,) [N]."""
-        return np.asarray(self.measured["force"] - self.predicted["force"])
-
-
-def evaluate(
-    shock: Shock, test: DynoTest, *, segment: tuple[float, float] | None = None, cutoff: float | None = None
-) -> Validation:
-    """Return the error of a shock's prediction on a dynamometer test.
-
-    The displacement is relative to the shock's own reference. A gas force that the fit estimated but left to the car
-    (`included`) is added, because the record contains it. The motion ratio is ignored, because a dynamometer moves the
-    damper itself.
-
-    Args:
-        shock: Fitted shock.
-        test: Another record of the same shock; on the fit's own record the result is the fit's error.
-        segment: Start and end [s] from the record's start; default 1 to 10.
-        cutoff: Cutoff frequency of the low-pass [Hz]; default 50, at most 0.4 of the sampling rate.
-    """
-    prepared = prepare(test, segment=segment, cutoff=cutoff)
-    record, law = prepared.record, as_measured(shock)
-    if "displacement" in record:
-        shifted = record["displacement"] + prepared.reference - reference_of(shock, prepared.reference)
-        record = record.with_channel("displacement", "m", shifted)
-    started = time.perf_counter()
-    simulated = simulate(law, record)
-    seconds = time.perf_counter() - started
-    force = prepared.filtered(simulated)
-    predicted = TimeSeries.from_channels(record.time, {"force": ("N", force)})
-    start, stop = record.time[prepared.inside][[0, -1]]
-    measured, predicted = record.window(start, stop), predicted.window(start, stop)
-    error = measured["force"] - predicted["force"]
-    beyond = [law.curve.is_beyond_fit(velocity) for velocity in measured["velocity"].tolist()]
-    return Validation(
-        rms=float(np.sqrt(np.mean(error**2))),
-        offset=float(np.mean(error)),
-        deviation=prepared.deviation,
-        beyond=float(np.mean(beyond)),
-        measured=measured,
-        predicted=predicted,
-        changes=prepared.changes,
-        cutoff=prepared.cutoff,
-        seconds=seconds,
-    )
-
-
-def reference_of(shock: Shock, otherwise: float) -> float:
-    """Return the reference displacement of a shock's gas force [m], or `otherwise` if the file does not state it."""
-    return float(shock.conditions.get("displacement_reference [m]", otherwise))
-
-
-def as_measured(shock: Shock) -> ShockLaw:
-    """Return the law as measured on a dynamometer: the damper itself, with its gas force."""
-    port = replace(shock.law.port, motion_ratio=1.0)
-    if shock.conditions.get("gas_treatment") == "included":
-        port = replace(
-            port,
-            gas_preload=shock.conditions["gas_preload_estimate [N]"],
-            gas_stiffness=shock.conditions["gas_stiffness_estimate [N/m]"],
-        )
-    return replace(shock.law, port=port)
-
-
-class Predicted:
-    """A result with a `prediction` over a whole record."""
-
-    __slots__ = ()
-    prediction: Validation
-
-    @property
-    def rms(self) -> float:
-        """The RMS of the error [N]."""
-        return self.prediction.rms
-
-    @property
-    def percent(self) -> float:
-        """The error in percent of this record's standard deviation of force."""
-        return self.prediction.percent
-
-    @property
-    def beyond(self) -> float:
-        """Share of the samples outside the fitted velocities [1]."""
-        return self.prediction.beyond
-
-
-# ---- Validation on random tests -------------------------------------------------------------------------------------
-
-#: Length of Welch's blocks [s]: 1 Hz of resolution, and 17 half-overlapping blocks in 9 s; at least 4 blocks.
-_BLOCK, _FEWEST = 1.0, 4
-
-#: Correlation of half-overlapping Hann blocks' periodograms (Welch 1967): 1 / 36.
-_OVERLAP = 1.0 / 36.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RandomValidation(Predicted):
-    """Error of a shock on a random or track record."""
-
-    prediction: Validation  #: Prediction over seconds 1 to 10, or over the segment that `evaluate` chooses.
-    #: Spectra of the error and its coherence with the velocity; None for a record shorter than 2.5 s.
-    residual: ErrorSpectrum | None
-
-
-def validate_random(
-    shock: Shock, record: DynoRecord, *, segment: tuple[float, float] | None = None, cutoff: float | None = None
-) -> RandomValidation:
-    """Return a shock's error on a random record (Table 3.5).
-
-    Args:
-        shock: Fitted shock.
-        record: Record that moves at many frequencies.
-        segment: Start and end [s] from the record's start; default 1 to 10.
-        cutoff: Cutoff frequency of the low-pass [Hz]; default 50, at most 0.4 of the sampling rate.
-    """
-    prediction = evaluate(shock, record.test, segment=segment, cutoff=cutoff)
-    return RandomValidation(prediction, residual_of(prediction))
-
-
-def residual_of(validation: Validation) -> ErrorSpectrum | None:
-    """Return the spectra of an error and its coherence with the velocity: near 1, the law misses dynamics, say a lag.
-
-    Args:
-        validation: Validation on a record that moves at many frequencies.
-    """
-    measured = validation.measured
-    return error_spectrum(
-        measured["force"], validation.predicted["force"], measured["velocity"], rate=measured.sample_rate,
-        band=validation.cutoff, block=_BLOCK, fewest=_FEWEST, overlap=_OVERLAP,
-    )  # fmt: skip

@@ -11,8 +11,15 @@ from numpy.typing import NDArray
 
 from eightpost.array_types import Array
 from eightpost.ident.validation import shocks as tables
-from eightpost.ident.validation.records import DynoRecord, RandomValidation
-from eightpost.ident.validation.shock_tests import BumpEvent, BumpValidation, Hold, Loop, StaticValidation
+from eightpost.ident.validation.records import DynoRecord
+from eightpost.ident.validation.shock_tests import (
+    BumpEvent,
+    BumpValidation,
+    Hold,
+    Loop,
+    RandomValidation,
+    StaticValidation,
+)
 from eightpost.ident.validation.shocks import ShockCase, ShockValidation, names_of, notes_on, shock_verdict
 from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, Panel, grid_figure
 from eightpost.report.page import Block, Section, digest, document, soft, write_page
@@ -34,12 +41,6 @@ def write_shock_page(
     """Write a validation of shocks as an interactive page; an existing file is replaced only when it is complete.
 
     Names of shocks, records and files are escaped.
-
-    Args:
-        path: File to write, such as out/report.html.
-        study: Validation to show.
-        limit: Maximum error [percent of standard deviation], for the verdict.
-        title: Heading of the page.
 
     Returns:
         Path of the written file.
@@ -165,8 +166,7 @@ _ALIKE = 0.1
 def _sine_figures(rows: list[tuple[ShockCase, ...]]) -> Iterator[Figure]:
     """Return the figures of the sine records of one damper.
 
-    Args:
-        rows: Cases of each record, with the same shocks in the same order.
+    Each row has the cases of a record, with the same shocks in the same order.
     """
     if len(rows) > 1:
         yield _over_frequency(rows)

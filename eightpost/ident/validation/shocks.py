@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import isclose
 from pathlib import Path
@@ -10,13 +10,16 @@ from typing import Any, TypeVar
 
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.verdict import POOR
-from eightpost.ident.validation.records import DynoRecord, RandomValidation, Validation, validate_random
+from eightpost.ident.validation.records import DynoRecord
 from eightpost.ident.validation.shock_tests import (
     SETTLING,
     BumpValidation,
+    Outcome,
+    RandomValidation,
     SineValidation,
     StaticValidation,
     validate_bump,
+    validate_random,
     validate_sine,
     validate_static,
 )
@@ -25,13 +28,11 @@ from eightpost.report.tables import ResultTable
 from eightpost.shock import Shock, law_title, write_shock
 from eightpost.units import convert
 from eightpost.validity import Validity, judged
-from eightpost.verdict import Grade, Reason, Rule, Rules, Verdict, listed
+from eightpost.verdict import Reason, Rules, Verdict, listed
 
 # ==== Comparison =====================================================================================================
 
-Outcome = RandomValidation | SineValidation | StaticValidation | BumpValidation
-
-_Kind = TypeVar("_Kind", RandomValidation, SineValidation, StaticValidation, BumpValidation)
+_Kind = TypeVar("_Kind")
 
 #: If more than this share of a record is outside the fitted velocities, its error says little about the fit.
 MOST_BEYOND = 0.2
@@ -62,11 +63,6 @@ class ShockCase:
         """The outcome, which must be that of a sine record."""
         return self.outcome_as(SineValidation)
 
-    @property
-    def prediction(self) -> Validation | None:
-        """The prediction over time; None for a static record."""
-        return None if isinstance(self.outcome, StaticValidation) else self.outcome.prediction
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShockValidation:
@@ -79,8 +75,8 @@ class ShockValidation:
 
     def of_kind(self, kind: str) -> tuple[tuple[DynoRecord, tuple[ShockCase, ...]], ...]:
         """Return the records of a kind that have cases, with these cases."""
-        found = [(record, self.of_record(record)) for record in self.records if record.kind == kind]
-        return tuple((record, cases) for record, cases in found if cases)
+        of_kind = (record for record in self.records if record.kind == kind)
+        return tuple((record, cases) for record in of_kind if (cases := self.of_record(record)))
 
     def of_shock(self, label: str) -> ShockValidation:
         """Return the part of the study that concerns one shock, with the records that it was compared with."""
@@ -90,6 +86,10 @@ class ShockValidation:
     def of_record(self, record: DynoRecord) -> tuple[ShockCase, ...]:
         """Return the cases of a record."""
         return tuple(case for case in self.cases if case.record is record)
+
+    def outcomes(self, kind: type[_Kind]) -> Iterator[tuple[ShockCase, _Kind]]:
+        """Return the cases whose outcome is of a type, with these outcomes."""
+        return ((case, case.outcome) for case in self.cases if isinstance(case.outcome, kind))
 
 
 def validate_shocks(
@@ -144,16 +144,13 @@ def _check_segment(segment: tuple[float, float], record: DynoRecord) -> None:
         )
 
 
+_DYNAMIC: dict[str, Callable[..., Outcome]] = {"random": validate_random, "sine": validate_sine, "bump": validate_bump}
+
+
 def _outcome(shock: Shock, record: DynoRecord, cutoff: float | None, segment: tuple[float, float] | None) -> Outcome:
-    match record.kind:
-        case "random":
-            return validate_random(shock, record, segment=segment, cutoff=cutoff)
-        case "sine":
-            return validate_sine(shock, record, segment=segment, cutoff=cutoff)
-        case "bump":
-            return validate_bump(shock, record, segment=segment, cutoff=cutoff)
-        case "static":  # the holds are averaged, so there is no low-pass
-            return validate_static(shock, record, segment=segment)
+    if record.kind == "static":  # the holds are averaged, so there is no low-pass
+        return validate_static(shock, record, segment=segment)
+    return _DYNAMIC[record.kind](shock, record, segment=segment, cutoff=cutoff)
 
 
 def _mismatch(shock: Shock, record: DynoRecord) -> str | None:
@@ -192,8 +189,6 @@ def _labelled(shocks: Iterable[Shock]) -> dict[str, Shock]:
 
 # ==== Verdict, and notes on the records ==============================================================================
 
-ABOUT = "validation of the shock"
-
 #: Limits of the error of a prediction, in percent of the force's standard deviation, if no other limit is given.
 GOOD_ERROR, LARGEST_ERROR = 5.0, POOR
 
@@ -206,128 +201,79 @@ COHERENT = 0.5
 #: Share of the mean square error from which it is reported as mostly an offset.
 OFFSET = 0.5
 
-RULES = Rules()
-
-LARGE_ERROR = RULES.add("large error of a prediction", ABOUT, Grade.NOT_USABLE,
-    condition=f"RMS error on a record above the limit (--limit; {LARGEST_ERROR:g} % of the force's standard deviation)",
-    why="as for a fit: shocks would be ranked by chance",
-    remedy="check that the record is of this shock and these conditions; fit another law, or a record like this one",
-)  # fmt: skip
-NOTABLE_ERROR = RULES.add("notable error of a prediction", ABOUT, Grade.LIMITED,
-    condition=f"if no limit is given: RMS error on a record above {GOOD_ERROR:g} %",
-    why="shocks of one bank differ by some tens of percent; smaller differences cannot be distinguished then",
-    remedy="use the law with the smallest error; examine the residual for missing dynamics",
-)  # fmt: skip
-SMALL_ERROR = RULES.add("small error of all predictions", ABOUT, Grade.USABLE,
-    condition="RMS error within the limit on every record that the shock was not fitted to",
-    why="the shock predicts records that it was not fitted to",
-)  # fmt: skip
-MOSTLY_BEYOND = RULES.add("record mostly outside the fitted velocities", ABOUT, Grade.NOT_USABLE,
-    condition=f"more than {100 * MOST_BEYOND:g} % of a record's samples outside the fitted velocities",
-    why="the error is that of the extrapolation",
-    remedy="fit a record that is as fast",
-)  # fmt: skip
-BEYOND = RULES.add("record outside the fitted velocities", ABOUT, Grade.LIMITED,
-    condition=f"more than {100 * SOME_BEYOND:g} % of a record's samples outside the fitted velocities",
-    why="peaks depend on the extrapolation",
-    remedy="fit a record that is as fast",
-)  # fmt: skip
-UNPAIRED = RULES.add("record without a shock", ABOUT, Grade.NOT_USABLE,
-    condition="no shock was fitted under the conditions of a record",
-    why="the record validates nothing",
-    remedy="give the shock of this record, or leave out the record",
-)  # fmt: skip
-NOT_VALIDATED = RULES.add("not validated", ABOUT, Grade.UNKNOWN,
-    condition="every record is one that its shock was fitted to",
-    why="the error of a fit says nothing about other records",
-    remedy="measure another record, and validate on it",
-)  # fmt: skip
-OWN_RECORD = RULES.add("partly the fit's own records", ABOUT, Grade.LIMITED,
-    condition="a record is one that its shock was fitted to",
-    why="the error there is that of the fit and validates nothing",
-    remedy="leave out this record",
-)  # fmt: skip
-OFFSET_ERROR = RULES.add("offset of a prediction", ABOUT, Grade.LIMITED,
-    condition="more than half of the mean square error is an offset, and the error is above 1 %",
-    why="another gas pressure, another zero of the load cell or another position",
-    remedy="compare the conditions of both records",
-)  # fmt: skip
-MISSING_DYNAMICS = RULES.add("dynamics missing in the law", ABOUT, Grade.LIMITED,
-    condition=f"more than {100 * COHERENT:g} % of the residual is coherent with the velocity",
-    why="a linear filter would predict it: the law misses dynamics, or the slope of its curve is wrong",
-    remedy="fit a law with a lag; if it has one, fit it to a record like this one too",
-)  # fmt: skip
+RULES = Rules.read(
+    Path(__file__).with_name("shock_rules.txt"),
+    "validation of the shock",
+    good=GOOD_ERROR,
+    largest=LARGEST_ERROR,
+    mostly_beyond=100.0 * MOST_BEYOND,
+    some_beyond=100.0 * SOME_BEYOND,
+    coherent=100.0 * COHERENT,
+)
 
 
 def shock_verdict(study: ShockValidation, limit: float | None = None) -> Verdict:
     """Return the verdict on a study with a limit [percent of standard deviation]; None: the default limits."""
     edits = [reason for shock in study.shocks.values() if shock.validity for reason in shock.validity.edits]
-    return Verdict((*edits, *_errors(study, limit), *_pairing(study), *_beyond(study), *_doubts(study)))
+    return Verdict((*edits, *_errors(study, limit), *_pairing(study), *_doubts(study)))
+
+
+def _worst(
+    rule: str, text: str, found: Sequence[tuple[float, ShockCase]], figure: str, limits: str
+) -> Iterator[Reason]:
+    """Yield one reason for all cases of a kind, if any: the figure of the worst, the origins of all, worst first."""
+    if ordered := sorted(found, key=lambda pair: -abs(pair[0])):
+        places = listed(_place(case) for _, case in ordered)
+        yield RULES.reason(rule, text, f"{figure.format(ordered[0][0])}; {limits}", places)
 
 
 def _errors(study: ShockValidation, limit: float | None) -> Iterator[Reason]:
     largest, good = (LARGEST_ERROR, GOOD_ERROR) if limit is None else (limit, limit)
-    judged = [(case.outcome.percent, case) for case in study.cases if case.outcome.percent is not None]
-    others = [(error, case) for error, case in judged if not case.is_fit_record]
+    errors = [(case.outcome.percent, case) for case in study.cases if case.outcome.percent is not None]
     limits = f"limit {largest:g} %" if largest == good else f"limits {good:g} and {largest:g} %"
-    over = [(error, case) for error, case in judged if error > largest]
-    notable = [(error, case) for error, case in judged if good < error <= largest]
-    if over:
-        yield _worst(LARGE_ERROR, "the shock does not predict a record", over, "error {:.3g} %", limits)
-    if notable:
-        yield _worst(NOTABLE_ERROR, "the shock does not predict a record well", notable, "error {:.3g} %", limits)
-    if others and not over and not notable:
-        yield _worst(SMALL_ERROR, "the shock predicts its records", others, "error at most {:.3g} %", limits)
+    over = [pair for pair in errors if pair[0] > largest]
+    notable = [pair for pair in errors if good < pair[0] <= largest]
+    text = "the shock does not predict a record"
+    yield from _worst("large error of a prediction", text, over, "error {:.3g} %", limits)
+    yield from _worst("notable error of a prediction", f"{text} well", notable, "error {:.3g} %", limits)
+    if not over and not notable:
+        others = [pair for pair in errors if not pair[1].is_fit_record]
+        text = "the shock predicts its records"
+        yield from _worst("small error of all predictions", text, others, "error at most {:.3g} %", limits)
 
 
 def _pairing(study: ShockValidation) -> Iterator[Reason]:
     if alone := [record.name for record in study.records if not study.of_record(record)]:
-        yield UNPAIRED.reason(
-            "no shock predicts a record",
-            figure=f"{len(alone)} of {len(study.records)} records",
-            origin=listed(alone),
-        )
+        figure = f"{len(alone)} of {len(study.records)} records"
+        yield RULES.reason("record without a shock", "no shock predicts a record", figure, listed(alone))
     if own := [case for case in study.cases if case.is_fit_record]:
-        rule = NOT_VALIDATED if len(own) == len(study.cases) else OWN_RECORD
-        yield rule.reason(
-            "the shock was fitted to this record: it validates nothing",
-            figure=f"{len(own)} of {len(study.cases)} predictions",
-            origin=listed(map(_place, own)),
-        )
-
-
-def _beyond(study: ShockValidation) -> Iterator[Reason]:
-    limits = f"limits {100 * SOME_BEYOND:g} and {100 * MOST_BEYOND:g} %"
-    text = "a record is outside the fitted velocities: its error is that of the extrapolation"
-    mostly = [(100.0 * c.outcome.beyond, c) for c in study.cases if c.is_mostly_beyond]
-    some = [(100.0 * c.outcome.beyond, c) for c in study.cases if SOME_BEYOND < c.outcome.beyond <= MOST_BEYOND]
-    for rule, found in ((MOSTLY_BEYOND, mostly), (BEYOND, some)):
-        if found:
-            yield _worst(rule, text, found, "{:.2g} % of the samples", limits)
+        rule = "not validated" if len(own) == len(study.cases) else "partly the fit's own records"
+        figure = f"{len(own)} of {len(study.cases)} predictions"
+        text = "the shock was fitted to this record: it validates nothing"
+        yield RULES.reason(rule, text, figure, listed(map(_place, own)))
 
 
 def _doubts(study: ShockValidation) -> Iterator[Reason]:
-    offsets: list[tuple[float, ShockCase]] = []
-    coherent: list[tuple[float, ShockCase]] = []
-    for case in study.cases:
-        prediction = case.prediction
-        if prediction and prediction.offset**2 > OFFSET * prediction.rms**2 and prediction.percent > 1.0:
-            offsets.append((convert(prediction.offset, "N", "lbf"), case))
-        if isinstance(case.outcome, RandomValidation) and case.outcome.residual:
-            share = case.outcome.residual.share
-            coherent += [(100.0 * share, case)] if share > COHERENT else []
-    if offsets:
-        yield _worst(OFFSET_ERROR, "most of an error is an offset", offsets, "{:.3g} lbf", "measured minus predicted")
-    if coherent:
-        limits = f"limit {100 * COHERENT:g} %"
-        yield _worst(MISSING_DYNAMICS, "a residual is coherent with the velocity", coherent, "{:.0f} % of it", limits)
-
-
-def _worst(rule: Rule, text: str, found: Sequence[tuple[float, ShockCase]], figure: str, limits: str) -> Reason:
-    """Return one reason for all cases of a kind: the figure of the worst, the origins of all, the worst first."""
-    ordered = sorted(found, key=lambda pair: -abs(pair[0]))
-    places = listed(_place(case) for _, case in ordered)
-    return rule.reason(text, figure=f"{figure.format(ordered[0][0])}; {limits}", origin=places)
+    limits = f"limits {100 * SOME_BEYOND:g} and {100 * MOST_BEYOND:g} %"
+    text = "a record is outside the fitted velocities: its error is that of the extrapolation"
+    beyond = [(100.0 * case.outcome.beyond, case) for case in study.cases if case.outcome.beyond > SOME_BEYOND]
+    mostly, some = ([pair for pair in beyond if pair[1].is_mostly_beyond is is_most] for is_most in (True, False))
+    yield from _worst("record mostly outside the fitted velocities", text, mostly, "{:.2g} % of the samples", limits)
+    yield from _worst("record outside the fitted velocities", text, some, "{:.2g} % of the samples", limits)
+    offsets = [
+        (convert(found.offset, "N", "lbf"), case)
+        for case in study.cases
+        if (found := case.outcome.prediction) and found.offset**2 > OFFSET * found.rms**2 and found.percent > 1.0
+    ]
+    text = "most of an error is an offset"
+    yield from _worst("offset of a prediction", text, offsets, "{:.3g} lbf", "measured minus predicted")
+    coherent = [
+        (100.0 * found.residual.share, case)
+        for case, found in study.outcomes(RandomValidation)
+        if found.residual and found.residual.share > COHERENT
+    ]
+    text, limits = "a residual is coherent with the velocity", f"limit {100 * COHERENT:g} %"
+    yield from _worst("dynamics missing in the law", text, coherent, "{:.0f} % of it", limits)
 
 
 def _place(case: ShockCase) -> str:
@@ -336,11 +282,6 @@ def _place(case: ShockCase) -> str:
 
 def keep_verdicts(study: ShockValidation, paths: Sequence[Path], limit: float | None = None) -> Iterator[Path]:
     """Write the verdict into each shock file; a shock that was compared with no record keeps its file.
-
-    Args:
-        study: Validation.
-        paths: Files of the shocks, in the order of the study.
-        limit: Limit of the error [percent of standard deviation].
 
     Yields:
         Each file that was written.
@@ -365,28 +306,18 @@ def notes_on(study: ShockValidation) -> tuple[str, ...]:
 
 def _changes(case: ShockCase) -> list[str]:
     """Return departures from the dissertation's treatment of a record."""
-    outcome = case.outcome
+    name, outcome = case.record.name, case.outcome
     if isinstance(outcome, StaticValidation):
-        if outcome.settling < SETTLING:
-            return [
-                f"{case.record.name}: its holds are short; they are averaged from {outcome.settling:.2g} s on, not "
-                f"from {SETTLING:g} s on"
-            ]
-        return []
-    prediction = case.prediction
-    changes = prediction.changes if prediction else ()
+        text = f"they are averaged from {outcome.settling:.2g} s on, not from {SETTLING:g} s on"
+        return [f"{name}: its holds are short; {text}"] if outcome.settling < SETTLING else []
+    changes = outcome.prediction.changes if outcome.prediction else ()
     # The segment of a sine or a bump follows from its kind, as does a bump's low-pass.
     by_kind = {"random": (), "sine": ("seconds",), "bump": ("seconds", "cutoff")}[case.record.kind]
-    return [
-        f"{case.record.name}: {change.replace(' fitted', ' evaluated')}"
-        for change in changes
-        if not change.startswith(by_kind)
-    ]
+    usual = [change.replace(" fitted", " evaluated") for change in changes if not change.startswith(by_kind)]
+    return [f"{name}: {change}" for change in usual]
 
 
 # ==== Tables for the terminal and the page ===========================================================================
-
-_Outcome = TypeVar("_Outcome", RandomValidation, StaticValidation, BumpValidation)
 
 
 def random_table(study: ShockValidation) -> ResultTable:
@@ -396,7 +327,7 @@ def random_table(study: ShockValidation) -> ResultTable:
     rows = (
         (case.record.name, case.label, found.rms, found.percent, _reduction(case, study.of_record(case.record)),
          found.prediction.offset, 100.0 * found.beyond, 100.0 * found.residual.share if found.residual else None)
-        for case, found in _outcomes(study, RandomValidation)
+        for case, found in study.outcomes(RandomValidation)
     )  # fmt: skip
     return ResultTable.of("Random records", columns, rows)
 
@@ -451,7 +382,7 @@ def static_table(study: ShockValidation) -> ResultTable:
     rows = (
         (case.record.name, len(found.holds), found.compression_rate, found.rebound_rate, found.gas_rate,
          found.hysteresis, found.seal_drag, case.label, found.predicted_rate, found.rms)
-        for case, found in _outcomes(study, StaticValidation)
+        for case, found in study.outcomes(StaticValidation)
     )  # fmt: skip
     return ResultTable.of("Static records", columns, rows)
 
@@ -463,13 +394,9 @@ def bump_table(study: ShockValidation) -> ResultTable:
     rows = (
         (case.record.name, event.start, event.speed, event.measured_peak, case.label, event.predicted_peak,
          event.peak_error, event.rms, found.percent)
-        for case, found in _outcomes(study, BumpValidation) for event in found.events
+        for case, found in study.outcomes(BumpValidation) for event in found.events
     )  # fmt: skip
     return ResultTable.of("Bump records", columns, rows)
-
-
-def _outcomes(study: ShockValidation, kind: type[_Outcome]) -> Iterator[tuple[ShockCase, _Outcome]]:
-    return ((case, case.outcome) for case in study.cases if isinstance(case.outcome, kind))
 
 
 def _dampers(rows: list[tuple[ShockCase, ...]]) -> str:

@@ -29,12 +29,10 @@ from eightpost.ident.validation.comparison import (
     with_total,
 )
 from eightpost.ident.validation.records import ErrorSpectrum
-from eightpost.ident.vehicle import VehicleFit, write_fit
 from eightpost.ident.vehicle.experiment import Ranges, lifted_tires, quantity
-from eightpost.ident.vehicle.many_setups import closed_at_ports
-from eightpost.ident.vehicle.measured_levels import MeasuredLevels
-from eightpost.ident.vehicle.simulation import open_at_ports, ports_of
-from eightpost.ident.vehicle.vehicle_fit import fit_files
+from eightpost.ident.vehicle.simulation import closed_at_ports, open_at_ports, ports_of
+from eightpost.ident.vehicle.trust import MeasuredLevels
+from eightpost.ident.vehicle.vehicle_fit import VehicleFit, fit_files, write_fit
 from eightpost.outputs import replacing
 from eightpost.shock import ShockLaw
 from eightpost.signals import TimeSeries
@@ -302,82 +300,15 @@ class Limits:
         )
 
 
-RULES = Rules()
-
-UNSTABLE = RULES.add("validated vehicle not stable", ABOUT, Grade.NOT_USABLE,
-    condition="according to the fit, the car does not settle with every damper that was tried",
-    why="a run with such shocks diverges, or nearly does",
-    remedy="identify with more tests of other shocks",
-)  # fmt: skip
-WRONG_LEVEL = RULES.add("level of an output wrong", ABOUT, Grade.NOT_USABLE,
-    condition="on a random record, the RMS of a judged output is off by more than --level (5 %), and the error is not "
-    "one that all records share",
-    why="setups differ by a few percent in these outputs",
-    remedy="check the output's response in the report; identify again with more tests",
-)  # fmt: skip
-COMMON_LEVEL = RULES.add("level of an output wrong by the same factor on all records", ABOUT, Grade.LIMITED,
-    condition=f"the RMS of an output is off by more than --level (5 %) and by at most {_COMMON:g} times that, on "
-    f"{_RANKED} or more random records that differ; they are ranked right; and they deviate from the common error by "
-    f"at most {100 * _ALIKE:g} % of it",
-    why="an error that all setups share does not change which one is better, but the level itself is wrong",
-    remedy="rank setups by this output, but do not rely on its level, nor on sums of it with other measures",
-)  # fmt: skip
-LARGE_ERROR = RULES.add("large error of an output", ABOUT, Grade.NOT_USABLE,
-    condition="the error of a judged output is above --limit (25 % of the measured RMS)",
-    why="above the limit, phase or gain is so wrong that measures that combine several outputs mean little",
-    remedy="check the output's response in the report; identify again with more tests",
-)  # fmt: skip
-WRONG_RANK = RULES.add("setups ranked otherwise than by the rig", ABOUT, Grade.NOT_USABLE,
-    condition=f"over {_RANKED} or more random records, the rank correlation of an output's RMS is below 0.9, and two "
-    "records that differ by 1 % or more are predicted in the wrong order",
-    why="a study exists to find the order of setups",
-    remedy="do not choose setups by this output; identify again with more tests",
-)  # fmt: skip
-NOT_VALIDATED = RULES.add("vehicle not validated", ABOUT, Grade.NOT_USABLE,
-    condition="all records are the fit's own, static or too gentle",
-    why="errors on such records do not show how well the car predicts other records",
-    remedy="give a held-out record: one that the car was not identified from",
-)  # fmt: skip
-PREDICTS = RULES.add("the vehicle predicts its records", ABOUT, Grade.USABLE,
-    condition="no limit is exceeded on held-out records",
-    why="the limits above",
-)  # fmt: skip
-OWN_RECORD = RULES.add("the fit's own records among them", ABOUT, Grade.LIMITED,
-    condition="a record is one that the car was fitted to",
-    why="errors on these records do not validate the car",
-    remedy="omit these records",
-)  # fmt: skip
-GENTLE = RULES.add("shocks hardly move", ABOUT, Grade.LIMITED,
-    condition="all shocks stay below 5 % of the velocities of the fit's tests",
-    why="friction holds the car; such a record is shown, but no criterion applies to it",
-    remedy="validate on records with larger motions",
-)  # fmt: skip
-LIFTED = RULES.add("tires leave the road", ABOUT, Grade.LIMITED,
-    condition="a tire is at 1 % of its mean load or less",
-    why="a linear car cannot model that",
-    remedy="do not use the car for drives in which tires lift off",
-)  # fmt: skip
-LINEAR_ERROR = RULES.add("error linear in the prediction", ABOUT, Grade.LIMITED,
-    condition=f"more than {100 * _LINEAR:g} % of an error above {100 * _MATTERS:g} % is linear in the prediction",
-    why="the model's gain or phase is wrong, which a better linear model would correct",
-    remedy="identify again with more tests, or with another recipe",
-)  # fmt: skip
-BEYOND = RULES.add("records beyond the fit's tests", ABOUT, Grade.LIMITED,
-    condition="a record exceeds the amplitudes of the fit's tests by more than 10 %, or has more than 10 % of "
-    "the power of a velocity or tire force above the fit's band",
-    why="the model extrapolates there",
-    remedy="identify from tests with the amplitudes and frequencies of these records",
-)  # fmt: skip
-DOUBT = RULES.add("doubt of a record", ABOUT, Grade.LIMITED,
-    condition="any other doubtful property of a record",
-    why="it may be harmless; the reason names it",
-    remedy="check the record",
-)  # fmt: skip
-NO_LEVELS = RULES.add("levels not validated", ABOUT, Grade.LIMITED,
-    condition="there is no random or track record",
-    why="a study compares setups by their levels on such drives",
-    remedy="validate on a random or track record",
-)  # fmt: skip
+RULES = Rules.read(
+    Path(__file__).with_name("vehicle_rules.txt"),
+    ABOUT,
+    ranked=_RANKED,
+    common=_COMMON,
+    alike=100.0 * _ALIKE,
+    linear=100.0 * _LINEAR,
+    matters=100.0 * _MATTERS,
+)
 
 
 def vehicle_verdict(study: VehicleValidation, limits: Limits | None = None) -> Verdict:
@@ -387,7 +318,9 @@ def vehicle_verdict(study: VehicleValidation, limits: Limits | None = None) -> V
     reasons = [*edits, *_faults(study, limits), *_common_levels(study, limits), *_doubts(study)]
     if study.independent and not any(reason.grade is Grade.NOT_USABLE for reason in reasons):
         places = listed(case.record.name for case in study.independent)
-        reasons.append(PREDICTS.reason("the car predicts its records", figure=_best(study), origin=places))
+        reasons.append(
+            RULES.reason("the vehicle predicts its records", "the car predicts its records", _best(study), places)
+        )
     return Verdict(reasons)
 
 
@@ -409,11 +342,11 @@ def keep_verdict(path: Path, study: VehicleValidation, verdict: Verdict) -> None
 def _faults(study: VehicleValidation, limits: Limits) -> Iterator[Reason]:
     if not study.fit.stable:
         figure = "with 1 or more dampers"
-        yield UNSTABLE.reason("the car does not settle", figure=figure, origin=study.fit.vehicle.name)
+        yield RULES.reason("validated vehicle not stable", "the car does not settle", figure, study.fit.vehicle.name)
     if not study.independent:
         statement = "no record validates the car: all are the fit's own, static or too gentle"
         names = listed(case.record.name for case in study.cases)
-        yield NOT_VALIDATED.reason(statement, figure=f"0 of {len(study.cases)} records are judged", origin=names)
+        yield RULES.reason("vehicle not validated", statement, f"0 of {len(study.cases)} records are judged", names)
         return
     yield from _levels(study, limits)
     yield from _errors(study, limits)
@@ -421,7 +354,9 @@ def _faults(study: VehicleValidation, limits: Limits) -> Iterator[Reason]:
     if wrong:
         figure = f"rank correlation {min(t.rank for t in wrong):.2f}; limit {limits.rank:g}"
         statement = "the car ranks setups differently from the rig"
-        yield WRONG_RANK.reason(statement, figure=figure, origin=listed(trend.name for trend in wrong))
+        yield RULES.reason(
+            "setups ranked otherwise than by the rig", statement, figure, listed(trend.name for trend in wrong)
+        )
 
 
 def _ranks_wrong(trend: Trend, limits: Limits) -> bool:
@@ -437,7 +372,7 @@ def _levels(study: VehicleValidation, limits: Limits) -> Iterator[Reason]:
         case, worst = max(over, key=lambda pair: abs(pair[1].level))
         figure = f"{100 * worst.level:+.1f} %; limit {100 * limits.level:g} %; {_counted(over)}"
         origin = f"{worst.name} on {case.record.name}"
-        yield WRONG_LEVEL.reason("the RMS of an output is wrong", figure=figure, origin=origin)
+        yield RULES.reason("level of an output wrong", "the RMS of an output is wrong", figure, origin)
 
 
 def _is_common(trend: Trend, limits: Limits) -> bool:
@@ -463,7 +398,12 @@ def _common_levels(study: VehicleValidation, limits: Limits) -> Iterator[Reason]
             f"{min(trend.rank for trend in common):.2f}; limit {100 * limits.level:g} %"
         )
         statement = "the RMS of an output is wrong by the same factor on all records, which are ranked right"
-        yield COMMON_LEVEL.reason(statement, figure=figure, origin=listed(trend.name for trend in common))
+        yield RULES.reason(
+            "level of an output wrong by the same factor on all records",
+            statement,
+            figure,
+            listed(trend.name for trend in common),
+        )
 
 
 def _errors(study: VehicleValidation, limits: Limits) -> Iterator[Reason]:
@@ -472,50 +412,45 @@ def _errors(study: VehicleValidation, limits: Limits) -> Iterator[Reason]:
         case, worst = max(over, key=lambda pair: pair[1].error)
         figure = f"{100 * worst.error:.0f} % of the measured RMS; limit {100 * limits.error:g} %; {_counted(over)}"
         origin = f"{worst.name} on {case.record.name}"
-        yield LARGE_ERROR.reason("the error of an output is too large", figure=figure, origin=origin)
+        yield RULES.reason("large error of an output", "the error of an output is too large", figure, origin)
 
 
 def _doubts(study: VehicleValidation) -> Iterator[Reason]:
     """Yield the reasons that limit the use of the car."""
     cases = study.cases
+    own = "the car was fitted to a record, so errors on it do not validate the car"
+    beyond = "a record exceeds the amplitudes or frequencies of the fit's tests"
     groups = (
-        (
-            OWN_RECORD,
-            "the car was fitted to a record, so errors on it do not validate the car",
-            [c for c in cases if c.is_fit_record],
-        ),
-        (GENTLE, "the shocks barely move: friction holds them", [c for c in cases if c.is_gentle]),
-        (LIFTED, "tires leave the road", [c for c in cases if c.lifted]),
-        (
-            BEYOND,
-            "a record exceeds the amplitudes or frequencies of the fit's tests",
-            [c for c in cases if c.extrapolations],
-        ),
+        ("the fit's own records among them", own, [c for c in cases if c.is_fit_record]),
+        ("shocks hardly move", "the shocks barely move: friction holds them", [c for c in cases if c.is_gentle]),
+        ("tires leave the road", "tires leave the road", [c for c in cases if c.lifted]),
+        ("records beyond the fit's tests", beyond, [c for c in cases if c.extrapolations]),
     )
     for rule, statement, found in groups:
         if found:
-            figure = f"{len(found)} of {len(cases)} records"
-            yield rule.reason(statement, figure=figure, origin=listed(case.record.name for case in found))
+            figure, origin = f"{len(found)} of {len(cases)} records", listed(case.record.name for case in found)
+            yield RULES.reason(rule, statement, figure, origin)
     yield from _linear(study)
     for case in cases:
         for note in case.notes:
-            yield DOUBT.reason("a record is doubtful", figure=note.rstrip("."), origin=case.record.name)
+            yield RULES.reason("doubt of a record", "a record is doubtful", note.rstrip("."), case.record.name)
     if not study.of_kind("random"):
         figure = f"0 of {len(cases)} records are random"
-        yield NO_LEVELS.reason("levels of setups were not validated", figure=figure, origin="the records")
+        yield RULES.reason("levels not validated", "levels of setups were not validated", figure, "the records")
 
 
 def _linear(study: VehicleValidation) -> Iterator[Reason]:
     """Yield a reason if errors are linear in the prediction, so that a better linear model would avoid them."""
     found: dict[str, float] = {}
-    for case in study.independent:
-        for output in case.judged:
-            spectrum = case.spectra.get(output.name)
-            if spectrum is not None and spectrum.share > _LINEAR and output.error > _MATTERS:
-                found[output.name] = max(found.get(output.name, 0.0), spectrum.share)
+    for case, output in _judged(study):
+        spectrum = case.spectra.get(output.name)
+        if spectrum is not None and spectrum.share > _LINEAR and output.error > _MATTERS:
+            found[output.name] = max(found.get(output.name, 0.0), spectrum.share)
     if found:
         figure = f"{100 * max(found.values()):.0f} % of its power; limit {100 * _LINEAR:g} %"
-        yield LINEAR_ERROR.reason("an error is linear in the prediction", figure=figure, origin=listed(found))
+        yield RULES.reason(
+            "error linear in the prediction", "an error is linear in the prediction", figure, listed(found)
+        )
 
 
 def _best(study: VehicleValidation) -> str:

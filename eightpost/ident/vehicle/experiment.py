@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ from eightpost.array_types import Array
 from eightpost.corners import CORNERS, channel
 from eightpost.errors import InputError, ParameterError
 from eightpost.ident.preparation import Prepared
-from eightpost.ident.response import FrequencyResponse
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse
 from eightpost.signals import TimeSeries
 from eightpost.signals.filters import lowpass
 
@@ -40,7 +40,6 @@ class Experiment:
     means: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check that every port has a velocity and a damping."""
         for port in self.ports:
             if channel(port, "velocity") not in self.outputs:
                 raise ParameterError(
@@ -91,11 +90,7 @@ def experiment_of(
 ) -> Experiment:
     """Return the experiment for records with the given channels: a quarter car, a seven-DOF car or an 8-post rig.
 
-    Args:
-        names: Names of the channels that all records have, as in docs/explanation/rig.md.
-        baseline_damping: Baseline damping C-bar [N.s/m] by port.
-        name: Name of the vehicle.
-        sources: SHA-256 digests of the files, by name.
+    The baseline damping C-bar is by port [N.s/m].
 
     Raises:
         ParameterError: The channels do not include the road and the force of each shock.
@@ -149,13 +144,9 @@ class Baseline(NamedTuple):
     def experiment(
         self, prepared: Prepared, *, name: str, damping: float | None = None, outputs: Sequence[str] = ()
     ) -> Experiment:
-        """Return the experiment about this baseline.
+        """Return the experiment about this baseline, or about a `damping` of all ports [N.s/m].
 
-        Args:
-            prepared: Prepared records of the baseline and the alternate tests.
-            name: Name of the vehicle.
-            damping: Damping of all ports about which the vehicle is identified [N.s/m]; None: that of the baseline.
-            outputs: Outputs of the model; empty: all possible ones.
+        Without `outputs` the model has all possible ones.
         """
         rates = {port: slope if damping is None else damping for port, slope in self.damping.items()}
         whole = experiment_of(prepared.channels, rates, name=name, sources=prepared.sources)
@@ -164,17 +155,14 @@ class Baseline(NamedTuple):
 
 
 def find_baseline(records: Sequence[TimeSeries], ports: Sequence[str], *, test: int | None = None) -> Baseline:
-    """Find the baseline test: at each corner it has the shock that most tests have.
+    """Find the baseline test, if it is not given: at each corner it has the shock that most tests have.
 
-    Args:
-        records: Records with `force` and `velocity` of every port.
-        ports: Ports: "lf", ...; "" for a quarter car.
-        test: Index of the baseline test, if known.
+    The records have `force` and `velocity` of every port: "lf", ...; "" for a quarter car.
 
     Raises:
         InputError: All tests have the same shock at a port, so the effect of its force cannot be separated.
     """
-    slopes = np.array([[_slope(record, port) for port in ports] for record in records])
+    slopes = np.array([[_line(record, port)[0] for port in ports] for record in records])
     usual = np.sort(slopes, axis=0)[len(slopes) // 2]  # with two tests, the larger damping
     chosen = int(np.argmin(np.abs(slopes / usual - 1.0).max(axis=1))) if test is None else test
     changes = np.abs(slopes / slopes[chosen] - 1.0)
@@ -184,25 +172,17 @@ def find_baseline(records: Sequence[TimeSeries], ports: Sequence[str], *, test: 
                 f"no test has another shock at {port or 'the port'}: the damping is {slopes[chosen, place]:.0f} N.s/m "
                 f"within {100.0 * _OTHER:.0f} % in all {len(records)} tests; add a test with about half of it (6.1.4)"
             )
-    deviations = {port: _deviation(records[chosen], port, slopes[chosen, i]) for i, port in enumerate(ports)}
+    deviations = {port: _line(records[chosen], port)[1] for port in ports}
     others = sorted((k for k in range(len(records)) if k != chosen), key=lambda k: (int(np.argmax(changes[k])), k))
-    damping = {port: float(slopes[chosen, i]) for i, port in enumerate(ports)}
+    damping = dict(zip(ports, slopes[chosen].tolist(), strict=True))
     return Baseline(chosen, damping, deviations, (chosen, *others))
 
 
-def _slope(record: TimeSeries, port: str) -> float:
-    v, force = _moving(record, port)
-    return float(v @ force / (v @ v))
-
-
-def _deviation(record: TimeSeries, port: str, slope: float) -> float:
-    v, force = _moving(record, port)
-    return float(np.std(force - slope * v) / np.std(slope * v))
-
-
-def _moving(record: TimeSeries, port: str) -> tuple[Array, Array]:
-    v, force = (record[channel(port, quantity)] for quantity in ("velocity", "force"))
-    return v - v.mean(), force - force.mean()
+def _line(record: TimeSeries, port: str) -> tuple[float, float]:
+    """Return the slope c of a shock's force over its velocity, and the RMS of F - c v relative to that of c v."""
+    v, force = (record[channel(port, name)] - record[channel(port, name)].mean() for name in ("velocity", "force"))
+    slope = float(v @ force / (v @ v))
+    return slope, float(np.std(force - slope * v) / np.std(slope * v))
 
 
 # ==== Ranges that the tests covered, and where another record or a simulation leaves them ============================
@@ -243,7 +223,27 @@ class Ranges:
 
     def beyond(self, series: TimeSeries) -> tuple[str, ...]:
         """Return up to two sentences on where a series without means leaves the tests' amplitudes and frequencies."""
-        return (*self._amplitudes(series), *self._frequencies(series))
+        sentences = []
+        peaks = {name: _peak(series, name) for name in self.channels if name in series and self._covered(name) > 0.0}
+        times = {
+            name: peak / self._covered(name) for name, peak in peaks.items() if peak > _BEYOND * self._covered(name)
+        }
+        if times:
+            over = sorted(times, key=lambda name: -times[name])
+            listed = ", ".join(f"{n} {times[n]:.2g} times ({peaks[n]:.3g} {series.unit(n)})" for n in over)
+            sentences.append(f"amplitudes beyond the fit's tests: {listed}")
+        if self.frequency is None:
+            return tuple(sentences)
+        high = self.frequency[1]
+        moving = [name for name in series.names if quantity(name) in ("velocity", "tire_force")]
+        shares = {name: share for name in moving if (share := _share_above(series, name, high)) > _ABOVE}
+        if shares:
+            over = sorted(shares, key=lambda name: -shares[name])
+            listed = ", ".join(f"{name} {100.0 * shares[name]:.0f} %" for name in over)
+            sentences.append(
+                f"power above {high:.3g} Hz, where the model was not fitted and no criterion applies: {listed}"
+            )
+        return tuple(sentences)
 
     def is_gentle(self, series: TimeSeries) -> bool:
         """Return whether all shocks stay below 5 % of the velocities of the tests; False if that is not known."""
@@ -252,25 +252,6 @@ class Ranges:
 
     def _covered(self, name: str) -> float:
         return max(abs(end) for end in self.channels[name])
-
-    def _amplitudes(self, series: TimeSeries) -> Iterator[str]:
-        names = [name for name in self.channels if name in series and self._covered(name) > 0.0]
-        peaks = {name: _peak(series, name) for name in names}
-        times = {name: peaks[name] / self._covered(name) for name in names}
-        over = sorted((name for name in names if times[name] > _BEYOND), key=lambda name: -times[name])
-        if over:
-            listed = ", ".join(f"{n} {times[n]:.2g} times ({peaks[n]:.3g} {series.unit(n)})" for n in over)
-            yield f"amplitudes beyond the fit's tests: {listed}"
-
-    def _frequencies(self, series: TimeSeries) -> Iterator[str]:
-        if self.frequency is None:
-            return
-        high = self.frequency[1]
-        shares = {n: _share_above(series, n, high) for n in series.names if quantity(n) in ("velocity", "tire_force")}
-        over = sorted((name for name in shares if shares[name] > _ABOVE), key=lambda name: -shares[name])
-        if over:
-            listed = ", ".join(f"{name} {100.0 * shares[name]:.0f} %" for name in over)
-            yield f"power above {high:.3g} Hz, where the model was not fitted and no criterion applies: {listed}"
 
 
 def ranges_of(tests: Sequence[TimeSeries], experiment: Experiment, frequency: tuple[float, float]) -> Ranges:
@@ -282,13 +263,9 @@ def ranges_of(tests: Sequence[TimeSeries], experiment: Experiment, frequency: tu
 
 
 def lifted_tires(tests: Sequence[TimeSeries], means: Mapping[str, float]) -> tuple[str, ...]:
-    """Return the channels of the tires that leave the ground.
+    """Return the channels of the tires that leave the ground in tests without means.
 
     Tire forces with means near zero are changes from rest and cannot show it.
-
-    Args:
-        tests: Records without means.
-        means: Means that the first record had, SI, by channel.
     """
     tires = {n: mean for n, mean in means.items() if quantity(n) == "tire_force" and n in tests[0]}
     return tuple(
@@ -344,16 +321,11 @@ class CoherentBand:
     highest: float = 30.0  #: Highest frequency that is examined [Hz].
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         if not (0.0 < self.coherence < 1.0 and self.highest > _LOWEST):
             raise ParameterError(f"{self}: coherence must be between 0 and 1, highest above {_LOWEST:g} Hz")
 
     def of(self, response: FrequencyResponse) -> SupportedBand:
-        """Return the upper end of the band that a response supports.
-
-        Args:
-            response: Estimated response with multiple coherence, at least up to `highest` if the records allow it.
-        """
+        """Return the upper end that a response supports; it reaches up to `highest` if the records allow it."""
         top = min(self.highest, float(response.frequency[-1]))
         powered = _powered(response, top)
         if response.coherence is None:

@@ -5,21 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from importlib import import_module
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
 from eightpost.corners import CORNERS, channel
+from eightpost.errors import ParameterError
 from eightpost.ident.preparation import Prepared
 from eightpost.ident.vehicle.experiment import Baseline, Experiment, find_baseline, quantity
-from eightpost.ident.vehicle.many_setups import port_slope
 from eightpost.ident.vehicle.port_search import about_tests
-from eightpost.ident.vehicle.recipes import recipe
+from eightpost.ident.vehicle.simulation import port_slope
 from eightpost.ident.vehicle.static_rating import StaticRating, rate_tests
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, with_validity
-from eightpost.rig.post import RigTest
+from eightpost.rig import RigTest
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade, Reason, Rules, listed
 
@@ -109,22 +110,16 @@ class _Relative(NamedTuple):
 
 
 def compare_tests(records: Sequence[TimeSeries], means: Sequence[Mapping[str, float]]) -> Agreement:
-    """Compare the tests of a car with each other, and the halves of each test.
-
-    Args:
-        records: Records of the tests, without means.
-        means: Means of each record, by channel.
-    """
-    found, rubbing = list(_weights(records, means)), {}
+    """Compare the tests of a car, records without means, with each other, and the halves of each test."""
+    relative, rubbing = list(_weights(records, means)), {}
     if all(channel(corner, name) in record for record in records for corner in CORNERS for name in _NEEDED):
         for place, corner in enumerate(CORNERS):
-            wheel = _relative(records, corner, CORNERS[place ^ 1])
-            rubbing[corner] = wheel.rubbing
-            found.extend(wheel.values)
+            values, rubbing[corner] = _relative(records, corner, CORNERS[place ^ 1])
+            relative += values
     changes = []
     for name in LIMITS:
-        rows = [row for row in found if row.quantity == name]
-        changes += [change for change in (_between(rows), _within(rows)) if change is not None] if rows else []
+        if rows := [row for row in relative if row.quantity == name]:
+            changes += [change for change in (_between(rows), _within(rows)) if change is not None]
     return Agreement(tuple(changes), rubbing)
 
 
@@ -134,25 +129,24 @@ def _between(rows: Sequence[_Relative]) -> Change | None:
     deviations = np.stack([0.5 * np.hypot(*row.deviations.T) for row in rows])
     size = np.nan_to_num(means[:, :, None] - means[:, None, :])
     noise = np.hypot(deviations[:, :, None], deviations[:, None, :])
-    size = np.where(_matters(size, noise, LIMITS[rows[0].quantity].tests), size, 0.0)
+    size = _that_matters(size, noise, LIMITS[rows[0].quantity].tests)
     usual = int(np.argmin(size.any(axis=0).sum(axis=0)))
-    return _change(rows, size[:, :, usual], within=False)
+    return _largest(rows, size[:, :, usual], within=False)
 
 
 def _within(rows: Sequence[_Relative]) -> Change | None:
     """Return the change of a quantity, known at several places, from the first to the second half of tests."""
     size = np.stack([row.values[:, 1] - row.values[:, 0] for row in rows])
     noise = np.stack([np.hypot(*row.deviations.T) for row in rows])
-    size = np.where(_matters(size, noise, LIMITS[rows[0].quantity].halves), size, 0.0)
-    return _change(rows, size, within=True)
+    return _largest(rows, _that_matters(size, noise, LIMITS[rows[0].quantity].halves), within=True)
 
 
-def _matters(size: Array, noise: Array, least: float) -> NDArray[np.bool_]:
-    return np.asarray((np.abs(size) > least) & (np.abs(size) > SIGNIFICANT * noise), dtype=np.bool_)
+def _that_matters(size: Array, noise: Array, least: float) -> Array:
+    return np.where((np.abs(size) > least) & (np.abs(size) > SIGNIFICANT * noise), size, 0.0)
 
 
-def _change(rows: Sequence[_Relative], size: Array, *, within: bool) -> Change | None:
-    """Return the largest change that matters, from changes at places in tests (places, tests); None if all are 0."""
+def _largest(rows: Sequence[_Relative], size: Array, *, within: bool) -> Change | None:
+    """Return the largest of changes at places in tests (places, tests); None if all are 0."""
     place, test = divmod(int(np.argmax(np.abs(size))), size.shape[1])
     if size[place, test] == 0.0:
         return None
@@ -183,30 +177,28 @@ def _weights(records: Sequence[TimeSeries], means: Sequence[Mapping[str, float]]
 # ---- Balance of a wheel ---------------------------------------------------------------------------------------------
 
 
-class _Wheel(NamedTuple):
-    values: tuple[_Relative, ...]
-    rubbing: float
+def _relative(records: Sequence[TimeSeries], corner: str, other: str) -> tuple[list[_Relative], float]:
+    """Return the relative springs, anti-roll bar and friction of a wheel in the halves of the tests.
 
-
-def _relative(records: Sequence[TimeSeries], corner: str, other: str) -> _Wheel:
-    """Return the relative springs, anti-roll bar and friction of a wheel in the halves of the tests."""
+    Also return the median friction relative to the RMS of the shock force.
+    """
     grams = [half for record in records for half in _halves(_terms(record, corner, other), record.sample_rate)]
     theta, covariance = _solved(grams)
     rate, opposite, friction, _ = np.median(theta, axis=0).tolist()
     force = float(np.mean([record[channel(corner, "force")].std() for record in records]))
     slopes = np.array([port_slope(record, corner) for record in records])
     alike = np.abs(slopes / np.median(slopes) - 1.0) < _OTHER_SHOCK
-    scaled = (
+    rubbing = math.copysign(max(abs(friction), _LEAST_FRICTION * force), rate)
+    axle, rows = "front" if corner in CORNERS[:2] else "rear", []
+    for term, where, weights, size in (
         ("spring rate", corner, (1.0, 1.0, 0.0, 0.0), rate + opposite),
-        ("anti-roll bar", "front" if corner in CORNERS[:2] else "rear", (0.0, -1.0, 0.0, 0.0), rate),
-        ("friction", corner, (0.0, 0.0, 1.0, 0.0), math.copysign(max(abs(friction), _LEAST_FRICTION * force), rate)),
-    )
-    rows = []
-    for term, where, weights, size in scaled:
+        ("anti-roll bar", axle, (0.0, -1.0, 0.0, 0.0), rate),
+        ("friction", corner, (0.0, 0.0, 1.0, 0.0), rubbing),
+    ):
         w = np.array(weights) / size
         deviations = np.sqrt(np.einsum("kij,i,j->k", covariance, w, w))
         rows.append(_Relative(term, where, (theta @ w).reshape(-1, 2), deviations.reshape(-1, 2), alike))
-    return _Wheel(tuple(rows), abs(friction) / force)
+    return rows, abs(friction) / force
 
 
 def _terms(record: TimeSeries, corner: str, other: str) -> Array:
@@ -331,27 +323,28 @@ def reasons_of_tests(prepared: Prepared, experiment: Experiment) -> tuple[Reason
 
 
 def _changed(change: Change, names: Sequence[str]) -> Reason:
-    rule = OTHER_CAR if change.is_unusable else CHANGED
+    least = LIMITS[change.quantity].halves if change.within else LIMITS[change.quantity].tests
     size = f"{change.where} {100 * change.size:+.0f} %"
     if change.quantity == "anti-roll bar":
         size += " of the wheel's rate"
     if change.within:
-        count = len(change.tests)
-        where, least = f"within {count} tests" if count > 1 else "within a test", LIMITS[change.quantity].halves
-        figure = f"{size} from the first to the second half; limit {100 * least:g} %"
+        where, count = "from the first to the second half", len(change.tests)
+        between = f"within {count} tests" if count > 1 else "within a test"
     else:
-        others = listed(name for k, name in enumerate(names) if k not in change.tests)
-        where, least = "between tests", LIMITS[change.quantity].tests
-        figure = f"{size} from {others}; limit {100 * least:g} %"
-    origin = listed(names[k] for k in change.tests)
-    return rule.reason(f"the {change.quantity} changed {where}", figure=figure, origin=origin)
+        where = f"from {listed(name for k, name in enumerate(names) if k not in change.tests)}"
+        between = "between tests"
+    return (OTHER_CAR if change.is_unusable else CHANGED).reason(
+        f"the {change.quantity} changed {between}",
+        figure=f"{size} {where}; limit {100 * least:g} %",
+        origin=listed(names[k] for k in change.tests),
+    )
 
 
 def _held(prepared: Prepared, rubbing: Mapping[str, float]) -> Iterator[Reason]:
     """Yield a reason if friction holds the wheel that rubs most."""
-    if not rubbing:
+    corner = max(rubbing, key=lambda name: rubbing[name], default="")
+    if not corner:
         return
-    corner = max(rubbing, key=lambda name: rubbing[name])
     slow = max(float(np.mean(np.abs(record[channel(corner, "velocity")]) < _SLOW)) for record in prepared.records)
     for rule, (rubs, sticks) in ((HELD, _HOLDS), (GENTLE, _RUBS)):
         if rubbing[corner] > rubs and slow > sticks:
@@ -402,6 +395,37 @@ def _is_same(records: Sequence[TimeSeries], name: str) -> bool:
     return bool(np.min(np.corrcoef([record[name][:size] for record in records])[0]) > _SAME)
 
 
+# ==== Recipes ========================================================================================================
+
+#: Modules of the recipes by name, each with its recipe as `RECIPE`; a module is imported when its recipe is requested.
+#: `eightpost identify` repeats the names.
+RECIPES = {
+    "boggs": "eightpost.ident.vehicle.boggs",
+    "common-poles": "eightpost.ident.vehicle.common_poles",
+    "grey-box": "eightpost.ident.grey_box.recipe",
+}
+
+
+class VehicleRecipe(Protocol):
+    """Method of identifying a vehicle from rig tests: a frozen dataclass of settings."""
+
+    def identify(self, tests: Sequence[TimeSeries], experiment: Experiment) -> VehicleFit:
+        """Identify a vehicle.
+
+        Raises:
+            InputError: Tests and experiment do not match, or the effects of the inputs cannot be separated.
+        """
+        ...
+
+
+def recipe(name: str) -> VehicleRecipe:
+    """Return the recipe with the given name and its default settings; ParameterError: the name is unknown."""
+    if name not in RECIPES:
+        raise ParameterError(f"there is no recipe {name!r}; use one of {', '.join(RECIPES)}")
+    chosen: VehicleRecipe = import_module(RECIPES[name]).RECIPE
+    return chosen
+
+
 # ==== The plan =======================================================================================================
 
 
@@ -441,13 +465,8 @@ def plan_identification(
 ) -> IdentificationPlan:
     """Plan an identification.
 
-    Args:
-        prepared: Prepared records of rig tests.
-        name: Name of the vehicle.
-        baseline: Index of the baseline test; None: found from the damping of the shocks.
-        damping: Damping about which the vehicle is identified [N.s/m]; None: the slope of each baseline shock.
-        outputs: Outputs of the model; empty: all possible ones.
-        static: Tests with held loads.
+    The default baseline test is found from the damping of the shocks; the default damping about which the vehicle is
+    identified [N.s/m] is the slope of each baseline shock; without `outputs` the model has all possible ones.
 
     Raises:
         InputError: The effects of the shocks cannot be separated.

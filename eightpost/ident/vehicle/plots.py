@@ -1,20 +1,61 @@
-"""Plots of the identification of a vehicle."""
+"""Pictures of frequency responses, of an identification, and of a parameter's effect."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
-from typing import Literal
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eightpost.array_types import Array, Complex
-from eightpost.ident.response import FrequencyResponse, response_of
-from eightpost.ident.vehicle.common_poles.common_pole_fit import CLEAR_GAP
-from eightpost.ident.vehicle.magnitude_plots import COLUMNS
+from eightpost.errors import InputError
+from eightpost.ident.vehicle.common_pole_fit import CLEAR_GAP
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, response_of
 from eightpost.ident.vehicle.trust import Orders
-from eightpost.ident.vehicle.vehicle_fit import VehicleFit
-from eightpost.report.pictures import Axes, Figure, new_figure, save, ticks_at_1_2_5
+from eightpost.report.pictures import Axes, Figure, new_figure, panels_of, save, ticks_at_1_2_5
+from eightpost.vehicle import IdentifiedVehicle, Mode, StateSpace, Vehicle
+from eightpost.vehicle.structural import scaled
+
+#: Largest number of panels side by side.
+COLUMNS = 4
+#: Magnitude relative to the largest of a panel below which a curve is not drawn, as the channel does not respond [1].
+_NOTHING = 1e-9
+
+
+def plot_magnitudes(responses: Mapping[str, FrequencyResponse], output: str, path: str | Path) -> None:
+    """Write a PNG of `20 log10 |H|` of one output: one panel per input, one line per response (Eq 4.8)."""
+    save(magnitudes(responses, output), path, format="png")
+
+
+def magnitudes(responses: Mapping[str, FrequencyResponse], output: str) -> Figure:
+    """Return the figure of `plot_magnitudes`."""
+    first = next(iter(responses.values()))
+    inputs = first.input_names
+    columns = min(COLUMNS, len(inputs))
+    figure = new_figure(4.2 * columns, 3.4 * -(-len(inputs) // columns))
+    panels = panels_of(figure, len(inputs), columns, sharex=True)
+    for axes, name in zip(panels, inputs, strict=True):
+        _panel(axes, responses, output, name)
+    if len(responses) > 1:
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(responses))
+    return figure
+
+
+def _panel(axes: Axes, responses: Mapping[str, FrequencyResponse], output: str, source: str) -> None:
+    largest = max(float(np.abs(response.between(output, source)).max()) for response in responses.values())
+    for label, response in responses.items():
+        size = np.abs(response.between(output, source))
+        shown = np.where(size > _NOTHING * max(largest, 1e-300), size, np.nan)
+        axes.plot(response.frequency, 20.0 * np.log10(shown), label=label, linewidth=1.3)
+    first = next(iter(responses.values()))
+    unit = first.outputs[first.output_names.index(output)].unit
+    per = first.inputs[first.input_names.index(source)].unit
+    axes.set(title=f"{output} / {source}", xlabel="frequency [Hz]", ylabel=f"magnitude [dB re {unit} per {per}]")
+    axes.grid(alpha=0.3)
+
 
 # ---- Plots of a fit -------------------------------------------------------------------------------------------------
 
@@ -28,22 +69,23 @@ _LOW, _HIGH = 0.3, 25.0
 _COMPRESSION = 3
 
 
-def plot_fits(fit: VehicleFit, outputs: Sequence[str], folder: Path) -> list[Path]:
+#: Key outputs: shock velocities, and the outputs that setups are judged by.
+KEY_OUTPUTS = ("velocity", "tire_force", "ride_height")
+
+
+def plot_fits(estimate: FrequencyResponse, model: StateSpace, recipe: str, folder: Path) -> list[Path]:
     """Write a PNG for each output with its responses to every input (estimate and model) and the coherence below.
 
-    Args:
-        fit: Fit of the vehicle.
-        outputs: Names of the outputs to plot.
-        folder: Folder for the PNGs, each named after its output. A file is replaced completely or not at all.
+    Each is named after its output, and is replaced completely or not at all.
     """
-    if not outputs:
+    if not estimate.outputs:
         return []
-    estimate = fit.response.select(outputs=outputs).band(_LOW, _HIGH)
-    model = response_of(fit.vehicle.state_space.select(outputs=outputs), estimate.frequency)
-    sheet = _Sheet(estimate, fit.recipe)
-    paths = [folder / f"{output}.png" for output in outputs]
+    estimate = estimate.band(_LOW, _HIGH)
+    fitted = response_of(model, estimate.frequency)
+    sheet = _Sheet(estimate, recipe)
+    paths = [folder / f"{output}.png" for output in estimate.output_names]
     for row, path in enumerate(paths):
-        sheet.show(estimate, model, row)
+        sheet.show(estimate, fitted, row)
         save(sheet.figure, path, format="png", dpi=90, pil_kwargs={"compress_level": _COMPRESSION})
     return paths
 
@@ -52,10 +94,6 @@ class _Sheet:
     """Figure with the panels of one output, created once and filled for one output after another to save time.
 
     Positions are computed here, as an automatic layout would double the time.
-
-    Args:
-        estimate: Estimated response; each of its inputs has a panel.
-        recipe: Name of the recipe for the title.
     """
 
     def __init__(self, estimate: FrequencyResponse, recipe: str) -> None:
@@ -150,7 +188,7 @@ def _decibels(path: Complex) -> Array:
 # ---- Stabilisation diagram: poles of models of increasing order, and which of them are stable ------------------------
 
 
-def _plot_stabilisation(orders: Orders, path: Path) -> None:
+def plot_stabilisation(orders: Orders, path: Path) -> None:
     """Write a PNG of the poles over frequency and order, and of the gaps of the singular values."""
     figure = new_figure(11.0, 4.6)
     poles, gaps = figure.subplots(1, 2, sharey=True, width_ratios=(4, 1))
@@ -177,17 +215,52 @@ def _draw_poles(axes: Axes, orders: Orders) -> None:
     axes.grid(alpha=0.3)
 
 
-# ---- All plots of an identification ---------------------------------------------------------------------------------
+# ---- Effect of a parameter of a structural vehicle on its frequency responses and modes (4.1.2, 5.1.2) --------------
 
-#: Key outputs: shock velocities, and the outputs that setups are judged by.
-KEY_OUTPUTS = ("velocity", "tire_force", "ride_height")
+#: Number of frequencies in a response file and in a picture.
+_POINTS = 800
 
 
-def plot_identification(fit: VehicleFit, folder: Path, outputs: Literal["none", "main", "all"]) -> list[Path]:
-    """Draw the fit of the key outputs (main) or of all, and the stabilisation diagram; return the pictures."""
-    names = [n for n in fit.residual if outputs == "all" or (outputs == "main" and n.endswith(KEY_OUTPUTS))]
-    drawn = plot_fits(fit, names, folder)
-    if outputs != "none" and fit.trust is not None and fit.trust.orders is not None:
-        drawn.append(folder / "stabilisation.png")
-        _plot_stabilisation(fit.trust.orders, drawn[-1])
-    return drawn
+class Variant(NamedTuple):
+    """Response and modes of a vehicle, with its dampers."""
+
+    response: FrequencyResponse
+    modes: tuple[Mode, ...]
+
+
+def frequencies_to(high: float) -> NDArray[np.float64]:
+    """Return the frequencies [Hz] of a response file and of a picture, up to `high`; InputError: it is not possible."""
+    if not 0.0 < high < 1e4:
+        raise InputError(f"--high {high:g}: give a frequency between 0 and 10000 Hz")
+    return np.linspace(high / _POINTS, high, _POINTS)
+
+
+def variants_of(
+    vehicle: Vehicle, parameter: str | None, factors: Sequence[float], frequency: NDArray[np.float64]
+) -> dict[str, Variant]:
+    """Return a vehicle as it is, or with a parameter multiplied by each factor, by a label for tables and pictures.
+
+    A parameter with a value per corner is multiplied at all four corners. The frequencies (K,) are in Hz.
+
+    Raises:
+        InputError: The vehicle is an identified model, has no such parameter, or the parameter has no value.
+        ParameterError: A factor takes the parameter out of its range.
+    """
+    if parameter is None:
+        return {"as given": _variant(vehicle.with_damper(), frequency)}
+    if isinstance(vehicle, IdentifiedVehicle):
+        raise InputError(
+            f"{vehicle.name} is an identified model, which has no {parameter} to vary; give a .toml vehicle"
+        )
+    names = [declared.name for declared in fields(vehicle.parameters)]
+    if parameter not in names:
+        raise InputError(f"the vehicle has no parameter {parameter!r}; its parameters are {', '.join(names)}")
+    if getattr(vehicle.parameters, parameter) is None:
+        what = f"{parameter} has no value in this vehicle, so it cannot be varied; add it to the vehicle file"
+        raise InputError(what)
+    models = {factor: scaled(vehicle.parameters, parameter, factor).with_damper() for factor in factors}
+    return {f"{parameter} x {factor:g}": _variant(model, frequency) for factor, model in models.items()}
+
+
+def _variant(model: StateSpace, frequency: NDArray[np.float64]) -> Variant:
+    return Variant(response_of(model, frequency), model.modes())

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from eightpost.array_types import Array, Complex
 from eightpost.corners import channel
 from eightpost.errors import TooShortError
-from eightpost.ident.response.records import Records, gather
 from eightpost.ident.threads import for_each
+from eightpost.ident.vehicle.estimators import whole_spectra
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.port_laws import bristle_force, direction
+from eightpost.ident.vehicle.records import Records, gather
+from eightpost.ident.vehicle.simulation import bristle_force, direction
 from eightpost.ident.vehicle.trust import SIGNIFICANT, ForceEstimate
 from eightpost.progress import parts, portion
 from eightpost.signals import TimeSeries
@@ -59,40 +60,28 @@ def _bends(k: int) -> Array:
 
 
 def bands(records: Records, *, low: float, high: float, inputs: int) -> Iterator[Band]:
-    """Yield the bands from `low` to `high` [Hz].
-
-    Args:
-        records: Records of the tests.
-        low: Lowest frequency [Hz].
-        high: Highest frequency [Hz].
-        inputs: Number of inputs that are fitted at once; it determines the width of the bands.
+    """Yield the bands from `low` to `high` [Hz], wide enough to fit a number of `inputs` at once.
 
     Raises:
         TooShortError: The records have too few frequency bins for one band.
     """
-    size = min(test.u.shape[1] for test in records.tests)
-    lines = np.arange(size // 2 + 1) * (records.rate / size)
-    kept = np.flatnonzero((lines >= low) & (lines <= high))
-    tests = len(records.tests)
+    spectra, tests = whole_spectra(records, high), len(records.tests)
+    inside = spectra.frequency >= low
+    lines, U, Y = spectra.frequency[inside], spectra.U[:, inside], spectra.Y[:, inside]
     width = int(np.ceil(_SPARE * (_DEGREE + 1) * (inputs + tests) / tests))
     width = max(width, (_DEGREE + 1) * (inputs + 2))
-    if kept.size < width:
+    if lines.size < width:
         raise TooShortError(
-            f"the records have {kept.size} frequency bins from {low:g} to {high:g} Hz, but {inputs} inputs need "
+            f"the records have {lines.size} frequency bins from {low:g} to {high:g} Hz, but {inputs} inputs need "
             f"{width}; use longer records"
         )
-    U, Y = (_spectra(rows, size, kept) for rows in ([t.u for t in records.tests], [t.y for t in records.tests]))
     power = np.mean(np.abs(U) ** 2, axis=0)
-    starts = range(0, kept.size - width + 1, width)
+    starts = range(0, lines.size - width + 1, width)
     local = np.stack([power[k : k + width].mean(axis=0) for k in starts])
     active = local > _POWER_FLOOR**2 * local.max(axis=0)
     for k, mask in zip(starts, active, strict=True):
         part = slice(k, k + width)
-        yield Band(float(lines[kept[k + width // 2]]), U[:, part], Y[:, part], mask)
-
-
-def _spectra(rows: Sequence[Array], size: int, kept: NDArray[np.intp]) -> Complex:
-    return np.stack([np.fft.rfft(values[:, :size])[:, kept].T for values in rows])
+        yield Band(float(lines[k + width // 2]), U[:, part], Y[:, part], mask)
 
 
 # ---- Forces at the ports from bands of spectra ----------------------------------------------------------------------
@@ -120,34 +109,27 @@ class ForceSolution(NamedTuple):
 def solve_forces(parts: Sequence[Band], inputs: int, iterations: int) -> ForceSolution:
     """Estimate the forces at the ports.
 
-    Args:
-        parts: Bands with `inputs` inputs, force inputs last, followed by the signal of a unit force at each port.
-        inputs: Number of inputs without the signals of unit forces.
-        iterations: Number of Gauss-Newton steps, starting from zero forces.
+    The bands have `inputs` inputs, force inputs last, followed by the signal of a unit force at each port.
     """
     ports = parts[0].U.shape[2] - inputs
     forces = np.zeros(ports)
-    noise = for_each(parts, lambda part: _BandFit.of(part, inputs, forces).noise)
+
+    def noise_of(part: Band) -> Array:
+        return _BandFit.of(part, inputs, forces).noise
+
+    def slopes_of(pair: tuple[Band, Array]) -> tuple[Array, Array]:
+        return _BandFit.of(pair[0], inputs, forces).slopes(pair[1])
+
+    noise = for_each(parts, noise_of)
     for _ in range(iterations):
-        slopes = _slopes(parts, noise, inputs, forces)
-        matrix = np.sum([slope.matrix for slope in slopes], axis=0)
-        gradients = np.stack([slope.gradient for slope in slopes])
-        inverse = np.linalg.inv(matrix)
+        slopes = for_each(zip(parts, noise, strict=True), slopes_of)
+        gradients = np.stack([gradient for _, gradient in slopes])
+        inverse = np.linalg.inv(np.sum([matrix for matrix, _ in slopes], axis=0))
         forces = forces + inverse @ gradients.sum(axis=0)
     # At the minimum the gradients of independent bands scatter around zero.
     scatter = gradients - gradients.mean(axis=0)
-    left = np.divide(for_each(parts, lambda part: _BandFit.of(part, inputs, forces).noise), noise)
+    left = np.divide(for_each(parts, noise_of), noise)
     return ForceSolution(forces, inverse @ (scatter.T @ scatter) @ inverse, np.mean(np.square(left), axis=0))
-
-
-def _slopes(parts: Sequence[Band], noise: Sequence[Array], inputs: int, forces: Array) -> list[_Slopes]:
-    weighted = zip(parts, noise, strict=True)
-    return for_each(weighted, lambda pair: _BandFit.of(pair[0], inputs, forces).slopes(pair[1]))
-
-
-class _Slopes(NamedTuple):
-    matrix: Array
-    gradient: Array
 
 
 class _BandFit(NamedTuple):
@@ -182,23 +164,38 @@ class _BandFit(NamedTuple):
         free = max(len(self.misfit) - self.Q.shape[1], 1)
         return np.asarray(np.sqrt(np.sum(np.abs(self.misfit) ** 2, axis=0) / free))
 
-    def slopes(self, noise: Array) -> _Slopes:
+    def slopes(self, noise: Array) -> tuple[Array, Array]:
         """Return the curvature (P, P) and the negative gradient (P,) of half the weighted residual by F."""
         ports = self.band.U.shape[2] - self.inputs
         explained = np.stack([self._explained(port, ports) / noise for port in range(ports)])
         flat = explained.reshape(ports, -1)
         misfit = (self.misfit / noise).reshape(-1)
-        return _Slopes(np.real(flat.conj() @ flat.T), np.real(flat.conj() @ misfit))
+        return np.real(flat.conj() @ flat.T), np.real(flat.conj() @ misfit)
 
     def _explained(self, port: int, ports: int) -> Complex:
         """Return the effect of a unit force at a port on the outputs (rows, p) that the columns cannot explain."""
         place = self.inputs - ports + port
         if not self.active[place]:
             return np.zeros_like(self.misfit)
-        own, count = int(self.active[:place].sum()), int(self.active.sum())
+        before, count = int(self.active[:place].sum()), int(self.active.sum())
         columns = self.band.columns(self.band.U[..., [self.inputs + port]])
-        answer = columns @ self.coefficients[own::count][: columns.shape[1]]
+        answer = columns @ self.coefficients[before::count][: columns.shape[1]]
         return np.asarray(answer - self.Q @ (self.Q.conj().T @ answer))
+
+
+def _forces_of(
+    tests: Sequence[TimeSeries], experiment: Experiment, kind: str, band: tuple[float, float], iterations: int
+) -> ForceSolution:
+    """Return the forces at the ports whose unit signals are the channels `kind` of the tests."""
+    signals = [channel(port, kind) for port in experiment.ports]
+    records = gather(tests, [*experiment.inputs, *signals], experiment.outputs, experiment.baseline_damping)
+    count = len(experiment.inputs)
+    return solve_forces(list(bands(records, low=band[0], high=band[1], inputs=count)), count, iterations)
+
+
+def _first(series: TimeSeries, seconds: float) -> TimeSeries:
+    samples = round(seconds * series.sample_rate)
+    return series if len(series) <= samples else series.window(float(series.time[0]), float(series.time[samples]))
 
 
 # ==== Friction: which law explains most ==============================================================================
@@ -211,18 +208,6 @@ REACHES = (3e-5, 6e-5, 1e-4, 1.5e-4, 3e-4)
 STATIC_RATIOS = (1.0, 1.15)
 
 
-class Candidate(NamedTuple):
-    """A law that was tried: friction of 1 N, and the mean square that it leaves unexplained, relative to none [1]."""
-
-    law: Friction
-    cost: float
-
-    @property
-    def width(self) -> float:
-        """Reach of the bristle [m], or velocity v_f of the tanh [m/s]."""
-        return self.law.bristle.reach if self.law.bristle.force else self.law.velocity
-
-
 @dataclass(frozen=True, slots=True)
 class FrictionSearch:
     """Settings of the friction estimate. All ports have the same law, each with its own force."""
@@ -231,7 +216,6 @@ class FrictionSearch:
     velocities: tuple[float, ...] = VELOCITIES
     #: Reaches z_s of a bristle to try [m], in increasing order; empty: no bristle.
     reaches: tuple[float, ...] = REACHES
-    static_ratios: tuple[float, ...] = STATIC_RATIOS  #: Ratios of static to sliding friction of the bristle to try [1].
     #: Durations of each record that are used to choose the law and to find the forces [s].
     seconds: tuple[float, float] = (100.0, 400.0)
     low: float = 0.3  #: Lowest frequency [Hz].
@@ -246,38 +230,39 @@ class FrictionSearch:
     def find(self, tests: Sequence[TimeSeries], experiment: Experiment) -> FrictionEstimate:
         """Estimate the friction of every port with the law that leaves least unexplained.
 
-        Args:
-            tests: Records with the channels of the experiment, all at one sample rate.
-            experiment: Inputs, shock forces and outputs of the tests.
+        The records have the channels of the experiment, all at one sample rate.
 
         Raises:
             TooShortError: The records have too few frequency bins.
         """
         brief, whole = ([_first(test, duration) for test in tests] for duration in self.seconds)
-        with portion(0.0, 0.4):
-            tried = [self._tried(brief, experiment, Friction(1.0, velocity)) for velocity in parts(self.velocities)]
-        first, *others = self.static_ratios
-        with portion(0.4, 0.8):
-            bristles = [self._tried(brief, experiment, Friction(bristle=Bristle(1.0, reach, first)))
-                        for reach in parts(self.reaches)]  # fmt: skip
-        best = min((family for family in (tried, bristles) if family), key=_least)
-        law = _with_width(best[0].law, _lowest(best))
-        if law.bristle.force:
-            # The reach hardly depends on the ratio, so other ratios are tried with the best reach only.
-            ratios = [law._replace(bristle=replace(law.bristle, static_ratio=ratio)) for ratio in (first, *others)]
-            at_best = [self._tried(brief, experiment, ratio) for ratio in ratios]
-            law, bristles = min(at_best, key=lambda one: one.cost).law, [*bristles, *at_best]
-        return _estimate(experiment, self._at(whole, experiment, law), law, (*tried, *bristles))
 
-    def _tried(self, tests: Sequence[TimeSeries], experiment: Experiment, law: Friction) -> Candidate:
-        return Candidate(law, self._at(tests, experiment, law).cost)
+        def cost(law: Friction) -> float:
+            return self._at(brief, experiment, law).cost
+
+        with portion(0.0, 0.4):
+            creeping = [cost(Friction(1.0, velocity)) for velocity in parts(self.velocities)]
+        with portion(0.4, 0.8):
+            sticking = [cost(_sticking(reach, STATIC_RATIOS[0])) for reach in parts(self.reaches)]
+        if not sticking or (creeping and min(creeping) <= min(sticking)):
+            law = Friction(1.0, _lowest(self.velocities, creeping))
+        else:
+            # The reach hardly depends on the ratio, so all ratios are tried with the best reach.
+            reach = _lowest(self.reaches, sticking)
+            law = min((_sticking(reach, ratio) for ratio in STATIC_RATIOS), key=cost)
+        return _estimate(experiment, self._at(whole, experiment, law), law)
 
     def _at(self, tests: Sequence[TimeSeries], experiment: Experiment, law: Friction) -> ForceSolution:
-        marked = [_with_unit_friction(test, experiment.ports, law) for test in tests]
-        units = [channel(port, "unit_friction") for port in experiment.ports]
-        records = gather(marked, [*experiment.inputs, *units], experiment.outputs, experiment.baseline_damping)
-        count = len(experiment.inputs)
-        return solve_forces(list(bands(records, low=self.low, high=self.high, inputs=count)), count, self.iterations)
+        """Return the forces for a law of 1 N at every port."""
+        marked = []
+        for test in tests:
+            for port in experiment.ports:
+                velocity, rate = test[channel(port, "velocity")], test.sample_rate
+                unit = bristle_force(velocity, rate, law.bristle) if law.bristle.force else direction(
+                    velocity, rate, law.velocity)  # fmt: skip
+                test = test.with_channel(channel(port, "unit_friction"), "1", unit)  # noqa: PLW2901
+            marked.append(test)
+        return _forces_of(marked, experiment, "unit_friction", (self.low, self.high), self.iterations)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -289,7 +274,6 @@ class FrictionEstimate:
     forces: Mapping[str, ForceEstimate]
     #: Mean square of the part that no linear response explains, with friction relative to without [1], by output.
     residual: Mapping[str, float]
-    profile: tuple[Candidate, ...]  #: All laws that were tried.
 
     @property
     def acts(self) -> bool:
@@ -301,67 +285,28 @@ class FrictionEstimate:
         """Whether the friction at any port is a bristle."""
         return any(law.bristle.force > 0.0 for law in self.friction.values())
 
-    def table(self) -> str:
-        """Return the RMS of every output's residual with friction, relative to that without, as a Markdown table."""
-        lines = ["| output | residual with friction relative to without [%] |", "|---|---|"]
-        return "\n".join((*lines, *(f"| {name} | {100.0 * share**0.5:.0f} |" for name, share in self.residual.items())))
-
     def summary(self) -> str:
         """Return the forces, the law, and the part of the residual that remains as a sentence."""
         if not self.acts:
             return "No significant friction was found at the ports."
         forces = ", ".join(f"{port or 'port'} {force.text}" for port, force in self.forces.items())
         left = 100.0 * float(np.mean(list(self.residual.values())))
-        law = law_text(next(law for law in self.friction.values() if law.acts))
+        law = next(law for law in self.friction.values() if law.acts)
+        text = f"it creeps (tanh, friction velocity {1e3 * law.velocity:.2g} mm/s)"
+        if law.bristle.force:
+            reach, ratio = 1e3 * law.bristle.reach, law.bristle.static_ratio
+            text = f"it sticks (bristle, reach {reach:.2g} mm, static over sliding force {ratio:.3g})"
         about = "Friction at the ports (+- two standard deviations)"
-        return f"{about}: {forces}; {law}; {left:.0f} % of the residual remains."
+        return f"{about}: {forces}; {text}; {left:.0f} % of the residual remains."
 
 
-def law_text(law: Friction) -> str:
-    """Return the law of a friction and its width as text."""
-    if law.bristle.force:
-        own = law.bristle
-        return f"it sticks (bristle, reach {1e3 * own.reach:.2g} mm, static over sliding force {own.static_ratio:.3g})"
-    return f"it creeps (tanh, friction velocity {1e3 * law.velocity:.2g} mm/s)"
+def _sticking(reach: float, ratio: float) -> Friction:
+    return Friction(bristle=Bristle(1.0, reach, ratio))
 
 
-def _with_unit_friction(series: TimeSeries, ports: Sequence[str], law: Friction) -> TimeSeries:
-    """Return a record with the law of 1 N at every port in the channel `unit_friction`."""
-    for port in ports:
-        values = _unit(series[channel(port, "velocity")], series.sample_rate, law)
-        series = series.with_channel(channel(port, "unit_friction"), "1", values)
-    return series
-
-
-def _unit(velocity: Array, rate: float, law: Friction) -> Array:
-    return bristle_force(velocity, rate, law.bristle) if law.bristle.force else direction(velocity, rate, law.velocity)
-
-
-def _with_width(law: Friction, width: float) -> Friction:
-    if law.bristle.force:
-        return law._replace(bristle=replace(law.bristle, reach=width))
-    return law._replace(velocity=width)
-
-
-def _scaled(law: Friction, force: float) -> Friction:
-    """Return a law of 1 N with another force."""
-    if law.bristle.force:
-        return law._replace(bristle=replace(law.bristle, force=force))
-    return law._replace(force=force)
-
-
-def _first(series: TimeSeries, seconds: float) -> TimeSeries:
-    samples = round(seconds * series.sample_rate)
-    return series if len(series) <= samples else series.window(float(series.time[0]), float(series.time[0]) + seconds)
-
-
-def _least(family: Sequence[Candidate]) -> float:
-    return min(tried.cost for tried in family)
-
-
-def _lowest(family: Sequence[Candidate]) -> float:
+def _lowest(widths: Sequence[float], costs: Sequence[float]) -> float:
     """Return the minimum of the parabola over the width's logarithm through the lowest point and its neighbours."""
-    x, y = np.log([tried.width for tried in family]), np.array([tried.cost for tried in family])
+    x, y = np.log(widths), np.array(costs)
     k = int(np.argmin(y))
     if not 0 < k < len(y) - 1:
         return float(np.exp(x[k]))
@@ -369,17 +314,14 @@ def _lowest(family: Sequence[Candidate]) -> float:
     return float(np.exp(np.clip(-0.5 * b / a, x[k - 1], x[k + 1])))
 
 
-def _estimate(
-    experiment: Experiment, found: ForceSolution, law: Friction, profile: tuple[Candidate, ...]
-) -> FrictionEstimate:
-    forces = found.estimates(experiment.ports)
+def _estimate(experiment: Experiment, solution: ForceSolution, law: Friction) -> FrictionEstimate:
+    """Return the friction whose forces are significant, for a law of 1 N."""
+    forces = solution.estimates(experiment.ports)
     significant = {port: one.value if one.value > SIGNIFICANT * one.deviation else 0.0 for port, one in forces.items()}
-    return FrictionEstimate(
-        {port: _scaled(law, force) for port, force in significant.items()},
-        forces,
-        dict(zip(experiment.outputs, found.residual.tolist(), strict=True)),
-        profile,
-    )
+    sticks = law.bristle.force > 0.0
+    laws = {port: law._replace(bristle=replace(law.bristle, force=force)) if sticks else law._replace(force=force)
+            for port, force in significant.items()}  # fmt: skip
+    return FrictionEstimate(laws, forces, dict(zip(experiment.outputs, solution.residual.tolist(), strict=True)))
 
 
 # ==== Nonlinear springs: their test, and the coefficient of the port springs that represent them =====================
@@ -401,26 +343,24 @@ class SpringSearch:
     def find(self, tests: Sequence[TimeSeries], experiment: Experiment) -> Mapping[str, ForceEstimate]:
         """Return F_2 by port, or an empty mapping if the records have no travel of the ports.
 
-        Args:
-            tests: Records with the channels of the experiment and friction included in the forces, all at one sample
-                rate.
-            experiment: Inputs, shock forces and outputs of the tests.
+        The records have the channels of the experiment, all at one sample rate, and forces that include friction.
 
         Raises:
             TooShortError: The records have too few frequency bins.
         """
         if not all(channel(port, "displacement") in test for test in tests for port in experiment.ports):
             return {}
-        samples = round(self.seconds * tests[0].sample_rate)
-        sizes = mean_squares(tests[0], experiment.ports)
-        marked = [_with_squares(test, sizes, samples) for test in tests]
-        squares = [channel(port, "travel_squared") for port in experiment.ports]
-        records = gather(marked, [*experiment.inputs, *squares], experiment.outputs, experiment.baseline_damping)
-        count = len(experiment.inputs)
-        found = solve_forces(
-            list(bands(records, low=self.low, high=self.high, inputs=count)), count, iterations=self.iterations
-        )
-        return found.estimates(experiment.ports)
+        sizes, marked = mean_squares(tests[0], experiment.ports), []
+        for test in tests:
+            part = _first(test, self.seconds)
+            # The mean squares are the same for all records, so that one force belongs to all of them.
+            for port, size in sizes.items():
+                travel = part[channel(port, "displacement")]
+                squared = np.square(travel - travel.mean()) / size
+                part = part.with_channel(channel(port, "travel_squared"), "1", squared)
+            marked.append(part)
+        band = (self.low, self.high)
+        return _forces_of(marked, experiment, "travel_squared", band, self.iterations).estimates(experiment.ports)
 
 
 def mean_squares(series: TimeSeries, ports: Sequence[str]) -> dict[str, float]:
@@ -431,26 +371,17 @@ def mean_squares(series: TimeSeries, ports: Sequence[str]) -> dict[str, float]:
 def port_springs(
     springs: Mapping[str, ForceEstimate], tests: Sequence[TimeSeries], ports: Sequence[str]
 ) -> dict[str, float]:
-    """Return the coefficient k2 [N/m2] of the ports' springs `k2 d^2` whose force is significant, by port.
-
-    Args:
-        springs: Estimate of `SpringSearch`.
-        tests: Records of the estimate.
-        ports: Ports of the car.
-    """
+    """Return the coefficient k2 [N/m2] of the ports' springs `k2 d^2` with a significant force, by port."""
     found = {port: force.value for port, force in springs.items() if force.is_significant}
     sizes = mean_squares(tests[0], [port for port in ports if port in found])
     return {port: found[port] / size for port, size in sizes.items()}
 
 
 def about_tests(vehicle: IdentifiedVehicle, loads: Mapping[str, float]) -> IdentifiedVehicle:
-    """Return a vehicle whose port springs have the mean travel of its tests.
+    """Return a vehicle about the mean of its tests whose port springs have the mean travel of its tests.
 
-    It is unchanged if it has no steady state without loads.
-
-    Args:
-        vehicle: Vehicle about the mean of its tests.
-        loads: Mean loads on the chassis in the tests [N, N.m], by input.
+    `loads` are the mean loads on the chassis in the tests [N, N.m], by input. The vehicle is unchanged if it has no
+    steady state without loads.
     """
     try:
         without = _travel(vehicle, {load: -mean for load, mean in loads.items()})
@@ -461,11 +392,7 @@ def about_tests(vehicle: IdentifiedVehicle, loads: Mapping[str, float]) -> Ident
 
 
 def about_loads(vehicle: IdentifiedVehicle, loads: Mapping[str, float]) -> IdentifiedVehicle:
-    """Return a vehicle about the state with the mean loads of a drive, for simulations of the drive without its means.
-
-    Args:
-        vehicle: Vehicle that knows the mean travel of its tests.
-        loads: Mean loads of the drive [N, N.m], by input.
+    """Return a vehicle about the state with a drive's mean loads [N, N.m], to simulate the drive without its means.
 
     Raises:
         ValueError: There is no steady state with these loads.
@@ -491,12 +418,7 @@ def _travel(vehicle: IdentifiedVehicle, loads: Mapping[str, float]) -> dict[str,
 
 
 def nonlinear_spring_sentence(springs: Mapping[str, ForceEstimate], *, held: str = _LINEAR) -> str | None:
-    """Return a sentence on the nonlinear springs, or None if no force is significant.
-
-    Args:
-        springs: Estimate of `SpringSearch`.
-        held: Sentence on the springs of the model.
-    """
+    """Return a sentence on the nonlinear springs, or None if no force is significant; `held` is on the model."""
     found = {port: force for port, force in springs.items() if force.is_significant}
     if not found:
         return None
@@ -505,17 +427,3 @@ def nonlinear_spring_sentence(springs: Mapping[str, ForceEstimate], *, held: str
         "Springs or stops are not linear. Forces that grow with the square of the travel, at the RMS travel (+- two "
         f"standard deviations): {listed}. {held}"
     )
-
-
-def _with_squares(series: TimeSeries, sizes: Mapping[str, float], samples: int) -> TimeSeries:
-    """Return the first samples of a record with `s^2 / s_rms^2` of every port in the channel `travel_squared`.
-
-    The mean squares `sizes` [m2] are the same for all records, so that one force belongs to all of them.
-    """
-    if len(series) > samples:
-        series = series.window(float(series.time[0]), float(series.time[samples]))
-    for port, size in sizes.items():
-        travel = series[channel(port, "displacement")]
-        squared = np.square(travel - travel.mean()) / size
-        series = series.with_channel(channel(port, "travel_squared"), "1", squared)
-    return series

@@ -8,13 +8,14 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import eigh, svd
 from scipy.sparse import coo_array, csr_array
 
 from eightpost.array_types import Array, Complex
 from eightpost.errors import InputError, ParameterError, TooShortError
-from eightpost.ident.response import FrequencyResponse
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse
+from eightpost.least_squares import linear_solution
 from eightpost.progress import parts
 from eightpost.vehicle.statespace import Channel, Mode, StateSpace
 
@@ -25,16 +26,32 @@ from eightpost.vehicle.statespace import Channel, Mode, StateSpace
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _PolynomialBasis:
-    """Real polynomials of degree 0 to n."""
+    """Real polynomials of degree 0 to n with p_0 = 1 and a Hessenberg matrix (n + 1, n)."""
 
-    hessenberg: Array  #: Hessenberg matrix (n + 1, n).
-    first: float  #: Constant polynomial p_0.
+    hessenberg: Array
+
+    @classmethod
+    def orthonormal(cls, points: Complex, weight: Array, degree: int) -> _PolynomialBasis:
+        """Return polynomials that are orthonormal on `points` (K,) with a nonnegative `weight` (K,)."""
+        root = np.sqrt(weight / weight.sum())
+        Q = np.zeros((points.size, degree + 1), dtype=np.complex128)
+        hessenberg = np.zeros((degree + 1, degree))
+        Q[:, 0] = 1.0
+        for k in range(degree):
+            moved = points * Q[:, k]
+            for _ in range(2):  # the second pass removes rounding errors
+                share = np.real((root[:, None] * Q[:, : k + 1]).conj().T @ (root * moved))
+                moved -= Q[:, : k + 1] @ share
+                hessenberg[: k + 1, k] += share
+            hessenberg[k + 1, k] = np.linalg.norm(root * moved)
+            Q[:, k + 1] = moved / hessenberg[k + 1, k]
+        return cls(hessenberg)
 
     def values(self, points: Complex) -> Complex:
         """Return p_0 ... p_n (K, n + 1) at complex points (K,)."""
         n = self.hessenberg.shape[1]
         values = np.empty((points.size, n + 1), dtype=np.complex128)
-        values[:, 0] = self.first
+        values[:, 0] = 1.0
         for k in range(n):
             column = self.hessenberg[: k + 2, k]
             values[:, k + 1] = (points * values[:, k] - values[:, : k + 1] @ column[:-1]) / column[-1]
@@ -51,28 +68,6 @@ class _PolynomialBasis:
         companion[:, -1] -= (self.hessenberg[n, n - 1] / coefficients[n]) * coefficients[:n]
         return np.asarray(np.linalg.eigvals(companion), dtype=np.complex128)
 
-    def leading(self, coefficients: Array) -> float:
-        """Return the coefficient of the highest power of s."""
-        n = coefficients.size - 1
-        return float(coefficients[-1] * self.first / np.prod(np.diag(self.hessenberg, -1)[:n]))
-
-
-def _orthonormal_basis(points: Complex, weight: Array, degree: int) -> _PolynomialBasis:
-    """Return polynomials of degree 0 to `degree`, orthonormal on `points` (K,) with a nonnegative `weight` (K,)."""
-    root = np.sqrt(weight / weight.sum())
-    Q = np.zeros((points.size, degree + 1), dtype=np.complex128)
-    hessenberg = np.zeros((degree + 1, degree))
-    Q[:, 0] = 1.0
-    for k in range(degree):
-        moved = points * Q[:, k]
-        for _ in range(2):  # the second pass removes rounding errors
-            share = np.real((root[:, None] * Q[:, : k + 1]).conj().T @ (root * moved))
-            moved -= Q[:, : k + 1] @ share
-            hessenberg[: k + 1, k] += share
-        hessenberg[k + 1, k] = np.linalg.norm(root * moved)
-        Q[:, k + 1] = moved / hessenberg[k + 1, k]
-    return _PolynomialBasis(hessenberg, 1.0)
-
 
 # ---- Weights of fits over frequency (4.4.1, 5.3.3, Eq 6.9) ----------------------------------------------------------
 
@@ -85,7 +80,6 @@ class BandWeights:
     bands: tuple[tuple[float, float, float], ...]
 
     def __post_init__(self) -> None:
-        """Check the bands."""
         for low, high, weight in self.bands:
             if not (0.0 <= low < high and weight >= 0.0):
                 raise ParameterError(f"the band ({low:g}, {high:g}, {weight:g}) needs 0 <= low < high and weight >= 0")
@@ -123,7 +117,6 @@ class TransferFunction:
     direct: float  #: Direct term d.
 
     def __post_init__(self) -> None:
-        """Check that there is one residue per pole."""
         if self.poles.shape != self.residues.shape or self.poles.ndim != 1:
             raise ParameterError(
                 f"poles have shape {self.poles.shape}, residues {self.residues.shape}; give one residue per pole"
@@ -186,7 +179,6 @@ class RationalFit:
     iterations: int = 30
 
     def __post_init__(self) -> None:
-        """Check the degrees."""
         if not 0 <= self.numerator <= self.denominator or self.denominator < 1:
             raise ParameterError(
                 f"a numerator of degree {self.numerator} over a denominator of degree {self.denominator} cannot be "
@@ -194,12 +186,7 @@ class RationalFit:
             )
 
     def fit(self, frequency: Array, H: Complex, weight: Array) -> TransferFunction:
-        """Fit a response.
-
-        Args:
-            frequency: Frequencies [Hz] (K,).
-            H: Response (K,).
-            weight: Weight w of Eq 4.28 (K,), zero where the response is not fitted.
+        """Fit a response H (K,) at frequencies (K,) [Hz] with the weight of Eq 4.28 (K,), zero where it is not fitted.
 
         Raises:
             TooShortError: There are too few frequencies with weight for the number of coefficients.
@@ -210,7 +197,7 @@ class RationalFit:
             raise TooShortError(f"{int(used.sum())} frequencies with weight are too few for {count} coefficients")
         points: Complex = np.asarray(2j * np.pi * frequency[used], dtype=np.complex128)
         scale = float(np.abs(points).max())
-        basis = _orthonormal_basis(points / scale, weight[used], self.denominator)
+        basis = _PolynomialBasis.orthonormal(points / scale, weight[used], self.denominator)
         problem = _Problem(basis, basis.values(points / scale), H[used], np.sqrt(weight[used]), self)
         return _modal(basis, problem.solve(), scale)
 
@@ -232,10 +219,10 @@ class _Problem:
 
     def solve(self) -> _Ratio:
         """Return the coefficients of the best fit."""
-        found = self._reweighted()
-        costs = [self.cost(ratio) for ratio in found]
+        solutions = self._reweighted()
+        costs = [self.cost(ratio) for ratio in solutions]
         best = int(np.argmin(costs))
-        ratio, cost = found[best], costs[best]
+        ratio, cost = solutions[best], costs[best]
         for _ in range(self.recipe.iterations):
             following, reached = self._improved(ratio, cost)
             if reached >= cost * (1.0 - _CONVERGED):
@@ -307,10 +294,7 @@ class _Problem:
 def _least_squares(matrix: Complex, target: Complex) -> Array:
     """Return the real least-squares solution (n,) of complex equations, computed with scaled columns."""
     stacked = np.vstack((matrix.real, matrix.imag))
-    size = np.linalg.norm(stacked, axis=0)
-    size[size == 0.0] = 1.0
-    solution = np.linalg.lstsq(stacked / size, np.concatenate((target.real, target.imag)), rcond=1e-14)[0]
-    return np.asarray(solution / size, dtype=np.float64)
+    return linear_solution(stacked, np.concatenate((target.real, target.imag)), weakest=1e-14)
 
 
 def _modal(basis: _PolynomialBasis, ratio: _Ratio, scale: float) -> TransferFunction:
@@ -320,7 +304,10 @@ def _modal(basis: _PolynomialBasis, ratio: _Ratio, scale: float) -> TransferFunc
     distance = poles[:, None] - poles[None, :] + np.eye(poles.size)
     if np.abs(distance).min() < 1e-9 * np.abs(poles).max():
         raise ParameterError("the fit has a double pole, which has no parallel form; choose another order")
-    slope = basis.leading(ratio.a) * np.prod(distance, axis=1)
+    leading = ratio.a[-1] / np.prod(
+        np.diag(basis.hessenberg, -1)[: ratio.a.size - 1]
+    )  # coefficient of the highest power
+    slope = leading * np.prod(distance, axis=1)
     values = basis.values(poles)[:, : degree + 1] @ ratio.b
     direct = float(ratio.b[-1] / ratio.a[-1]) if degree == poles.size else 0.0
     return TransferFunction(poles * scale, values / slope * scale, direct)
@@ -352,14 +339,10 @@ class PathFit(NamedTuple):
     """Fit of one path."""
 
     model: TransferFunction
-    error: float
-    """Weighted RMS of the misfit relative to that of the response [1]."""
-    lightest: float
-    """Smallest damping ratio of the poles [1]."""
-    excess: float
-    """Largest response outside the weighted band relative to the largest inside [1]."""
-    fastest: float
-    """Frequency of the fastest pole relative to the upper end of the weighted band [1]."""
+    error: float  #: Weighted RMS of the misfit relative to that of the response [1].
+    lightest: float  #: Smallest damping ratio of the poles [1].
+    excess: float  #: Largest response outside the weighted band relative to the largest inside [1].
+    fastest: float  #: Frequency of the fastest pole relative to the upper end of the weighted band [1].
 
     @property
     def is_acceptable(self) -> bool:
@@ -417,54 +400,64 @@ class SisoFits:
     direct: Callable[[str, str], bool] = has_direct_term
 
     def fit(self, response: FrequencyResponse) -> SisoModels:
-        """Fit every path that is not zero.
-
-        Raises:
-            InputError: All paths are zero in their weighted bands.
-        """
+        """Fit every path that is not zero; InputError: all paths are zero in their weighted bands."""
         paths = {}
-        weights = [self._weights(source).at(response.frequency) for source in response.input_names]
         sources, outputs = enumerate(response.input_names), enumerate(response.output_names)
         for (j, source), (i, output) in parts(product(sources, outputs)):
-            counted = weights[j] * _known(response, i, j)
-            if np.abs(response.H[i, j] * counted).any():
-                direct = self.direct(output, source)
-                paths[output, source] = self._fit_path(response.frequency, response.H[i, j], counted, direct)
+            is_load = any(word in source for word in ("heave", "roll", "pitch", "warp", "aero"))
+            weights = self.weights.get(source, AEROLOADERS if is_load else WHEELLOADERS).at(response.frequency)
+            if (
+                response.variance is not None
+            ):  # only where the input had power, or a residual fit filled the response in
+                known = np.isfinite(response.variance[i, j]) | (np.abs(response.H[i, j]) > 0.0)
+                weights = weights * known.astype(np.float64)
+            if np.abs(response.H[i, j] * weights).any():
+                data = (response.frequency, response.H[i, j], weights)
+                paths[output, source] = self._fit_path(data, self.direct(output, source))
         if not paths:
             raise InputError(
                 "every path is zero in its weighted band, so there is nothing to fit; check the inputs of the tests"
             )
-        model = parallel_model(
-            {k: fit.model for k, fit in paths.items()}, response.inputs, response.outputs, name="siso"
-        )
-        return SisoModels(model, paths)
+        models = {path: fit.model for path, fit in paths.items()}
+        return SisoModels(parallel_model(models, response.inputs, response.outputs, name="siso"), paths)
 
-    def _weights(self, source: str) -> BandWeights:
-        aero = any(word in source for word in ("heave", "roll", "pitch", "warp", "aero"))
-        return self.weights.get(source, AEROLOADERS if aero else WHEELLOADERS)
-
-    def _fit_path(self, frequency: Array, H: Complex, weight: Array, direct: bool) -> PathFit:
-        found = []
+    def _fit_path(self, data: tuple[Array, Complex, Array], direct: bool) -> PathFit:
+        tried: list[PathFit] = []
         for order in self.orders:
-            found += self._fit_order(order, (frequency, H, weight), direct)
-            if found and found[-1].error <= self.tolerance and found[-1].is_acceptable:
-                return found[-1]
-            if len(found) > 1 and found[-2].is_acceptable and found[-1].error > _NO_BETTER * found[-2].error:
+            tried += _fit_order(order, data, direct)
+            if tried and tried[-1].error <= self.tolerance and tried[-1].is_acceptable:
+                return tried[-1]
+            if len(tried) > 1 and tried[-2].is_acceptable and tried[-1].error > _NO_BETTER * tried[-2].error:
                 break
         for order in _LAST_ORDERS:
-            if any(fit.is_acceptable for fit in found):
+            if any(fit.is_acceptable for fit in tried):
                 break
-            found += self._fit_order(order, (frequency, H, weight), direct)
-        acceptable = [fit for fit in found if fit.is_acceptable]
-        return min(acceptable or found, key=lambda fit: fit.error)
+            tried += _fit_order(order, data, direct)
+        acceptable = [fit for fit in tried if fit.is_acceptable]
+        return min(acceptable or tried, key=lambda fit: fit.error)
 
-    def _fit_order(self, order: int, data: tuple[Array, Complex, Array], direct: bool) -> list[PathFit]:
-        """Return the fit in a list, which is empty if the fit has a double pole."""
-        try:
-            model = RationalFit(order, order if direct else order - 1).fit(*data)
-        except ParameterError:
-            return []
-        return [_path_fit(model, *data)]
+
+def _fit_order(order: int, data: tuple[Array, Complex, Array], direct: bool) -> list[PathFit]:
+    """Return the fit in a list, which is empty if the fit has a double pole."""
+    try:
+        model = RationalFit(order, order if direct else order - 1).fit(*data)
+    except ParameterError:
+        return []
+    used = data[2] > 0.0
+    frequency, H, weight = (values[used] for values in data)
+    misfit = np.sum(weight * np.abs(model.frequency_response(frequency) - H) ** 2)
+    modes, low, high = model.modes(), float(frequency[0]), float(frequency[-1])
+    # The largest response outside the band, from 0 to four times its end.
+    outside = np.concatenate(([0.0], np.geomspace(1e-3 * low, low, 30), np.geomspace(high, 4.0 * high, 60)))
+    return [
+        PathFit(
+            model,
+            float(np.sqrt(misfit / np.sum(weight * np.abs(H) ** 2))),
+            min(mode.damping_ratio for mode in modes),
+            float(np.abs(model.frequency_response(outside)).max() / np.abs(H).max()),
+            max(mode.frequency_hz for mode in modes) / high,
+        )
+    ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -484,34 +477,6 @@ class SisoModels:
         return FrequencyResponse(frequency, H, inputs, outputs)
 
 
-def _known(response: FrequencyResponse, i: int, j: int) -> Array:
-    """Return 1 (K,) where the input had power or the response was filled in by a residual fit, else 0."""
-    if response.variance is None:
-        return np.ones_like(response.frequency)
-    return np.asarray(np.isfinite(response.variance[i, j]) | (np.abs(response.H[i, j]) > 0.0), dtype=np.float64)
-
-
-def _path_fit(model: TransferFunction, frequency: Array, H: Complex, weight: Array) -> PathFit:
-    used = weight > 0.0
-    misfit = np.sum(weight[used] * np.abs(model.frequency_response(frequency[used]) - H[used]) ** 2)
-    total = np.sum(weight[used] * np.abs(H[used]) ** 2)
-    modes = model.modes()
-    return PathFit(
-        model,
-        float(np.sqrt(misfit / total)),
-        min(mode.damping_ratio for mode in modes),
-        _excess(model, frequency[used], H[used]),
-        max(mode.frequency_hz for mode in modes) / float(frequency[used][-1]),
-    )
-
-
-def _excess(model: TransferFunction, frequency: Array, H: Complex) -> float:
-    """Return the largest response outside the band, from 0 to four times its end, relative to that of the data."""
-    low, high = float(frequency[0]), float(frequency[-1])
-    outside = np.concatenate(([0.0], np.geomspace(1e-3 * low, low, 30), np.geomspace(high, 4.0 * high, 60)))
-    return float(np.abs(model.frequency_response(outside)).max() / np.abs(H).max())
-
-
 # ---- All paths in parallel, and the reduction -----------------------------------------------------------------------
 
 
@@ -522,14 +487,7 @@ def parallel_model(
     *,
     name: str = "parallel",
 ) -> StateSpace:
-    """Return the linear model whose paths are the given transfer functions; each path has its own poles.
-
-    Args:
-        paths: Transfer function by (output, input); missing paths are zero.
-        inputs: Inputs of the model.
-        outputs: Outputs of the model.
-        name: Name of the model.
-    """
+    """Return the model whose paths (output, input) are the given functions, with their own poles; others are zero."""
     rows, columns = [channel.name for channel in outputs], [channel.name for channel in inputs]
     n = sum(path.order for path in paths.values())
     A, B = np.zeros((n, n)), np.zeros((n, len(columns)))
@@ -564,64 +522,48 @@ class _BalancedModel(NamedTuple):
 def balance(model: StateSpace, input_sizes: Array, output_sizes: Array) -> _BalancedModel:
     """Balance a stable continuous model of first- and second-order sections, such as `parallel_model` returns.
 
-    Args:
-        model: Model whose state matrix has blocks of one state and of two states `((re, -im), (im, re))`.
-        input_sizes: Typical sizes of the inputs (m,).
-        output_sizes: Typical sizes of the outputs (p,); both sizes scale the model before balancing.
+    The state matrix has blocks of one state and of two states `((re, -im), (im, re))`; typical sizes of the inputs (m,)
+    and outputs (p,) scale the model before balancing.
     """
-    modal = _modal_basis(model.A)
-    poles = _poles(model.A)
-    real = _inverse(modal)
+    modal, poles = _modal_basis(model.A)
+    # The inverse: for a block ((1, i), (1, -i)) it is half the conjugate transpose.
+    real = csr_array(modal.conj().T.multiply(1.0 / np.asarray(abs(modal).sum(axis=1)).ravel()[None, :]))
     B, C = modal @ (model.B * input_sizes), (model.C / output_sizes[:, None]) @ real
-    reach = real @ (-(B @ B.conj().T) / (poles[:, None] + poles.conj()[None, :])) @ real.conj().T
-    sight = modal.conj().T @ (-(C.conj().T @ C) / (poles.conj()[:, None] + poles[None, :])) @ modal
+    reach = np.asarray(real @ (-(B @ B.conj().T) / (poles[:, None] + poles.conj()[None, :])) @ real.conj().T)
+    sight = np.asarray(modal.conj().T @ (-(C.conj().T @ C) / (poles.conj()[:, None] + poles[None, :])) @ modal)
     # Scale each state to be equally controllable and observable, as newtons and metres differ by orders of magnitude.
     units = (np.diag(sight).real / np.diag(reach).real) ** 0.25
     reached = _factor(reach * np.outer(units, units)) / units[:, None]
     seen = _factor(sight / np.outer(units, units)) * units[:, None]
     left, hankel, right = svd(seen.T @ reached, full_matrices=False)
-    kept = hankel > np.sqrt(_ROUNDING) * hankel[0]
-    root = 1.0 / np.sqrt(hankel[kept])
-    to = reached @ (right[kept].T * root)
-    back = (seen @ (left[:, kept] * root)).T
+    used = hankel > np.sqrt(_ROUNDING) * hankel[0]
+    root = 1.0 / np.sqrt(hankel[used])
+    to = reached @ (right[used].T * root)
+    back = (seen @ (left[:, used] * root)).T
     A = back @ (csr_array(model.A) @ to)
-    return _BalancedModel(replace(model, A=A, B=back @ model.B, C=model.C @ to), hankel[kept])
+    return _BalancedModel(replace(model, A=A, B=back @ model.B, C=model.C @ to), hankel[used])
 
 
-def _pairs(A: Array) -> NDArray[np.intp]:
-    """Return the index of the first state of every section of two states."""
-    return np.flatnonzero(np.diag(A, 1))
+def _modal_basis(A: Array) -> tuple[csr_array, Complex]:
+    """Return T (n, n), which gives the modal state `xi = x_1 + i x_2` and its conjugate for sections of two states.
 
-
-def _poles(A: Array) -> Complex:
-    """Return the poles (n,); the two poles of a section of two states are adjacent."""
+    Also return the poles (n,); the two poles of a section of two states are adjacent.
+    """
+    first = np.flatnonzero(np.diag(A, 1))  # first state of every section of two states
     poles = np.diag(A).astype(np.complex128)
-    first = _pairs(A)
     imaginary = A[first + 1, first]
     poles[first] += 1j * imaginary
     poles[first + 1] -= 1j * imaginary
-    return poles
-
-
-def _modal_basis(A: Array) -> csr_array:
-    """Return T (n, n), which gives the modal state `xi = x_1 + i x_2` and its conjugate for sections of two states."""
-    first = _pairs(A)
     ones = np.ones(len(A), dtype=np.complex128)
     ones[first + 1] = -1j
     rows = np.concatenate((np.arange(len(A)), first, first + 1))
     columns = np.concatenate((np.arange(len(A)), first + 1, first))
     values = np.concatenate((ones, np.full(first.size, 1j), np.ones(first.size)))
-    return csr_array(coo_array((values, (rows, columns)), shape=A.shape))
-
-
-def _inverse(modal: csr_array) -> csr_array:
-    """Return the inverse of T; for a block ((1, i), (1, -i)) it is half the conjugate transpose."""
-    sizes = np.asarray(abs(modal).sum(axis=1)).ravel()
-    return csr_array(modal.conj().T.multiply(1.0 / sizes[None, :]))
+    return csr_array(coo_array((values, (rows, columns)), shape=A.shape)), poles
 
 
 def _factor(gramian: Complex) -> Array:
     """Return a factor F of the Gramian `F F^T`."""
     values, vectors = eigh(0.5 * (gramian + gramian.conj().T).real)
-    kept = values > _ROUNDING * values[-1]
-    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
+    used = values > _ROUNDING * values[-1]
+    return np.asarray(vectors[:, used] * np.sqrt(values[used]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import NamedTuple
 
@@ -25,9 +25,9 @@ def discretise_by_parts(A: Array, B: Array, step: float) -> kernel.Discrete:
     for number in range(count):
         states = np.flatnonzero(part == number)
         driven = np.flatnonzero(B[states].any(axis=0))
-        found = kernel.discretise(A[np.ix_(states, states)], B[np.ix_(states, driven)], step)
-        Ad[np.ix_(states, states)] = found.Ad
-        B0[np.ix_(states, driven)], B1[np.ix_(states, driven)] = found.B0, found.B1
+        exact = kernel.discretise(A[np.ix_(states, states)], B[np.ix_(states, driven)], step)
+        Ad[np.ix_(states, states)] = exact.Ad
+        B0[np.ix_(states, driven)], B1[np.ix_(states, driven)] = exact.B0, exact.B1
     return kernel.Discrete(Ad, B0, B1)
 
 
@@ -62,54 +62,35 @@ def closed_loop_stability(vehicle: IdentifiedVehicle) -> Stability:
 
     Without dampers, motions may grow slowly: a car that is nearly undamped may be found so. Only the states between
     shock forces and shock velocities are in the loop (Fig 6.25); all others are stable as fitted.
-
-    Args:
-        vehicle: Identified continuous vehicle.
     """
     ports = tuple(vehicle.baseline_damping)
-    loop = _port_model(vehicle.state_space, ports)
-    baseline = np.array([vehicle.baseline_damping[port] for port in ports])
-    worst, growth, tried = baseline, -np.inf, 0
-    for scale in _scales(len(ports)):
-        largest = _growth(loop, (scale - 1.0) * baseline)
-        tried += 1
-        if largest > growth:
-            worst, growth = scale * baseline, largest
-    without = _growth(loop, -baseline)
+    A, B, C = _port_model(vehicle.state_space, ports)
+    count, baseline = len(ports), np.array(list(vehicle.baseline_damping.values()))
+    scales = [np.ones(count), *(np.full(count, factor) for factor in FACTORS)]
+    if count > 1:
+        scales += [np.where(np.arange(count) == port, f, 1.0) for port, f in product(range(count), FACTORS)]
+
+    def growth_with(scale: Array) -> float:
+        poles = np.linalg.eigvals(A + B @ np.diag((scale - 1.0) * baseline) @ C)
+        return float(poles.real.max(initial=-np.inf))
+
+    growths = [growth_with(scale) for scale in scales]
+    worst, growth = scales[int(np.argmax(growths))] * baseline, max(growths)
+    without = growth_with(np.zeros(count))
     if without > max(growth, GROWTH_WITHOUT):
         worst, growth = 0.0 * baseline, without
-    return Stability(growth < 0.0, dict(zip(ports, worst.tolist(), strict=True)), growth, tried)
+    return Stability(growth < 0.0, dict(zip(ports, worst.tolist(), strict=True)), growth, len(scales))
 
 
-class _Ports(NamedTuple):
-    A: Array
-    B: Array
-    C: Array
-
-
-def _growth(loop: _Ports, added: Array) -> float:
-    """Return the largest real part of the poles of a loop with dampers in addition to the baseline ones [1/s]."""
-    return float(np.linalg.eigvals(loop.A + loop.B @ np.diag(added) @ loop.C).real.max(initial=-np.inf))
-
-
-def _scales(ports: int) -> Iterator[Array]:
-    yield np.ones(ports)
-    for factor in FACTORS:
-        yield np.full(ports, factor)
-    if ports > 1:
-        for port, factor in product(range(ports), FACTORS):
-            yield np.where(np.arange(ports) == port, factor, 1.0)
-
-
-def _port_model(model: StateSpace, ports: Sequence[str]) -> _Ports:
-    """Return the model between shock forces and shock velocities without uncontrollable and unobservable parts."""
+def _port_model(model: StateSpace, ports: Sequence[str]) -> tuple[Array, Array, Array]:
+    """Return A, B, C between shock forces and velocities without uncontrollable and unobservable parts."""
     chosen = model.select(
         inputs=[channel(port, "force") for port in ports], outputs=[channel(port, "velocity") for port in ports]
     )
     count, part = connected_components(csr_array(chosen.A != 0.0), directed=False)
     driven = np.array([chosen.B[part == k].any() and chosen.C[:, part == k].any() for k in range(count)], dtype=bool)
-    kept = np.flatnonzero(driven[part])
-    return _Ports(chosen.A[np.ix_(kept, kept)], chosen.B[kept], chosen.C[:, kept])
+    states = np.flatnonzero(driven[part])
+    return chosen.A[np.ix_(states, states)], chosen.B[states], chosen.C[:, states]
 
 
 # ---- Range of shock slopes with proved stability --------------------------------------------------------------------
@@ -156,7 +137,6 @@ def safe_slopes(model: StateSpace, baseline: Mapping[str, float]) -> _SafeSlopes
     Source: H. K. Khalil, "Nonlinear Systems", 3rd ed., 2002, section 7.1 (multivariable circle criterion).
 
     Args:
-        model: Identified model around the baseline damping.
         baseline: Baseline damping C-bar [N.s/m] by port.
     """
     ports = model.select(

@@ -19,8 +19,8 @@ from eightpost.array_types import Array
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError
 from eightpost.ident.preparation import Decimation, Preparation, prepare
-from eightpost.rig.post import RigTest
-from eightpost.rig.post.car import MODES
+from eightpost.rig import RigTest
+from eightpost.rig.geometry import MODES
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
 
@@ -79,24 +79,20 @@ class StaticRating:
 
 def rate_tests(tests: Iterable[RigTest], loads: Sequence[str]) -> StaticRating:
     """Return the static rating of a car from static tests, which are decimated first; see `rate_statically`."""
-    return rate_statically([_with_means(test) for test in tests], loads)
-
-
-def _with_means(test: RigTest) -> TimeSeries:
-    prepared = prepare([test], Preparation(Decimation(_RATE)))
-    series = prepared.records[0]
-    for name, mean in prepared.means[0].items():
-        series = series.with_channel(name, series.unit(name), series[name] + mean)
-    return series
+    records = []
+    for test in tests:
+        prepared = prepare([test], Preparation(Decimation(_RATE)))
+        series = prepared.records[0]
+        for name, mean in prepared.means[0].items():
+            series = series.with_channel(name, series.unit(name), series[name] + mean)
+        records.append(series)
+    return rate_statically(records, loads)
 
 
 def rate_statically(records: Sequence[TimeSeries], loads: Sequence[str]) -> StaticRating:
     """Return the static rating of a car from its static records.
 
-    Args:
-        records: Measured records with their means, at any sample rate; loads step from level to level and roads are at
-            rest.
-        loads: Names of the load channels.
+    The records have their means, at any sample rate; loads step from level to level, and roads are at rest.
 
     Raises:
         InputError: The records hold fewer than two levels, or have no load in common.
@@ -186,12 +182,7 @@ _STILL, _LOOK, _SHORTEST = 0.01, 0.2, 1.0
 
 
 def holds(rows: Array, rate: float) -> list[slice]:
-    """Return the second half of every hold, when oscillations have decayed.
-
-    Args:
-        rows: Loads (A, N).
-        rate: Sample rate [Hz].
-    """
+    """Return the second half of every hold of loads (A, N) at a rate [Hz], when oscillations have decayed."""
     look = max(1, round(_LOOK * rate))
     change = np.abs(rows[:, look:] - rows[:, :-look]).max(axis=0)
     still = np.concatenate(([False], change <= _STILL * np.ptp(rows, axis=1).max(), [False]))

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
@@ -16,15 +16,13 @@ from eightpost.corners import CORNERS, channel
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError, ParameterError, suggestion
 from eightpost.files import MALFORMED, atomic_path, check_schema, json_content, sha256_of
-from eightpost.ident.response import FrequencyResponse, read_response, response_of, write_response
-from eightpost.ident.vehicle.measured_levels import level_errors
-from eightpost.ident.vehicle.trust import UNUSABLE, OutputTrust, Trust
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, read_response, response_of, write_response
+from eightpost.ident.vehicle.trust import UNUSABLE, OutputTrust, Trust, level_errors
 from eightpost.labelled import Labelled, data_frame, dataset
 from eightpost.report.console import Table, console_table, right
 from eightpost.uncertainty import TOTAL, MeasureUncertainty, separation
 from eightpost.validity import ModelUncertainty, Range, Validity, judged
-from eightpost.vehicle import Friction, IdentifiedVehicle, read_vehicle, write_vehicle
-from eightpost.vehicle.statespace import StateSpace
+from eightpost.vehicle import IdentifiedVehicle, read_vehicle, write_vehicle
 from eightpost.verdict import Grade, Reason, Rules, Verdict, edited, is_intact, listed, sealed
 
 if TYPE_CHECKING:
@@ -88,41 +86,12 @@ NOT_SIMULATED = RULES.add("vehicle cannot be simulated", ABOUT, Grade.NOT_USABLE
 )  # fmt: skip
 
 
-class Judged(Protocol):
-    """What the verdict needs of a fit: see the attributes of `VehicleFit`."""
-
-    @property
-    def recipe(self) -> str:
-        """Name of the recipe."""
-        ...
-
-    @property
-    def sources(self) -> Mapping[str, str]:
-        """SHA-256 digests of the input files, by name."""
-        ...
-
-    @property
-    def stable(self) -> bool:
-        """Whether the vehicle is stable with all dampers that were tried."""
-        ...
-
-    @property
-    def residual(self) -> Mapping[str, float]:
-        """Relative error of the response [1], by output."""
-        ...
-
-    @property
-    def trust(self) -> Trust | None:
-        """Uncertainty, friction and flags; None if unknown."""
-        ...
-
-
-def fit_verdict(fit: Judged) -> Verdict:
+def fit_verdict(fit: VehicleFit) -> Verdict:
     """Return the verdict on a fit."""
     return Verdict(_reasons(fit))
 
 
-def _reasons(fit: Judged) -> Iterator[Reason]:
+def _reasons(fit: VehicleFit) -> Iterator[Reason]:
     origin = f"{fit.recipe} fit to {listed(fit.sources) or 'records in memory'}"
     if not fit.stable:
         yield UNSTABLE.reason("the car is not stable with every damper", figure="1 damper or more", origin=origin)
@@ -232,11 +201,10 @@ class VehicleFit(Summarized):
             MissingExtraError: pandas is not installed.
         """
         names, trusted = list(self.residual), {} if self.trust is None else self.trust.outputs
-        columns: dict[str, list[float]] = {"misfit": [self.residual[name] for name in names]}
+        columns = {"misfit": [self.residual[name] for name in names]}
         for figure in ("response", "measure") if trusted else ():
-            columns[f"{figure}_deviation"] = [
-                getattr(trusted[name], figure) if name in trusted else np.nan for name in names
-            ]
+            values = [getattr(trusted[name], figure) if name in trusted else np.nan for name in names]
+            columns[f"{figure}_deviation"] = values
         return data_frame(columns, names, "output", dict.fromkeys(columns, "1"))
 
     def to_xarray(self) -> xr.Dataset:
@@ -263,13 +231,12 @@ class VehicleFit(Summarized):
     def plot(self, output: str | None = None) -> Picture:
         """Return a picture of the responses of one output to all inputs: estimate and model.
 
-        Args:
-            output: Name of the output; default: the one with the largest misfit.
+        The default output is that with the largest misfit.
 
         Raises:
             ParameterError: There is no such output.
         """
-        from eightpost.ident.vehicle.magnitude_plots import magnitudes  # noqa: PLC0415 -- matplotlib takes long to load
+        from eightpost.ident.vehicle.plots import magnitudes  # noqa: PLC0415 -- matplotlib takes long to load
         from eightpost.report.pictures import Picture  # noqa: PLC0415
 
         shown = output or max(self.residual, key=lambda name: self.residual[name])
@@ -280,12 +247,20 @@ class VehicleFit(Summarized):
         model = response_of(self.vehicle.state_space.select(outputs=[shown]), estimate.frequency)
         return Picture(magnitudes({"estimate": estimate, "model": model}, shown))
 
-    def write(self, path: str | Path) -> Path:
-        """Write the vehicle file (.json) that `build` makes an FMU of, with response and report beside it.
+    def write_plots(self, folder: Path, outputs: Literal["none", "main", "all"]) -> list[Path]:
+        """Write PNGs of the key outputs (main) or of all, and the stabilisation diagram; return their paths."""
+        from eightpost.ident.vehicle.plots import KEY_OUTPUTS, plot_fits, plot_stabilisation  # noqa: PLC0415 -- as in `plot`
 
-        Returns:
-            Path of the vehicle file.
-        """
+        names = [n for n in self.residual if outputs == "all" or (outputs == "main" and n.endswith(KEY_OUTPUTS))]
+        model = self.vehicle.state_space.select(outputs=names)
+        drawn = plot_fits(self.response.select(outputs=names), model, self.recipe, folder)
+        if outputs != "none" and self.trust is not None and self.trust.orders is not None:
+            drawn.append(folder / "stabilisation.png")
+            plot_stabilisation(self.trust.orders, drawn[-1])
+        return drawn
+
+    def write(self, path: str | Path) -> Path:
+        """Write the vehicle file (.json) that `build` makes an FMU of, with response and report beside it."""
         return write_fit(path, self)[0]
 
 
@@ -305,11 +280,7 @@ def fit_files(path: str | Path) -> tuple[Path, Path, Path]:
 
 
 def write_fit(path: str | Path, fit: VehicleFit) -> tuple[Path, ...]:
-    """Write a fit: the vehicle as .json and, in the same folder, its response and its report.
-
-    Returns:
-        Paths of the files written.
-    """
+    """Write a fit: the vehicle as .json and, in the same folder, its response and its report."""
     path = Path(path)
     write_vehicle(path, fit.vehicle)
     write_response(_response_path(path), fit.response, sources=fit.sources)
@@ -318,7 +289,7 @@ def write_fit(path: str | Path, fit: VehicleFit) -> tuple[Path, ...]:
         "schema": SCHEMA,
         "tool": f"eightpost {__version__}",
         "vehicle_sha256": sha256_of(path),
-        "vehicle_judged": _judged(fit.vehicle),
+        "vehicle_judged": fit.vehicle.validity.judged if fit.vehicle.validity else None,
         "recipe": fit.recipe,
         "residual": dict(fit.residual),
         "notes": list(fit.notes),
@@ -331,11 +302,6 @@ def write_fit(path: str | Path, fit: VehicleFit) -> tuple[Path, ...]:
     with atomic_path(fit_path(path)) as temporary:
         temporary.write_text(json.dumps(sealed(content), indent=1) + "\n", encoding="utf-8")
     return fit_files(path)
-
-
-def _judged(vehicle: IdentifiedVehicle) -> str | None:
-    """Return the digest of the numbers that the vehicle's verdict is about; None if it states none."""
-    return vehicle.validity.judged if vehicle.validity else None
 
 
 def read_fit(path: str | Path) -> VehicleFit:
@@ -354,9 +320,14 @@ def read_fit(path: str | Path) -> VehicleFit:
         if not part.is_file():
             what = f"needs the {meaning}, {part.name}, in the same folder; copy it there, or identify again"
             raise FileFormatError(what, path=path)
-    content = _fit_content(fit_path(path))
+    advice = "there is no fit next to the vehicle file; identify again"
+    content = json_content(fit_path(path), advice=advice, finite=False)
+    if not isinstance(content, dict) or content.get("kind") != "vehicle_fit":
+        raise FileFormatError('is not a fit written by eightpost: its kind must be "vehicle_fit"', path=fit_path(path))
+    check_schema(content, SCHEMA, fit_path(path))
+    judged_numbers = vehicle.validity.judged if vehicle.validity else None
     is_of_file = content.get("vehicle_sha256") == sha256_of(path)
-    if not is_of_file and (_judged(vehicle) is None or content.get("vehicle_judged") != _judged(vehicle)):
+    if not is_of_file and (judged_numbers is None or content.get("vehicle_judged") != judged_numbers):
         raise FileFormatError(f"belongs to another vehicle than the one in {path}; identify again", path=fit_path(path))
     if not is_intact(content):
         vehicle = replace(vehicle, validity=Validity(edited(fit_path(path).name)))
@@ -379,14 +350,6 @@ def read_fit(path: str | Path) -> VehicleFit:
         raise FileFormatError(what, path=fit_path(path)) from error
 
 
-def _fit_content(path: Path) -> dict[str, Any]:
-    content = json_content(path, advice="there is no fit next to the vehicle file; identify again", finite=False)
-    if not isinstance(content, dict) or content.get("kind") != "vehicle_fit":
-        raise FileFormatError('is not a fit written by eightpost: its kind must be "vehicle_fit"', path=path)
-    check_schema(content, SCHEMA, path)
-    return content
-
-
 # ---- What the vehicle may be used for: verdict, covered ranges and uncertainty, as `build` ships them ---------------
 
 
@@ -395,24 +358,14 @@ def with_validity(fit: VehicleFit, further: Iterable[Reason] = ()) -> VehicleFit
     verdict = Verdict((*further, *fit_verdict(fit).reasons))
     stated = fit.trust.measures if fit.trust is not None else {}
     uncertainty = ModelUncertainty(measures=stated) if stated else None
-    validity = Validity(verdict, tuple(_ranges(fit.ranges, fit.vehicle.coupled())), uncertainty)
-    return replace(fit, vehicle=judged(fit.vehicle, validity=validity))
-
-
-def _ranges(ranges: Mapping[str, tuple[float, float]], model: StateSpace) -> Iterator[Range]:
-    """Yield the amplitude ranges of the model's channels, and the fitted band for every output.
-
-    The band of a velocity has a lower end; other outputs may be static.
-    """
-    units = {channel.name: channel.unit for channel in (*model.inputs, *model.outputs)}
-    for name, (low, high) in ranges.items():
-        if name in units:
-            yield Range(name, "amplitude", low, high, units[name])
-    if "frequency" in ranges:
-        low, high = ranges["frequency"]
-        for channel in model.outputs:
-            moves = channel.name.rpartition(".")[2] == "velocity"
-            yield Range(channel.name, "frequency", low if moves else 0.0, high, "Hz")
+    model = fit.vehicle.coupled()
+    units = {one.name: one.unit for one in (*model.inputs, *model.outputs)}
+    ranges = [Range(name, "amplitude", *span, units[name]) for name, span in fit.ranges.items() if name in units]
+    if "frequency" in fit.ranges:
+        low, high = fit.ranges["frequency"]  # the band of a velocity has a lower end; other outputs may be static
+        lows = {one.name: low if one.name.rpartition(".")[2] == "velocity" else 0.0 for one in model.outputs}
+        ranges += [Range(name, "frequency", lowest, high, "Hz") for name, lowest in lows.items()]
+    return replace(fit, vehicle=judged(fit.vehicle, validity=Validity(verdict, tuple(ranges), uncertainty)))
 
 
 # ---- Console tables: misfit, uncertainty, accuracy of measures, friction --------------------------------------------
@@ -429,10 +382,12 @@ _FIGURES: tuple[tuple[str, Callable[[OutputTrust], float]], ...] = (
 def residual_table(fit: VehicleFit) -> Table:
     """Return the misfit of the model's response [%]: one row per quantity, one column per corner."""
     quantities = dict.fromkeys(name.rpartition(".")[2] for name in fit.residual)
-    ports = [port for port in ("", *CORNERS, "front", "rear", "driver") if _of(fit, port, tuple(quantities))]
+    shown = {name: f"{100.0 * value:.2g}" for name, value in fit.residual.items()}
+    places = ("", *CORNERS, "front", "rear", "driver")
+    ports = [port for port in places if any(channel(port, quantity) in shown for quantity in quantities)]
     return console_table(
         ["output", *right(*(port or "misfit" for port in ports))],
-        [(q, *(_percent(fit.residual.get(channel(port, q))) for port in ports)) for q in quantities],
+        [(q, *(shown.get(channel(port, q), "") for port in ports)) for q in quantities],
         title=f"{fit.vehicle.name}, recipe {fit.recipe}: misfit of the model's response, %",
     )
 
@@ -478,28 +433,17 @@ def friction_table(fit: VehicleFit, trust: Trust) -> Table:
     """Return the estimated friction of every port and the friction that the vehicle has."""
     rows = []
     for port, force in trust.friction.items():
-        law = fit.vehicle.friction.get(port)
-        used = ("none", "", "") if law is None else (f"{law.sliding_force:.1f}", *_widths(law))
+        used, law = ("none", "", ""), fit.vehicle.friction.get(port)
+        if law is not None:
+            velocity = f"{1e3 * law.velocity:.2g}" if law.force or not law.bristle.force else ""
+            reach = f"{1e3 * law.bristle.reach:.2g}" if law.bristle.force else ""
+            used = (f"{law.sliding_force:.1f}", velocity, reach)
         rows.append((port or "port", f"{force.value:.1f}", f"{force.deviation:.2f}", *used))
     columns = right("estimate, N", "standard deviation, N", "vehicle, N", "velocity, mm/s", "reach, mm")
     return console_table(["port", *columns], rows, title="friction at the ports")
-
-
-def _widths(law: Friction) -> tuple[str, str]:
-    """Return the velocity of the friction that creeps and the reach of the friction that sticks, in mm."""
-    velocity = f"{1e3 * law.velocity:.2g}" if law.force or not law.bristle.force else ""
-    return velocity, f"{1e3 * law.bristle.reach:.2g}" if law.bristle.force else ""
 
 
 def damping_sentence(fit: VehicleFit) -> str:
     """Return the baseline damping and the number of states as a sentence."""
     rates = ", ".join(f"{port} {rate:.0f}".strip() for port, rate in fit.vehicle.baseline_damping.items())
     return f"around a baseline damping of {rates} N.s/m; {fit.states} states"
-
-
-def _of(fit: VehicleFit, port: str, quantities: tuple[str, ...]) -> bool:
-    return any(channel(port, quantity) in fit.residual for quantity in quantities)
-
-
-def _percent(value: float | None) -> str:
-    return "" if value is None else f"{100.0 * value:.2g}"

@@ -6,7 +6,7 @@ import pytest
 
 from builder.assembly import assemble
 from builder.build import build
-from builder.native.toolchain import SystemCompiler, find_toolchain
+from builder.toolchain import SystemCompiler, find_toolchain
 from cosim.system_file import read_case
 
 from .hosts import CORNERS, host

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from builder.native.toolchain import this_platform
+from builder.toolchain import this_platform
 from eightpost.app.build import build as command
 from eightpost.errors import InputError
 

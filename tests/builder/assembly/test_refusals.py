@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from builder.assembly import Assembly, assemble, read_parts
-from builder.documents.reference import Disclosure
+from builder.reference import Disclosure
 from eightpost.archive import read_archive, write_archive
 from eightpost.errors import FmuError
 from eightpost.wiring import Wire

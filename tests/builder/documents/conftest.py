@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from builder.fmu.product import Product, shock_product, vehicle_product
+from builder.product import Product, shock_product, vehicle_product
 from eightpost.shock import Lpnl2, Shock, StaticCurve
 from eightpost.vehicle import read_vehicle, shipped
 

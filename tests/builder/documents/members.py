@@ -9,9 +9,9 @@ from html.parser import HTMLParser
 import numpy as np
 
 import eightpost.shock
-from builder.documents.archive import documents
-from builder.documents.reference import Disclosure, Subject
-from builder.fmu.product import Product
+from builder.documents import documents
+from builder.product import Product
+from builder.reference import Disclosure, Subject
 
 LAWS = ("polylinear", "lpf1", "lpnl2")
 CARS = ("seven_dof", "quarter_car")

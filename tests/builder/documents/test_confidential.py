@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from builder.documents.reference import Disclosure
+from builder.reference import Disclosure
 
 from .members import PICTURE, members_of, page_of, reference_of
 

@@ -7,9 +7,9 @@ import re
 
 import pytest
 
-from builder.documents.page import mathml, render
-from builder.fmu.interface import source_folder
-from builder.fmu.product import shock_product
+from builder.interface import source_folder
+from builder.page import mathml, render
+from builder.product import shock_product
 from eightpost.vehicle import read_vehicle, shipped
 
 from .members import ALL, Reader, members_of, page_of

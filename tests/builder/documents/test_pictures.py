@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from builder.documents import archive, picture
-from builder.fmu.product import shock_product, vehicle_product
+from builder import documents, page
+from builder.product import shock_product, vehicle_product
 from eightpost.vehicle import Channel, IdentifiedVehicle, StateSpace
 
 from .members import ALL, PICTURE, members_of
@@ -54,9 +54,9 @@ def test_a_model_without_roads_and_tires_has_a_picture():
 
 
 def test_a_response_is_drawn_in_displayed_units_from_below_the_body_modes_to_above_the_wheel_hop(monkeypatch):
-    monkeypatch.setattr(picture, "png", lambda figure: figure)
+    monkeypatch.setattr(page, "png", lambda figure: figure)
     mass = StateSpace([[0.0]], [[0.25]], [[1.0]], [[0.0]], (Channel("force", "N"),), (Channel("velocity", "m/s"),))
-    (axes,) = picture.vehicle_picture(IdentifiedVehicle("mass of 4 kg", mass)).axes
+    (axes,) = page.vehicle_picture(IdentifiedVehicle("mass of 4 kg", mass)).axes
     frequency, gain = axes.lines[0].get_data()
     per_newton, inches = 4.4482216, 1.0 / 0.0254
     assert gain == pytest.approx(inches * per_newton / (4.0 * 2.0 * np.pi * frequency), rel=1e-6)
@@ -66,7 +66,7 @@ def test_a_response_is_drawn_in_displayed_units_from_below_the_body_modes_to_abo
 
 def test_the_icon_of_a_vehicle_stands_on_a_road_that_ends_as_far_from_the_left_edge_as_from_the_right_one():
     mass = StateSpace([[0.0]], [[1.0]], [[1.0]], [[0.0]], (Channel("force", "N"),), (Channel("velocity", "m/s"),))
-    shown = np.asarray(Image.open(io.BytesIO(archive.icon(IdentifiedVehicle("mass", mass)))))[..., 3] > 127
+    shown = np.asarray(Image.open(io.BytesIO(documents.icon(IdentifiedVehicle("mass", mass)))))[..., 3] > 127
     lowest = np.flatnonzero(shown.any(axis=1))[-1]
     road, wheels = (np.flatnonzero(shown[lowest - above]) for above in (2, 8))
     sums = [columns[0] + columns[-1] for columns in (road, wheels)]

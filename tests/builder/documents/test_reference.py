@@ -12,8 +12,8 @@ from fmpy.util import read_csv, read_ref_opt_file
 from numpy.polynomial import polynomial
 from scipy.signal import cont2discrete
 
-from builder.documents.reference import vehicle_reference
-from builder.fmu.product import vehicle_product
+from builder.product import vehicle_product
+from builder.reference import vehicle_reference
 from eightpost.shock import StaticCurve
 from eightpost.vehicle import (
     Channel,

@@ -10,9 +10,9 @@ import pytest
 from fmu_manipulation_toolbox.terminals import Terminals
 from lxml import etree
 
-from builder.documents.page import terminals_and_icons
-from builder.fmu.interface import vehicle_interface
-from builder.fmu.product import shock_product
+from builder.interface import vehicle_interface
+from builder.page import terminals_and_icons
+from builder.product import shock_product
 from eightpost.shock import Lpnl2, Shock, StaticCurve
 from eightpost.vehicle import Channel, StateSpace
 

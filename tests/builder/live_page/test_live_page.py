@@ -13,10 +13,9 @@ from fmpy import extract
 from fmpy.fmi2 import FMU2Slave
 from fmpy.model_description import read_model_description
 
+from builder import toolchain
 from builder.assembly import assemble
-from builder.live_page import write_live_page
-from builder.live_page.live_page import CAR, SHOCK, Control, read_models, shock_controls
-from builder.native import toolchain
+from builder.live_page import CAR, SHOCK, Control, read_models, shock_controls, write_live_page
 from eightpost.__main__ import main
 from eightpost.errors import FmuError
 from eightpost.shock import LAWS

@@ -2,7 +2,9 @@
 
        x' = u + f - x,  y = x + u,  z' = w (an array of 2),  v = z
 
-   All inputs change linearly over a step, and the step is exact. The parameter `manner` selects a fault at 0.5 s. */
+   All inputs change linearly over a step, and the step is exact. The parameter `manner` selects a fault at 0.5 s. With
+   -DSTRICT a communication point must be the sum of the steps to the bit, with -DONLY=h every step must be h, and with
+   -DNAN_FROM=t the output x is not a number after t. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -41,6 +43,20 @@ static void advance(Model *m, double h, double a, double b, const double *w0)
         m->z[k] += 0.5 * (w0[k] + m->w[k]) * h;
     }
     m->time += h;
+#ifdef NAN_FROM
+    m->x = m->time > NAN_FROM ? NAN : m->x;
+#endif
+}
+
+static int refuses(const Model *m, double time, double h)
+{
+#ifdef STRICT
+    return time != m->time;
+#elif defined ONLY
+    return fabs(h - ONLY) > 1e-9;
+#else
+    return 0;
+#endif
 }
 
 #if FMI == 3
@@ -116,6 +132,9 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 h, fmi3Boole
     Model *m = &i->model;
     *event = *terminate = *early = false;
     *reached = time + h;
+    if (refuses(m, time, h)) {
+        return fmi3Error;
+    }
     if (time > 0.4995 && strcmp(m->manner, "") != 0) {
         const fmi3Status status = fault(i, time, h, terminate, reached);
         if (status != fmi3OK || *terminate || *reached < time + h) {
@@ -285,6 +304,9 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean td, fmi2Real t, fmi2
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real h, fmi2Boolean final)
 {
     Model *m = c;
+    if (refuses(m, time, h)) {
+        return fmi2Error;
+    }
     const double a = m->u + m->f, w0[2] = {m->w[0], m->w[1]};
     m->u = m->u + m->slope * h;
     m->slope = 0.0;

@@ -57,8 +57,9 @@ THREE = """<?xml version="1.0" encoding="UTF-8"?>
 
 TWO = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="lag" guid="lag 2">
-  <CoSimulation modelIdentifier="lag" canHandleVariableCommunicationStepSize="true" canGetAndSetFMUstate="true"
+  <CoSimulation modelIdentifier="lag" canHandleVariableCommunicationStepSize="{any_step}" canGetAndSetFMUstate="true"
     canInterpolateInputs="{ramps}"/>
+  {experiment}
   <UnitDefinitions><Unit name="mm/s"><BaseUnit m="1" s="-1" factor="0.001"/></Unit></UnitDefinitions>
   <ModelVariables>
     <ScalarVariable name="u" valueReference="1" causality="input"><Real start="0" unit="mm/s"/></ScalarVariable>
@@ -85,10 +86,11 @@ def write_three(path, library, **declared):
     return path
 
 
-def write_two(path, library, *, ramps=True):
+def write_two(path, library, *, ramps=True, any_step=True, experiment=""):
     """Write the FMI 2.0 FMU."""
     binary = f"binaries/{fmpy.platform}/lag{fmpy.sharedLibraryExtension}"
-    xml = TWO.format(ramps=str(ramps).lower()).encode()
+    words = {"ramps": str(ramps).lower(), "any_step": str(any_step).lower()}
+    xml = TWO.format(**words, experiment=experiment).encode()
     write_archive(path, {"modelDescription.xml": xml, binary: library})
     return path
 

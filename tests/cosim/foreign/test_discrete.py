@@ -163,6 +163,14 @@ def test_discrete_variables_are_set_by_constants_parameters_and_a_drive(pair):
     np.testing.assert_allclose(series["sink.seen"][1:], 310.0 + gear, atol=1e-9)
 
 
+@pytest.mark.parametrize("kind", [FmuComponent])
+def test_an_enumeration_takes_the_name_of_an_item(pair):
+    system = pair(()).with_parameters({"sink.item": "hard"})
+    assert system.parameters["sink"] == {"item": 3}
+    with pytest.raises(WiringError, match=r"sink\.item = 'herd': did you mean hard"):
+        system.with_parameters({"sink.item": "herd"})
+
+
 def test_a_constant_of_the_wrong_type_is_refused(pair):
     for name, value in (("integer", 1.5), ("boolean", 1), ("item", True)):
         with pytest.raises(WiringError, match=rf"sink.{name} = {value}: it is an? \w+ variable and takes no"):

@@ -23,8 +23,8 @@ from cosim import (
     System,
     run,
 )
+from cosim.components.fmu_component import loaded
 from cosim.components.fmu_file import FmuFile
-from cosim.components.fmu_instance import loaded
 from cosim.components.fmu_log import FmuLog
 from eightpost.errors import StepError, WiringError
 from eightpost.signals import Drivefile

@@ -92,6 +92,10 @@ def test_a_library_without_optional_functions_runs_and_is_refused_if_it_declares
         ({"variables": '<Float64 name="a" valueReference="1" min="low"/>'}, "a: min='low' is not a number"),
         ({"variables": '<Float64 name="a" valueReference="1" start="low"/>'}, "a: start='low' is not a number"),
         ({"variables": "<Float64"}, "modelDescription.xml cannot be read"),
+        (
+            {"variables": '<String name="a" valueReference="1" start="1"/>'},
+            "a: start='1' is an attribute, but a String of FMI 3.0 states its start value in a Start element",
+        ),
         ({"flags": 'fixedInternalStepSize="some"'}, "modelDescription.xml cannot be read"),
     ],
 )

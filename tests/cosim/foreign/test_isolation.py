@@ -153,7 +153,7 @@ PARENT = """
 import sys, types
 package = sys.modules["cosim"] = types.ModuleType("cosim")
 package.__path__ = [sys.argv[3]]
-from cosim.components.isolated_component import IsolatedComponent
+from cosim.components.isolated import IsolatedComponent
 part = IsolatedComponent(sys.argv[1], "odd")
 part.begin(0.0, 1.0, {"manner": sys.argv[2]})
 part.end_initialization()

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from cosim.study.certainty import ConfirmedRun, Effect
+from cosim.study.choice.certainty import ConfirmedRun, Effect
 from cosim.study.measures import Measure
-from cosim.study.result import StudyResult
+from cosim.study.table import StudyResult
 from eightpost.uncertainty import MeasureUncertainty
 from eightpost.validity import ModelUncertainty, Validity
 from eightpost.verdict import Verdict

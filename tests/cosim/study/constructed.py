@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from cosim.study.choice.robust import Uncertain
+from cosim.study.definition import Build, Drive, Study, Vehicle
 from cosim.study.measures import Measure
-from cosim.study.result import StudyResult
-from cosim.study.study import Build, Drive, Study, Vehicle
-from cosim.study.table import Provenance, result_table, study_schema
+from cosim.study.table import Provenance, StudyResult, result_table, study_schema
 from eightpost.corners import CORNERS
 
 #: Table 7.3.

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
+from cosim.study.definition import Build, Drive, Study, Term, Vehicle
 from cosim.study.measures import Measure
 from cosim.study.running import workers
 from cosim.study.running.evaluator import Coupling, Row
 from cosim.study.running.workers import Chunk
-from cosim.study.study import Build, Drive, Study, Term, Vehicle
 
 from .constructed import CORNERS
 

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.study.measures import AboveBand, Measure, above_band, band_ends, power_above
+from cosim.study.measures import AboveBand, Filtered, Measure, above_band, band_ends, power_above
 from cosim.study.running.sweep import run_study
-from cosim.study.statistics import Filtered
 from cosim.study.verdict import ABOVE_BAND, WITHIN_BAND, study_verdict
 from eightpost.signals import TimeSeries
 from eightpost.validity import Range, Validity

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy
 
-from cosim.study.statistics import Filtered, band_pass
+from cosim.study.measures import Filtered, band_pass
 from eightpost.errors import InputError
 from eightpost.signals import TimeSeries
 

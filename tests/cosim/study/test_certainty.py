@@ -12,19 +12,19 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from cosim.study.certainty import (
+from cosim.study.choice.assess import Knowledge, certainty_of, posterior_of
+from cosim.study.choice.certainty import (
     OBJECTIVE,
     Effect,
     NextTest,
     Status,
     TradeOff,
+    certainty_reasons,
+    summary_lines,
 )
-from cosim.study.certainty.assess import Knowledge, certainty_of, posterior_of
-from cosim.study.certainty.certainty import certainty_reasons, summary_lines
-from cosim.study.certainty.choice import VehicleDraws, next_tests
-from cosim.study.certainty.posterior import half_width, probability_below
-from cosim.study.certainty.sources import Scales, error_sources
-from cosim.study.study import Constraint, Term
+from cosim.study.choice.posterior import VehicleDraws, half_width, next_tests, probability_below
+from cosim.study.choice.sources import Scales, error_sources
+from cosim.study.definition import Constraint, Term
 from eightpost.errors import InputError
 from eightpost.uncertainty import MeasureUncertainty, separation
 from eightpost.validity import ModelUncertainty, Validity

@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.study.certainty.assess import certainty_of
-from cosim.study.certainty.certainty import Effect, Status
-from cosim.study.certainty.effects import UncertainParameter, effects_of, stated_parameters
-from cosim.study.certainty.sources import error_sources
-from cosim.study.choice.robust import Draws, Uncertain, knowledge_of
+from cosim.study.choice.assess import certainty_of
+from cosim.study.choice.certainty import Effect, Status
+from cosim.study.choice.robust import Uncertain, Uncertainty, knowledge_of
+from cosim.study.choice.sources import UncertainParameter, effects_of, error_sources, stated_parameters
 from cosim.study.running.evaluator import coupling_of
-from cosim.study.running.sweep import Requested, run_study
+from cosim.study.running.sweep import Sweep, run_study
 from eightpost.uncertainty import LeftOutBlocks
 from eightpost.validity import ModelUncertainty, ParameterUncertainty, Validity
 from eightpost.verdict import Verdict
@@ -27,20 +26,20 @@ MEASURES = ("total tire force", "front ride height")
 
 @pytest.fixture(scope="module")
 def small(fmus, tmp_path_factory):
-    """Return folder and result of a study of four setups of the builds middle and stiff."""
+    """Return sweep and result of a study of four setups of the builds middle and stiff."""
     folder = tmp_path_factory.mktemp("small")
     two = study(fmus)
     builds = ("middle", "stiff")
     two = replace(
         two, bank={name: two.bank[name] for name in builds}, corners=dict.fromkeys(two.corners, builds), settling=0.5
     )
-    return folder, run_study(two, folder, InProcess())
+    return Sweep(two, folder), run_study(two, folder, InProcess())
 
 
 @pytest.fixture(scope="module")
 def effect(small):
-    folder, result = small
-    (found,) = effects_of(result, [SCALE], folder, InProcess())
+    sweep, result = small
+    (found,) = effects_of(result, [SCALE], sweep, InProcess())
     return found
 
 
@@ -51,7 +50,7 @@ def largest(effect: Effect, name: str) -> float:
 
 @pytest.mark.parametrize("corner", ["lf", "rr"])
 def test_an_effect_is_the_change_of_the_best_setup_with_a_changed_shock_at_one_corner(small, effect, corner):
-    folder, result = small
+    sweep, result = small
     stiff = result.study.bank["stiff"]
     changed = replace(stiff, parameters={**stiff.parameters, "compression_scale": 2.01})
     best = result.setup(int(result.ranking()[0])).builds
@@ -62,7 +61,7 @@ def test_an_effect_is_the_change_of_the_best_setup_with_a_changed_shock_at_one_c
         alike=(),
         baseline={},
     )
-    run = Requested(free, folder).request(InProcess(), coupling_of(result), free.space.indices.tolist())
+    run = sweep.variant(free, sweep.folder).request(InProcess(), coupling_of(result), free.space.indices.tolist())
     assert run.builds(corner) == ["stiff", "changed"]
     for name in MEASURES:
         nominal, other = run.values(name)
@@ -79,16 +78,16 @@ def test_setups_without_the_build_have_no_error_and_copies_are_in_units_of_the_f
 
 
 def test_runs_of_effects_are_not_repeated(small, effect):
-    folder, result = small
+    sweep, result = small
     workers = InProcess()
-    assert effects_of(result, [SCALE], folder, workers) == (effect,)
+    assert effects_of(result, [SCALE], sweep, workers) == (effect,)
     assert workers.ran == []
 
 
 def test_a_value_beyond_the_limit_is_changed_downwards_with_the_same_slope(small, effect):
-    folder, result = small
+    sweep, result = small
     limited = replace(SCALE, stated=replace(SCALE.stated, highest=2.005))
-    (found,) = effects_of(result, [limited], folder, InProcess())
+    (found,) = effects_of(result, [limited], sweep, InProcess())
     assert limited.changed == pytest.approx(1.99)
     for corner in result.study.corners:
         for name in MEASURES:
@@ -98,9 +97,9 @@ def test_a_value_beyond_the_limit_is_changed_downwards_with_the_same_slope(small
 
 @pytest.mark.nightly
 def test_a_parameter_of_the_vehicle_has_an_effect_on_all_setups_and_another_one_with_each_build(small):
-    folder, result = small
+    sweep, result = small
     car = Uncertain("car", ("lf.friction_force",), np.array([0.0]), np.array([[20.0**2]]))
-    known = knowledge_of(result, Draws((car,), count=2), {}, folder, InProcess())
+    known = knowledge_of(result, Uncertainty((car,)), {}, sweep, InProcess())
     (found,) = known.effects
     assert abs(found.shared["total tire force"]) > 1e-5
     assert {build for builds in found.changes.values() for build in builds} == {"middle", "stiff"}
@@ -113,7 +112,7 @@ def test_a_parameter_of_the_vehicle_has_an_effect_on_all_setups_and_another_one_
 
 @pytest.mark.nightly
 def test_builds_whose_fits_had_the_same_test_have_correlated_errors(small, effect):
-    folder, result = small
+    sweep, result = small
     change = np.sin(np.arange(60.0))
     blocks, other = (LeftOutBlocks.of(velocity, {"compression_scale": change}) for velocity in np.eye(2, 60) + 0.1)
 
@@ -122,7 +121,7 @@ def test_builds_whose_fits_had_the_same_test_have_correlated_errors(small, effec
             Uncertain(build, ("compression_scale",), np.array([value]), np.array([[0.01**2]]), left_out=given)
             for build, value, given in zip(("stiff", "middle"), (2.0, 1.0), left_out, strict=True)
         )
-        found = knowledge_of(result, Draws(parts, count=2), {}, folder, InProcess()).effects
+        found = knowledge_of(result, Uncertainty(parts), {}, sweep, InProcess()).effects
         assert found[0].changes == effect.changes
         return [one.correlations for one in found]
 
@@ -158,13 +157,13 @@ def test_builds_state_their_parameters_and_those_that_state_nothing_are_unknown(
 @pytest.mark.nightly
 def test_correlated_parameters_have_the_variance_of_their_covariance(small):
     """Two scales of one build that are fully correlated act as one parameter."""
-    folder, result = small
+    sweep, result = small
     names = ("compression_scale", "rebound_scale")
 
     def known(correlation: float):
         covariance = 0.02**2 * np.array([[1.0, correlation], [correlation, 1.0]])
         return knowledge_of(
-            result, Draws((Uncertain("stiff", names, np.full(2, 2.0), covariance),), count=2), {}, folder, InProcess()
+            result, Uncertainty((Uncertain("stiff", names, np.full(2, 2.0), covariance),)), {}, sweep, InProcess()
         )
 
     rows = np.arange(len(result))

@@ -12,20 +12,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from cosim.study.certainty import (
+from cosim.study.choice.assess import Knowledge, certainty_of
+from cosim.study.choice.certainty import (
     Contradiction,
     Effect,
     Status,
+    certainty_reasons,
     read_certainty,
     write_certainty,
 )
-from cosim.study.certainty.assess import Knowledge, certainty_of
-from cosim.study.certainty.certainty import certainty_reasons
-from cosim.study.certainty.posterior import Observations, Posterior
-from cosim.study.certainty.sources import error_sources
 from cosim.study.choice.compare import usable_deviation
+from cosim.study.choice.posterior import Observations, Posterior
 from cosim.study.choice.rig_runs import MeasuredRun, with_rig_runs
-from cosim.study.study import Term
+from cosim.study.choice.sources import error_sources
+from cosim.study.definition import Term
 from eightpost.corners import CORNERS
 from eightpost.errors import FileFormatError
 from eightpost.signals import TimeSeries
@@ -91,7 +91,7 @@ def test_later_repeats_replace_a_run_to_run_deviation_unless_it_is_stated(tmp_pa
             time = np.arange(0.0, 30.001, 0.01)
             wave = np.sqrt(2.0) * level * np.sin(2.0 * np.pi * time)
             series = TimeSeries.from_channels(time, {"o0": ("1", wave)})
-            known = with_rig_runs(study, known, [MeasuredRun(file, setup, "lap")], lambda _, s=series: s).known
+            known = with_rig_runs(study, known, [MeasuredRun(file, setup, "lap")], lambda _, s=series: s)[0]
     factor = 1.0 if stated else usable_deviation(1.0, 2)
     assert known.run_to_run["a"] == pytest.approx(factor * expected, rel=0.01)
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from cosim.results.error_estimate import difference
+from cosim.session.result import difference
 from cosim.study import Build
-from cosim.study.running.choose_coupling import choose_coupling
+from cosim.study.running.coupling import choose_coupling
 from cosim.study.running.evaluator import Evaluator
 from eightpost.corners import CORNERS
 from eightpost.errors import StepError

@@ -16,12 +16,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.study import table
-from cosim.study.result import StudyResult
-from cosim.study.running import chunks
-from cosim.study.running.chunks import BATCH, ChunkFolder, Cutter, gaps
-from cosim.study.running.sweep import run_study
+from cosim.study.running import sweep
+from cosim.study.running.sweep import BATCH, ChunkFolder, Cutter, gaps, run_study
 from cosim.study.running.workers import Chunk
-from cosim.study.table import study_schema
+from cosim.study.table import StudyResult, study_schema
 from cosim.study.verdict import study_verdict
 from eightpost.errors import FileFormatError, InputError
 
@@ -92,7 +90,7 @@ def folder(whole, tmp_path) -> ChunkFolder:
 
 
 def test_joined_chunks_are_the_table_and_only_some_rows_are_in_memory(folder, whole, monkeypatch):
-    monkeypatch.setattr(chunks, "_ROWS", 300)
+    monkeypatch.setattr(sweep, "_ROWS", 300)
     parts = list(folder.tables())
     assert pa.concat_tables(parts).equals(whole.table.replace_schema_metadata())
     assert max(map(len, parts)) <= 300 + 100

@@ -10,14 +10,20 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from cosim.study.certainty.certainty import Levels
-from cosim.study.choice.compare import Comparison, RunComparison, comparison_verdict, percent_change, verdict_of_runs
-from cosim.study.choice.files import read_run_to_run, write_and_plot
+from cosim.study.choice.certainty import Levels
+from cosim.study.choice.compare import (
+    Comparison,
+    RunComparison,
+    changes,
+    compare_runs,
+    comparison_verdict,
+    read_run_to_run,
+    write_and_plot,
+)
 from cosim.study.choice.rig_runs import Measured, comparisons, measured_runs, read_run_list
 from cosim.study.choice.selection import BASELINE_RUNS, read_selection, select, write_selection
+from cosim.study.definition import Drive, Term
 from cosim.study.measures import Measure
-from cosim.study.plots import changes
-from cosim.study.study import Drive, Term
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import json_content
 from eightpost.signals import TimeSeries
@@ -275,15 +281,13 @@ def test_a_prediction_of_wrong_ranks_or_levels_is_not_usable_and_names_the_figur
 
 def test_the_verdict_on_runs_is_that_of_each_run_with_its_folder():
     good = comparison_verdict([comparison(PREDICTED)], rank=0.9, level=None)
-    found = verdict_of_runs({"a": {"verdict": good.to_json()}, "b": {}})
-    assert {(one.grade, one.origin) for one in found.reasons} == {
+    series = TimeSeries.from_channels(np.arange(3.0), {"x": ("m", np.arange(3.0))})
+    saved = {label: SimpleNamespace(series=series, document=document)
+             for label, document in (("a", {"verdict": good.to_json()}), ("b", {}))}  # fmt: skip
+    assert {(one.grade, one.origin) for one in compare_runs(saved).verdict.reasons} == {
         (Grade.USABLE, "a: front ride height"),
         (Grade.UNKNOWN, "b: result.json"),
     }
-
-
-def test_a_change_is_from_the_first_run_to_the_last():
-    assert percent_change([2.0, 7.0, 3.0]) == 50.0 and percent_change([0.0, 1.0]) is None
 
 
 def test_runs_are_compared_by_the_change_of_each_measure_from_the_first_run():

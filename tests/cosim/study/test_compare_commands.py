@@ -10,33 +10,26 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 from click.testing import CliRunner
-from rich.console import Console
 
-from cosim.study.certainty import Effect, read_certainty, write_certainty
-from cosim.study.certainty.assess import Knowledge, certainty_of
-from cosim.study.choice.files import read_run_to_run
+from cosim.study.choice.assess import Knowledge, certainty_of
+from cosim.study.choice.certainty import Effect, read_certainty, write_certainty
+from cosim.study.choice.compare import read_run_to_run
 from cosim.study.choice.rig_runs import read_run_list
 from cosim.study.choice.selection import select, write_selection
-from cosim.study.result import StudyResult
 from cosim.study.running.sweep import run_study
+from cosim.study.table import StudyResult
 from eightpost.__main__ import main
-from eightpost.app.certainty import measured_noise, with_runs
+from eightpost.api.study_folder import StudyFolder
 from eightpost.corners import CORNERS
 from eightpost.errors import FileFormatError
-from eightpost.rig.post import (
-    NO_DRIFT,
-    Actuators,
-    RigSensors,
-    RigTest,
-    read_rig_test,
-    run_test,
-    seven_dof_truth,
-)
+from eightpost.progress import Listener
+from eightpost.rig import RigTest, read_rig_test
 from eightpost.shock import Port
 from eightpost.signals import Drivefile
 from eightpost.uncertainty import TOTAL, MeasureUncertainty
 from eightpost.validity import ModelUncertainty, Validity
 from eightpost.verdict import Verdict
+from eightpost.virtual import NO_DRIFT, Actuators, RigSensors, run_test, seven_dof_truth
 
 from .coupled import SCALES, TRACK, InProcess, study
 
@@ -215,7 +208,7 @@ def test_several_studies_are_not_compared_with_the_rig(folder):
 def pages(monkeypatch) -> list[tuple]:
     """Return the list of calls that write a page, which takes long and is tested elsewhere."""
     calls: list[tuple] = []
-    monkeypatch.setattr("eightpost.app.show.write_page", lambda *given, **options: calls.append(given))
+    monkeypatch.setattr(StudyFolder, "write_page", lambda *given, **_options: calls.append(given))
     return calls
 
 
@@ -275,9 +268,9 @@ def test_compare_counts_the_levels_in_the_intervals_that_the_study_states(folder
 def test_confirm_takes_the_run_to_run_deviation_of_a_comparison(folder, measured, sure, pages):
     assert eightpost("compare", sure, "--measured", folder / "selection.csv").exit_code == 0
     path = sure / "compared" / "comparison.json"
-    assert all(measured_noise(sure).values())
+    assert all(StudyFolder(sure)._measured_noise().values())
     path.write_text(json.dumps(json.loads(path.read_text()) | {"measures": []}))  # edited: nothing is known from it
-    assert measured_noise(sure) == {}
+    assert StudyFolder(sure)._measured_noise() == {}
     with pytest.raises(FileFormatError, match="was edited after the comparison"):
         read_run_to_run(path)
     assert eightpost("compare", sure, "--measured", folder / "selection.csv").exit_code == 0
@@ -342,10 +335,10 @@ def test_a_damaged_certainty_is_refused_and_kept_when_it_is_replaced(sure, measu
     assert "or run `eightpost study` again and confirm the rig runs again" in text
     assert "certainty.previous.parquet" not in text  # no rig run was confirmed before
     assert (sure / "certainty.parquet").read_bytes() == damaged
-    console = Console(record=True, width=200)
-    result = StudyResult.load(sure / "results.parquet")
-    assert with_runs(console, Knowledge(), result, sure) == Knowledge()
-    assert "rig runs are not taken over: confirm them again" in console.export_text()
+    notes, listener = [], Listener()
+    listener.note = notes.append
+    assert StudyFolder(sure, listener=listener)._with_runs(Knowledge()) == Knowledge()
+    assert "rig runs are not taken over: confirm them again" in notes[0]
     assert (sure / "certainty.replaced.parquet").read_bytes() == damaged
 
 

@@ -11,13 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim.study import Build
-from cosim.study.choice.continuous import Evaluation, Problem, Range, Robustness, ShockSpace, band, groups_of, search
-from cosim.study.choice.what_if import Effect, what_if
-from cosim.study.running import trials
+from cosim.study.choice.optimise import Evaluation, Problem, Range, Robustness, ShockSpace, band, groups_of, search
+from cosim.study.choice.sensitivity import MeasureChange, what_if
+from cosim.study.definition import Constraint, Term
 from cosim.study.running.evaluator import Coupling
-from cosim.study.running.sweep import Requested
-from cosim.study.running.trials import Trials
-from cosim.study.study import Constraint, Term
+from cosim.study.running.sweep import Sweep, Trials
 from cosim.study.table import error_column
 from eightpost.errors import InputError, StepError
 
@@ -143,11 +141,12 @@ class LinearRuns:
         }
 
 
+UNITS = {"a": "m", "b": "m"}
+
+
 @pytest.fixture
-def linear(monkeypatch):
+def linear():
     """A study of linear runs: `low` has a scale of 1, `high` of 2; the objective is 2 a [in] - b [m]."""
-    units = {"a": "m", "b": "m"}
-    monkeypatch.setattr(trials, "Evaluator", lambda study: SimpleNamespace(measure_units=units))
     bank = {name: Build("shock.fmu", {"scale": scale}) for name, scale in (("low", 1.0), ("high", 2.0))}
     found = result(
         {"a": lambda digits: 4.0 + digits.sum(axis=1), "b": lambda digits: 10.0 + 10.0 * digits[:, 0]},
@@ -204,13 +203,13 @@ def test_a_change_that_cannot_be_compared_is_refused_by_name(linear, error, mess
 
 
 def test_a_change_is_clear_only_beyond_a_known_noise():
-    assert [Effect("a", "", 1.0, 2.0, noise).is_clear for noise in (0.9, 1.0, np.nan)] == [True, False, True]
-    assert np.isnan(Effect("a", "", 0.0, 1.0, 0.0).relative)
+    assert [MeasureChange("a", "", 1.0, 2.0, noise).is_clear for noise in (0.9, 1.0, np.nan)] == [True, False, True]
+    assert np.isnan(MeasureChange("a", "", 0.0, 1.0, 0.0).relative)
 
 
 def test_trials_are_rows_in_their_order_and_shared_among_the_workers_in_two_chunks_each(linear):
     workers = LinearRuns()
-    here = Trials(linear.study, workers, Coupling("gauss-seidel", 1e-3))
+    here = Trials(linear.study, UNITS, workers, Coupling("gauss-seidel", 1e-3))
     scales = [3.0, 1.0, 2.0, 5.0, 4.0]
     found = here.run([dict.fromkeys(CORNERS, Build("shock.fmu", {"scale": scale})) for scale in scales])
     assert found.values("b").tolist() == [10.0 * scale for scale in scales]
@@ -223,7 +222,7 @@ def test_trials_are_rows_in_their_order_and_shared_among_the_workers_in_two_chun
 def test_the_robust_objective_is_mean_and_scatter_of_the_drawn_shocks(linear):
     space = ShockSpace((("lf", "rf"), ("lr", "rr")), (Range("scale", 1.0, 3.0, 0.1),),
                        lambda _group, numbers: Build("shock.fmu", numbers))  # fmt: skip
-    here = Trials(linear.study, LinearRuns(), Coupling("gauss-seidel", 1e-3))
+    here = Trials(linear.study, UNITS, LinearRuns(), Coupling("gauss-seidel", 1e-3))
     points, robust = np.array([[0.1, 0.9], [0.5, 0.5]]), Robustness(20, 2.0)
     exact, found = (Problem(here, space, one, "a").evaluate(points) for one in (Robustness(), robust))
     scales = space.values(points)[:, None] * robust.factors(space)  # (K, 1 + S, groups, 1)
@@ -238,11 +237,11 @@ def test_the_robust_objective_is_mean_and_scatter_of_the_drawn_shocks(linear):
 @pytest.mark.nightly
 def test_a_trial_is_the_run_of_the_study_to_the_bit_whatever_ran_before(small_study, here, tmp_path):
     study = small_study(alike=(("lf", "rf"), ("lr", "rr")))
-    requested = Requested(study, tmp_path)
+    requested = Sweep(study, tmp_path)
     coupling = requested.coupling(here)
     known = requested.request(here, coupling, study.space.indices.tolist())
     assert groups_of(study) == (("lf", "rf"), ("lr", "rr"))
-    trials = Trials(study, here, coupling)
+    trials = Trials(study, requested.units, here, coupling)
     rows = [known.row(dict.fromkeys(study.corners, name)) for name in study.bank]
     other, *_ = scaled(study, 2.0)
     found = trials.run([other, *(dict.fromkeys(study.corners, build) for build in study.bank.values()), other])

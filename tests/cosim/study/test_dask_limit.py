@@ -6,8 +6,8 @@ import pytest
 
 pytest.importorskip("distributed", reason="needs the extra dask")
 
-from cosim.study.running import dask_limit
-from cosim.study.running.dask_limit import TimeLimit
+from cosim.study.running import dask_workers
+from cosim.study.running.dask_workers import TimeLimit
 
 PATIENCE = 10.0
 
@@ -30,7 +30,7 @@ class FakeClient:
 @pytest.fixture
 def clock(monkeypatch):
     now = [0.0]
-    monkeypatch.setattr(dask_limit.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(dask_workers.time, "monotonic", lambda: now[0])
     return now
 
 

@@ -13,9 +13,9 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from cosim.study.result import StudyResult
 from cosim.study.running.sweep import run_study
 from cosim.study.study_file import read_study
+from cosim.study.table import StudyResult
 from eightpost import __version__
 
 pytest.importorskip("distributed", reason="needs the extra dask")

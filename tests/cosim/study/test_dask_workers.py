@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.study.running.chunks import file_digests, study_digest
-from cosim.study.running.sweep import Sweep, run_study
+from cosim.study.running.sweep import Sweep, file_digests, run_study, study_digest
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError, StepError, WorkersLostError
 
@@ -21,7 +20,7 @@ import dask  # noqa: E402 -- after the skip
 from cosim.study import Measure, Study, StudyResult  # noqa: E402
 from cosim.study.running import dask_workers  # noqa: E402
 from cosim.study.running.evaluator import Coupling  # noqa: E402
-from cosim.study.running.program import program  # noqa: E402
+from cosim.study.running.workers import program  # noqa: E402
 
 #: A measure that ends its worker in the one setup where it is large.
 DEADLY = """

@@ -1,13 +1,12 @@
 """Estimate of coupling errors from local errors: exact if the errors are sums of squares."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from cosim.results.run_data import Coupled
-from cosim.study.running.error_model import Pilot, fit_error_model, local_errors
+from cosim.session.verdict import Coupled
+from cosim.study.running.evaluator import Pilot, fit_error_model, local_errors
 from eightpost.corners import CORNERS
 
 GAINS = np.array([4.0, 1.0, 0.25, 9.0])
@@ -41,7 +40,7 @@ def test_ends_that_report_no_error_are_left_out():
 
 
 def test_errors_are_overstated_for_some_pilots_by_as_much_as_they_are_understated_for_others():
-    found = [replace(p, channels={"a": p.channels["car.lf.force"] * s})
+    found = [p._replace(channels={"a": p.channels["car.lf.force"] * s})
              for p, s in zip(pilots(8, np.random.default_rng(5)), [0.7, 1.4] * 4, strict=True)]  # fmt: skip
     model = fit_error_model(found)
     ratios = [model.worst_channel(p.result) / p.channels["a"] for p in found]
@@ -51,7 +50,7 @@ def test_errors_are_overstated_for_some_pilots_by_as_much_as_they_are_understate
 def test_errors_of_measures_are_unbiased_in_the_mean_square() -> None:
     """One error is zero by chance; the others must not be underestimated because of it."""
     found = [
-        replace(p, measures={"grip": 1e-3 * k})
+        p._replace(measures={"grip": 1e-3 * k})
         for p, k in zip(pilots(8, np.random.default_rng(5)), [0, 1, 2, 3, 2, 1, 2, 1], strict=True)
     ]
     model = fit_error_model(found)
@@ -60,7 +59,7 @@ def test_errors_of_measures_are_unbiased_in_the_mean_square() -> None:
 
 
 def test_a_measure_without_any_error_has_gains_of_zero():
-    found = [replace(p, measures={"mean": 0.0}) for p in pilots(5, np.random.default_rng(6))]
+    found = [p._replace(measures={"mean": 0.0}) for p in pilots(5, np.random.default_rng(6))]
     model = fit_error_model(found)
     assert model.of_measures(found[0].result)["mean"] == 0.0
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.study.choice.sensitivity import Factor, factors_of, indices_of, levels_of
-from cosim.study.study import SetupSpace
+from cosim.study.definition import SetupSpace
 from eightpost.corners import CORNERS
 
 BUILDS = ("AA/AA", "B/B", "C/C")

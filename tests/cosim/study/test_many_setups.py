@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cosim import Bond, FmuComponent, Scenario, System, run
-from eightpost.ident.vehicle.many_setups import ManySetups
+from eightpost.ident.vehicle.simulation import ManySetups
 from eightpost.shock import LAWS, Shock
 from eightpost.signals import Drivefile, TimeSeries
 from eightpost.vehicle import (

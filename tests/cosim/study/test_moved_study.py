@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from cosim.study.result import StudyResult
-from cosim.study.study import Build, Drive, Vehicle
+from cosim.study.definition import Build, Drive, Vehicle
+from cosim.study.table import StudyResult
 
 from .constructed import result, study
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 from click.testing import CliRunner
 
-from cosim.study.result import StudyResult
+from cosim.study.table import StudyResult
 from eightpost.__main__ import main
+from eightpost.api.study_folder import StudyFolder
 
 from .coupled import TRACK
 
@@ -52,7 +53,7 @@ def optimise(fmus, folder, *words: str, limit: float = 1.0):
 @pytest.mark.nightly
 def test_a_search_writes_its_results_and_resumes_with_more_evaluations(fmus, tmp_path, monkeypatch):
     pages = []  # the page takes longer than the search, and is tested elsewhere
-    monkeypatch.setattr("eightpost.app.show.write_page", lambda *given: pages.append(given))
+    monkeypatch.setattr(StudyFolder, "write_page", lambda *given, **_options: pages.append(given))
     shown = optimise(fmus, tmp_path, "--evaluations", "4")
     assert shown.exit_code == 0, shown.output
     for text in ("minimised: 1 x grip number", "4 setups were evaluated; the study has 9 setups", "results.parquet"):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cosim.study.choice.optimise import Search, scores_of, search_study, violation
-from cosim.study.running.sweep import Requested, run_study
-from cosim.study.study import Constraint, Term
+from cosim.study.definition import Constraint, Term
+from cosim.study.running.sweep import Sweep, run_study
 from eightpost.errors import InputError
 
 from .constructed import result
@@ -24,7 +24,7 @@ def exhaustive(fmus, tmp_path_factory):
 
 def test_a_search_runs_the_fmus_as_the_exhaustive_study_does(fmus, exhaustive, tmp_path):
     _, whole = exhaustive
-    table, found = search_study(Requested(study(fmus), tmp_path), InProcess(), COUPLING, Search(evaluations=15))
+    table, found = search_study(Sweep(study(fmus), tmp_path), InProcess(), COUPLING, Search(evaluations=15))
     assert found.best == whole.setups[whole.ranking()[0]]
     rows = np.searchsorted(whole.setups, table.setups)
     np.testing.assert_array_equal(table.values("front ride height"), whole.values("front ride height")[rows])
@@ -32,14 +32,14 @@ def test_a_search_runs_the_fmus_as_the_exhaustive_study_does(fmus, exhaustive, t
 
 def test_a_search_begins_with_the_baseline(fmus, tmp_path):
     made = study(fmus)
-    _, found = search_study(Requested(made, tmp_path), InProcess(), COUPLING, Search(evaluations=4))
+    _, found = search_study(Sweep(made, tmp_path), InProcess(), COUPLING, Search(evaluations=4))
     assert found.indices[0] == made.baseline_setup.index
 
 
 def test_a_repeated_search_runs_nothing_again(fmus, tmp_path):
     first, again = InProcess(), InProcess()
-    _, found = search_study(Requested(study(fmus), tmp_path), first, COUPLING, Search(evaluations=8))
-    _, repeated = search_study(Requested(study(fmus), tmp_path), again, COUPLING, Search(evaluations=8))
+    _, found = search_study(Sweep(study(fmus), tmp_path), first, COUPLING, Search(evaluations=8))
+    _, repeated = search_study(Sweep(study(fmus), tmp_path), again, COUPLING, Search(evaluations=8))
     assert len(first.ran) == len(set(first.ran)) == 8
     assert again.ran == []
     np.testing.assert_array_equal(found.indices, repeated.indices)
@@ -54,22 +54,22 @@ def test_ctrl_c_during_a_request_keeps_the_completed_setups(fmus, tmp_path):
     made, after = study(fmus), InProcess()
     numbers = made.space.indices.tolist()[:12]
     with pytest.raises(KeyboardInterrupt):
-        Requested(made, tmp_path).request(Interrupted(), COUPLING, numbers)
-    found = Requested(made, tmp_path).request(after, COUPLING, numbers)
+        Sweep(made, tmp_path).request(Interrupted(), COUPLING, numbers)
+    found = Sweep(made, tmp_path).request(after, COUPLING, numbers)
     assert after.ran == numbers[8:] and found.setups.tolist() == numbers  # eight setups are a batch
 
 
 def test_a_search_uses_the_results_of_an_exhaustive_study(fmus, exhaustive):
     folder, _ = exhaustive
     workers = InProcess()
-    search_study(Requested(study(fmus), folder), workers, COUPLING, Search(evaluations=10))
+    search_study(Sweep(study(fmus), folder), workers, COUPLING, Search(evaluations=10))
     assert workers.ran == []
 
 
 def test_a_search_for_several_measures_gives_the_front_of_the_evaluated_setups(fmus, exhaustive):
     folder, _ = exhaustive
     names = ("total tire force", "front ride height")
-    table, found = search_study(Requested(study(fmus), folder), InProcess(), COUPLING, Search(names, 20))
+    table, found = search_study(Sweep(study(fmus), folder), InProcess(), COUPLING, Search(names, 20))
     values = np.stack([table.values(name) for name in names], axis=1)
     best = [not any((other <= row).all() and (other < row).any() for other in values) for row in values]
     assert found.front.tolist() == table.setups[best].tolist()

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.study.study import Constraint, Term
+from cosim.study.definition import Constraint, Term
 
 from .constructed import CORNERS, result
 

@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
+import pyarrow.parquet
 import pytest
 
-from cosim.study.choice.files import read_spreads, write_spreads
-from cosim.study.choice.robust import Spread, Uncertain, drawn_studies, spreads_of
-from cosim.study.study import Term
-from eightpost.errors import FileFormatError, InputError
+from cosim.study.choice.robust import Uncertain, Uncertainty, drawn_studies, spreads_of, write_spreads
+from cosim.study.definition import Term
+from eightpost.errors import InputError
 from eightpost.uncertainty import LeftOutBlocks
 
 from .constructed import independent, result, study
 
 COVARIANCE = np.array([[4e-4, -1e-4], [-1e-4, 1e-4]])
 SHOCK = Uncertain("C/B", ("compression_scale", "rebound_scale"), np.array([1.0, 1.0]), COVARIANCE)
-
-
-def spread(values: list[float], draws: np.ndarray | None = None, **noise: float) -> Spread:
-    sampled = np.empty((0, len(values))) if draws is None else draws
-    return Spread("ride height", np.arange(len(values)), np.array(values), sampled, **noise)
 
 
 def parameters(studies, build: str, name: str) -> np.ndarray:
@@ -88,89 +83,31 @@ def test_the_message_on_an_unknown_part_lists_the_parts():
         drawn_studies(study(("front",)), [independent("D/D", {"time_constant": (1.0, 1.0)})], draws=2)
 
 
-def test_an_error_that_all_setups_share_does_not_hide_which_is_better():
-    shared = np.random.default_rng(1).normal(size=(64, 1))
-    found = spread([1.0, 1.1, 1.2], np.array([1.0, 1.1, 1.2]) + shared)
-    assert (found.deviation > 0.5).all()
-    assert found.worse_than(0).tolist() == [False, True, True]
-
-
-def test_independent_errors_make_close_setups_a_tie():
-    own = np.random.default_rng(2).normal(scale=0.1, size=(64, 3))
-    found = spread([1.0, 1.1, 2.0], np.array([1.0, 1.1, 2.0]) + own)
-    assert found.worse_than(0).tolist() == [False, False, True]
-
-
-def test_a_difference_of_two_runs_has_twice_the_variance_of_one():
-    found = spread([1.0, 2.0], run_to_run=0.3)
-    _, deviation = found.difference(0)
-    assert deviation.tolist() == pytest.approx([0.0, 0.3 * np.sqrt(2.0)])
-    assert found.deviation.tolist() == pytest.approx([0.3, 0.3])
-
-
-def test_more_runs_resolve_smaller_differences():
-    once, often = (spread([1.0, 1.5], run_to_run=0.3, runs=runs) for runs in (1, 9))
-    assert [found.worse_than(0)[1] for found in (once, often)] == [False, True]
-
-
-def test_equal_setups_are_rarely_called_different():
-    generator = np.random.default_rng(3)
-    noise = 0.1
-    claims = 0
-    for _ in range(2000):
-        seen = 1.0 + noise * generator.normal(size=2)
-        claims += int(spread(seen.tolist(), run_to_run=noise).worse_than(int(seen.argmin())).sum())
-    assert claims / 2000 == pytest.approx(0.0455, abs=0.015)  # two-sided, beyond two standard deviations
-
-
 def test_a_spread_contains_the_setups_that_every_draw_has():
     def front(scale: float):
         return lambda digits: scale * digits.sum(axis=1)
 
     nominal = result({"front": front(1.0)})
     draws = [result({"front": front(s)}, kept=np.array(k)) for s, k in ((0.9, [0, 3, 8]), (1.1, [0, 1, 3, 8]))]
-    (found,) = spreads_of(nominal, draws, {"front": 0.5}, runs=4)
+    (found,) = spreads_of(nominal, draws, [8, 3, 0, 5])
     assert found.setups.tolist() == [0, 3, 8]
     np.testing.assert_allclose(found.values, [0.0, 3.0, 2.0])
-    np.testing.assert_allclose(found.deviation, np.sqrt(0.02 * found.values**2 + 0.0625))
+    np.testing.assert_allclose(found.draws, np.outer([0.9, 1.1], found.values))
 
 
-def test_noise_of_a_measure_that_the_study_lacks_is_refused():
-    with pytest.raises(InputError, match="did you mean 'front'"):
-        spreads_of(result({"front": lambda digits: digits.sum(axis=1)}), [], {"frnt": 0.5})
-
-
-@pytest.mark.parametrize("draws", [0, 3])
-def test_spreads_are_read_back_from_their_file(tmp_path, draws):
-    sampled = np.random.default_rng(4).normal(size=(draws, 3))
-    kept = spread([1.0, np.nan, 2.0], sampled, run_to_run=0.5, runs=2)
-    write_spreads([kept], tmp_path / "robust.parquet", digest="a")
-    (found,) = read_spreads(tmp_path / "robust.parquet", digest="a")
-    assert (found.measure, found.run_to_run, found.runs) == ("ride height", 0.5, 2)
-    for one, other in ((found.setups, kept.setups), (found.values, kept.values), (found.draws, kept.draws)):
-        np.testing.assert_array_equal(one, other)
-
-
-def test_the_objective_has_its_own_spread():
+@pytest.mark.parametrize("drawn", [True, False])
+def test_the_file_of_spreads_has_the_objective_and_the_stated_noise_of_each_measure(tmp_path, drawn):
     measures = {"front": lambda digits: 1.0 + digits.sum(axis=1), "rear": lambda digits: 2.0 + digits[:, 0]}
-    study = result(measures, objective=(Term("front", 2.0, "m"), Term("rear", 3.0, "m")))
-    spreads = {found.measure: found for found in spreads_of(study, [], {"front": 0.5, "rear": 0.25}, runs=4)}
-    assert list(spreads) == ["objective", "front", "rear"]
-    np.testing.assert_allclose(spreads["objective"].values, 2.0 * study.values("front") + 3.0 * study.values("rear"))
-    np.testing.assert_array_equal(spreads["front"].values, study.values("front"))
-    # Averages of four runs with independent measures.
-    expected = {"front": 0.25, "rear": 0.125, "objective": np.hypot(2.0 * 0.25, 3.0 * 0.125)}
-    for name, deviation in expected.items():
-        np.testing.assert_allclose(spreads[name].deviation, deviation)
-
-
-def test_spreads_of_another_study_are_refused(tmp_path):
-    write_spreads([spread([1.0, 2.0])], tmp_path / "robust.parquet", digest="a")
-    with pytest.raises(FileFormatError, match="belongs to another study"):
-        read_spreads(tmp_path / "robust.parquet", digest="b")
-
-
-def test_a_spread_needs_two_draws_and_may_have_one_setup():
-    assert spread([1.0], np.array([[1.0], [3.0]])).deviation == pytest.approx(np.sqrt(2.0))
-    with pytest.raises(InputError, match="a spread cannot be computed from one draw"):
-        spread([1.0, 2.0], np.ones((1, 2)))
+    nominal = result(measures, objective=(Term("front", 2.0, "m"), Term("rear", 3.0, "mm")), failed=(1,))
+    spreads = spreads_of(nominal, [nominal, nominal] if drawn else [], [0, 1, 8])
+    write_spreads(spreads, tmp_path / "robust.parquet", nominal, Uncertainty(run_to_run={"front": 0.5}, runs=4))
+    table = pyarrow.parquet.read_table(tmp_path / "robust.parquet")
+    assert table.schema.metadata == {b"study": nominal.provenance.digest.encode()}
+    rows = {row["measure"]: row for row in table.to_pylist()}
+    assert [(name, row["run_to_run"], row["runs"]) for name, row in rows.items()] == [
+        ("objective", 1.0, 4), ("front", 0.5, 4), ("rear", 0.0, 4),
+    ]  # fmt: skip
+    levels = 2.0 * nominal.values("front") + 3000.0 * nominal.values("rear")
+    np.testing.assert_allclose(rows["objective"]["values"], levels[[0, 1, 8]])
+    assert np.isnan(rows["rear"]["values"][1]) and rows["rear"]["setups"] == [0, 1, 8]
+    assert len(rows["front"]["draws"]) == (2 if drawn else 0)

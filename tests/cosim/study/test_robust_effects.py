@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.study.certainty.assess import Knowledge
-from cosim.study.certainty.certainty import Effect, VehicleSource
-from cosim.study.certainty.effects import UncertainParameter
-from cosim.study.certainty.sources import error_sources
 from cosim.study.choice import robust
-from cosim.study.choice.robust import Draws, Spread, Uncertain, knowledge_of, linearity_check
+from cosim.study.choice.assess import Knowledge
+from cosim.study.choice.certainty import Effect, VehicleSource
+from cosim.study.choice.robust import Spread, Uncertain, Uncertainty, knowledge_of, linearity_check
+from cosim.study.choice.sources import UncertainParameter, error_sources
 from eightpost.errors import InputError
 from eightpost.validity import ParameterUncertainty
 
@@ -29,7 +28,7 @@ def known(monkeypatch):
     """A function of an uncertainty file's entries for a study whose FMUs state `lag` and `gas` of B/B, and no C/C."""
     stated = [UncertainParameter("B/B", VALUES[name], ParameterUncertainty(name, 0.1)) for name in ("lag", "gas")]
 
-    def effects_of(_result, parameters, _folder, _workers, _progress, *, vehicles):
+    def effects_of(_result, parameters, _sweep, _workers, _progress, *, vehicles):
         cars = [Effect("car", path.name, 1.0, 0.0, {"a": 0.2}, {}) for path in vehicles]
         return *map(effect, parameters), *cars
 
@@ -44,7 +43,9 @@ def known(monkeypatch):
     monkeypatch.setattr(robust, "stated_parameters", lambda _: (stated, ("C/C",), ("a note",)))
     monkeypatch.setattr(robust, "effects_of", effects_of)
     monkeypatch.setattr(robust, "parameter_values", values)
-    return lambda *parts, vehicles=(): knowledge_of(STUDY, Draws(parts, vehicles=vehicles), {"a": 0.5}, "", None)
+    return lambda *parts, vehicles=(): knowledge_of(
+        STUDY, Uncertainty(parts, vehicles=vehicles), {"a": 0.5}, None, None
+    )
 
 
 def test_an_entry_of_the_file_replaces_what_the_fmu_states_about_the_same_parameter(known):

@@ -8,17 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 
-from cosim.study.choice.files import Uncertainty
 from cosim.study.choice.robust import Uncertain
-from eightpost.app.robust import _plan
+from eightpost.api.study_folder import StudyFolder
 from eightpost.errors import FileFormatError
 from eightpost.shock import Hysteresis, read_shock, write_shock
-from eightpost.shock.fit_uncertainty import fitted_parameters
+from eightpost.shock.file import fitted_parameters
 from eightpost.uncertainty import LeftOutBlocks
 from eightpost.validity import judged
 from tests.shock.example_curve import knot_curve
+
+from .constructed import study
 
 BANK = Path(__file__).resolve().parents[3] / "examples" / "bank"
 
@@ -97,11 +97,12 @@ def test_a_fit_that_an_uncertainty_file_names_is_drawn_with_what_it_has_in_commo
     blocks = LeftOutBlocks.of(np.linspace(0.1, 0.2, 20), {"rebound_scale": np.sin(np.arange(20.0))})
     shock = read_shock(free)
     write_shock(judged(shock, fit={**shock.fit, **blocks.section()}), free)
-    (part,) = _plan(Console(quiet=True), Uncertainty(fits={"AA/B": free}), 2, 0).parts
+    folder = StudyFolder(free.parent, study(("front",)))
+    (part,) = folder._fits({"AA/B": free})
     assert part.left_out == blocks
     write_shock(replace(shock, fit={**shock.fit, **blocks.section()}), free)
     with pytest.raises(FileFormatError, match="or was edited after the fit"):
-        _plan(Console(quiet=True), Uncertainty(fits={"AA/B": free}), 2, 0)
+        list(folder._fits({"AA/B": free}))
 
 
 def test_a_shock_without_a_fit_states_no_uncertainty(shocks):

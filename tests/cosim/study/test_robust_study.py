@@ -9,13 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.study.certainty import OBJECTIVE
-from cosim.study.choice.compare import usable_deviation
-from cosim.study.choice.files import read_uncertainty, write_comparisons
+from cosim.study.choice.compare import usable_deviation, write_comparisons
 from cosim.study.choice.rig_runs import Measured, comparisons
-from cosim.study.choice.robust import Draws, drawn_studies, leading, run_draws, spreads_of
-from cosim.study.running.sweep import run_study
-from cosim.study.study import Term
+from cosim.study.choice.robust import Uncertainty, drawn_studies, leading, read_uncertainty, run_draws, spreads_of
+from cosim.study.running.sweep import Sweep, run_study
 from eightpost.errors import FileFormatError
 from eightpost.verdict import Verdict
 
@@ -32,12 +29,18 @@ def exhaustive(fmus, tmp_path_factory):
     return folder, run_study(study(fmus), folder, InProcess())
 
 
+def drawn_results(result, folder, part, count, setups, workers=None):
+    """Return the results of setups with draws of one part."""
+    sweep = Sweep(result.study, folder)
+    return list(run_draws(result, sweep, workers or InProcess(), Uncertainty((part,)), setups, count))
+
+
 @pytest.mark.nightly
 def test_setups_without_an_uncertain_shock_have_no_spread(exhaustive):
     folder, nominal = exhaustive
     setups = leading(nominal, 25).tolist()
-    draws = list(run_draws(nominal, folder, InProcess(), Draws((STIFF,), count=2), setups))
-    spread = next(s for s in spreads_of(nominal, draws) if s.measure == "total tire force")
+    draws = drawn_results(nominal, folder, STIFF, 2, setups)
+    spread = next(s for s in spreads_of(nominal, draws, setups) if s.measure == "total tire force")
     stiff = np.array(["stiff" in nominal.study.space.setup(int(number)).builds.values() for number in spread.setups])
     moved = np.ptp(spread.draws, axis=0)
     assert (moved[~stiff] == 0.0).all()
@@ -49,7 +52,7 @@ def test_small_errors_change_a_measure_according_to_its_slope(fmus, exhaustive):
     folder, nominal = exhaustive
     car = independent("middle", {"compression_scale": (1.0, 0.01)})
     baseline = nominal.study.baseline_setup.index
-    draws = list(run_draws(nominal, folder, InProcess(), Draws((car,), count=5), [baseline]))
+    draws = drawn_results(nominal, folder, car, 5, [baseline])
     scales = [drawn.study.bank["middle"].parameters["compression_scale"] for drawn in draws]
     levels = [drawn.values("total tire force")[0] for drawn in draws]
     slope = np.polyfit(scales, levels, 1)[0]
@@ -59,7 +62,7 @@ def test_small_errors_change_a_measure_according_to_its_slope(fmus, exhaustive):
         bank["middle"] = replace(bank["middle"], parameters={"compression_scale": scale, "rebound_scale": 1.0})
         changed = replace(nominal, study=replace(nominal.study, bank=bank))
         same = independent("soft", {"compression_scale": (0.5, 0.0)})
-        ends.append(next(run_draws(changed, folder, InProcess(), Draws((same,), count=2), [baseline])))
+        ends.append(drawn_results(changed, folder, same, 2, [baseline])[0])
     difference = (ends[1].values("total tire force")[0] - ends[0].values("total tire force")[0]) / 0.02
     assert slope == pytest.approx(difference, rel=0.05)
 
@@ -68,14 +71,15 @@ def test_draws_that_were_run_are_not_run_again(exhaustive, tmp_path):
     _, nominal = exhaustive
     first, again = InProcess(), InProcess()
     for workers in (first, again):
-        assert len(list(run_draws(nominal, tmp_path, workers, Draws((STIFF,), count=2), [0, 1]))) == 2
+        assert len(drawn_results(nominal, tmp_path, STIFF, 2, [0, 1], workers)) == 2
     assert len(first.ran) == 4
     assert again.ran == []
 
 
 def test_there_are_no_draws_if_nothing_is_uncertain(exhaustive, tmp_path):
     _, nominal = exhaustive
-    assert list(run_draws(nominal, tmp_path, InProcess(), Draws(()), [0])) == []
+    sweep = Sweep(nominal.study, tmp_path)
+    assert list(run_draws(nominal, sweep, InProcess(), Uncertainty(), [0], 2)) == []
 
 
 def test_the_draws_use_equivalent_vehicles_in_turn():
@@ -91,13 +95,6 @@ def front(digits: np.ndarray) -> np.ndarray:
 def test_the_leading_setups_are_the_best_and_the_baseline():
     made = result({"front": front}, baseline=dict.fromkeys(CORNERS, "C/C"))
     assert leading(made, 1).tolist() == [0, 2400]
-
-
-def test_the_objective_varies_with_its_terms():
-    made = result({"front": front, "rear": front}, objective=(Term("front", 3.0, "mm"), Term("rear", 4.0, "m")))
-    spread = spreads_of(made, [], {"front": 1e-3, "rear": 1.0})[0]
-    assert spread.measure == OBJECTIVE
-    assert spread.run_to_run == pytest.approx(5.0)
 
 
 def test_an_uncertainty_file_is_read(tmp_path):

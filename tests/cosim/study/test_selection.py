@@ -9,16 +9,14 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from cosim.study.certainty import Certainty, NextTest
-from cosim.study.certainty.assess import certainty_of
-from cosim.study.choice.files import write_spreads
+from cosim.study.choice.assess import certainty_of
+from cosim.study.choice.certainty import Certainty, NextTest
 from cosim.study.choice.rig_runs import read_run_list
-from cosim.study.choice.robust import spreads_of
 from cosim.study.choice.selection import _spread, read_selection, select, selection_of, write_selection
-from cosim.study.folder import chosen_so_far
-from cosim.study.result import StudyResult
-from cosim.study.study import Term
-from eightpost.errors import InputError
+from cosim.study.definition import Term
+from cosim.study.table import StudyResult
+from eightpost.api.study_folder import StudyFolder
+from eightpost.errors import FileFormatError, InputError
 
 from .constructed import CORNERS, result
 
@@ -145,16 +143,16 @@ def test_an_unknown_measure_is_reported():
         select(STUDY, ["frnt"])
 
 
-def test_files_of_another_study_in_the_folder_are_ignored_and_reported(tmp_path):
-    other = result({"rear": rear})
+def test_a_selection_of_another_study_in_the_folder_is_refused(tmp_path):
+    other, studied = result({"rear": rear}), result({"front": front})
+    folder = StudyFolder(tmp_path, studied.study)
+    folder.result = studied
+    assert folder.selection is None
     write_selection(select(other, total=4), other, tmp_path / "selection.csv")
-    write_spreads(spreads_of(other, [], {"rear": 0.1}), tmp_path / "robust.parquet", digest="1" * 64)
-    studied = result({"front": front})
-    chosen = chosen_so_far(studied, tmp_path)
-    assert (chosen.selection, chosen.spreads) == (None, ())
-    assert ["selection.csv" in chosen.notes[0], "robust.parquet" in chosen.notes[1]] == [True, True]
+    with pytest.raises(FileFormatError, match="is not a selection of this study"):
+        _ = folder.selection
     write_selection(select(studied, total=4), studied, tmp_path / "selection.csv")
-    assert chosen_so_far(studied, tmp_path).selection is not None
+    assert len(folder.selection.chosen) == 4
 
 
 def test_a_selection_with_names_like_formulas_is_safe_in_a_spreadsheet_and_is_read_back(tmp_path):

@@ -39,7 +39,8 @@ def test_the_terms_of_a_constructed_measure_are_found():
 def test_shares_of_the_variance_add_up_to_one():
     values = np.random.default_rng(1).normal(size=81)
     found = sensitivity(FACTORS, LEVELS, values)
-    assert sum(share for _, share in found.shares()) == pytest.approx(1.0)
+    shares = [*(found.share(name) for name in found.main), *(found.share(*pair[::-1]) for pair in found.pairs)]
+    assert sum(shares) + found.rest_share == pytest.approx(1.0) and len(shares) == 10
     assert found.variance == pytest.approx(values.var())
 
 
@@ -109,12 +110,6 @@ def test_positions_that_are_always_alike_are_refused():
         sensitivity(FACTORS, alike, constructed(alike))
 
 
-def test_a_setup_that_occurs_twice_is_refused():
-    twice = np.vstack([LEVELS, LEVELS[:1]])
-    with pytest.raises(InputError, match="occurs twice"):
-        sensitivity(FACTORS, twice, constructed(twice))
-
-
 def test_factors_may_have_different_numbers_of_builds():
     factors = (Factor("front", ("A", "B")), Factor("rear", ("A", "B", "C", "D")))
     levels = np.array(list(product(range(2), range(4))))
@@ -126,7 +121,7 @@ def test_factors_may_have_different_numbers_of_builds():
 
 def test_a_constant_measure_has_no_sensitivities():
     found = sensitivity(FACTORS, LEVELS, np.full(81, 2.0))
-    assert found.shares() and all(share == 0.0 for _, share in found.shares())
+    assert [found.share("lf"), found.share("lf", "rr"), found.total("lr"), found.rest_share] == [0.0] * 4
 
 
 def test_a_study_has_sensitivities_for_every_measure():

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cosim.study.statistics import STATISTICS, Response, options_for, statistic
+from cosim.study.measures import STATISTICS, Response, options_for, statistic
 from eightpost.errors import InputError
 
 #: Two channels [N], whose sum is 5, 1, -3, 9: mean 3, squares about it 4, 4, 36, 36.

@@ -7,7 +7,7 @@ from zipfile import ZipFile
 import pytest
 
 from cosim.study import Setup, Term
-from cosim.study.running.drives import read_drive
+from cosim.study.definition import read_drive
 from cosim.study.study_file import read_study, source_files
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError

@@ -9,7 +9,7 @@ import pytest
 
 import cosim
 from cosim.study import Build, Constraint, Drive, Measure, StudyResult, Term
-from cosim.study.running.drives import read_drive
+from cosim.study.definition import read_drive
 from cosim.study.running.evaluator import Evaluator, coupling_of, traces
 from cosim.study.running.sweep import Sweep, run_study
 from cosim.study.running.workers import ProcessWorkers

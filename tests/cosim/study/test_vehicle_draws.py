@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosim.study.certainty.assess import Knowledge, posterior_of
-from cosim.study.certainty.certainty import ConfirmedRun
-from cosim.study.certainty.choice import DrawnCar, Limits, VehicleDraws
+from cosim.study.choice.assess import Knowledge, posterior_of
+from cosim.study.choice.certainty import ConfirmedRun
+from cosim.study.choice.posterior import DrawnCar, Limits, VehicleDraws
 
 from .assessed import assessed
 

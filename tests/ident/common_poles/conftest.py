@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eightpost.ident.response import FrequencyResponse, response_of
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, response_of
 from eightpost.units import convert
-from eightpost.vehicle import StateSpace, add_port_damping, read_vehicle, shipped
+from eightpost.vehicle import add_port_damping, read_vehicle, shipped
 
 BASELINE = convert(17.5, "lbf/(in/s)", "N.s/m")
 FREQUENCY = np.arange(0.1, 20.0, 0.1)
 MEASURED = ("velocity", "displacement", "tire_force", "ride_height", "hub_acceleration")
 
 
-def _car(name: str) -> StateSpace:
+def _car(name):
     model = read_vehicle(shipped(name)).coupled()  # type: ignore[arg-type]
     ports = [n.removesuffix("force").rstrip(".") for n in model.input_names if n.rpartition(".")[2] == "force"]
     outputs = [n for n in model.output_names if n.rpartition(".")[2] in MEASURED]
@@ -22,18 +22,18 @@ def _car(name: str) -> StateSpace:
 
 
 @pytest.fixture(scope="session")
-def quarter_car() -> StateSpace:
+def quarter_car():
     """Table 4.1 with the damper of Table 4.2's ideal column."""
     return _car("quarter_car")
 
 
 @pytest.fixture(scope="session")
-def seven_dof() -> StateSpace:
+def seven_dof():
     """Table 5.1 with the same damper at every port."""
     return _car("seven_dof")
 
 
-def noisy(model: StateSpace, size: float, seed: int, frequency: np.ndarray = FREQUENCY) -> FrequencyResponse:
+def noisy(model, size, seed, frequency=FREQUENCY):
     """Return a response with independent errors of `size` times each path's RMS, and their variance."""
     exact = response_of(model, frequency)
     rms = size * np.sqrt(np.mean(np.abs(exact.H) ** 2, axis=2, keepdims=True))

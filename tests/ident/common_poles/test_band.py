@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eightpost.errors import ParameterError
-from eightpost.ident.response import FrequencyResponse
 from eightpost.ident.vehicle.experiment import CoherentBand
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse
 from eightpost.vehicle import Channel
 
 FREQUENCY = np.arange(0.1, 32.0, 0.1)
@@ -17,7 +17,7 @@ INPUTS = (Channel("road", "m"), Channel("aero_force", "N"), Channel("force", "N"
 BAND = CoherentBand(margin=0.0)
 
 
-def response(limits: list[float], *, powered: float = 32.0) -> FrequencyResponse:
+def response(limits, *, powered=32.0):
     """Return a response of outputs that are coherent up to `limits` [Hz], with roads that have power up to `powered`.
 
     The aerodynamic force has no power above 5 Hz, as on rigs.

@@ -9,8 +9,7 @@ import pytest
 
 import cosim
 from builder.build import build
-from eightpost.ident.vehicle import simulate_with_shocks
-from eightpost.ident.vehicle.common_poles import CommonPoleFit
+from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit
 from eightpost.shock import Lpf1, Lpnl2, Polylinear, Shock, StaticCurve, write_shock
 from eightpost.signals import Drivefile, TimeSeries
 from eightpost.vehicle import Friction, IdentifiedVehicle, add_port_damping, discretise, write_vehicle
@@ -23,7 +22,7 @@ RATE, STOP = 125.0, 1.0
 JUDGED = ("velocity", "tire_force")
 
 
-def _line(rate: float) -> StaticCurve:
+def _line(rate):
     """F = rate v."""
     inner, speed = (rate * 0.4, *[0.0] * 14), 0.4
     return StaticCurve(
@@ -32,7 +31,7 @@ def _line(rate: float) -> StaticCurve:
     )  # fmt: skip
 
 
-def _digressive(rate: float) -> StaticCurve:
+def _digressive(rate):
     """Return a cubic that softens to 0.4 rate at 0.04 m/s, which the road reaches, and continues without a kink."""
     speed = 0.04
     force, soft = rate * speed, 0.4 * rate
@@ -51,13 +50,13 @@ LAWS = {
 
 
 @pytest.fixture(scope="module")
-def vehicle(quarter_car) -> IdentifiedVehicle:
+def vehicle(quarter_car):
     """Vehicle identified from an estimate with 1 % noise, so its poles differ from those of the truth."""
     return IdentifiedVehicle("car", CommonPoleFit().fit(noisy(quarter_car, 0.01, 3)).model, {"": BASELINE})
 
 
 @pytest.fixture(scope="module")
-def drive() -> TimeSeries:
+def drive():
     time = np.arange(round(STOP * RATE) + 1) / RATE
     generator = np.random.default_rng(5)
     tones = [(f, 0.004 / f * generator.uniform(0.5, 1.0), generator.uniform(0.0, 6.0)) for f in (1.1, 2.3, 4.7, 9.1)]
@@ -100,30 +99,7 @@ def difference(found, expected, name):
     return float(np.std(found[f"car.{name}"] - expected[name]) / np.std(expected[name]))
 
 
-def in_parts(drive, parts):
-    """Return the same road with each straight piece divided into `parts`."""
-    time = np.linspace(0.0, STOP, parts * (len(drive) - 1) + 1)
-    return TimeSeries.from_channels(time, {"road": ("m", np.interp(time, drive.time, drive["road"]))})
-
-
 def test_with_a_straight_shock_the_coupled_fmus_equal_the_exact_closed_loop(fmus, vehicle, drive):
     found, exact = coupled(fmus, "car", "straight", drive, 2e-5), closed_loop(vehicle, drive)
     for name in JUDGED:
         assert difference(found, exact, name) < 1e-9
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize(
-    ("car", "shock"),
-    [("rubbing", shock) for shock in LAWS]
-    + [pytest.param("car", shock, marks=() if shock == "straight" else pytest.mark.nightly) for shock in LAWS],
-)
-def test_the_loop_of_the_library_converges_to_the_coupled_fmus_with_second_order(fmus, vehicle, drive, car, shock):
-    known = replace(vehicle, friction=RUBBING) if car == "rubbing" else vehicle
-    reference, errors = coupled(fmus, car, shock, drive, 5e-5), []
-    for parts in (8, 16):
-        series = simulate_with_shocks(known, {"": LAWS[shock]}, in_parts(drive, parts))
-        errors.append([difference(reference, {name: series[name][::parts]}, name) for name in JUDGED])
-    coarse, fine = np.array(errors)
-    np.testing.assert_allclose(np.log2(coarse / fine), 2.0, atol=0.15)
-    assert (fine < 2e-4).all()

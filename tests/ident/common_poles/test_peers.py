@@ -7,14 +7,13 @@ import warnings
 import numpy as np
 import pytest
 
-from eightpost.ident.response import FrequencyResponse, response_of
-from eightpost.ident.vehicle.common_poles import CommonPoleFit
-from eightpost.vehicle import StateSpace
+from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, response_of
 
 from .conftest import FREQUENCY
 
 
-def test_vector_fitting_finds_the_same_poles(quarter_car: StateSpace) -> None:
+def test_vector_fitting_finds_the_same_poles(quarter_car):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         skrf = pytest.importorskip("skrf", reason="scikit-rf is not installed")
@@ -31,7 +30,7 @@ def test_vector_fitting_finds_the_same_poles(quarter_car: StateSpace) -> None:
     np.testing.assert_allclose(np.sort_complex(poles[poles.imag > 0.0]), expected, rtol=1e-5)
 
 
-def test_the_fit_of_a_response_estimated_by_pyfrf_has_the_modes_of_the_car(quarter_car: StateSpace) -> None:
+def test_the_fit_of_a_response_estimated_by_pyfrf_has_the_modes_of_the_car(quarter_car):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         pyfrf = pytest.importorskip("pyFRF", reason="pyFRF is not installed")

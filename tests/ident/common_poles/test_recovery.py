@@ -10,18 +10,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eightpost.ident.response import FrequencyResponse, response_of
-from eightpost.ident.vehicle.common_poles import CommonPoleFit, Refinement
-from eightpost.ident.vehicle.common_poles.points import Blocks, points_of
-from eightpost.ident.vehicle.common_poles.refinement import FASTEST, plausibly_damped
-from eightpost.vehicle import Channel, StateSpace, discretise
+from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, response_of
+from eightpost.ident.vehicle.pole_search import FASTEST, Blocks, Refinement, plausibly_damped, points_of
+from eightpost.vehicle import Channel, discretise
 
 from .conftest import FREQUENCY, noisy
 
 HIGH = 19.9
 
 
-def _close(found: StateSpace, model: StateSpace, tolerance: float) -> None:
+def _close(found, model, tolerance):
     """Assert that the scaled responses of two models differ by less than the tolerance."""
     points = points_of(response_of(model, FREQUENCY), floor=1e-3)
     wrong = np.abs(found.frequency_response(FREQUENCY) - model.frequency_response(FREQUENCY))
@@ -30,9 +29,7 @@ def _close(found: StateSpace, model: StateSpace, tolerance: float) -> None:
 
 @pytest.mark.repeated
 @pytest.mark.parametrize(("name", "states"), [("quarter_car", 4), ("seven_dof", 14)])
-def test_a_car_is_recovered_to_rounding_and_its_order_has_a_clear_gap(
-    name: str, states: int, request: pytest.FixtureRequest
-) -> None:
+def test_a_car_is_recovered_to_rounding_and_its_order_has_a_clear_gap(name, states, request):
     model = request.getfixturevalue(name)
     found = CommonPoleFit(high=HIGH, max_states=18).fit(response_of(model, FREQUENCY))
     assert (found.order, found.start.study.clear, found.start.mirrored) == (states, True, 0)
@@ -41,7 +38,7 @@ def test_a_car_is_recovered_to_rounding_and_its_order_has_a_clear_gap(
 
 
 @pytest.mark.nightly
-def test_no_pole_is_far_above_the_band_however_well_it_would_imitate_the_response(seven_dof: StateSpace) -> None:
+def test_no_pole_is_far_above_the_band_however_well_it_would_imitate_the_response(seven_dof):
     """A car with a lag of 200 Hz in its accelerometers: in the band of 20 Hz, a fast pole would explain it."""
     response = noisy(seven_dof, 2e-3, 5)
     lag = 1.0 / (1.0 + 1j * FREQUENCY / 200.0)
@@ -52,7 +49,7 @@ def test_no_pole_is_far_above_the_band_however_well_it_would_imitate_the_respons
 
 
 @given(w=st.floats(1.0, 1e4), zeta=st.floats(1e-5, 1e4))
-def test_the_faster_pole_of_a_block_is_limited_too(w: float, zeta: float) -> None:
+def test_the_faster_pole_of_a_block_is_limited_too(w, zeta):
     fastest = 100.0
     blocks = plausibly_damped(Blocks(np.array([w]), np.array([zeta]), np.ones((1, 2, 1))), fastest)
     assert np.abs(blocks.poles).max() <= 1.001 * max(FASTEST * fastest, w)
@@ -61,7 +58,7 @@ def test_the_faster_pole_of_a_block_is_limited_too(w: float, zeta: float) -> Non
 
 @pytest.mark.repeated
 @pytest.mark.parametrize("seed", range(4))
-def test_any_stable_model_is_recovered(seed: int) -> None:
+def test_any_stable_model_is_recovered(seed):
     generator = np.random.default_rng(seed)
     w, zeta = 2.0 * np.pi * generator.uniform(1.0, 18.0, 4), generator.uniform(0.03, 0.6, 4)
     A = np.zeros((8, 8))
@@ -79,9 +76,7 @@ def test_any_stable_model_is_recovered(seed: int) -> None:
 
 
 @pytest.mark.nightly
-def test_paths_of_inputs_without_power_over_most_of_the_band_are_recovered_over_the_whole_band(
-    seven_dof: StateSpace,
-) -> None:
+def test_paths_of_inputs_without_power_over_most_of_the_band_are_recovered_over_the_whole_band(seven_dof):
     exact = response_of(seven_dof, FREQUENCY[::2])
     loads = np.array([not n.endswith(("road", "force")) or n == "heave_force" for n in exact.input_names])
     variance = np.full(exact.H.shape, 1e-20)
@@ -91,7 +86,7 @@ def test_paths_of_inputs_without_power_over_most_of_the_band_are_recovered_over_
     _close(fit.fit(partial).model, seven_dof, 1e-6)
 
 
-def test_shock_velocities_have_no_direct_term_even_where_the_response_has_one(quarter_car: StateSpace) -> None:
+def test_shock_velocities_have_no_direct_term_even_where_the_response_has_one(quarter_car):
     held = discretise(quarter_car, 0.004, "first")  # a direct term in everything
     found = CommonPoleFit(high=HIGH, order=6).fit(response_of(held, FREQUENCY))
     row = found.model.output_names.index("velocity")
@@ -99,7 +94,7 @@ def test_shock_velocities_have_no_direct_term_even_where_the_response_has_one(qu
     assert held.D[row].any()
 
 
-def test_a_displacement_is_the_integral_of_its_velocity(quarter_car: StateSpace) -> None:
+def test_a_displacement_is_the_integral_of_its_velocity(quarter_car):
     found = CommonPoleFit(high=HIGH).fit(response_of(quarter_car, FREQUENCY)).model
     H = found.frequency_response(FREQUENCY)
     v, x = found.output_names.index("velocity"), found.output_names.index("displacement")
@@ -108,7 +103,7 @@ def test_a_displacement_is_the_integral_of_its_velocity(quarter_car: StateSpace)
 
 @pytest.mark.repeated
 @pytest.mark.parametrize("lags", [True, False])
-def test_a_car_at_rest_under_constant_inputs_does_not_creep(quarter_car: StateSpace, lags: bool) -> None:
+def test_a_car_at_rest_under_constant_inputs_does_not_creep(quarter_car, lags):
     found = CommonPoleFit(high=HIGH, lags=lags).fit(noisy(quarter_car, 0.03, 6))
     model = found.model
     largest = np.abs(model.frequency_response(FREQUENCY)).max(axis=2)
@@ -118,7 +113,7 @@ def test_a_car_at_rest_under_constant_inputs_does_not_creep(quarter_car: StateSp
 
 
 @pytest.mark.nightly
-def test_damped_tires_are_modelled_by_lags_of_the_roads(quarter_car: StateSpace) -> None:
+def test_damped_tires_are_modelled_by_lags_of_the_roads(quarter_car):
     # The road acts through k_t + s c_t: 0.00125 s is 2.5 lbf.s/in on 2000 lbf/in.
     exact = response_of(quarter_car, FREQUENCY)
     H = exact.H.copy()
@@ -131,7 +126,7 @@ def test_damped_tires_are_modelled_by_lags_of_the_roads(quarter_car: StateSpace)
     assert max(without.residual.values()) > 5.0 * max(with_lags.residual.values())
 
 
-def test_the_stabilisation_diagram_keeps_the_modes_from_the_order_of_the_car_on(quarter_car: StateSpace) -> None:
+def test_the_stabilisation_diagram_keeps_the_modes_from_the_order_of_the_car_on(quarter_car):
     found = CommonPoleFit(high=HIGH, max_states=10).fit(noisy(quarter_car, 0.01, 4))
     orders = found.orders
     for mode in quarter_car.modes():

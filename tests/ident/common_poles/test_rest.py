@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from eightpost.ident.vehicle.common_poles.common_pole_fit import _bring_to_rest
+from eightpost.ident.vehicle.common_pole_fit import _bring_to_rest
 from eightpost.vehicle.statespace import Channel, StateSpace
 
 
-def model(C: np.ndarray, names: tuple[str, ...]) -> StateSpace:
+def model(C, names):
     A = np.array([[-1.0, 30.0, 0.0, 0.0], [-30.0, -1.0, 0.0, 0.0], [0.0, 0.0, -4.0, 70.0], [0.0, 0.0, -70.0, -4.0]])
     B = np.array([[1.0, 0.2], [0.5, -0.3], [0.1, 1.0], [-0.4, 0.6]])
     outputs = tuple(Channel(name, "m/s") for name in names)
@@ -24,7 +24,7 @@ def model(C: np.ndarray, names: tuple[str, ...]) -> StateSpace:
     ],
     ids=["two velocities", "the same velocity twice", "a velocity that never moves"],
 )
-def test_velocities_have_no_response_to_constant_inputs(rows: list[list[float]]) -> None:
+def test_velocities_have_no_response_to_constant_inputs(rows):
     car = model(np.array(rows), ("lf.velocity", "rf.velocity"))
     s = 2j * np.pi * np.linspace(0.5, 25.0, 50)
     still = _bring_to_rest(car, 4, s, np.ones((2, s.size)))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eightpost.corners import CORNERS
-from eightpost.ident.vehicle.common_poles import Ranges
+from eightpost.ident.vehicle.experiment import Ranges
 from eightpost.ident.vehicle.stability import safe_slopes
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel, StateSpace
@@ -15,16 +15,14 @@ from .conftest import BASELINE
 
 
 @pytest.mark.parametrize(("name", "ports"), [("quarter_car", ("",)), ("seven_dof", CORNERS)])
-def test_a_car_of_masses_and_springs_is_stable_with_any_shock(
-    name: str, ports: tuple[str, ...], request: pytest.FixtureRequest
-) -> None:
+def test_a_car_of_masses_and_springs_is_stable_with_any_shock(name, ports, request):
     found = safe_slopes(request.getfixturevalue(name), dict.fromkeys(ports, BASELINE))
     assert found.softest is not None
     assert found.softest <= 0.02
     assert "any shocks" in found.summary().lower()
 
 
-def test_a_port_whose_force_acts_in_the_wrong_direction_is_reported() -> None:
+def test_a_port_whose_force_acts_in_the_wrong_direction_is_reported():
     # v' = -v - 20 v + F / 50 around 1000 N.s/m: the damper's force drives the motion.
     model = StateSpace(np.array([[-30.0]]), np.array([[0.02]]), np.array([[1.0]]), np.zeros((1, 1)),
                        (Channel("force", "N"),), (Channel("velocity", "m/s"),))  # fmt: skip
@@ -33,12 +31,12 @@ def test_a_port_whose_force_acts_in_the_wrong_direction_is_reported() -> None:
     assert "not proved" in found.summary()
 
 
-def _simulated(speed: float, hz: float) -> TimeSeries:
+def _simulated(speed, hz):
     time = np.arange(4000) / 400.0
     return TimeSeries.from_channels(time, {"velocity": ("m/s", speed * np.sin(2.0 * np.pi * hz * time))})
 
 
-def test_velocities_and_frequencies_above_those_of_the_tests_are_reported() -> None:
+def test_velocities_and_frequencies_above_those_of_the_tests_are_reported():
     ranges = Ranges((0.2, 16.0), {"velocity": (-0.4, 0.5)})
     assert ranges.beyond(_simulated(0.5, 4.0)) == ()
     assert "0.9" in ranges.beyond(_simulated(0.9, 4.0))[0]

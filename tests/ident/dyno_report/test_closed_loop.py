@@ -9,15 +9,22 @@ import pytest
 from scipy.signal import lfilter
 
 from eightpost.ident.dyno_report.builds import CarCorner, dyno_report
-from eightpost.ident.dyno_report.curve import STROKES
-from eightpost.ident.dyno_report.cycles import Unknown
-from eightpost.ident.dyno_report.entry import Setting, entry_of_test
-from eightpost.ident.dyno_report.figures import branches_figure, curves_figure, loops_figure
-from eightpost.ident.dyno_report.page import branch_table, damping_tables, force_table, peak_table, sections_of
+from eightpost.ident.dyno_report.entry import EntrySetting, entry_of_test
+from eightpost.ident.dyno_report.loop import STROKES, Unknown
+from eightpost.ident.dyno_report.page import (
+    branch_table,
+    branches_figure,
+    curves_figure,
+    damping_tables,
+    force_table,
+    loops_figure,
+    peak_table,
+    sections_of,
+)
 from eightpost.report.tables import Amount
-from eightpost.rig.dynamometer import random_multisine
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
+from eightpost.virtual.dynamometer import random_multisine
 
 from .conftest import RATE, run, two_lines
 
@@ -166,7 +173,7 @@ def test_the_shown_cycle_is_the_last_one_or_that_of_a_number():
 
 
 def test_runs_of_a_build_share_one_entry_of_the_legend(delayed_run):
-    front = [replace(delayed_run, name=name, setting=Setting("front")) for name in "abcd"]
+    front = [replace(delayed_run, name=name, setting=EntrySetting("front")) for name in "abcd"]
     report = dyno_report([*front, delayed_run])
     for figure in (curves_figure(report), loops_figure(report)):
         shown = [trace["name"] for trace in figure.content()["data"] if trace["showlegend"]]

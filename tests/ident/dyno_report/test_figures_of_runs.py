@@ -10,11 +10,20 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from eightpost.ident.dyno_report.builds import CarCorner
-from eightpost.ident.dyno_report.curve import BEND, STROKES, forces_at, ratio_at
-from eightpost.ident.dyno_report.cycles import Unknown, crossings_of, cycles_of, force_at_rest, slow_figures
 from eightpost.ident.dyno_report.entry import entry_of_test, with_gas_of_slow_runs
-from eightpost.rig.dynamometer import random_multisine
+from eightpost.ident.dyno_report.loop import (
+    BEND,
+    STROKES,
+    Unknown,
+    crossings_of,
+    cycles_of,
+    force_at_rest,
+    forces_at,
+    ratio_at,
+    slow_figures,
+)
 from eightpost.signals import TimeSeries
+from eightpost.virtual.dynamometer import random_multisine
 
 from .conftest import RATE, run, sine, two_lines, valve, viscous
 

@@ -17,8 +17,8 @@ from scipy.signal import freqresp
 
 from eightpost.__main__ import main
 from eightpost.errors import FileFormatError, InputError
-from eightpost.ident.exports import to_frd, write_response_mat, write_response_uff, write_vehicle_mat
-from eightpost.ident.response import FrequencyResponse, response_of, write_response
+from eightpost.ident.export import to_frd, write_response_mat, write_response_uff, write_vehicle_mat
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, response_of, write_response
 from eightpost.vehicle import (
     Channel,
     Friction,
@@ -29,7 +29,6 @@ from eightpost.vehicle import (
     shipped,
     write_vehicle,
 )
-from eightpost.vehicle.storage import from_document
 
 DAMPING = {"": 3000.0}
 
@@ -59,7 +58,11 @@ def vehicle_in(path: Path) -> IdentifiedVehicle:
     """Return the vehicle in a .mat file, as scipy reads it."""
     content = loadmat(path)
     matrices = {name: content[name].tolist() for name in "ABCD"}
-    return from_document(path, json.loads(str(content["eightpost"][0])) | matrices)
+    copy = path.with_suffix(".json")
+    copy.write_text(json.dumps(json.loads(str(content["eightpost"][0])) | matrices), encoding="utf-8")
+    vehicle = read_vehicle(copy)
+    assert isinstance(vehicle, IdentifiedVehicle)
+    return vehicle
 
 
 def functions_in(path: Path, kind: int = 4) -> dict[str, dict[str, Any]]:

@@ -15,9 +15,8 @@ from hypothesis import strategies as st
 from scipy.io import loadmat
 
 from eightpost.__main__ import main
-from eightpost.app.export import export
 from eightpost.errors import InputError, ParameterError
-from eightpost.ident.exports.shock_table import TABLE_FORMATS, Setting, shock_table, table_points
+from eightpost.ident.shock_table import TABLE_FORMATS, TableSetting, shock_table, table_points
 from eightpost.rig.peak_velocity import read_peak_velocity
 from eightpost.shock import (
     LAWS,
@@ -356,11 +355,6 @@ def test_the_file_says_which_of_its_settings_were_not_measured(adjustable: Path,
 # ---- Refusals -------------------------------------------------------------------------------------------------------
 
 
-def test_the_formats_of_the_command_are_those_of_the_library() -> None:
-    option = next(each for each in export.params if each.name == "table_format")
-    assert list(option.type.choices) == list(TABLE_FORMATS)  # type: ignore[attr-defined]
-
-
 @pytest.mark.parametrize("name", ["dpr", "carmaker"])
 def test_a_format_of_one_shock_refuses_several(clicks: list[Path], tmp_path: Path, name: str) -> None:
     message = refused(*clicks, "--over", "clicks=8,0,4", "--format", name, "-o", tmp_path / "t")
@@ -394,7 +388,7 @@ def test_a_setting_that_a_shock_does_not_have_is_refused(
 )
 def test_an_impossible_setting_is_refused(text: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        Setting.parse(text, 2)
+        TableSetting.parse(text, 2)
 
 
 def test_an_unknown_suffix_is_refused_with_the_suffixes_and_replaces_nothing(shock: Path, tmp_path: Path) -> None:

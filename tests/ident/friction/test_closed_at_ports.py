@@ -6,13 +6,10 @@ import pytest
 
 from eightpost.ident.validation.comparison import rig_record
 from eightpost.ident.validation.vehicles import validate_vehicle
-from eightpost.ident.vehicle import VehicleFit
-from eightpost.ident.vehicle.experiment import Experiment
+from eightpost.ident.vehicle.common_poles import CommonPoles
 from eightpost.ident.vehicle.port_search import FrictionSearch
-from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
-from eightpost.rig.post import NO_DRIFT, LinearDamper, RigSensors, RigTest, random_drive, run_test
 from eightpost.shock import Polylinear, StaticCurve
-from eightpost.signals import TimeSeries
+from eightpost.virtual import NO_DRIFT, LinearDamper, RigSensors, random_drive, run_test
 
 from .conftest import BASELINE, COULOMB, rubbing_car
 
@@ -20,7 +17,7 @@ from .conftest import BASELINE, COULOMB, rubbing_car
 FIRM = 1.5 * BASELINE
 
 
-def _law(rate: float) -> Polylinear:
+def _law(rate):
     """Return the law F = rate v."""
     speed = 0.4
     outer = (rate * speed, rate * speed, 0.0, 0.0)
@@ -29,7 +26,7 @@ def _law(rate: float) -> Polylinear:
 
 
 @pytest.fixture(scope="module")
-def unseen() -> RigTest:
+def unseen():
     """Return a test of the same car on another drive with a firmer damper."""
     car = rubbing_car(COULOMB)
     drive = random_drive(car, 91, duration=30.0)
@@ -37,13 +34,13 @@ def unseen() -> RigTest:
 
 
 @pytest.fixture(scope="module")
-def fit(rubbing: list[TimeSeries], experiment: Experiment) -> VehicleFit:
+def fit(rubbing, experiment):
     """Return the vehicle identified from the tests with friction."""
     search = FrictionSearch(velocities=(0.01,), reaches=())
     return CommonPoles(friction=search, springs=None, samples=0).identify(rubbing, experiment)
 
 
-def test_laws_at_the_ports_give_the_levels_of_the_rig_only_with_friction(fit: VehicleFit, unseen: RigTest) -> None:
+def test_laws_at_the_ports_give_the_levels_of_the_rig_only_with_friction(fit, unseen):
     record = rig_record(unseen, fit.vehicle.state_space)
     (case,) = validate_vehicle(fit, [record], shocks={"": _law(FIRM)}).cases
     assert case.shocks == "shock laws, ports closed"
@@ -54,7 +51,7 @@ def test_laws_at_the_ports_give_the_levels_of_the_rig_only_with_friction(fit: Ve
     assert max(abs(one.level) for one in case.without_friction if one.name in names) > 0.03
 
 
-def test_a_wrong_law_at_the_port_gives_wrong_levels(fit: VehicleFit, unseen: RigTest) -> None:
+def test_a_wrong_law_at_the_port_gives_wrong_levels(fit, unseen):
     record = rig_record(unseen, fit.vehicle.state_space)
     (case,) = validate_vehicle(fit, [record], shocks={"": _law(0.5 * FIRM)}).cases
     assert max(abs(one.level) for one in case.judged) > 0.1

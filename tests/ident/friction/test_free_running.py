@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.many_setups import fault_in_simulation, free_running, with_dampers
-from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
+from eightpost.ident.vehicle.common_poles import CommonPoles
+from eightpost.ident.vehicle.simulation import fault_in_simulation, free_running, with_dampers
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Bristle, Friction, IdentifiedVehicle, add_port_damping, read_vehicle, shipped
 
@@ -20,18 +19,18 @@ BAND = (0.5, 15.0)
 
 
 @pytest.fixture(scope="module")
-def car(experiment: Experiment) -> IdentifiedVehicle:
+def car(experiment):
     """Return the exact car without friction, around the baseline damping."""
     model = add_port_damping(read_vehicle(shipped("quarter_car")).coupled(), {"": BASELINE})
     return IdentifiedVehicle("car", model.select(outputs=experiment.outputs), {"": BASELINE})
 
 
-def without_means(test: TimeSeries) -> TimeSeries:
+def without_means(test):
     rows = {n: (test.unit(n), test[n] - test[n].mean()) for n in test.names}
     return TimeSeries.from_channels(test.time, rows)
 
 
-def errors_of(car: IdentifiedVehicle, test: TimeSeries, experiment: Experiment) -> tuple[np.ndarray, np.ndarray]:
+def errors_of(car, test, experiment):
     """Return the RMS errors of the simulated outputs and those of their levels, over the measured levels in a band."""
     test = without_means(test)
     simulated, sizes = free_running(car, test, experiment.ports), []
@@ -45,26 +44,20 @@ def errors_of(car: IdentifiedVehicle, test: TimeSeries, experiment: Experiment) 
     return error / measured, found / measured - 1.0
 
 
-def test_the_exact_car_predicts_a_test_with_either_damper(
-    car: IdentifiedVehicle, smooth: list[TimeSeries], experiment: Experiment
-) -> None:
+def test_the_exact_car_predicts_a_test_with_either_damper(car, smooth, experiment):
     for test in smooth:
         error, level = errors_of(car, test, experiment)
         assert np.abs(level).max() < 0.01
         assert error.max() < 0.04  # the records have 1 % noise, and begin at rest
 
 
-def test_the_simulation_has_the_times_and_outputs_of_the_test(
-    car: IdentifiedVehicle, smooth: list[TimeSeries], experiment: Experiment
-) -> None:
+def test_the_simulation_has_the_times_and_outputs_of_the_test(car, smooth, experiment):
     found = free_running(car, smooth[0], experiment.ports)
     assert set(experiment.outputs) <= set(found.names)
     np.testing.assert_allclose(found.time, smooth[0].time)
 
 
-def test_a_linear_car_has_the_exact_response_to_inputs_with_straight_lines_between_samples(
-    car: IdentifiedVehicle,
-) -> None:
+def test_a_linear_car_has_the_exact_response_to_inputs_with_straight_lines_between_samples(car):
     time = np.arange(1250) / 1250.0
     road = 0.004 * np.sin(2.0 * np.pi * 3.0 * time)  # without a mean
     found = with_dampers(car, TimeSeries.from_channels(time, {"road": ("m", road)}), {"": 2.0 * BASELINE}, every=3)
@@ -74,32 +67,28 @@ def test_a_linear_car_has_the_exact_response_to_inputs_with_straight_lines_betwe
     np.testing.assert_allclose(found / size, expected[:, ::3] / size, atol=1e-5)
 
 
-def test_a_car_without_the_friction_of_the_tests_has_a_larger_error(
-    car: IdentifiedVehicle, rubbing: list[TimeSeries], experiment: Experiment
-) -> None:
+def test_a_car_without_the_friction_of_the_tests_has_a_larger_error(car, rubbing, experiment):
     sticks = replace(car, friction={"": Friction(bristle=Bristle(COULOMB, 9.5e-5, 1.1))})
     with_friction, without = (errors_of(one, rubbing[0], experiment)[0] for one in (sticks, car))
     assert np.linalg.norm(with_friction) < 0.2 * np.linalg.norm(without)
 
 
-def test_a_sound_car_has_no_fault(car: IdentifiedVehicle, smooth: list[TimeSeries]) -> None:
+def test_a_sound_car_has_no_fault(car, smooth):
     assert fault_in_simulation(replace(car, friction={"": Friction(bristle=Bristle(COULOMB))}), smooth) is None
 
 
-def test_a_port_spring_that_tips_the_car_over_is_a_fault(car: IdentifiedVehicle, smooth: list[TimeSeries]) -> None:
+def test_a_port_spring_that_tips_the_car_over_is_a_fault(car, smooth):
     fault = fault_in_simulation(replace(car, friction={"": Friction(spring=-1e9)}), smooth)
     assert fault is not None
     assert "baseline damping" in fault
 
 
 @pytest.mark.nightly
-def test_the_recipe_falls_back_to_simpler_laws_if_a_car_cannot_be_simulated(
-    rubbing: list[TimeSeries], experiment: Experiment, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def no_bristles(vehicle: IdentifiedVehicle, _tests: object) -> str | None:
+def test_the_recipe_falls_back_to_simpler_laws_if_a_car_cannot_be_simulated(rubbing, experiment, monkeypatch):
+    def no_bristles(vehicle, _tests):
         return "it failed" if any(law.bristle.force for law in vehicle.friction.values()) else None
 
-    monkeypatch.setattr("eightpost.ident.vehicle.recipes.common_poles.fault_in_simulation", no_bristles)
+    monkeypatch.setattr("eightpost.ident.vehicle.common_poles.fault_in_simulation", no_bristles)
     found = CommonPoles(samples=0).identify(rubbing, experiment)
     assert found.vehicle.friction[""].force > 0.8 * COULOMB
     assert not found.vehicle.friction[""].bristle.force
@@ -107,7 +96,7 @@ def test_the_recipe_falls_back_to_simpler_laws_if_a_car_cannot_be_simulated(
 
 
 @pytest.mark.nightly
-def test_springs_of_the_tests_are_springs_of_the_car(experiment: Experiment) -> None:
+def test_springs_of_the_tests_are_springs_of_the_car(experiment):
     tests = rig_tests(0.0, 40, progression=2.0)
     found = CommonPoles(samples=0).identify(tests, experiment)
     rate = 1280.0 * 4.4482216152605 / 0.0254

@@ -11,21 +11,21 @@ import pytest
 from eightpost.ident.vehicle import plan
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.port_search import about_loads, about_tests
-from eightpost.vehicle import Friction, IdentifiedVehicle, LinearStepper, QuarterCar, quarter_car
+from eightpost.vehicle import Friction, IdentifiedVehicle, LinearStepper, QuarterCar
 from eightpost.vehicle import friction as port_friction
 
 #: Spring of the true car: k1 d + k2 d^2.
 K1, K2 = 30e3, 4e5
 
 
-def travel(load: float) -> float:
+def travel(load):
     """Return the compression of the true spring under a load."""
     return (np.sqrt(K1**2 + 4.0 * K2 * load) - K1) / (2.0 * K2)
 
 
-def car_about(load: float) -> IdentifiedVehicle:
+def car_about(load):
     """Return the car as tests with this mean load find it."""
-    model = quarter_car.with_damper(QuarterCar(300.0, 40.0, K1 + 2.0 * K2 * travel(load), 220e3, 1500.0))
+    model = QuarterCar(300.0, 40.0, K1 + 2.0 * K2 * travel(load), 220e3, 1500.0).with_damper()
     return IdentifiedVehicle("car", model, {"": 1500.0}, friction={"": Friction(20.0, 0.004, spring=K2)})
 
 
@@ -65,7 +65,7 @@ def test_a_car_about_the_loads_of_a_drive_is_the_one_that_tests_with_these_loads
 
 def test_a_car_without_a_state_without_loads_is_unchanged():
     """The force in extension, k1 d - k2 d^2, is at most k1^2 / 4 k2."""
-    model = quarter_car.with_damper(QuarterCar(300.0, 40.0, K1, 220e3, 1500.0))
+    model = QuarterCar(300.0, 40.0, K1, 220e3, 1500.0).with_damper()
     car = IdentifiedVehicle("car", model, {"": 1500.0}, friction={"": Friction(spring=K2)})
     assert about_tests(car, {"aero_force": 1.01 * K1**2 / (4.0 * K2)}) is car
 
@@ -81,7 +81,7 @@ class Fit:
 
     vehicle: IdentifiedVehicle
 
-    def identify(self, _records: object, _experiment: object) -> Fit:
+    def identify(self, _records, _experiment):
         """Return the fit as a recipe does."""
         return self
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eightpost.ident.vehicle.port_laws import bristle_force, with_friction, with_port_laws
+from eightpost.ident.vehicle.simulation import bristle_force, direction, with_port_laws
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Bristle, Friction
 from eightpost.vehicle.compiled import deflections
@@ -36,16 +36,11 @@ def test_a_bristle_of_another_force_has_a_signal_in_proportion():
     )
 
 
-def test_bristle_and_spring_are_added_to_the_shock_force():
+def test_friction_bristle_and_spring_are_added_to_the_shock_force():
     series, law = record(), Friction(20.0, 0.01, LAW, 1e5)
-    added = with_port_laws(series, {"": law})["force"] - with_friction(series, {"": law})["force"]
-    expected = bristle_force(VELOCITY, RATE, LAW) + 1e5 * series["displacement"] ** 2
-    np.testing.assert_allclose(added, expected, atol=1e-9)
-
-
-def test_without_them_the_record_has_friction_only():
-    series, law = record(), {"": Friction(20.0, 0.01)}
-    np.testing.assert_array_equal(with_port_laws(series, law).values, with_friction(series, law).values)
+    creeping, sticking = 20.0 * direction(VELOCITY, RATE, 0.01), bristle_force(VELOCITY, RATE, LAW)
+    expected = series["force"] + creeping + sticking + 1e5 * series["displacement"] ** 2
+    np.testing.assert_array_equal(with_port_laws(series, {"": law})["force"], expected)
 
 
 @pytest.mark.parametrize("rate", [2500.0, 4000.0])

@@ -7,17 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eightpost.ident.response import LocalPolynomial
-from eightpost.ident.vehicle.common_poles import CommonPoleFit
-from eightpost.ident.vehicle.common_poles.deviations import Excitation
-from eightpost.ident.vehicle.experiment import Experiment
+from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit
+from eightpost.ident.vehicle.common_poles import CommonPoles, Excitation
+from eightpost.ident.vehicle.estimators import LocalPolynomial
 from eightpost.ident.vehicle.port_search import FrictionSearch, SpringSearch, nonlinear_spring_sentence
-from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
-from eightpost.ident.vehicle.trust import ForceEstimate, Trust
+from eightpost.ident.vehicle.trust import ForceEstimate
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel, StateSpace, add_port_damping, read_vehicle, shipped
 
-from .conftest import COULOMB, rig_tests
+from .conftest import rig_tests
 
 #: Progression p of the spring force k s (1 + p s) [1/m], and its rate k [N/m].
 PROGRESSION = 2.0
@@ -25,12 +23,12 @@ RATE = 1280.0 * 4.4482216152605 / 0.0254
 
 
 @pytest.fixture(scope="module")
-def progressive() -> list[TimeSeries]:
+def progressive():
     """Return the tests of a car with a progressive spring and without friction."""
     return rig_tests(0.0, 40, progression=PROGRESSION)
 
 
-def test_the_force_of_a_progressive_spring_is_found(progressive: list[TimeSeries], experiment: Experiment) -> None:
+def test_the_force_of_a_progressive_spring_is_found(progressive, experiment):
     found = SpringSearch().find(progressive, experiment)[""]
     travel = progressive[0]["displacement"]
     expected = RATE * PROGRESSION * float(np.mean(np.square(travel - travel.mean())))
@@ -39,9 +37,7 @@ def test_the_force_of_a_progressive_spring_is_found(progressive: list[TimeSeries
     assert "not linear" in (nonlinear_spring_sentence({"": found}) or "")
 
 
-def test_more_steps_of_the_search_change_the_force_by_less_than_a_tenth_of_its_deviation(
-    progressive: list[TimeSeries], experiment: Experiment
-) -> None:
+def test_more_steps_of_the_search_change_the_force_by_less_than_a_tenth_of_its_deviation(progressive, experiment):
     found, settled = (
         search.find(progressive, experiment)[""]
         for search in (SpringSearch(seconds=20.0), SpringSearch(20.0, iterations=6))
@@ -49,17 +45,17 @@ def test_more_steps_of_the_search_change_the_force_by_less_than_a_tenth_of_its_d
     assert abs(found.value - settled.value) < 0.1 * settled.deviation
 
 
-def test_a_linear_spring_is_not_reported_as_nonlinear(smooth: list[TimeSeries], experiment: Experiment) -> None:
+def test_a_linear_spring_is_not_reported_as_nonlinear(smooth, experiment):
     assert nonlinear_spring_sentence(SpringSearch().find(smooth, experiment)) is None
 
 
-def test_records_without_travel_give_no_result_on_springs(smooth: list[TimeSeries], experiment: Experiment) -> None:
+def test_records_without_travel_give_no_result_on_springs(smooth, experiment):
     blind = [test.select(name for name in test.names if name != "displacement") for test in smooth]
     outputs = [name for name in experiment.outputs if name != "displacement"]
     assert SpringSearch().find(blind, experiment.of(*outputs)) == {}
 
 
-def _explained(tests: list[TimeSeries], experiment: Experiment, samples: int = 6) -> Trust:
+def _explained(tests, experiment, samples=6):
     search = FrictionSearch(velocities=(0.01,), reaches=())
     trust = CommonPoles(friction=search, samples=samples).identify(tests, experiment).trust
     assert trust is not None
@@ -67,9 +63,7 @@ def _explained(tests: list[TimeSeries], experiment: Experiment, samples: int = 6
 
 
 @pytest.mark.nightly
-def test_tires_that_lift_are_detected_with_the_mean_load_removed_from_the_records(
-    smooth: list[TimeSeries], experiment: Experiment
-) -> None:
+def test_tires_that_lift_are_detected_with_the_mean_load_removed_from_the_records(smooth, experiment):
     lowest = min(float(test["tire_force"].min()) for test in smooth)
     for load, lifts in ((-1.02 * lowest, False), (-lowest, True)):
         flags = _explained(smooth, replace(experiment, means={"tire_force": load}), samples=0).flags
@@ -78,24 +72,7 @@ def test_tires_that_lift_are_detected_with_the_mean_load_removed_from_the_record
 
 
 @pytest.mark.nightly
-def test_friction_is_reported_with_its_deviation_and_what_it_explains(
-    rubbing: list[TimeSeries], experiment: Experiment
-) -> None:
-    trust = _explained(rubbing, experiment)
-    force = trust.friction[""]
-    assert force.is_significant
-    assert abs(force.value - COULOMB) < 0.1 * COULOMB + 3.0 * force.deviation
-    assert "friction" in trust.flags
-    assert all(one.with_friction is not None and one.with_friction < 0.9 for one in trust.outputs.values())
-    assert trust.orders is not None
-    assert trust.orders.chosen in [one.states for one in trust.orders.tried]
-    assert Trust.of_json(trust.as_json()) == trust
-
-
-@pytest.mark.nightly
-def test_errors_of_the_rms_of_setups_agree_with_the_reported_uncertainty(
-    smooth: list[TimeSeries], experiment: Experiment
-) -> None:
+def test_errors_of_the_rms_of_setups_agree_with_the_reported_uncertainty(smooth, experiment):
     """Use four sets of records with different noise; the truth is the exact car, so the errors include bias."""
     outputs = [name for name in experiment.outputs if name != "chassis_acceleration"]
     known = experiment.of(*outputs)
@@ -114,7 +91,7 @@ def test_errors_of_the_rms_of_setups_agree_with_the_reported_uncertainty(
     assert (ratio < 4.0).all()
 
 
-def test_a_drive_weights_responses_by_its_spectrum() -> None:
+def test_a_drive_weights_responses_by_its_spectrum():
     """Compare a sine through a gain of 3 with one through a gain of 1: its RMS is three times as large."""
     time = np.arange(2000) / 100.0
     test = TimeSeries.from_channels(time, {"road": ("m", np.sin(2.0 * np.pi * 5.0 * time))})
@@ -128,5 +105,5 @@ def test_a_drive_weights_responses_by_its_spectrum() -> None:
 
 
 @pytest.mark.parametrize(("deviation", "is_significant"), [(24.0, True), (26.0, False)])
-def test_a_force_above_four_deviations_is_significant(deviation: float, is_significant: bool) -> None:
+def test_a_force_above_four_deviations_is_significant(deviation, is_significant):
     assert ForceEstimate(-100.0, deviation).is_significant is is_significant

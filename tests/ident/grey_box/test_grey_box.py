@@ -13,8 +13,8 @@ from eightpost.corners import CORNERS
 from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.ident.grey_box.family import GreyBoxCar, bristle_of, declared, linear_model, start_values
 from eightpost.ident.grey_box.recipe import GreyBox, _misfit, _notes, _record, _springs, _unused, sampled_cars
-from eightpost.ident.response import response_of
 from eightpost.ident.vehicle.experiment import Experiment
+from eightpost.ident.vehicle.frequency_response import response_of
 from eightpost.ident.vehicle.vehicle_fit import read_fit, write_fit
 from eightpost.signals import TimeSeries
 from eightpost.uncertainty import TOTAL
@@ -36,7 +36,7 @@ TRUE = {
 
 
 @pytest.fixture(scope="module")
-def experiment() -> Experiment:
+def experiment():
     forces = tuple(f"{c}.force" for c in CORNERS)
     return Experiment("car", RIG, forces, OUTPUTS, dict.fromkeys(CORNERS, 3000.0))
 
@@ -197,7 +197,7 @@ def test_balances_of_forces_give_the_parameters_of_a_linear_car(experiment, load
 
 
 @pytest.fixture(scope="module")
-def quick() -> GreyBox:
+def quick():
     return GreyBox(seconds=(10.0, 12.0))
 
 
@@ -347,7 +347,7 @@ def test_a_prior_is_relative_to_its_value(experiment):
     assert table["rf.spring_rate"].prior is None
 
 
-def _with_hidden_mode(test: TimeSeries) -> TimeSeries:
+def _with_hidden_mode(test):
     """Return a test in which an engine on mounts at 11 Hz pushes on the front tires and hubs."""
     frequency = np.fft.rfftfreq(len(test), 1.0 / RATE)
     mode = 0.3 / (1.0 - (frequency / 11.0) ** 2 + 2j * 0.04 * frequency / 11.0)

@@ -20,8 +20,8 @@ from eightpost.ident.linearity import (
     judge_linearity,
 )
 from eightpost.ident.preparation import prepare
-from eightpost.ident.response import LocalPolynomial
-from eightpost.rig.post import RigTest
+from eightpost.ident.vehicle.estimators import LocalPolynomial
+from eightpost.rig import RigTest
 from eightpost.signals import TimeSeries
 
 from ..linear_rig import DAMPING, car, record

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.io import loadmat
 
 from eightpost.errors import InputError
-from eightpost.ident.response import FrequencyResponse, LocalPolynomial, estimate_response
+from eightpost.ident.vehicle.estimators import LocalPolynomial, estimate_response
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse
 from eightpost.signals import TimeSeries
 
 FOLDER = os.environ.get("EIGHTPOST_DATA")

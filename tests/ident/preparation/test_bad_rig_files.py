@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from eightpost.__main__ import main
 from eightpost.ident.preparation import advance_channels, prepare
-from eightpost.rig.post import RigTest
+from eightpost.rig import RigTest
 from eightpost.signals import TimeSeries
 
 from ..linear_rig import record
@@ -22,17 +21,17 @@ Array = NDArray[np.float64]
 Change = Callable[[dict[str, Array]], None]
 
 
-def run(*words: object) -> tuple[int, str]:
+def run(*words):
     done = CliRunner().invoke(main, [str(word) for word in words], env={"COLUMNS": "250"})
     return done.exit_code, " ".join(done.output.split())
 
 
 @pytest.fixture(scope="module")
-def good() -> TimeSeries:
+def good():
     return record("seven_dof", seconds=6.0).series
 
 
-def written(series: TimeSeries, path: Path, change: Change | None = None, keep: object = slice(None)) -> Path:
+def written(series, path, change=None, keep=slice(None)):
     rows = dict(zip(series.names, series.values.copy(), strict=True))
     if change is not None:
         change(rows)
@@ -41,27 +40,27 @@ def written(series: TimeSeries, path: Path, change: Change | None = None, keep: 
     return path
 
 
-def dead(rows: dict[str, Array]) -> None:
+def dead(rows):
     rows["rf.force"][:] = 12.0
 
 
-def dies(rows: dict[str, Array]) -> None:
+def dies(rows):
     rows["rf.hub_acceleration"][3000:] = rows["rf.hub_acceleration"][3000]
 
 
-def swapped(rows: dict[str, Array]) -> None:
+def swapped(rows):
     rows["lf.force"], rows["rf.force"] = rows["rf.force"], rows["lf.force"]
 
 
-def reversed_(rows: dict[str, Array]) -> None:
+def reversed_(rows):
     rows["lr.displacement"] *= -1.0
 
 
-def clipped(rows: dict[str, Array]) -> None:
+def clipped(rows):
     rows["rr.tire_force"] = np.minimum(rows["rr.tire_force"], np.quantile(rows["rr.tire_force"], 0.95))
 
 
-def held(rows: dict[str, Array]) -> None:
+def held(rows):
     rows["lf.tire_force"] = np.repeat(rows["lf.tire_force"][::10], 10)[: rows["lf.road"].size]
 
 
@@ -79,7 +78,7 @@ FAULTS = {
 
 @pytest.mark.repeated(2)
 @pytest.mark.parametrize("fault", FAULTS)
-def test_inspect_rejects_the_file_with_the_place_and_a_remedy(good: TimeSeries, tmp_path: Path, fault: str) -> None:
+def test_inspect_rejects_the_file_with_the_place_and_a_remedy(good, tmp_path, fault):
     change, keep, words = FAULTS[fault]
     path = written(good, tmp_path / "rig.parquet", change, keep)
     code, said = run("inspect", path)
@@ -88,18 +87,9 @@ def test_inspect_rejects_the_file_with_the_place_and_a_remedy(good: TimeSeries, 
         assert word in said
 
 
-@pytest.mark.nightly
-def test_the_line_of_a_csv_file_is_reported(good: TimeSeries, tmp_path: Path) -> None:
-    path = written(good, tmp_path / "rig.csv", keep=FAULTS["dropped samples"][1])
-    code, said = run("inspect", path)
-    assert code == 2
-    first = next(i for i, line in enumerate(path.read_text().splitlines()) if not line.startswith("#"))
-    assert f"error: {path}, line {first + 1 + 901}" in said
-
-
 @pytest.mark.repeated
 @pytest.mark.parametrize("fault", FAULTS)
-def test_identify_rejects_the_same_files(good: TimeSeries, tmp_path: Path, fault: str) -> None:
+def test_identify_rejects_the_same_files(good, tmp_path, fault):
     change, keep, words = FAULTS[fault]
     fine, bad = written(good, tmp_path / "good.parquet"), written(good, tmp_path / "bad.parquet", change, keep)
     code, said = run("identify", fine, bad, "-o", tmp_path / "car.json")
@@ -109,7 +99,7 @@ def test_identify_rejects_the_same_files(good: TimeSeries, tmp_path: Path, fault
     assert not (tmp_path / "car.json").exists()
 
 
-def test_a_good_file_is_shown_and_is_in_step(good: TimeSeries, tmp_path: Path) -> None:
+def test_a_good_file_is_shown_and_is_in_step(good, tmp_path):
     code, said = run("inspect", written(good, tmp_path / "rig.parquet"))
     assert code == 0, said
     assert "5.999 s at 1250 Hz, corners lf rf lr rr" in said
@@ -117,7 +107,7 @@ def test_a_good_file_is_shown_and_is_in_step(good: TimeSeries, tmp_path: Path) -
     assert "warning" not in said
 
 
-def test_a_late_logger_is_a_warning(good: TimeSeries, tmp_path: Path) -> None:
+def test_a_late_logger_is_a_warning(good, tmp_path):
     names = [name for name in good.names if name.endswith("acceleration")]
     late = advance_channels(good, dict.fromkeys(names, -0.02))
     code, said = run("inspect", written(late, tmp_path / "rig.parquet"))
@@ -126,7 +116,7 @@ def test_a_late_logger_is_a_warning(good: TimeSeries, tmp_path: Path) -> None:
     assert "delays (docs/how_to/rig_data.md)" in said
 
 
-def test_a_teams_file_is_recognised_as_rig_data_by_its_map(good: TimeSeries, tmp_path: Path) -> None:
+def test_a_teams_file_is_recognised_as_rig_data_by_its_map(good, tmp_path):
     names = {name: name.replace(".", "_").upper() for name in good.names}
     RigTest(TimeSeries(good.time, good.values, tuple(names.values()), good.units)).write(tmp_path / "team.parquet")
     lines = [f'[channels."{ours}"]\nsource = "{source}"' for ours, source in names.items()]
@@ -136,17 +126,9 @@ def test_a_teams_file_is_recognised_as_rig_data_by_its_map(good: TimeSeries, tmp
     assert "corners lf rf lr rr" in said
 
 
-def test_records_of_two_rates_are_decimated_to_one_rate(good: TimeSeries) -> None:
+def test_records_of_two_rates_are_decimated_to_one_rate(good):
     slow = TimeSeries(good.time[::2], good.values[:, ::2], good.names, good.units)
     first, second = prepare([RigTest(good), RigTest(slow)]).records
     inside = slice(50, -50)
     wrong = first["lf.tire_force"][inside] - second["lf.tire_force"][inside]
     assert wrong.std() < 0.01 * first["lf.tire_force"].std()
-
-
-def test_a_rate_that_is_not_a_multiple_is_rejected_with_the_files_name(good: TimeSeries, tmp_path: Path) -> None:
-    slow = written(good, tmp_path / "slow.parquet", keep=slice(None, None, 2))
-    fine = written(good, tmp_path / "fine.parquet")
-    code, said = run("identify", fine, slow, "--rate", "250 Hz", "-o", tmp_path / "car.json")
-    assert code == 2
-    assert "slow.parquet: a record of 625 Hz cannot be decimated to 250 Hz" in said

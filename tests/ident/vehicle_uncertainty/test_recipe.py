@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from eightpost.ident.preparation import prepare
+from eightpost.ident.vehicle.common_poles import CommonPoles
 from eightpost.ident.vehicle.experiment import experiment_of, find_baseline
-from eightpost.ident.vehicle.measured_levels import removable_tests
-from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
+from eightpost.ident.vehicle.trust import removable_tests
 from eightpost.ident.vehicle.vehicle_fit import measure_table, worst_measures
-from eightpost.rig.post import NO_DRIFT, LinearDamper, RigSensors, random_drive, run_test, stand_in_truth
+from eightpost.virtual import NO_DRIFT, LinearDamper, RigSensors, random_drive, run_test, stand_in_truth
 
 #: Two whole identifications; every change: what makes errors large in test_measured_levels.py, and that a car has them
 #: in test_unusable.py.

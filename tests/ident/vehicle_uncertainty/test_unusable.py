@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import pytest
 
+from eightpost.ident.vehicle import common_poles
+from eightpost.ident.vehicle.common_poles import CommonPoles
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.measured_levels import MeasuredLevels
-from eightpost.ident.vehicle.recipes import common_poles
-from eightpost.ident.vehicle.recipes.common_poles import CommonPoles
-from eightpost.ident.vehicle.trust import UNUSABLE
-from eightpost.ident.vehicle.vehicle_fit import NOT_SIMULATED, fit_verdict, with_validity
+from eightpost.ident.vehicle.trust import UNUSABLE, MeasuredLevels
+from eightpost.ident.vehicle.vehicle_fit import fit_verdict, with_validity
 from eightpost.verdict import Grade
 from tests.ident.friction.conftest import BASELINE, rig_tests
 
@@ -38,11 +37,3 @@ def test_a_vehicle_that_cannot_be_simulated_with_the_shocks_of_a_test_is_not_usa
     assert fit.trust.measures == {}
     assert "accuracy of predicted measures is not known" in fit.trust.flags[UNUSABLE]
     assert fit_verdict(fit).grade is Grade.NOT_USABLE
-
-
-@pytest.mark.nightly
-def test_a_vehicle_that_can_be_simulated_states_its_uncertainty_and_has_no_such_flag():
-    fit = QUICK.identify(rig_tests(0.0, 20), EXPERIMENT)
-    assert set(fit.trust.measures) == {"velocity", "tire_force"}
-    assert UNUSABLE not in fit.trust.flags
-    assert not any(reason.rule == NOT_SIMULATED.name for reason in fit_verdict(fit).reasons)

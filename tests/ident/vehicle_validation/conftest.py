@@ -9,16 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eightpost.ident.response import FrequencyResponse, response_of
 from eightpost.ident.validation.comparison import RigRecord, rig_record
-from eightpost.ident.vehicle import VehicleFit
-from eightpost.rig.post import (
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, response_of
+from eightpost.ident.vehicle.vehicle_fit import VehicleFit
+from eightpost.rig import RigConditions, RigTest
+from eightpost.units import convert
+from eightpost.vehicle import Friction as PortFriction
+from eightpost.vehicle import IdentifiedVehicle, StateSpace, add_port_damping, read_vehicle, shipped
+from eightpost.virtual import (
     NO_DRIFT,
     Friction,
     LinearDamper,
-    RigConditions,
     RigSensors,
-    RigTest,
     Shock,
     bump_drive,
     quarter_truth,
@@ -27,9 +29,6 @@ from eightpost.rig.post import (
     seven_dof_truth,
     sine_drive,
 )
-from eightpost.units import convert
-from eightpost.vehicle import Friction as PortFriction
-from eightpost.vehicle import IdentifiedVehicle, StateSpace, add_port_damping, read_vehicle, shipped
 
 BASELINE = convert(17.5, "lbf/(in/s)", "N.s/m")
 SOFT, HARD = 0.5 * BASELINE, 1.6 * BASELINE

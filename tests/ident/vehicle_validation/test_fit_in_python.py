@@ -8,21 +8,20 @@ import numpy as np
 import pytest
 
 from eightpost.errors import ParameterError
-from eightpost.ident.response import response_of
-from eightpost.ident.vehicle import VehicleFit
+from eightpost.ident.vehicle.frequency_response import response_of
 from eightpost.ident.vehicle.trust import OutputTrust, Trust
 
 from .conftest import truth_fit
 
 
 @pytest.fixture(scope="module")
-def fit() -> VehicleFit:
+def fit():
     known = truth_fit("quarter_car")
     trust = Trust({"velocity": OutputTrust(0.01, 0.02, 1.5)}, {}, {}, {})
     return replace(known, residual={"velocity": 0.01, "tire_force": 0.034}, notes=("one", "two"), trust=trust)
 
 
-def test_the_summary_names_the_output_with_the_largest_misfit(fit: VehicleFit) -> None:
+def test_the_summary_names_the_output_with_the_largest_misfit(fit):
     text = repr(fit)
     assert "Identified vehicle quarter_car, recipe exact" in text
     assert "up to 3.4 % (tire_force)" in text
@@ -31,7 +30,7 @@ def test_the_summary_names_the_output_with_the_largest_misfit(fit: VehicleFit) -
     assert "2; see .notes" in text
 
 
-def test_the_table_of_outputs_has_the_misfit_and_what_is_known_of_their_uncertainty(fit: VehicleFit) -> None:
+def test_the_table_of_outputs_has_the_misfit_and_what_is_known_of_their_uncertainty(fit):
     table = fit.to_pandas()
     assert list(table.columns) == ["misfit", "response_deviation", "measure_deviation"]
     assert table.loc["velocity"].tolist() == [0.01, 0.01, 0.02]
@@ -39,7 +38,7 @@ def test_the_table_of_outputs_has_the_misfit_and_what_is_known_of_their_uncertai
     assert list(replace(fit, trust=None).to_pandas().columns) == ["misfit"]
 
 
-def test_the_dataset_has_estimate_model_and_coherence_of_every_path(fit: VehicleFit) -> None:
+def test_the_dataset_has_estimate_model_and_coherence_of_every_path(fit):
     found = fit.to_xarray()
     path = found.sel(output="tire_force", input="road")
     model = response_of(fit.vehicle.state_space, fit.response.frequency).between("tire_force", "road")
@@ -51,7 +50,7 @@ def test_the_dataset_has_estimate_model_and_coherence_of_every_path(fit: Vehicle
     assert "coherence" not in replace(fit, response=replace(fit.response, coherence=None)).to_xarray()
 
 
-def test_the_picture_has_the_magnitudes_of_the_worst_output_to_each_input(fit: VehicleFit) -> None:
+def test_the_picture_has_the_magnitudes_of_the_worst_output_to_each_input(fit):
     figure = fit.plot().figure
     panels = {axes.get_title(): axes for axes in figure.axes}
     assert list(panels) == [f"tire_force / {name}" for name in fit.response.input_names]

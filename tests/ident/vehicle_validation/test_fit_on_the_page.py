@@ -4,27 +4,22 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 
 from eightpost.errors import FileFormatError
-from eightpost.ident.validation.vehicle_page import write_vehicle_page
-from eightpost.ident.validation.vehicle_tables import certainty_table, port_table
+from eightpost.ident.validation.vehicle_page import certainty_table, port_table, write_vehicle_page
 from eightpost.ident.validation.vehicles import validate_vehicle, vehicle_verdict
-from eightpost.ident.vehicle import read_fit, write_fit
 from eightpost.ident.vehicle.trust import ForceEstimate, OrderCandidate, Orders, OutputTrust, PolePair, Trust
-from eightpost.ident.vehicle.vehicle_fit import with_validity
+from eightpost.ident.vehicle.vehicle_fit import read_fit, with_validity, write_fit
 from eightpost.uncertainty import MeasureUncertainty
 from eightpost.verdict import Grade
 
 from .conftest import records_of
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from eightpost.ident.vehicle import VehicleFit
-    from eightpost.rig.post import RigTest
+    pass
 
 TRIED = (OrderCandidate(2, 1.1, (PolePair(3.0, 0.1, False),)), OrderCandidate(4, 40.0, (PolePair(3.0, 0.1, True),)))
 TRUST = Trust(
@@ -38,7 +33,7 @@ TRUST = Trust(
 MEASURES = {"velocity": MeasureUncertainty(0.01, 0.1)}  #: All that a recipe states that searches no effects.
 
 
-def test_every_figure_of_the_fit_is_in_its_tables(corner: VehicleFit) -> None:
+def test_every_figure_of_the_fit_is_in_its_tables(corner):
     fit = replace(corner, trust=TRUST)
     cells = [[getattr(cell, "value", cell) for cell in row] for row in certainty_table(fit).rows]
     assert cells[0] == ["velocity", 1.23, 0.4, 1.7, 45.6]
@@ -49,11 +44,11 @@ def test_every_figure_of_the_fit_is_in_its_tables(corner: VehicleFit) -> None:
     assert not port_table(corner).rows
 
 
-def written(place: Path, document: dict[str, Any], **changes: object) -> None:
+def written(place, document, **changes):
     place.write_text(json.dumps(document | changes, indent=5), encoding="utf-8")
 
 
-def test_an_edited_car_or_report_of_its_fit_is_unknown_without_uncertainty(corner: VehicleFit, tmp_path: Path) -> None:
+def test_an_edited_car_or_report_of_its_fit_is_unknown_without_uncertainty(corner, tmp_path):
     fit = with_validity(replace(corner, trust=TRUST))
     car, _, report = write_fit(tmp_path / "car.json", fit)
     known, figures = (json.loads(path.read_text()) for path in (car, report))
@@ -71,7 +66,7 @@ def test_an_edited_car_or_report_of_its_fit_is_unknown_without_uncertainty(corne
     assert found.trust is None and found.verdict.grade is Grade.UNKNOWN
 
 
-def test_a_report_of_another_fit_is_refused(corner: VehicleFit, tmp_path: Path) -> None:
+def test_a_report_of_another_fit_is_refused(corner, tmp_path):
     car, _, report = write_fit(tmp_path / "car.json", with_validity(corner))
     known, figures = (json.loads(path.read_text()) for path in (car, report))
     for own, stated in (
@@ -86,9 +81,7 @@ def test_a_report_of_another_fit_is_refused(corner: VehicleFit, tmp_path: Path) 
 
 
 @pytest.mark.nightly
-def test_a_flag_of_the_fit_is_on_the_page_and_no_reason_as_records_tell_more(
-    corner: VehicleFit, setups: list[RigTest], tmp_path: Path
-) -> None:
+def test_a_flag_of_the_fit_is_on_the_page_and_no_reason_as_records_tell_more(corner, setups, tmp_path):
     plain = validate_vehicle(corner, records_of(corner, *setups[:1]))
     fit = replace(corner, trust=TRUST)
     study = validate_vehicle(fit, records_of(fit, *setups[:1]))

@@ -14,8 +14,7 @@ from click.testing import CliRunner, Result
 
 from eightpost.__main__ import main
 from eightpost.files import sha256_of
-from eightpost.ident.vehicle import VehicleFit, read_fit, write_fit
-from eightpost.ident.vehicle.vehicle_fit import with_validity
+from eightpost.ident.vehicle.vehicle_fit import VehicleFit, read_fit, with_validity, write_fit
 from eightpost.shock import Shock, write_shock
 from eightpost.vehicle import shipped
 from eightpost.verdict import Grade

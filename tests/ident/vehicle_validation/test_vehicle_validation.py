@@ -11,8 +11,8 @@ import pytest
 from eightpost.corners import CORNERS
 from eightpost.errors import MissingChannelError, ParameterError
 from eightpost.ident.validation.vehicles import Limits, validate_vehicle, vehicle_verdict
-from eightpost.ident.vehicle import VehicleFit
-from eightpost.rig.post import RigTest
+from eightpost.ident.vehicle.vehicle_fit import VehicleFit
+from eightpost.rig import RigTest
 from eightpost.shock import Shock
 from eightpost.vehicle import StateSpace, read_vehicle, shipped
 from eightpost.verdict import Grade

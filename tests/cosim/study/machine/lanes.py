@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.session.automatic import default_scheme
 from cosim.session.setup import Setup as SessionSetup
 from cosim.study import Build, Drive, Measure, Study, Vehicle
+from cosim.study.definition import Setup
 from cosim.study.machine.car import read_vehicle
 from cosim.study.machine.plan import Plan
 from cosim.study.machine.shocks import read_shock
 from cosim.study.running.evaluator import Coupling, Evaluator
-from cosim.study.study import Setup
+from cosim.systems.algorithm import default_scheme
 from eightpost.corners import CORNERS
 from eightpost.machine import Batch, BatchResult
 

@@ -6,15 +6,14 @@ from dataclasses import asdict, replace
 import pytest
 
 from cosim.components.fmu_component import FmuComponent
-from cosim.results.error_estimate import difference
+from cosim.session.result import difference
 from cosim.study import Build, Measure, Term, Vehicle
 from cosim.study.machine.car import read_vehicle
+from cosim.study.measures import STATISTICS, Filtered
 from cosim.study.running.batches import Batches
-from cosim.study.running.choose_machine import Compared, choose
-from cosim.study.running.error_model import ErrorModel
-from cosim.study.running.evaluator import Check, Coupling, Evaluator, MachineCoupling, coupling_of
+from cosim.study.running.coupling import Compared, coupling_for
+from cosim.study.running.evaluator import Check, Coupling, ErrorModel, Evaluator, MachineCoupling, coupling_of
 from cosim.study.running.sweep import run_study
-from cosim.study.statistics import STATISTICS, Filtered
 from eightpost.corners import CORNERS
 from eightpost.errors import FmuError
 from eightpost.machine import NotInBatchError, library
@@ -96,14 +95,12 @@ def test_the_time_beyond_a_shocks_fitted_range_is_that_of_the_fmus(fmus):
 @pytest.fixture(autouse=True)
 def _given_coupling_through_fmus(monkeypatch):
     """Choosing it takes long, and has tests of its own."""
-    monkeypatch.setattr(
-        "cosim.study.running.choose_machine.choose_coupling", lambda _: replace(COUPLING, notes=("given",))
-    )
+    monkeypatch.setattr("cosim.study.running.coupling.choose_coupling", lambda _: replace(COUPLING, notes=("given",)))
 
 
 @pytest.fixture(scope="module")
 def chosen(evaluator):
-    return choose(evaluator)
+    return coupling_for(evaluator)
 
 
 @pytest.mark.slow
@@ -152,7 +149,7 @@ def test_a_machine_that_differs_from_the_fmus_is_not_used(study, defect, monkeyp
     assert right[name].count(old.encode()) == 1
     changed = {**right, name: right[name].replace(old.encode(), new.encode())}
     monkeypatch.setattr(library, "sources", lambda: changed)
-    found = choose(Evaluator(study))
+    found = coupling_for(Evaluator(study))
     assert found.machine is None and "through the FMUs" in found.notes[-1]
 
 
@@ -162,7 +159,7 @@ def test_a_study_without_a_compiler_runs_through_the_fmus(evaluator, monkeypatch
         raise FmuError("no C compiler was found")
 
     monkeypatch.setattr("eightpost.machine.run.compiled", none)
-    found = choose(evaluator)
+    found = coupling_for(evaluator)
     assert found.machine is None and "no C compiler was found" in found.notes[-1]
 
 
@@ -170,11 +167,11 @@ def test_a_study_without_a_compiler_runs_through_the_fmus(evaluator, monkeypatch
 def test_builds_of_other_fmus_run_through_the_fmus(study, python_fmus):
     bank = {**dict(list(study.bank.items())[:2]), "in Python": Build(python_fmus["lpnl2"])}
     mixed = replace(study, bank=bank, corners=dict.fromkeys(CORNERS, tuple(bank)))
-    found = choose(Evaluator(mixed))
+    found = coupling_for(Evaluator(mixed))
     assert found.machine is not None and found.notes[-1] == "given"
     assert any("run through the FMUs: in Python" in note for note in found.notes)
     alone = replace(mixed, bank={"in Python": bank["in Python"]}, corners=dict.fromkeys(CORNERS, ("in Python",)))
-    found = choose(Evaluator(alone))
+    found = coupling_for(Evaluator(alone))
     assert found.machine is None and "every setup runs through the FMUs: in Python" in found.notes[-1]
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.study.certainty import (
+from cosim.study.choice.certainty import (
     OBJECTIVE,
     Certainty,
     Contribution,
@@ -14,10 +14,9 @@ from cosim.study.certainty import (
     Status,
     TradeOff,
 )
+from cosim.study.definition import Build, Constraint, Drive, Study, Term, Vehicle
 from cosim.study.measures import Measure
-from cosim.study.result import StudyResult
-from cosim.study.study import Build, Constraint, Drive, Study, Term, Vehicle
-from cosim.study.table import Provenance, result_table, study_schema
+from cosim.study.table import Provenance, StudyResult, result_table, study_schema
 from eightpost.corners import CORNERS
 from eightpost.signals import TimeSeries
 

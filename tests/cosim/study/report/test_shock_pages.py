@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cosim.study.report.sheet import VELOCITIES, copy_shock_pages, shock_curve, shock_curves
-from cosim.study.study import Build
+from cosim.study.definition import Build
+from cosim.study.sheet import VELOCITIES, copy_shock_pages, shock_curve, shock_curves
 
 from ..coupled import SCALES, study
 

@@ -7,11 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.study.certainty import Contradiction, Contribution, Status, TradeOff
-from cosim.study.folder import aim_so_far
-from cosim.study.report.page import page
-from cosim.study.report.sheet import AimPage, Extras, answer_of, tied_rows
-from cosim.study.report.write import sheet_of
+from cosim.study.choice.certainty import Contradiction, Contribution, Status, TradeOff
+from cosim.study.page import page, sheet_of
+from cosim.study.sheet import AimPage, Extras, answer_of, tied_rows
 from eightpost.verdict import Grade, sealed
 
 FRONT, HUB = "front ride height, RMS", "rf hub acceleration, RMS"
@@ -98,13 +96,13 @@ def test_curves_of_another_study_or_edited_ones_are_not_linked(few, tmp_path):
     content = {"digest": few.provenance.digest, "objective": {"best_of_bank": 50.0},
                "gain": {"predicted": 1.0, "assured": 0.5, "includes_car": True}}  # fmt: skip
     (tmp_path / "shapes.json").write_text(json.dumps(content))
-    assert aim_so_far(few, tmp_path) == AimPage("shapes.html", 0.02, 0.01, True)
+    assert AimPage.of(tmp_path, few.provenance.digest) == AimPage("shapes.html", 0.02, 0.01, True)
     (tmp_path / "shapes.json").write_text(json.dumps(sealed(content)))
-    assert aim_so_far(few, tmp_path) == AimPage("shapes.html", 0.02, 0.01, True)
+    assert AimPage.of(tmp_path, few.provenance.digest) == AimPage("shapes.html", 0.02, 0.01, True)
     changed = sealed(content) | {"gain": content["gain"] | {"assured": 5.0}}
     for wrong in (content | {"digest": "0" * 64}, {"digest": few.provenance.digest}, [], changed):
         (tmp_path / "shapes.json").write_text(json.dumps(wrong))
-        assert aim_so_far(few, tmp_path) is None
+        assert AimPage.of(tmp_path, few.provenance.digest) is None
 
 
 def test_no_answer_is_given_if_no_setup_meets_the_constraints(few):

@@ -8,9 +8,8 @@ import pytest
 
 from cosim.study.choice.selection import select
 from cosim.study.choice.sensitivity import available_sensitivities
-from cosim.study.report.page import page
-from cosim.study.report.sheet import Extras
-from cosim.study.report.write import sheet_of
+from cosim.study.page import page, sheet_of
+from cosim.study.sheet import Extras
 
 FRONT, TIRE, HUB = "front ride height, RMS", "total tire force, RMS", "rf hub acceleration, RMS"
 IN, LBF = 0.0254, 4.4482216152605  # exact definitions

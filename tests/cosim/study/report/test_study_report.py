@@ -9,16 +9,14 @@ import numpy as np
 import openpyxl
 import pytest
 
-from cosim.study.certainty import Certainty, Contribution, Status
+from cosim.study.choice.certainty import Certainty, Contribution, Status
 from cosim.study.choice.selection import select
 from cosim.study.choice.sensitivity import available_sensitivities
-from cosim.study.report import write_study_report
-from cosim.study.report.page import dominant_corner, headline, page
-from cosim.study.report.sheet import Extras, Scale, build_colors
-from cosim.study.report.tables import write_ranking, write_traces, write_workbook
-from cosim.study.report.write import sheet_of
-from cosim.study.result import StudyResult
-from cosim.study.study import Build, Constraint
+from cosim.study.definition import Build, Constraint
+from cosim.study.page import dominant_corner, headline, page, sheet_of, write_study_report
+from cosim.study.sheet import Extras, Scale, build_colors
+from cosim.study.table import StudyResult
+from cosim.study.tables import write_ranking, write_traces, write_workbook
 from cosim.study.verdict import study_verdict
 from eightpost.signals import read_record
 from eightpost.validity import Validity
@@ -272,10 +270,9 @@ def test_all_files_are_written_and_named(surrogate, lap, tmp_path):
         replace(whole.study, measures=whole.measures[:1], objective=(), constraints=()), whole.table, whole.provenance
     )
     best = int(result.setups[result.ranking()[0]])
-    paths = write_study_report(result, tmp_path / "out", traces={best: lap(1)}, trace_command="run {setup}")
-    files = [paths.page, paths.workbook, paths.ranking, paths.traces[best]]
-    assert all(path.stat().st_size > 0 for path in files)
-    assert sorted(path for path in (tmp_path / "out").rglob("*") if path.is_file()) == sorted(files)
-    manifest = _manifest(paths.page.read_text(encoding="utf-8"))
+    page = write_study_report(result, tmp_path / "out", traces={best: lap(1)}, trace_command="run {setup}")
+    files = {path.relative_to(tmp_path / "out").as_posix() for path in (tmp_path / "out").rglob("*.*")}
+    assert files == {"report.html", "ranking.xlsx", "ranking.csv", f"traces/setup_{best}.csv"}
+    manifest = _manifest(page.read_text(encoding="utf-8"))
     assert list(manifest["traces"]) == [str(best)] and manifest["trace_command"] == "run {setup}"
     assert [one["column"] for one in manifest["sensitivities"]] == [0]

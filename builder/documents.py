@@ -1,0 +1,275 @@
+"""Documents of an FMU: icon, origin, licences."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from typing import Any
+
+from builder.interface import source_folder
+from builder.page import LOOP_FREQUENCY, Contents, page, shock_picture, terminals_and_icons, vehicle_picture
+from builder.reference import SECRET, Disclosure, Subject, customary, quantity, results, validity_member
+from eightpost import units
+from eightpost.extras import needs
+from eightpost.report.static import Column, Picture, Section, bullets, paragraph, table
+from eightpost.shock import Response, Shock
+from eightpost.vehicle import Corners, IdentifiedVehicle, StructuralVehicle, Vehicle
+
+# ==== Documents ======================================================================================================
+
+with needs("build", "building FMUs"):
+    from eightpost.report.pictures import Axes, Circle, FancyBboxPatch, Rectangle, new_figure, plain_style, png
+
+# ---- The FMU's icon -------------------------------------------------------------------------------------------------
+
+_CAR = ([6, 6, 16, 30, 38, 62, 74, 94, 95, 6], [36, 50, 54, 56, 72, 72, 56, 52, 36, 36])
+_WINDOW = ([36, 42, 59, 66], [56.5, 67, 67, 56.5])
+_INK, _BODY, _PART = "#1c2430", "#0072b2", "#c9d6e4"
+
+
+def icon(source: Shock | Vehicle) -> bytes:
+    """Return a square PNG, 256 pixels wide, with a transparent background."""
+    return _drawn(_draw_shock if isinstance(source, Shock) else _draw_vehicle)
+
+
+@lru_cache
+def _drawn(draw: Callable[[Axes], None]) -> bytes:
+    with plain_style():
+        figure = new_figure(2.56, 2.56, dpi=100, layout=None)
+        figure.patch.set_alpha(0.0)
+        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        axes.set_axis_off()
+        axes.set(xlim=(0, 100), ylim=(0, 100), aspect="equal")
+        draw(axes)
+        return png(figure)
+
+
+def _draw_shock(axes: Axes) -> None:
+    """Draw a monotube shock with its eyes and a coil around it."""
+    edge: dict[str, Any] = {"edgecolor": _INK, "linewidth": 2.5}
+    axes.add_patch(Rectangle((46.5, 48), 7, 36, facecolor=_PART, **edge))
+    axes.add_patch(FancyBboxPatch((37, 17), 26, 38, "round,pad=0,rounding_size=4", facecolor=_BODY, **edge))
+    for centre in (9, 91):
+        axes.add_patch(Circle((50, centre), 7, facecolor="white", edgecolor=_INK, linewidth=4))
+    for bottom in range(24, 78, 9):
+        axes.plot([28, 72], [bottom, bottom + 9], color=_INK, linewidth=4.5, solid_capstyle="round")
+
+
+def _draw_vehicle(axes: Axes) -> None:
+    """Draw a stock car from the side: body, window, two wheels, road."""
+    edge: dict[str, Any] = {"edgecolor": _INK, "joinstyle": "round"}
+    axes.fill(*_CAR, facecolor=_BODY, linewidth=3.5, **edge)
+    axes.fill(*_WINDOW, facecolor="white", linewidth=2.5, **edge)
+    for centre in (25, 75):
+        axes.add_patch(Circle((centre, 35), 13, facecolor=_INK, edgecolor="white", linewidth=2.5))
+        axes.add_patch(Circle((centre, 35), 5.5, facecolor=_PART, edgecolor="none"))
+    axes.plot([3, 97], [21, 21], color=_INK, linewidth=3.5, solid_capstyle="round")
+
+
+# ---- The origin of an FMU's data ------------------------------------------------------------------------------------
+
+_KEY = re.compile(r"(.*?) \[(.+)\]")
+
+#: Entries of a fit that a confidential page shows: the ranges of validity and the error of the fit. Numbers only.
+_OPEN_CONDITIONS = ("velocity_range [m/s]", "frequency_range [Hz]", "displacement_range [m]", "temperature_range [K]")
+_OPEN_FIT = ("rms [N]", "percent", "held_out")
+
+_QUANTITIES = (Column("quantity", "tight"), Column("value"), Column("SI"))
+_FILES = (Column("file", "tight"), Column("SHA-256", "digest"))
+
+
+def _shock_origin(shock: Shock) -> list[Section]:
+    """Return all information about a shock's measurement and fit."""
+    sections = [Section("Conditions of the measurement", _quantities(shock.conditions)), *_edits(shock)]
+    if shock.fit:
+        sections.append(Section("Fit", _fit(shock.fit)))
+    if shock.inputs:
+        rows = [(str(entry.get("name", "")), str(entry.get("sha256", ""))) for entry in shock.inputs]
+        sections.append(Section("Source files", table(_FILES, rows)))
+    return sections
+
+
+def open_shock_origin(shock: Shock) -> list[Section]:
+    """Return the information about a shock on a confidential page: ranges, and the error of the fit."""
+    known = {key: shock.conditions[key] for key in _OPEN_CONDITIONS if key in shock.conditions}
+    known |= {key: shock.fit[key] for key in _OPEN_FIT if key in shock.fit}
+    return [Section("Range of validity", _quantities(known))]
+
+
+def _edits(source: Shock | IdentifiedVehicle) -> list[Section]:
+    """Return a section that says that the numbers are not those that were judged; empty if they are."""
+    known = source.validity.edits if source.validity else ()
+    text = (f"{reason.grade.capitalize()}: {reason.statement}. To do: {reason.remedy}." for reason in known)
+    return [Section("Verdict", bullets(text))] if known else []
+
+
+def _vehicle_origin(vehicle: Vehicle) -> list[Section]:
+    """Return a vehicle's parameters, if it has any, and its modes."""
+    if isinstance(vehicle, StructuralVehicle):
+        sections = [Section("Vehicle", table(_QUANTITIES, _parameters(vehicle.parameters)))]
+    else:
+        sections = _identified(vehicle)
+    return [*sections, Section("Modes", _modes(vehicle))]
+
+
+def _identified(vehicle: IdentifiedVehicle) -> list[Section]:
+    text = "Identified model. Its baseline damping was removed, so that the ports take the whole shock force."
+    damping = {f"baseline damping, {port or 'port'} [N.s/m]": c for port, c in vehicle.baseline_damping.items()}
+    sections = [Section("Vehicle", paragraph(text) + (_quantities(damping) if damping else ""))]
+    sections += _edits(vehicle)
+    if vehicle.sources:
+        sections.append(Section("Source files", table(_FILES, list(vehicle.sources.items()))))
+    return sections
+
+
+def _quantities(values: Mapping[str, Any]) -> str:
+    rows = [_row(key, value) for key, value in values.items()]
+    return table(_QUANTITIES, rows) if rows else paragraph("None stated.")
+
+
+def _row(key: str, value: Any) -> tuple[str, str, str]:
+    """Return name, customary value and SI value of `name [unit]: number or range`; return other values unchanged."""
+    match = _KEY.fullmatch(key)
+    name = (match[1] if match else key).replace("_", " ")
+    if match and _numeric(value):
+        shown = quantity(value, match[2])
+        us = customary(value, match[2])
+        return (name, us or shown, shown if us else "")
+    if name == "percent" and _numeric(value):
+        return ("rms, share of the force's standard deviation", quantity(value, "%"), "")
+    if name == "held out" and isinstance(value, Mapping) and type(own := value.get("percent")) is float:
+        other = value.get("lpnl2_percent")
+        beside = f" (LPNL2: {quantity(other, '%')})" if type(other) is float else ""
+        return ("rms of what was left out of the fit, share as above", quantity(own, "%") + beside, "")
+    return (name, value if isinstance(value, str) else json.dumps(value), "")
+
+
+def _numeric(value: Any) -> bool:
+    numbers = value if isinstance(value, Sequence) and not isinstance(value, str) else [value]
+    return all(type(number) in (int, float) for number in numbers)
+
+
+def _fit(fit: Mapping[str, Any]) -> str:
+    """Return the fit's quality, its parameters with their standard errors, its warnings and its changes."""
+    quality = {key: value for key, value in fit.items() if key not in ("parameters", "changes", "warnings")}
+    html = _quantities(quality)
+    if isinstance(parameters := fit.get("parameters"), Mapping):
+        columns = (Column("parameter", "tight"), Column("value"), Column("± standard error"), Column("bounds"))
+        html += table(columns, list(_fitted(parameters)))
+    for name in ("warnings", "changes"):
+        if notes := [str(note) for note in fit.get(name, ())]:
+            html += f"<h3>{name.capitalize()}</h3>" + bullets(notes)
+    return html
+
+
+def _fitted(parameters: Mapping[str, Any]) -> Iterator[tuple[str, str, str, str]]:
+    for name, entry in parameters.items():
+        unit = str(entry.get("unit", ""))
+        error = entry.get("standard_error")
+        yield (
+            name,
+            _both(entry.get("value"), unit),
+            "" if error is None else _both(error, unit),
+            _bounds(entry.get("bounds"), unit) + (f", at {entry['at_bound']}" if entry.get("at_bound") else ""),
+        )
+
+
+def _both(value: Any, unit: str) -> str:
+    us = customary(value, unit)
+    return f"{us} ({quantity(value, unit)})" if us else quantity(value, unit)
+
+
+def _bounds(bounds: Sequence[float | None] | None, unit: str) -> str:
+    if bounds is None:
+        return ""
+    target = units.us_customary(unit)
+    low, high = ("" if end is None else f"{units.convert(float(end), unit, target):.4g}" for end in bounds)
+    return f"{low or '−∞'} to {high or '∞'} {target}"
+
+
+def _parameters(parameters: Any) -> Iterator[tuple[str, str, str]]:
+    for declared in fields(parameters):
+        value, unit = getattr(parameters, declared.name), declared.metadata["unit"]
+        name = declared.name.replace("_", " ")
+        for suffix, number in _at_corners(value).items():
+            yield (name + suffix, customary(number, unit) or quantity(number, unit), quantity(number, unit))
+
+
+def _at_corners(value: float | Corners | None) -> dict[str, float]:
+    """Return values by the suffix of their name; four equal corners give one value without suffix."""
+    if value is None:
+        return {}
+    if not isinstance(value, Corners):
+        return {"": value}
+    return {"": value.lf} if len(set(value)) == 1 else {f" {corner}": c for corner, c in value._asdict().items()}
+
+
+def _modes(vehicle: Vehicle) -> str:
+    columns = (Column("frequency", "number"), Column("damping ratio", "number"))
+    rows = [(f"{mode.frequency_hz:.3g} Hz", f"{mode.damping_ratio:.3f}") for mode in vehicle.with_damper().modes()]
+    text = "With the linear dampers of the vehicle's source file. The FMU has no dampers: shocks replace them."
+    return paragraph(text) + table(columns, rows)
+
+
+# ---- The documents of one FMU ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Disclosed:
+    """The information about a subject that may be disclosed: variables, picture, origin, recorded outputs."""
+
+    subject: Subject
+    picture: Picture
+    origin: Sequence[Section]
+    recorded: tuple[str, ...]
+
+
+def documents(subject: Subject, *, disclosure: Disclosure, fmi: int = 2) -> dict[str, bytes]:
+    """Return the documents of an archive, for people and for tools: member name -> content.
+
+    The same subject gives the same bytes. A confidential archive contains no curve picture, no coefficients, and
+    neither names nor digests of source files. It also omits the subject's name, which is often the name of its file.
+    `fmi` is the FMI version, 2 or 3, which only the page names.
+    """
+    disclosed = _full(subject) if disclosure is Disclosure.FULL else _confidential(subject)
+    shown, picture = disclosed.subject, disclosed.picture
+    reference = results(shown, disclosed.recorded)
+    contents = Contents(shown.identifier, shown.text, shown.interface, picture, disclosed.origin, bool(reference), fmi)
+    return {
+        "model.png": picture.png,
+        "documentation/index.html": page(contents),
+        "documentation/licenses/license.txt": (source_folder() / "LICENSE.txt").read_bytes(),
+        "terminalsAndIcons/terminalsAndIcons.xml": terminals_and_icons(shown.interface),
+        "terminalsAndIcons/icon.png": icon(shown.source),
+        **validity_member(subject.source, subject.identifier, disclosure),
+        **reference,
+    }
+
+
+def _full(subject: Subject) -> _Disclosed:
+    source = subject.source
+    if isinstance(source, Shock):
+        caption = (
+            "Force at the port without gas force. Shaded: fitted range. If the law has lag, the loop is its "
+            f"response to a sine of {LOOP_FREQUENCY:g} Hz."
+        )
+        return _Disclosed(subject, Picture(shock_picture(source), caption), _shock_origin(source), Response._fields)
+    caption = "Frequency responses with the linear dampers of the vehicle's source file. The FMU itself has no dampers."
+    return _Disclosed(subject, Picture(vehicle_picture(source), caption), _vehicle_origin(source), ())
+
+
+def _confidential(subject: Subject) -> _Disclosed:
+    interface = subject.interface
+    shown = replace(interface, variables=tuple(v for v in interface.variables if not v.name.startswith(SECRET)))
+    source = subject.source
+    origin = open_shock_origin(source) if isinstance(source, Shock) else []
+    origin += [] if isinstance(source, StructuralVehicle) else _edits(source)
+    return _Disclosed(
+        replace(subject, text=interface.description, interface=shown),
+        Picture(icon(subject.source), "A confidential build: its sources are not in this archive.", "icon"),
+        origin,
+        ("force",),
+    )

@@ -1,1 +1,0 @@
-"""Native FMUs: C sources with generated tables and constants, compiled for every platform."""

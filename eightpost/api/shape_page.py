@@ -1,0 +1,337 @@
+"""Page and JSON file of target curves."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from math import ceil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim.study.choice.optimise import ASSURED
+from eightpost.api.shapes import VERIFIED, Aim, Target
+from eightpost.files import atomic_path
+from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, grid_figure
+from eightpost.report.page import Block, Section, document, write_page
+from eightpost.report.tables import Amount, Cell, ResultTable
+from eightpost.shock.shape import unit_of
+from eightpost.verdict import Grade, Reason, Rules, Verdict, sealed
+
+SCHEMA = 1
+
+# ---- Verdict --------------------------------------------------------------------------------------------------------
+
+ABOUT = "targets"
+
+#: Largest difference between the optimiser's objective and that of the verifying run, as a share of the objective [1].
+AGREEMENT = 1e-3
+
+RULES = Rules()
+
+GAIN = RULES.add("targets better than the bank", ABOUT, Grade.LIMITED,
+    condition="the runs of the targets' own FMUs are better than the best setup of the bank",
+    why="the gain is that of laws on the model: errors of the form of the law are not in it",
+    remedy="build the nearest valving, test it (eightpost dyno or a dynamometer), fit it, and run it in a study",
+)  # fmt: skip
+DOUBTFUL = RULES.add("gain in doubt", ABOUT, Grade.LIMITED,
+    condition="with the errors that the vehicle states, the targets are better with a probability below 95 %",
+    why="the gain is not larger than what the vehicle is uncertain by",
+    remedy="test the best of the bank and builds near the targets on the rig (eightpost confirm), then search again",
+)  # fmt: skip
+UNSTATED = RULES.add("uncertainty of the gain unknown", ABOUT, Grade.LIMITED,
+    condition="the vehicle states no uncertainty for a measure of the objective",
+    why="errors of the car are not in the gain and its band",
+    remedy="identify the vehicle (eightpost identify), which states its uncertainty",
+)  # fmt: skip
+SWITCHED_OFF = RULES.add("uncertainty of the gain not computed", ABOUT, Grade.LIMITED,
+    condition="the errors of the vehicle are left out on request (--no-certainty)",
+    why="the gain and its band are those of the model; the true car may have none",
+    remedy="run it again without --no-certainty",
+)  # fmt: skip
+NO_GAIN = RULES.add("no gain over the bank", ABOUT, Grade.NOT_USABLE,
+    condition="the runs of the targets' own FMUs are not better than the best setup of the bank",
+    why="the search found nothing better within the ranges of the numbers",
+    remedy="widen the ranges (--limit), vary more numbers (--vary), or use more starts (--starts)",
+)  # fmt: skip
+FORM = RULES.add("gain within the error of the shapes", ABOUT, Grade.LIMITED,
+    condition="the best setup of the bank with its own laws and as shapes differ by more than half the gain",
+    why="shapes have the curve of a law, but not all of its dynamics; part of the gain may be this difference",
+    remedy="fit the bank with the law LPNL2 (eightpost fit --law lpnl2), or build the target and compare it on the rig",
+)  # fmt: skip
+DIFFERS = RULES.add("verification differs", ABOUT, Grade.NOT_USABLE,
+    condition=f"the objective of the verifying run differs by more than {100.0 * AGREEMENT:g} %",
+    why="the FMU that the search used does not behave as the FMU that was built from the target",
+    remedy="report this with the files in the folder shapes/",
+)  # fmt: skip
+
+
+def aim_verdict(found: Aim) -> Verdict:
+    """Return the verdict on target curves."""
+    best, targets = found.verified_objective(0), found.verified_objective(1)
+    origin = f"{found.runs} trials; verified by runs of their own FMUs"
+    gain = f"{best:.5g} with the best of the bank, {targets:.5g} with the targets"
+    reasons = [(GAIN if targets < best else NO_GAIN).reason("the objective", figure=gain, origin=origin)]
+    reasons += _of_the_car(found)
+    as_shape = float(found.curves.reference.nominal[0])
+    if targets < best and abs(best - as_shape) > 0.5 * (best - targets):
+        text = f"{best:.6g} with its own laws, {as_shape:.6g} as shapes; gain {best - targets:.3g}"
+        reasons.append(FORM.reason("the best of the bank", figure=text, origin=origin))
+    apart = targets - found.curves.optimum.nominal
+    if abs(apart) > AGREEMENT * abs(targets):
+        text = f"{found.curves.optimum.nominal:.6g} in the search, {targets:.6g} in the run"
+        reasons.append(DIFFERS.reason("search and verifying run disagree", figure=text, origin=origin))
+    return Verdict(reasons)
+
+
+def _of_the_car(found: Aim) -> Iterator[Reason]:
+    """Yield what the stated uncertainty of the vehicle means for the gain."""
+    if not found.request.uncertain:
+        yield SWITCHED_OFF.reason("uncertainty of the vehicle", figure="not computed", origin="--no-certainty")
+    elif found.curves.car is None or not found.curves.car.is_known:
+        missing = (
+            "no measure"
+            if found.curves.car is None
+            else ", ".join(found.curves.car.unknown(found.curves.car.criterion.measures))
+        )
+        known = "stated for" if found.curves.car is None else "not stated for"
+        yield UNSTATED.reason("uncertainty of the vehicle", figure=f"{known} {missing}", origin="the vehicle's FMU")
+    elif found.curves.chance < ASSURED:
+        figure = f"{100.0 * found.curves.chance:.3g} %; limit {100.0 * ASSURED:g} %"
+        yield DOUBTFUL.reason(
+            "probability of a gain", figure=figure, origin=f"{found.curves.gains.size} draws of cars and shocks"
+        )
+
+
+# ---- Tables ---------------------------------------------------------------------------------------------------------
+
+
+def objective_table(found: Aim) -> ResultTable:
+    """Return the objective of the best setup of the bank, of the targets, and of what comes near them."""
+    best = found.verified_objective(0)
+    rows: list[tuple[Cell | float | None, ...]] = []
+    for rank, words in enumerate(VERIFIED):
+        value = found.verified_objective(rank)
+        rows.append((words, value, best - value, "FMUs of their own"))
+    rows.append(("targets, in the search", found.curves.optimum.nominal, best - found.curves.optimum.nominal, "trial"))
+    heads = ("setup", "objective .6", "gain over the bank .4", "run by")
+    return ResultTable.of("Objective of the shocks exactly as planned", heads, rows)
+
+
+def robust_table(found: Aim) -> ResultTable:
+    """Return mean and scatter of the objective over the tolerance."""
+    start, end = found.curves.reference, found.curves.optimum
+    rows = [
+        ("best of the bank", float(start.nominal[0]), float(start.scatter[0]), float(start.objective[0])),
+        ("targets", end.nominal, end.scatter, end.objective),
+    ]
+    robust = found.request.robustness
+    title = (
+        f"Objective over {robust.draws} draws with a tolerance of {100.0 * found.request.tolerance:g} % of every "
+        f"number{'' if found.curves.car is None else ', and over the cars that the true one may be'}; "
+        f"robust: mean + {robust.weight:g} standard deviations"
+    )
+    return ResultTable.of(title, ("setup", "as planned .6", "standard deviation", "robust .6"), rows)
+
+
+def gain_table(found: Aim) -> ResultTable:
+    """Return the gain over the best setup of the bank: predicted, and what is assured."""
+    best = float(found.curves.reference.nominal[0])
+    drawn = "shocks" if found.curves.car is None else "shocks and cars"
+    quantiles = np.quantile(found.curves.gains, [1.0 - ASSURED, 0.5]).tolist()
+    gains = {
+        "predicted, shocks exactly as planned": found.curves.predicted_gain,
+        f"exceeded by 50 % of the draws of {drawn}": quantiles[1],
+        f"exceeded by {100.0 * ASSURED:g} % of them": quantiles[0],
+    }
+    rows = [(words, gain, 100.0 * gain / abs(best)) for words, gain in gains.items()]
+    return ResultTable.of(
+        "Gain over the best setup of the bank", ("gain", "objective .4", "of the objective [%]"), rows
+    )
+
+
+def number_table(target: Target, found: Aim) -> ResultTable:
+    """Return the numbers of a target, their ranges, and the intervals that keep the gain."""
+    rows = []
+    ranges = {one.name: one for one in found.curves.space.ranges}
+    for name, value in target.shape.numbers().items():
+        unit = unit_of(name)
+        cells: list[Cell | float | None] = [name, unit, Amount(value, unit)]
+        if name in ranges:
+            low, high = target.alone[name]
+            ends = (ranges[name].low, ranges[name].high, low, high)
+            cells += [Amount(end, unit) for end in ends]
+            cells.append("at a limit" if name in target.at_limit else "")
+        else:
+            cells += [None, None, None, None, "fixed"]
+        rows.append(cells)
+    share = f"{100.0 * found.request.keep:g} % of the assured gain"
+    heads = ("number", "unit", "target", "lower limit", "upper limit", "from", "to", "")
+    return ResultTable.of(f"Target at {target.name}; from, to: each number alone keeps {share}", heads, rows)
+
+
+def neighbour_table(target: Target, found: Aim) -> ResultTable:
+    """Return the builds of the bank and the valving near a target, and what they lose."""
+    rows: list[tuple[Cell | float | None, ...]] = []
+    for one in target.neighbours:
+        lost = one.objective - found.curves.optimum.nominal
+        rows.append((one.build, one.difference, 100.0 * one.relative, one.objective, lost))
+    valving = target.valving
+    lost = target.valving_objective - found.curves.optimum.nominal
+    rows.append((f"virtual damper: {valving.valving}", valving.residual, 100.0 * valving.relative,
+                 target.valving_objective, lost))  # fmt: skip
+    heads = ("shock", "force difference, RMS [N]", "of the target's RMS [%]", "objective .6", "loss .4")
+    title = f"Near the target at {target.name}, with the targets at the other corners"
+    return ResultTable.of(title, heads, rows)
+
+
+# ---- Page and file --------------------------------------------------------------------------------------------------
+
+
+def write_aim(found: Aim, folder: Path) -> tuple[Path, Path]:
+    """Write shapes.json and shapes.html into a folder; return their paths."""
+    data, page = folder / "shapes.json", folder / "shapes.html"
+    with atomic_path(data) as temporary:
+        temporary.write_text(json.dumps(sealed(_content(found)), indent=2) + "\n", encoding="utf-8")
+    title = f"Curves to aim at: {found.study.name}"
+    return data, write_page(
+        page,
+        document(
+            title, aim_verdict(found), list(_sections(found)), lead=_lead(found), links={"report.html": "The study"}
+        ),
+    )
+
+
+def _lead(found: Aim) -> str:
+    fits = ", ".join(f"{name} {100.0 * fit.relative:.2g} %" for name, fit in found.curves.fits.items())
+    return f"Shapes of the bank describe its curves with an RMS error of: {fits}."
+
+
+def car_text(found: Aim) -> str:
+    """Return a sentence about what the vehicle's uncertainty does to the gain."""
+    if not found.request.uncertain:
+        return "The errors of the vehicle are left out on request: the gain and its band are those of the model."
+    if found.curves.car is None:
+        return (
+            "The vehicle states no uncertainty: the gain and its band are those of this vehicle, as if it were exact."
+        )
+    missing = found.curves.car.unknown(found.curves.car.criterion.measures)
+    unknown = f" The uncertainty of {', '.join(missing)} is not known and not included." if missing else ""
+    return (
+        f"With the errors that the vehicle states, the targets are better than the best setup of the bank with a "
+        f"probability of {chance_text(found.curves.chance, len(found.curves.car.draws.common))}.{unknown}"
+    )
+
+
+def chance_text(share: float, cars: int) -> str:
+    """Return the share of drawn cars with a gain as a probability, no more extreme than the number of cars resolves.
+
+    >>> chance_text(0.873, 256), chance_text(1.0, 256), chance_text(0.0, 256)
+    ('87.3 %', 'more than 99 %', 'less than 1 %')
+    """
+    finest = ceil(100.0 / cars)
+    if 100.0 * share > 100.0 - finest:
+        return f"more than {100 - finest} %"
+    return f"{100.0 * share:.3g} %" if 100.0 * share >= finest else f"less than {finest} %"
+
+
+def band_text(found: Aim) -> str:
+    """Return a sentence about the band."""
+    if found.curves.band is None:
+        return f"No gain is assured with {100.0 * ASSURED:g} %, so there is no band."
+    share = f"{100.0 * found.curves.band.share:g} % of the assured gain"
+    if found.curves.band.size == 0.0:
+        return f"No box around the targets keeps {share}: a deviation of 1 % of the ranges already loses more."
+    return (
+        f"All numbers of all corners may deviate together by {100.0 * found.curves.band.size:g} % of their ranges: "
+        f"{100.0 * found.curves.band.kept:.3g} % of {len(found.curves.band.points)} random points there keep {share}."
+    )
+
+
+def _sections(found: Aim) -> Iterator[Section]:
+    yield Section(
+        "gain",
+        "Gain",
+        [objective_table(found), gain_table(found), car_text(found), robust_table(found), band_text(found)],
+    )
+    for target in found.targets:
+        blocks: list[Block] = [_figure(target, found), number_table(target, found), neighbour_table(target, found)]
+        if target.valving.limits:
+            blocks.append(f"At the end of what the search of valvings may use: {', '.join(target.valving.limits)}.")
+        yield Section(target.name.replace("+", "-"), f"Target at {target.name}", blocks)
+
+
+def _figure(target: Target, found: Aim) -> Figure:
+    caption = f"Target at {target.name}; shaded: the band; dashed: the nearest build of the bank"
+    axes = (Axis("damper velocity", "m/s"), Axis("force", "N"), "")
+    figure = grid_figure(caption, 420, [axes], 1, gap=(0.0, 0.0))
+    curve = target.shape.curve()
+    if found.curves.band is not None:
+        figure.ribbon(0, target.velocity, target.low, target.high, name="band", color=COLORS[0])
+    valving = target.valving
+    figure.line(0, valving.velocity, valving.force, name="nearest valving", color=MEASURED)
+    near = found.curves.fits[target.neighbours[0].build].shape.curve()
+    lines = {"target": (curve, COLORS[0], "solid"), target.neighbours[0].build: (near, COLORS[1], "dash")}
+    for name, (one, color, dash) in lines.items():
+        forces = np.array([one.force(v) for v in target.velocity.tolist()])
+        figure.line(0, target.velocity, forces, name=name, color=color, dash=dash)
+    return figure
+
+
+def _content(found: Aim) -> dict[str, Any]:
+    robust = asdict(found.request.robustness)
+    return {
+        "schema": SCHEMA,
+        "kind": "shapes",
+        "study": found.study.name,
+        "digest": found.digest,
+        "best_of_bank": dict(found.curves.bank),
+        "objective": {
+            "best_of_bank": found.verified_objective(0),
+            "targets": found.verified_objective(1),
+            "nearest_builds": found.verified_objective(2),
+            "nearest_valvings": found.verified_objective(3),
+            "targets_in_search": found.curves.optimum.nominal,
+            "targets_robust": found.curves.optimum.objective,
+            "targets_scatter": found.curves.optimum.scatter,
+            "best_of_bank_robust": float(found.curves.reference.objective[0]),
+        },
+        "meets_constraints": found.curves.optimum.allowed,
+        "coupling_error_percent": found.verified.worst_coupling_error,
+        "robustness": robust | {"tolerance": found.request.tolerance},
+        "gain": {
+            "predicted": found.curves.predicted_gain,
+            "assured": found.curves.assured_gain,
+            "probability": found.curves.chance,
+            "includes_car": found.curves.car is not None and found.curves.car.is_known,
+        },
+        "band": None if found.curves.band is None else {
+            "share": found.curves.band.share, "size": found.curves.band.size, "kept": found.curves.band.kept
+        },
+        "ranges": {one.name: [one.low, one.high] for one in found.curves.space.ranges},
+        "targets": [_target(target) for target in found.targets],
+        "starts": [list(pair) for pair in found.curves.optimum.starts],
+        "status": list(found.curves.optimum.status),
+        "trials": found.runs,
+        "definition": json.loads(found.study.to_json()),
+    }  # fmt: skip
+
+
+def _target(target: Target) -> dict[str, Any]:
+    valving = target.valving
+    return {
+        "corners": list(target.corners),
+        "numbers": target.shape.numbers(),
+        "alone": {name: list(pair) for name, pair in target.alone.items()},
+        "at_limit": list(target.at_limit),
+        "velocity [m/s]": target.velocity.tolist(),
+        "lowest_force [N]": target.low.tolist(),
+        "highest_force [N]": target.high.tolist(),
+        "builds": [asdict(one) for one in target.neighbours],
+        "valving": asdict(valving.valving) | {
+            "level [N]": valving.level, "residual [N]": valving.residual, "relative": valving.relative,
+            "objective": target.valving_objective, "at_limit": list(valving.limits),
+        },
+    }  # fmt: skip

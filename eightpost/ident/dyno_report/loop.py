@@ -1,0 +1,754 @@
+"""Figures of a record: cycles, slow parts, the loop of force over velocity with its branches, curve and knee."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
+from scipy.optimize import minimize_scalar
+
+from eightpost.array_types import Array
+from eightpost.errors import InputError
+from eightpost.rig.motion import SMALLEST, path_of, turning_points
+from eightpost.rig.peak_velocity import PeakVelocityTable
+from eightpost.shock import ShockLaw
+from eightpost.shock.law import valve_force
+from eightpost.signals import TimeSeries
+from eightpost.signals.filters import derivative, lowpass
+from eightpost.units import convert
+
+# ---- A figure, or the reason why it is unknown ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """A figure that a record does not support."""
+
+    reason: str  #: Reason why it is unknown, a clause without a full stop.
+
+
+#: A value in SI, or the reason why it is unknown.
+Found = float | Unknown
+
+
+def known(values: Iterable[Found]) -> list[float]:
+    """Return the values that are known."""
+    return [value for value in values if not isinstance(value, Unknown)]
+
+
+def mean_of(values: Iterable[Found]) -> Found:
+    """Return the mean of the known values; the first reason if no value is known."""
+    values = list(values)
+    found = known(values)
+    if found:
+        return sum(found) / len(found)
+    return next((value for value in values if isinstance(value, Unknown)), Unknown("there is no run"))
+
+
+# ---- Cycles: peaks of velocity with their forces, force at zero velocity, hysteresis and energy ---------------------
+
+#: Force and time at zero velocity are interpolated between samples at this share of the highest speed.
+REACHED = 0.03
+#: A peak is the mean of the samples above this share of a half cycle's highest speed.
+PEAK = 0.99
+#: Cycles are alike if stroke and duration are within this share of the median; minimum share of cycles that are alike.
+ALIKE, STEADY = 0.1, 0.6
+#: Minimum number of cycles for a mean.
+FEWEST_CYCLES = 2
+
+#: Minimum number of changes of direction at each end, and minimum spread of their accelerations over their mean.
+FEWEST_TURNS, SPREAD = 20, 0.3
+
+NO_CYCLE = Unknown("the record has fewer than two whole cycles")
+UNLIKE = Unknown("the motion is not one steady cycle; split a record of several sines into runs (--split)")
+
+
+@dataclass(frozen=True, slots=True)
+class Crossing:
+    """A change of direction."""
+
+    time: float  #: Time at which the velocity is zero [s].
+    force: float  #: Force at that time [N].
+    #: Last sample before it, and first sample after it, beyond the threshold of velocity.
+    start: int
+    stop: int
+    upward: bool  #: Whether compression follows.
+    acceleration: float  #: Acceleration at that time [m/s2].
+    displacement: float  #: Displacement at that time [m]; 0 if it was not measured.
+
+
+@dataclass(frozen=True, slots=True)
+class Peaks:
+    """Peaks of successive half cycles with the same speed: force at the centre of the stroke (PVP)."""
+
+    #: Mean speed [m/s] and mean force magnitude [N], gas included.
+    speed: float
+    force: float
+    scatter: float | None  #: Standard deviation of the forces [N]; None of a single one.
+    count: int  #: Number of half cycles.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cycles:
+    """Cycles of a run."""
+
+    peak_velocity: Array  #: Velocity at the peak of each half cycle (H,) [m/s], positive in compression.
+    peak_force: Array  #: Force there (H,) [N].
+    count: int  #: Number of whole cycles; of steady ones, those that are alike.
+    is_steady: bool  #: Whether the cycles have the same stroke and duration.
+    frequency: Found  #: Mean frequency [Hz].
+    width: Found  #: Force at zero velocity at the compressed end minus that at the extended end [N].
+    #: Energy dissipated per cycle [J], and its standard deviation between cycles [J].
+    energy: Found
+    energy_scatter: Found
+    span: tuple[float, float] | None = None  #: Start and end of the chosen cycle [s]; None if all cycles count.
+
+    def peaks(self, sign: float) -> tuple[Peaks, ...]:
+        """Return the peaks of one direction at each speed that is repeated; nothing for a random motion."""
+        chosen = sign * self.peak_velocity > 0.0
+        speeds, forces = sign * self.peak_velocity[chosen], sign * self.peak_force[chosen]
+        groups: list[list[int]] = []
+        for k, speed in enumerate(speeds.tolist()):
+            if groups and abs(speed / speeds[groups[-1][0]] - 1.0) <= ALIKE:
+                groups[-1].append(k)
+            else:
+                groups.append([k])
+        repeated = [k for group in groups if len(group) >= FEWEST_CYCLES or self.span for k in group]
+        if len(repeated) < STEADY * speeds.size:
+            return ()
+        same: list[list[int]] = []
+        for k in sorted(repeated, key=lambda k: float(speeds[k])):
+            if same and speeds[k] <= (1.0 + ALIKE) * speeds[same[-1][0]]:
+                same[-1].append(k)
+            else:
+                same.append([k])
+        return tuple(
+            Peaks(float(speeds[group].mean()), float(forces[group].mean()),
+                  float(forces[group].std(ddof=1)) if len(group) > 1 else None, len(group))
+            for group in same
+        )  # fmt: skip
+
+
+def cycles_of(series: TimeSeries, cycle: str | int = "mean") -> Cycles:
+    """Return the cycles of a record.
+
+    Args:
+        series: Record with `velocity` [m/s] and `force` [N].
+        cycle: `mean` of all cycles that are alike, the `last` of them, or its number from 1; of a steady sine only.
+
+    Raises:
+        InputError: There are fewer cycles than this number.
+    """
+    crossings = crossings_of(series)
+    peaks = np.array([_peak(series, a.stop, b.start) for a, b in pairwise(crossings)]).reshape(-1, 2)
+    times = np.array([crossing.time for crossing in crossings if crossing.upward])
+    none = NO_CYCLE if times.size < FEWEST_CYCLES + 1 else UNLIKE
+    duration, stroke = np.diff(times), _strokes(series, times)
+    alike = np.zeros(0, dtype=bool)
+    if none is UNLIKE:
+        usual = (np.median(stroke), np.median(duration))
+        alike = (np.abs(stroke / usual[0] - 1.0) <= ALIKE) & (np.abs(duration / usual[1] - 1.0) <= ALIKE)
+    if np.count_nonzero(alike) < max(FEWEST_CYCLES, STEADY * alike.size):
+        return Cycles(peaks[:, 0], peaks[:, 1], max(times.size - 1, 0), False, none,
+                      none if none is UNLIKE else _width(crossings), none, none)  # fmt: skip
+    energy = np.diff(np.interp(times, series.time, energy_over_time(series)))
+    used, span = np.flatnonzero(alike), None
+    if cycle != "mean":
+        number = used.size if cycle == "last" else int(cycle)
+        if not 1 <= number <= used.size:
+            raise InputError(f"--cycle {cycle}: the run has {used.size} whole cycles that are alike")
+        used = used[number - 1 : number]
+        span = (float(times[used[0]]), float(times[used[0] + 1]))
+        middles = np.array([0.5 * (a.time + b.time) for a, b in pairwise(crossings)])
+        peaks = peaks[(middles > span[0]) & (middles < span[1])]
+    scatter: Found = float(energy[used].std(ddof=1)) if used.size > 1 else Unknown("one cycle has no scatter")
+    return Cycles(
+        peaks[:, 0], peaks[:, 1], int(np.count_nonzero(alike)), True, float(1.0 / duration[used].mean()),
+        _width(crossings), float(energy[used].mean()), scatter, span,
+    )  # fmt: skip
+
+
+def energy_over_time(series: TimeSeries) -> Array:
+    """Return the integral of force times velocity (N,) [J] from the first sample."""
+    return np.asarray(cumulative_trapezoid(series["force"] * series["velocity"], series.time, initial=0))
+
+
+def crossings_of(series: TimeSeries) -> list[Crossing]:
+    """Return the changes of direction between half cycles of at least 2 % of the record's stroke."""
+    path, velocity = path_of(series), series["velocity"]
+    turns = turning_points(path, threshold=SMALLEST * float(np.ptp(path)))
+    if not turns:
+        return []
+    beyond = np.abs(velocity) >= REACHED * float(np.abs(velocity).max())
+    middles = [(a + b) // 2 for a, b in pairwise(turns)]
+    spans = zip(turns, [0, *middles], [*middles, velocity.size - 1], strict=True)
+    found = (_crossing(series, beyond, *span) for span in spans)
+    return [crossing for crossing in found if crossing is not None]
+
+
+def _crossing(
+    series: TimeSeries, beyond: NDArray[np.bool_], turn: int, first: int, last: int
+) -> Crossing | None:  # fmt: skip
+    """Return the crossing of zero near a turning point, from the samples `first` to `last`.
+
+    Time and force are lines over the velocities between the samples (N,) whose speed is `beyond` the threshold.
+    """
+    before, after = np.flatnonzero(beyond[first:turn]), np.flatnonzero(beyond[turn : last + 1])
+    start = first + int(before[-1]) if before.size else first
+    stop = turn + int(after[0]) if after.size else last
+    velocity = series["velocity"][start : stop + 1]
+    if not (velocity[0] * velocity[-1] < 0.0 and velocity.size > 1):
+        return None
+    part = slice(start, stop + 1)
+    place = series["displacement"][part] if "displacement" in series else np.zeros(velocity.size)
+    time = _at_zero_velocity(velocity, series.time[part])
+    rate = float(velocity[-1] - velocity[0]) / float(series.time[stop] - series.time[start])
+    force = _at_zero_velocity(velocity, series["force"][part])
+    return Crossing(time, force, start, stop, bool(velocity[-1] > 0.0), rate, _at_zero_velocity(velocity, place))
+
+
+def _at_zero_velocity(velocity: Array, row: Array) -> float:
+    """Return a channel (M,) at zero velocity: the mean of the lines through the samples of either direction.
+
+    The lines differ where strokes have different rates and where friction changes its sign.
+    """
+    sides = [velocity > 0.0, velocity < 0.0]
+    if all(np.count_nonzero(side) >= 2 and np.ptp(velocity[side]) > 0.0 for side in sides):
+        return float(np.mean([_line_at_zero(velocity[side], row[side]) for side in sides]))
+    return _line_at_zero(velocity, row)
+
+
+def _line_at_zero(velocity: Array, row: Array) -> float:
+    middle = velocity - velocity.mean()
+    return float(row.mean() - velocity.mean() * (middle @ (row - row.mean())) / (middle @ middle))
+
+
+def _peak(series: TimeSeries, start: int, stop: int) -> tuple[float, float]:
+    part = slice(start, stop + 1)
+    velocity, force = series["velocity"][part], series["force"][part]
+    top = np.abs(velocity) >= PEAK * float(np.abs(velocity).max())
+    return float(velocity[top].mean()), float(force[top].mean())
+
+
+def force_at_rest(series: TimeSeries) -> Found:
+    """Return the force at zero velocity and acceleration in the middle of the stroke [N] from the changes of direction.
+
+    A lag adds a force in proportion to the acceleration, with the damping rate of the stroke that ends. A constant, a
+    rate for each stroke and a stiffness are fitted by least squares to the half of the changes of direction with the
+    smallest accelerations, where this proportion holds. The accelerations must differ, as in a random motion.
+    """
+    crossings = crossings_of(series)
+    rates = np.array([crossing.acceleration for crossing in crossings])
+    sizes = [np.abs(rates[rates > 0.0]), np.abs(rates[rates < 0.0])]
+    if any(size.size < FEWEST_TURNS or size.std() < SPREAD * size.mean() for size in sizes):
+        return Unknown("the accelerations at the changes of direction are alike or few")
+    gentle = np.abs(rates) <= np.median(np.abs(rates))
+    crossings, rates = [one for one, chosen in zip(crossings, gentle, strict=True) if chosen], rates[gentle]
+    columns = [np.ones_like(rates), np.maximum(rates, 0.0), np.minimum(rates, 0.0)]
+    if "displacement" in series:
+        path = series["displacement"]
+        columns.append(np.array([one.displacement for one in crossings]) - 0.5 * float(path.max() + path.min()))
+    design = np.stack(columns, axis=1) / np.abs(columns).max(axis=1)
+    found = np.linalg.lstsq(design, np.array([crossing.force for crossing in crossings]), rcond=None)[0]
+    return float(found[0])
+
+
+def _width(crossings: list[Crossing]) -> Found:
+    """Return the width of the loop at zero velocity [N]."""
+    extended = [crossing.force for crossing in crossings if crossing.upward]
+    compressed = [crossing.force for crossing in crossings if not crossing.upward]
+    if not (extended and compressed):
+        return Unknown("the velocity does not change its sign in both directions")
+    return float(np.mean(compressed)) - float(np.mean(extended))
+
+
+def _strokes(series: TimeSeries, times: Array) -> Array:
+    """Return the stroke between successive times (C + 1,) [s]: the range of the integral of velocity (C,) [m]."""
+    path = cumulative_trapezoid(series["velocity"], series.time, initial=0)
+    bounds = np.searchsorted(series.time, times)
+    return np.array([np.ptp(path[a : b + 1]) for a, b in pairwise(bounds.tolist())])
+
+
+# ---- Slow parts: gas force, gas stiffness and friction, where lag and valves have little effect ---------------------
+
+#: A part is slow below this speed [m/s] and this acceleration [m/s2]: a lag of 10 ms changes its speed by 0.5 mm/s.
+SLOW, GENTLE = 0.010, 0.05
+#: Speed below which the direction of friction is that of the last motion [m/s], after this time at rest [s].
+RESTING, SETTLED = 0.001, 0.5
+#: Time left out on either side of a start or stop, in which the low-passed velocity is not the true one [s].
+BESIDE = 0.1
+#: Minimum standard deviation of the speed, over its mean, to distinguish friction from the valves.
+VARIED = 0.2
+#: Minimum duration of all slow parts together [s], and minimum share of them in each direction.
+ENOUGH, EACH_WAY = 1.0, 0.1
+#: Minimum range of displacement in the slow parts for a stiffness, as a share of the stroke.
+RANGE = 0.2
+#: Cut-off frequency of the velocity that decides what is slow [Hz].
+CUTOFF = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class SlowFigures:
+    """Figures of the slow parts: F = gas force + stiffness (x - middle) + friction sign(v) + viscous rate v."""
+
+    gas_force: Found  #: Gas force in the middle of the stroke [N].
+    stiffness: Found  #: Gas stiffness [N/m].
+    friction: Found  #: Friction force in either direction [N].
+    residual: Found  #: RMS of the forces about this equation [N].
+
+
+def slow_figures(series: TimeSeries) -> SlowFigures:
+    """Return the figures of the slow parts of a record: holds, and motions below 10 mm/s and 0.05 m/s2."""
+    rate = series.sample_rate
+    velocity = lowpass(series["velocity"], rate, min(CUTOFF, 0.2 * rate), order=2)
+    direction = _direction(velocity, rate)
+    used = (np.abs(velocity) <= SLOW) & (np.abs(derivative(velocity, rate)) <= GENTLE) & (direction != 0.0)
+    used &= ~_near_changes(np.abs(velocity) > RESTING, round(BESIDE * rate))
+    duration = float(np.count_nonzero(used)) / rate
+    if duration < ENOUGH:
+        none = Unknown(f"less than {ENOUGH:g} s of the record is slower than {1e3 * SLOW:.0f} mm/s and {GENTLE:g} m/s2")
+        return SlowFigures(none, none, none, none)
+    share = float(np.mean(direction[used] > 0.0))
+    if not EACH_WAY <= share <= 1.0 - EACH_WAY:
+        none = Unknown("the slow parts are in one direction only, so friction and gas force cannot be distinguished")
+        return SlowFigures(none, none, none, none)
+    return _fitted(series, velocity, direction, used)
+
+
+def _direction(velocity: Array, rate: float) -> Array:
+    """Return the direction of friction (N,): that of the motion, at rest that of the last motion, 0 if undecided."""
+    moving = np.abs(velocity) > RESTING
+    last = np.maximum.accumulate(np.where(moving, np.arange(velocity.size), -1))
+    direction = np.where(last >= 0, np.sign(velocity[np.maximum(last, 0)]), 0.0)
+    for start, stop in _stretches(~moving):
+        if stop - start < SETTLED * rate:
+            direction[start:stop] = 0.0
+    return np.asarray(direction)
+
+
+def _near_changes(flags: NDArray[np.bool_], width: int) -> NDArray[np.bool_]:
+    """Return which samples (N,) are within a width of a change of the flags (N,)."""
+    changes = np.flatnonzero(np.diff(flags.astype(np.int8)) != 0)
+    edges = np.zeros(flags.size + 1, dtype=np.intp)
+    np.add.at(edges, np.maximum(changes + 1 - width, 0), 1)
+    np.add.at(edges, np.minimum(changes + 1 + width, flags.size), -1)
+    return np.asarray(np.cumsum(edges)[:-1] > 0)
+
+
+def _stretches(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    edges = np.diff(np.concatenate(([0], flags.astype(np.int8), [0])))
+    return list(zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True))
+
+
+def _fitted(series: TimeSeries, velocity: Array, direction: Array, used: NDArray[np.bool_]) -> SlowFigures:
+    force = series["force"][used]
+    columns = [np.ones_like(force), direction[used]]
+    position = _position(series, used)
+    if not isinstance(position, Unknown):
+        columns.append(position)
+    speed = np.abs(velocity[used])
+    moves = np.count_nonzero(speed > RESTING) >= 0.1 * force.size
+    has_one_speed = moves and float(speed.std()) < VARIED * float(speed.mean())
+    if moves and not has_one_speed:
+        columns.append(velocity[used])
+    design = np.stack(columns, axis=1)
+    scale = np.abs(design).max(axis=0)
+    found, _, rank, _ = np.linalg.lstsq(design / scale, force, rcond=1e-6)
+    if rank < design.shape[1]:
+        none = Unknown("the slow parts do not distinguish gas force, friction and valves")
+        return SlowFigures(none, none, none, none)
+    values = found / scale
+    residual = float(np.sqrt(np.mean((design @ values - force) ** 2)))
+    if values[1] < -residual:
+        none = Unknown("the slow parts give a negative friction, so the shock is not at rest in them")
+        return SlowFigures(none, none, none, residual)
+    friction: Found = float(values[1])
+    if has_one_speed:
+        friction = Unknown("the slow parts have one speed, at which friction and valves cannot be distinguished")
+    if isinstance(position, Unknown):
+        return SlowFigures(position, position, friction, residual)
+    return SlowFigures(float(values[0]), float(values[2]), friction, residual)
+
+
+def _position(series: TimeSeries, used: NDArray[np.bool_]) -> Array | Unknown:
+    """Return the displacement from the middle of the stroke (M,) [m] in the slow parts, if they show a stiffness."""
+    if "displacement" not in series:
+        return Unknown("the record has no displacement")
+    path = series["displacement"]
+    if float(np.ptp(path[used])) < RANGE * float(np.ptp(path)):
+        return Unknown(f"the slow parts cover less than {100.0 * RANGE:.0f} % of the stroke")
+    return np.asarray(path[used] - 0.5 * (path.max() + path.min()))
+
+
+Stroke = Literal["compression", "rebound"]
+STROKES: tuple[Stroke, Stroke] = ("compression", "rebound")
+
+#: Number of classes of speed in each stroke, and their growth with speed.
+CLASSES, GROWTH = 40, 1.5
+#: Smallest and largest minimum number of samples of a branch in a class; in between it grows with the record.
+FEWEST_SAMPLES = (3, 12)
+#: The force at zero velocity is extrapolated from the speeds below this share of the highest one.
+NEAR_ZERO = 0.1
+#: Cut-off frequency of the acceleration that distinguishes the branches, over the usual frequency of the motion.
+HARMONICS = 6.0
+#: Lags of the search [s]: from that of a late velocity to a share of a period, which is within these limits.
+EARLIEST, LONGEST, SHARE = -0.01, (0.03, 0.05), 0.2
+#: Step of the search [s].
+STEP = 0.002
+#: Forms of a lag, and how much less open the loop must be in squares to prefer another form than the first.
+FORMS, CLEARLY = ("delay", "first order", "series"), 0.6
+#: Cut-off frequency of the rate of force in the equation of a first-order lag [Hz].
+FORCE_CUTOFF = 200.0
+
+#: Number of speeds of a law's curve in each stroke.
+LAW_POINTS = 120
+#: Minimum number of points of a stroke for two lines, and minimum number of points on either side of the knee.
+FEWEST_POINTS, BESIDE_KNEE = 6, 3
+#: A knee is below this share of the highest speed, because the branches of a loop meet at its end.
+LAST = 0.85
+#: Minimum change of slope at a knee, as a share of the steeper slope.
+BEND = 0.2
+#: Maximum sum of squares about two lines, as a share of that about one line.
+BETTER = 0.5
+#: Largest force at which a sum of squares is rounding, as a share of the force's range.
+_ROUNDING = 1e-9
+
+
+# ---- Branches and lag -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoopClasses:
+    """Classes of velocity of a record that have samples on both branches."""
+
+    #: Number of the class and branch of each sample (N,): class times 2, plus 1 while the velocity rises.
+    cell: NDArray[np.intp]
+    counts: NDArray[np.intp]  #: Number of samples of each class and branch (4 CLASSES,).
+    kept: NDArray[np.bool_]  #: Whether each class (2 CLASSES,) has enough samples on both branches.
+
+    @classmethod
+    def of(cls, velocity: Array, rises: NDArray[np.bool_]) -> LoopClasses:
+        """Return the classes of velocities (N,) [m/s], and whether they rise (N,).
+
+        No class contains zero velocity, and those near it are narrow, as far as both branches have samples there.
+        """
+        low, high = min(float(velocity.min()), 0.0), max(float(velocity.max()), 0.0)
+        share = np.linspace(0.0, 1.0, CLASSES + 1) ** GROWTH
+        edges = np.concatenate([low * share[::-1], high * share[1:]])
+        number = np.clip(np.searchsorted(edges, velocity, "left") - 1, 0, 2 * CLASSES - 1)
+        counts = np.bincount(2 * number + rises, minlength=4 * CLASSES).reshape(-1, 2)
+        fewest = int(np.clip(velocity.size // (6 * CLASSES), *FEWEST_SAMPLES))
+        below, above = _merged(counts[CLASSES - 1 :: -1], fewest)[::-1], _merged(counts[CLASSES:], fewest)
+        merged = np.concatenate([CLASSES - 1 - below, CLASSES + above])
+        cell = 2 * merged[number] + rises
+        counts = np.bincount(cell, minlength=4 * CLASSES)
+        return cls(cell, counts, np.asarray((counts.reshape(-1, 2) >= fewest).all(axis=1)))
+
+    def means(self, row: Array) -> Array:
+        """Return the means (2, K) of a channel (N,) on the falling and the rising branch of the kept classes."""
+        sums = np.bincount(self.cell, weights=row, minlength=self.counts.size)
+        return np.asarray((sums / np.maximum(self.counts, 1)).reshape(-1, 2)[self.kept].T)
+
+    def about_means(self, row: Array) -> Array:
+        """Return a channel (M,) in the kept classes without its mean in each class."""
+        number = self.cell // 2
+        sums = np.bincount(number, weights=row, minlength=self.kept.size)
+        means = sums / np.maximum(self.counts.reshape(-1, 2).sum(axis=1), 1)
+        return np.asarray((row - means[number])[self.kept[number]])
+
+
+def _merged(counts: NDArray[np.intp], fewest: int) -> NDArray[np.intp]:
+    """Return the number of the merged class of each class (C,), so that its counts (C, 2) are not too small."""
+    numbers, number, found = [], 0, np.zeros(2, dtype=np.intp)
+    for own in counts:
+        numbers.append(number)
+        found = found + own
+        if found.min() >= fewest:
+            number, found = number + 1, np.zeros(2, dtype=np.intp)
+    return np.minimum(numbers, max(number - 1, 0))
+
+
+def _usual_frequency(series: TimeSeries) -> float:
+    path = path_of(series)
+    turns = turning_points(path, threshold=SMALLEST * float(np.ptp(path)))
+    return series.sample_rate / (2.0 * float(np.median(np.diff(turns)))) if len(turns) > 1 else series.sample_rate
+
+
+def _acceleration(series: TimeSeries) -> Array:
+    """Return the acceleration (N,) [m/s2], low-passed so that noise does not change its sign."""
+    rate = series.sample_rate
+    cutoff = min(HARMONICS * _usual_frequency(series), 50.0, 0.2 * rate)
+    return derivative(lowpass(series["velocity"], rate, cutoff, order=4), rate)
+
+
+def _classes_of(series: TimeSeries) -> LoopClasses:
+    return LoopClasses.of(series["velocity"], _acceleration(series) > 0.0)
+
+
+def closed_loop(series: TimeSeries) -> TimeSeries:
+    """Return a record without the lag and the gas spring with which the branches of its loop agree best.
+
+    With a spring in series, velocity and displacement are those of the valves behind it.
+
+    Three forms of the lag d are tried, with the static force f and a gas spring k about the middle of the stroke:
+
+        a delay:              F(t + d) = f(v) + k (x - middle)
+        first order:          F + d dF/dt = f(v) + k (x - middle)
+        a spring in series:   F = f(v - dF/dt / K) + k (x - middle),  with K such that the mean lag is d
+
+    The stiffness k, 0 or more, is that of force over displacement within the classes of velocity.
+    """
+    time, rate, velocity, force = series.time, series.sample_rate, series["velocity"], series["force"]
+    path = path_of(series)
+    path = path - 0.5 * float(path.max() + path.min())
+    acceleration = _acceleration(series)
+    rises = acceleration > 0.0
+    classes = LoopClasses.of(velocity, rises)
+    if not classes.kept.any():
+        return series
+    smooth = lowpass(force, rate, min(FORCE_CUTOFF, 0.2 * rate), order=2)
+    change = derivative(smooth, rate)
+    # Velocity of a series spring per force and lag, such that it delays the force by the lag on average
+    compliance = float(np.sum(acceleration**2)) / max(float(np.sum(change * acceleration)), 1e-12)
+
+    def shifted(form: str, lag: float) -> tuple[Array, Array, Array]:
+        """Return velocity, force and displacement (N,) without a lag."""
+        if form == "delay":
+            return velocity, np.interp(time + lag, time, force), np.interp(time + lag, time, path)
+        if form == "first order":
+            return velocity, force + lag * change, path + lag * derivative(path, rate)
+        return velocity - lag * compliance * change, force, path
+
+    def opened(form: str, lag: float) -> tuple[float, float]:
+        """Return how far the loop is open, and the stiffness."""
+        speeds, forces, places = shifted(form, lag)
+        inside = LoopClasses.of(speeds, rises) if form == "series" else classes
+        if not inside.kept.any():
+            return np.inf, 0.0
+        about = inside.about_means(places)
+        stiffness = max(float(np.sum(about * inside.about_means(forces)) / np.sum(about**2)), 0.0)
+        difference = np.diff(inside.means(forces - stiffness * places), axis=0)[0]
+        weights = 1.0 / np.sum(1.0 / inside.counts.reshape(-1, 2)[inside.kept], axis=1)
+        return float(np.sum(weights * difference**2) / np.sum(weights)), stiffness
+
+    longest = float(np.clip(SHARE / _usual_frequency(series), *LONGEST))
+    grids = {form: np.arange(EARLIEST if form == "delay" else 0.0, longest, STEP) for form in FORMS}
+    tried = {form: _least(lambda lag, form=form: opened(form, lag)[0], grid) for form, grid in grids.items()}  # type: ignore[misc]
+    form = min(tried, key=lambda name: tried[name][1])
+    if tried[form][1] > CLEARLY * tried["delay"][1]:
+        form = "delay"
+    lag = tried[form][0]
+    stiffness = opened(form, lag)[1]
+    speeds, forces, places = shifted(form, lag)
+    inside = (time + lag >= time[0]) & (time + lag <= time[-1]) if form == "delay" else np.ones(time.size, dtype=bool)
+    closed = series.select([name for name in series.names if name not in ("force", "velocity")])
+    closed = closed.with_channel("velocity", "m/s", speeds).with_channel("force", "N", forces - stiffness * places)
+    if form == "series" and "displacement" in series:
+        closed = closed.with_channel("displacement", "m", series["displacement"] - lag * compliance * smooth)
+    return closed.at(inside)
+
+
+def _least(function: Callable[[float], float], grid: Array) -> tuple[float, float]:
+    """Return where a function is least, from the best point of a grid (G,), and its value there."""
+    values = np.array([function(float(at)) for at in grid])
+    best = int(np.argmin(values))
+    ends = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)]))
+    found = minimize_scalar(function, bounds=ends, method="bounded", options={"xatol": 1e-6})
+    return (float(found.x), float(found.fun)) if found.fun < values[best] else (float(grid[best]), float(values[best]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Branches:
+    """Both branches of a measured loop (CVP), with its lag and spring."""
+
+    #: Velocities (K,) [m/s], and forces (K,) [N] while the speed rises (open) and falls (closed).
+    velocity: Array
+    opening: Array
+    closing: Array
+
+    def force_at(self, speed: float, stroke: Stroke, branch: str) -> Found:
+        """Return the force magnitude [N] of the branch `open` or `closed` at a speed [m/s]."""
+        return VelocityCurve(self.velocity, self.opening if branch == "open" else self.closing).force_at(speed, stroke)
+
+
+def branches_of(series: TimeSeries, level: float) -> Branches | None:
+    """Return the branches of a record, without a constant force [N]; None if it has too few samples."""
+    classes = _classes_of(series)
+    if not classes.kept.any():
+        return None
+    velocity = classes.means(series["velocity"]).mean(axis=0)
+    falling, rising = classes.means(series["force"] - level)
+    return Branches(velocity, np.where(velocity > 0.0, rising, falling), np.where(velocity > 0.0, falling, rising))
+
+
+# ---- Curves ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VelocityCurve:
+    """Mean force over velocity, without the force at zero velocity."""
+
+    #: Velocities (K,) [m/s], increasing, positive in compression, and forces (K,) [N] at these velocities.
+    velocity: Array
+    force: Array
+
+    def stroke(self, stroke: Stroke) -> tuple[Array, Array]:
+        """Return increasing speeds (J,) [m/s] and force magnitudes (J,) [N] of a stroke."""
+        if stroke == "compression":
+            return self.velocity[self.velocity > 0.0], self.force[self.velocity > 0.0]
+        below = self.velocity < 0.0
+        return -self.velocity[below][::-1], -self.force[below][::-1]
+
+    def highest(self, stroke: Stroke) -> float:
+        """Return the highest speed of a stroke [m/s]; 0 for an empty one."""
+        speed, _ = self.stroke(stroke)
+        return float(speed[-1]) if speed.size else 0.0
+
+    def force_at(self, speed: float, stroke: Stroke) -> Found:
+        """Return the force magnitude [N] at a speed [m/s], linear between points and not extrapolated."""
+        speeds, forces = self.stroke(stroke)
+        if not speeds.size:
+            return Unknown(f"there are no points in {stroke}")
+        if not speeds[0] <= speed <= speeds[-1]:
+            ends = [f"{convert(end, 'm/s', 'in/s'):.3g} in/s ({end:.3g} m/s)" for end in (speeds[0], speeds[-1])]
+            return Unknown(f"the points in {stroke} are from {ends[0]} to {ends[1]}")
+        return float(np.interp(speed, speeds, forces))
+
+
+def force_at_zero(curve: VelocityCurve | Unknown) -> Found:
+    """Return the force at zero velocity [N] of a curve: the mean of both strokes, in which friction cancels."""
+    if isinstance(curve, Unknown):
+        return curve
+    found = []
+    for stroke, sign in zip(STROKES, (1.0, -1.0), strict=True):
+        speeds, forces = curve.stroke(stroke)
+        count = max(int(np.searchsorted(speeds, NEAR_ZERO * speeds[-1])), FEWEST_POINTS // 2) if speeds.size else 0
+        if speeds.size < FEWEST_POINTS // 2:
+            return Unknown(f"there are too few points in {stroke}")
+        bent = np.polynomial.Polynomial.fit(speeds[:count], forces[:count], 2 if count >= FEWEST_POINTS else 1)
+        found.append(sign * float(bent(0.0)))
+    return 0.5 * sum(found)
+
+
+def ratio_at(curve: VelocityCurve | Unknown, speed: float) -> Found:
+    """Return the force in rebound over the force in compression [1] at a speed [m/s]."""
+    compression, rebound = (forces_at(curve, speed, stroke) for stroke in STROKES)
+    if isinstance(compression, Unknown):
+        return compression
+    if isinstance(rebound, Unknown):
+        return rebound
+    if compression <= 0.0 or rebound <= 0.0:
+        return Unknown("a force at this speed acts in the direction of the motion")
+    return rebound / compression
+
+
+def forces_at(curve: VelocityCurve | Unknown, speed: float, stroke: Stroke) -> Found:
+    """Return the force magnitude [N] at a speed [m/s] of a curve that may be unknown."""
+    return curve if isinstance(curve, Unknown) else curve.force_at(speed, stroke)
+
+
+def curve_of_series(series: TimeSeries, cycles: Cycles, level: float = 0.0) -> VelocityCurve | Unknown:
+    """Return the mean curve of a record: in classes of velocity, both branches of the loop count equally.
+
+    The ends of the curve of a steady run are the means of its peaks.
+
+    Args:
+        series: Record of a closed loop.
+        cycles: Cycles of the record.
+        level: Force [N] that is subtracted.
+    """
+    classes = _classes_of(series)
+    speeds, forces = (classes.means(row).mean(axis=0) for row in (series["velocity"], series["force"] - level))
+    points = list(zip(speeds.tolist(), forces.tolist(), strict=True))
+    for sign in (-1.0, 1.0) if cycles.is_steady else ():
+        for peak in cycles.peaks(sign)[:1]:
+            points = [point for point in points if sign * point[0] < peak.speed]
+            points.append((sign * peak.speed, sign * peak.force - level))
+    if len(points) < FEWEST_POINTS:
+        return Unknown("too few samples are on both branches of a loop of force over velocity")
+    found = np.array(sorted(points))
+    return VelocityCurve(found[:, 0], found[:, 1])
+
+
+def curve_of_table(table: PeakVelocityTable) -> VelocityCurve:
+    """Return the points of a peak-velocity table; its gas force is already subtracted."""
+    return VelocityCurve(
+        np.concatenate([-table.speed[::-1], table.speed]), np.concatenate([table.rebound[::-1], table.compression])
+    )
+
+
+def curve_of_law(law: ShockLaw) -> VelocityCurve:
+    """Return a law's static force with its seal friction over the fitted velocities, at the damper, without gas."""
+    share = np.arange(1, LAW_POINTS + 1) / LAW_POINTS
+    velocity = np.concatenate([-law.curve.rebound_speed * share[::-1], law.curve.compression_speed * share])
+    force = [valve_force(law.valve, v) + law.port.seal_force(v) for v in velocity.tolist()]
+    return VelocityCurve(velocity, np.array(force))
+
+
+# ---- The knee -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class StrokeFigures:
+    """Knee and slopes of a stroke: two lines that meet at the knee, by least squares over the points of the curve."""
+
+    #: Speed [m/s] at which the lines meet, and force [N] there.
+    knee: Found
+    knee_force: Found
+    #: Slopes below and above the knee [N.s/m]; equal if the stroke is one line.
+    low: Found
+    high: Found
+    highest: float  #: Highest speed of the curve [m/s].
+
+
+def stroke_figures(curve: VelocityCurve | Unknown, stroke: Stroke) -> StrokeFigures:
+    """Return knee and slopes of a stroke; there is no knee if the slopes differ by less than 20 %."""
+    if isinstance(curve, Unknown):
+        return StrokeFigures(curve, curve, curve, curve, 0.0)
+    speed, force = curve.stroke(stroke)
+    highest = curve.highest(stroke)
+    if speed.size < FEWEST_POINTS:
+        few = Unknown(f"{stroke} has {speed.size} points; two lines need {FEWEST_POINTS}")
+        return StrokeFigures(few, few, few, few, highest)
+    one = np.polyfit(speed, force, 1)
+    single = float(np.sum((np.polyval(one, speed) - force) ** 2))
+    knee, (level, low, bend), squares = _two_lines(speed, force)
+    high = low + bend
+    change = abs(bend) / max(abs(low), abs(high), 1e-300)
+    straight = single <= (_ROUNDING * float(np.ptp(force))) ** 2 * speed.size
+    if straight or change < BEND or squares > BETTER * single:
+        none = Unknown(
+            f"no knee: {stroke} is one line within its scatter" if squares > BETTER * single or straight
+            else f"no knee: the slope of {stroke} changes by {100.0 * change:.0f} %, less than {100.0 * BEND:.0f} %"
+        )  # fmt: skip
+        return StrokeFigures(none, none, float(one[0]), float(one[0]), highest)
+    return StrokeFigures(knee, level + low * knee, low, high, highest)
+
+
+def _two_lines(speed: Array, force: Array) -> tuple[float, tuple[float, float, float], float]:
+    """Return the knee [m/s], (force at 0, slope below, change of slope), and the sum of squares of the best lines."""
+
+    def misfit(knee: float) -> float:
+        return _hinge(speed, force, knee)[1]
+
+    first, last = float(speed[BESIDE_KNEE - 1]), float(min(speed[-BESIDE_KNEE], LAST * speed[-1]))
+    last = max(first, last)
+    grid = np.linspace(first, last, 8 * speed.size)
+    best = int(np.argmin([misfit(float(knee)) for knee in grid]))
+    near = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)])
+    refined = minimize_scalar(misfit, bounds=near, method="bounded", options={"xatol": 1e-9 * last})
+    knee = float(refined.x if refined.fun < misfit(float(grid[best])) else grid[best])
+    coefficients, squares = _hinge(speed, force, knee)
+    return knee, coefficients, squares
+
+
+def _hinge(speed: Array, force: Array, knee: float) -> tuple[tuple[float, float, float], float]:
+    columns = np.stack([np.ones_like(speed), speed, np.maximum(speed - knee, 0.0)], axis=1)
+    found = np.linalg.lstsq(columns, force, rcond=None)[0]
+    level, low, bend = (float(value) for value in found)
+    return (level, low, bend), float(np.sum((columns @ found - force) ** 2))

@@ -1,0 +1,196 @@
+"""Parts of every screen: a place to drop files, a verdict, a figure, a running command."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Sequence
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from nicegui import events, run, ui
+
+from eightpost.report.charts import Figure
+from eightpost.report.numbers import Display
+from eightpost.verdict import Grade, Verdict
+from eightpost.window.folder import RECORDS, Folder
+from eightpost.window.job import Job
+
+Content = TypeVar("Content")
+
+#: Colours of the grades, with white letters on them.
+_COLORS = {
+    Grade.USABLE: "green-9", Grade.LIMITED: "amber-10", Grade.UNKNOWN: "blue-grey-8", Grade.NOT_USABLE: "red-9",
+}  # fmt: skip
+
+#: What an ended command is called.
+_ENDS = {
+    "done": "done", "not acceptable": "done", "cancelled": "cancelled", "failed": "not done", "running": "running",
+    "stopping": "stopping",
+}  # fmt: skip
+
+
+#: The head of a place to drop files, which also opens the list of files.
+_HEADER = """
+<label class="row items-center justify-center q-pa-md cursor-pointer text-base relative-position" tabindex="0"
+ @keydown.enter="props.pickFiles"><q-icon name="upload_file" size="sm" class="q-mr-sm" />TEXT<q-uploader-add-trigger />
+</label>"""
+
+
+class Window:
+    """What all screens share, whichever browser shows them: the folder, commands and chosen files.
+
+    Args:
+        folder: Folder of work.
+    """
+
+    def __init__(self, folder: Folder) -> None:
+        self.folder = folder
+        self.jobs: dict[str, Job] = {}  #: Last command of each screen, by the screen's name for it.
+        self.chosen: dict[str, Any] = {}  #: What is chosen on each screen, by the name of the choice.
+
+    def start(self, key: str, title: str, commands: Sequence[Sequence[str]], product: Path) -> None:
+        """Start commands, one after the other, unless those with this key still run."""
+        if (old := self.jobs.get(key)) is not None:
+            if old.code is None:
+                ui.notify(f"{old.title} is still running")
+                return
+            old.close()
+        self.jobs[key] = Job(title, commands, self.folder.path, product)
+
+    def cancel(self, key: str) -> None:
+        """Cancel the command with a key."""
+        self.jobs[key].cancel()
+
+    def close(self) -> None:
+        """End all commands."""
+        for job in self.jobs.values():
+            job.close()
+
+
+class Area(Generic[Content]):
+    """Part of a screen that is read and built again when something changed; the last change wins.
+
+    Args:
+        read: Function that reads what is shown, in a thread.
+        build: Function that builds it.
+    """
+
+    def __init__(self, read: Callable[[], Content], build: Callable[[Content], None]) -> None:
+        self._read, self._build, self._turn = read, build, 0
+        self._box = ui.column().classes("w-full")
+
+    async def refresh(self) -> None:
+        """Read and build it again."""
+        self._turn += 1
+        turn = self._turn
+        content = await run.io_bound(self._read)
+        if turn == self._turn and not self._box.is_deleted:
+            self._box.clear()
+            with self._box:
+                self._build(content)
+
+
+def drop_area(window: Window, kind: str, text: str, dropped: Callable[[Path], Awaitable[None]]) -> None:
+    """Show an area onto which files are dropped; they are copied to the folder of their kind."""
+
+    async def keep(event: events.UploadEventArguments) -> None:
+        path = window.folder.place(kind, event.file.name)
+        if path.suffix.lower() not in RECORDS:
+            ui.notify(f"{event.file.name}: no reader for {path.suffix or 'a file without a suffix'}", type="negative")
+            return
+        await event.file.save(path)
+        await dropped(path)
+
+    area = ui.upload(multiple=True, auto_upload=True, on_upload=keep).classes("w-full drop")
+    area.props(f"flat bordered color=blue-grey-8 data-kind={kind}")
+    area.add_slot("header", _HEADER.replace("TEXT", text))
+
+
+def show_verdict(verdict: Verdict) -> None:
+    """Show a verdict: its first sentence; what to do only where something must be done, the rest folded."""
+    with ui.row().classes("items-center no-wrap"):
+        ui.badge(verdict.grade.value, color=_COLORS[verdict.grade]).classes("text-sm q-pa-sm verdict")
+        ui.label(verdict.detail).classes("text-base")
+    if verdict.grade is not Grade.USABLE:
+        for reason in verdict.decisive:
+            ui.label(f"{reason.statement} ({reason.figure}): {reason.remedy}").classes("text-sm")
+    with ui.expansion("All reasons").classes("w-full"):
+        for reason in verdict.reasons:
+            ui.label(f"{reason.grade.value}: {reason}").classes("text-sm")
+
+
+def show_error(error: Exception) -> None:
+    """Show why something could not be done."""
+    ui.label(str(error)).classes("text-red-9 text-sm error bg-white q-pa-xs")
+
+
+def show_figure(figure: Figure) -> None:
+    """Draw a figure of the report kit, in the display units."""
+    content = figure.content()
+    displays = {axis: Display.of(unit) for axis, unit in content["units"].items() if unit}
+    for trace in content["data"]:
+        for axis in ("x", "y"):
+            if display := displays.get(trace[f"{axis}axis"]):
+                trace[axis] = [display(value) for value in trace[axis]]
+    layout = {name: value for name, value in content["layout"].items() if name != "width"}
+    for axis, display in displays.items():
+        layout[f"{axis[0]}axis{axis[1:]}"]["title"]["text"] += f" [{display.unit}]"
+    layout |= {"autosize": True, "paper_bgcolor": "#ffffff", "plot_bgcolor": "#ffffff", "hovermode": "closest"}
+    options = {"displaylogo": False, "responsive": True}
+    plot = ui.plotly({"data": content["data"], "layout": layout, "config": options})
+    plot.classes("w-full figure").style(f"height: {figure.height}px").props(f'role=img aria-label="{figure.caption}"')
+
+
+def show_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Show a table of texts."""
+    heads = [{"name": str(k), "label": title, "field": str(k), "align": "left"} for k, title in enumerate(columns)]
+    table = ui.table(columns=heads, rows=[{str(k): cell for k, cell in enumerate(row)} for row in rows])
+    table.props("dense flat bordered hide-pagination").classes("w-full")
+
+
+def show_files(window: Window, files: Sequence[tuple[str, Path]]) -> None:
+    """Show links to files: pages open in a tab, others are saved."""
+    with ui.row():
+        for text, path in files:
+            if path.is_file():
+                ui.link(text, f"/file/{window.folder.name(path)}", new_tab=path.suffix == ".html").classes("product")
+
+
+def job_card(window: Window, key: str, ended: Callable[[], Awaitable[None]]) -> None:
+    """Show the command with a key while it runs, with a button to cancel it, or why it failed; then call `ended`."""
+    seen: dict[str, Any] = {"job": window.jobs.get(key), "state": ""}
+    with ui.card().classes("w-full job") as card:
+        title = ui.label().classes("text-base")
+        line = ui.label().classes("text-sm")
+        bar = ui.linear_progress(0.0, show_value=False).props('aria-label="progress"')
+        cancel = ui.button("Cancel", on_click=lambda: window.cancel(key)).props("flat dense no-caps")
+        with ui.expansion("What it printed").classes("w-full") as more:
+            printed = ui.label().classes("text-xs whitespace-pre-wrap font-mono")
+
+    async def look() -> None:
+        job = window.jobs.get(key)
+        state = "none" if job is None else job.state
+        card.set_visibility(state not in ("none", "done", "not acceptable"))
+        if job is None:
+            return
+        running = state in ("running", "stopping")
+        share, text = job.progress if running else (1.0, "")
+        title.set_text(f"{job.title}: {_ENDS[state]}")
+        line.set_text(text if running else _last_words(job, state))
+        bar.props(add="" if share is not None else "indeterminate", remove="indeterminate" if share is not None else "")
+        bar.set_value(share or 0.0)
+        bar.set_visibility(running)
+        cancel.set_visibility(state == "running")
+        more.set_visibility(not running)
+        if (job, state) != (seen["job"], seen["state"]):
+            was_running = seen["job"] is job and seen["state"] in ("running", "stopping")
+            seen.update(job=job, state=state)
+            printed.set_text("" if running else job.log)
+            if was_running and not running:
+                await ended()
+
+    ui.timer(0.4, look)
+
+
+def _last_words(job: Job, state: str) -> str:
+    """Return the message of a command that failed, or the end of what it printed."""
+    return job.log.rpartition("error: ")[2][-600:] if state == "failed" else ""

@@ -1,0 +1,126 @@
+"""The server of the window: its address, its pages, and its end."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import socket
+import webbrowser
+from collections.abc import Awaitable, Callable
+from functools import partial
+from pathlib import Path
+from types import FrameType
+
+from eightpost.errors import OutputError
+from eightpost.extras import needs
+from eightpost.window.folder import Folder
+
+with needs("app", "the window"):
+    import uvicorn
+    from fastapi import FastAPI
+    from nicegui import app, events, ui
+    from starlette.responses import FileResponse, PlainTextResponse, Response
+
+from eightpost.window import car, dyno, guard, parts, study, system
+
+_SCREENS: dict[str, Callable[[parts.Window], Awaitable[None]]] = {
+    "Dyno": dyno.show, "Car": car.show, "Run": system.show, "Study": study.show,
+}  # fmt: skip
+
+_STYLE = """
+.screen { gap: 1rem } .side { width: 21rem; flex-shrink: 0 } .main { flex-grow: 1; min-width: 0 }
+.drop .q-uploader__file { display: none } .drop .q-uploader__list { min-height: 3rem }
+.product { color: #1a5a96 !important } .body--dark .product { color: #8ab4f8 !important }
+.channel { min-width: 9rem; flex-grow: 1 } .figure { border-radius: 4px; overflow: hidden }
+@media (max-width: 900px) { .screen { flex-wrap: wrap !important } .side, .main { width: 100% } }
+"""
+
+
+def serve(folder: Path, port: int, *, browser: bool, tell: Callable[[str], None]) -> None:
+    """Serve the window until it is ended (Ctrl-C).
+
+    Args:
+        folder: Folder of work.
+        port: Port on 127.0.0.1; 0 for a free one.
+        browser: Whether to open a browser.
+        tell: Function that takes the link, which has the token.
+
+    Raises:
+        InputError: The folder is a file.
+        OutputError: Another program uses the port.
+    """
+    window = parts.Window(Folder.opened(folder))
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    if os.name == "posix":  # a port is free again as soon as its last window has ended
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind(("127.0.0.1", port))
+    except OSError as error:
+        raise OutputError(f"port {port} is in use; give another --port, or none") from error
+    token, port = secrets.token_urlsafe(24), listener.getsockname()[1]
+    link = f"http://127.0.0.1:{port}/?token={token}"
+    server = _Server(uvicorn.Config(_web(window, port, token), log_level="critical"))
+
+    def opened() -> None:
+        tell(link)
+        if browser:
+            webbrowser.open(link)
+
+    app.on_startup(opened)
+    try:
+        server.run(sockets=[listener])
+    except KeyboardInterrupt:  # the way to end it
+        pass
+    finally:
+        window.close()
+
+
+class _Server(uvicorn.Server):
+    """A server that ends at the first Ctrl-C: an open browser would hold it, and there is nothing to save."""
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """End at once."""
+        super().handle_exit(sig, frame)
+        self.force_exit = True
+
+
+def _web(window: parts.Window, port: int, token: str) -> FastAPI:
+    """Return the application: one page with a tab for each screen, and the files of the folder."""
+    ui.page("/", title="eightpost")(partial(_page, window))
+    app.get("/file/{name:path}")(partial(_file, window))
+    web = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
+    ui.run_with(web, dark=None, language="en-US", show_welcome_message=False, tailwind=False, unocss="mini")
+    web.add_middleware(guard.Guard, port=port, token=token)
+    return web
+
+
+async def _page(window: parts.Window) -> None:
+    ui.add_css(_STYLE)
+    ui.colors(primary="#1a5a96")
+    screen = window.chosen.setdefault("screen", "Dyno")
+
+    async def change(event: events.ValueChangeEventArguments[str]) -> None:
+        window.chosen["screen"] = event.value
+        content.clear()
+        with content:  # built anew, with what other screens have made
+            await _SCREENS[event.value](window)
+
+    with ui.header().classes("items-center bg-blue-grey-10 q-py-none"):
+        ui.label("eightpost").classes("text-base text-bold")
+        with ui.tabs(value=screen, on_change=change).props("no-caps dense"):
+            for name in _SCREENS:
+                ui.tab(name)
+        ui.space()
+        ui.label(str(window.folder.path)).classes("text-xs")
+    with ui.column().classes("w-full content") as content:
+        await _SCREENS[screen](window)
+
+
+def _file(window: parts.Window, name: str) -> Response:
+    """Return a file of the folder: a page to look at, or another file to save."""
+    path = window.folder.served(name)
+    if path is None:
+        return PlainTextResponse(f"there is no file {name}", 404)
+    if path.suffix == ".html":
+        return FileResponse(path, media_type="text/html")
+    return FileResponse(path, filename=path.name)

@@ -1,0 +1,226 @@
+"""The screen Run: couple a car with shocks, swap a corner, look at traces with two cursors."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from nicegui import ui
+
+from eightpost.corners import CORNERS
+from eightpost.errors import EightpostError
+from eightpost.files import atomic_path
+from eightpost.report.charts import COLORS, Axis, Figure, grid_figure
+from eightpost.report.numbers import Display, figure
+from eightpost.window.parts import (
+    Area,
+    Window,
+    drop_area,
+    job_card,
+    show_error,
+    show_figure,
+    show_files,
+    show_table,
+    show_verdict,
+)
+
+if TYPE_CHECKING:
+    from cosim.session.result import SavedRun
+
+#: Number of samples of a trace that are drawn.
+_DRAWN = 3000
+
+#: Channels of the car that are recorded at each corner, those of the whole car, and those of each shock.
+_CAR, _WHOLE, _SHOCK = ("velocity", "tire_force"), ("front.ride_height", "rear.ride_height"), ("force",)
+
+
+async def show(window: Window) -> None:
+    """Build the screen."""
+    await _Screen(window).traces.refresh()
+
+
+class _Screen:
+    """The screen of one browser; `chosen` is shared by all."""
+
+    def __init__(self, window: Window) -> None:
+        self.window, folder = window, window.folder
+        self.chosen = window.chosen.setdefault("run", {"name": "run", "runs": [], "channels": [], "stop": 10.0})
+        with ui.row().classes("w-full no-wrap screen"):
+            with ui.column().classes("side"):
+                drop_area(window, "tracks", "Drop a drive file here", self.dropped)
+                self.drives()
+                _choice(
+                    self.chosen, "car", {folder.name(path): path.name for path in folder.documents("vehicle")}, "Car"
+                )
+                shocks = {folder.name(path): path.stem for path in folder.documents("shock")}
+                for corner in CORNERS:
+                    _choice(self.chosen, corner, shocks, f"Shock {corner}")
+                ui.input("Name of the run").bind_value(self.chosen, "name").classes("w-full")
+                ui.number("Length [s]", min=0.1).bind_value(self.chosen, "stop").classes("w-full")
+                ui.button("Run", on_click=self.couple).props("no-caps").classes("w-full")
+            with ui.column().classes("main"):
+                job_card(window, "run", self.ended)
+                self.traces = Area(lambda: _runs(window, self.chosen), self.build)
+
+    @ui.refreshable_method
+    def drives(self) -> None:
+        """List the drive files."""
+        _choice(self.chosen, "drive", self.window.folder.drives(), "Drive file")
+
+    async def dropped(self, path: Path) -> None:
+        """Choose a dropped drive file."""
+        self.chosen["drive"] = self.window.folder.name(path)
+        self.drives.refresh()
+
+    def couple(self) -> None:
+        """Build the FMUs and run the system."""
+        if missing := [name for name in ("car", "drive", *CORNERS) if not self.chosen.get(name)]:
+            ui.notify(f"choose {', '.join(missing)} first")
+            return
+        folder = self.window.folder.path / "runs" / str(self.chosen["name"])
+        sources = list(dict.fromkeys([self.chosen["car"], *(self.chosen[corner] for corner in CORNERS)]))
+        write_system(folder / "system.toml", self.chosen, self.window.folder.path)
+        product = self.window.folder.name(folder)
+        commands = [["build", *sources, "-o", "fmus"], ["run", f"{product}/system.toml", "-o", product, "--report"]]
+        self.window.start("run", f"Run {self.chosen['name']}", commands, folder)
+
+    async def ended(self) -> None:
+        """Show the run that has ended."""
+        job = self.window.jobs["run"]
+        if job.state in ("done", "not acceptable") and job.product.name not in self.chosen["runs"]:
+            self.chosen["runs"] = [*self.chosen["runs"], job.product.name]
+        await self.traces.refresh()
+
+    def build(self, content: tuple[list[str], dict[str, SavedRun], EightpostError | None]) -> None:
+        """Show the traces of the chosen runs."""
+        names, runs, error = content
+        if error is not None:
+            show_error(error)
+        if not runs:
+            ui.label("Choose a car, a shock for each corner and a drive file, and run them.").classes("text-base")
+            return
+        first = next(iter(runs.values()))
+        channels = list(first.series.names)
+        self.chosen["channels"] = [name for name in self.chosen["channels"] if name in channels] or channels[:1]
+        with ui.row().classes("w-full no-wrap"):
+            for key, options in (("runs", names), ("channels", channels)):
+                box = ui.select(options, label=key.capitalize(), value=self.chosen[key], multiple=True).classes("w-1/2")
+                box.props("use-chips dense").on("popup-hide", self.traces.refresh)
+                box.on_value_change(lambda event, key=key: self.chosen.update({key: event.value}))
+        show_verdict(first.verdict)
+        show_figure(_traces(runs, self.chosen["channels"]))
+        _cursors(runs, self.chosen["channels"])
+        pages = self.window.folder.path / "runs"
+        show_files(self.window, [(f"page of {name}", pages / name / "report.html") for name in runs])
+
+
+def _choice(chosen: dict[str, Any], key: str, options: Mapping[str, str], label: str) -> None:
+    """Show a list whose choice is kept; what is not in the list any more is not chosen."""
+    if chosen.get(key) not in options:
+        chosen[key] = next(iter(options), None)
+    ui.select(dict(options), label=label).bind_value(chosen, key).classes("w-full").props("dense")
+
+
+def write_system(path: Path, chosen: Mapping[str, Any], root: Path) -> None:
+    """Write the system file of a car with a shock at each corner.
+
+    Args:
+        path: File to write.
+        chosen: `car`, `drive` and the shock at each corner as paths in the folder; `name`; `stop`, the
+            length of the run [s].
+        root: Folder of all paths; the FMUs are in its folder `fmus`.
+    """
+
+    def text(value: object) -> str:
+        return json.dumps(str(value), ensure_ascii=False)
+
+    def fmu(source: str) -> str:
+        return text((root / "fmus" / f"{Path(source).stem}.fmu").as_posix())
+
+    lines = ["schema = 1", f"name = {text(chosen['name'])}", "", "[components.car]", f"fmu = {fmu(chosen['car'])}", ""]
+    for corner in CORNERS:
+        lines += [f"[components.{corner}]", f"fmu = {fmu(chosen[corner])}", ""]
+        lines += ["[[bond]]", f'between = ["car.{corner}", "{corner}"]', ""]
+    recorded = [f"car.{corner}.{name}" for name in _CAR for corner in CORNERS] + [f"car.{name}" for name in _WHOLE]
+    recorded += [f"{corner}.{name}" for name in _SHOCK for corner in CORNERS]
+    drive = root / chosen["drive"]
+    lines += ["[scenario]", f"drivefile = {text(drive.as_posix())}", f"stop = {float(chosen['stop'])}"]
+    lines += _driving(drive) if drive.parent.name == "rig" else []
+    lines += ['record_step = "2 ms"', f"record = {json.dumps(recorded)}", ""]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_path(path) as temporary:
+        temporary.write_text("\n".join(lines), encoding="utf-8")
+
+
+def _driving(record: Path) -> list[str]:
+    """Return the lines with which a rig record drives the car: by its roads and loads, not by what was measured."""
+    from eightpost.signals import ChannelMap, read_records
+    from eightpost.signals.raw_record import MAP_BESIDE
+
+    beside = record.with_name(MAP_BESIDE)
+    names = ChannelMap.read(beside).channels if beside.is_file() else read_records(record)[0].names
+    targets = [f'"{name}" = "car.{name}"' for name in names if name.rpartition(".")[2] in ("road", "aero")]
+    mapped = [f"channel_map = {json.dumps(beside.as_posix())}"] if beside.is_file() else []
+    return [*mapped, f"targets = {{ {', '.join(targets)} }}"]
+
+
+def _runs(window: Window, chosen: dict[str, Any]) -> tuple[list[str], dict[str, SavedRun], EightpostError | None]:
+    """Return the names of all runs, the chosen ones, by default the last, and why one cannot be read."""
+    folders = {path.parent.name: path.parent for path in sorted(window.folder.path.glob("runs/*/result.json"))}
+    chosen["runs"] = [name for name in chosen["runs"] if name in folders] or list(folders)[-1:]
+    try:
+        runs = {name: _saved(folders[name], folders[name].stat().st_mtime_ns) for name in chosen["runs"]}
+    except EightpostError as error:
+        return list(folders), {}, error
+    return list(folders), runs, None
+
+
+@lru_cache(maxsize=8)
+def _saved(folder: Path, _stamp: int) -> SavedRun:
+    from cosim.session.result import SavedRun
+
+    return SavedRun.load(folder)
+
+
+def _traces(runs: Mapping[str, SavedRun], channels: Sequence[str]) -> Figure:
+    """Return a panel for each channel with a line for each run."""
+    units = next(iter(runs.values())).series
+    panels = [(Axis("time", "s"), Axis(name, units.unit(name)), "") for name in channels]
+    drawn = grid_figure("traces of the chosen runs", 120 + 190 * len(panels), panels, 1, gap=(0.0, 0.09))
+    for (label, saved), color in zip(runs.items(), COLORS, strict=False):
+        part = slice(None, None, max(1, len(saved.series) // _DRAWN))
+        for panel, name in enumerate(channels):
+            if name in saved.series.names:
+                drawn.line(panel, saved.series.time[part], saved.series[name][part], name=label, color=color)
+    return drawn
+
+
+def _cursors(runs: Mapping[str, SavedRun], channels: Sequence[str]) -> None:
+    """Show two cursors over the time, and the values at them."""
+    time = next(iter(runs.values())).series.time
+    low, high = float(time[0]), float(time[-1])
+    rows = ui.column().classes("w-full")
+
+    def read(ends: Mapping[str, float]) -> None:
+        rows.clear()
+        with rows:
+            show_table(["run", "channel", f"at {ends['min']:.3f} s", f"at {ends['max']:.3f} s", "difference"],
+                       list(_values(runs, channels, ends["min"], ends["max"])))  # fmt: skip
+
+    span = {"min": low + (high - low) / 3.0, "max": low + (high - low) / 1.5}
+    cursors = ui.range(min=low, max=high, step=(high - low) / 1000.0, value=span)
+    cursors.on_value_change(lambda event: read(event.value)).props('label aria-label="cursors"')
+    read(span)
+
+
+def _values(runs: Mapping[str, SavedRun], channels: Sequence[str], *times: float) -> Any:
+    for label, saved in runs.items():
+        for name in channels:
+            if name in saved.series.names:
+                display = Display.of(saved.series.unit(name))
+                first, last = (display(float(np.interp(t, saved.series.time, saved.series[name]))) for t in times)
+                yield label, f"{name} [{display.unit}]", figure(first), figure(last), figure(last - first)
