@@ -124,20 +124,21 @@ def _outcomes(subject: Subject, selected: list[str], unpacked: Unpacked) -> dict
 
     Valid calls share a process, so that an FMU is loaded and Python starts once; invalid ones share another.
     """
-    apart = {
-        "surroundings": lambda: surroundings(unpacked, plain),
-        "rebuild": lambda: rebuild(subject, unpacked, plain),
-    }
+    apart = [group for group in ("surroundings", "rebuild") if group in selected]
     misuses = [group for group in selected if GROUPS[group].crash == "crash-misuse"]
-    shared = [group for group in selected if group not in ("simulation", "rebuild", "surroundings", *misuses)]
-    outcomes = dict(probed(["simulation", *(["surroundings"] if apart.keys() & selected else []), *shared], unpacked))
+    shared = [group for group in selected if group not in ("simulation", *apart, *misuses)]
+    outcomes = dict(probed(["simulation", *(["surroundings"] if apart else []), *shared], unpacked))
     first, plain = outcomes["simulation"], outcomes.pop("surroundings", Outcome())
     if not first.completed:
         return outcomes
     if REACH in first.values:
         unpacked = replace(unpacked, reach=int(first.values[REACH]))
     with ThreadPoolExecutor(_AT_ONCE) as pool:
-        waiting = {group: pool.submit(apart[group]) for group in selected if group in apart}
+        waiting = {}
+        if "surroundings" in apart:
+            waiting["surroundings"] = pool.submit(surroundings, unpacked, plain)
+        if "rebuild" in apart:
+            waiting["rebuild"] = pool.submit(rebuild, subject, unpacked, plain)
         outcomes |= dict(probed(misuses, unpacked))
         return outcomes | {group: future.result() for group, future in waiting.items()}
 

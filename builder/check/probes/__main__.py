@@ -119,5 +119,6 @@ def _write(channel: TextIO, **line: Any) -> None:
 
 if __name__ == "__main__":
     words = sys.argv[1:]
-    main(Path(words[0]), Path(words[1]), *map(float, words[2:4]), int(words[4]) if words[4] else None, words[5:])
+    steps = int(words[4]) if words[4] else None
+    main(Path(words[0]), Path(words[1]), float(words[2]), float(words[3]), steps, words[5:])
     os._exit(0)  # skip the exit handlers of loaded libraries, whose errors are not caused by the FMU
