@@ -37,8 +37,7 @@ from typing import Any, Final
 from urllib.parse import urlparse
 
 from eightpost.fmi.description import OLD_TYPES, Description
-from eightpost.fmi.functions import FUNCTIONS
-from eightpost.fmi.names import function_name
+from eightpost.fmi.functions import FUNCTIONS, function_name
 
 # ==== The C functions of an FMU, with argument types and a record of the last call ===================================
 
