@@ -107,12 +107,15 @@ def fit(  # one parameter per option
       eightpost fit peak_velocities.csv -o shock.json
       eightpost fit run7.csv --units force=lbf --flip force --gas included -o dist/run7.json
     """
+    from threadpoolctl import threadpool_limits
+
     from eightpost.ident import fit_shock
     from eightpost.ident.shock.peak_velocity import builds_in, tables_in
     from eightpost.rig import DynoConditions
     from eightpost.rig.columns import with_channels
     from eightpost.shock import write_shock
 
+    ctx.with_resource(threadpool_limits(1, "blas"))  # threads do not speed up matrices this small
     if plot is not None:
         import eightpost.report.pictures  # noqa: F401 -- refuses a picture that cannot be drawn before the fit
     console = Console()
