@@ -14,6 +14,7 @@ import numpy as np
 from scipy.constants import g
 
 import eightpost
+from eightpost.array_types import Array
 from eightpost.corners import CORNERS, channel
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError, InputError, ParameterError, UnknownUnitError
@@ -564,16 +565,20 @@ def _vehicle(content: dict[str, Any], origin: str) -> IdentifiedVehicle:
         tuple(Channel(one["name"], one["unit"]) for one in content[key]) for key in ("inputs", "outputs")
     )
     n, m, p, name = len(content["A"]), len(inputs), len(outputs), str(content["name"])
-    # An empty list is a matrix without states.
-    matrices = [np.asarray(content[key], dtype=np.float64).reshape(shape) if 0 in shape else content[key]
-                for key, shape in {"A": (n, n), "B": (n, m), "C": (p, n), "D": (p, m)}.items()]  # fmt: skip
-    model = StateSpace(*matrices, inputs, outputs, content.get("dt"), str(content.get("model_name", name)))
+
+    def matrix(key: str, *shape: int) -> Array:
+        """Return a matrix; one without states is an empty list."""
+        values = np.asarray(content[key], dtype=np.float64)
+        return np.zeros(shape) if values.size == 0 and 0 in shape else values
+
+    A, B, C, D = matrix("A", n, n), matrix("B", n, m), matrix("C", p, n), matrix("D", p, m)
+    model = StateSpace(A, B, C, D, inputs, outputs, content.get("dt"), str(content.get("model_name", name)))
     laws = {}
     for port, law in content.get("friction", {}).items():
         springs = (law.get(key, 0.0) for key in ("spring", "mean_travel"))
         laws[port] = Friction(law["force"], law["velocity"], Bristle(**law.get("bristle", {})), *springs)
-    tables = (content.get(key, {}) for key in ("baseline_damping", "static", "sources"))
-    vehicle = IdentifiedVehicle(name, model, *tables, laws)
+    damping, static, sources = (content.get(key, {}) for key in ("baseline_damping", "static", "sources"))
+    vehicle = IdentifiedVehicle(name, model, damping, static, sources, laws)
     if "validity" not in content:
         return vehicle
     return replace(vehicle, validity=Validity.from_json(content["validity"]).checked(vehicle.numbers, origin))

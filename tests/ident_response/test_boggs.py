@@ -13,10 +13,9 @@ from eightpost.errors import FileFormatError, InputError, ParameterError
 from eightpost.ident.vehicle.boggs import CHAPTER_4, CHAPTER_5, CHAPTER_6, Boggs, chapter_of
 from eightpost.ident.vehicle.experiment import Experiment, experiment_of, find_baseline
 from eightpost.ident.vehicle.frequency_response import contribution_error, response_of
-from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.plan import recipe
 from eightpost.ident.vehicle.stability import closed_loop_stability
-from eightpost.ident.vehicle.trust import NOT_SIMULATED, UNUSABLE, Trust
+from eightpost.ident.vehicle.trust import NOT_SIMULATED, UNUSABLE, MeasuredLevels, Trust
 from eightpost.ident.vehicle.vehicle_fit import (
     fit_path,
     fit_verdict,

@@ -16,6 +16,7 @@ from eightpost.corners import CORNERS, channel
 from eightpost.errors import InputError
 from eightpost.ident.grey_box.output_error import Parameter, ParameterTable
 from eightpost.ident.vehicle.experiment import Experiment, quantity
+from eightpost.least_squares import linear_solution
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Bristle, Friction, StateSpace
 from eightpost.vehicle.compiled import BRISTLE_FILE, deflection_after
@@ -299,8 +300,14 @@ def start_values(tests: Sequence[TimeSeries], experiment: Experiment) -> dict[st
     travels: dict[str, Complex] = {}
     for axle, pair in (("front", CORNERS[:2]), ("rear", CORNERS[2:])):
         found |= _axle(lines, axle, pair, loads, travels)
+    fast = lines.w > 2.0 * np.pi * _TIRES
+    w = lines.w[fast]
     for corner in CORNERS:
-        found |= _tire(lines, corner)
+        tire, road, hub = (lines.of[channel(corner, q)][fast] for q in ("tire_force", "road", "hub_acceleration"))
+        deflection = road - hub / -(w**2)
+        stiffness, damping = _solve(tire, [deflection, 1j * w * deflection])
+        found[f"{corner}.tire_stiffness"] = _limited("tire_stiffness", stiffness)
+        found[f"{corner}.tire_damping"] = _limited("tire_damping", damping)
     return found | _chassis(lines, experiment, loads, travels)
 
 
@@ -309,12 +316,12 @@ def _lines(tests: Sequence[TimeSeries], names: Sequence[str]) -> _Lines:
     frequencies = []
     for test in tests:
         every = np.fft.rfftfreq(len(test), 1.0 / test.sample_rate)
-        kept = (every >= _LOW) & (every <= _HIGH)
-        frequencies.append(2.0 * np.pi * every[kept])
+        inside = (every >= _LOW) & (every <= _HIGH)
+        frequencies.append(2.0 * np.pi * every[inside])
         window = np.hanning(len(test))
         for name, part in parts.items():
             values = test[name]
-            part.append(np.fft.rfft(window * (values - values.mean()))[kept] / np.sqrt(len(test)))
+            part.append(np.fft.rfft(window * (values - values.mean()))[inside] / np.sqrt(len(test)))
     return _Lines(np.concatenate(frequencies), {name: np.concatenate(part) for name, part in parts.items()})
 
 
@@ -322,8 +329,7 @@ def _solve(target: Complex, columns: Sequence[Complex]) -> Array:
     """Return the real least-squares coefficients of complex columns."""
     matrix = np.stack(columns, axis=1)
     rows, y = np.vstack([matrix.real, matrix.imag]), np.concatenate([target.real, target.imag])
-    size = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
-    return np.asarray(np.linalg.lstsq(rows / size, y, rcond=1e-10)[0] / size)
+    return linear_solution(rows, y, weakest=1e-10)
 
 
 def _axle(
@@ -358,18 +364,6 @@ def _axle(
     return found
 
 
-def _tire(lines: _Lines, corner: str) -> dict[str, float]:
-    fast = lines.w > 2.0 * np.pi * _TIRES
-    w = lines.w[fast]
-    height = lines.of[channel(corner, "hub_acceleration")][fast] / -(w**2)
-    deflection = lines.of[channel(corner, "road")][fast] - height
-    stiffness, damping = _solve(lines.of[channel(corner, "tire_force")][fast], [deflection, 1j * w * deflection])
-    return {
-        f"{corner}.tire_stiffness": _limited("tire_stiffness", stiffness),
-        f"{corner}.tire_damping": _limited("tire_damping", damping),
-    }
-
-
 def _chassis(
     lines: _Lines, experiment: Experiment, loads: dict[str, Complex], travels: dict[str, Complex]
 ) -> dict[str, float]:
@@ -400,26 +394,19 @@ def _chassis(
         "rear.mass roll": _limited("mass", over_rear[0]),
         "twist_stiffness": _limited("twist_stiffness", 0.5 * (over_front[1] + over_rear[1])),
     }
-    if not aero:
-        return found | _modal_loads(names, front[2:], rear[2:], over_front[2:], over_rear[2:])
-    for k, axle in enumerate(("front", "rear")):
-        found[f"{axle}.aero_place"] = float(front[2 + k])
-        found[f"{axle}.aero_spread"] = abs(float(over_front[2 + k] + over_rear[2 + k]))
-    return found
-
-
-def _modal_loads(
-    names: Sequence[str], front: Array, rear: Array, over_front: Array, over_rear: Array
-) -> dict[str, float]:
-    found = {}
-    even = [name for name in names if name in ("heave_force", "pitch_moment")]
-    if "heave_force" in even:
-        found["heave_share"] = float(front[even.index("heave_force")])
-    if "pitch_moment" in even:
-        k = even.index("pitch_moment")
+    if aero:
+        for k, axle in enumerate(("front", "rear")):
+            found[f"{axle}.aero_place"] = float(front[2 + k])
+            found[f"{axle}.aero_spread"] = abs(float(over_front[2 + k] + over_rear[2 + k]))
+        return found
+    modal = [name for name in names if name in ("heave_force", "pitch_moment")]
+    if "heave_force" in modal:
+        found["heave_share"] = float(front[2 + modal.index("heave_force")])
+    if "pitch_moment" in modal:
+        k = 2 + modal.index("pitch_moment")
         found["pitch_arm"] = 0.5 * float(rear[k] - front[k])
     if "roll_moment" in names:
-        found |= {"front.roll_arm": float(over_front[0]), "rear.roll_arm": float(over_rear[0])}
+        found |= {"front.roll_arm": float(over_front[2]), "rear.roll_arm": float(over_rear[2])}
     return found
 
 

@@ -20,12 +20,19 @@ from eightpost.ident.vehicle.common_poles import relative_deviations
 from eightpost.ident.vehicle.estimators import LocalPolynomial, estimate_response, input_noise
 from eightpost.ident.vehicle.experiment import Experiment, ranges_of
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse
-from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.port_search import MODELLED, nonlinear_spring_sentence
 from eightpost.ident.vehicle.records import gather
 from eightpost.ident.vehicle.simulation import with_port_laws
 from eightpost.ident.vehicle.stability import closed_loop_stability
-from eightpost.ident.vehicle.trust import NOT_SIMULATED, SIGNIFICANT, UNUSABLE, ForceEstimate, OutputTrust, Trust
+from eightpost.ident.vehicle.trust import (
+    NOT_SIMULATED,
+    SIGNIFICANT,
+    UNUSABLE,
+    ForceEstimate,
+    MeasuredLevels,
+    OutputTrust,
+    Trust,
+)
 from eightpost.ident.vehicle.vehicle_fit import FittedParameter, VehicleFit
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import IdentifiedVehicle, StateSpace
@@ -94,9 +101,9 @@ def residual_gate(
         if not all(np.isfinite(signals[:, y]).all() for signals in simulated):  # the simulation diverged
             outputs[name] = OutputGate(np.inf, np.inf, np.inf, 0.0, 0.0)
             continue
-        tests = list(_tests(records, simulated, y, band))
-        power = sum(_power(record.outputs[:, y], record.rate, band) for record in records)
-        outputs[name] = _judged(tests, power)
+        measured = [(record.outputs[:, y] - record.outputs[:, y].mean(), record.rate) for record in records]
+        power = sum(float(np.sum(np.abs(band.lines(signal, rate)) ** 2)) for signal, rate in measured)
+        outputs[name] = _judged(list(_tests(records, simulated, y, band)), power)
     return outputs
 
 
@@ -110,11 +117,6 @@ class _Test(NamedTuple):
     free: int
 
 
-def _power(signal: Array, rate: float, band: Band) -> float:
-    lines = band.lines(signal - signal.mean(), rate)
-    return float(np.sum(np.abs(lines) ** 2))
-
-
 def _tests(records: Sequence[Record], simulated: Sequence[Array], y: int, band: Band) -> Iterator[_Test]:
     plain = Band(band.low, band.high)  # the window would correlate the lines
     frequency = np.concatenate([plain.frequencies(len(r.inputs), r.rate) for r in records])
@@ -123,9 +125,9 @@ def _tests(records: Sequence[Record], simulated: Sequence[Array], y: int, band: 
     )
     signals = [_regressors(r, s[:, y]) for r, s in zip(records, simulated, strict=True)]
     columns = np.concatenate([plain.lines(x, r.rate) for x, r in zip(signals, records, strict=True)], axis=1).T
-    kept = frequency > 0.0
-    order = np.argsort(frequency[kept], kind="stable")
-    frequency, residual, columns = frequency[kept][order], residual[kept][order], columns[kept][order]
+    order = np.argsort(frequency, kind="stable")
+    order = order[frequency[order] > 0.0]
+    frequency, residual, columns = frequency[order], residual[order], columns[order]
     width = _SPARE * columns.shape[1]
     for rows in np.array_split(np.arange(frequency.size), max(1, frequency.size // width)):
         yield _regression(float(frequency[rows].mean()), residual[rows], columns[rows])
@@ -155,17 +157,15 @@ def _judged(tests: Sequence[_Test], power: float) -> OutputGate:
     # Stouffer's sum finds a weak relation in all bands, the smallest probability a strong one in few.
     together = float(norm.sf(np.sum(norm.isf(np.clip(chances, 1e-300, 1.0 - 1e-12))) / np.sqrt(chances.size)))
     probability = min(1.0, 2.0 * min(together, float(chances.min()) * chances.size))
-    by_chance = np.array([test.left / test.free * test.regressors for test in tests])
-    surplus = np.array([test.explained for test in tests]) - by_chance
-    spread = np.sqrt(sum((t.left / t.free) ** 2 * t.regressors * (1.0 + t.regressors / t.free) for t in tests))
-    spread = float(
-        np.sqrt(spread**2 + 4.0 * max(float(surplus.sum()), 0.0) * np.mean([t.left / t.free for t in tests]))
-    )
-    whole = sum(test.explained + test.left for test in tests)
+    explained, left, regressors, free = np.array([test[1:] for test in tests]).T
+    noise = left / free
+    surplus = explained - noise * regressors  # without the part of chance
+    total = float(surplus.sum())
+    spread = np.sqrt(np.sum(noise**2 * regressors * (1.0 + regressors / free)) + 4.0 * max(total, 0.0) * noise.mean())
     return OutputGate(
-        float(np.sqrt(whole / power)),
-        float(np.sqrt(max(surplus.sum(), 0.0) / power)),
-        float(np.sqrt(max(surplus.sum() + norm.ppf(0.95) * spread, 0.0) / power)),
+        float(np.sqrt((explained + left).sum() / power)),
+        float(np.sqrt(max(total, 0.0) / power)),
+        float(np.sqrt(max(total + norm.ppf(0.95) * spread, 0.0) / power)),
         probability,
         tests[int(np.argmax(surplus))].frequency,
     )
@@ -266,7 +266,7 @@ class GreyBox:
         if not measures:
             flags[UNUSABLE] = NOT_SIMULATED
         sentence = nonlinear_spring_sentence(springs, held=MODELLED)
-        held = {} if sentence is None else {"port springs": sentence}
+        of_springs = {} if sentence is None else {"port springs": sentence}
         records = gather(tests, experiment.inputs, experiment.outputs, experiment.baseline_damping)
         noise = input_noise(records, band).summary(OutputErrorMethod())
         return VehicleFit(
@@ -274,11 +274,11 @@ class GreyBox:
             "grey-box",
             response,
             lawful.residual,
-            (*_notes(fit, lawful), noise, *flags.values(), *held.values(), stability.summary()),
+            (*_notes(fit, lawful), noise, *flags.values(), *of_springs.values(), stability.summary()),
             process_time() - started,
             stability.stable,
             ranges_of(tests, experiment, band).as_mapping(),
-            Trust(outputs, _forces(fit), springs, flags | held, None, _SAMPLES, measures),
+            Trust(outputs, _forces(fit), springs, flags | of_springs, None, _SAMPLES, measures),
             _parameters(fit),
         )
 
@@ -414,10 +414,7 @@ def sampled_cars(fit: OutputErrorFit, experiment: Experiment, count: int) -> tup
 def _output_trust(
     fit: OutputErrorFit, test: TimeSeries, experiment: Experiment, response: FrequencyResponse
 ) -> dict[str, OutputTrust]:
-    """Return the uncertainty of every output due to noise, from models with drawn parameters.
-
-    The setups are driven by a test; the misfit is relative to the variance of the response.
-    """
+    """Return the uncertainty of every output due to noise, from models with drawn parameters, driven by a test."""
     model, band = linear_model(fit.values, experiment), (BAND.low, BAND.high)
     deviations = relative_deviations(model, sampled_cars(fit, experiment, _SAMPLES), test, experiment, band)
     rows = zip(model.output_names, *deviations, _misfit(model, response, band), strict=True)

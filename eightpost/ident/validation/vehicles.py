@@ -30,8 +30,8 @@ from eightpost.ident.validation.comparison import (
 )
 from eightpost.ident.validation.records import ErrorSpectrum
 from eightpost.ident.vehicle.experiment import Ranges, lifted_tires, quantity
-from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.simulation import closed_at_ports, open_at_ports, ports_of
+from eightpost.ident.vehicle.trust import MeasuredLevels
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, fit_files, write_fit
 from eightpost.outputs import replacing
 from eightpost.shock import ShockLaw

@@ -18,7 +18,6 @@ from eightpost.ident.vehicle.frequency_response import (
     contribution_error,
     response_of,
 )
-from eightpost.ident.vehicle.measured_levels import MeasuredLevels
 from eightpost.ident.vehicle.records import Blocks, Records, gather
 from eightpost.ident.vehicle.siso_models import (
     AEROLOADERS,
@@ -33,7 +32,7 @@ from eightpost.ident.vehicle.siso_models import (
     may_have_direct_term,
 )
 from eightpost.ident.vehicle.stability import closed_loop_stability
-from eightpost.ident.vehicle.trust import NOT_SIMULATED, UNUSABLE, Trust
+from eightpost.ident.vehicle.trust import NOT_SIMULATED, UNUSABLE, MeasuredLevels, Trust
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.progress import beats, portion
 from eightpost.signals import TimeSeries
@@ -162,7 +161,7 @@ def chapter_of(experiment: Experiment) -> Chapter:
     return CHAPTER_6 if any(name.endswith(".aero") for name in experiment.rig) else CHAPTER_5
 
 
-def _estimated(records: Records, experiment: Experiment, chapter: Chapter) -> tuple[FrequencyResponse, tuple[str, str]]:
+def _estimated(records: Records, experiment: Experiment, chapter: Chapter) -> tuple[FrequencyResponse, tuple[str, ...]]:
     """Return an estimate with notes on its method and on the bias by noise of the inputs."""
     shortest = min(test.u.shape[1] for test in records.tests) / records.rate
     requested, longest = (2.0 * shortest / (count + 1) for count in (chapter.blocks, _FEWEST_BLOCKS))

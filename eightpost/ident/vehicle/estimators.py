@@ -117,7 +117,18 @@ def regress(U: Complex, Y: Complex, *, power_floor: float, names: Sequence[str])
     active = powered(size, power_floor, names)
     scale = np.where(active, size, 1.0)
     left, singular, right = np.linalg.svd(U * (active / scale)[:, None, :], full_matrices=False)
-    inverse = _inverted(singular, active, names)
+    # Singular values of dropped columns are zero and remain 0.
+    is_of_column = np.arange(singular.shape[1])[None, :] < active.sum(axis=1)[:, None]
+    smallest = np.min(np.where(is_of_column, singular, np.inf), axis=1, initial=np.inf)
+    dependent = active.any(axis=1) & (smallest * WORST_CONDITION < singular[:, 0])
+    if dependent.mean() > 0.5:
+        raise InputError(
+            f"the inputs {', '.join(names)} depend linearly on each other (condition above {WORST_CONDITION:g} at most "
+            "frequencies): with linear shocks the rig's inputs determine the forces (Eq 5.34); add records with "
+            "another shock at each corner"
+        )
+    is_usable = is_of_column & (singular * WORST_CONDITION >= singular[:, :1])
+    inverse = 1.0 / np.where(is_usable, singular, np.inf)
     coordinates = left.conj().transpose(0, 2, 1) @ Y
     V = right.conj().transpose(0, 2, 1) * inverse[:, None, :]
     H = (V @ coordinates) / scale[:, :, None]
@@ -138,22 +149,6 @@ def powered(size: Array, power_floor: float, names: Sequence[str]) -> NDArray[np
         if not value > 0.0:
             raise InputError(f"the input {name!r} is zero in all records; remove it from the inputs")
     return np.asarray(size > power_floor * largest, dtype=np.bool_)
-
-
-def _inverted(singular: Array, active: NDArray[np.bool_], names: Sequence[str]) -> Array:
-    """Invert the singular values (K, m) of the active columns; the zeros of dropped columns remain 0."""
-    rank = active.sum(axis=1)
-    kept = np.arange(singular.shape[1])[None, :] < rank[:, None]
-    smallest = np.min(np.where(kept, singular, np.inf), axis=1, initial=np.inf)
-    dependent = (rank > 0) & (smallest * WORST_CONDITION < singular[:, 0])
-    if dependent.mean() > 0.5:
-        raise InputError(
-            f"the inputs {', '.join(names)} depend linearly on each other (condition above {WORST_CONDITION:g} at most "
-            "frequencies): with linear shocks the rig's inputs determine the forces (Eq 5.34); add records with "
-            "another shock at each corner"
-        )
-    safe = np.where(kept & (singular * WORST_CONDITION >= singular[:, :1]), singular, np.inf)
-    return np.asarray(1.0 / safe, dtype=np.float64)
 
 
 # ---- Estimator H1, averaged over windowed blocks --------------------------------------------------------------------
@@ -395,25 +390,22 @@ def _solve(spectra: WholeSpectra, k: int, n: int, degree: int, active: NDArray[n
     first = min(max(k - n, 0), spectra.frequency.size - 2 * n - 1)
     band = slice(first, first + 2 * n + 1)
     bends = (np.arange(first - k, first - k + 2 * n + 1) / n)[:, None] ** np.arange(degree + 1)
-    U, Y = spectra.U[:, band][..., active], spectra.Y[:, band]
+    U = spectra.U[:, band][..., active]
     tests, _, m = U.shape
     response = (U[..., None, :] * bends[None, :, :, None]).reshape(tests, len(bends), -1)
     transient = np.einsum("ij,ke->ikje", np.eye(tests), bends).reshape(tests, len(bends), -1)
     # The first m columns are those of H itself.
     matrix = np.concatenate((response, transient), axis=2).reshape(tests * len(bends), -1)
-    return _least_squares(matrix, Y.reshape(tests * len(bends), -1), active, m)
-
-
-def _least_squares(matrix: Complex, Y: Complex, active: NDArray[np.bool_], m: int) -> _Local:
+    Y = spectra.Y[:, band].reshape(len(matrix), -1)
     scale = np.linalg.norm(matrix, axis=0)
     scale[scale == 0.0] = 1.0
     scaled = matrix / scale
     left, singular, right = np.linalg.svd(scaled, full_matrices=False)
-    kept = singular > 1e-13 * singular[0]
-    inverse = np.where(kept, 1.0 / np.where(kept, singular, 1.0), 0.0)
+    determined = singular > 1e-13 * singular[0]
+    inverse = np.where(determined, 1.0 / np.where(determined, singular, 1.0), 0.0)
     V = right.conj().T * inverse
     solution = V @ (left.conj().T @ Y)
-    noise = np.sum(np.abs(Y - scaled @ solution) ** 2, axis=0) / max(len(matrix) - int(kept.sum()), 1)
+    noise = np.sum(np.abs(Y - scaled @ solution) ** 2, axis=0) / max(len(matrix) - int(determined.sum()), 1)
     total = np.mean(np.abs(Y) ** 2, axis=0)
     H = np.zeros((Y.shape[1], active.size), dtype=np.complex128)
     variance = np.full(H.shape, np.inf)

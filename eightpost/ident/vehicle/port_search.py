@@ -13,6 +13,7 @@ from eightpost.array_types import Array, Complex
 from eightpost.corners import channel
 from eightpost.errors import TooShortError
 from eightpost.ident.threads import for_each
+from eightpost.ident.vehicle.estimators import whole_spectra
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.records import Records, gather
 from eightpost.ident.vehicle.simulation import bristle_force, direction
@@ -64,29 +65,23 @@ def bands(records: Records, *, low: float, high: float, inputs: int) -> Iterator
     Raises:
         TooShortError: The records have too few frequency bins for one band.
     """
-    size = min(test.u.shape[1] for test in records.tests)
-    lines = np.arange(size // 2 + 1) * (records.rate / size)
-    kept = np.flatnonzero((lines >= low) & (lines <= high))
-    tests = len(records.tests)
+    spectra, tests = whole_spectra(records, high), len(records.tests)
+    inside = spectra.frequency >= low
+    lines, U, Y = spectra.frequency[inside], spectra.U[:, inside], spectra.Y[:, inside]
     width = int(np.ceil(_SPARE * (_DEGREE + 1) * (inputs + tests) / tests))
     width = max(width, (_DEGREE + 1) * (inputs + 2))
-    if kept.size < width:
+    if lines.size < width:
         raise TooShortError(
-            f"the records have {kept.size} frequency bins from {low:g} to {high:g} Hz, but {inputs} inputs need "
+            f"the records have {lines.size} frequency bins from {low:g} to {high:g} Hz, but {inputs} inputs need "
             f"{width}; use longer records"
         )
-    U, Y = (_spectra(rows, size, kept) for rows in ([t.u for t in records.tests], [t.y for t in records.tests]))
     power = np.mean(np.abs(U) ** 2, axis=0)
-    starts = range(0, kept.size - width + 1, width)
+    starts = range(0, lines.size - width + 1, width)
     local = np.stack([power[k : k + width].mean(axis=0) for k in starts])
     active = local > _POWER_FLOOR**2 * local.max(axis=0)
     for k, mask in zip(starts, active, strict=True):
         part = slice(k, k + width)
-        yield Band(float(lines[kept[k + width // 2]]), U[:, part], Y[:, part], mask)
-
-
-def _spectra(rows: Sequence[Array], size: int, kept: NDArray[np.intp]) -> Complex:
-    return np.stack([np.fft.rfft(values[:, :size])[:, kept].T for values in rows])
+        yield Band(float(lines[k + width // 2]), U[:, part], Y[:, part], mask)
 
 
 # ---- Forces at the ports from bands of spectra ----------------------------------------------------------------------

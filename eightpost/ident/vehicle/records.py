@@ -137,8 +137,8 @@ def gather(
         if not record.is_uniform:
             raise DataError(f"record {number} is not evenly sampled; resample it first")
         if abs(record.sample_rate / first.sample_rate - 1.0) > _RATE_TOLERANCE:
-            rates = f"{record.sample_rate:g} Hz, the first {first.sample_rate:g} Hz"
-            raise InputError(f"record {number} has {rates}; resample to one rate")
+            both = f"{record.sample_rate:g} Hz, the first {first.sample_rate:g} Hz"
+            raise InputError(f"record {number} has {both}; resample to one rate")
         for name in (*inputs, *outputs):
             if record.unit(name) != first.unit(name):
                 what = (

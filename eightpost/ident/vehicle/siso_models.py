@@ -15,6 +15,7 @@ from scipy.sparse import coo_array, csr_array
 from eightpost.array_types import Array, Complex
 from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse
+from eightpost.least_squares import linear_solution
 from eightpost.progress import parts
 from eightpost.vehicle.statespace import Channel, Mode, StateSpace
 
@@ -293,10 +294,7 @@ class _Problem:
 def _least_squares(matrix: Complex, target: Complex) -> Array:
     """Return the real least-squares solution (n,) of complex equations, computed with scaled columns."""
     stacked = np.vstack((matrix.real, matrix.imag))
-    size = np.linalg.norm(stacked, axis=0)
-    size[size == 0.0] = 1.0
-    solution = np.linalg.lstsq(stacked / size, np.concatenate((target.real, target.imag)), rcond=1e-14)[0]
-    return np.asarray(solution / size, dtype=np.float64)
+    return linear_solution(stacked, np.concatenate((target.real, target.imag)), weakest=1e-14)
 
 
 def _modal(basis: _PolynomialBasis, ratio: _Ratio, scale: float) -> TransferFunction:
@@ -531,8 +529,8 @@ def balance(model: StateSpace, input_sizes: Array, output_sizes: Array) -> _Bala
     # The inverse: for a block ((1, i), (1, -i)) it is half the conjugate transpose.
     real = csr_array(modal.conj().T.multiply(1.0 / np.asarray(abs(modal).sum(axis=1)).ravel()[None, :]))
     B, C = modal @ (model.B * input_sizes), (model.C / output_sizes[:, None]) @ real
-    reach = real @ (-(B @ B.conj().T) / (poles[:, None] + poles.conj()[None, :])) @ real.conj().T
-    sight = modal.conj().T @ (-(C.conj().T @ C) / (poles.conj()[:, None] + poles[None, :])) @ modal
+    reach = np.asarray(real @ (-(B @ B.conj().T) / (poles[:, None] + poles.conj()[None, :])) @ real.conj().T)
+    sight = np.asarray(modal.conj().T @ (-(C.conj().T @ C) / (poles.conj()[:, None] + poles[None, :])) @ modal)
     # Scale each state to be equally controllable and observable, as newtons and metres differ by orders of magnitude.
     units = (np.diag(sight).real / np.diag(reach).real) ** 0.25
     reached = _factor(reach * np.outer(units, units)) / units[:, None]

@@ -17,8 +17,7 @@ from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError, ParameterError, suggestion
 from eightpost.files import MALFORMED, atomic_path, check_schema, json_content, sha256_of
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse, read_response, response_of, write_response
-from eightpost.ident.vehicle.measured_levels import level_errors
-from eightpost.ident.vehicle.trust import UNUSABLE, OutputTrust, Trust
+from eightpost.ident.vehicle.trust import UNUSABLE, OutputTrust, Trust, level_errors
 from eightpost.labelled import Labelled, data_frame, dataset
 from eightpost.report.console import Table, console_table, right
 from eightpost.uncertainty import TOTAL, MeasureUncertainty, separation

@@ -9,8 +9,7 @@ from eightpost.errors import InputError, ParameterError
 from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit
 from eightpost.ident.vehicle.common_poles import response_deviation, sampled_models
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse, response_of
-from eightpost.ident.vehicle.points import Blocks, Feedthrough, points_of
-from eightpost.ident.vehicle.refinement import Refinement, curvature, evaluate
+from eightpost.ident.vehicle.pole_search import Blocks, Feedthrough, Refinement, curvature, evaluate, points_of
 
 from .conftest import FREQUENCY, noisy
 

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse, response_of
-from eightpost.ident.vehicle.points import Blocks, points_of
-from eightpost.ident.vehicle.refinement import FASTEST, Refinement, plausibly_damped
+from eightpost.ident.vehicle.pole_search import FASTEST, Blocks, Refinement, plausibly_damped, points_of
 from eightpost.vehicle import Channel, discretise
 
 from .conftest import FREQUENCY, noisy

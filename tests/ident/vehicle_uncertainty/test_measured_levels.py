@@ -9,14 +9,8 @@ import numpy as np
 import pytest
 
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.measured_levels import (
-    MeasuredLevels,
-    Powers,
-    level_errors,
-    measure_names,
-    removable_tests,
-)
 from eightpost.ident.vehicle.simulation import port_slope
+from eightpost.ident.vehicle.trust import MeasuredLevels, Powers, level_errors, measure_names, removable_tests
 from eightpost.signals import TimeSeries
 from eightpost.uncertainty import MeasureUncertainty, separation, setup_distance
 from eightpost.vehicle import IdentifiedVehicle, add_port_damping, read_vehicle, shipped

@@ -8,7 +8,7 @@ import pytest
 from eightpost.ident.preparation import prepare
 from eightpost.ident.vehicle.common_poles import CommonPoles
 from eightpost.ident.vehicle.experiment import experiment_of, find_baseline
-from eightpost.ident.vehicle.measured_levels import removable_tests
+from eightpost.ident.vehicle.trust import removable_tests
 from eightpost.ident.vehicle.vehicle_fit import measure_table, worst_measures
 from eightpost.virtual import NO_DRIFT, LinearDamper, RigSensors, random_drive, run_test, stand_in_truth
 

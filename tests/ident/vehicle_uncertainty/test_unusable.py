@@ -7,8 +7,7 @@ import pytest
 from eightpost.ident.vehicle import common_poles
 from eightpost.ident.vehicle.common_poles import CommonPoles
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.measured_levels import MeasuredLevels
-from eightpost.ident.vehicle.trust import UNUSABLE
+from eightpost.ident.vehicle.trust import UNUSABLE, MeasuredLevels
 from eightpost.ident.vehicle.vehicle_fit import fit_verdict, with_validity
 from eightpost.verdict import Grade
 from tests.ident.friction.conftest import BASELINE, rig_tests
