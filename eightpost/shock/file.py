@@ -295,7 +295,7 @@ class Shock(Summarized):
         """
         if self.settings is None:
             raise ParameterError(
-                f"shock {self.name!r} was measured at one setting; fit several with eightpost settings"
+                f"shock {self.name!r} was measured at one setting; fit a table of several: eightpost fit TABLE.toml"
             )
         values = dict(clicks or {}) | ({} if temperature is None else {TEMPERATURE: temperature})
         try:
@@ -416,7 +416,7 @@ def read_shock(path: str | Path) -> Shock:
 def _no_longer_supported(document: dict[str, Any], path: Path) -> str:
     """Return what is wrong with a file of a former law, and the command that fits its records again."""
     records = " ".join(entry["name"] for entry in _inputs(document) if "name" in entry) or "RECORD"
-    command = "settings TABLE" if "settings" in document else f"fit {records}"
+    command = "fit TABLE" if "settings" in document else f"fit {records}"
     return (
         f"{path}: the law {law_title(document['law'])} is no longer supported; fit the record again: "
         f"eightpost {command} -o {path}"
