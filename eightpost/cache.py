@@ -1,7 +1,8 @@
 """Disk cache of compiled code, so that nothing is compiled twice: libraries, the loop's object files, numba's code.
 
 Every file begins with the SHA-256 of its content. A damaged file is compiled again, and a folder without write access
-is skipped, both with a warning: numba by itself raises an error for a damaged index and runs damaged machine code.
+is skipped, both with a warning: numba by itself raises an error for a damaged index and runs damaged machine code. A
+checksum is no signature: what another user may have written is not run.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ import hashlib
 import logging
 import os
 import pickle
+import stat
+import sys
 from collections.abc import Iterable
 from contextlib import suppress
 from functools import cache
@@ -49,6 +52,22 @@ def cache_folder() -> Path:
     return Path(os.environ.get("EIGHTPOST_CACHE") or platformdirs.user_cache_path("eightpost"))
 
 
+def is_trusted(path: Path, others: int = stat.S_IWGRP | stat.S_IWOTH) -> bool:
+    """Return whether nobody but this user and root can have written a file; always true on Windows.
+
+    Args:
+        path: The file.
+        others: Permissions to write that neither the file nor its folder may give.
+    """
+    if sys.platform == "win32":
+        return True
+    for place in (path, path.parent):
+        state = place.stat()
+        if state.st_uid not in (os.geteuid(), 0) or state.st_mode & others:
+            return False
+    return True
+
+
 def digest(parts: Iterable[bytes | str]) -> str:
     """Return a key that is equal only for equal parts in the same order."""
     key = hashlib.sha256()
@@ -62,8 +81,11 @@ def recall(folder: str, key: str) -> bytes | None:
     """Return the content stored in a folder of the cache under a key; None if it is missing or damaged."""
     path = cache_folder() / folder / key
     try:
-        content = path.read_bytes()
+        content, trusted = path.read_bytes(), is_trusted(path)
     except OSError:
+        return None
+    if not trusted:
+        _LOG.warning("a cached library that another user may have written is compiled again: %s", path)
         return None
     with suppress(OSError):  # the cache may be read-only
         os.utime(path)
@@ -84,8 +106,10 @@ def keep(folder: str, key: str, content: bytes, *, most: int | None = None) -> N
     path = cache_folder() / folder / key
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        path.parent.chmod(0o700)
         with replacing(path), atomic_path(path) as temporary:  # a damaged file has any content
             temporary.write_bytes(_sealed(content))
+            temporary.chmod(0o600)
         entries = sorted(path.parent.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
         for old in entries[most or KEPT :]:
             old.unlink(missing_ok=True)
@@ -160,6 +184,9 @@ def _checked_files() -> Any:
 def _read(path: Path) -> Any:
     """Return the content of one of numba's files; None if it is missing, unreadable or damaged."""
     try:
+        if not is_trusted(path, stat.S_IWOTH):  # the group may write: numba's files are beside the sources
+            _LOG.warning("cached machine code that another user may have written is compiled again: %s", path)
+            return None
         body = _unsealed(path.read_bytes())
     except FileNotFoundError:
         return None

@@ -12,7 +12,7 @@ from eightpost.ident.vehicle.simulation import ManySetups
 from eightpost.shock import read_shock
 from eightpost.signals import read_series
 from eightpost.vehicle import read_vehicle
-from eightpost.virtual.truths import stand_in_truth
+from eightpost.virtual.program import stand_in_truth
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 FOLDER = EXAMPLES / "identified"

@@ -47,8 +47,8 @@ def rules(module: str) -> str:
         if rule.grade != Grade.USABLE or rule.remedy not in ("", "nothing")
     ]
     topics = {rule.about for rule in found}
-    rows = [("reason, with its threshold", "grade", "what to do")]
-    rows += [(rule.condition, rule.grade, rule.remedy) for rule in found]
+    rows = [("reason, with its threshold", "grade")]
+    rows += [(rule.condition, rule.grade) for rule in found]
     if len(topics) > 1:
         rows = [(about, *row) for about, row in zip(["about", *(rule.about for rule in found)], rows, strict=True)]
     head, *lines = ["| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |\n" for row in rows]

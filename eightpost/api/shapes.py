@@ -47,7 +47,7 @@ from eightpost.shock.shape import (
     range_of,
     unit_of,
 )
-from eightpost.virtual.builds import NearestValving, nearest_valving
+from eightpost.virtual.damper import NearestValving, nearest_valving
 
 # ==== What the search is asked for ===================================================================================
 

@@ -87,8 +87,8 @@ def drivefile() -> None:
               metavar="FREQUENCY", help="Control bandwidth of the aeroloaders.")  # fmt: skip
 @click.option("--means/--no-means", default=True, show_default=True,
               help="Reproduce the mean displacements by steady loads.")  # fmt: skip
-@click.option("--format", "suffix", type=click.Choice(["parquet", "csv", "mat"]), default="parquet", show_default=True,
-              help="File format of the drive files for the rig.")  # fmt: skip
+@click.option("--format", "suffix", type=click.Choice(["parquet", "csv", "mat", "drv"]), default="parquet",
+              show_default=True, help="File format of the drive files for the rig.")  # fmt: skip
 @UNITS
 @map_option("docs/explanation/rig.md")
 @flip_option("lf.displacement")

@@ -231,7 +231,7 @@ def _validate_vehicle(
 ) -> Verdict:  # fmt: skip
     """Validate a vehicle, print the tables, write the report, and return the verdict."""
     from eightpost.ident.validation.comparison import rig_record
-    from eightpost.ident.validation.vehicle_tables import terminal_tables
+    from eightpost.ident.validation.vehicle_page import terminal_tables
     from eightpost.ident.validation.vehicles import Limits, keep_verdict, validate_vehicle, vehicle_verdict
     from eightpost.ident.vehicle.vehicle_fit import friction_table, measure_table, read_fit, trust_table
     from eightpost.rig import read_rig_test

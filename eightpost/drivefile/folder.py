@@ -133,7 +133,7 @@ def _check_signs(problem: Problem, H: Complex, drive: Array, rows: Array, path: 
 SCHEMA = 1
 
 #: File formats in which drive files are written beside Parquet.
-FORMATS = ("parquet", "csv", "mat")
+FORMATS = ("parquet", "csv", "mat", "drv")
 
 _STATE = "iteration.json"
 

@@ -47,12 +47,7 @@ _MATRICES = ("A", "B", "C", "D")
 
 
 def write_vehicle_mat(path: str | Path, vehicle: IdentifiedVehicle) -> None:
-    """Write an identified vehicle as it was identified, around its baseline damping.
-
-    Args:
-        path: Path of the .mat file; it is replaced completely or not at all.
-        vehicle: Vehicle to write.
-    """
+    """Write an identified vehicle as it was identified, around its baseline damping."""
     model = vehicle.state_space
     metadata = {key: value for key, value in document(vehicle).items() if key not in _MATRICES}
     content: dict[str, Any] = {name: getattr(model, name) for name in _MATRICES}
@@ -62,12 +57,7 @@ def write_vehicle_mat(path: str | Path, vehicle: IdentifiedVehicle) -> None:
 
 
 def write_response_mat(path: str | Path, response: FrequencyResponse) -> None:
-    """Write a frequency response: `H` (output, input, frequency), `Frequency` [Hz], coherences and variance.
-
-    Args:
-        path: Path of the .mat file; it is replaced completely or not at all.
-        response: Frequency response to write.
-    """
+    """Write a frequency response: `H` (output, input, frequency), `Frequency` [Hz], coherences and variance."""
     arrays: dict[str, Any] = response.arrays()
     content = {"H": arrays.pop("H"), "Frequency": arrays.pop("frequency")[:, None], **arrays}
     header, cells = frequency_response.response_header(response), _channel_cells(response.inputs, response.outputs)
@@ -112,10 +102,6 @@ _UP, _SCALAR = 3, 0
 
 def write_response_uff(path: str | Path, response: FrequencyResponse) -> None:
     """Write a frequency response and its multiple coherence.
-
-    Args:
-        path: Path of the .uff or .unv file; it is replaced completely or not at all.
-        response: Frequency response to write, with two or more frequencies.
 
     Raises:
         FileFormatError: The path has another suffix, or pyuff is not installed.

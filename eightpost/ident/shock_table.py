@@ -326,11 +326,6 @@ class TableFormat:
 def write_shock_table(path: Path, table: ShockTable, name: str | None = None) -> str:
     """Write a table, and return the name of the tool, the convention of signs and the units.
 
-    Args:
-        path: Path of the file; it is replaced completely or not at all.
-        table: Table to write.
-        name: Name of the format; None chooses it by the suffix of the path.
-
     Raises:
         FileFormatError: The suffix is not that of a format.
         InputError: The format has no name in `TABLE_FORMATS`, or takes a single shock.

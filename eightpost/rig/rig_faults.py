@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.signal import hilbert
 
 from eightpost.array_types import Array
 from eightpost.corners import channel
@@ -148,6 +147,8 @@ class _Record:
 
 def _check_pairs(record: _Record, quantity: str, against: str, values: Array, references: Array) -> None:
     """Raise an exception unless the values (C, N) of every corner match their own reference (C, N) best."""
+    from scipy.signal import hilbert  # noqa: PLC0415 -- takes half a second to load, which no fit needs
+
     # The real part is the correlation, the magnitude that at the best phase.
     likeness = np.asarray(_unit(values) @ np.stack([hilbert(row) for row in _unit(references)]).T)
     for place in sorted({*record.moving(quantity)} & {*record.moving(against)}):

@@ -124,37 +124,24 @@ class StaticCurve:
     Knots: a cubic Hermite spline through points with given slopes replaces the polynomials. If each segment's force
     rises by the mean of the slopes at its ends, the spline is quadratic and rises wherever no slope is negative.
 
-    Args:
-        inner: 15 coefficients [N].
-        compression: 4 coefficients [N].
-        rebound: 4 coefficients [N]; the force is negative in rebound.
-        transition_speed: v_t [m/s]; 15 in/s in 3.3.1.
-        transition_width: Width of the transition [m/s]; 0.5 in/s in 3.3.1. Less than twice `transition_speed`.
-        compression_speed: Highest fitted speed in compression [m/s], positive.
-        rebound_speed: Highest fitted speed in rebound [m/s], positive.
-        compression_slope: Slope beyond `compression_speed` [N.s/m], not negative.
-        rebound_slope: Slope beyond `rebound_speed` [N.s/m], not negative.
-        knot_velocity: Velocities of 25 knots [m/s], ascending from -`rebound_speed` to `compression_speed`, the
-            middle one 0. All zeros: the curve is that of the polynomials.
-        knot_force: Force at the knots [N], 0 at the middle one.
-        knot_slope: Slope at the knots [N.s/m], not negative.
-
     Raises:
         ValueError: A value is not finite or outside its range; the message names it.
     """
 
-    inner: tuple[float, ...]
-    compression: tuple[float, ...]
-    rebound: tuple[float, ...]
-    transition_speed: float
-    transition_width: float
-    compression_speed: float
-    rebound_speed: float
-    compression_slope: float
-    rebound_slope: float
+    inner: tuple[float, ...]  #: 15 coefficients [N].
+    compression: tuple[float, ...]  #: 4 coefficients [N].
+    rebound: tuple[float, ...]  #: 4 coefficients [N]; the force is negative in rebound.
+    transition_speed: float  #: v_t [m/s]; 15 in/s in 3.3.1.
+    transition_width: float  #: Width of the transition [m/s], less than twice `transition_speed`; 0.5 in/s in 3.3.1.
+    compression_speed: float  #: Highest fitted speed in compression [m/s], positive.
+    rebound_speed: float  #: Highest fitted speed in rebound [m/s], positive.
+    compression_slope: float  #: Slope beyond `compression_speed` [N.s/m], not negative.
+    rebound_slope: float  #: Slope beyond `rebound_speed` [N.s/m], not negative.
+    #: Velocities of 25 knots [m/s], ascending from -`rebound_speed` to `compression_speed`, the middle one 0. All
+    #: zeros: the curve is that of the polynomials.
     knot_velocity: tuple[float, ...] = _NO_KNOTS
-    knot_force: tuple[float, ...] = _NO_KNOTS
-    knot_slope: tuple[float, ...] = _NO_KNOTS
+    knot_force: tuple[float, ...] = _NO_KNOTS  #: Force at the knots [N], 0 at the middle one.
+    knot_slope: tuple[float, ...] = _NO_KNOTS  #: Slope at the knots [N.s/m], not negative.
 
     def __repr__(self) -> str:
         """Return form, ends and forces there; the coefficients are too many to read."""

@@ -226,28 +226,22 @@ SCHEMA = 1
 
 @dataclass(frozen=True, repr=False)
 class Shock(Summarized):
-    """A shock: a law, and what is known about its origin.
+    """A shock: a law, and what is known about its origin."""
 
-    Args:
-        name: Display name of the build.
-        law: Law with its parameters, in SI units.
-        conditions: Conditions of the measurement: build, clicks and how they count, gas pressure, temperature range,
-            offset, fitted velocity, stroke and frequency ranges. Free-form, JSON values; units in the keys.
-        fit: Report of the fit: RMS, bounds, recipe. Free-form, JSON values. Left out if the verdict says that the
-            shock was edited after it.
-        inputs: Name and SHA-256 of each file that the shock was made from.
-        validity: Verdict on the fit and the ranges that it covers; None if not stated. It is "unknown" if `numbers` are
-            not those that were judged.
-        settings: Effect of the adjusters and of the temperature; `law` is then the law at the reference setting. None:
-            the shock was measured at one setting.
-    """
-
-    name: str
-    law: ShockLaw
+    name: str  #: Display name of the build.
+    law: ShockLaw  #: Law with its parameters, in SI units.
+    #: Conditions of the measurement: build, clicks and how they count, gas pressure, temperature range, offset, fitted
+    #: velocity, stroke and frequency ranges. Free-form, JSON values; units in the keys.
     conditions: Mapping[str, Any] = field(default_factory=dict)
+    #: Report of the fit: RMS, bounds, recipe. Free-form, JSON values. Left out if the verdict says that the shock was
+    #: edited after it.
     fit: Mapping[str, Any] = field(default_factory=dict)
-    inputs: tuple[Mapping[str, str], ...] = ()
+    inputs: tuple[Mapping[str, str], ...] = ()  #: Name and SHA-256 of each file that the shock was made from.
+    #: Verdict on the fit and the ranges that it covers; None if not stated. It is "unknown" if `numbers` are not those
+    #: that were judged.
     validity: Validity | None = None
+    #: Effect of the adjusters and of the temperature; `law` is then that at the reference setting. None: the shock was
+    #: measured at one setting.
     settings: Settings | None = None
 
     def __post_init__(self) -> None:

@@ -143,24 +143,17 @@ def _travel(travel: float, piece: Piece, limit: float, time: float) -> float:
 class Hysteresis(ShockLaw):
     """F_v = f0(v) + f1(u) + ks e, with a lagged velocity u and the deflection e of a creeping stop.
 
-    Args:
-        lagged_slope: Slopes c_k of f1 [N.s/m] at the 25 knots of the curve, from 0 to the curve's slope there; linear
-            in between, constant beyond.
-        time_constant: tau [s] at u = -rebound_speed / 2, 0 and compression_speed / 2.
-        stop_stiffness: ks [N/m].
-        stop_yield: e_y [m].
-        stop_time: t_s [s].
-
     Raises:
         ValueError: A parameter is out of range, or the curve has no knots or a cell that is not quadratic, so that f0
             might fall somewhere.
     """
 
+    #: Slopes c_k of f1 [N.s/m] at the 25 knots of the curve, from 0 to the curve's slope there; linear in between.
     lagged_slope: tuple[float, ...] = field(repr=False)
-    time_constant: tuple[float, float, float]
-    stop_stiffness: float = 0.0
-    stop_yield: float = 1e-3
-    stop_time: float = 1e-2
+    time_constant: tuple[float, float, float]  #: tau [s] at u = -rebound_speed / 2, 0 and compression_speed / 2.
+    stop_stiffness: float = 0.0  #: ks [N/m].
+    stop_yield: float = 1e-3  #: e_y [m].
+    stop_time: float = 1e-2  #: t_s [s].
 
     def __post_init__(self) -> None:
         for name, size in SIZES.items():

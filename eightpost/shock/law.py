@@ -57,27 +57,19 @@ def advance(lagged: float, static_start: float, static_end: float, time_constant
 class Port:
     """The parameters that all shock laws share.
 
-    Args:
-        motion_ratio: Damper travel per port travel [1]: damper velocity = motion_ratio * velocity, port force =
-            motion_ratio * damper force.
-        compression_scale: Factor on the static force in compression [1].
-        rebound_scale: Factor on the static force in rebound [1].
-        gas_stiffness: Parallel gas spring at the damper [N/m] (K of Eq 3.14).
-        gas_preload: Gas force at zero displacement [N] (F_0 of Eq 3.14).
-        seal_friction: Coulomb drag [N] (3.4.3), smoothed as tanh(v / friction_velocity).
-        friction_velocity: Width of the smoothing [m/s].
-
     Raises:
         ValueError: A value is not finite or outside its range; the message names it.
     """
 
+    #: Damper travel per port travel [1]: damper velocity = motion_ratio * velocity, port force = motion_ratio * damper
+    #: force.
     motion_ratio: float = 1.0
-    compression_scale: float = 1.0
-    rebound_scale: float = 1.0
-    gas_stiffness: float = 0.0
-    gas_preload: float = 0.0
-    seal_friction: float = 0.0
-    friction_velocity: float = 0.005
+    compression_scale: float = 1.0  #: Factor on the static force in compression [1].
+    rebound_scale: float = 1.0  #: Factor on the static force in rebound [1].
+    gas_stiffness: float = 0.0  #: Parallel gas spring at the damper [N/m] (K of Eq 3.14).
+    gas_preload: float = 0.0  #: Gas force at zero displacement [N] (F_0 of Eq 3.14).
+    seal_friction: float = 0.0  #: Coulomb drag [N] (3.4.3), smoothed as tanh(v / friction_velocity).
+    friction_velocity: float = 0.005  #: Width of the smoothing [m/s].
 
     def __repr__(self) -> str:
         """Return the parameters that differ from their defaults, as an expression."""
@@ -120,19 +112,14 @@ State = Any
 class FitParameter(NamedTuple):
     """Defaults for fitting one of a law's own parameters, used unless the record gives better ones."""
 
-    name: str
-    """Name of the field."""
-    unit: str
-    low: float
-    start: float
-    high: float
-    """Bounds and starting value, in `unit`."""
-    scale: str
-    """"logarithmic" or "linear": scale of the steps of the search."""
-    above: str = ""
-    """Name of the parameter that must stay below this one; empty without such a condition."""
-    gap: float = 0.0
-    """Minimum distance to the parameter named by `above`, in `unit`."""
+    name: str  #: Name of the field.
+    unit: str  #: SI unit.
+    low: float  #: Lower bound, in `unit` as the following.
+    start: float  #: Starting value.
+    high: float  #: Upper bound.
+    scale: str  #: "logarithmic" or "linear": scale of the steps of the search.
+    above: str = ""  #: Name of the parameter that must stay below this one; empty without such a condition.
+    gap: float = 0.0  #: Minimum distance to the parameter named by `above`.
 
 
 class Valve(NamedTuple):
@@ -146,14 +133,11 @@ class Valve(NamedTuple):
 class Piece(NamedTuple):
     """A short piece of time in which velocity and static force change linearly from start to end."""
 
-    velocity_start: float
-    velocity_end: float
-    """Damper velocity at the end [m/s]."""
-    static_start: float
-    static_end: float
-    """F_s at the end [N]."""
-    step: float
-    """Duration [s]."""
+    velocity_start: float  #: Damper velocity at the start [m/s].
+    velocity_end: float  #: Damper velocity at the end [m/s].
+    static_start: float  #: F_s at the start [N].
+    static_end: float  #: F_s at the end [N].
+    step: float  #: Duration [s].
 
 
 def valve_force(valve: Valve, velocity: float) -> float:
@@ -165,18 +149,12 @@ def valve_force(valve: Valve, velocity: float) -> float:
 class Response(NamedTuple):
     """A shock's outputs at one instant; the names are those of docs/reference/ports.md."""
 
-    force: float
-    """Force at the port [N], positive in compression."""
-    static_force: float
-    """F_s [N]."""
-    lagged_force: float
-    """F_lag [N]."""
-    lag_weight: float
-    """alpha [1]."""
-    dissipated_power: float
-    """Valve and seal force times damper velocity [W]; without the gas spring."""
-    beyond_fit: float
-    """1 while the damper velocity is outside the fitted range, else 0."""
+    force: float  #: Force at the port [N], positive in compression.
+    static_force: float  #: F_s [N].
+    lagged_force: float  #: F_lag [N].
+    lag_weight: float  #: alpha [1].
+    dissipated_power: float  #: Valve and seal force times damper velocity [W]; without the gas spring.
+    beyond_fit: float  #: 1 while the damper velocity is outside the fitted range, else 0.
 
 
 @dataclass(frozen=True, slots=True)

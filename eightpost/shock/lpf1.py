@@ -27,13 +27,9 @@ def advance_core(lagged: float, piece: Piece, own: tuple[float, ...], valve: Val
 
 @dataclass(frozen=True, slots=True)
 class Lpf1(ShockLaw):
-    """F = F_lag with tau dF_lag/dt = F_s - F_lag.
+    """F = F_lag with tau dF_lag/dt = F_s - F_lag."""
 
-    Args:
-        time_constant: tau [s]; 1.3 ms for build 1 (3.3.2).
-    """
-
-    time_constant: float
+    time_constant: float  #: tau [s]; 1.3 ms for build 1 (3.3.2).
 
     def __post_init__(self) -> None:
         check_time_constant(self.time_constant)

@@ -49,17 +49,11 @@ def advance_core(lagged: float, piece: Piece, own: tuple[float, ...], valve: Val
 
 @dataclass(frozen=True, slots=True)
 class Lpnl2(ShockLaw):
-    """F = alpha F_lag + (1 - alpha) F_s with tau dF_lag/dt = F_s - F_lag and alpha = alpha(|F_s|) (Fig 3.8).
+    """F = alpha F_lag + (1 - alpha) F_s with tau dF_lag/dt = F_s - F_lag and alpha = alpha(|F_s|) (Fig 3.8)."""
 
-    Args:
-        time_constant: tau [s]; 1.3 ms for build 1 (3.3.3).
-        lag_full_force: |F_s| up to which alpha = 1 [N]; 560 lbf for build 1.
-        lag_zero_force: |F_s| from which alpha = 0 [N]; 1000 lbf for build 1. Greater than `lag_full_force`.
-    """
-
-    time_constant: float
-    lag_full_force: float
-    lag_zero_force: float
+    time_constant: float  #: tau [s]; 1.3 ms for build 1 (3.3.3).
+    lag_full_force: float  #: |F_s| up to which alpha = 1 [N]; 560 lbf for build 1.
+    lag_zero_force: float  #: |F_s| from which alpha = 0 [N]; 1000 lbf for build 1. Greater than `lag_full_force`.
 
     def __post_init__(self) -> None:
         check_time_constant(self.time_constant)

@@ -91,26 +91,17 @@ def _add_chord(weights: list[float], nodes: tuple[float, ...], j: int, factor: f
 class Axis:
     """An adjuster or the temperature, with its measured settings.
 
-    Args:
-        name: Name of the adjuster, or `temperature`.
-        nodes: Measured settings (n,), ascending; clicks, `unit`, or temperatures [K].
-        reference: Setting of the shock's own law; one of the nodes.
-        unit: Unit of the setting: `click`, `K`, or that of the valving.
-        counted: Description of how clicks are counted, such as `from full hard`.
-        lowest: Lowest possible setting; None: unknown.
-        highest: Highest possible setting; None: unknown.
-
     Raises:
         ValueError: A value is not possible; the message names it.
     """
 
-    name: str
-    nodes: tuple[float, ...]
-    reference: float
-    unit: str = "click"
-    counted: str = ""
-    lowest: float | None = None
-    highest: float | None = None
+    name: str  #: Name of the adjuster, or `temperature`.
+    nodes: tuple[float, ...]  #: Measured settings (n,), ascending; clicks, `unit`, or temperatures [K].
+    reference: float  #: Setting of the shock's own law; one of the nodes.
+    unit: str = "click"  #: Unit of the setting: `click`, `K`, or that of the valving.
+    counted: str = ""  #: Description of how clicks are counted, such as `from full hard`.
+    lowest: float | None = None  #: Lowest possible setting; None: unknown.
+    highest: float | None = None  #: Highest possible setting; None: unknown.
 
     def __post_init__(self) -> None:
         if not self.name.isidentifier():
@@ -173,15 +164,10 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """Deviations from the reference that depend on some axes together.
+    """Deviations from the reference that depend on some axes together."""
 
-    Args:
-        axes: Names of the axes.
-        deviations: A row (P,) per combination of the axes' nodes, the last axis varying fastest; the parameters are
-            those of `Settings.parameters`.
-    """
-
-    axes: tuple[str, ...]
+    axes: tuple[str, ...]  #: Names of the axes.
+    #: Row (P,) per combination of the axes' nodes, the last axis varying fastest; P is that of `Settings`.
     deviations: tuple[tuple[float, ...], ...]
 
 
@@ -189,23 +175,19 @@ class Term:
 class Settings:
     """Effect of all adjusters and of the temperature on a shock.
 
-    Args:
-        axes: Adjusters, and the temperature if it was varied.
-        parameters: Names of the law's own parameters that change with the setting, each by a factor; `lagged_slope`,
-            which changes at each knot, comes first.
-        terms: Deviations: the slopes at the 25 knots [N.s/m], then those of `lagged_slope` (25,) [N.s/m] if it is one
-            of the parameters, the logarithms of the factors, the gas preload [N].
-        tested: Measured combinations; a value per axis each.
-        half_width: Half-width of the 95 % band of each tested combination's force (T, 25) at the knots [N].
-
     Raises:
         ValueError: A table has the wrong size, or names an unknown axis.
     """
 
-    axes: tuple[Axis, ...]
+    axes: tuple[Axis, ...]  #: Adjusters, and the temperature if it was varied.
+    #: Names of the law's own parameters that change with the setting, each by a factor; `lagged_slope`, which changes
+    #: at each knot, comes first.
     parameters: tuple[str, ...]
+    #: Deviations: the slopes at the 25 knots [N.s/m], then those of `lagged_slope` (25,) [N.s/m] if it is one of the
+    #: parameters, the logarithms of the factors, the gas preload [N].
     terms: tuple[Term, ...]
-    tested: tuple[tuple[float, ...], ...]
+    tested: tuple[tuple[float, ...], ...]  #: Measured combinations; a value per axis each.
+    #: Half-width of the 95 % band of each tested combination's force (T, 25) at the knots [N].
     half_width: tuple[tuple[float, ...], ...]
 
     def __post_init__(self) -> None:
@@ -292,13 +274,7 @@ class Settings:
 
 
 def _lagged_slope(law: Any, curve: StaticCurve, changes: tuple[float, ...] | None) -> tuple[float, ...]:
-    """Return the slopes of the lagged part of a law on another curve, never above those of the curve.
-
-    Args:
-        law: Law at the reference setting.
-        curve: Curve at another setting.
-        changes: Changes of the slopes (25,) [N.s/m]; None: the lagged part keeps its share of the curve at each knot.
-    """
+    """Return the slopes of the lagged part on another curve, never above it; without changes it keeps its share."""
     if changes is not None:
         parts = zip(law.lagged_slope, changes, curve.knot_slope, strict=True)
         found = [min(max(part + change, 0.0), now) for part, change, now in parts]

@@ -262,12 +262,7 @@ def fit_law(law: ShockLaw) -> ShapeFit:
 
 
 def fit_shape(curve: StaticCurve, reach: float = REACH) -> ShapeFit:
-    """Fit a shape to a curve by least squares of the force, at equal steps of the root of the speed.
-
-    Args:
-        curve: Curve to fit, with or without knots.
-        reach: Highest speed to compare [m/s]; the curve's fitted range limits it.
-    """
+    """Fit a shape to a curve by least squares of the force, at equal steps of the root of the speed."""
     return fit_force(curve.force, min(reach, curve.compression_speed), min(reach, curve.rebound_speed))
 
 

@@ -11,10 +11,12 @@ from eightpost.errors import FileFormatError
 from eightpost.files import reading, sha256_of
 from eightpost.signals.confined_files import read_mdf, read_spreadsheet, read_tdms
 from eightpost.signals.csv_file import read_delimited, write_csv
+from eightpost.signals.logger_files import read_ld, read_vbo
 from eightpost.signals.lvm_file import read_lvm
 from eightpost.signals.mat_file import read_json, read_mat, read_script, write_mat
 from eightpost.signals.parquet_file import read_parquet, write_parquet
 from eightpost.signals.raw_record import RawRecord, find_time, identity_map, mapped_series
+from eightpost.signals.rpc_file import read_rpc, write_rpc
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -30,6 +32,7 @@ _READERS: dict[str, Callable[[Path], tuple[RawRecord, ...]]] = {
     **dict.fromkeys((".xlsx", ".xlsm", ".xls", ".ods"), read_spreadsheet),
     ".parquet": read_parquet, ".mat": read_mat, ".m": read_script, ".json": read_json, ".tdms": read_tdms,
     ".lvm": read_lvm, ".mf4": read_mdf, ".mdf": read_mdf, ".pvp": read_delimited,
+    **dict.fromkeys((".rsp", ".drv", ".tim", ".rpc"), read_rpc), ".ld": read_ld, ".vbo": read_vbo,
 }  # fmt: skip
 #: First bytes of files of programs that do not document their layout, and the program. A text file .pvp is read.
 _CLOSED = {".dctw": (b"", "CTW Probe"), ".pvp": (b"\xd0\xcf\x11\xe0", "the Shock program of Roehrig and MTS")}
@@ -124,13 +127,14 @@ _WRITERS: dict[str, Callable[[TimeSeries, Path], None]] = {
     ".txt": write_csv,
     ".parquet": write_parquet,
     ".mat": write_mat,
+    **dict.fromkeys((".rsp", ".drv", ".tim", ".rpc"), write_rpc),
 }
 
 
 def write_series(series: TimeSeries, path: str | Path) -> None:
-    """Write a series in SI as .csv, .txt, .parquet or .mat, with full precision.
+    """Write a series in SI as .csv, .txt, .parquet or .mat with full precision, or for a rig as .drv, .rsp or .tim.
 
-    The file is replaced atomically. `write_csv`, `write_parquet` and `write_mat` have more options.
+    The file is replaced atomically. `write_csv`, `write_parquet`, `write_mat` and `write_rpc` have more options.
 
     Raises:
         FileFormatError: The suffix is unknown, or the file cannot be written.

@@ -3,9 +3,8 @@
 They share no code with the models that are fitted and identified.
 """
 
-from eightpost.virtual.builds import BUILDS, CONFIGURATIONS, SHIMS_OF_BUILD, configuration, shim_build
-from eightpost.virtual.car import Car, Friction, Springs, Tires
-from eightpost.virtual.damper import PhysicalDamper
+from eightpost.virtual.car import AnyCar, Car, Friction, Springs, Tires, flexible_truth
+from eightpost.virtual.damper import BUILDS, CONFIGURATIONS, SHIMS_OF_BUILD, PhysicalDamper, configuration, shim_build
 from eightpost.virtual.drivefiles import (
     bump_drive,
     quarter_random,
@@ -25,11 +24,21 @@ from eightpost.virtual.dynamometer import (
     sine_tests,
     static_steps,
 )
-from eightpost.virtual.flexible import AnyCar, flexible_truth
-from eightpost.virtual.program import NO_DRIFT, Actuators, bump_test, identification_program, program, run_test
+from eightpost.virtual.program import (
+    NO_DRIFT,
+    TRUTHS,
+    Actuators,
+    bump_test,
+    identification_program,
+    program,
+    quarter_truth,
+    run_test,
+    seven_dof_truth,
+    stand_in_truth,
+    truth_named,
+)
 from eightpost.virtual.shocks import LinearDamper, Shock, demo_damper
 from eightpost.virtual.simulate import Motion, RigSensors, Run, simulate, simulate_setups
-from eightpost.virtual.truths import TRUTHS, quarter_truth, seven_dof_truth, stand_in_truth, truth_named
 from eightpost.virtual.valves import cavitation
 
 __all__ = [

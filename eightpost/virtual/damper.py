@@ -1,21 +1,26 @@
-"""Physical damper with two compressible chambers, shim valves, a head valve and a gas chamber."""
+"""Physical damper of two compressible chambers, shim valves and gas, and its builds: parts of Tables 3.1 and 7.3."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import brentq
 
+from eightpost.array_types import Array, Integers
 from eightpost.errors import ParameterError
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
 from eightpost.virtual.kernel import LONGEST_STEP, PHYSICAL, ShockRow, along
 from eightpost.virtual.valves import (
     ATMOSPHERE,
+    SHIM_SETS,
+    Bleed,
     Cylinder,
     Fluid,
     GasChamber,
@@ -24,6 +29,7 @@ from eightpost.virtual.valves import (
     Orifices,
     Passage,
     Seals,
+    ShimStack,
     ShimValve,
     Valve,
 )
@@ -195,3 +201,293 @@ class PhysicalDamper:
         share = float(brentq(surplus, 0.05, 4.0, xtol=1e-13))
         level = fluid.level(gas.at(share * gas.volume))
         return level, level, share, 0.0, displacement
+
+
+# ==== Builds: shocks of parts, and the valving that comes closest to a wanted curve ===================================
+
+# ---- Builds from calibrated parts (docs/explanation/dynamometer.md) -------------------------------------------------
+
+#: One square millimetre [m2].
+_MM2 = 1e-6
+
+#: One pound per square inch [Pa].
+PSI = convert(1.0, "psi", "Pa")
+
+#: Maximum gas pressure of a shock of this type, gauge [Pa].
+HIGHEST_GAS = 400.0 * PSI
+
+
+@dataclass(frozen=True, slots=True)
+class Shims:
+    """Codes of Table 7.2 for the three shim stacks of a shock."""
+
+    compression: str  #: Compression stack on the main piston.
+    rebound: str  #: Rebound stack on the main piston.
+    head: str = "B"  #: Compression stack on the head valve.
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """One row of Table 3.1."""
+
+    build: int  #: Build number in the table: 1, 2 or 4.
+    clicks: int  #: Clicks of the bleed adjuster from fully open.
+    gas_pressure: float  #: Gauge pressure of the gas [Pa].
+
+
+#: The three builds of 3.2.2: baseline, softer compression shims on the head valve, and softer ones on the main piston.
+SHIMS_OF_BUILD = {1: Shims("B", "B", "B"), 2: Shims("B", "B", "A+"), 4: Shims("A", "B", "B")}
+
+#: Rows of Table 3.1, numbered from 1.
+CONFIGURATIONS = {
+    number: Setting(build, clicks, pressure * PSI)
+    for number, (build, pressure, clicks) in enumerate(
+        ((build, pressure, clicks) for build in SHIMS_OF_BUILD for pressure in (50.0, 150.0) for clicks in (1, 14)),
+        start=1,
+    )
+}
+
+#: Builds of Table 7.3: compression stack / rebound stack.
+BUILDS = ("AA/AA", "AA/B", "B/AA", "B/B", "B/C", "C/B", "C/C")
+
+
+def configuration(number: int) -> PhysicalDamper:
+    """Return a shock of Table 3.1, with a dished (digressive) main piston and a bleed jet.
+
+    Args:
+        number: Number of the row in the table, 1 to 12.
+
+    Raises:
+        ParameterError: The row does not exist.
+    """
+    if number not in CONFIGURATIONS:
+        raise ParameterError(f"there is no configuration {number!r}; Table 3.1 has 1 to {len(CONFIGURATIONS)}")
+    setting = CONFIGURATIONS[number]
+    shims, clicks, gas_pressure = SHIMS_OF_BUILD[setting.build], setting.clicks, setting.gas_pressure
+    return shimmed_shock(shims, clicks=clicks, gas_pressure=gas_pressure, dish=0.635e-3, jet_area=2.7 * _MM2)
+
+
+def shim_build(name: str, *, clicks: int = 1, gas_pressure: float = 150.0 * PSI) -> PhysicalDamper:
+    """Return a shock with a flat (linear) main piston, such as those of Table 7.3.
+
+    Args:
+        name: Codes of the compression and rebound stacks in Table 7.2, such as `C/B`; any of the 19 codes.
+        clicks: Clicks of the rebound bleed adjuster from fully open, 0 to 28; more clicks close the bleed.
+        gas_pressure: Gauge pressure of the gas [Pa], 0 to 400 psi.
+
+    Raises:
+        ParameterError: The shim code does not exist, or clicks or pressure are out of range.
+    """
+    compression, slash, rebound = name.partition("/")
+    if not slash:
+        raise ParameterError(f"{name!r} is not a build; write it as COMPRESSION/REBOUND, such as {BUILDS[5]}")
+    shims = Shims(compression, rebound)
+    return shimmed_shock(shims, clicks=clicks, gas_pressure=gas_pressure, dish=0.0, jet_area=0.3 * _MM2)
+
+
+def shimmed_shock(shims: Shims, *, clicks: int, gas_pressure: float, dish: float, jet_area: float) -> PhysicalDamper:
+    """Return a shock with shims, a piston with a dish [m] (0: flat) and a bleed jet [m2].
+
+    Raises:
+        ParameterError: A shim code does not exist, or clicks or pressure are out of range.
+    """
+    if not 0.0 <= gas_pressure <= HIGHEST_GAS:
+        given, most = gas_pressure / PSI, HIGHEST_GAS / PSI
+        raise ParameterError(f"the gas pressure must be 0 to {most:g} psi gauge, not {given:g} psi")
+    compression, rebound = (
+        ShimValve(ShimStack(code), port_area=40.0 * _MM2, edge=0.09, dish=dish)
+        for code in (shims.compression, shims.rebound)
+    )
+    return PhysicalDamper(
+        piston=MainPiston(compression, rebound, Bleed(clicks, area_per_click=0.06 * _MM2), jet_area),
+        head=HeadValve(
+            ShimValve(ShimStack(shims.head), port_area=20.0 * _MM2, edge=0.04, dish=1.1e-3),
+            jet_area=0.3 * _MM2,
+            return_area=40.0 * _MM2,
+        ),
+        gas=GasChamber(gas_pressure),
+    )
+
+
+# ---- Valving for a wanted curve: shims, dish, bleed jet and clicks --------------------------------------------------
+
+#: Areas of the bleed jet in the main piston [m2], and dishes of the piston [m], that a search tries.
+JETS = tuple(1e-6 * area for area in (0.1, 0.2, 0.3, 0.5, 0.8, 1.2, 1.8, 2.7, 4.0))
+DISHES = (0.0, 0.05e-3, 0.1e-3, 0.2e-3, 0.4e-3, 0.635e-3)
+
+#: Levels that a search tries [N].
+LEVELS = np.linspace(-150.0, 150.0, 31)
+
+#: Codes of the shim stacks (Table 7.2).
+_CODES = tuple(SHIM_SETS)
+
+#: Clicks of the rebound bleed from fully open to closed.
+CLICKS = tuple(range(29))
+
+#: Pressure drops of the tables of flow [Pa]: from far below the seal's friction to above any chamber's pressure.
+_DROPS = np.concatenate([[0.0], np.geomspace(1e1, 4e7, 600)])
+
+#: Highest speed to compare [m/s], and number of speeds of a side.
+_REACH, _SPEEDS = 1.3, 40
+
+
+@dataclass(frozen=True, slots=True)
+class Valving:
+    """Parts that a team changes in a shock."""
+
+    compression: str = "B"  #: Code of the compression stack on the main piston (Table 7.2).
+    rebound: str = "B"  #: Code of the rebound stack on the main piston.
+    head: str = "B"  #: Code of the compression stack on the head valve.
+    clicks: int = 1  #: Clicks of the rebound bleed from fully open, 0 to 28.
+    jet: float = 0.3e-6  #: Area of the bleed jet in the main piston [m2].
+    dish: float = 0.0  #: Dish of the main piston [m]; 0 on a linear piston.
+    gas_pressure: float = 150.0 * PSI  #: Gauge pressure of the gas [Pa].
+
+    def damper(self) -> PhysicalDamper:
+        """Return the shock with this valving.
+
+        Raises:
+            ParameterError: A code does not exist, or clicks or pressure are out of range.
+        """
+        return shimmed_shock(
+            Shims(self.compression, self.rebound, self.head),
+            clicks=self.clicks,
+            gas_pressure=self.gas_pressure,
+            dish=self.dish,
+            jet_area=self.jet,
+        )
+
+    def __str__(self) -> str:
+        return (
+            f"shims {self.compression}/{self.rebound}, head {self.head}, {self.clicks} clicks from fully open, "
+            f"jet {1e6 * self.jet:.2g} mm2, dish {1e3 * self.dish:.2g} mm"
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NearestValving:
+    """The valving that comes closest to a curve."""
+
+    valving: Valving  #: Parts.
+    #: Constant force that the curve has in addition to the damper's [N]: gas force and the level of a dynamometer are
+    #: not known exactly, and fitted curves contain a part of them.
+    level: float
+    residual: float  #: RMS difference of the static forces over both sides [N], without the level.
+    relative: float  #: The same as a share of the curve's RMS force [1].
+    velocity: Array  #: Velocities that were compared (N,) [m/s].
+    force: Array  #: Static force of the damper at these, with seal friction and level (N,) [N].
+    combinations: int  #: Number of combinations of parts that were compared.
+    limits: tuple[str, ...]  #: Parts that are at the end of what the search may use.
+
+
+def nearest_valving(force: Callable[[float], float], *, gas_pressure: float = 150.0 * PSI) -> NearestValving:
+    """Return the valving whose static force is closest to a curve at equal steps of the root of the speed.
+
+    All combinations of stacks, clicks, jets and dishes are compared, with the level from -150 to 150 N that suits them
+    best. For given jet, dish and level, the compression side depends on the stacks of compression and head only, and
+    the rebound side on the stack of rebound and the clicks only, so each side is searched on its own. The forces are
+    those of an incompressible fluid, limited by cavitation.
+
+    Args:
+        force: Function that returns the wanted force [N] at a velocity [m/s], including seal friction.
+        gas_pressure: Gauge pressure of the gas [Pa]; it is not searched.
+
+    Raises:
+        ParameterError: The curve has no force, or the gas pressure is out of range.
+    """
+    speeds = _REACH * np.linspace(0.0, 1.0, _SPEEDS + 1)[1:] ** 2
+    up, down = (np.array([sign * force(sign * v) for v in speeds.tolist()]) for sign in (1.0, -1.0))
+    if not (np.any(up) or np.any(down)):
+        raise ParameterError("the wanted curve has no force at any velocity; give a curve of a shock")
+    found = []
+    for dish in DISHES:
+        for jet in JETS:
+            base = Valving(jet=jet, dish=dish, gas_pressure=gas_pressure)
+            compression = _side(_compression_forces(base, speeds), up, LEVELS)
+            rebound = _side(_rebound_forces(base, speeds), down, -LEVELS)
+            sums = compression.loss + rebound.loss
+            k = int(sums.argmin())
+            (stack, head), (other, clicks) = compression.choices[k], rebound.choices[k]
+            parts = replace(
+                base, compression=_CODES[stack], head=_CODES[head], rebound=_CODES[other], clicks=int(clicks)
+            )
+            found.append((float(sums[k]), parts))
+    return _stated(min(found, key=lambda pair: pair[0])[1], speeds, up, down)
+
+
+class _Closest(NamedTuple):
+    """Squared error of the closest two parts at each level (L,), and the indices of these parts (L, 2)."""
+
+    loss: Array
+    choices: Integers
+
+
+def _side(forces: Array, wanted: Array, levels: Array) -> _Closest:
+    """Return the closest of forces (A, B, N) [N] to the wanted ones (N,) less each level (L,)."""
+    errors = forces - wanted
+    square, mean = (errors**2).sum(axis=-1), errors.sum(axis=-1)
+    sums = square + levels[:, None, None] * (2.0 * mean + levels[:, None, None] * wanted.size)
+    flat = sums.reshape(levels.size, -1)
+    best = flat.argmin(axis=1)
+    return _Closest(flat.min(axis=1), np.stack(np.unravel_index(best, square.shape), axis=-1))
+
+
+def _stated(valving: Valving, speeds: Array, up: Array, down: Array) -> NearestValving:
+    damper = valving.damper()
+    velocity = np.concatenate([-speeds[::-1], speeds])
+    wanted = np.concatenate([-down[::-1], up])
+    static = np.array([damper.static_force(v) for v in velocity.tolist()]) + damper.seals.drag * np.sign(velocity)
+    level = float(np.mean(wanted - static))
+    residual = float(np.sqrt(np.mean((static + level - wanted) ** 2)))
+    ends: dict[str, tuple[object, object]] = {"jet": (JETS[0], JETS[-1]), "dish": (None, DISHES[-1])}
+    ends |= dict.fromkeys(("compression", "rebound", "head"), (_CODES[0], _CODES[-1]))
+    limits = tuple(name for name, pair in ends.items() if getattr(valving, name) in pair)
+    count = len(DISHES) * len(JETS) * len(_CODES) ** 3 * len(CLICKS)
+    relative = residual / float(np.sqrt(np.mean(wanted**2)))
+    return NearestValving(valving, level, residual, relative, velocity, static + level, count, limits)
+
+
+def _compression_forces(base: Valving, speeds: Array) -> Array:
+    """Return the force [N] with each compression stack and each head stack (19, 19, N) at speeds (N,) [m/s]."""
+    damper = base.damper()
+    rod, area = damper.cylinder.rod_area, damper.cylinder.rebound_area
+    main = np.stack([_drops(passage, area * speeds) for passage in _main_passages(base, "compression")])
+    head = np.stack([_drops(passage, rod * speeds) for passage in _head_passages(base)])
+    pressure = damper.gas.charge + head
+    behind = np.maximum(pressure - main[:, None], damper.fluid.vapour_pressure)
+    return np.asarray(_rod_force(damper, pressure, behind) + damper.seals.drag, dtype=np.float64)
+
+
+def _rebound_forces(base: Valving, speeds: Array) -> Array:
+    """Return the force [N] with each rebound stack and each number of clicks (19, 29, N) at speeds (N,) [m/s]."""
+    damper = base.damper()
+    rod, area = damper.cylinder.rod_area, damper.cylinder.rebound_area
+    opened, closed = (replace(base, clicks=clicks).damper().main_valve.backward.orifice for clicks in (0, CLICKS[-1]))
+    orifices = [opened + (closed - opened) * clicks / CLICKS[-1] for clicks in CLICKS]
+    shims = _main_passages(base, "rebound")
+    main = np.stack([[_drops(shim._replace(orifice=o), area * speeds) for o in orifices] for shim in shims])
+    drop = _drops(damper.head_valve.backward, rod * speeds)
+    pressure = np.maximum(damper.gas.charge - drop, damper.fluid.vapour_pressure)
+    return np.asarray(damper.seals.drag - _rod_force(damper, pressure, pressure + main), dtype=np.float64)
+
+
+def _rod_force(damper: PhysicalDamper, compression: Array, rebound: Array) -> Array:
+    """Return the force of the valves [N] at absolute chamber pressures [Pa], without gas force, as `static_force`."""
+    cylinder = damper.cylinder
+    force = compression * cylinder.compression_area - rebound * cylinder.rebound_area
+    return np.asarray(force - damper.gas.charge * cylinder.rod_area)
+
+
+def _main_passages(base: Valving, side: str) -> list[Passage]:
+    """Return the main piston's passage of one side with each stack."""
+    valves = [replace(base, compression=code, rebound=code).damper().main_valve for code in _CODES]
+    return [valve.forward if side == "compression" else valve.backward for valve in valves]
+
+
+def _head_passages(base: Valving) -> list[Passage]:
+    return [replace(base, head=code).damper().head_valve.forward for code in _CODES]
+
+
+def _drops(passage: Passage, flows: Array) -> Array:
+    """Return the pressure drops (N,) [Pa] of a passage at flows (N,) [m3/s], from a table of its flow."""
+    return np.asarray(np.interp(flows, passage.flow(_DROPS), _DROPS), dtype=np.float64)

@@ -21,7 +21,7 @@ from eightpost.units import convert
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from eightpost.virtual.flexible import AnyCar
+    from eightpost.virtual.car import AnyCar
 
 
 # ---- Track for the seven-DOF car: rough road and slow body loads (dissertation 6.1.3) -------------------------------

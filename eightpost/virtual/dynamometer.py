@@ -19,8 +19,7 @@ from eightpost.signals.drivefile import Drivefile
 from eightpost.signals.parquet_file import write_parquet
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
-from eightpost.virtual.builds import CONFIGURATIONS, SHIMS_OF_BUILD, configuration, shim_build
-from eightpost.virtual.damper import PhysicalDamper
+from eightpost.virtual.damper import CONFIGURATIONS, SHIMS_OF_BUILD, PhysicalDamper, configuration, shim_build
 from eightpost.virtual.shocks import TruthDamper
 from eightpost.virtual.valves import cavitation
 

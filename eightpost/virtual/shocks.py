@@ -16,8 +16,7 @@ from eightpost.shock.file import read_shock
 from eightpost.shock.law import ShockLaw
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
-from eightpost.virtual.builds import configuration, shim_build
-from eightpost.virtual.damper import PhysicalDamper
+from eightpost.virtual.damper import PhysicalDamper, configuration, shim_build
 from eightpost.virtual.kernel import FLUID, LINEAR, ShockRow, along
 
 

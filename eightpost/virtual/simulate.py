@@ -25,7 +25,7 @@ from eightpost.workers.process import usable_processors
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from eightpost.virtual.flexible import AnyCar
+    from eightpost.virtual.car import AnyCar
     from eightpost.virtual.shocks import Shock
 
     Channels = dict[str, tuple[str, Array]]

@@ -147,15 +147,25 @@ def write_system(path: Path, chosen: Mapping[str, Any], root: Path) -> None:
         lines += ["[[bond]]", f'between = ["car.{corner}", "{corner}"]', ""]
     recorded = [f"car.{corner}.{name}" for name in _CAR for corner in CORNERS] + [f"car.{name}" for name in _WHOLE]
     recorded += [f"{corner}.{name}" for name in _SHOCK for corner in CORNERS]
-    lines += [
-        "[scenario]",
-        f"drivefile = {text((root / chosen['drive']).as_posix())}",
-        f"stop = {float(chosen['stop'])}",
-    ]
+    drive = root / chosen["drive"]
+    lines += ["[scenario]", f"drivefile = {text(drive.as_posix())}", f"stop = {float(chosen['stop'])}"]
+    lines += _driving(drive) if drive.parent.name == "rig" else []
     lines += ['record_step = "2 ms"', f"record = {json.dumps(recorded)}", ""]
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(path) as temporary:
         temporary.write_text("\n".join(lines), encoding="utf-8")
+
+
+def _driving(record: Path) -> list[str]:
+    """Return the lines with which a rig record drives the car: by its roads and loads, not by what was measured."""
+    from eightpost.signals import ChannelMap, read_records
+    from eightpost.signals.raw_record import MAP_BESIDE
+
+    beside = record.with_name(MAP_BESIDE)
+    names = ChannelMap.read(beside).channels if beside.is_file() else read_records(record)[0].names
+    targets = [f'"{name}" = "car.{name}"' for name in names if name.rpartition(".")[2] in ("road", "aero")]
+    mapped = [f"channel_map = {json.dumps(beside.as_posix())}"] if beside.is_file() else []
+    return [*mapped, f"targets = {{ {', '.join(targets)} }}"]
 
 
 def _runs(window: Window, chosen: dict[str, Any]) -> tuple[list[str], dict[str, SavedRun], EightpostError | None]:

@@ -19,8 +19,7 @@ from eightpost.__main__ import VERBS, main
 from eightpost.ident.shock.law_fit import GasTreatment, RecipeName, Robust
 from eightpost.ident.vehicle.plan import RECIPES
 from eightpost.shock import LAWS
-from eightpost.virtual.program import PROGRAMS
-from eightpost.virtual.truths import TRUTHS
+from eightpost.virtual.program import PROGRAMS, TRUTHS
 
 SLOW = ("numpy", "scipy", "matplotlib", "numba", "llvmlite", "pint", "pyarrow", "plotly", "pydantic", "fmpy", "jinja2")
 

@@ -26,7 +26,7 @@ from eightpost.api.shape_page import (
 from eightpost.api.shapes import Aim, Curves, Neighbour, Request, Target
 from eightpost.shock.shape import Shape, ShapeFit, Side
 from eightpost.verdict import is_intact
-from eightpost.virtual.builds import NearestValving, Valving
+from eightpost.virtual.damper import NearestValving, Valving
 
 CORNERS = ("lf", "rf", "lr", "rr")
 SHAPE = Shape(Side(3e3, 1500.0, 0.1, 600.0, 100.0), Side(4e3, 1500.0, 0.1, 600.0, 100.0))

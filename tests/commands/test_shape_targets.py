@@ -14,7 +14,7 @@ from eightpost.api import shapes as shape_search
 from eightpost.api.shapes import targets_of
 from eightpost.shock import Shock, write_shock
 from eightpost.shock.shape import Shape, Side
-from eightpost.virtual.builds import NearestValving, Valving
+from eightpost.virtual.damper import NearestValving, Valving
 
 SOFT = Shape(Side(3e3, 1500.0, 0.1, 600.0, 100.0), Side(4e3, 1500.0, 0.1, 600.0, 100.0), lag=2e-3, gas=20.0)
 STIFF = SOFT.with_numbers({"rebound.low": 3000.0, "compression.high": 900.0})

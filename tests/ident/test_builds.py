@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -13,40 +12,17 @@ from eightpost.__main__ import main
 from eightpost.ident import fit_shock
 from eightpost.ident.shock.law_fit import _left_out_builds
 from eightpost.ident.shock.runs import prepare_runs
-from eightpost.ident.shock.simulation import simulate
 from eightpost.rig.dyno_conditions import DynoConditions
-from eightpost.rig.dyno_test import DynoTest
-from eightpost.shock import Lpf1, Port, StaticCurve, read_shock
-from eightpost.signals import TimeSeries
-from eightpost.virtual.dynamometer import random_multisine
-
-RATE, FINE = 500.0, 2000.0
-SHARES = np.sign(np.linspace(-1.0, 1.0, 25)) * np.abs(np.linspace(-1.0, 1.0, 25)) ** 1.8
+from eightpost.shock import Lpf1, Port, read_shock
+from tests.ident.dyno_records import DIGRESSIVE, SHARES, curve_of, record_of
 
 
 def law(compression=1.0, rebound=1.0):
-    slope = (1200.0 + 5000.0 / (1.0 + (8.0 * SHARES) ** 2)) * np.where(SHARES > 0.0, compression, rebound)
-    velocity = 0.8 * SHARES
-    force = np.concatenate([[0.0], np.cumsum(0.5 * (slope[1:] + slope[:-1]) * np.diff(velocity))])
-    curve = StaticCurve.through_knots(*(tuple(v.tolist()) for v in (velocity, force - force[12], slope)))
-    return Lpf1(curve, 3e-3, port=Port(gas_preload=150.0))
-
-
-@lru_cache
-def motion(seed):
-    drive = random_multisine(seed, duration=6.0, rate=FINE).series
-    velocity = np.gradient(drive["displacement"], 1.0 / FINE)
-    channels = {"displacement": ("m", drive["displacement"]), "velocity": ("m/s", velocity)}
-    return TimeSeries.from_channels(drive.time, channels)
+    return Lpf1(curve_of(DIGRESSIVE * np.where(SHARES > 0.0, compression, rebound)), 3e-3, port=Port(gas_preload=150.0))
 
 
 def record(truth, seed, build):
-    fine = motion(seed)
-    every = round(FINE / RATE)
-    force = simulate(truth, fine)[::every]
-    kept = fine.at(slice(None, None, every))
-    noise = 4.0 * np.random.default_rng(seed).standard_normal(force.size)
-    return DynoTest(kept.with_channel("force", "N", force + noise), conditions=DynoConditions(build=build))
+    return record_of(truth, seed, duration=6.0, noise=4.0, conditions=DynoConditions(build=build))
 
 
 SCALES = {"a": (0.93, 1.02), "b": (1.0, 1.0), "c": (1.06, 0.97), "d": (1.01, 1.01)}

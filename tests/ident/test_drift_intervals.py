@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from eightpost.ident import fit_shock
 from eightpost.ident.shock.runs import prepare_runs
-from eightpost.ident.shock.simulation import simulate
-from eightpost.rig.dyno_test import DynoTest
-from eightpost.shock import Lpf1, StaticCurve
-from eightpost.signals import TimeSeries
-from eightpost.virtual.dynamometer import random_multisine
-
-RATE = 500.0
-SHARES = np.sign(np.linspace(-1.0, 1.0, 25)) * np.abs(np.linspace(-1.0, 1.0, 25)) ** 1.8
+from eightpost.shock import Lpf1
+from tests.ident.dyno_records import curve_of, record_of
 
 
 def law():
-    slope = 1200.0 + 5000.0 / (1.0 + (8.0 * SHARES) ** 2)
-    velocity = 0.8 * SHARES
-    force = np.concatenate([[0.0], np.cumsum(0.5 * (slope[1:] + slope[:-1]) * np.diff(velocity))])
-    curve = StaticCurve.through_knots(*(tuple(v.tolist()) for v in (velocity, force - force[12], slope)))
-    return Lpf1(curve, 3e-3)
+    return Lpf1(curve_of(), 3e-3)
 
 
 def record(*, loss=0.0, rebound_loss=0.0, kelvin=None, seed=3, noise=4.0):
@@ -35,20 +27,17 @@ def record(*, loss=0.0, rebound_loss=0.0, kelvin=None, seed=3, noise=4.0):
         seed: Seed of motion and noise.
         noise: Standard deviation of the noise [N].
     """
-    fine = random_multisine(seed, duration=11.0, rate=2000.0).series
-    velocity = np.gradient(fine["displacement"], 1.0 / 2000.0)
-    channels = {"displacement": ("m", fine["displacement"]), "velocity": ("m/s", velocity)}
-    fine = TimeSeries.from_channels(fine.time, channels)
-    share = fine.time / fine.time[-1]
-    force = simulate(law(), fine)
-    force *= 1.0 - share * np.where(force < 0.0, loss + rebound_loss, loss)
-    kept = fine.at(slice(None, None, 4))
-    random = np.random.default_rng(seed)
-    kept = kept.with_channel("force", "N", force[::4] + noise * random.standard_normal(len(kept)))
-    if kelvin is not None:
-        heat = 320.0 + kelvin * share[::4] + 0.1 * random.standard_normal(len(kept))
-        kept = kept.with_channel("temperature", "K", heat)
-    return DynoTest(kept)
+
+    def factor(series, force):
+        share = series.time / series.time[-1]
+        return 1.0 - share * np.where(force < 0.0, loss + rebound_loss, loss)
+
+    test = record_of(law(), seed, duration=11.0, noise=noise, factor=factor)
+    if kelvin is None:
+        return test
+    share = test.series.time / test.series.time[-1]
+    heat = 320.0 + kelvin * share + 0.1 * np.random.default_rng(seed).standard_normal(share.size)
+    return replace(test, series=test.series.with_channel("temperature", "K", heat))
 
 
 def band(fit, velocity):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib.util import module_from_spec, spec_from_file_location
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,6 +13,7 @@ from hypothesis.extra.numpy import arrays
 from eightpost.errors import MissingChannelError
 from eightpost.ident import simulate
 from eightpost.shock import Lpf1, Lpnl2, Polylinear, Port
+from eightpost.shock.compiled import _number_of, law_numbers, record_loop, stepped_force
 from eightpost.signals import TimeSeries
 
 PORT = Port(1.2, 0.9, 1.1, 700.0, 200.0, 15.0, 0.004)
@@ -65,3 +68,44 @@ def test_without_displacement_the_gas_spring_rests_at_its_reference(curve):
 def test_without_velocity_it_says_so(curve):
     with pytest.raises(MissingChannelError, match="velocity"):
         simulate(Polylinear(curve), record(np.zeros(5), np.arange(5.0)).select(["displacement"]))
+
+
+OWN = (1.3e-3, 400.0, 900.0)
+
+
+@pytest.fixture
+def driven_law(curve):
+    velocity = np.sin(np.linspace(0.0, 30.0, 400))
+    return Lpnl2(curve, *OWN), velocity, np.full(399, 1e-3)
+
+
+def test_the_compiled_law_is_the_scalar_law(driven_law):
+    law, velocity, step = driven_law
+    found = stepped_force(Lpnl2, law.valve._replace(curve=law.curve.numbers()), OWN, velocity, step)
+    lagged = [law.static_force(velocity[0])]
+    for start, end, h in zip(velocity[:-1], velocity[1:], step, strict=True):
+        lagged.append(law.advance(lagged[-1], start, end, h))
+    expected = [law.response(f, v, 0.0).force for f, v in zip(lagged, velocity, strict=True)]
+    np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-8)
+
+
+def test_the_machine_code_is_found_on_disk_the_second_time(driven_law):
+    law, velocity, step = driven_law
+    valve = law.valve._replace(curve=law.curve.numbers())
+    stepped_force(Lpnl2, valve, OWN, velocity, step)
+    again = record_loop.__wrapped__()
+    again(law_numbers([law]), velocity, step, np.empty((velocity.size, 2)), np.empty(velocity.size))
+    assert sum(again.stats.cache_hits.values()) == 1
+    assert not again.stats.cache_misses
+
+
+def test_the_cache_key_changes_when_a_file_changes(tmp_path):
+    path = tmp_path / "law.py"
+    numbers = []
+    for factor in (1, 2):
+        path.write_text(f"def core(x):\n    return {factor} * x\n")
+        module = module_from_spec(spec_from_file_location("law", path))
+        module.__spec__.loader.exec_module(module)
+        numbers.append(_number_of({module.core}))
+    assert numbers[0] != numbers[1]
+    assert min(numbers) > 0

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 
 from eightpost.shock import Lpf1, Lpnl2, Polylinear, Port, fit_parameters
-from eightpost.shock.curve import cell_of, outer_share
+from eightpost.shock.curve import outer_share
 from eightpost.shock.law import MOST_PIECES, STRAIGHT, Piece, valve_force
 from eightpost.shock.laws import law_module, own_parameters
 
@@ -78,19 +78,6 @@ def test_the_outer_cubics_share_rises_linearly_over_the_transitions_width(speed,
     assert plateaus.force(-speed) == pytest.approx(-500.0 * share, abs=1e-9)
 
 
-def test_the_inner_polynomial_has_the_rest_of_the_share():
-    line = curve(**PLATEAUS | {"inner": (400.0, *[0.0] * 14)})
-    # 400 v / 0.4 inside, of which three quarters are left a quarter of the way through.
-    assert line.force(0.395) == pytest.approx(0.75 * 395.0 + 250.0, rel=1e-12)
-    assert line.force(-0.395) == pytest.approx(-0.75 * 395.0 - 125.0, rel=1e-12)
-
-
-def test_the_transition_may_reach_almost_down_to_zero_velocity():
-    wide = curve(**PLATEAUS | {"transition_width": 0.79})
-    assert wide.force(0.0) == 0.0
-    assert wide.force(0.4 + 0.79 / 4.0) == pytest.approx(750.0, rel=1e-12)
-
-
 @given(st.floats(0.0, 10.0))
 def test_beyond_the_fitted_range_the_curve_is_a_straight_line(beyond):
     c = curve()
@@ -121,13 +108,6 @@ def test_a_quadratic_cell_has_a_straight_slope_between_those_of_its_knots():
         assert rise / (0.5 * (w - v)) == pytest.approx(0.5 * (c.knot_slope[k] + c.knot_slope[k + 1]), rel=1e-9)
 
 
-@given(st.integers(0, 24), st.floats(0.0, 1.0))
-def test_a_velocity_is_in_the_cell_whose_lower_knot_is_the_last_not_above_it(k, share):
-    knots = knot_curve().knot_velocity
-    v = knots[0] + share * (knots[-1] - knots[0]) if k == 24 else knots[k]
-    assert cell_of(knots, v) == min(max(np.searchsorted(knots, v, side="right") - 1, 0), 23)
-
-
 @given(velocities)
 def test_a_rising_curve_through_knots_is_continuous(v):
     step = 1e-9
@@ -142,14 +122,6 @@ def test_beyond_fit_is_reported():
 def test_the_lag_covers_1_minus_1_over_e_of_a_step_in_one_time_constant():
     law, static = LAWS["lpf1"], LAWS["lpf1"].static_force(0.2)
     assert law.advance(0.0, 0.2, 0.2, TAU) == pytest.approx(static * (1.0 - exp(-1.0)), rel=1e-14)
-
-
-@given(forces, forces, forces, st.floats(1e-7, 0.05), st.floats(0.01, 0.99))
-def test_one_step_of_the_lag_equals_two_for_a_linear_static_force(lagged, start, end, step, split):
-    law = LAWS["lpf1"]
-    middle = start + split * (end - start)
-    halves = law.advance_lag(law.advance_lag(lagged, start, middle, split * step), middle, end, (1 - split) * step)
-    assert law.advance_lag(lagged, start, end, step) == pytest.approx(halves, abs=1e-9)
 
 
 @pytest.mark.parametrize("step", [1e-4, 1e-3, 1e-2])
@@ -224,18 +196,6 @@ def test_a_gas_spring_acts_through_the_motion_ratio_twice():
     assert port.gas_force(0.02) == pytest.approx(90.0 + 700.0 * 0.8 * 0.02, rel=1e-14)
     response = Polylinear(curve(), port=port).response(0.0, 0.0, 0.02)
     assert response.force == pytest.approx(0.8 * (90.0 + 700.0 * 0.8 * 0.02), rel=1e-14)
-
-
-def test_a_default_port_adds_nothing_and_scales_nothing():
-    response = Polylinear(curve()).response(0.0, 0.1, 0.02)
-    assert response.force == response.static_force == curve().force(0.1)
-    assert Polylinear(curve()).response(0.0, -0.1, 0.02).force == curve().force(-0.1)
-
-
-def test_the_scales_act_on_their_own_side():
-    law = Polylinear(curve(), port=Port(compression_scale=1.5, rebound_scale=0.5))
-    assert law.static_force(0.3) == 1.5 * curve().force(0.3)
-    assert law.static_force(-0.3) == 0.5 * curve().force(-0.3)
 
 
 def test_the_scales_act_on_their_own_side_in_the_core_functions_too():

@@ -32,8 +32,8 @@ from eightpost.virtual import (
     stand_in_truth,
     truth_named,
 )
+from eightpost.virtual.car import base_car
 from eightpost.virtual.drivefiles import RATE
-from eightpost.virtual.flexible import base_car
 from eightpost.virtual.kernel import slide
 
 POUND, INCH = convert(1.0, "lbf", "N"), convert(1.0, "in", "m")

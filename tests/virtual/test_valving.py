@@ -9,7 +9,7 @@ import pytest
 
 from eightpost.errors import ParameterError
 from eightpost.shock import read_shock
-from eightpost.virtual.builds import Valving, nearest_valving
+from eightpost.virtual.damper import Valving, nearest_valving
 
 BANK = Path(__file__).resolve().parents[2] / "examples" / "bank"
 
@@ -31,9 +31,9 @@ def wanted(valving, level):
 
 @pytest.mark.parametrize("level", [-40.0, 60.0])
 def test_among_few_parts_the_valving_of_a_curve_is_found_with_its_level(monkeypatch, level):
-    monkeypatch.setattr("eightpost.virtual.builds._CODES", ("B", "C", "E", "F"))
-    monkeypatch.setattr("eightpost.virtual.builds.JETS", (0.3e-6, 0.5e-6, 0.8e-6))
-    monkeypatch.setattr("eightpost.virtual.builds.DISHES", (0.0, 0.1e-3, 0.2e-3))
+    monkeypatch.setattr("eightpost.virtual.damper._CODES", ("B", "C", "E", "F"))
+    monkeypatch.setattr("eightpost.virtual.damper.JETS", (0.3e-6, 0.5e-6, 0.8e-6))
+    monkeypatch.setattr("eightpost.virtual.damper.DISHES", (0.0, 0.1e-3, 0.2e-3))
     valving = Valving("C", "E", head="C", clicks=12, jet=0.5e-6, dish=0.1e-3)
     found = nearest_valving(wanted(valving, level))
     assert (found.valving, found.limits, found.combinations) == (valving, (), 3 * 3 * 4**3 * 29)

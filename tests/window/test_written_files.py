@@ -9,6 +9,7 @@ pytest.importorskip("nicegui")
 
 from cosim.study.study_file import source_files
 from eightpost.corners import CORNERS
+from eightpost.window.channels import write_map
 from eightpost.window.study import OBJECTIVES, write_study
 from eightpost.window.system import write_system
 
@@ -36,3 +37,14 @@ def test_a_study_names_the_files_that_were_chosen(tmp_path):
     write_study(tmp_path / "studies" / "s" / "study.toml", chosen, tmp_path)
     names = {path.relative_to(tmp_path).as_posix() for path in source_files(tmp_path / "studies" / "s" / "study.toml")}
     assert names == {"car.toml", "shocks/A.json", "shocks/B.json"}
+
+
+def test_a_rig_record_drives_the_car_by_its_roads_and_loads(tmp_path):
+    (tmp_path / "rig").mkdir()
+    columns = {"lf.road": "WL FL Pos", "lf.aero": "AL FL", "lf.force": "Damper FL", "lf.tire_force": "WL FL Load"}
+    write_map(tmp_path / "rig" / "rig_map.toml", columns, {"lf.force"})
+    chosen = {"name": "lap", "car": "car.json", "drive": "rig/lap.csv", "stop": 3} | dict.fromkeys(CORNERS, "a.json")
+    write_system(tmp_path / "system.toml", chosen, tmp_path)
+    scenario = tomllib.loads((tmp_path / "system.toml").read_text())["scenario"]
+    assert scenario["targets"] == {"lf.road": "car.lf.road", "lf.aero": "car.lf.aero"}
+    assert Path(scenario["channel_map"]) == tmp_path / "rig" / "rig_map.toml"

@@ -289,9 +289,6 @@ class CarCorner:
         """Return c r^2 / (2 sqrt(k m)) [1] of a damping rate c at the damper [N.s/m].
 
         The tire is rigid in this equation, and the damper moves r times as far as the wheel.
-
-        Args:
-            rate: Damping rate at the damper [N.s/m].
         """
         if isinstance(rate, Unknown):
             return rate
@@ -300,10 +297,6 @@ class CarCorner:
 
 def corners_of_car(path: Path, motion_ratio: float = 1.0) -> tuple[CarCorner, ...]:
     """Return the corners of a car file: one of a quarter car, four of a seven-DOF car with the static weight of each.
-
-    Args:
-        path: Vehicle file (.toml) with masses and rates.
-        motion_ratio: Damper travel per wheel travel [1].
 
     Raises:
         InputError: The file is an identified model, which has no separate masses and rates.
@@ -446,11 +439,6 @@ def read_entries(
     belongs to the build of the record that it was fitted to, if that record is among the files. Otherwise the name of
     the file is the build.
 
-    Args:
-        paths: Files of records, peak-velocity tables and shocks.
-        reading: Options.
-        advance: Callback that receives the number of files that were read.
-
     Raises:
         InputError: A file cannot be read, or there is no file.
     """
@@ -513,11 +501,6 @@ def _with_unique_names(entries: Sequence[Entry]) -> tuple[Entry, ...]:
 
 def read_limits(path: Path, reading: Reading, tolerances: Sequence[tuple[float, str]]) -> CurveLimits:
     """Return the limits of a master curve: of a dynamometer file or a shock file with one curve.
-
-    Args:
-        path: File; a table of peak velocities may have a column of tolerances.
-        reading: Options, without builds and cycles.
-        tolerances: Values with the unit `%` or `N` for a file without tolerances; the largest one counts.
 
     Raises:
         InputError: The file has several curves, or there is no tolerance.

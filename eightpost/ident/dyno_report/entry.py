@@ -248,15 +248,7 @@ _NO_RECORD = Unknown("a law has no record; see its runs")
 
 
 def entry_of_shock(shock: Shock, name: str, build: str, *, source: Path | None = None, sha256: str = "") -> Entry:
-    """Return the entry of a fitted law; see `entry_of_test` for the arguments.
-
-    Args:
-        shock: Shock.
-        name: Unique display name.
-        build: Name of the build.
-        source: Path of the shock file.
-        sha256: Digest of the shock file.
-    """
+    """Return the entry of a fitted law; see `entry_of_test` for the arguments."""
     curve, port, known = curve_of_law(shock.law), shock.law.port, shock.conditions
     heat = _numbers(known.get("temperature_range [K]"))
     pressure, clicks = known.get("gas_pressure [Pa]"), known.get("clicks")

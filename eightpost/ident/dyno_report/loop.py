@@ -303,11 +303,7 @@ class SlowFigures:
 
 
 def slow_figures(series: TimeSeries) -> SlowFigures:
-    """Return the figures of the slow parts of a record: holds, and motions below 10 mm/s and 0.05 m/s2.
-
-    Args:
-        series: Record with an even time step, `velocity` [m/s], `force` [N], and if known `displacement` [m].
-    """
+    """Return the figures of the slow parts of a record: holds, and motions below 10 mm/s and 0.05 m/s2."""
     rate = series.sample_rate
     velocity = lowpass(series["velocity"], rate, min(CUTOFF, 0.2 * rate), order=2)
     direction = _direction(velocity, rate)
@@ -506,9 +502,6 @@ def closed_loop(series: TimeSeries) -> TimeSeries:
         a spring in series:   F = f(v - dF/dt / K) + k (x - middle),  with K such that the mean lag is d
 
     The stiffness k, 0 or more, is that of force over displacement within the classes of velocity.
-
-    Args:
-        series: Record with an even time step, `velocity` [m/s] and `force` [N].
     """
     time, rate, velocity, force = series.time, series.sample_rate, series["velocity"], series["force"]
     path = path_of(series)

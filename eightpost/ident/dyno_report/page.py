@@ -623,11 +623,6 @@ _DEFINITIONS = (
 def write_report(path: str | Path, report: DynoReport, *, title: str = "Dynamometer report") -> Path:
     """Write a report as one HTML page; an existing file is replaced only when the new one is complete.
 
-    Args:
-        path: File to write.
-        report: Content.
-        title: Heading of the page.
-
     Returns:
         Path of the written file.
     """

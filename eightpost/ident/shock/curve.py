@@ -61,9 +61,6 @@ class KnotBasis:
     def design(self, velocity: Array) -> Array:
         """Return the matrix (N, K) whose product with the slopes (K,) [N.s/m] is F_s (N,) [N].
 
-        Args:
-            velocity: Damper velocity (N,) [m/s].
-
         Returns:
             Matrix with contiguous columns.
         """
@@ -161,9 +158,6 @@ class CurveBasis:
 
         Columns: (v / v_t)^k, k = 1 .. 15; then ((|v| - v_t) / v_t)^k, k = 0 .. 3, in compression and in rebound;
         each weighted by its share of the blend. The fitted range belongs to the curve and is not used here.
-
-        Args:
-            velocity: Damper velocity (N,) [m/s].
 
         Returns:
             Matrix with contiguous columns.
@@ -299,13 +293,7 @@ _NOTABLE_FALL = 1e-3
 
 
 def fitted_curve(basis: CurveBasis | KnotBasis, coefficients: Array, velocity: Array) -> tuple[StaticCurve, list[str]]:
-    """Return the curve of coefficients (C,) with straight ends, and warnings.
-
-    Args:
-        basis: Basis functions of the curve.
-        coefficients: Coefficients in the order of the design.
-        velocity: All velocities (N,) of the fit [m/s]; their range becomes the fitted range of polynomials.
-    """
+    """Return the curve of coefficients (C,) with straight ends, and warnings."""
     if isinstance(basis, KnotBasis):
         return basis.static_curve(coefficients), []
     highest, lowest = float(velocity.max()), float(velocity.min())
@@ -421,13 +409,7 @@ def _filled(knots: Array) -> Array:
 
 
 def _kept(joined: PchipInterpolator, speeds: Array, side: float) -> Array:
-    """Return zero and the speeds of a side (at most 13,) that become knots.
-
-    Args:
-        joined: Interpolant of all points.
-        speeds: Zero and the speeds of the side's points, ascending [m/s].
-        side: Sign of the velocities, 1 or -1.
-    """
+    """Return zero and the speeds of a side (at most 13,) that become knots."""
     if speeds.size <= MOST_POINTS + 1:
         return speeds
     if speeds.size > _MOST_CANDIDATES:

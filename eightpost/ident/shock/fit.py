@@ -215,13 +215,7 @@ _FINE = 10.0
 
 
 def _spikes_of(raw: Array, predicted: Array, deviation: float) -> tuple[Array, NDArray[np.bool_]]:
-    """Return a raw signal (N,) without its spikes, and which samples (N,) were spikes.
-
-    Args:
-        raw: Measured signal.
-        predicted: Signal predicted by a model; a running median follows the remainder.
-        deviation: Standard deviation of the signal.
-    """
+    """Return a raw signal (N,) without its spikes, and which samples (N,) were spikes."""
     left, clean = raw - predicted, raw
     for size, share in _SPIKES:
         rest = left - median_filter(left, size=size, mode="nearest")
@@ -232,13 +226,7 @@ def _spikes_of(raw: Array, predicted: Array, deviation: float) -> tuple[Array, N
 
 
 def without_spikes(test: DynoTest, prepared: PreparedRun, force: Array) -> tuple[DynoTest, int]:
-    """Return a test whose force has no spikes over the prepared segment, and the number of replaced samples.
-
-    Args:
-        test: Measured test.
-        prepared: Prepared part of the test.
-        force: Force (N,) predicted at the prepared record's samples [N].
-    """
+    """Return a test whose force has no spikes over the prepared segment, and the number of replaced samples."""
     if test.series.sample_rate < _FINE * prepared.cutoff:
         return test, 0
     time = test.series.time - test.series.time[0]
@@ -276,12 +264,7 @@ _SCREENINGS = 3
 def screened_runs(
     tests: Sequence[DynoTest], prepared: Callable[[Sequence[DynoTest]], Runs]
 ) -> tuple[Runs, int, list[str]]:
-    """Return runs without spikes, the number of replaced samples, and notes on what was replaced.
-
-    Args:
-        tests: Measured tests.
-        prepared: Function that prepares tests for the fit.
-    """
+    """Return runs without spikes, the number of replaced samples, and notes on what was replaced."""
     cleaned, notes = [], []
     total = 0
     for test in tests:

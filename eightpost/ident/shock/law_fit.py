@@ -32,7 +32,7 @@ RecipeName = Literal["joint", "boggs"]
 #: The law of a fit if none is named, by recipe.
 DEFAULT_LAW = {"joint": "hysteresis", "boggs": "lpnl2"}
 
-#: Form of a law that has a recipe of its own (hysteresis_fit.py).
+#: Form of a law that has a recipe of its own (hysteresis.py).
 _LAGGED_VELOCITY = "lagged velocity"
 
 _NO_CHOICE = "the choice among laws, 'auto', was removed: omit the law, and hysteresis is fitted"
@@ -53,9 +53,6 @@ class Choices:
 
     def law(self, name: str | None) -> str:
         """Return the law to fit, if all options are known.
-
-        Args:
-            name: Name of the law; None for the default.
 
         Raises:
             ParameterError: An option or the law is unknown.
@@ -80,7 +77,7 @@ class Choices:
 
 
 def has_own_recipe(law: str) -> bool:
-    """Return whether a law is fitted by a recipe of its own (hysteresis_fit.py)."""
+    """Return whether a law is fitted by a recipe of its own (hysteresis.py)."""
     return fit_form(LAWS[law]) == _LAGGED_VELOCITY
 
 
@@ -139,14 +136,7 @@ class FittedLaw(ABC):
 
 
 def joint_model(groups: Sequence[Runs], gas: GasColumns, dynamics: Dynamics, *, cells: int = CELLS) -> FitModel:
-    """Return the model of the runs of each setting: their curves have the same knots.
-
-    Args:
-        groups: Runs of each setting.
-        gas: Columns of the gas force over the samples of all of them.
-        dynamics: Dynamics of the law.
-        cells: Number of cells of a curve on each side.
-    """
+    """Return the model of the runs of each setting: their curves have the same knots."""
     knots = KnotBasis.of(np.concatenate([runs.velocity[runs.inside] for runs in groups]), cells=cells)
     models, start, offset = [], 0, 0
     for runs in groups:

@@ -148,15 +148,7 @@ def fit_tables(
     build: str | None = None,
     gas: GasTreatment = "estimate",
 ) -> tuple[_FittedTable, ...]:
-    """Fit and write a shock for each table of a file.
-
-    Args:
-        tables: Tables, one for each setting of the adjusters.
-        output: Shock file; of several tables, each has the setting in its file name and its shock's name.
-        name: Name of the shock.
-        build: Team's own name for the shock build.
-        gas: Treatment of the gas force; see `fit_peak_velocity`.
-    """
+    """Fit and write a shock for each table of a file."""
     fitted = []
     for table in tables:
         shock, path = fit_peak_velocity(table, name=name, gas=gas), output
@@ -228,12 +220,6 @@ def builds_in(
 ) -> dict[str, tuple[PeakVelocityTable, ...]]:
     """Return the tables of each build if the files are peak-velocity tables of several builds; else nothing.
 
-    Args:
-        files: Files.
-        units: Units by column, for columns without a unit in the file.
-        builds: Name of the build of each file.
-        channel_map: Columns with unusual names.
-
     Raises:
         InputError: A file has no build, is no table, or has several settings of the adjusters.
     """
@@ -262,11 +248,6 @@ def fit_builds(
 
     Each build counts once, with the mean of its tables. A table states no error of its own, so what two tests of one
     build differ by is part of the spread.
-
-    Args:
-        tables: Tables of each build, by its name; one setting of the adjusters.
-        name: Name of the shock; default that of the first file.
-        gas: Treatment of the gas force, see `fit_peak_velocity`.
 
     Raises:
         InputError: The speeds of the tables do not overlap.

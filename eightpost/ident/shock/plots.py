@@ -30,12 +30,7 @@ DrawnFit = Any
 
 
 def plot_force_velocity(fits: DrawnFit | Sequence[DrawnFit], path: str | Path) -> None:
-    """Write a PNG of force over velocity without the gas force: measured dots, model loop, static curve.
-
-    Args:
-        fits: One fit, or several of one record, with a panel each.
-        path: File to write; an existing file is replaced only when the new one is complete.
-    """
+    """Write a PNG of force over velocity without the gas force: measured dots, model loop, static curve."""
     save(force_velocity(fits if isinstance(fits, Sequence) else [fits]), path, format="png")
 
 
@@ -48,12 +43,7 @@ def force_velocity(fits: Sequence[DrawnFit]) -> Figure:
 
 
 def plot_peak_velocity(found: Sequence[tuple[PeakVelocityTable, Shock]], path: str | Path) -> None:
-    """Write a PNG of peak-velocity tables and the curves through them, with a colour for each setting of the adjusters.
-
-    Args:
-        found: Tables and the shocks made of them.
-        path: File to write; an existing file is replaced only when the new one is complete.
-    """
+    """Write a PNG of peak-velocity tables and the curves through them, with a colour for each setting."""
     figure = new_figure(7.2, 6.4)
     axes = figure.subplots()
     for table, shock in found:
@@ -153,10 +143,6 @@ def plot_click_map(shock: Shock, path: str | Path) -> None:
 
     The other adjusters are at their reference. Dots are measured settings, shaded areas the 95 % bands, dashed lines
     are beyond the measured settings.
-
-    Args:
-        shock: Shock with settings.
-        path: File to write; an existing file is replaced only when the new one is complete.
     """
     assert shock.settings is not None
     count = len(shock.settings.axes)

@@ -164,10 +164,6 @@ def factor_rows(samples: Array, b: Array) -> Array:
     A change of the curve changes the force at each sample. The factor is the one that comes closest to this change
     (least squares over the samples of a side), so that errors of opposite sign at different velocities cancel as far
     as the covariance of the coefficients says. NaN for a side without samples.
-
-    Args:
-        samples: Columns (R, n) of the curve at the samples of the records.
-        b: Coefficients (n,) of the curve.
     """
     force = samples @ b
     sides = (np.maximum(force, 0.0), np.minimum(force, 0.0))

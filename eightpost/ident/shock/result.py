@@ -55,12 +55,7 @@ _FACTORS = ("compression_scale", "rebound_scale")
 
 
 def curve_band_of(solution: Solution, error: float) -> CurveBand:
-    """Return the band of a solution's static curve over the velocities of its records.
-
-    Args:
-        solution: Solution of a fit.
-        error: RMS error of the fit on left-out parts [N], which the band contains besides that of the jackknife.
-    """
+    """Return the band of a solution's static curve over the velocities of its records."""
     model = solution.model
     n, inside = model.curve_count, model.runs.velocity[model.runs.inside]
     velocity = np.linspace(inside.min(), inside.max(), _BAND)

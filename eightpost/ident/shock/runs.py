@@ -36,11 +36,6 @@ def _choose_segment(
 ) -> tuple[tuple[float, float], list[str]]:
     """Return start and stop [s] of the segment, and a sentence if it is not the dissertation's.
 
-    Args:
-        series: Record with `velocity`; time starts at 0.
-        requested: Requested start and end [s], or None.
-        cutoff: Cutoff frequency of the low-pass [Hz]; the filter's edges are left out.
-
     Raises:
         ParameterError: The requested segment is not in the record.
     """
@@ -526,11 +521,6 @@ def prepare_runs(
     cutoff: float | None = None,
 ) -> Runs:
     """Prepare records to be fitted together.
-
-    Args:
-        tests: One or more records.
-        segment: Start and end [s] of each record; see `prepare`.
-        cutoff: Cutoff frequency of the low-pass [Hz]; see `prepare`.
 
     Raises:
         ParameterError: There is no record.

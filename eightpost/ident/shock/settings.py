@@ -53,11 +53,6 @@ def effects_of(axes: Sequence[Axis], settings: Sequence[tuple[float, ...]], valu
     effects, and other combinations add terms of their own. Otherwise the main effects are fitted to all settings by
     least squares, and combinations add nothing.
 
-    Args:
-        axes: Axes of the settings.
-        settings: Measured settings (G), all different.
-        values: Values at each (G, P).
-
     Raises:
         InputError: The settings do not separate the effects of the axes.
     """

@@ -83,10 +83,6 @@ class SettingsTable:
 def read_settings_table(path: str | Path, *, cutoff: float | None = None) -> SettingsTable:
     """Read a table and all its dynamometer files.
 
-    Args:
-        path: TOML file; the paths in it are relative to its folder.
-        cutoff: Low-pass cut-off for velocities derived from displacements [Hz].
-
     Raises:
         FileFormatError: The table has an unknown, missing or wrong entry.
         InputError: A file cannot be read, or its setting is not given.

@@ -54,14 +54,7 @@ def _lag_response(frequency: Array, time_constant: float, step: float) -> NDArra
 
 
 def lag_sensitivity(static: Array, lagged: Array, time_constant: float, step: float) -> Array:
-    """Return dF_lag/dtau (N,) [N/s], by differentiating the recursion of `lag`.
-
-    Args:
-        static: Static force F_s (N,) [N].
-        lagged: Lagged force F_lag (N,) [N], from `lag`.
-        time_constant: tau [s].
-        step: h [s].
-    """
+    """Return dF_lag/dtau (N,) [N/s], by differentiating the recursion of `lag`."""
     ratio = step / time_constant
     rise, _ = _weights(time_constant, step)
     ratio_slope = -ratio / time_constant

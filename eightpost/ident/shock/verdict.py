@@ -112,14 +112,7 @@ def in_field_units(value: float, unit: str) -> tuple[float, str]:
 
 
 def findings(solution: Solution, parameters: Iterable[Parameter], *, recipe: str, gas: str) -> list[str]:
-    """Return a sentence for each doubt about a solution besides those of the verdict.
-
-    Args:
-        solution: Solution of a recipe.
-        parameters: Scalar parameters of the solution.
-        recipe: Name of the recipe.
-        gas: Treatment of the gas force.
-    """
+    """Return a sentence for each doubt about a solution besides those of the verdict."""
     # A gas stiffness at its lower bound, 0, is normal.
     own = [parameter for parameter in parameters if parameter.name != "gas_stiffness"]
     bounds = [_at_bound(parameter) for parameter in own if parameter.at_bound]
@@ -410,11 +403,6 @@ def build_spread(
 ) -> tuple[BuildSpread | None, tuple[str, ...]]:
     """Return the spread between the builds of runs that were fitted together, and notes.
 
-    Args:
-        runs: Runs of all builds.
-        common: Common fit.
-        fit_alone: Function that fits the runs of one build like the common fit.
-
     Returns:
         The spread, None if the runs are of one build, or if fewer than two builds can be fitted alone.
     """
@@ -452,13 +440,7 @@ def _spread(found: dict[str, Solution], common: Solution, notes: tuple[str, ...]
 
 
 def side_scales(force: Array, common: Array, velocity: Array) -> dict[str, Array]:
-    """Return the scales (B,) with which a common curve (M,) is closest to the curves (B, M) of builds, by its side.
-
-    Args:
-        force: Force of each build (B, M) [N].
-        common: Force of the common curve (M,) [N].
-        velocity: Velocities (M,) [m/s].
-    """
+    """Return the scales (B,) with which a common curve (M,) is closest to the curves (B, M) of builds, by its side."""
     found = {}
     for name, sign in _SIDES.items():
         side = sign * velocity > 0.0

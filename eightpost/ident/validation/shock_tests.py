@@ -327,7 +327,7 @@ class StaticValidation:
 
     @property
     def hysteresis(self) -> float | None:
-        """Mean difference [N] of the directions at displacements that both reach; None if there are none."""
+        """Mean difference [N] of the directions at displacements that both reach; None without such displacements."""
         up, down = self._towards("compression"), self._towards("rebound")
         if not (up and down):
             return None

@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from scipy.io import loadmat
 
 from eightpost.__main__ import main
-from eightpost.app.export import export
 from eightpost.errors import InputError, ParameterError
 from eightpost.ident.shock_table import TABLE_FORMATS, TableSetting, shock_table, table_points
 from eightpost.rig.peak_velocity import read_peak_velocity
@@ -354,11 +353,6 @@ def test_the_file_says_which_of_its_settings_were_not_measured(adjustable: Path,
 
 
 # ---- Refusals -------------------------------------------------------------------------------------------------------
-
-
-def test_the_formats_of_the_command_are_those_of_the_library() -> None:
-    option = next(each for each in export.params if each.name == "table_format")
-    assert list(option.type.choices) == list(TABLE_FORMATS)  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("name", ["dpr", "carmaker"])

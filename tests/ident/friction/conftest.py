@@ -13,10 +13,9 @@ from eightpost.signals import TimeSeries
 from eightpost.units import convert
 from eightpost.virtual.car import Friction
 from eightpost.virtual.drivefiles import random_drive
-from eightpost.virtual.program import NO_DRIFT, run_test
+from eightpost.virtual.program import NO_DRIFT, quarter_truth, run_test
 from eightpost.virtual.shocks import LinearDamper
 from eightpost.virtual.simulate import RigSensors
-from eightpost.virtual.truths import quarter_truth
 
 COULOMB = convert(15.0, "lbf", "N")
 STIFFNESS = convert(4000.0, "lbf/in", "N/m")

@@ -29,9 +29,8 @@ from eightpost.rig import RigTest
 from eightpost.rig.geometry import displacement_modes, force_modes
 from eightpost.signals import TimeSeries
 from eightpost.virtual.drivefiles import sine_drive
-from eightpost.virtual.program import run_test
+from eightpost.virtual.program import quarter_truth, run_test, stand_in_truth
 from eightpost.virtual.shocks import LinearDamper
-from eightpost.virtual.truths import quarter_truth, stand_in_truth
 
 from ..linear_rig import RATE, car, record, spectrum
 

@@ -13,47 +13,25 @@ from eightpost.ident.shock.hysteresis import HysteresisProblem
 from eightpost.ident.shock.runs import prepare_runs
 from eightpost.ident.shock.settings import fit_settings, held_out_percent
 from eightpost.ident.shock.settings_table import SettingsTable
-from eightpost.ident.shock.simulation import simulate
-from eightpost.rig.dyno_test import DynoTest
-from eightpost.shock import Axis, Hysteresis, Port, StaticCurve, read_shock, write_shock
-from eightpost.signals import TimeSeries
-from eightpost.virtual.dynamometer import random_multisine
+from eightpost.shock import Axis, Hysteresis, Port, read_shock, write_shock
+from tests.ident.dyno_records import DIGRESSIVE, SHARES, curve_of, record_of
 
-RATE, FINE = 500.0, 2000.0
-SHARES = np.sign(np.linspace(-1.0, 1.0, 25)) * np.abs(np.linspace(-1.0, 1.0, 25)) ** 1.8
 CLICKS = (0.0, 10.0, 20.0, 28.0)
 STOP = {"stop_stiffness": 1e5, "stop_yield": 4e-4, "stop_time": 2e-2}
 
 
 def true_law(clicks, stop=None):
     """Clicks from hard soften rebound, and more so the part that lags."""
-    slope = 1200.0 + 5000.0 / (1.0 + (8.0 * SHARES) ** 2)
     open_ = 1.0 - (1.0 - clicks / 28.0) ** 2
-    slope = slope * np.where(SHARES < 0.0, 1.0 - 0.5 * open_, 1.0)
+    slope = DIGRESSIVE * np.where(SHARES < 0.0, 1.0 - 0.5 * open_, 1.0)
     lagged = slope * np.where(SHARES < 0.0, 0.7 - 0.4 * open_, 0.7)
-    velocity = 0.8 * SHARES
-    force = np.concatenate([[0.0], np.cumsum(0.5 * (slope[1:] + slope[:-1]) * np.diff(velocity))])
-    curve = StaticCurve.through_knots(*(tuple(v.tolist()) for v in (velocity, force - force[12], slope)))
     port = Port(gas_preload=150.0, gas_stiffness=900.0)
-    return Hysteresis(curve, tuple(lagged.tolist()), (6e-3, 4e-3, 8e-3), **(stop or {}), port=port)
-
-
-@lru_cache
-def motion(seed):
-    drive = random_multisine(seed, duration=8.0, rate=FINE).series
-    velocity = np.gradient(drive["displacement"], 1.0 / FINE)
-    return TimeSeries.from_channels(
-        drive.time, {"displacement": ("m", drive["displacement"]), "velocity": ("m/s", velocity)}
-    )
+    return Hysteresis(curve_of(slope), tuple(lagged.tolist()), (6e-3, 4e-3, 8e-3), **(stop or {}), port=port)
 
 
 @lru_cache
 def record(clicks, seed, stop=False):
-    fine = motion(seed)
-    force = simulate(true_law(clicks, STOP if stop else None), fine)[:: round(FINE / RATE)]
-    kept = fine.at(slice(None, None, round(FINE / RATE)))
-    noise = 3.0 * np.random.default_rng(seed).standard_normal(force.size)
-    return DynoTest(kept.with_channel("force", "N", force + noise))
+    return record_of(true_law(clicks, STOP if stop else None), seed)
 
 
 def table(clicks, stop=False):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -33,21 +32,13 @@ from eightpost.ident.shock.settings_table import SettingsTable, joined_temperatu
 from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.validation.shock_tests import evaluate
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.shock import Axis, Lpf1, Polylinear, Port, Settings, Shock, StaticCurve, Term, read_shock, write_shock
-from eightpost.shock.settings import node_weights
+from eightpost.shock import Axis, Lpf1, Polylinear, Port, Settings, Shock, Term, read_shock, write_shock
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade
-from eightpost.virtual.dynamometer import random_multisine
+from tests.ident.dyno_records import RATE, curve_of, motion, record_of
+from tests.ident.dyno_records import SHARES as KNOTS
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "settings"
-RATE = 500.0
-KNOTS = np.sign(np.linspace(-1.0, 1.0, 25)) * np.abs(np.linspace(-1.0, 1.0, 25)) ** 1.8
-
-
-def curve(slopes, speed=0.8):
-    velocity = speed * KNOTS
-    force = np.concatenate([[0.0], np.cumsum(0.5 * (slopes[1:] + slopes[:-1]) * np.diff(velocity))])
-    return StaticCurve.through_knots(*(tuple(v.tolist()) for v in (velocity, force - force[12], slopes)))
 
 
 def true_law(rebound, temperature=320.0, seed=0):
@@ -58,25 +49,13 @@ def true_law(rebound, temperature=320.0, seed=0):
     share = np.where(KNOTS < 0.0, 1.0 - soft * (1.0 - (1.0 - rebound / 28.0) ** 2), 1.0)
     warm = 1.0 - 0.004 * (temperature - 320.0)
     port = Port(gas_preload=200.0 + 1.5 * (temperature - 320.0), gas_stiffness=900.0)
-    return Lpf1(curve(slope * share * warm), 1.5e-3, port=port)
-
-
-@lru_cache
-def motion(seed):
-    drive = random_multisine(seed, duration=8.0, rate=2000.0).series
-    velocity = np.gradient(drive["displacement"], 1.0 / 2000.0)
-    channels = {"displacement": ("m", drive["displacement"]), "velocity": ("m/s", velocity)}
-    return TimeSeries.from_channels(drive.time, channels)
+    return Lpf1(curve_of(slope * share * warm), 1.5e-3, port=port)
 
 
 def record(law, seed, noise=3.0, temperature=320.0):
-    fine = motion(seed % 5)
-    every = round(2000.0 / RATE)
-    random = np.random.default_rng(seed)
-    force = simulate(law, fine)[::every]
-    kept = fine.at(slice(None, None, every))
-    kept = kept.with_channel("force", "N", force + noise * random.standard_normal(force.size))
-    return DynoTest(kept.with_channel("temperature", "K", np.full(force.size, temperature)))
+    test = record_of(law, seed % 5, noise=noise, noise_seed=seed)
+    heat = np.full(len(test.series), temperature)
+    return replace(test, series=test.series.with_channel("temperature", "K", heat))
 
 
 def table(axes, settings, tests):
@@ -174,17 +153,6 @@ def test_a_full_grid_gives_the_interaction_and_one_at_a_time_gives_none():
     alone = effects_of(axes, [settings[k] for k in single], values[single])
     assert [term.axes for term in alone.terms] == [("a",), ("b",)]
     assert not alone.left.any()
-
-
-def test_three_adjusters_in_a_full_grid_are_reproduced_at_every_measured_setting():
-    random = np.random.default_rng(3)
-    axes = tuple(Axis(name, (0.0, 1.0, 2.0), 1.0) for name in "abc")
-    settings = [(a, b, c) for a in (0.0, 1.0, 2.0) for b in (0.0, 1.0, 2.0) for c in (0.0, 1.0, 2.0)]
-    values = random.standard_normal((27, 26))
-    found = effects_of(axes, settings, values)
-    whole = Settings(axes, (), found.terms, tuple(settings), ((0.0,) * 25,) * 27)
-    for setting, value in zip(settings, values, strict=True):
-        assert np.add(found.reference, whole.deviations(setting)) == pytest.approx(value)
 
 
 def test_adjusters_that_change_together_are_refused_by_name():
@@ -338,14 +306,6 @@ def test_the_gas_preload_is_a_straight_line_over_the_temperature_and_no_adjuster
     assert _preload(axes[:1], groups, measured) == pytest.approx([196.25] * 4)
 
 
-@pytest.mark.nightly
-def test_clicks_counted_the_wrong_way_are_a_doubt():
-    wrong = rebound_table()
-    wrong = replace(wrong, axes=(replace(wrong.axes[0], counted="from full soft"),))
-    reasons = fit_settings(wrong).verdict.reasons
-    assert any("rebound acts against its counting, from full soft" in reason.statement for reason in reasons)
-
-
 def test_a_file_with_another_level_of_force_is_a_doubt_with_its_difference_from_the_mean():
     """100 N more in one of five files: 80 N above their mean."""
     usual = rebound_table()
@@ -440,11 +400,6 @@ def test_the_commands_fit_five_files_plot_the_click_map_and_find_the_clicks(tmp_
     assert shown.exit_code == 0, shown.output
     assert "the target can be reached: rebound 10" in shown.output
     assert (tmp_path / "best.png").stat().st_size > 10_000
-
-
-def test_interpolated_weights_sum_to_one():
-    for value in (-3.0, 0.0, 2.5, 11.0, 40.0):
-        assert sum(node_weights((0.0, 5.0, 12.0), value)) == pytest.approx(1.0)
 
 
 def test_the_jacobian_of_all_settings_is_the_difference_of_their_weighted_residuals():

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from eightpost.errors import FileFormatError
-from eightpost.ident.validation.vehicle_page import write_vehicle_page
-from eightpost.ident.validation.vehicle_tables import certainty_table, port_table
+from eightpost.ident.validation.vehicle_page import certainty_table, port_table, write_vehicle_page
 from eightpost.ident.validation.vehicles import validate_vehicle, vehicle_verdict
 from eightpost.ident.vehicle.trust import ForceEstimate, OrderCandidate, Orders, OutputTrust, PolePair, Trust
 from eightpost.ident.vehicle.vehicle_fit import read_fit, with_validity, write_fit

@@ -8,8 +8,13 @@ import numpy as np
 import pytest
 
 from eightpost.ident.validation.comparison import Trend
-from eightpost.ident.validation.vehicle_page import _order_figure, _static_figure
-from eightpost.ident.validation.vehicle_tables import certainty_table, port_table, static_table
+from eightpost.ident.validation.vehicle_page import (
+    _order_figure,
+    _static_figure,
+    certainty_table,
+    port_table,
+    static_table,
+)
 from eightpost.ident.validation.vehicles import Limits, _common_levels
 from eightpost.ident.vehicle.trust import ForceEstimate, OrderCandidate, Orders, OutputTrust, PolePair, Trust
 from eightpost.report.tables import Amount

@@ -12,10 +12,9 @@ from eightpost.ident.vehicle.static_rating import StaticRating, rate_statically
 from eightpost.rig.geometry import displacement_modes, force_modes
 from eightpost.signals import TimeSeries
 from eightpost.virtual.drivefiles import static_drive
-from eightpost.virtual.program import NO_DRIFT, run_test
+from eightpost.virtual.program import NO_DRIFT, run_test, stand_in_truth
 from eightpost.virtual.shocks import LinearDamper
 from eightpost.virtual.simulate import RigSensors
-from eightpost.virtual.truths import stand_in_truth
 
 LOADS = ("lf.aero", "rf.aero", "lr.aero", "rr.aero")
 
