@@ -1,13 +1,14 @@
 """Processor time and error of setups on the machine, beside the same setups through the FMUs.
 
-    python -m benchmarks.machine [--setups N] [--sample N] [--verb] [--json FILE]
+    python -m benchmarks.machine [--setups N] [--sample N] [--verb] [--large] [--json FILE]
 
 The shipped study (benchmarks/study.py): seven builds at four corners, a 33 s lap, its measures; then Hysteresis at all
 corners, kinds of friction, a quarter car, and the identified car of the examples with friction that sticks. Both ways
 run in one process in turns: a block of setups on the machine, then a part of it through the FMUs; the ratio is the
 median over the turns. The machine's step is chosen as for a study. Errors are rms differences from a sixteenth of the
 step, in percent of the standard deviation, the largest of eight setups. Compilation and loading are not counted.
-With --verb the whole verb, with page and certainty, is timed as a process.
+With --verb the whole verb, with page and certainty, is timed as a process; with --large, 104,976 setups (18 builds at
+four corners) and a million of a space of 1000 random builds on a lap of 4 s run on the machine alone.
 
 Prints Markdown; --json writes the rows. All times are processor times of this machine and this run.
 """
@@ -15,6 +16,7 @@ Prints Markdown; --json writes the rows. All times are processor times of this m
 from __future__ import annotations
 
 import argparse
+import ctypes
 import json
 import os
 import resource
@@ -22,7 +24,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -36,11 +38,15 @@ from cosim.study.running.batches import Batches
 from cosim.study.running.coupling import coupling_for
 from cosim.study.running.evaluator import Coupling, Evaluator, MachineCoupling
 from eightpost.corners import CORNERS
+from eightpost.machine import library
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
 #: Coupling of runs through the FMUs, which has about the machine's error [s].
 THROUGH_FMUS = Coupling("gauss-seidel", 4e-3 / 3.0)
+
+#: Step on the machine where none is chosen [s].
+THROUGH_MACHINE = 2e-3
 
 #: Number of setups in a turn, and how many of them also run through the FMUs.
 TURN, CHECKED = 48, 4
@@ -67,6 +73,11 @@ def main() -> None:
         print(markdown(found))
         if options.verb:
             print("\n" + _verb(folder))
+        if options.large:
+            study = shipped_study(folder, builds=7)
+            print("\n" + _share_of_peak(study))
+            print(_many(study, 18, 18**4))
+            print(_many(_short(study), 1000, 1_000_000))
     if options.json:
         options.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 
@@ -193,6 +204,87 @@ def _verb(folder: Path) -> str:
     return f"eightpost study: {seconds[0]:.1f} s of processor time, again with other output {seconds[1]:.1f} s"
 
 
+#: Fused operations on vectors that do not wait for each other.
+_PEAK = b"""
+typedef double vector __attribute__((vector_size(64)));
+__attribute__((visibility("default"))) double turn(int count)
+{
+    vector a[20];
+    for (int k = 0; k < 20; k++) {
+        a[k] = (vector){0} + k;
+    }
+    for (int n = 0; n < count; n++) {
+        _Pragma("GCC unroll 20")
+        for (int k = 0; k < 20; k++) {
+            a[k] = a[k] * 0.999 + 1e-7;
+        }
+    }
+    double sum = 0.0;
+    for (int k = 0; k < 20; k++) {
+        sum += a[k][0];
+    }
+    return sum;
+}
+"""
+
+
+def _peak(turns: int = 100_000) -> float:
+    """Return the additions and multiplications per second of processor time that this core can do."""
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        path = Path(folder) / "peak.so"
+        path.write_bytes(library.built({"peak.c": _PEAK}))
+        turn = ctypes.CDLL(str(path)).turn
+    return 20 * 16 * turns / min(_seconds(lambda: turn(turns)) for _ in range(20))
+
+
+def _seconds(work: Callable[[], object]) -> float:
+    began = time.process_time()
+    work()
+    return time.process_time() - began
+
+
+def _share_of_peak(study: Study) -> str:
+    """Return how much of the core's peak a run of the seven-DOF car with LPNL2 shocks reaches.
+
+    Additions and multiplications of a step are counted in fmus/machine: 6 a pair of states, 22 a force, 14 a bond; the
+    rest are rows of matrices. Searches and comparisons are not counted.
+    """
+    setups = [study.space.setup(k) for k in range(0, 2400, 50)]
+    batches = Batches(Evaluator(study), THROUGH_MACHINE, measured=False)
+    steps = round(study.drives[0].stop / THROUGH_MACHINE)
+    seconds = min(_seconds(lambda: list(batches.runs(setups))) for _ in range(3)) / len(setups)
+    pairs, corners, sweeps = 7, 4, 2
+    rows = 2 * pairs * (2 * corners) + corners * 2 * pairs + sweeps * corners * 2 * corners
+    reached = (6 * pairs + 2 * rows + 22 * sweeps * 2 * corners + 14 * corners) * steps / seconds
+    return f"a run reaches {1e-9 * reached:.0f} of {1e-9 * _peak():.0f} GFLOP/s"
+
+
+def _short(study: Study) -> Study:
+    """Return a study on a lap of 4 s."""
+    lap, measures = replace(study.drives[0], stop=4.0), tuple(m for m in study.measures if m.section is None)
+    return replace(study, drives=(lap,), measures=measures, objective=(), constraints=())
+
+
+def _many(study: Study, builds: int, count: int) -> str:
+    """Return processor time and memory of random setups of random builds on the machine alone."""
+    rng, some = np.random.default_rng(2), tuple(study.bank.values())
+    names = ("compression_scale", "rebound_scale")
+    scales = rng.uniform(0.6, 1.6, (builds, 2)).tolist()
+    bank = {
+        f"{k}": replace(some[k % len(some)], parameters=dict(zip(names, s, strict=True))) for k, s in enumerate(scales)
+    }
+    space = replace(study, bank=bank, corners=dict.fromkeys(CORNERS, tuple(bank)), baseline={})
+    batches = Batches(Evaluator(space), THROUGH_MACHINE)
+    indices = range(count) if count == builds**4 else rng.integers(0, builds**4, count)
+    before = resource.getrusage(resource.RUSAGE_SELF)
+    done = sum(runs is not None for _, runs, _ in batches.runs(space.space.setup(int(k)) for k in indices))
+    after = resource.getrusage(resource.RUSAGE_SELF)
+    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    grown = (after.ru_maxrss - before.ru_maxrss) / 1024.0
+    stop = study.drives[0].stop
+    return f"{done} of {count} setups x {stop:g} s: {seconds:.0f} s of processor time, {grown:.0f} MB more memory"
+
+
 def markdown(rows: Sequence[Row]) -> str:
     """Return the rows as a table."""
     head = "| what | step [ms] | setups | machine [ms] | FMUs [ms] | ratio | tire | velocity | hub | from FMUs [%] |"
@@ -214,6 +306,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--setups", type=int, default=2401, help="setups of the shipped study")
     parser.add_argument("--sample", type=int, default=192, help="setups of the others")
     parser.add_argument("--verb", action="store_true", help="also time the whole verb")
+    parser.add_argument("--large", action="store_true", help="also run large spaces, for some minutes")
     parser.add_argument("--json", type=Path, help="write the rows to this file")
     return parser.parse_args()
 

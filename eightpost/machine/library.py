@@ -42,7 +42,7 @@ _SETUPS_OF_GCC = {"avx512dq": 8, "avx2": 4, "": 2}
 
 #: Sources from the folders of the FMUs: name in the compiler's folder, and path in fmus/.
 _SHARED = {
-    **{name: f"common/{name}" for name in ("curve.h", "elementary.c", "elementary.h", "fresh.h", "lag.h", "real.h",
+    **{name: f"common/{name}" for name in ("curve.h", "elementary.c", "elementary.h", "lag.h", "real.h",
                                            "shock.h")},
     "friction.h": "vehicle_ss/friction.h",
     "hysteresis.c.inc": "shock_hysteresis/model.c",
@@ -93,10 +93,15 @@ def compiled(pairs: int, corners: int, *, sweeps: int = 2, width: str | None = N
     Raises:
         FmuError: There is no compiler, or it fails.
     """
-    files = {**sources(), "sizes.h": f"enum {{ PAIRS = {pairs}, CORNERS = {corners} }};\n".encode()}
+    sizes = f"enum {{ PAIRS = {pairs}, CORNERS = {corners} }};\n".encode()
+    return built({**sources(), "sizes.h": sizes}, f"-DSWEEPS={sweeps}", width=width)
+
+
+def built(files: Mapping[str, bytes], *own: str, width: str | None = None) -> bytes:
+    """Return a library from C files and options of their own, from the cache or from the compiler; see `compiled`."""
     chosen = instruction_set() if width is None else width
     compiler = _compiler()
-    options = [*_FLAGS, f"-DSWEEPS={sweeps}", *_WIDTHS.get(chosen, ())]
+    options = [*_FLAGS, *own, *_WIDTHS.get(chosen, ())]
     if _is_gcc(compiler[0]):
         options.append(f"-DEIGHTPOST_SETUPS={_SETUPS_OF_GCC[chosen]}")
     else:
@@ -202,12 +207,11 @@ class Library:
             path = Path(folder) / "machine.so"
             path.write_bytes(content)
             self._library = ctypes.CDLL(str(path))
-        for name in ("size_of_march", "number_of_parameters", "number_of_setups", "size_of_car"):
+        for name in ("size_of_march", "number_of_parameters", "number_of_setups"):
             getattr(self._library, name).restype = ctypes.c_int64
         self.size = int(self._library.size_of_march())
         self.parameters = int(self._library.number_of_parameters())
         self.setups = int(self._library.number_of_setups())
-        self.size_of_car = int(self._library.size_of_car())
 
     def filter(self, given: Any, series: int, columns: int, column: int, count: int, space: int) -> None:
         """Filter a column of the series; the arguments are those of filter_series in fmus/machine/filter.c."""

@@ -9,10 +9,6 @@
 
 typedef double real;
 typedef int truth;
-typedef int Index;
-
-/* Number of sums of a block of a matrix's rows that are kept in registers: all of them. */
-#define TILE BLOCK
 
 /* The initializer of an array of zeros. */
 #define ZERO 0.0
@@ -59,11 +55,6 @@ static inline truth both_of(truth a, truth b)
 static inline truth is_false(truth condition)
 {
     return !condition;
-}
-
-static inline real chosen(const real *numbers, Index index)
-{
-    return numbers[index];
 }
 
 #endif

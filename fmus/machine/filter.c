@@ -3,28 +3,41 @@
 
 #include "machine.h"
 
-enum { MOST_SECTIONS = 16 };
+/* Sections that are filtered together: their states stay in registers. */
+enum { TOGETHER = 4 };
 
-/* Filters in place, like scipy's sosfilt with an initial state: from the first row to the last, or back. */
-static void filter_once(const Filter *f, real *rows, int64_t count, int64_t step)
+/* Filters rows in place with some sections; `start` is the first number before any section. */
+static inline WITHIN void filter_part(const Filter *f, int64_t first, int sections, real start, real *row, int64_t count, int64_t step)
 {
-    real z[MOST_SECTIONS][2];
-    const real *first = step > 0 ? rows : rows + count - 1;
-    for (int s = 0; s < f->sections; s++) {
-        z[s][0] = f->rest[2 * s] * *first;
-        z[s][1] = f->rest[2 * s + 1] * *first;
+    const double *c = f->rows + 6 * first, *rest = f->rest + 2 * first; /* b0, b1, b2, 1, a1, a2 of each */
+    real z[TOGETHER][2];
+    for (int s = 0; s < sections; s++) {
+        z[s][0] = rest[2 * s] * start;
+        z[s][1] = rest[2 * s + 1] * start;
     }
-    real *row = step > 0 ? rows : rows + count - 1;
     for (int64_t k = 0; k < count; k++, row += step) {
         real x = *row;
-        for (int s = 0; s < f->sections; s++) {
-            const double *c = f->rows + 6 * s; /* b0, b1, b2, 1, a1, a2 */
-            const real y = c[0] * x + z[s][0];
-            z[s][0] = c[1] * x - c[4] * y + z[s][1];
-            z[s][1] = c[2] * x - c[5] * y;
+        UNROLLED
+        for (int s = 0; s < sections; s++) {
+            const real y = c[6 * s] * x + z[s][0];
+            z[s][0] = c[6 * s + 1] * x - c[6 * s + 4] * y + z[s][1];
+            z[s][1] = c[6 * s + 2] * x - c[6 * s + 5] * y;
             x = y;
         }
         *row = x;
+    }
+}
+
+/* Filters in place, like scipy's sosfilt with an initial state: `step` is 1, or -1 from the last row. */
+static void filter_once(const Filter *f, real *first_row, int64_t count, int64_t step)
+{
+    const real start = *first_row;
+    int64_t s = 0;
+    for (; s + TOGETHER <= f->sections; s += TOGETHER) {
+        filter_part(f, s, TOGETHER, start, first_row, count, step);
+    }
+    for (; s < f->sections; s++) {
+        filter_part(f, s, 1, start, first_row, count, step);
     }
 }
 
@@ -42,5 +55,5 @@ EXPORTED void filter_series(const Filter *f, const double *series, int64_t colum
         rows[pad + count - 1 + k] = 2.0 * rows[pad + count - 1] - rows[pad + count - 1 - k];
     }
     filter_once(f, rows, count + 2 * pad, 1);
-    filter_once(f, rows, count + 2 * pad, -1);
+    filter_once(f, rows + count + 2 * pad - 1, count + 2 * pad, -1);
 }

@@ -28,22 +28,14 @@ typedef float Narrow __attribute__((vector_size(8 * EIGHTPOST_SETUPS)));
 typedef int32_t Places __attribute__((vector_size(8 * EIGHTPOST_SETUPS)));
 typedef int32_t Short __attribute__((vector_size(4 * EIGHTPOST_SETUPS)));
 
-/* Sums of a block of a matrix's rows that are kept in registers. */
-#ifdef __AVX512F__
-#define TILE 8
-#else
-#define TILE 4
-#endif
-
 /* The initializer of an array of zeros. */
 #define ZERO {0.0}
 
 /* Of functions that run rarely: inlined, they would take registers from those that call them. */
 #define APART __attribute__((noinline))
 
-/* Of functions that are efficient only with constant arguments, and of arrays that vectors are stored in. */
+/* Of functions that are efficient only with constant arguments. */
 #define WITHIN __attribute__((always_inline))
-#define ALIGNED _Alignas(64)
 
 /* Before a short loop of which every turn becomes code of its own. */
 #define UNROLLED _Pragma("GCC unroll 32")
@@ -157,17 +149,6 @@ static inline WITHIN void transpose(const double *const *rows, real *to)
         }
     }
 #endif
-}
-
-/* The number of each setup's index. */
-static inline real chosen(const real *numbers, Index index)
-{
-    const double *first = (const double *)numbers;
-    real found;
-    for (int i = 0; i < SETUPS; i++) {
-        found[i] = first[index[i] * SETUPS + i];
-    }
-    return found;
 }
 
 #endif

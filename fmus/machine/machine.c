@@ -283,11 +283,6 @@ EXPORTED int64_t number_of_setups(void)
     return SETUPS;
 }
 
-EXPORTED int64_t size_of_car(void)
-{
-    return (int64_t)sizeof(Car);
-}
-
 /* Runs SETUPS setups. `parameters` (CORNERS, PARAMETERS, SETUPS) and `laws` (CORNERS, SETUPS) are those of the shocks; `space` is for
  * the data of the run, at a multiple of 64. */
 EXPORTED void run_machine(const Run *run, const double *parameters, const int64_t *laws, void *space, const Sums *sums)

@@ -12,14 +12,14 @@ static inline void advance(const Factors *restrict f, const real *restrict z, co
                            const Modal *restrict w1, Modal *restrict end)
 {
     const real *x = z, *y = z + MODES, *a = w0->at, *b = w0->at + MODES, *c = w1->at, *d = w1->at + MODES;
-    for (int k = 0; k < PAIR_ROWS; k++) {
+    for (int k = 0; k < PAIRS; k++) {
         end->at[k] = (f->e_re[k] * x[k] - f->e_im[k] * y[k]) + (f->first_re[k] * a[k] - f->first_im[k] * b[k]) +
                      (f->second_re[k] * c[k] - f->second_im[k] * d[k]);
         end->at[MODES + k] = (f->e_re[k] * y[k] + f->e_im[k] * x[k]) +
                              (f->first_re[k] * b[k] + f->first_im[k] * a[k]) +
                              (f->second_re[k] * d[k] + f->second_im[k] * c[k]);
     }
-    for (int k = PAIR_ROWS; k < MODE_ROWS; k++) {
+    for (int k = PAIRS; k < MODES; k++) {
         end->at[k] = f->e_re[k] * x[k] + f->first_re[k] * a[k] + f->second_re[k] * c[k];
     }
     for (int r = 0; r < COUPLED_COUNT; r++) {

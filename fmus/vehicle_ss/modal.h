@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "component.h"
-#include "fresh.h"
 #include "real.h"
 #include "vehicle_data.h"
 
@@ -47,86 +46,29 @@ static inline real coupled_row(const double *row, const real *z)
 
 /* b u. B is stored in blocks of rows, column by column, so that a compiler keeps a block's sums in registers and adds in the same
  * order everywhere. Inputs that are zero are skipped. */
-#ifndef EIGHTPOST_LANES
-static inline void load(const real *u, Modal *w)
+static inline void load(const double *u, Modal *w)
 {
     int moving[INPUTS], count = 0;
     for (int c = 0; c < INPUTS; c++) {
         moving[count] = c;
-        count += in_any(u[c] != 0.0);
+        count += u[c] != 0.0;
     }
     for (int b = 0; b < STATE_BLOCKS; b++) {
-        for (int first = 0; first < BLOCK; first += TILE) {
-            real sum[TILE] = {ZERO};
-            for (int k = 0; k < count; k++) {
-                const real input = u[moving[k]];
-                const double *column = &B[b][moving[k]][first];
-                for (int r = 0; r < TILE; r++) {
-                    sum[r] += column[r] * input;
-                }
+        double sum[BLOCK] = {0.0};
+        for (int k = 0; k < count; k++) {
+            const double input = u[moving[k]], *column = B[b][moving[k]];
+            for (int r = 0; r < BLOCK; r++) {
+                sum[r] += column[r] * input;
             }
-            memcpy(&w->at[b * BLOCK + first], sum, sizeof sum);
         }
+        memcpy(&w->at[b * BLOCK], sum, sizeof sum);
     }
 }
-
-/* Numbers of rows that are computed: with padding, so that a compiler uses vector instructions. */
-enum { MODE_ROWS = MODES, PAIR_ROWS = PAIRS };
-#else
-
-/* Lanes need no padding. */
-enum { MODE_ROWS = MODE_COUNT, PAIR_ROWS = PAIR_COUNT };
-
-/* Rows `first` to `first` + `count` - 1 of b u; the products of the inputs from `own` on are given. */
-static inline WITHIN void load_rows(const real *u, int own, double (*product)[STATE_BLOCKS * BLOCK], int first, int count,
-                                    Modal *w)
-{
-    real sum[TILE] = {ZERO};
-    for (int c = 0; c < own; c++) {
-        for (int r = 0; r < count; r++) {
-            sum[r] += B[(first + r) / BLOCK][c][(first + r) % BLOCK] * u[c];
-        }
-    }
-    for (int c = own; c < INPUTS; c++) {
-        for (int r = 0; r < count; r++) {
-            sum[r] += product[c][first + r];
-        }
-    }
-    memcpy(&w->at[first], sum, (size_t)count * sizeof *sum);
-}
-
-static inline int smaller_of(int a, int b)
-{
-    return a < b ? a : b;
-}
-
-/* The same; the last inputs, which are often equal in all setups, are then multiplied once. */
-static inline void load(const real *u, Modal *w)
-{
-    ALIGNED double product[INPUTS][STATE_BLOCKS * BLOCK];
-    int own = INPUTS; /* inputs before those that are equal */
-    while (own > 0 && in_every(u[own - 1] == u[own - 1][0])) {
-        own--;
-    }
-    for (int c = own; c < INPUTS; c++) {
-        for (int k = 0; k < STATE_BLOCKS * BLOCK; k++) {
-            product[c][k] = B[k / BLOCK][c][k % BLOCK] * u[c][0];
-        }
-    }
-    for (int first = 0; first < MODE_ROWS; first += TILE) {
-        load_rows(u, own, product, first, smaller_of(TILE, MODE_ROWS - first), w);
-    }
-    for (int first = 0; first < PAIR_ROWS; first += TILE) {
-        load_rows(u, own, product, MODES + first, smaller_of(TILE, PAIR_ROWS - first), w);
-    }
-}
-#endif
 
 /* One row of C times z, as four sums. */
-#ifndef EIGHTPOST_LANES
-static inline real row_times(const double *row, const real *z)
+static inline double row_times(const double *row, const double *z)
 {
-    real sum[LANES] = {ZERO};
+    double sum[LANES] = {0.0};
     for (int k = 0; k < STATE_COUNT; k += LANES) {
         for (int i = 0; i < LANES; i++) {
             sum[i] += row[k + i] * z[k + i];
@@ -134,19 +76,5 @@ static inline real row_times(const double *row, const real *z)
     }
     return (sum[0] + sum[2]) + (sum[1] + sum[3]);
 }
-#else
-/* The same; MODES is a multiple of LANES. Zero is added once, at the end, and makes the same bits: no result is -0. */
-static inline real row_times(const double *row, const real *z)
-{
-    real sum[LANES] = {ZERO};
-    for (int k = 0; k < MODE_ROWS; k++) {
-        sum[k % LANES] = k < LANES ? row[k] * z[k] : sum[k % LANES] + row[k] * z[k];
-    }
-    for (int k = 0; k < PAIR_ROWS; k++) {
-        sum[k % LANES] += row[MODES + k] * z[MODES + k];
-    }
-    return (sum[0] + sum[2]) + (sum[1] + sum[3]) + 0.0;
-}
-#endif
 
 #endif

@@ -78,9 +78,6 @@ _WITH_LIMITS = ("peak", "range", "maximum", "minimum", "share")
 #: A channel and the band to which it is filtered [Hz].
 ChannelBand = tuple[str, tuple[float, float]]
 
-#: Largest number of sections of a filter of fmus/machine/filter.c.
-_MOST_SECTIONS = 16
-
 
 class BatchMeasures:
     """Measures on a drive: summed while the batch runs, computed from channels filtered in lanes, or from the series.
@@ -152,7 +149,7 @@ def _bands(measures: Sequence[Measure], times: Array) -> dict[ChannelBand, Secti
     found = {}
     for name, band in dict.fromkeys((c, m.band) for m in measures if m.band is not None for c in m.channels):
         sections = sections_of(*band, rate)
-        if sections is not None and times.size > sections.pad and len(sections.rows) <= _MOST_SECTIONS:
+        if sections is not None and times.size > sections.pad:
             found[name, band] = sections
     return found
 
