@@ -46,8 +46,8 @@ contracts: $(INSTALLED) ## Check which module imports which.
 	$(BIN)/lint-imports
 
 loops: $(INSTALLED)
-	$(BIN)/python -m eightpost rig --car quarter_car --test random --duration '2 s' -o out/loops/quarter_car.parquet
-	$(BIN)/python -m eightpost rig --car flexible --test random --duration '2 s' -o out/loops/flexible.parquet
+	$(BIN)/python -m eightpost virtual rig --car quarter_car --test random --set duration='2 s' -o out/loops/quarter_car.parquet
+	$(BIN)/python -m eightpost virtual rig --car flexible --test random --set duration='2 s' -o out/loops/flexible.parquet
 
 unit: $(INSTALLED)
 	$(BIN)/pytest -n 2 --dist loadscope --max-worker-restart 0

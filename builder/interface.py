@@ -19,6 +19,7 @@ import numpy as np
 from eightpost import __version__, units
 from eightpost.corners import CORNERS
 from eightpost.errors import FmuError
+from eightpost.fmi.functions import FLAGS
 from eightpost.shock import Shock, ShockLaw, law_module
 from eightpost.shock.curve import KNOTS
 from eightpost.vehicle import StateSpace
@@ -460,12 +461,9 @@ _TIME = Variable(
 
 #: Capabilities of FMI 2.0 by their names in FMI 3.0.
 _RENAMED = {
-    "needsExecutionTool": "needsExecutionTool",
-    "canBeInstantiatedOnlyOncePerProcess": "canBeInstantiatedOnlyOncePerProcess",
+    **{name: name for name in ("needsExecutionTool", "canBeInstantiatedOnlyOncePerProcess")},
     "canHandleVariableCommunicationStepSize": "canHandleVariableCommunicationStepSize",
-    "canGetAndSetFMUState": "canGetAndSetFMUstate",
-    "canSerializeFMUState": "canSerializeFMUstate",
-    "providesDirectionalDerivatives": "providesDirectionalDerivative",
+    **{name: old for name, old in FLAGS.items() if name != "providesIntermediateUpdate"},
     "providesAdjointDerivatives": "providesDirectionalDerivative",
 }
 _TYPES = {"Real": "Float64", "Boolean": "Boolean"}

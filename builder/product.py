@@ -24,7 +24,7 @@ from builder.interface import (
 from eightpost.array_types import Array
 from eightpost.corners import CORNERS
 from eightpost.errors import FmuError
-from eightpost.shock import Axis, Settings, Shock
+from eightpost.shock import Settings, Shock
 from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace, Vehicle
 from eightpost.vehicle.modal import ModalForm, modal_form
 
@@ -220,62 +220,34 @@ def with_settings(interface: Interface, settings: Settings, *, temperature_input
     )
 
 
-def _setting_variables(settings: Settings, *, temperature_input: bool) -> Iterator[Variable]:
-    yield _reported(
-        BEYOND_SETTINGS,
-        _REPORTED,
-        "Distance of the setting beyond the measured ones, in intervals between them; 0 within",
-    )
-    yield _reported(
+#: Rows of what is reported: name and description.
+_REPORTS = (
+    (BEYOND_SETTINGS, "Distance of the setting beyond the measured ones, in intervals between them; 0 within"),
+    (
         "untested_settings",
-        _REPORTED + 1,
         "1 while this combination of settings was not measured, so that interactions are unknown, else 0",
-    )
-    number = 0
+    ),
+)
+
+
+def _setting_variables(settings: Settings, *, temperature_input: bool) -> Iterator[Variable]:
+    for k, (name, text) in enumerate(_REPORTS):
+        yield variable_of({"causality": "local", "unit": "1", "description": text}, name, _REPORTED + k, None)
+    adjusters = [axis for axis in settings.axes if not axis.is_temperature]
     for axis in settings.axes:
+        low, high = axis.nodes[0], axis.nodes[-1]
+        row: dict[str, Any] = {"causality": "parameter", "variability": "tunable"}
         if axis.is_temperature:
-            yield _temperature(axis, is_input=temperature_input)
+            row = {"causality": "input"} if temperature_input else row
+            text = f"Temperature of the shock, measured from {low:.5g} to {high:.5g} K"
+            row |= {"unit": "K", "display": "degC", "min": 1.0, "description": text}
+            reference = _TEMPERATURE
         else:
-            yield _clicks(axis, _CLICKS + number)
-            number += 1
-
-
-def _reported(name: str, reference: int, description: str) -> Variable:
-    return Variable(name, reference, "Real", "local", "continuous", "1", None, None, None, None, description)
-
-
-def _temperature(axis: Axis, *, is_input: bool) -> Variable:
-    low, high = axis.nodes[0], axis.nodes[-1]
-    return Variable(
-        axis.variable,
-        _TEMPERATURE,
-        "Real",
-        "input" if is_input else "parameter",
-        "continuous" if is_input else "tunable",
-        "K",
-        "degC",
-        axis.reference,
-        1.0,
-        None,
-        f"Temperature of the shock, measured from {low:.5g} to {high:.5g} K",
-    )
-
-
-def _clicks(axis: Axis, reference: int) -> Variable:
-    what = f"clicks {axis.counted}".strip() if axis.is_whole else axis.unit
-    return Variable(
-        axis.variable,
-        reference,
-        "Real",
-        "parameter",
-        "tunable",
-        "1",
-        None,
-        axis.reference,
-        axis.lowest,
-        axis.highest,
-        f"Setting of the adjuster {axis.name} in {what}, measured from {axis.nodes[0]:g} to {axis.nodes[-1]:g}",
-    )
+            what = f"clicks {axis.counted}".strip() if axis.is_whole else axis.unit
+            text = f"Setting of the adjuster {axis.name} in {what}, measured from {low:g} to {high:g}"
+            row |= {"unit": "1", "min": axis.lowest, "max": axis.highest, "description": text}
+            reference = _CLICKS + adjusters.index(axis)
+        yield variable_of(row, axis.variable, reference, axis.reference)
 
 
 # ---- Content of an FMU ----------------------------------------------------------------------------------------------

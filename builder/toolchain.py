@@ -326,10 +326,7 @@ _INTERVAL = 0.1
 
 
 def compile_libraries(
-    libraries: Sequence[Library],
-    *,
-    toolchain: Toolchain,
-    progress: Progress | None = None,
+    libraries: Sequence[Library], *, toolchain: Toolchain, progress: Progress | None = None
 ) -> list[dict[str, bytes]]:
     """Compile each library for all platforms of the toolchain; binaries in the cache are not compiled again.
 

@@ -15,15 +15,12 @@ import numpy as np
 
 from cosim.components.component import Conversion, FunctionTable, convert_between, free_states, named_unit
 from cosim.components.fmu_component import FmuComponent
-from cosim.engine import blocks, force_law
+from cosim.engine import blocks
 from cosim.engine import force_law as engine
 from cosim.engine.march import bound, compiled
-from eightpost.array_types import Array
 from eightpost.errors import EightpostError, FmuError, InputError, StepError, WiringError
 
-# ==== Ports: names, units and signs, start, and errors ===============================================================
-
-# ---- Ports of one FMU -----------------------------------------------------------------------------------------------
+# ==== Ports of one FMU ===============================================================================================
 
 #: Unit and causality of each port.
 _PORTS = {"velocity": ("m/s", "input"), "displacement": ("m", "input"), "force": ("N", "output")}
@@ -44,30 +41,24 @@ class Port:
     conversion: Conversion
 
 
-def find_ports(component: FmuComponent, names: Mapping[str, PortName]) -> dict[str, Port]:
-    """Return the ports of an FMU.
+def _ports(component: FmuComponent, names: Mapping[str, PortName]) -> dict[str, Port]:
+    """Return the ports of an FMU; one that is not named has its own name.
 
-    Args:
-        component: Component of the FMU.
-        names: Names of the FMU's variables by port: velocity, displacement, force. A port that is not listed has its
-            own name. An FMU without a variable named `displacement` is one whose force does not depend on it.
-
-    Raises:
-        WiringError: The FMU has no such variable, or one of another causality, type or dimension.
+    An FMU without a variable named `displacement` is one whose force does not depend on it.
     """
     if unknown := sorted(set(names) - set(_PORTS)):
         raise WiringError(f"{unknown[0]!r} is not a port of a shock; its ports are {', '.join(_PORTS)}")
     wanted: dict[str, PortName] = {port: names.get(port, port) for port in _PORTS}
     if "displacement" not in names and "displacement" not in component.variables:
         wanted["displacement"] = None
-    found = {}
+    ports = {}
     for port, name in wanted.items():
         if name is not None:
             variable, gain = name if isinstance(name, tuple) else (name, 1.0)
-            found[port] = Port(variable, _conversion(component, port, variable, gain))
+            ports[port] = Port(variable, _conversion(component, port, variable, gain))
         elif port != "displacement":
             raise WiringError(f"{component.source}: the {port} of a shock cannot be left out; name its variable")
-    return found
+    return ports
 
 
 def _conversion(component: FmuComponent, port: str, name: str, gain: float) -> Conversion:
@@ -86,20 +77,8 @@ def _conversion(component: FmuComponent, port: str, name: str, gain: float) -> C
     return Conversion(own.factor * gain, own.offset)
 
 
-# ---- Ports of all corners -------------------------------------------------------------------------------------------
-
-
-def components_of(fmus: str | Path | Sequence[str | Path], corners: Sequence[str] | None) -> list[FmuComponent]:
-    """Open one FMU for each corner.
-
-    Args:
-        fmus: Path of an FMU, or one for each corner.
-        corners: Names of the corners; None for those of the files.
-
-    Raises:
-        FmuError: A file is not an FMU that this project can use.
-        InputError: The numbers of files and corners differ, or no file is given.
-    """
+def _opened(fmus: str | Path | Sequence[str | Path], corners: Sequence[str] | None) -> list[FmuComponent]:
+    """Open one FMU for each corner; without names of corners, those of the files."""
     if isinstance(fmus, (str, Path)):
         paths = [Path(fmus)] * (1 if corners is None else len(corners))
     else:
@@ -112,187 +91,46 @@ def components_of(fmus: str | Path | Sequence[str | Path], corners: Sequence[str
     return [FmuComponent(path, name) for path, name in zip(paths, names, strict=True)]
 
 
-class Corners:
-    """Shock FMUs at the corners of a car as blocks of the engine, and errors that name the corner.
-
-    Args:
-        fmus: Path of an FMU, or one for each corner.
-        corners: Names of the corners; None for a single shock, or for the names of the files.
-        ports: Names of the FMU's variables by port.
-        parameters: Parameters of all corners, or by the corner's name.
-        engine: `auto` or `compiled`: the compiled loop; `python`: the same loop interpreted.
-    """
-
-    #: Largest time difference that counts as none [s]; and the step over which inputs jump if no time passes.
-    SHORTEST = 1e-9
-
-    def __init__(
-        self,
-        fmus: str | Path | Sequence[str | Path],
-        *,
-        corners: Sequence[str] | None,
-        ports: Mapping[str, PortName],
-        parameters: Parameters,
-        engine: str,
-    ) -> None:
-        if engine not in ("auto", "compiled", "python"):
-            raise InputError(f"engine is {engine!r}; give auto, compiled or python")
-        self.components = components_of(fmus, corners)
-        self.names = [component._name for component in self.components]
-        self.ports = [find_ports(component, ports) for component in self.components]
-        self.parameters = [_own_parameters(parameters, name, self.names) for name in self.names]
-        self._bind = bound if engine == "python" else partial(compiled, instead={})
-        self.difference = 1e-6  #: Change of an input for the Jacobian [m/s], [m]; read at the start.
-        self.motion = _blank_motion(len(self.components))
-        self._tables: list[FunctionTable] = []
-        self._keep: Any = None
-        self.operate: Any = self._not_started
-
-    def start(self, time: float, velocity: Any, displacement: Any) -> None:
-        """Start all FMUs in equilibrium at their inputs; motion.force is then the force there.
-
-        Raises:
-            StepError: An FMU cannot be loaded, or refuses a value or the start.
-            InputError: An input is not finite.
-        """
-        self.finish()
-        m = self.motion
-        m.clock[:] = time, time, math.nan
-        m.trial[:, 0], m.trial[:, 1] = velocity, displacement
-        self._check_finite()
-        m.accepted[:] = m.trial
-        for k, component in enumerate(self.components):
-            component.begin(float(time), math.inf, self.parameters[k])
-            names, values = self._inputs(k)
-            component.set(names, values)
-            component.end_initialization()
-            m.force[k] = self._force_in_si(k, component.get([self.ports[k]["force"].name])[0])
-        self._tables = [component.functions() for component in self.components]
-        plan, self._keep = _plan(self, self._tables)
-        self.operate = self._bind(force_law.operate)(plan, m)
-
-    def save(self) -> None:
-        """Save the state of every FMU as the accepted one.
-
-        Raises:
-            StepError: An FMU cannot save its state.
-        """
-        for k, table in enumerate(self._tables):
-            status = blocks.call_state(table.save, table.instance, self.motion.states.ctypes.data + 8 * k)
-            if status > 1:
-                raise self.components[k].refused("save its state", status, self.motion.clock[0], self._named(k))
-
-    def error(self, reason: int) -> EightpostError:
-        """Return the error for an operation that failed for a reason of cosim.engine.force_law."""
-        m = self.motion
-        if reason == force_law.REFUSED:
-            status, k, call = (int(number) for number in m.failure)
-            return self.components[k].refused(_CALLS[call], status, float(m.clock[0]), self._named(k))
-        if reason == force_law.BACKWARD:
-            return InputError(
-                f"time {m.clock[1]:.9g} s is before the last accepted time, {m.clock[0]:.9g} s: a force law cannot go "
-                "back beyond it; accept a point only after the integrator's step is final"
-            )
-        try:
-            self._check_finite()
-        except InputError as error:
-            return error
-        return StepError("the force law failed for an unknown reason")
-
-    def finish(self) -> None:
-        """End the run of every FMU and free its states."""
-        self.operate = self._not_started
-        with suppress(EightpostError):
-            free_states(self._tables, self.motion.states)
-        self.motion.states.fill(0)
-        self._tables, self._keep = [], None
-        for component in self.components:
-            component.finish()
-
-    def close(self) -> None:
-        """End the run and unload the FMUs."""
-        self.finish()
-        for component in self.components:
-            component.close()
-
-    def _not_started(self, _operation: int) -> int:
-        raise StepError(f"the shocks {', '.join(self.names)} have not started; call start() first")
-
-    def _check_finite(self) -> None:
-        m = self.motion
-        if not math.isfinite(m.clock[1]):
-            raise InputError(f"time is {m.clock[1]}; give a finite time [s]")
-        for k, name in enumerate(self.names):
-            for port, value in zip(("velocity", "displacement"), m.trial[k], strict=True):
-                if not math.isfinite(value):
-                    raise InputError(
-                        f"{name}: {port} is {value} at {m.clock[1]:.9g} s; the integrator diverged, or the host "
-                        "passed a value that was not computed"
-                    )
-
-    def _inputs(self, k: int) -> tuple[list[str], list[float]]:
-        """Return names and values of corner k's inputs at its trial point, in the FMU's own units."""
-        found = zip(("velocity", "displacement"), self.motion.trial[k], strict=True)
-        known = [(self.ports[k][port], float(value)) for port, value in found if port in self.ports[k]]
-        return [port.name for port, _ in known], [port.conversion(value) for port, value in known]
-
-    def _named(self, k: int) -> dict[str, float]:
-        return dict(zip(*self._inputs(k), strict=True))
-
-    def _force_in_si(self, k: int, value: float) -> float:
-        own = self.ports[k]["force"].conversion
-        return (value - own.offset) / own.factor
-
-
-#: Descriptions of the calls, by their numbers in cosim.engine.plan.
-_CALLS = ("set inputs", "set input derivatives", "step", "give its force", "save its state", "restore its state")
-
-
-def _own_parameters(parameters: Parameters, name: str, names: Sequence[str]) -> dict[str, Any]:
+def _parameters_of(parameters: Parameters, name: str, names: Sequence[str]) -> dict[str, Any]:
     """Return one corner's parameters from those of all corners, or from a table by corner."""
-    by_corner = [value for value in parameters.values() if isinstance(value, Mapping)]
-    if not by_corner:
+    if not any(isinstance(value, Mapping) for value in parameters.values()):
         return dict(parameters)
     if unknown := sorted(set(parameters) - set(names)):
         raise InputError(f"parameters name {unknown[0]!r}, which is not a corner; the corners are {', '.join(names)}")
     return dict(parameters.get(name, {}))
 
 
-# ---- Blocks of the engine -------------------------------------------------------------------------------------------
+# ==== Blocks of the engine ===========================================================================================
+
+#: Largest time difference that counts as none [s]; and the step over which inputs jump if no time passes.
+SHORTEST = 1e-9
+
+#: Descriptions of the calls, by their numbers in cosim.engine.plan.
+_CALLS = ("set inputs", "set input derivatives", "step", "give its force", "save its state", "restore its state")
 
 
-def _blank_motion(count: int) -> force_law.Motion:
-    def reals(*shape: int) -> Array:
-        return np.zeros(shape)
-
-    return force_law.Motion(
-        clock=reals(3),
-        accepted=reals(count, 2),
-        trial=reals(count, 2),
-        reached=reals(count, 2),
-        values=reals(count, 2),
-        slopes=reals(count, 2),
-        read=reals(count),
-        force=reals(count),
-        jacobian=reals(count, 2),
-        around=reals(4),
-        states=np.zeros(count, dtype=np.int64),
-        failure=np.zeros(3, dtype=np.int64),
-    )
+def _blank_motion(count: int) -> engine.Motion:
+    shapes = {"clock": (3,), "around": (4,)} | dict.fromkeys(("read", "force"), (count,))
+    arrays: dict[str, Any] = {name: np.zeros(shapes.get(name, (count, 2))) for name in engine.Motion._fields}
+    return engine.Motion(**arrays | {"states": np.zeros(count, np.int64), "failure": np.zeros(3, np.int64)})
 
 
-def _plan(corners: Corners, tables: Sequence[FunctionTable]) -> tuple[force_law.Ports, Any]:
+def _plan(
+    components: Sequence[FmuComponent],
+    ports: Sequence[Mapping[str, Port]],
+    tables: Sequence[FunctionTable],
+    motion: engine.Motion,
+    difference: float,
+) -> tuple[engine.Ports, Any]:
     """Return the block of functions and ports, and the arrays that must live as long as it is used."""
-    m, count = corners.motion, len(tables)
-    references = np.zeros((count, 3), dtype=np.uint32)
-    orders = np.ones(2, dtype=np.int32)
+    count = len(tables)
+    references, orders = np.zeros((count, 3), dtype=np.uint32), np.ones(2, dtype=np.int32)
     scale, offset = np.ones((count, 3)), np.zeros((count, 3))
-    for i, (table, ports) in enumerate(zip(tables, corners.ports, strict=True)):
-        for k, port in enumerate(("velocity", "displacement", "force")):
-            if port in ports:
-                references[i, k] = table.references[ports[port].name]
-                own = ports[port].conversion
-                scale[i, k], offset[i, k] = own.factor, own.offset
+    for i, (table, named) in enumerate(zip(tables, ports, strict=True)):
+        for k, port in enumerate(_PORTS):
+            if port in named:
+                references[i, k] = table.references[named[port].name]
+                scale[i, k], offset[i, k] = named[port].conversion.factor, named[port].conversion.offset
         scale[i, 2], offset[i, 2] = 1.0 / scale[i, 2], -offset[i, 2] / scale[i, 2]
 
     def integers(values: Any) -> Any:
@@ -302,26 +140,21 @@ def _plan(corners: Corners, tables: Sequence[FunctionTable]) -> tuple[force_law.
         first, step = array.ctypes.data + column * array.itemsize, array.strides[0]
         return integers(first + step * i for i in range(count))
 
-    plan = force_law.Ports(
-        set_real=integers(t.set_real for t in tables),
-        set_slopes=integers(t.set_slopes for t in tables),
-        do_step=integers(t.do_step for t in tables),
-        get_real=integers(t.get_real for t in tables),
-        save=integers(t.save for t in tables),
-        restore=integers(t.restore for t in tables),
-        instance=integers(t.instance for t in tables),
-        ramped=integers(c.capabilities.interpolates_inputs for c in corners.components),
+    functions = ("set_real", "set_slopes", "do_step", "get_real", "save", "restore", "instance")
+    plan = engine.Ports(
+        **{name: integers(getattr(table, name) for table in tables) for name in functions},
+        ramped=integers(c.capabilities.interpolates_inputs for c in components),
         inputs=rows(references),
         orders=integers([orders.ctypes.data] * count),
         output=rows(references, 2),
-        width=integers(2 if "displacement" in ports else 1 for ports in corners.ports),
-        values=rows(m.values),
-        slopes=rows(m.slopes),
-        read=rows(m.read),
+        width=integers(2 if "displacement" in named else 1 for named in ports),
+        values=rows(motion.values),
+        slopes=rows(motion.slopes),
+        read=rows(motion.read),
         scale=scale,
         offset=offset,
-        shortest=corners.SHORTEST,
-        difference=corners.difference,
+        shortest=SHORTEST,
+        difference=difference,
     )
     return plan, (references, orders)
 
@@ -330,7 +163,10 @@ def _plan(corners: Corners, tables: Sequence[FunctionTable]) -> tuple[force_law.
 
 
 class ForceLoop:
-    """Shock FMUs at the corners of a host's vehicle; see `ForceLaw` for the arguments and errors."""
+    """Shock FMUs at the corners of a host's vehicle, and errors that name the corner; see `ForceLaw` for the arguments.
+
+    Calls raise InputError for a value that is not finite, and StepError if the loop has not started or an FMU refuses.
+    """
 
     def __init__(
         self,
@@ -341,13 +177,22 @@ class ForceLoop:
         parameters: Parameters | None = None,
         engine: str = "auto",
     ) -> None:
+        if engine not in ("auto", "compiled", "python"):
+            raise InputError(f"engine is {engine!r}; give auto, compiled or python")
         self._scalar = corners is None and isinstance(fmu, (str, Path))
-        self._corners = Corners(fmu, corners=corners, ports=ports or {}, parameters=parameters or {}, engine=engine)
-        for component in self._corners.components:
+        self._components = _opened(fmu, corners)
+        self._names = [component._name for component in self._components]
+        self._ports = [_ports(component, ports or {}) for component in self._components]
+        self._parameters = [_parameters_of(parameters or {}, name, self._names) for name in self._names]
+        for component in self._components:
             self._check(component)
-        motion = self._corners.motion
-        self._clock, self._force = motion.clock, motion.force
-        self._velocity, self._displacement = motion.trial[:, 0], motion.trial[:, 1]
+        self._bind = bound if engine == "python" else partial(compiled, instead={})
+        self._difference = 1e-6  # change of an input for the Jacobian [m/s], [m]
+        self._motion = _blank_motion(len(self._components))
+        self._clock, self._force, self._trial = self._motion.clock, self._motion.force, self._motion.trial
+        self._tables: list[FunctionTable] = []
+        self._keep: Any = None
+        self._operation: Any = None
 
     def _check(self, component: FmuComponent) -> None:
         """Raise an error if the loop needs what the FMU of a corner does not offer."""
@@ -355,7 +200,7 @@ class ForceLoop:
     @property
     def corners(self) -> tuple[str, ...]:
         """Names of the corners, in the order of all arrays."""
-        return tuple(self._corners.names)
+        return tuple(self._names)
 
     @property
     def time(self) -> float:
@@ -365,7 +210,7 @@ class ForceLoop:
     @property
     def messages(self) -> tuple[str, ...]:
         """Warnings of all FMUs since the start, each once, with the name of the corner."""
-        return tuple(f"{c._name}: {text}" for c in self._corners.components for text in c.messages)
+        return tuple(f"{c._name}: {text}" for c in self._components for text in c.messages)
 
     def start(self, time: float, velocity: Any, displacement: Any = 0.0) -> Any:
         """Start in equilibrium: the shock has moved at this velocity for a long time. A second call starts again.
@@ -377,17 +222,30 @@ class ForceLoop:
 
         Returns:
             Shock force [N], float or (N,).
-
-        Raises:
-            StepError: An FMU cannot be loaded, or refuses a value or the start.
-            InputError: An input is not finite.
         """
-        self._corners.start(time, velocity, displacement)
+        self._finish()
+        m = self._motion
+        m.clock[:] = time, time, math.nan
+        m.trial[:, 0], m.trial[:, 1] = velocity, displacement
+        self._check_finite()
+        m.accepted[:] = m.trial
+        for k, component in enumerate(self._components):
+            component.begin(float(time), math.inf, self._parameters[k])
+            inputs, force = self._inputs(k), self._ports[k]["force"]
+            component.set(list(inputs), list(inputs.values()))
+            component.end_initialization()
+            (value,) = component.get([force.name])
+            m.force[k] = (value - force.conversion.offset) / force.conversion.factor
+        self._tables = [component.functions() for component in self._components]
+        plan, self._keep = _plan(self._components, self._ports, self._tables, m, self._difference)
+        self._operation = self._bind(engine.operate)(plan, m)
         return self._forces()
 
     def close(self) -> None:
         """End the run and unload the FMUs."""
-        self._corners.close()
+        self._finish()
+        for component in self._components:
+            component.close()
 
     def __enter__(self) -> Self:
         return self
@@ -397,16 +255,63 @@ class ForceLoop:
     ) -> None:
         self.close()
 
-    def _operate(self, operation: int, time: float, velocity: Any, displacement: Any) -> None:
+    def _finish(self) -> None:
+        """End the run of every FMU and free its states."""
+        with suppress(EightpostError):
+            free_states(self._tables, self._motion.states)
+        self._motion.states.fill(0)
+        self._tables, self._keep, self._operation = [], None, None
+        for component in self._components:
+            component.finish()
+
+    def _operate(self, operation: int, time: float, velocity: Any, displacement: Any) -> Any:
+        """Run an operation of the engine at a point; return the forces."""
         self._clock[1] = time
-        self._velocity[:] = velocity
-        self._displacement[:] = displacement
-        reason = self._corners.operate(operation)
+        self._trial[:, 0] = velocity
+        self._trial[:, 1] = displacement
+        if self._operation is None:
+            raise StepError(f"the shocks {', '.join(self._names)} have not started; call start() first")
+        reason = self._operation(operation)
         if reason:
-            raise self._corners.error(reason)
+            raise self._error(reason)
+        return self._forces()
 
     def _forces(self) -> Any:
         return self._force.item(0) if self._scalar else self._force.copy()
+
+    def _error(self, reason: int) -> EightpostError:
+        """Return the error for an operation that failed for a reason of cosim.engine.force_law."""
+        if reason == engine.REFUSED:
+            status, k, call = (int(number) for number in self._motion.failure)
+            return self._components[k].refused(_CALLS[call], status, self.time, self._inputs(k))
+        if reason == engine.BACKWARD:
+            return InputError(
+                f"time {self._clock[1]:.9g} s is before the last accepted time, {self.time:.9g} s: a force law cannot "
+                "go back beyond it; accept a point only after the integrator's step is final"
+            )
+        try:
+            self._check_finite()
+        except InputError as error:
+            return error
+        return StepError("the force law failed for an unknown reason")
+
+    def _check_finite(self) -> None:
+        time = self._clock[1]
+        if not math.isfinite(time):
+            raise InputError(f"time is {time}; give a finite time [s]")
+        for name, row in zip(self._names, self._trial, strict=True):
+            for port, value in zip(("velocity", "displacement"), row, strict=True):
+                if not math.isfinite(value):
+                    raise InputError(
+                        f"{name}: {port} is {value} at {time:.9g} s; the integrator diverged, or the host passed a "
+                        "value that was not computed"
+                    )
+
+    def _inputs(self, k: int) -> dict[str, float]:
+        """Return corner k's inputs at its trial point, in the FMU's own units."""
+        values = zip(("velocity", "displacement"), self._trial[k], strict=True)
+        ports = [(self._ports[k][port], float(value)) for port, value in values if port in self._ports[k]]
+        return {port.name: port.conversion(value) for port, value in ports}
 
 
 # ==== Exact at any trial point, without side effects =================================================================
@@ -469,54 +374,47 @@ class ForceLaw(ForceLoop):
         if not (math.isfinite(difference) and difference > 0.0):
             raise InputError(f"difference is {difference!r}; give a positive change of velocity [m/s]")
         super().__init__(fmu, corners=corners, ports=ports, parameters=parameters, engine=engine)
-        self._corners.difference = float(difference)
+        self._difference = float(difference)
 
     def _check(self, component: FmuComponent) -> None:
         if not component.capabilities.state:
-            raise FmuError(_no_state(component.source))
+            raise FmuError(
+                f"{component.source} cannot save its state (canGetAndSetFMUstate is false in its model description), "
+                "so it cannot be tried at points that the integrator may reject; use cosim.HeldForce (loop A) or "
+                "cosim.ExtrapolatedForce (loop B) with a smaller step, or ask its maker for an FMU with states"
+            )
         if not component.capabilities.variable_step:
-            raise FmuError(_fixed_step(component.source))
+            raise FmuError(
+                f"{component.source} steps at fixed communication points only (canHandleVariableCommunicationStepSize "
+                "is false in its model description), so it cannot be tried at arbitrary times; use cosim.HeldForce "
+                "(loop A) with its own step"
+            )
 
     def start(self, time: float, velocity: Any, displacement: Any = 0.0) -> Any:
-        """Start in equilibrium and return the force there [N]; see `ForceLoop.start`.
-
-        Raises:
-            StepError: An FMU cannot be loaded, or refuses a value or the start.
-            InputError: An input is not finite.
-        """
-        first = super().start(time, velocity, displacement)
-        self._corners.save()
+        """Start in equilibrium and return the force there [N]; see `ForceLoop.start`."""
+        first, m = super().start(time, velocity, displacement), self._motion
+        for k, table in enumerate(self._tables):
+            status = blocks.call_state(table.save, table.instance, m.states.ctypes.data + 8 * k)
+            if status > 1:
+                raise self._components[k].refused("save its state", status, self.time, self._inputs(k))
         return first
 
     def force(self, time: float, velocity: Any, displacement: Any = 0.0) -> Any:
-        """Return the force at a trial point; the accepted point remains.
+        """Return the force at a trial point [N], float or (N,), positive in compression; the accepted point remains.
 
         Args:
             time: Time of the trial point [s], not before the accepted one.
             velocity: Shock velocity [m/s], positive in compression, float or (N,).
             displacement: Shock displacement [m], float or (N,).
-
-        Returns:
-            Shock force [N], float or (N,); positive in compression.
-
-        Raises:
-            InputError: The time is before the accepted one, or an input is not finite.
-            StepError: The law has not started, or an FMU refuses the step.
         """
-        self._operate(engine.TRIAL, time, velocity, displacement)
-        return self._forces()
+        return self._operate(engine.TRIAL, time, velocity, displacement)
 
     def accept(self, time: float, velocity: Any, displacement: Any = 0.0) -> Any:
         """Make a point the accepted one, after the integrator has accepted its step, and return the force there.
 
         If the last evaluation was at the same point, the FMU is not stepped again.
-
-        Raises:
-            InputError: The time is before the accepted one, or an input is not finite.
-            StepError: The law has not started, or an FMU refuses the step.
         """
-        self._operate(engine.ACCEPT, time, velocity, displacement)
-        return self._forces()
+        return self._operate(engine.ACCEPT, time, velocity, displacement)
 
     def jacobian(self, time: float, velocity: Any, displacement: Any = 0.0) -> tuple[Any, Any]:
         """Return the derivatives of `force` at a trial point: that of the FMU's output, and of the step before it.
@@ -527,31 +425,12 @@ class ForceLaw(ForceLoop):
 
         Returns:
             Derivatives with respect to velocity [N.s/m] and displacement [N/m], floats or (N,).
-
-        Raises:
-            InputError: The time is before the accepted one, or an input is not finite.
-            StepError: The law has not started, or an FMU refuses the step.
         """
         self._operate(engine.DIFFERENTIATE, time, velocity, displacement)
-        jacobian = self._corners.motion.jacobian
+        jacobian = self._motion.jacobian
         if self._scalar:
             return float(jacobian[0, 0]), float(jacobian[0, 1])
         return jacobian[:, 0].copy(), jacobian[:, 1].copy()
-
-
-def _no_state(source: str) -> str:
-    return (
-        f"{source} cannot save its state (canGetAndSetFMUstate is false in its model description), so it cannot be "
-        "tried at points that the integrator may reject; use cosim.HeldForce (loop A) or cosim.ExtrapolatedForce "
-        "(loop B) with a smaller step, or ask its maker for an FMU with states"
-    )
-
-
-def _fixed_step(source: str) -> str:
-    return (
-        f"{source} steps at fixed communication points only (canHandleVariableCommunicationStepSize is false in its "
-        "model description), so it cannot be tried at arbitrary times; use cosim.HeldForce (loop A) with its own step"
-    )
 
 
 # ==== For hosts that cannot repeat a step: the force is held over the host's next step (loops A and B) ===============
@@ -568,29 +447,20 @@ class HeldForce(ForceLoop):
     """
 
     def step(self, time: float, step: float, velocity: Any, displacement: Any = 0.0) -> Any:
-        """Return the force to hold from `time` for `step` [s].
+        """Return the force to hold from `time` for `step` [s], in N, float or (N,), positive in compression.
 
         Args:
             time: Time at which the host's step begins [s]; the end of the last step.
             step: Size of the host's step [s].
             velocity: Shock velocity at `time` [m/s], positive in compression, float or (N,).
             displacement: Shock displacement at `time` [m], float or (N,).
-
-        Returns:
-            Shock force [N], float or (N,); positive in compression.
-
-        Raises:
-            InputError: The step does not begin where the last one ended, or a value is not finite or not positive.
-            StepError: The loop has not started, or an FMU refuses the step.
         """
-        if abs(time - self.time) > Corners.SHORTEST * max(1.0, abs(time)):
+        if abs(time - self.time) > SHORTEST * max(1.0, abs(time)):
             raise InputError(
                 f"the step begins at {time:.9g} s, but the last one ended at {self.time:.9g} s; call step once per step"
             )
-        if not step > Corners.SHORTEST:
-            raise InputError(f"the step from {time:.9g} s is {step!r} s; give a positive step [s]")
-        self._operate(engine.HOLD, self.time + step, velocity, displacement)
-        return self._forces()
+        _check_step(time, step)
+        return self._operate(engine.HOLD, self.time + step, velocity, displacement)
 
 
 class ExtrapolatedForce(ForceLoop):
@@ -606,38 +476,23 @@ class ExtrapolatedForce(ForceLoop):
     """
 
     def start(self, time: float, velocity: Any, displacement: Any = 0.0) -> Any:
-        """Start in equilibrium and return the force there [N]; see `ForceLoop.start`.
-
-        Raises:
-            StepError: An FMU cannot be loaded, or refuses a value or the start.
-            InputError: An input is not finite.
-        """
+        """Start in equilibrium and return the force there [N]; see `ForceLoop.start`."""
         first = super().start(time, velocity, displacement)
         self._slope = 0.0 * self._force
         return first
 
     def step(self, time: float, step: float, velocity: Any, displacement: Any = 0.0) -> Any:
-        """Return the force to hold from `time` for `step` [s].
-
-        Args:
-            time: Time at which the host's step begins [s].
-            step: Size of the host's step [s].
-            velocity: Shock velocity at `time` [m/s], positive in compression, float or (N,).
-            displacement: Shock displacement at `time` [m], float or (N,).
-
-        Returns:
-            Shock force [N], float or (N,); positive in compression.
-
-        Raises:
-            InputError: The time is before that of the last call, or a value is not finite or not positive.
-            StepError: The loop has not started, or an FMU refuses the step.
-        """
-        if not step > Corners.SHORTEST:
-            raise InputError(f"the step from {time:.9g} s is {step!r} s; give a positive step [s]")
+        """Return the force to hold from `time`, not before the last call's, for `step` [s]; see `HeldForce.step`."""
+        _check_step(time, step)
         passed = time - self.time
-        if not abs(passed) <= Corners.SHORTEST:
+        if not abs(passed) <= SHORTEST:
             before = self._force.copy()
             self._operate(engine.FOLLOW, time, velocity, displacement)
             self._slope = (self._force - before) / passed
         ahead = self._force + 0.5 * step * self._slope
         return ahead.item(0) if self._scalar else ahead
+
+
+def _check_step(time: float, step: float) -> None:
+    if not step > SHORTEST:
+        raise InputError(f"the step from {time:.9g} s is {step!r} s; give a positive step [s]")

@@ -8,10 +8,10 @@ from __future__ import annotations
 from eightpost import name_clash  # noqa: F401 - first: it checks where all other modules would be imported from
 
 # isort: split
-import importlib
 import logging
 import os
 import sys
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,59 +22,139 @@ from rich.logging import RichHandler
 from rich.markup import escape
 
 from eightpost import __version__, completion
-from eightpost.errors import EightpostError, InputError, suggestion
+from eightpost.app.former import FORMER_VERBS, current_verb
+from eightpost.app.options import Entry, Verb, VerbGroup, warn
+from eightpost.errors import EightpostError, InputError
 from eightpost.workers.supervision import supervised, tell
 
 _NAME = "eightpost"
 
-#: The verbs in the order of the work, with the first sentence of their help; a verb is imported when it is called,
-#: because its libraries take seconds to load.
-VERBS = {
-    "dyno": "Test a physical shock on the virtual dynamometer.",
-    "inspect": "Show the content of a dynamometer or rig file, and everything suspicious in it.",
-    "fit": "Fit a shock law to a dynamometer file.",
-    "settings": "Fit a shock over its adjusters and temperature.",
-    "clicks": "Find the clicks at which a shock comes closest to a target curve.",
-    "report": "Write a page about shocks: their dynamometer records and fitted laws, by build.",
-    "validate": "Validate fitted shocks or an identified vehicle on held-out records.",
-    "rig": "Test a car on the virtual rig; the data are SYNTHETIC.",
-    "linearity": "Judge where a linear model can predict a car on the rig: coherence against response energy.",
-    "identify": "Identify a vehicle from rig tests.",
-    "drivefile": "Iterate the commands of the rig until it reproduces channels measured on the track.",
-    "vehicle": "Show modes and frequency responses of a vehicle, and the effect of a parameter on them.",
-    "export": "Export models, frequency responses and shock curves for other tools.",
-    "build": "Build an FMU from each source, for co-simulation and model exchange.",
-    "page": "Write a page on which a shock and a quarter car run live.",
-    "check": "Check FMUs of any maker: the rules of the FMI standard, and known causes of failed imports.",
-    "run": "Run a system of coupled FMUs.",
-    "ssp": "Write a system of coupled FMUs as an SSP 1.0 package for other tools.",
-    "study": "Run every setup of shocks that a study allows, and rank them.",
-    "optimise": "Search for the best setups of a study whose bank is too large to run them all.",
-    "shapes": "Find the shock curves to aim at: the best shapes for a study, also ones that nobody has built.",
-    "whatif": "Show what a click more or less at a corner would do to every measure of a study.",
-    "sensitivity": "Show which corner matters for which measure of a study.",
-    "robust": "Compute how sure a study's choice is with an uncertainty file of your own.",
-    "confirm": "Update how sure a study's choice is with rig runs of some of its setups.",
-    "select": "Select setups of a study to confirm on the rig.",
-    "compare": "Compare runs, or a study's prediction with rig measurements.",
-    "reproduce": "Reproduce the dissertation's figures, tables and equations.",
-    "demo": "Run the whole workflow on shipped data.",
-    "new": "Write a starter folder, with files to be replaced by your own.",
-    "app": "Open a window in the browser: drop files, fit, couple, and run studies.",
-    "doctor": "Check the installation: versions, extras, caches, a coupled run, the compiler.",
+#: The verbs by reader, in the order of the work, with the first sentence of their help.
+SECTIONS: Mapping[str, Mapping[str, Entry]] = {
+    "Start": {
+        "new": Entry("Write a starter folder, with files to be replaced by your own.", "new:new"),
+        "demo": Entry("Run the whole workflow on shipped data.", "demo:demo"),
+        "app": Entry("Open a window in the browser: drop files, fit, couple, and run studies.", "app:app"),
+        "doctor": Entry(
+            "Check the installation: versions, extras, caches, a coupled run, the compiler.", "doctor:doctor"
+        ),
+    },
+    "Shocks and cars from measurements": {
+        "inspect": Entry("Show what a file contains, and everything suspicious in it.", "inspect:inspect"),
+        "fit": Entry(
+            "Fit a shock law to dynamometer records: one, several runs together, or one shock over its adjusters.",
+            "fit:fit",
+        ),
+        "identify": Entry("Identify a vehicle from rig tests.", "identify:identify"),
+        "validate": Entry("Validate fitted shocks or an identified vehicle on held-out records.", "validate:validate"),
+        "report": Entry(
+            "Write a page about shocks: their dynamometer records and fitted laws, by build; or about a study.",
+            "report:report",
+        ),
+    },
+    "FMUs for simulation": {
+        "build": Entry("Build an FMU from each source, for co-simulation and model exchange.", "build:build"),
+        "check": Entry(
+            "Check FMUs of any maker: the rules of the FMI standard, and known causes of failed imports.", "check:check"
+        ),
+        "run": Entry("Run a system of coupled FMUs.", "run:run"),
+        "export": Entry(
+            "Export models, frequency responses, shock curves and systems for other tools.", "export:export"
+        ),
+    },
+    "Setups and the rig": {
+        "study": Entry(
+            "Run every setup of shocks that a study allows, rank them, and choose: `eightpost study FILE` runs it.",
+            members={
+                "run": Entry("Run every setup of shocks that a study allows, and rank them.", "study:study"),
+                "optimise": Entry(
+                    "Search for the best setups of a study whose bank is too large to run them all.",
+                    "optimise:optimise",
+                ),
+                "shapes": Entry(
+                    "Find the shock curves to aim at: the best shapes for a study, also ones that nobody has built.",
+                    "shapes:shapes",
+                ),
+                "whatif": Entry(
+                    "Show what a click more or less at a corner would do to every measure of a study.", "whatif:whatif"
+                ),
+                "sensitivity": Entry(
+                    "Show which corner matters for which measure of a study.", "sensitivity:sensitivity"
+                ),
+                "robust": Entry(
+                    "Compute how sure a study's choice is with an uncertainty file of your own.", "robust:robust"
+                ),
+                "select": Entry("Select setups of a study to confirm on the rig.", "select:select"),
+                "confirm": Entry(
+                    "Update how sure a study's choice is with rig runs of some of its setups.", "confirm:confirm"
+                ),
+                "compare": Entry("Compare runs, or a study's prediction with rig measurements.", "compare:compare"),
+                "clicks": Entry("Find the clicks at which a shock comes closest to a target curve.", "clicks:clicks"),
+            },
+            usual="run",
+        ),
+        "drivefile": Entry(
+            "Iterate the commands of the rig until it reproduces channels measured on the track "
+            "(docs/how_to/drivefile.md).",
+            members={
+                "start": Entry("Compute the first drive file from a track record.", "drivefile:start"),
+                "next": Entry(
+                    "Compute the next drive file from the rig's record of the last one.", "drivefile:next_drive"
+                ),
+                "simulate": Entry(
+                    "Play the drive files on the virtual rig, as `next` would with a rig.", "drivefile:simulate"
+                ),
+            },
+        ),
+        "virtual": Entry(
+            "Test a shock on the virtual dynamometer, or a car on the virtual rig; the data are SYNTHETIC.",
+            members={
+                "dyno": Entry(
+                    "Test a physical shock on the virtual dynamometer; the data are SYNTHETIC.", "virtual:dyno"
+                ),
+                "rig": Entry("Test a car on the virtual rig; the data are SYNTHETIC.", "virtual:rig"),
+            },
+        ),
+    },
+}
+
+#: All verbs; a setting and the evidence about the dissertation are not listed.
+VERBS: Mapping[str, Entry] = {name: entry for section in SECTIONS.values() for name, entry in section.items()} | {
+    "units": Entry("Choose the units of all results once: us or si.", "units:units"),
+    "reproduce": Entry("Reproduce the dissertation's figures, tables and equations.", "reproduce:reproduce"),
 }
 
 
-class _Verbs(click.Group):
-    """Command group that turns the project's own errors into a message and an exit code; others show a traceback."""
+def every_verb() -> dict[str, Verb]:
+    """Return all verbs by their words, such as `study optimise`."""
+    found: dict[str, Verb] = {}
+    groups = [("", main)]
+    for prefix, group in groups:
+        for name in group.entries:
+            command = group.get_command(click.Context(group), name)
+            if isinstance(command, VerbGroup):
+                groups.append((f"{name} ", command))
+            elif isinstance(command, Verb):
+                found[f"{prefix}{name}"] = command
+    return found
+
+
+class _Verbs(VerbGroup):
+    """All verbs. The project's own errors become a message and an exit code; others show a traceback."""
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         """Run the program; a verb in a supervised process, which cannot end unnoticed."""
         work = partial(super().__call__, *args, **kwargs)
         is_program = not args and "args" not in kwargs and f"_{_NAME.upper()}_COMPLETE" not in os.environ
-        if is_program and not VERBS.keys().isdisjoint(sys.argv[1:]):
+        if is_program and not {*VERBS, *FORMER_VERBS}.isdisjoint(sys.argv[1:]):
             os._exit(supervised(work, _complain))  # the command's own process has cleaned up
         return work()
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Read the command line with the current words of its verb."""
+        verbose = [word for word in args if word in ("-v", "--verbose")]  # anywhere on the command line
+        rest = [word for word in args if word not in verbose]
+        return super().parse_args(ctx, [*verbose[:1], *current_verb(rest, report=warn)])
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
@@ -90,29 +170,15 @@ class _Verbs(click.Group):
             _complain("there is not enough memory for this command: use smaller files, or close other programs")
             ctx.exit(2)
 
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the verb; for a misspelled one, name similar verbs."""
-        if args and args[0] not in VERBS and not args[0].startswith("-"):
-            ctx.fail(f"there is no verb {args[0]!r}; {suggestion(args[0], VERBS)}")
-        return super().resolve_command(ctx, args)
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        """List the verbs in the order of the work."""
-        return list(VERBS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import a verb."""
-        if cmd_name not in VERBS:
-            return None
-        command: click.Command = getattr(importlib.import_module(f"eightpost.app.{cmd_name}"), cmd_name)
-        return command
-
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the verbs without importing them."""
-        with formatter.section("Commands"):
-            formatter.write_dl(list(VERBS.items()))
+        """Write the verbs by reader, without importing them."""
+        for title, entries in SECTIONS.items():
+            with formatter.section(title):
+                formatter.write_dl([(name, entry.text) for name, entry in entries.items()])
+        formatter.write_paragraph()
+        formatter.write_text(
+            "Units of results: eightpost units us|si. The dissertation's figures: eightpost reproduce."
+        )
 
 
 #: Maximum number of characters of a message that are shown: a damaged file may contain a name of several megabytes.
@@ -139,9 +205,11 @@ def _check_names() -> None:
             ) from error
 
 
-@click.group(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=_Verbs, entries=VERBS, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name=_NAME)
-@click.option("-v", "--verbose", is_flag=True, help="Show the log messages of components.")
+@click.option(
+    "-v", "--verbose", is_flag=True, help="Show all details of the result, and the log messages of components."
+)
 def main(verbose: bool) -> None:
     """Shock and vehicle FMUs, and the co-simulation that couples them.
 
@@ -168,8 +236,6 @@ class _Warnings(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print a warning on standard error."""
-        from eightpost.app.options import warn  # noqa: PLC0415 -- most commands do not need it
-
         warn(record.getMessage())
 
 

@@ -8,7 +8,6 @@ import json
 import os
 import re
 import tomllib
-import uuid
 from collections.abc import Iterable, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import IO, TYPE_CHECKING, Any, NoReturn
 
 from eightpost.errors import FileFormatError, InputError, OutputError, missing_file
 from eightpost.outputs import check_folder, check_same_content, check_target, note_read, note_written
+from eightpost.workers.marks import mark, remove_left
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -41,7 +41,8 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
 
     Everything is written with this function, so that the rule of `eightpost.outputs` applies to all files: none
     replaces a folder, an input of the running command, or a file of another kind. If the block raises, the old file at
-    `path` is unchanged and the temporary file is removed. The temporary name has the same suffix as `path`, because
+    `path` is unchanged and the temporary file is removed; that of a killed process is removed by the next one that
+    writes the same file. The temporary name has the same suffix as `path`, because
     some writers choose the format by it.
 
     Args:
@@ -55,11 +56,12 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         OutputError: The file or its folder cannot be written, for example a full disk or no permission.
     """
     target = Path(path)
-    temporary = target.with_name(f".{target.stem}.{uuid.uuid4().hex[:12]}{target.suffix}")
+    temporary = target.with_name(f".{target.stem}.{mark()}{target.suffix}")
     with writing(target, temporary):
         check_target(target)
         check_folder(target.parent)
         target.parent.mkdir(parents=True, exist_ok=True)
+        remove_left(target.parent, f".{target.stem}.", target.suffix)
         try:
             yield temporary
             check_same_content(target, temporary)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache, lru_cache
 from itertools import product
 from pathlib import Path
@@ -14,7 +16,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from eightpost.errors import UnknownUnitError
+from eightpost.errors import InputError, UnknownUnitError
 
 # ---- Unit symbols of files and users in pint's notation -------------------------------------------------------------
 
@@ -313,6 +315,75 @@ def metric(unit: str) -> str:
     ('mm/s', 'N')
     """
     return DISPLAY_UNITS.get(unit, (unit, unit))[1]
+
+
+# ---- Units in which results are shown -------------------------------------------------------------------------------
+
+#: Systems that a user can choose; `file`: that of the files which a command reads.
+SYSTEMS = ("us", "si", "file")
+
+#: Environment variable with the system, which counts before the choice of `eightpost units`.
+CHOICE = "EIGHTPOST_UNITS"
+
+_US, _SI = re.compile(r"\b(lb|lbf|in|inch|inches|ips|psi|ft)\b"), re.compile(r"\b(N|kN|mm|m|cm|bar|kPa)\b")
+
+#: Systems of the files that the running command has read; None outside of a command.
+_systems_read: ContextVar[list[str] | None] = ContextVar("systems_read", default=None)
+
+
+def choice_path() -> Path:
+    """Return the path of the file with the user's choice of units."""
+    import platformdirs  # noqa: PLC0415 -- it is needed only where a result is shown
+
+    return platformdirs.user_config_path("eightpost") / "units"
+
+
+def chosen_system() -> str:
+    """Return the user's choice: `us`, `si` or `file`.
+
+    Raises:
+        InputError: The environment variable or the file states another one.
+    """
+    path = choice_path()
+    stated = os.environ.get(CHOICE) or (path.read_text(encoding="utf-8").strip() if path.is_file() else "file")
+    if stated not in SYSTEMS:
+        raise InputError(f"{CHOICE} or {path} states {stated!r}; it must be one of {', '.join(SYSTEMS)}")
+    return stated
+
+
+def shown_system() -> str:
+    """Return the system in which results are shown: the user's choice, else that of the first file, else `us`."""
+    chosen = chosen_system()
+    return (_systems_read.get() or ["us"])[0] if chosen == "file" else chosen
+
+
+@contextmanager
+def following_files() -> Iterator[None]:
+    """Show results in the units of the first file that is read in the block, unless the user has chosen others."""
+    token = _systems_read.set([])
+    try:
+        yield
+    finally:
+        _systems_read.reset(token)
+
+
+def note_file(found: Iterable[str | None]) -> None:
+    """Note the units of the columns of a file that is read."""
+    text = " ".join(unit for unit in found if unit)
+    seen = _systems_read.get()
+    if seen is not None and (_US.search(text) or _SI.search(text)):
+        seen.append("us" if _US.search(text) else "si")
+
+
+def display_unit(unit: str) -> str:
+    """Return the unit in which an SI unit is shown to this user."""
+    return us_customary(unit) if shown_system() == "us" else metric(unit)
+
+
+def shown(value: float, unit: str) -> tuple[float, str]:
+    """Return an SI value in the unit in which it is shown to this user, and that unit."""
+    target = display_unit(unit)
+    return float(convert(value, unit, target)), target
 
 
 def si_unit(unit: str) -> str:

@@ -44,6 +44,8 @@ pytest_plugins = ["tests.run_rules"]
 # decomposition of 150 states then lasts a second in place of 50 ms.
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 threadpool_limits(1, "blas")
+# A developer's own choice of units does not change what tests read.
+os.environ["EIGHTPOST_UNITS"] = "file"
 
 # What the collection makes is kept until the end: the search for garbage in it took a fifth of the collection's time.
 gc.disable()

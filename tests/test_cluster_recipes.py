@@ -71,7 +71,7 @@ def test_options_of_dask_commands_exist(command):
 
 def test_options_of_the_study_exist():
     (command,) = (c["args"] for c in containers() if c["name"] == "study")
-    assert study.make_context("study", command[2:]).params["scheduler"] == "tcp://scheduler:8786"
+    assert study.make_context("study", command[2:]).params["workers"] == "tcp://scheduler:8786"
     with pytest.raises(click.NoSuchOption):
         study.make_context("study", [*command[2:], "--resume"])
 

@@ -4,11 +4,13 @@ import subprocess
 import sys
 
 import pytest
+from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
 from eightpost import units
-from eightpost.errors import UnknownUnitError
+from eightpost.__main__ import main
+from eightpost.errors import InputError, UnknownUnitError
 
 #: Definitions: the inch, the pound and standard gravity are exact.
 INCH, POUND, GRAVITY = 0.0254, 0.45359237, 9.80665
@@ -106,3 +108,55 @@ def test_common_units_are_converted_without_pint():
     )
     program = f"{words}; assert 'pint' not in sys.modules; si_factor('furlong'); assert 'pint' in sys.modules"
     subprocess.run([sys.executable, "-c", program], check=True)
+
+
+@pytest.fixture
+def choice(tmp_path, monkeypatch):
+    """Path of the user's choice, which is not that of the developer."""
+    monkeypatch.delenv(units.CHOICE)
+    monkeypatch.setattr(units, "choice_path", lambda: tmp_path / "user" / "units")
+    return tmp_path / "user" / "units"
+
+
+@pytest.mark.parametrize(
+    ("environment", "file", "columns", "system"),
+    [
+        (None, None, (), "us"),
+        (None, None, ("s", "mm", "N"), "si"),
+        (None, None, ("s", None, "lbf"), "us"),
+        (None, "si", ("in", "lbf"), "si"),
+        ("us", "si", ("mm", "N"), "us"),
+        ("file", "us", ("mm", "N"), "si"),
+    ],
+)
+def test_results_are_in_the_users_units_or_else_in_those_of_the_file(
+    choice, monkeypatch, environment, file, columns, system
+):
+    if environment:
+        monkeypatch.setenv(units.CHOICE, environment)
+    if file:
+        choice.parent.mkdir()
+        choice.write_text(f"{file}\n")
+    with units.following_files():
+        units.note_file(columns)
+        if columns:
+            units.note_file(("V", "ft") if system == "si" else ("kN",))  # the first file decides
+        assert units.shown_system() == system
+        assert units.shown(4.4482216, "N") == ((4.4482216, "N") if system == "si" else (pytest.approx(1.0), "lbf"))
+
+
+def test_files_outside_of_a_command_decide_nothing(choice):
+    units.note_file(("mm", "N"))
+    assert units.shown_system() == "us"
+
+
+def test_a_choice_that_is_no_system_is_refused(choice, monkeypatch):
+    monkeypatch.setenv(units.CHOICE, "metric")
+    with pytest.raises(InputError, match="states 'metric'; it must be one of us, si, file"):
+        units.shown_system()
+
+
+def test_the_command_stores_the_choice_and_states_it(choice):
+    assert "units of results: file (nothing was chosen)" in CliRunner().invoke(main, ["units"]).output
+    assert f"units of results: si ({choice})" in CliRunner().invoke(main, ["units", "SI"]).output
+    assert choice.read_text() == "si\n" and units.shown_system() == "si"

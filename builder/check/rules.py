@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from eightpost import __version__
-from eightpost.fmi.names import FLAGS, function_name
+from eightpost.fmi.functions import FLAGS, function_name
 
 # ==== Rules of the check, which rules.txt lists, their levels, and findings ==========================================
 
@@ -222,10 +222,7 @@ def finding_in_version_3(finding: Finding) -> Finding:
     """Return a finding about an FMU of FMI 3.0 with its names, and with the section of that standard."""
     rule = finding.rule
     told = replace(
-        rule,
-        title=text_in_version_3(rule.title),
-        source=_source(rule.source),
-        advice=text_in_version_3(rule.advice),
+        rule, title=text_in_version_3(rule.title), source=_source(rule.source), advice=text_in_version_3(rule.advice)
     )
     return Finding(told, text_in_version_3(finding.message))
 

@@ -40,10 +40,7 @@ def tool_findings(subject: Subject) -> Iterator[Finding]:
 
 
 #: Documents with their schemas, which are those of FMI 3.0 in both versions.
-_SCHEMAS = {
-    "terminalsAndIcons/terminalsAndIcons.xml": "fmi3TerminalsAndIcons.xsd",
-    BUILD: "fmi3BuildDescription.xsd",
-}
+_SCHEMAS = {"terminalsAndIcons/terminalsAndIcons.xml": "fmi3TerminalsAndIcons.xsd", BUILD: "fmi3BuildDescription.xsd"}
 
 
 def _faults(content: bytes, schema: str) -> list[str]:

@@ -268,16 +268,8 @@ def write_live_page(shock: str | Path, path: str | Path, *, vehicle: str | Path)
         places=_PLACES,
         subtitle=models.title,
         vehicle=Path(vehicle).name,
-        groups=[
-            ("dynamometer", "Motion", DYNAMOMETER),
-            ("bump", "Road", BUMP),
-            ("shock", "Shock", controls),
-        ],
-        data={
-            "models": content,
-            "shock-module": _packed(models.shock),
-            "car-module": _packed(models.car),
-        },
+        groups=[("dynamometer", "Motion", DYNAMOMETER), ("bump", "Road", BUMP), ("shock", "Shock", controls)],
+        data={"models": content, "shock-module": _packed(models.shock), "car-module": _packed(models.car)},
     )
     return LivePage(html.write_page(path, text), controls, verdict)
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from cosim.engine import blocks
 from eightpost import units
 from eightpost.errors import EightpostError, StepError, UnknownUnitError, WiringError
+from eightpost.fmi.functions import ERROR, OK
 
 # ---- Component ------------------------------------------------------------------------------------------------------
 
@@ -175,9 +176,6 @@ def _defined(definition: UnitDefinition) -> UnitDefinition:
 
 
 # ---- Functions of a component for the loop: an FMU's own, or callbacks into a Python component -----------------------
-
-#: fmi2Status returned by callbacks.
-OK, ERROR = 0, 3
 
 #: FMI names of the functions in a table that the loop calls directly, in the order of its fields.
 FUNCTIONS = (

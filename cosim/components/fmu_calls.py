@@ -17,15 +17,14 @@ from fmpy.fmi1 import FMICallException
 
 from cosim.components.component import FUNCTIONS, address_of
 from cosim.components.fmu_description import Row, Rows
-from cosim.components.fmu_log import ERROR, FmuLog
+from cosim.components.fmu_log import FmuLog
 from cosim.engine import blocks
 from cosim.engine import fmi3_calls as calls
 from cosim.engine.blocks import INTEGERS, REALS, Block
-from eightpost.fmi.names import function_name
+from eightpost.fmi.functions import ERROR, function_name
 
 # ==== Calls of an FMI 2.0 FMU for co-simulation through fmpy, and libraries that lack functions ======================
 
-_ERROR = 3
 _LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3  # fmi2StatusKind
 
 
@@ -34,7 +33,7 @@ class MissingFunction:
 
     def __call__(self, *_arguments: Any) -> int:
         """Return fmi2Error or fmi3Error."""
-        return _ERROR
+        return ERROR
 
 
 class Library:
@@ -102,8 +101,8 @@ class FMU2Elements(fmi2.FMU2Slave):  # type: ignore[misc]  # fmpy has no types; 
 
     def addresses(self) -> tuple[int, dict[str, int]]:
         """Return the instance and the addresses of the functions for the loop; 0 for a missing one."""
-        found = {name: f"fmi2{name}" for name in FUNCTIONS}
-        addresses = {n: address_of(getattr(self.dll, in_c)) if self.dll.has(in_c) else 0 for n, in_c in found.items()}
+        in_c = {name: f"fmi2{name}" for name in FUNCTIONS}
+        addresses = {name: address_of(getattr(self.dll, c)) if self.dll.has(c) else 0 for name, c in in_c.items()}
         return int(getattr(self.component, "value", self.component) or 0), addresses
 
     def free_state(self, state: Any) -> int:
@@ -242,8 +241,8 @@ class FMU3Elements(fmi3.FMU3Slave):  # type: ignore[misc]  # fmpy has no types; 
     def addresses(self) -> tuple[int, dict[str, int]]:
         """Return the instance and the addresses of the functions for the loop; 0 for a missing one."""
         lacking = [n for n in _OPTIONAL if not self.dll.has(f"fmi3{function_name(n)}")]
-        found = {n: 0 if n in lacking else address_of(self._functions_of_2[n]) for n in FUNCTIONS}
-        return self._block.address, found
+        addresses = {n: 0 if n in lacking else address_of(self._functions_of_2[n]) for n in FUNCTIONS}
+        return self._block.address, addresses
 
     def free_state(self, state: Any) -> int:
         """Free the state that a pointer refers to; return the status."""
@@ -262,14 +261,14 @@ class FMU3Elements(fmi3.FMU3Slave):  # type: ignore[misc]  # fmpy has no types; 
             return
         owners = [self._table.elements[reference] for reference in references]
         for k, ((v, place), value) in enumerate(zip(owners, values, strict=True)):
-            row, kept = self._table.rows[v], self._kept(v)
+            row, values_of_row = self._table.rows[v], self._kept(v)
             if row.written.causality == "structuralParameter":
                 self._check_structural(row, place, value)
                 continue
             if row.size > 1 and self._known[v] != self._content.counts[calls.RESTORED]:
                 self._exchange("Get", v)
-            kept[place] = value
-            if kept[place] != value:
+            values_of_row[place] = value
+            if values_of_row[place] != value:
                 self._refuse(
                     f"Set{_value_type(row)}", f"{row.names[0]} = {value} does not fit into its type, {row.type}"
                 )
@@ -315,8 +314,8 @@ class FMU3Elements(fmi3.FMU3Slave):  # type: ignore[misc]  # fmpy has no types; 
         for e, (v, place) in enumerate(self._table.elements):
             row = self._table.rows[v]
             if row.is_real:
-                kept = content.doubles if row.type == "Float64" else content.singles
-                content.last[e] = kept[content.begin[v] + place] = float(row.start_of(place) or 0.0)
+                numbers = content.doubles if row.type == "Float64" else content.singles
+                content.last[e] = numbers[content.begin[v] + place] = float(row.start_of(place) or 0.0)
 
     def _kept(self, v: int) -> Any:
         """Return the kept values of a variable that is not real, at first its start values."""
@@ -329,11 +328,11 @@ class FMU3Elements(fmi3.FMU3Slave):  # type: ignore[misc]  # fmpy has no types; 
         return self._values[v]
 
     def _exchange(self, way: str, v: int) -> None:
-        row, kept = self._table.rows[v], self._kept(v)
+        row, values = self._table.rows[v], self._kept(v)
         if way == "Get":
             self._known[v] = int(self._content.counts[calls.RESTORED])
         function = getattr(self, f"fmi3{way}{_value_type(row)}")
-        function(self.component, (ctypes.c_uint32 * 1)(row.reference), 1, kept, len(kept))
+        function(self.component, (ctypes.c_uint32 * 1)(row.reference), 1, values, len(values))
 
 
 def _value_type(row: Row) -> str:

@@ -18,10 +18,11 @@ from cosim.components.component import FunctionTable, address_of
 from cosim.components.fmu_calls import FMU2Elements, FMU3Elements
 from cosim.components.fmu_description import internal_step
 from cosim.components.fmu_file import FmuFile, SharedFmu
-from cosim.components.fmu_log import ADVICE, DISCARD, ERROR, FATAL, PENDING, FmuLog, OpenedFmu, returned
+from cosim.components.fmu_log import ADVICE, FmuLog, OpenedFmu, returned
 from cosim.components.watch import Surroundings, calling
 from cosim.engine import blocks
 from eightpost.errors import EightpostError, StepError, TerminatedError
+from eightpost.fmi.functions import DISCARD, ERROR, FATAL, PENDING
 
 # ==== An instance of an FMU: what outlives a run and must be freed in order ==========================================
 
@@ -389,9 +390,9 @@ class FmuComponent(OpenedFmu):
 
     def derive(self, outputs: Sequence[str], inputs: Sequence[str], changes: Sequence[float]) -> list[float]:
         """Return how real outputs (N,) change, without delay, with small changes (M,) of real inputs (M,)."""
-        slave, given = self._running(), (ctypes.c_double * len(inputs))(*changes)
-        (sought,), (known,) = self._instance.buffers(outputs), self._instance.buffers(inputs)
-        arguments = (sought.references, len(outputs), known.references, len(inputs), given, sought.buffer)
+        slave, steps = self._running(), (ctypes.c_double * len(inputs))(*changes)
+        (sought,), (into,) = self._instance.buffers(outputs), self._instance.buffers(inputs)
+        arguments = (sought.references, len(outputs), into.references, len(inputs), steps, sought.buffer)
         self._call("give directional derivatives", slave.call, "GetDirectionalDerivative", *arguments)
         return list(sought.buffer)
 

@@ -210,11 +210,11 @@ class Rows:
             ValueError: A limit is not a number.
         """
         units, direct = units_of(description), dict(self._direct(description))
-        found = {}
+        elements_by_name = {}
         for name, number in self.by_name.items():
             k, place = self.elements[number]
             written, unit = self.rows[k].written, self.rows[k].written.unit
-            found[name] = component.Variable(
+            elements_by_name[name] = component.Variable(
                 name=name,
                 causality="parameter" if written.causality == "structuralParameter" else written.causality,
                 variability=written.variability,
@@ -226,7 +226,7 @@ class Rows:
                 direct=direct.get(k, frozenset()),
                 items=items_of(description, written),
             )
-        return found
+        return elements_by_name
 
     def _direct(self, description: Description) -> Iterator[tuple[int, frozenset[str]]]:
         """Yield the position of each output with the names of inputs that it follows without delay.
@@ -238,8 +238,8 @@ class Rows:
         for k, row in enumerate(self.rows):
             if row.written.causality == "output":
                 depends = stated.get(str(row.written.index))
-                known = inputs.values() if depends is None else _known(depends, inputs)
-                yield k, frozenset(name for v in known for alias in v.names for name in v.element_names(alias))
+                sources = inputs.values() if depends is None else _known(depends, inputs)
+                yield k, frozenset(name for v in sources for alias in v.names for name in v.element_names(alias))
 
 
 def _known(dependencies: Sequence[str], inputs: Mapping[int, Row]) -> list[Row]:
@@ -287,21 +287,21 @@ def items_of(description: Description, variable: fmi.Variable) -> dict[str, int]
 
 def _start(variable: fmi.Variable, size: int) -> tuple[str, ...]:
     if variable.type in ("String", "Binary"):
-        found: Sequence[str] = variable.starts
-        if not found and variable.start is not None:
+        texts: Sequence[str] = variable.starts
+        if not texts and variable.start is not None:
             raise ValueError(
                 f"{variable.name}: start={variable.start[:40]!r} is an attribute, but a {variable.type} of FMI 3.0 "
                 "states its start value in a Start element"
             )
     else:
-        found = (variable.start or "").split()
-        if faulty := [text for text in found if not _is_number(text, variable.type)]:
+        texts = (variable.start or "").split()
+        if faulty := [text for text in texts if not _is_number(text, variable.type)]:
             raise ValueError(f"{variable.name}: start={faulty[0][:40]!r} is not a number")
-    if len(found) == 1:
-        return tuple(found) * size
-    if found and len(found) != size:
-        raise ValueError(f"{variable.name}: has {len(found)} start values for {size} elements")
-    return tuple(found)
+    if len(texts) == 1:
+        return tuple(texts) * size
+    if texts and len(texts) != size:
+        raise ValueError(f"{variable.name}: has {len(texts)} start values for {size} elements")
+    return tuple(texts)
 
 
 def _is_number(text: str, kind: str) -> bool:
@@ -315,11 +315,7 @@ def _is_number(text: str, kind: str) -> bool:
 
 
 def _reference(variable: fmi.Variable) -> int:
-    """Return the value reference.
-
-    Raises:
-        ValueError: It is missing, or is not one.
-    """
+    """Return the value reference."""
     number = whole_number(variable.reference.strip())
     if number is None or not number < 1 << 32:
         name = variable.name or variable.native

@@ -100,8 +100,8 @@ class FmuFile:
         """C files in sources/: those listed in the description, else all.c if there is one, else all *.c files."""
         if listed := self.description.sources.files:
             return self._inside(*listed)
-        found = tuple(sorted(p.name for p in (self.folder / "sources").glob("*.c")))
-        return ("all.c",) if "all.c" in found else found
+        present = tuple(sorted(p.name for p in (self.folder / "sources").glob("*.c")))
+        return ("all.c",) if "all.c" in present else present
 
     @property
     def build_options(self) -> tuple[str, ...]:
@@ -111,11 +111,7 @@ class FmuFile:
         return (*given, *(f"-I{name}" for name in self._inside(*self.description.sources.folders)))
 
     def _inside(self, *names: str) -> tuple[str, ...]:
-        """Return paths relative to sources/.
-
-        Raises:
-            FmuError: One of them is outside the FMU.
-        """
+        """Return paths relative to sources/."""
         root = self.folder.resolve()
         for name in names:
             if not (root / "sources" / name).resolve().is_relative_to(root):

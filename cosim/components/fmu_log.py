@@ -20,12 +20,10 @@ from fmpy import fmi2
 from cosim.components.component import Capabilities, Variable
 from cosim.components.fmu_file import FmuFile
 from eightpost.errors import StepError
+from eightpost.fmi.functions import DISCARD, ERROR, FATAL, PENDING
 from eightpost.validity import Validity
 
 # ---- Messages of an FMU, written to Python's logging with printf formats filled in and variables by name ------------
-
-#: fmi2Status above a warning.
-DISCARD, ERROR, FATAL, PENDING = 2, 3, 4, 5
 
 #: By FMI status: OK, warning, discard, error, fatal, pending.
 LEVELS = (logging.DEBUG, logging.WARNING, logging.WARNING, logging.ERROR, logging.CRITICAL, logging.DEBUG)
@@ -253,13 +251,7 @@ class OpenedFmu:
         return StepError(f"component {self._name!r} ({self.source}) is not running; call begin() first")
 
     def _failure(self, failed: str, why: str, to_do: str = "") -> StepError:
-        """Return the error for a failed call.
-
-        Args:
-            failed: Failure, without the component's name: "failed to step from 0.5 s by 0.001 s".
-            why: Cause, as a sentence.
-            to_do: Advice.
-        """
+        """Return the error for a failed call."""
         when = "" if " from " in failed else f" at {self._time:g} s"
         parts = [
             f"component {self._name!r} ({self.source}) {failed}{when}: {why}",

@@ -169,15 +169,15 @@ class IsolatedComponent(OpenedFmu):
 
     def restore(self, state: object) -> None:
         """Restore a state that `save` returned, with the next step or reading."""
-        known = self._checked(state)
-        self._later(("restore", known.number))
-        self._stand(known.time, known.inputs)
+        saved = self._checked(state)
+        self._later(("restore", saved.number))
+        self._stand(saved.time, saved.inputs)
 
     def free(self, state: object) -> None:
         """Free a state."""
-        known = self._checked(state)
-        self._states.discard(known)
-        self._pending.append(("free", known.number))
+        saved = self._checked(state)
+        self._states.discard(saved)
+        self._pending.append(("free", saved.number))
 
     def finish(self) -> None:
         """Terminate; the process of an FMU built by eightpost is kept for the next `begin`, any other is ended."""
@@ -238,14 +238,7 @@ class IsolatedComponent(OpenedFmu):
 
 
 class _Process(Child):
-    """Child process with one FMU.
-
-    Args:
-        path: FMU file (.fmu).
-        name: Name of the component.
-        folder: Folder with the unpacked FMU in `fmu`; it is not removed while this process lives.
-        log: Function that takes the level and the text of the FMU's messages.
-    """
+    """Child process with one FMU."""
 
     def __init__(self, path: Path, name: str, folder: Path, log: Callable[[int, str], None]) -> None:
         self._folder, self._log, self._read = folder, log, 0
@@ -265,12 +258,7 @@ class _Process(Child):
             )
 
     def call(self, calls: Sequence[_Call], seconds: float) -> list[Any]:
-        """Make calls in order; return the result of each.
-
-        Raises:
-            EndedError: The child crashed, or did not respond within `seconds` and was killed.
-            StepError: A call failed; the message is that of the component.
-        """
+        """Make calls in order; return the result of each."""
         outcome, *answer = self.ask(list(calls), seconds, lambda message: self._log(*message))
         if outcome == "done":
             return list(answer[0])

@@ -10,8 +10,6 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-# ==== Blocks: a component's signals and C functions, as arrays and addresses =========================================
-
 # ---- Calls of FMI functions by their addresses, from Python through ctypes and from compiled code -------------------
 
 Integers = NDArray[np.int64]
@@ -38,64 +36,54 @@ def _function(kind: Any, address: int) -> Any:
     return kind(address)
 
 
+def _call(kind: Any, address: int, *arguments: float) -> int:
+    """Call the function at an address; numbers of numpy become those of Python, which ctypes needs."""
+    status: int = _function(kind, int(address))(*(x if isinstance(x, float) else int(x) for x in arguments))
+    return status
+
+
 def exchange(address: int, instance: int, references: int, count: int, values: int) -> int:
     """Set or get `count` Real variables; references and values are addresses."""
-    status: int = _function(EXCHANGE, int(address))(int(instance), int(references), int(count), int(values))
-    return status
+    return _call(EXCHANGE, address, instance, references, count, values)
 
 
 def set_slopes(address: int, instance: int, references: int, count: int, orders: int, values: int) -> int:
     """Set first derivatives of inputs; references, orders and values are addresses."""
-    status: int = _function(SLOPES, int(address))(int(instance), int(references), int(count), int(orders), int(values))
-    return status
+    return _call(SLOPES, address, instance, references, count, orders, values)
 
 
 def do_step(address: int, instance: int, time: float, step: float, final: int) -> int:
     """Step from `time` by `step` [s]; `final` is 1 if no earlier state will be restored."""
-    status: int = _function(STEP, int(address))(int(instance), time, step, final)
-    return status
+    return _call(STEP, address, instance, time, step, final)
+
+
+def call_state(address: int, instance: int, pointer: int) -> int:
+    """Restore the state at the address `pointer`, or save it at the address that is there (0 at first), or free it."""
+    return _call(STATE, address, instance, pointer)
 
 
 def derive(
     address: int, instance: int, unknowns: int, sought: int, knowns: int, given: int, changes: int, result: int
 ) -> int:
     """Write how `sought` outputs change, without delay, with `given` inputs; all but the counts are addresses."""
-    function = _function(DERIVE, int(address))
-    status: int = function(
-        int(instance), int(unknowns), int(sought), int(knowns), int(given), int(changes), int(result)
-    )
-    return status
+    return _call(DERIVE, address, instance, unknowns, sought, knowns, given, changes, result)
 
 
 def exchange_sized(address: int, instance: int, references: int, count: int, values: int, size: int) -> int:
     """Set or get `count` variables of FMI 3.0 with `size` values in total; references and values are addresses."""
-    function = _function(EXCHANGE_SIZED, int(address))
-    status: int = function(int(instance), int(references), int(count), int(values), int(size))
-    return status
+    return _call(EXCHANGE_SIZED, address, instance, references, count, values, size)
 
 
 def take_step(address: int, instance: int, time: float, step: float, final: int, flags: int, reached: int) -> int:
     """Step an instance of FMI 3.0; `flags` and `reached` are addresses of three bytes and of the time reached."""
-    f, function = int(flags), _function(TAKE_STEP, int(address))
-    status: int = function(int(instance), time, step, bool(final), f, f + 1, f + 2, int(reached))
-    return status
+    return _call(TAKE_STEP, address, instance, time, step, final, flags, flags + 1, flags + 2, reached)
 
 
 def derive_sized(
     address: int, instance: int, unknowns: int, sought: int, knowns: int, given: int, changes: int, result: int
 ) -> int:
     """Do the same as `derive` for an instance of FMI 3.0, whose variables have one value each."""
-    function = _function(DERIVE_SIZED, int(address))
-    sizes = int(sought), int(given)
-    rows = (int(unknowns), sizes[0]), (int(knowns), sizes[1]), (int(changes), sizes[1]), (int(result), sizes[0])
-    status: int = function(int(instance), *(argument for row in rows for argument in row))
-    return status
-
-
-def call_state(address: int, instance: int, pointer: int) -> int:
-    """Restore the state at the address `pointer`, or save it at the address that is there (0 at first), or free it."""
-    status: int = _function(STATE, int(address))(int(instance), int(pointer))
-    return status
+    return _call(DERIVE_SIZED, address, instance, unknowns, sought, knowns, given, changes, given, result, sought)
 
 
 def reference_at(address: int, index: int) -> int:

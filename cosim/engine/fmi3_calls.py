@@ -18,12 +18,10 @@ from numpy.typing import NDArray
 from cosim.engine import blocks
 from cosim.engine.blocks import shared
 from cosim.engine.plan import Integers, Reals, References
+from eightpost.fmi.functions import DISCARD, ERROR, OK
 
 #: Types of real variables; other types are set and read outside the loop.
 DOUBLE, SINGLE, OTHER = 0, 1, 2
-
-#: Statuses of FMI.
-OK, DISCARD, ERROR = 0, 2, 3
 
 #: Calls, by number.
 SET_REAL, SET_SLOPES, DO_STEP, GET_REAL, SAVE, RESTORE, DERIVE, UPDATE = 0, 1, 2, 3, 4, 5, 6, 7

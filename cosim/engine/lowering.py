@@ -116,7 +116,7 @@ _LLVM = {"pointer": _POINTER, "size": _WORD, "real": _REAL, "int": _INT, "byte":
 _EXCHANGE, _STATE = ("pointer", "pointer", "size", "pointer"), ("pointer", "pointer")
 
 #: Arguments of the C functions behind functions of `blocks`, which are called at their first argument.
-_CALLS = {
+_CALLS: dict[Callable[..., Any], tuple[str, ...]] = {
     blocks.exchange: _EXCHANGE,
     blocks.set_slopes: (*_EXCHANGE, "pointer"),
     blocks.do_step: ("pointer", "real", "real", "int"),
@@ -128,13 +128,17 @@ _CALLS = {
 }
 
 #: Order of the C function's arguments, where it differs: the number of an argument, and what is added to it.
-_ORDERS = {
+_ORDERS: dict[Callable[..., Any], tuple[tuple[int, int], ...]] = {
     blocks.derive_sized: ((0, 0), (1, 0), (2, 0), (3, 0), (4, 0), (5, 0), (4, 0), (6, 0), (2, 0)),
     blocks.take_step: ((0, 0), (1, 0), (2, 0), (3, 0), (4, 0), (4, 1), (4, 2), (5, 0)),
 }
 
 #: Types of the numbers that functions of `blocks` read from an array at an address.
-_READS = {blocks.reference_at: types.uint32, blocks.order_at: types.int32, blocks.real_at: types.float64}
+_READS: dict[Callable[..., Any], Any] = {
+    blocks.reference_at: types.uint32,
+    blocks.order_at: types.int32,
+    blocks.real_at: types.float64,
+}
 
 
 def _declare(function: Callable[..., Any], signature: Any, generate: Callable[..., Any]) -> None:

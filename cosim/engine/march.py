@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 from cosim.engine import blocks
 from cosim.engine.blocks import Block, shared
 from cosim.engine.plan import (
-    DISCARD,
     DIVERGED,
     DONE,
     GET,
@@ -41,8 +40,7 @@ from cosim.engine.sweep import (
     step_group,
     step_once,
 )
-
-# ==== The march over coupling steps, fixed and adaptive, and its energy meters =======================================
+from eightpost.fmi.functions import DISCARD
 
 # ---- Measures summed over a run, step by step -----------------------------------------------------------------------
 

@@ -7,7 +7,8 @@ offset`; a *signal* is an output that is read after every step, an *extra* one t
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +27,6 @@ JACOBI, GAUSS_SEIDEL, IMPLICIT = 0, 1, 2
 
 #: Reasons why the loop stopped.
 DONE, STOPPED, REFUSED, DIVERGED, STUCK = 0, 1, 2, 3, 4
-
-#: FMI status with which a component asks for a smaller step.
-DISCARD = 2
 
 #: Calls that can be refused.
 SET, SLOPES, STEP, GET, SAVE, RESTORE, DERIVE = 0, 1, 2, 3, 4, 5, 6
@@ -299,90 +297,45 @@ ITERATIONS, JACOBIANS, LOOSE, REJECTED, STEPS = 0, 1, 2, 3, 4
 
 def memory(plan: Plan) -> Memory:
     """Return zeroed memory for a plan."""
-    signals, inputs, terms = plan.signals.reference.size, plan.inputs.reference.size, plan.terms.source.size
-    parts, bonds, watch = plan.parts.instance.size, plan.bonds.velocity.size, plan.watch.signal.size
-    unknowns, matrices = plan.loops.signal.size, int(plan.loops.matrix[-1])
-    ahead, start, value, rate, slope = np.zeros(signals), *(np.zeros(inputs) for _ in range(4))
+    signals, unknowns, parts = plan.signals.reference.size, plan.loops.signal.size, plan.parts.instance.size
+    sizes = {
+        **dict.fromkeys(("ahead", "past", "older", "guess"), signals),
+        **dict.fromkeys(("start", "value", "rate", "slope"), plan.inputs.reference.size),
+        **dict.fromkeys(("fed", "assumed", "defect", "total", "squares"), plan.terms.source.size),
+        **dict.fromkeys(("residual", "transferred"), plan.bonds.velocity.size),
+        **dict.fromkeys(("missed", "after", "move", "change", "left", "right"), unknowns),
+        **dict.fromkeys(("inverse", "jacobian"), int(plan.loops.matrix[-1])),
+        **{"watched": plan.watch.signal.size + 1, "duration": 1, "clock": 1, "kept": 2},
+        **{"gap": plan.direct.input.size, "effect": plan.direct.column.size},
+    }
+    counts = {"states": 2 * parts, "known": plan.loops.parts.size - 1, "turn": 4, "counts": 5, "failure": 4}
+    counts |= {"calls": 2, "stop": 1}
+    arrays: dict[str, NDArray[Any]] = {name: np.zeros(size) for name, size in sizes.items()}
+    arrays |= {name: np.zeros(count, np.int64) for name, count in counts.items()}
     seen = np.zeros(signals + plan.signals.extra_reference.size)
-    now, extra = seen[:signals], seen[signals:]
-    gap, effect = np.zeros(plan.direct.input.size), np.zeros(plan.direct.column.size)
-    return Memory(
-        seen=seen,
-        now=now,
-        ahead=ahead,
-        past=np.zeros(signals),
-        older=np.zeros(signals),
-        guess=np.zeros(signals),
-        start=start,
-        value=value,
-        rate=rate,
-        slope=slope,
-        fed=np.zeros(terms),
-        assumed=np.zeros(terms),
-        extra=extra,
-        residual=np.zeros(bonds),
-        transferred=np.zeros(bonds),
-        defect=np.zeros(terms),
-        total=np.zeros(terms),
-        squares=np.zeros(terms),
-        watched=np.zeros(watch + 1),
-        duration=np.zeros(1),
-        gap=gap,
-        effect=effect,
-        last=np.full(2, 1e300),
-        pace=np.full(2, 1e-300),
-        states=np.zeros(2 * parts, np.int64),
-        size=plan.loops.least.copy(),
-        known=np.zeros(plan.loops.parts.size - 1, np.int64),
-        missed=np.zeros(unknowns),
-        after=np.zeros(unknowns),
-        move=np.zeros(unknowns),
-        change=np.zeros(unknowns),
-        left=np.zeros(unknowns),
-        right=np.zeros(unknowns),
-        inverse=np.zeros(matrices),
-        jacobian=np.zeros(matrices),
-        kept=np.zeros(2),
-        turn=np.zeros(4, np.int64),
-        counts=np.zeros(5, np.int64),
-        failure=np.zeros(4, np.int64),
-        calls=np.zeros(2, np.int64),
-        clock=np.zeros(1),
-        stop=np.zeros(1, np.int64),
-        at=_addresses(plan, start, value, rate, slope, ahead, extra, gap, effect),
-    )
+    arrays |= {"seen": seen, "now": seen[:signals], "extra": seen[signals:], "size": plan.loops.least.copy()}
+    arrays |= {"last": np.full(2, 1e300), "pace": np.full(2, 1e-300)}
+    return Memory(**arrays, at=_addresses(plan, arrays))
 
 
-def _addresses(
-    plan: Plan,
-    start: Reals,
-    value: Reals,
-    rate: Reals,
-    slope: Reals,
-    ahead: Reals,
-    extra: Reals,
-    gap: Reals,
-    effect: Reals,
-) -> Addresses:
+def _addresses(plan: Plan, arrays: Mapping[str, NDArray[Any]]) -> Addresses:
     parts, inputs, signals, direct = plan.parts, plan.inputs, plan.signals, plan.direct
+    places: dict[str, tuple[NDArray[Any], Indices]] = {
+        "input_references": (inputs.reference, parts.inputs),
+        "orders": (inputs.order, parts.inputs),
+        "starts": (arrays["start"], parts.inputs),
+        "values": (arrays["value"], parts.inputs),
+        "rates": (arrays["rate"], parts.inputs),
+        "slopes": (arrays["slope"], parts.inputs),
+        "signal_references": (signals.reference, parts.signals),
+        "signals": (arrays["ahead"], parts.signals),
+        "extra_references": (signals.extra_reference, parts.extras),
+        "extras": (arrays["extra"], parts.extras),
+        "unknowns": (direct.unknown, direct.outputs),
+        "effects": (arrays["effect"], direct.outputs),
+        "knowns": (direct.known, direct.inputs),
+        "gaps": (arrays["gap"], direct.inputs),
+    }
     return Addresses(
-        input_references=_places(inputs.reference, parts.inputs),
-        orders=_places(inputs.order, parts.inputs),
-        starts=_places(start, parts.inputs),
-        values=_places(value, parts.inputs),
-        rates=_places(rate, parts.inputs),
-        slopes=_places(slope, parts.inputs),
-        signal_references=_places(signals.reference, parts.signals),
-        signals=_places(ahead, parts.signals),
-        extra_references=_places(signals.extra_reference, parts.extras),
-        extras=_places(extra, parts.extras),
-        unknowns=_places(direct.unknown, direct.outputs),
-        effects=_places(effect, direct.outputs),
-        knowns=_places(direct.known, direct.inputs),
-        gaps=_places(gap, direct.inputs),
+        **{name: a.ctypes.data + a.itemsize * begins[:-1].astype(np.int64) for name, (a, begins) in places.items()}
     )
-
-
-def _places(array: NDArray[np.generic], begins: Indices) -> Integers:
-    """Return the address of the first element of each part."""
-    return array.ctypes.data + array.itemsize * begins[:-1].astype(np.int64)

@@ -12,8 +12,6 @@ from cosim.systems.coupling import Scenario, targets_of
 from cosim.systems.system import Bond, Connection, System
 from eightpost.errors import UnknownUnitError
 
-# ==== Wiring: connections, and unconnected parts in groups ===========================================================
-
 # ---- Connections of a system for a drawing --------------------------------------------------------------------------
 
 #: Kinds of arrows from outside, used in place of a component's name.
@@ -124,10 +122,10 @@ def _driven(system: System, scenario: Scenario) -> Iterator[Arrow]:
 
 
 def _from_to(unit: str, system: System, target: str) -> str:
-    own = system.input(target).unit
-    if own is None or own.name == unit or _same(unit, own.name):
+    target_unit = system.input(target).unit
+    if target_unit is None or target_unit.name == unit or _same(unit, target_unit.name):
         return unit
-    return f"{unit} → {own.name}"
+    return f"{unit} → {target_unit.name}"
 
 
 def _same(unit: str, other: str) -> bool:
@@ -168,13 +166,13 @@ def groups(names: Sequence[str], joined: Sequence[Arrow], sources: Mapping[str, 
         joined: All connections.
         sources: File of each component.
     """
-    found: dict[_Likeness, Group] = {}
+    distinct: dict[_Likeness, Group] = {}
     for group in _connected(names, joined):
         likeness = _likeness(group, sources)
-        first = found.setdefault(likeness, group)
+        first = distinct.setdefault(likeness, group)
         if first is not group:
-            found[likeness] = replace(first, alike=(*first.alike, group.components))
-    return tuple(found.values())
+            distinct[likeness] = replace(first, alike=(*first.alike, group.components))
+    return tuple(distinct.values())
 
 
 def _connected(names: Sequence[str], joined: Sequence[Arrow]) -> Iterator[Group]:
@@ -214,8 +212,6 @@ def _likeness(group: Group, sources: Mapping[str, str]) -> _Likeness:
         ),
     )
 
-
-# ==== Drawing ========================================================================================================
 
 # ---- Shapes for the drawing of a system, as SVG elements; colours are classes of page.css ---------------------------
 
@@ -487,15 +483,15 @@ class _Sheet:
 
 def _outer(joined: Iterable[Arrow], name: str, center: str) -> list[tuple[Arrow, str, str]]:
     """Return the arrows at the right side of a component: each arrow, its text there, and its direction."""
-    found = []
+    ends = []
     for arrow in joined:
         if arrow.joins(center):
             continue
         if arrow.source.component == name:
-            found.append((arrow, arrow.source.text, "out"))
+            ends.append((arrow, arrow.source.text, "out"))
         if arrow.target.component == name:
-            found.append((arrow, arrow.target.text, "in"))
-    return found
+            ends.append((arrow, arrow.target.text, "in"))
+    return ends
 
 
 def _left_boxes(feeding: Sequence[Arrow]) -> dict[str, tuple[_Box, list[Arrow]]]:

@@ -1,10 +1,11 @@
-"""One run as an HTML page that needs no network, and as plots."""
+"""One run as an HTML page that needs no network."""
 
 from __future__ import annotations
 
 import hashlib
 import platform
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from math import inf, isfinite
@@ -12,12 +13,11 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import scipy
 from markupsafe import Markup
 
-from cosim.report.drawing import Group, arrows, graph, groups
+from cosim.report.drawing import arrows, graph, groups
 from cosim.session.result import Result
-from cosim.session.verdict import LARGEST_RESIDUAL, Coupled
+from cosim.session.verdict import LARGEST_RESIDUAL
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost import __version__
@@ -28,12 +28,8 @@ from eightpost.report import page as html
 from eightpost.report.charts import COLORS
 from eightpost.report.numbers import Display, figure, listed, percent
 from eightpost.report.packing import Spectra, Store, Traces, spectra, traces
-from eightpost.report.pictures import PANELS, display_unit, displayed, excerpt, new_figure, panels_of, save
-from eightpost.report.pictures import traces as traces_figure
 from eightpost.report.tables import Tile
 from eightpost.signals import Drivefile, TimeSeries
-
-# ==== HTML report of a run, and the origin that it states ============================================================
 
 # ==== Origin: files with their digests, versions and the machine =====================================================
 
@@ -59,13 +55,13 @@ def origins(result: Result, files: Mapping[str, Path]) -> tuple[Origin, ...]:
         result: Result of the run.
         files: FMU files by component, if known; each is read once.
     """
-    known = {path: (_made_by(path), _digest(path)) for path in set(files.values())}
+    made = {path: (_made_by(path), sha256_of(path) if path.is_file() else "") for path in set(files.values())}
     return tuple(
         Origin(
             name,
             result.sources.get(name, ""),
             identity,
-            *(known[files[name]] if name in files else ("", "")),
+            *(made[files[name]] if name in files else ("", "")),
             parameters=tuple(f"{p} = {value}" for p, value in result.parameters.get(name, {}).items()),
         )
         for name, identity in result.identities.items()
@@ -88,23 +84,11 @@ def drive_digest(drive: Drivefile) -> str:
 
 def versions() -> str:
     """Return the versions of the current installation."""
-    return ", ".join((f"eightpost {__version__}", f"Python {platform.python_version()}", *_packages(), _machine()))
-
-
-def _packages() -> Iterator[str]:
+    parts = [f"eightpost {__version__}", f"Python {platform.python_version()}"]
     for name in _PACKAGES:
-        try:
-            yield f"{name} {version(name)}"
-        except PackageNotFoundError:
-            continue
-
-
-def _machine() -> str:
-    return f"{platform.system()} {platform.machine()}"
-
-
-def _digest(path: Path) -> str:
-    return sha256_of(path) if path.is_file() else ""
+        with suppress(PackageNotFoundError):
+            parts.append(f"{name} {version(name)}")
+    return ", ".join((*parts, f"{platform.system()} {platform.machine()}"))
 
 
 def _made_by(path: Path) -> str:
@@ -118,8 +102,6 @@ def _made_by(path: Path) -> str:
     model = f"version {root.get('version')}" if root.get("version") else ""
     return ", ".join(filter(None, (root.get("generationTool"), model, f"FMI {root.get('fmiVersion', '')}")))
 
-
-# ==== The page =======================================================================================================
 
 # ---- Recorded channels for display ----------------------------------------------------------------------------------
 
@@ -211,41 +193,18 @@ class Worst:
     percent: float
 
 
-@dataclass(frozen=True, slots=True)
-class _BondRow:
-    """Energy and local errors of one bond."""
-
-    name: str  #: Name of the bond.
-    transferred: float  #: Energy through it [J].
-    residual: float  #: Energy that the coupling added (+) or lost (-) [J].
-    percent: float  #: Residual in percent of the energy transferred.
-    acceptable: bool  #: Whether the residual is small enough.
-    coupled: Coupled | None  #: Local errors of the values that its ends assumed of each other; None if not estimated.
-
-
-def _bond_rows(result: Result) -> tuple[_BondRow, ...]:
-    """Return energy and local errors of every bond."""
-    return tuple(
-        _BondRow(name, e.transferred, e.residual, 100.0 * e.relative, e.acceptable, result.coupled.get(name))
-        for name, e in result.energy.items()
-    )
-
-
 def worst(stated: Mapping[str, float], among: Iterable[str] | None = None) -> Worst | None:
     """Return the largest known error among some channels; None if no error is known."""
     chosen = stated if among is None else stated.keys() & set(among)
-    known = {name: stated[name] for name in chosen if isfinite(stated[name])}
+    finite = {name: stated[name] for name in chosen if isfinite(stated[name])}
     return max(
-        (Worst(name, value) for name, value in known.items()), key=lambda w: (w.percent, w.channel), default=None
+        (Worst(name, value) for name, value in finite.items()), key=lambda w: (w.percent, w.channel), default=None
     )
 
 
-def tiles(result: Result) -> tuple[Tile, ...]:
-    """Return the figures of the page's head."""
-    return tuple(_tiles(result, worst(result.stated_error, result.decisive), worst(result.stated_error)))
-
-
-def _tiles(result: Result, ports: Worst | None, any_channel: Worst | None) -> Iterator[Tile]:
+def tiles(result: Result) -> Iterator[Tile]:
+    """Yield the figures of the page's head."""
+    ports, any_channel = worst(result.stated_error, result.decisive), worst(result.stated_error)
     if ports and ports != any_channel:
         yield Tile("Coupling error (bonds, tires)", percent(ports.percent), ports.channel)
     if any_channel:
@@ -262,33 +221,21 @@ def _tiles(result: Result, ports: Worst | None, any_channel: Worst | None) -> It
 
 def notes(result: Result) -> tuple[str, ...]:
     """Return all notes for the reader; the run's own notes first."""
-    return tuple(note.replace(" %", "\N{NO-BREAK SPACE}%") for note in (*result.notes, *_notes(result)))
-
-
-def _notes(result: Result) -> Iterator[str]:
+    texts = list(result.notes)
     if result.settling and result.series.time[-1] <= result.settling:
-        yield f"the run ended within its settling time ({result.settling:g} s): statistics and spectra use all of it"
+        texts.append(
+            f"the run ended within its settling time ({result.settling:g} s): statistics and spectra use all of it"
+        )
     if result.held_direct:
-        yield (
+        texts.append(
             "outputs that follow, without delay, an input that was held over each step: "
             f"{listed(result.held_direct)}; their error is proportional to the step"
         )
+    return tuple(text.replace(" %", "\N{NO-BREAK SPACE}%") for text in texts)
 
 
-def facts(result: Result, scenario: Scenario) -> tuple[tuple[str, str], ...]:
-    """Return facts about the run, as pairs of name and value."""
-    return (*_facts(result), ("Drive", _drive(scenario)), ("Versions", versions()))
-
-
-def _drive(scenario: Scenario) -> str:
-    if scenario.drive is None:
-        return "none"
-    names, digest = listed(scenario.drive.names), drive_digest(scenario.drive)
-    text = '{}; from {:g} s of the drive file; <span class="digest">SHA-256 {}</span>'
-    return Markup(text).format(names, scenario.drive_start, digest)
-
-
-def _facts(result: Result) -> Iterator[tuple[str, str]]:
+def facts(result: Result, scenario: Scenario) -> Iterator[tuple[str, str]]:
+    """Yield facts about the run, as pairs of name and value."""
     first, last = float(result.series.time[0]), float(result.series.time[-1])
     yield "Time", f"{first:g} to {last:g} s{', ended early (partial)' if result.partial else ''}"
     yield "Settling, excluded from statistics and spectra", f"{result.settling:g} s"
@@ -301,6 +248,13 @@ def _facts(result: Result) -> Iterator[tuple[str, str]]:
     yield "Evaluations until the equilibrium start converged", f"{result.equilibrium_sweeps}"
     yield "Recorded", f"{len(result.series.names)} channels, {len(result.series)} samples each"
     yield "Computed in", f"{figure(result.seconds, 3)} s, of which {figure(result.stepping_seconds, 3)} s in steps"
+    if scenario.drive is None:
+        yield "Drive", "none"
+    else:
+        names, digest = listed(scenario.drive.names), drive_digest(scenario.drive)
+        text = '{}; from {:g} s of the drive file; <span class="digest">SHA-256 {}</span>'
+        yield "Drive", Markup(text).format(names, scenario.drive_start, digest)
+    yield "Versions", versions()
 
 
 def _step(result: Result) -> str:
@@ -352,57 +306,38 @@ def page(
 ) -> str:
     """Return the page's HTML; names of components, channels and files are escaped."""
     settled = result.settled()
-    kept, densities = traces(result.series), spectra(settled)
-    manifest, numbers = _packed(result, kept, densities)
-    context = _summary(result, scenario) | _signals(result, settled)
+    shown, densities = traces(result.series), spectra(settled)
+    manifest, numbers = _packed(result, shown, densities)
+    rows = statistics(settled, result.stated_error)
+    drawn = groups(tuple(system.components), arrows(system, scenario), result.sources)[:_DRAWINGS]
     return html.page(
         "cosim.report",
         ["page.js"],
-        **context,
         title=title,
         places=_PLACES,
         result=result,
-        drawings=_drawings(result, system, scenario),
+        verdict=result.verdict,
+        tiles=tuple(tiles(result)),
+        notes=notes(result),
+        facts=tuple(facts(result, scenario)),
+        limit=100.0 * LARGEST_RESIDUAL,
+        drawings=[(group, Markup(graph(group, result.sources))) for group in drawn],
         bonds=system.bonds,
         connections=system.connections,
-        accounts=_bond_rows(result),
         origins=origins(result, files or {}),
-        traces=kept,
+        traces=shown,
         spectra=densities,
+        panels=panels(result.series),
+        statistics=rows,
+        largest=max((row.error for row in rows if row.error is not None), default=None),
+        span=f"{settled.time[0]:g} to {settled.time[-1]:g} s",
+        velocity=Display.of("m/s"),
+        force=Display.of("N"),
         data={"manifest": manifest, "numbers": numbers},
     )
 
 
-def _summary(result: Result, scenario: Scenario) -> dict[str, Any]:
-    """Return the page's data about the run as a whole."""
-    return {
-        "verdict": result.verdict,
-        "tiles": tiles(result),
-        "notes": notes(result),
-        "facts": facts(result, scenario),
-        "limit": 100.0 * LARGEST_RESIDUAL,
-    }
-
-
-def _signals(result: Result, settled: TimeSeries) -> dict[str, Any]:
-    """Return the page's data about each channel."""
-    rows = statistics(settled, result.stated_error)
-    return {
-        "panels": panels(result.series),
-        "statistics": rows,
-        "largest": max((row.error for row in rows if row.error is not None), default=None),
-        "span": f"{settled.time[0]:g} to {settled.time[-1]:g} s",
-        "velocity": Display.of("m/s"),
-        "force": Display.of("N"),
-    }
-
-
-def _drawings(result: Result, system: System, scenario: Scenario) -> list[tuple[Group, Markup]]:
-    found = groups(tuple(system.components), arrows(system, scenario), result.sources)
-    return [(group, Markup(graph(group, result.sources))) for group in found[:_DRAWINGS]]
-
-
-def _packed(result: Result, kept: Traces, densities: Spectra | None) -> tuple[dict[str, Any], str]:
+def _packed(result: Result, shown: Traces, densities: Spectra | None) -> tuple[dict[str, Any], str]:
     """Return the positions of the numbers for the page's script, and the numbers."""
     store, series = Store(), result.series
     channels = [
@@ -414,70 +349,12 @@ def _packed(result: Result, kept: Traces, densities: Spectra | None) -> tuple[di
             "at": store.add_levels(values),
             "density": None if densities is None else store.add_single(densities.density[k]),
         }
-        for k, (name, unit, values) in enumerate(zip(series.names, series.units, kept.values, strict=True))
+        for k, (name, unit, values) in enumerate(zip(series.names, series.units, shown.values, strict=True))
     ]
     manifest = {
         "channels": channels,
-        "time": {"at": store.add(kept.time), "count": kept.time.size},
+        "time": {"at": store.add(shown.time), "count": shown.time.size},
         "frequency": densities and {"at": store.add(densities.frequency), "count": densities.frequency.size},
         "settling": result.settling,
     }
     return manifest, store.text
-
-
-# ==== Plots of runs: time traces and spectra. Each is one figure in one file =========================================
-
-
-def plot_traces(
-    runs: Mapping[str, TimeSeries],
-    channels: Sequence[str],
-    path: str | Path,
-    *,
-    start: float,
-    stop: float,
-    title: str = "Time traces",
-) -> None:
-    """Plot channels over time between `start` and `stop` [s], one panel each, one line per run."""
-    save(traces_figure(runs, channels, start=start, stop=stop, title=title), path)
-
-
-def plot_excerpt(series: TimeSeries, path: str | Path, *, title: str) -> str:
-    """Plot the first channels of a run over the middle of a long run or the whole of a short one.
-
-    Returns:
-        A sentence about the part of the run that the picture shows.
-    """
-    start, stop = excerpt(series)
-    shown = series.names[:PANELS]
-    plot_traces({title: series}, shown, path, start=start, stop=stop, title=title)
-    return f"{Path(path).name} shows {len(shown)} of {len(series.names)} channels from {start:g} to {stop:g} s"
-
-
-def plot_spectra(
-    runs: Mapping[str, TimeSeries],
-    channels: Sequence[str],
-    path: str | Path,
-    *,
-    highest: float = 30.0,
-    title: str = "Power spectral densities",
-) -> None:
-    """Plot power spectral densities (Welch, Hann, 4 s blocks) up to `highest` [Hz], one panel per channel."""
-    figure = new_figure(11, 2.4 * ((len(channels) + 1) // 2) + 0.8)
-    panels = panels_of(figure, len(channels), 2, sharex=True)
-    for panel, channel in zip(panels, channels, strict=True):
-        for (label, series), color in zip(runs.items(), COLORS, strict=False):
-            values = displayed(series, channel)
-            block = min(values.size, int(4.0 * series.sample_rate))
-            frequency, density = scipy.signal.welch(values, fs=series.sample_rate, nperseg=block, detrend="constant")
-            kept = (frequency > 0.0) & (frequency <= highest)
-            panel.semilogy(frequency[kept], density[kept], lw=1.2, color=color, label=label)
-        unit = display_unit(next(iter(runs.values())), channel)
-        panel.set_title(channel, fontsize=9)
-        panel.set_ylabel(f"({unit})²/Hz")
-        panel.grid(alpha=0.3)
-    for panel in panels[-2:]:
-        panel.set_xlabel("frequency [Hz]")
-        panel.tick_params(labelbottom=True)
-    panels[0].legend(frameon=False)
-    figure.suptitle(title)
-    save(figure, path)

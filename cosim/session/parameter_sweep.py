@@ -166,8 +166,8 @@ def sweep_parameters(
     points = _points(parameters)
     systems = [system.with_parameters(point) for point in points]
     results = [
-        run(one, scenario, algorithm=algorithm, step=step, compared=compared, progress=advance)
-        for one in parts(systems)
+        run(changed, scenario, algorithm=algorithm, step=step, compared=compared, progress=advance)
+        for changed in parts(systems)
     ]
     return ParameterSweep(points, tuple(results))
 

@@ -28,10 +28,6 @@ from eightpost.verdict import Verdict, edited, is_intact, sealed
 if TYPE_CHECKING:
     import xarray as xr
 
-# ==== Result of a run: recorded signals, coupling error, notes, and the verdict ======================================
-
-# ==== Result =========================================================================================================
-
 # ---- Result of a run ------------------------------------------------------------------------------------------------
 
 SCHEMA = 1
@@ -192,10 +188,10 @@ class SavedRun(RunChannels):
 
 def _digest_of(series: TimeSeries) -> str:
     """Return the SHA-256 of the names, units and samples of a series."""
-    found = hashlib.sha256(json.dumps([series.names, series.units]).encode())
+    digest = hashlib.sha256(json.dumps([series.names, series.units]).encode())
     for samples in (series.time, *series.values):
-        found.update(samples.tobytes())
-    return found.hexdigest()
+        digest.update(samples.tobytes())
+    return digest.hexdigest()
 
 
 def _sources(document: Mapping[str, Any], path: Path) -> str:
@@ -209,8 +205,6 @@ def _sources(document: Mapping[str, Any], path: Path) -> str:
         parts += [f"{name}.{parameter} = {value}" for parameter, value in values.items()]
     return ", ".join(parts)
 
-
-# ==== Coupling error of a run, estimated from how differences between runs fall as the step halves ===================
 
 # ---- Difference of two runs of one system at different steps, in percent of each channel's scale --------------------
 

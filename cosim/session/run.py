@@ -357,12 +357,7 @@ class _Refinement:
         return self._record_step / self._parts
 
     def result(self) -> Result:
-        """Halve the step until the tolerance is met or the smallest step is reached; return the last run.
-
-        Raises:
-            DivergedError: The coupling diverged at every step.
-            StepError: A component failed.
-        """
+        """Halve the step until the tolerance is met or the smallest step is reached; return the last run."""
         while True:
             failure: DivergedError | None = None
             try:
@@ -421,8 +416,14 @@ class _Refinement:
                 f"{goal.tolerance:g} %, and steps below {goal.least * 1e3:g} ms were not tried: allow a smaller step, "
                 "or a larger tolerance"
             )
-        final, names = self._dense.final(run), {"algorithm": goal.name, "scheme": scheme.name}
-        return replace(final, **names, tolerance=goal.tolerance, notes=(*notes, *final.notes))
+        final = self._dense.final(run)
+        return replace(
+            final,
+            algorithm=goal.name,
+            scheme=scheme.name,
+            tolerance=goal.tolerance,
+            notes=(*notes, *final.notes),
+        )
 
 
 # ==== Case: what a system file or a package says to run ==============================================================
@@ -476,14 +477,12 @@ class Case(Summarized):
         if algorithm is not None and algorithm != chosen.name:
             chosen = SCHEMES[algorithm]
             size = None if isinstance(chosen, Automatic) else size
-        if tolerance is not None:
-            chosen = _with_tolerance(chosen, tolerance)
+        if tolerance is not None and isinstance(chosen, Automatic):
+            chosen = replace(chosen, tolerance=tolerance)
+        elif tolerance is not None and isinstance(chosen, Adaptive):
+            chosen = replace(chosen, relative=PERCENT * tolerance)
+        elif tolerance is not None:
+            raise InputError(
+                f"tolerance: the algorithm {chosen.name} has no tolerance; use it with default or adaptive"
+            )
         return replace(self, algorithm=chosen, step=size if step is None else step)
-
-
-def _with_tolerance(algorithm: Algorithm | Automatic, percent: float) -> Algorithm | Automatic:
-    if isinstance(algorithm, Automatic):
-        return replace(algorithm, tolerance=percent)
-    if isinstance(algorithm, Adaptive):
-        return replace(algorithm, relative=PERCENT * percent)
-    raise InputError(f"tolerance: the algorithm {algorithm.name} has no tolerance; use it with default or adaptive")

@@ -30,6 +30,7 @@ from cosim.systems.algorithm import Adaptive, Algorithm
 from cosim.systems.coupling import Coupling, Scenario
 from cosim.systems.system import System
 from eightpost.errors import DivergedError, StepError, TerminatedError, WiringError
+from eightpost.fmi.functions import DISCARD
 from eightpost.progress import Progress
 from eightpost.signals import Drivefile
 
@@ -293,16 +294,7 @@ def _grid(setup: Setup) -> Grid:
 def _driven(
     drive: Drivefile, stop: float, step: float, start: float, follows: bool, ramps: bool
 ) -> tuple[Integers, Drive]:
-    """Return the row of the drive at which each step begins (K+1,), and the rows; cached for the runs of a study.
-
-    Args:
-        drive: Drive.
-        stop: Duration of the run [s].
-        step: Coupling step [s].
-        start: Time in the drive at which the run starts [s].
-        follows: Whether a component is stepped from each of the drive's points to the next.
-        ramps: Whether all components ramp their inputs, so that no means are needed.
-    """
+    """Return the row of the drive at which each step begins (K+1,), and the rows; cached for the runs of a study."""
     coupling = coupling_times(stop, step)
     points = drive.series.time - start
     points = points[(points > 0.0) & (points < stop)]
@@ -446,7 +438,7 @@ def _failure(setup: Setup, running: Running, end: int, time: float) -> BaseExcep
 
 def _discards_step(running: Running) -> bool:
     """Return whether the last call that was refused was a step that a component discarded."""
-    return (running.memory.failure[0], running.memory.failure[2]) == (reasons.DISCARD, reasons.STEP)
+    return (running.memory.failure[0], running.memory.failure[2]) == (DISCARD, reasons.STEP)
 
 
 def _diverged(setup: Setup, signal: str, value: float, time: float) -> DivergedError:
@@ -457,11 +449,7 @@ def _diverged(setup: Setup, signal: str, value: float, time: float) -> DivergedE
 
 
 def _ended_or_failed(setup: Setup, running: Running, end: int, time: float) -> str:
-    """Return the name of the component that ended the simulation; for arguments see `_failure`.
-
-    Raises:
-        StepError: The loop ended for another reason, or before the settling time.
-    """
+    """Return the name of the component that ended the simulation; for arguments see `_failure`."""
     error = _failure(setup, running, end, time)
     if not isinstance(error, TerminatedError) or time <= setup.scenario.settling:
         raise error

@@ -319,11 +319,7 @@ class _LimitWatch:
         return (*self._fitted, *self._beyond, *self._far, *self._untested, *self._tires)
 
     def shares(self, times: Sequence[float]) -> _Shares:
-        """Return the shares of time beyond the limits.
-
-        Args:
-            times: Time beyond each limit, in the order of `watched`, followed by the total time [s].
-        """
+        """Return the shares of time beyond the limits."""
         total = times[-1]
         share = {limit: time / total if total else 0.0 for limit, time in zip(self.watched, times, strict=False)}
 

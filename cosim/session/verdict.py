@@ -352,10 +352,10 @@ def models_of(system: System, recorded: Iterable[str]) -> dict[str, Model]:
     models = {}
     for name, component in system.components.items():
         validity = component.validity if isinstance(component, _Described) else None
-        known = {covered.variable for covered in validity.ranges} if validity else set[str]()
-        channels = {variable: _channel(f"{name}.{variable}", fed, names) for variable in known}
-        kept = {variable: channel for variable, channel in channels.items() if channel is not None}
-        models[name] = Model(validity, component.source, kept)
+        variables = {covered.variable for covered in validity.ranges} if validity else set[str]()
+        channels = {variable: _channel(f"{name}.{variable}", fed, names) for variable in variables}
+        recorded_channels = {variable: channel for variable, channel in channels.items() if channel is not None}
+        models[name] = Model(validity, component.source, recorded_channels)
     return models
 
 
@@ -532,13 +532,13 @@ def verdict_of(run: RunData) -> Verdict:
 
 def _coupling(run: RunData) -> Iterator[Reason]:
     yield from _local(run)
-    known = run.stated_error
-    decisive = {name: error for name, error in known.items() if name in run.decisive} or known
+    errors = run.stated_error
+    decisive = {name: error for name, error in errors.items() if name in run.decisive} or errors
     if not decisive or not all(map(isfinite, decisive.values())):
         yield _not_stated(run)
         return
     yield _stated(run, *max(decisive.items(), key=lambda item: item[1]))
-    others = {name: e for name, e in known.items() if name not in decisive and e > LARGEST_ERROR}
+    others = {name: e for name, e in errors.items() if name not in decisive and e > LARGEST_ERROR}
     if others:
         name = max(others, key=lambda each: others[each])
         yield CHANNEL_ERROR.reason(

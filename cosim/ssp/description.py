@@ -67,11 +67,7 @@ class _Bindings:
     component: Path | None  #: Archive of the component, for sources that are inside it.
 
     def read(self, element: ET.Element, what: str) -> tuple[Assignment, ...]:
-        """Return the values of an element's bindings, in order.
-
-        Raises:
-            InputError: A file is missing or wrong.
-        """
+        """Return the values of an element's bindings, in order."""
         bindings = element.iterfind(f"{tag('ssd:ParameterBindings')}/{tag('ssd:ParameterBinding')}")
         return tuple(value for binding in bindings for value in self._binding(binding, what))
 
@@ -79,8 +75,8 @@ class _Bindings:
         what = f"{self.place.label}: {what}: parameter binding"
         root, where = self._content(binding, "ssv:ParameterSet", _SET, what)
         prefix = binding.get("prefix", "")
-        found = () if root is None else _parameter_set(root, where, self.definitions)
-        values = [replace(value, name=prefix + value.name) for value in found]
+        assignments = () if root is None else _parameter_set(root, where, self.definitions)
+        values = [replace(value, name=prefix + value.name) for value in assignments]
         element = binding.find(tag("ssd:ParameterMapping"))
         mapping, where = (
             (None, "") if element is None else self._content(element, "ssm:ParameterMapping", _MAPPING, what)
@@ -302,15 +298,15 @@ class _Reader:
         return self._in_place_of(element, reader.system(reader.top), path)
 
     def _same_document(self, element: ET.Element, source: str) -> SystemElement:
-        found = [s for s in self.root.iter(tag("ssd:System")) if s.get("id") == source[1:]]
+        systems = [s for s in self.root.iter(tag("ssd:System")) if s.get("id") == source[1:]]
         where = f"{self.place.label}: component {element.get('name')!r}"
-        if len(found) != 1:
+        if len(systems) != 1:
             raise InputError(f"{where}: there is no system with the id {source[1:]!r} in this file; correct the source")
         key = f"{self.place.description}{source}"
         if key in self.stack:
             raise WiringError(f"{where}: the system {source!r} contains itself; remove one of the two")
         reader = replace(self, stack=(*self.stack, key))
-        return self._in_place_of(element, reader.system(found[0]), None)
+        return self._in_place_of(element, reader.system(systems[0]), None)
 
     def _in_place_of(self, element: ET.Element, system: SystemElement, path: Path | None) -> SystemElement:
         """Give a system the component's name; the component's values come last and take precedence."""
@@ -321,16 +317,16 @@ class _Reader:
         return _Bindings(self.place, self.definitions, path).read(element, what)
 
     def _connectors(self, element: ET.Element, where: str) -> dict[str, Connector]:
-        found = {}
+        connectors = {}
         for connector in element.iterfind(f"{tag('ssd:Connectors')}/{tag('ssd:Connector')}"):
             name, kind = attribute(connector, "name", where), attribute(connector, "kind", where)
             if kind not in _KINDS + _KINDS_2:
-                known = ", ".join(_KINDS + _KINDS_2)
-                raise InputError(f"{where}: connector {name!r} has the kind {kind!r}; SSP defines {known}")
+                kinds = ", ".join(_KINDS + _KINDS_2)
+                raise InputError(f"{where}: connector {name!r} has the kind {kind!r}; SSP defines {kinds}")
             types = [child for child in connector if child.tag.startswith(tag("ssc:"))]
             unit = package.unit_of(types[0], self.definitions.units) if types else None
-            found[name] = Connector(name, kind, package.type_of(types[0]) if types else None, unit)
-        return found
+            connectors[name] = Connector(name, kind, package.type_of(types[0]) if types else None, unit)
+        return connectors
 
     def experiment(self) -> Experiment:
         """Read the times, and the step from the annotations of OMSimulator or the Open Simulation Platform."""
@@ -366,14 +362,14 @@ def _link(link: ET.Element, where: str) -> Link:
         (link.get("endElement") or None, attribute(link, "endConnector", where)),
     )
     transforms = link.find(tag("ssc:LinearTransformation")) is not None
-    found = Link(ends, flag(link, "suppressUnitConversion", where), _transformation_of(link, where), where, transforms)
+    result = Link(ends, flag(link, "suppressUnitConversion", where), _transformation_of(link, where), where, transforms)
     for kind in ("Boolean", "Integer", "Enumeration"):
         if link.find(tag(f"ssc:{kind}MappingTransformation")) is not None:
             raise WiringError(
-                f"{where}: connection {found}: {kind} tables are not supported, only linear transformations of Real "
+                f"{where}: connection {result}: {kind} tables are not supported, only linear transformations of Real "
                 "values; replace it"
             )
-    return found
+    return result
 
 
 def _refuse_dictionaries(system: ET.Element, where: str) -> None:

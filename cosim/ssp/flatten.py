@@ -120,9 +120,9 @@ class Network:
         element, name = end
         port = Port(path if element is None else (*path, element), name)
         if port.path not in self.elements:
-            known = [p[-1] for p in self.elements if p[:-1] == path and p]
+            children = [p[-1] for p in self.elements if p[:-1] == path and p]
             raise WiringError(
-                f"{link.where}: connection {link}: there is no element {element!r}; there are {', '.join(known)}"
+                f"{link.where}: connection {link}: there is no element {element!r}; there are {', '.join(children)}"
             )
         kind = self.kind(port)
         if kind is None:
@@ -154,15 +154,15 @@ class Network:
         """
         connector, variable = self.connector(port), self.variable(port)
         stated = None if connector is None else connector.unit
-        own = None if variable is None else variable.unit
-        if stated is None or own is None or stated.name == own.name:
-            return own or stated
-        if not _same(stated, own, f"connector {port}"):
+        variable_unit = None if variable is None else variable.unit
+        if stated is None or variable_unit is None or stated.name == variable_unit.name:
+            return variable_unit or stated
+        if not _same(stated, variable_unit, f"connector {port}"):
             raise WiringError(
                 f"{self.elements[port.path].where}: connector {port.name!r} is in [{stated.name}] and the FMU's "
-                f"variable in [{own.name}]; give the connector the unit of the variable"
+                f"variable in [{variable_unit.name}]; give the connector the unit of the variable"
             )
-        return own
+        return variable_unit
 
     def chain(self, target: Port) -> tuple[Port, list[Hop]]:
         """Return the origin of the values of a port, and the links from there to it.
@@ -306,13 +306,13 @@ def with_bonds(found: tuple[Connection, ...]) -> tuple[tuple[Bond, ...], tuple[C
     A bond is velocity one way and force back between two components, with the same gain. With different gains the power
     at both ends would differ, and the energy residual would be meaningless.
     """
-    known = {(*_ends(c), _last(c.source)): c for c in found if _last(c.source) == _last(c.target)}
+    by_ends = {(*_ends(c), _last(c.source)): c for c in found if _last(c.source) == _last(c.target)}
     bonds = []
-    for (vehicle, shock, what), velocity in known.items():
-        force = known.get((shock, vehicle, "force"))
+    for (vehicle, shock, what), velocity in by_ends.items():
+        force = by_ends.get((shock, vehicle, "force"))
         if what != "velocity" or force is None or not _alike(velocity, force):
             continue
-        travel = known.get((vehicle, shock, "displacement"))
+        travel = by_ends.get((vehicle, shock, "displacement"))
         bonds.append(Bond(vehicle, velocity, force, travel if travel and _alike(velocity, travel) else None))
     used = {connection for bond in bonds for connection in bond.connections}
     return tuple(bonds), tuple(c for c in found if c not in used)

@@ -7,11 +7,11 @@ import shutil
 import tempfile
 import weakref
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from pathlib import Path as PathlibPath
+from typing import TypeVar
 from urllib.parse import SplitResult, unquote, urlsplit
 from urllib.request import url2pathname
 
@@ -19,8 +19,6 @@ from cosim.components.component import Conversion, UnitDefinition
 from eightpost.archive import extract_archive, read_archive
 from eightpost.errors import FmuError, InputError
 from eightpost.files import is_file
-
-# ==== XML, and the folder or archive that holds it ===================================================================
 
 # ---- XML of SSP files -----------------------------------------------------------------------------------------------
 
@@ -35,6 +33,9 @@ _EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 _TYPES = {"Float64": "Real", "Float32": "Real"} | {
     f"{sign}Int{bits}": "Integer" for sign in ("", "U") for bits in (8, 16, 32, 64)
 }
+
+
+Read = TypeVar("Read")
 
 
 class _DoctypeError(Exception):
@@ -100,6 +101,17 @@ def attribute(element: ET.Element, name: str, where: str) -> str:
     return value
 
 
+_FLAGS = {"true": True, "1": True, "false": False, "0": False}
+
+
+def _converted(element: ET.Element, name: str, where: str, convert: Callable[[str], Read], what: str) -> Read:
+    text = attribute(element, name, where)
+    try:
+        return convert(text)
+    except (ValueError, KeyError):
+        raise InputError(f"{where}: {local_name(element)} {name}={text!r} is {what}; correct it") from None
+
+
 def number(element: ET.Element, name: str, where: str, default: float | None = None) -> float:
     """Return an attribute as a number.
 
@@ -108,11 +120,7 @@ def number(element: ET.Element, name: str, where: str, default: float | None = N
     """
     if default is not None and element.get(name) is None:
         return default
-    text = attribute(element, name, where)
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError(f"{where}: {local_name(element)} {name}={text!r} is not a number; correct it") from None
+    return _converted(element, name, where, float, "not a number")
 
 
 def integer(element: ET.Element, name: str, where: str) -> int:
@@ -121,24 +129,18 @@ def integer(element: ET.Element, name: str, where: str) -> int:
     Raises:
         InputError: It is not a whole number, or is missing.
     """
-    text = attribute(element, name, where)
-    try:
-        return int(text)
-    except ValueError:
-        raise InputError(f"{where}: {local_name(element)} {name}={text!r} is not a whole number; correct it") from None
+    return _converted(element, name, where, int, "not a whole number")
 
 
-def flag(element: ET.Element, name: str, where: str, default: str | None = "false") -> bool:
+def flag(element: ET.Element, name: str, where: str, default: bool | None = False) -> bool:
     """Return an attribute as a Boolean.
 
     Raises:
         InputError: It is neither true nor false, or is missing without a default.
     """
-    text = attribute(element, name, where) if default is None else element.get(name, default)
-    known = {"true": True, "1": True, "false": False, "0": False}
-    if text.strip() not in known:
-        raise InputError(f"{where}: {local_name(element)} {name}={text!r} is neither true nor false; correct it")
-    return known[text.strip()]
+    if default is not None and element.get(name) is None:
+        return default
+    return _converted(element, name, where, lambda text: _FLAGS[text.strip()], "neither true nor false")
 
 
 def local_name(element: ET.Element) -> str:
@@ -159,11 +161,11 @@ def read_units(root: ET.Element, units: str, where: str) -> dict[str, UnitDefini
         units: Name of the element with the units: `ssd:Units`.
         where: Name of the file for messages.
     """
-    found = {}
+    definitions = {}
     for unit in root.iterfind(f"{tag(units)}/{tag('ssc:Unit')}"):
         name, base = attribute(unit, "name", where), unit.find(tag("ssc:BaseUnit"))
-        found[name] = UnitDefinition(name, {"?": 1}) if base is None else _definition(name, base, where)
-    return found
+        definitions[name] = UnitDefinition(name, {"?": 1}) if base is None else _definition(name, base, where)
+    return definitions
 
 
 def _definition(name: str, base: ET.Element, where: str) -> UnitDefinition:
@@ -236,10 +238,10 @@ class Place:
                 "the file into the package and name it as for example 'resources/shock.fmu'"
             )
         if parts.scheme:
-            found = {Path(url2pathname(parts.path)): unquote(parts.fragment)}
+            paths = {Path(url2pathname(parts.path)): unquote(parts.fragment)}
         else:
-            found = self._relative(source, what)
-        for path, fragment in found.items():
+            paths = self._relative(source, what)
+        for path, fragment in paths.items():
             if is_file(path):
                 return path, fragment
         raise InputError(f"{what}there is no file {source!r}; add it, or correct the source (names are case-sensitive)")
@@ -248,10 +250,10 @@ class Place:
         """Return the possible meanings of a relative source: a URI, or a plain name that is not encoded."""
         parts = _split(source)
         names = {source: "", parts.path: unquote(parts.fragment), unquote(parts.path): unquote(parts.fragment)}
-        found = {Path(os.path.normpath(self.description.parent / name)): names[name] for name in reversed(names)}
-        if self.root is not None and not all(path.is_relative_to(self.root) for path in found):
+        paths = {Path(os.path.normpath(self.description.parent / name)): names[name] for name in reversed(names)}
+        if self.root is not None and not all(path.is_relative_to(self.root) for path in paths):
             raise InputError(f"{what}the source {source!r} is outside the package; put the file into it")
-        return found
+        return paths
 
     def inner(self, description: Path, label: str) -> Place:
         """Return the place of another description in this package."""
@@ -369,7 +371,7 @@ class FmuElement:
     name: str
     connectors: Mapping[str, Connector]
     values: tuple[Assignment, ...]
-    path: PathlibPath
+    path: Path
     where: str
     unpacked: Unpacked | None
 

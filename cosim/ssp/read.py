@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -19,7 +19,6 @@ from cosim.ssp.package import (
     Experiment,
     FmuElement,
     Structure,
-    SystemElement,
     Unpacked,
     Value,
     named,
@@ -29,10 +28,8 @@ from cosim.systems.coupling import Scenario
 from cosim.systems.system import System, can_be_set
 from eightpost import units
 from eightpost.array_types import Array
-from eightpost.errors import EightpostError, InputError, UnknownUnitError, WiringError
+from eightpost.errors import InputError, UnknownUnitError, WiringError
 from eightpost.signals import Drivefile, TimeSeries
-
-# ==== Values of parameters and drives ================================================================================
 
 # ---- Parameter values assigned to variables -------------------------------------------------------------------------
 
@@ -58,7 +55,8 @@ def read_values(network: Network) -> Values:
     given, notes = _assigned(network)
     parameters: dict[Port, Value] = {}
     inputs: dict[Port, float] = {}
-    for target in _targets(network, given):
+    direct = (port for port in given if network.variable(port) is not None)
+    for target in dict.fromkeys((*network.fed(), *direct)):
         origin, hops = network.chain(target)
         if hops and isinstance(network.elements[origin.path], FmuElement):
             continue
@@ -87,26 +85,18 @@ class _Given:
 
 
 def _assigned(network: Network) -> tuple[dict[Port, _Given], list[str]]:
-    """Return the value of highest rank at each port, the last of `_by_level`, and notes on values without a port."""
+    """Return the value of highest rank at each port, and notes on values without a port; the top system comes last."""
     found: dict[Port, _Given] = {}
     unmatched: dict[str, list[str]] = {}
-    for rank, (path, value) in enumerate(_by_level(network.elements)):
-        port = network.find(value.name, path)
+    paths = sorted(network.elements, key=len, reverse=True)
+    assignments = ((path, value) for path in paths for value in network.elements[path].values)
+    for rank, (place, value) in enumerate(assignments):
+        port = network.find(value.name, place)
         if port is None:
-            unmatched.setdefault(value.where, []).append(".".join((*path, value.name)))
+            unmatched.setdefault(value.where, []).append(".".join((*place, value.name)))
         else:
             found[port] = _Given(rank, value, port)
     return found, [f"{where}: no variable matches {', '.join(names)}" for where, names in unmatched.items()]
-
-
-def _by_level(elements: Mapping[SystemPath, FmuElement | SystemElement]) -> Iterator[tuple[SystemPath, Assignment]]:
-    for path in sorted(elements, key=len, reverse=True):
-        yield from ((path, value) for value in elements[path].values)
-
-
-def _targets(network: Network, given: Iterable[Port]) -> Iterator[Port]:
-    direct = (port for port in given if network.variable(port) is not None)
-    yield from dict.fromkeys((*network.fed(), *direct))
 
 
 def _strongest(origin: Port, hops: Sequence[Hop], given: Mapping[Port, _Given]) -> _Given | None:
@@ -374,12 +364,9 @@ def read_ssp(
         structure = read_structure(place)
         return _case(structure, fmus or {}, given, load)
     except InputError as error:
-        raise _naming(error, path) from error
-
-
-def _naming(error: InputError, path: Path) -> EightpostError:
-    """Return the error with the package's name before it, unless it contains the name already."""
-    return error if str(path) in str(error) else type(error)(f"{path}: {error}")
+        if str(path) in str(error):
+            raise
+        raise type(error)(f"{path}: {error}") from error
 
 
 def _case(
@@ -396,14 +383,16 @@ def _case(
     fixed = inputs.fixed(values.inputs, given.inputs, () if drive is None else drive.names)
     idle = inputs.idle((*fixed, *(() if drive is None else drive.names)))
     bonds, connections = flatten.with_bonds(flatten.connections(network, names))
-    parameters = _parameters(values, names)
+    parameters: dict[str, dict[str, Value]] = {}
+    for port, value in values.parameters.items():
+        parameters.setdefault(names[port.path], {})[port.name] = value
     return Case(
         name=structure.name,
         system=System(components, bonds, connections, constants={**fixed, **idle}, parameters=parameters),
         scenario=_scenario(structure.experiment, given, drive),
         step=structure.experiment.step,
         fmus=files,
-        notes=(*_name_notes(names), *values.notes, *_idle_notes(idle), *_time_notes(structure.experiment)),
+        notes=tuple(_notes(names, values, idle, structure.experiment)),
     )
 
 
@@ -428,13 +417,6 @@ def _load(
     return components, files
 
 
-def _parameters(values: Values, names: Mapping[flatten.SystemPath, str]) -> dict[str, dict[str, Value]]:
-    found: dict[str, dict[str, Value]] = {}
-    for port, value in values.parameters.items():
-        found.setdefault(names[port.path], {})[port.name] = value
-    return found
-
-
 def _scenario(experiment: Experiment, given: Given, drive: Drivefile | None) -> Scenario:
     stop = given.stop
     if stop is None and experiment.stop is not None:
@@ -450,22 +432,19 @@ def _scenario(experiment: Experiment, given: Given, drive: Drivefile | None) -> 
     )
 
 
-def _name_notes(names: Mapping[flatten.SystemPath, str]) -> tuple[str, ...]:
-    changed = [f"{'.'.join(path)} is {name}" for path, name in names.items() if path != (name,)]
-    return (f"component names: {', '.join(changed)}",) if changed else ()
-
-
-def _idle_notes(idle: Mapping[str, float]) -> tuple[str, ...]:
-    if not idle:
-        return ()
-    values = ", ".join(f"{name} = {value:g}" for name, value in idle.items())
-    return (f"these inputs have no source and keep the FMUs' start values (change with --drive or --input): {values}",)
-
-
-def _time_notes(experiment: Experiment) -> tuple[str, ...]:
-    if experiment.start == 0.0:
-        return ()
-    return (
-        f"the package starts at {experiment.start:g} s: the run uses the drive file from that time, but for the "
-        "components time begins at 0",
-    )
+def _notes(
+    names: Mapping[flatten.SystemPath, str], values: Values, idle: Mapping[str, float], experiment: Experiment
+) -> Iterator[str]:
+    if changed := [f"{'.'.join(path)} is {name}" for path, name in names.items() if path != (name,)]:
+        yield f"component names: {', '.join(changed)}"
+    yield from values.notes
+    if idle:
+        starts = ", ".join(f"{name} = {value:g}" for name, value in idle.items())
+        yield (
+            "these inputs have no source and keep the FMUs' start values (change with --drive or --input): " + starts
+        )
+    if experiment.start != 0.0:
+        yield (
+            f"the package starts at {experiment.start:g} s: the run uses the drive file from that time, but for the "
+            "components time begins at 0"
+        )

@@ -35,9 +35,6 @@ _ACCURACY = {
     "parabolic": Accuracy(3, 3.0 / 8.0),
 }
 
-#: Adams-Moulton formula of three points, compared with the Adams-Bashforth prediction.
-_ACCURACY_OF_IMPLICIT = Accuracy(3, 1.0 / 24.0)
-
 #: Accuracy for a component that holds its inputs over a step.
 HELD_INPUTS = Accuracy(1, 0.5)
 
@@ -68,11 +65,11 @@ class Algorithm(Protocol):
         """Return the loop's settings for a step; limits are watched after `settling` [s]."""
 
 
-def _step_advice(scheme: object, given: object) -> str:
+def _step_advice(scheme: object, value: object) -> str:
     """Return what to write if a number, which can only be meant as the coupling step, was given to a scheme."""
-    if not isinstance(given, int | float) or isinstance(given, bool):
+    if not isinstance(value, int | float) or isinstance(value, bool):
         return ""
-    return f"; for a coupling step of {given!r} s write run(..., algorithm={type(scheme).__name__}(), step={given!r})"
+    return f"; for a coupling step of {value!r} s write run(..., algorithm={type(scheme).__name__}(), step={value!r})"
 
 
 class _Explicit:
@@ -80,6 +77,7 @@ class _Explicit:
 
     __slots__ = ()
 
+    repeats: ClassVar[bool] = False
     values: str
     _sweep: ClassVar[int]
 
@@ -89,11 +87,6 @@ class _Explicit:
                 f"coupling values must be one of {', '.join(VALUES)}, not {self.values!r}"
                 f"{_step_advice(self, self.values)}"
             )
-
-    @property
-    def repeats(self) -> bool:
-        """False: each step is made once."""
-        return False
 
     @property
     def accuracy(self) -> Accuracy:
@@ -114,20 +107,16 @@ class _Sequenced:
 
     def _check_sequence(self) -> None:
         """Raise InputError if the sequence is not one of names; a step given in its place is named."""
-        given: object = self.sequence
-        if isinstance(given, tuple | list) and all(isinstance(name, str) for name in given):
+        value: object = self.sequence
+        if isinstance(value, tuple | list) and all(isinstance(name, str) for name in value):
             return
         raise InputError(
-            f"sequence must be a tuple of component names such as ('car', 'lf'), not {given!r}"
-            f"{_step_advice(self, given)}"
+            f"sequence must be a tuple of component names such as ('car', 'lf'), not {value!r}"
+            f"{_step_advice(self, value)}"
         )
 
     def order(self, coupling: Coupling) -> tuple[str, ...]:
-        """Return the given sequence, or the one that follows from the dependencies.
-
-        Raises:
-            WiringError: The sequence does not name every component once.
-        """
+        """Return the given sequence, or the one that follows from the dependencies."""
         if not self.sequence:
             return coupling.order()[0]
         if sorted(self.sequence) != sorted(coupling.components):
@@ -205,6 +194,9 @@ class Implicit(_Sequenced):
     #: given up.
     iterations: int = 15
     name: str = "implicit"
+    repeats: ClassVar[bool] = True
+    #: Adams-Moulton formula of three points, compared with the Adams-Bashforth prediction.
+    accuracy: ClassVar[Accuracy] = Accuracy(3, 1.0 / 24.0)
 
     def __post_init__(self) -> None:
         self._check_sequence()
@@ -215,16 +207,6 @@ class Implicit(_Sequenced):
                 f"implicit: tolerance must lie between 0 and 1 and iterations be at least 1, not {self.tolerance!r} "
                 f"and {self.iterations!r}"
             )
-
-    @property
-    def repeats(self) -> bool:
-        """True: steps are repeated from a saved state."""
-        return True
-
-    @property
-    def accuracy(self) -> Accuracy:
-        """Accuracy of third order."""
-        return _ACCURACY_OF_IMPLICIT
 
     def mode(self, settling: float) -> Mode:
         """Return the loop's settings for a step; limits are watched after `settling` [s]."""
@@ -251,6 +233,7 @@ class Adaptive:
     least: float = 1e-7  #: Smallest step [s]; if the error is still too large with it, the run ends and reports this.
     largest: float = 0.02  #: Largest step [s].
     name: str = "adaptive"
+    repeats: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if not isinstance(self.scheme, GaussSeidel | Jacobi | Implicit):
@@ -265,11 +248,6 @@ class Adaptive:
                 f"adaptive: relative must be positive and least at most largest, not {self.relative!r}, {self.least!r} "
                 f"s and {self.largest!r} s"
             )
-
-    @property
-    def repeats(self) -> bool:
-        """True: every step is made twice."""
-        return True
 
     @property
     def accuracy(self) -> Accuracy:

@@ -239,10 +239,10 @@ class System(Summarized):
             if not isinstance(path, str | PathLike):
                 raise WiringError(f"component {name!r} is a {type(path).__name__}; give the file of its FMU")
         components = {name: FmuComponent(Path(path), name) for name, path in fmus.items()}
-        given: Mapping[str, Any] = parameters or {}
-        own = {name: dict(values) for name, values in given.items() if isinstance(values, Mapping)}
-        system = cls(components, _bonds(bonds), tuple(connections), frozenset(sums), dict(constants or {}), own)
-        return system.with_parameters({name: value for name, value in given.items() if name not in own})
+        values_by_name: Mapping[str, Any] = parameters or {}
+        tables = {name: dict(values) for name, values in values_by_name.items() if isinstance(values, Mapping)}
+        system = cls(components, _bonds(bonds), tuple(connections), frozenset(sums), dict(constants or {}), tables)
+        return system.with_parameters({name: value for name, value in values_by_name.items() if name not in tables})
 
     def _summary(self) -> Summary:
         return Summary.of("System", *self.summary_rows())
@@ -296,11 +296,11 @@ class System(Summarized):
     @property
     def coupled_with_held(self) -> frozenset[str]:
         """Components that hold their inputs over a step, and all components connected with them."""
-        found = {name for name, c in self.components.items() if not c.capabilities.interpolates_inputs}
+        held = {name for name, c in self.components.items() if not c.capabilities.interpolates_inputs}
         links = [(c.source.partition(".")[0], c.target.partition(".")[0]) for c in self.all_connections]
-        while wider := {end for link in links if found & set(link) for end in link} - found:
-            found |= wider
-        return frozenset(found)
+        while wider := {end for link in links if held & set(link) for end in link} - held:
+            held |= wider
+        return frozenset(held)
 
     @property
     def decisive(self) -> frozenset[str]:
@@ -488,12 +488,12 @@ def _a(kind: str) -> str:
     return f"{'an' if kind[0] in 'EI' else 'a'} {kind}"
 
 
-def _bonds(given: Iterable[Bond | tuple[str, str]]) -> tuple[Bond, ...]:
+def _bonds(entries: Iterable[Bond | tuple[str, str]]) -> tuple[Bond, ...]:
     """Return bonds, of which some are given as pairs of names."""
-    if isinstance(given, Bond | str) or not isinstance(given, Iterable):
-        raise WiringError(f"bonds is a {type(given).__name__}; give a list of bonds")
+    if isinstance(entries, Bond | str) or not isinstance(entries, Iterable):
+        raise WiringError(f"bonds is a {type(entries).__name__}; give a list of bonds")
     bonds: list[Bond] = []
-    for one in given:
+    for one in entries:
         if isinstance(one, Bond):
             bonds.append(one)
         elif isinstance(one, tuple | list) and len(one) == 2 and all(isinstance(name, str) for name in one):

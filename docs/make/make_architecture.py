@@ -268,7 +268,7 @@ def _run_section(trace: Trace) -> str:
         "## One run, from the command to C and back",
         "",
         "The first call into each module while `eightpost run` runs the quarter car, indented by the number of own",
-        f"functions that are active; at most {trace.deepest} are. `march_fixed` hands arrays and the addresses of C",
+        f"functions that are active; at most {trace.deepest} are. A session hands arrays and the addresses of C",
         "functions of the FMUs to the compiled loop over coupling steps, which returns at the end of the run.",
         "",
     ]

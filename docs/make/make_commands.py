@@ -11,6 +11,7 @@ from pathlib import Path
 import click
 
 from eightpost.__main__ import VERBS, main
+from eightpost.app.options import Verb
 
 PAGE = Path(__file__).resolve().parents[1] / "reference" / "commands.md"
 
@@ -20,10 +21,12 @@ _INTRODUCTION = """# Commands
 
 <!-- all blocks: run by tests/docs/test_command_examples.py -->
 
-All commands of `eightpost` in the order of the work, with all their options, as `eightpost VERB --help` prints them.
+All commands of `eightpost` by reader and in the order of the work, with all their options and settings, as
+`eightpost VERB --help` prints them. A setting is rarely needed and is given with `--set NAME=VALUE`. Spellings of the
+last version still work, with a warning that names the new one.
 This page is generated: `python docs/make/make_commands.py` writes it.
 
-A quantity is given with its unit, e.g. `--amplitude '10 mm'`, unless the option names the unit. Exit codes: 0 if the
+A quantity is given with its unit, e.g. `--step '1 ms'`, unless the option names the unit. Exit codes: 0 if the
 command succeeded, 1 if its result is not acceptable or it did not complete, 2 if the input is wrong.
 
 """
@@ -44,7 +47,7 @@ def _section(command: click.Command, context: click.Context, level: str = "##") 
     own = f"\n{level} {name}\n\n```text\n{usage}\n```\n\n{_text(command.help)}"
     if not isinstance(command, click.Group):
         return own + _table(command, context)
-    below = [command.commands[verb] for verb in command.list_commands(context)]
+    below = [command.get_command(context, verb) for verb in command.list_commands(context)]
     return own.rstrip("\n") + "\n" + "".join(_section(c, click.Context(c, context, c.name), f"{level}#") for c in below)
 
 
@@ -66,9 +69,11 @@ def _table(command: click.Command, context: click.Context) -> str:
     """Return the table of a command's options."""
     options = [option for option in command.params if isinstance(option, click.Option)]
     rows = [option.get_help_record(context) for option in options]
+    if isinstance(command, Verb):
+        rows += [(f"--set {name}", entry.title) for name, entry in command.settings.items()]
     cells = [(f"`{name}`", _linked(" ".join(text.split()))) for name, text in rows]
     lines = ["| option | meaning |", "|---|---|", *(f"| {name} | {text} |" for name, text in map(_escaped, cells))]
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines) + "\n" if rows else ""
 
 
 def _escaped(cells: tuple[str, str]) -> tuple[str, ...]:

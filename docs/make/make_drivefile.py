@@ -91,8 +91,9 @@ def main() -> None:
 def _identify(folder: Path, duration: str) -> None:
     rig, car = folder / "identification", folder / "car.json"
     if not rig.exists():
-        call("rig", "--program", "identification", "--shock", f"build:{BASELINE}", "--alternate", f"build:{ALTERNATE}",
-              "--duration", duration, "--seed", DRIVE, "--run", RUNS, "-o", rig)  # fmt: skip
+        call("virtual", "rig", "--program", "identification", "--shock", f"build:{BASELINE}",
+             "--set", f"alternate=build:{ALTERNATE}", "--set", f"duration={duration}",
+             "--set", f"seed={DRIVE}", "--set", f"run={RUNS}", "-o", rig)  # fmt: skip
     if not car.exists():
         call("identify", *sorted(rig.glob("*.parquet")), "-o", car, "--plot", "none", may_fail=True)
 
@@ -101,11 +102,33 @@ def _iterate(folder: Path) -> None:
     """Record a lap on the track, keep only its target channels, and iterate the drive file on the rig."""
     whole, track = folder / "track_whole.parquet", folder / "track.parquet"
     if not track.exists():
-        call("rig", "--test", "track", "--seed", LAP, "--run", TRACK_RUN, "--shock", f"build:{BASELINE}", "-o", whole)
+        call(
+            "virtual",
+            "rig",
+            "--test",
+            "track",
+            "--set",
+            f"seed={LAP}",
+            "--set",
+            f"run={TRACK_RUN}",
+            "--shock",
+            f"build:{BASELINE}",
+            "-o",
+            whole,
+        )
         write_series(read_series(whole).select(TARGETS), track)
     if not (folder / "lap").exists():
         call("drivefile", "start", track, "--car", folder / "car.json", "-o", folder / "lap")
-    call("drivefile", "simulate", folder / "lap", "--shock", f"build:{BASELINE}", "--seed", PASSES, may_fail=True)
+    call(
+        "drivefile",
+        "simulate",
+        folder / "lap",
+        "--shock",
+        f"build:{BASELINE}",
+        "--set",
+        f"seed={PASSES}",
+        may_fail=True,
+    )
 
 
 def _predict(folder: Path) -> None:
@@ -121,7 +144,7 @@ def _predict(folder: Path) -> None:
     if not (folder / "study" / "results.parquet").exists():
         call("study", study, "-o", folder / "study")
     if not (folder / "study" / "selection.csv").exists():
-        call("select", folder / "study", "--measure", "total tire force, RMS=6", "--measure",
+        call("study", "select", folder / "study", "--measure", "total tire force, RMS=6", "--measure",
               "front ride height, RMS=2")  # fmt: skip
 
 
@@ -144,7 +167,7 @@ def _confirm(folder: Path, place: str) -> list[dict[str, Any]]:
                 record = type(record)(record.series.window(3.0, 36.0), record.conditions)
             record.write(target)
     output = folder / f"compared_on_{place}"
-    call("compare", folder / "study", "--measured", tested, "-o", output, may_fail=True)
+    call("study", "compare", folder / "study", "--measured", tested, "-o", output, may_fail=True)
     content = json.loads((output / "comparison.json").read_text(encoding="utf-8"))
     return list(content["measures"])
 

@@ -101,8 +101,9 @@ def _identify(folder: Path, duration: str) -> None:
     """Run the five tests of 6.1.5 with physical dampers, and identify the car."""
     rig, car = folder / "identification", folder / "car.json"
     if not rig.exists():
-        call("rig", "--program", "identification", "--shock", f"build:{BASELINE}", "--alternate", f"build:{ALTERNATE}",
-              "--duration", duration, "--seed", DRIVE, "--run", RUNS, "-o", rig)  # fmt: skip
+        call("virtual", "rig", "--program", "identification", "--shock", f"build:{BASELINE}",
+             "--set", f"alternate=build:{ALTERNATE}", "--set", f"duration={duration}",
+             "--set", f"seed={DRIVE}", "--set", f"run={RUNS}", "-o", rig)  # fmt: skip
     if not car.exists():
         call("identify", *sorted(rig.glob("*.parquet")), "-o", car, "--plot", "none", may_fail=True)
 
@@ -115,7 +116,8 @@ def _fit_bank(bank: Path) -> None:
         tests = [bank / f"{name}_{test}.parquet" for test in range(len(PEAKS))]
         for peak, first, test in zip(PEAKS, BENCH, tests, strict=True):
             if not test.exists():
-                call("dyno", "--build", build, "--amplitude", peak, "--duration", "12 s", "--seed", first + number,
+                call("virtual", "dyno", "--build", build, "--set", f"amplitude={peak}", "--set", "duration=12 s",
+                     "--set", f"seed={first + number}",
                      "-o", test)  # fmt: skip
         if not (bank / f"{name}.json").exists():
             # The car's static loads and ride heights already include the gas force.
@@ -126,7 +128,20 @@ def _predict(folder: Path, bank: Path, workers: int | None) -> None:
     """Record a lap with the baseline, predict every setup of the seven builds on it, and select twenty setups."""
     lap, study = folder / "lap.parquet", folder / "study.toml"
     if not lap.exists():
-        call("rig", "--test", "track", "--seed", LAP, "--run", DRIVE_RUN, "--shock", f"build:{BASELINE}", "-o", lap)
+        call(
+            "virtual",
+            "rig",
+            "--test",
+            "track",
+            "--set",
+            f"seed={LAP}",
+            "--set",
+            f"run={DRIVE_RUN}",
+            "--shock",
+            f"build:{BASELINE}",
+            "-o",
+            lap,
+        )
     files = "\n".join(f'"{build}" = "{(bank / build.replace("/", "_")).resolve()}.json"' for build in BUILDS)
     targets = "\n".join(f'"{c}.{what}" = "car.{c}.{what}"' for c in CORNERS for what in ("road", "aero"))
     study.write_text(STUDY.format(baseline=BASELINE, bank=files, targets=targets), encoding="utf-8")
@@ -134,7 +149,7 @@ def _predict(folder: Path, bank: Path, workers: int | None) -> None:
         call("study", study, "-o", folder / "study", *(["--workers", workers] if workers else []))
     if not (folder / "study" / "selection.csv").exists():
         counts = [word for name, count in SELECTED.items() for word in ("--measure", f"{name}={count}")]
-        call("select", folder / "study", *counts)
+        call("study", "select", folder / "study", *counts)
 
 
 def _test(folder: Path) -> None:
@@ -143,14 +158,26 @@ def _test(folder: Path) -> None:
         record = folder / "study" / row["file"]
         if not record.exists():
             shocks = [word for corner in CORNERS for word in ("--shock", f"build:{row[corner]}")]
-            call("rig", "--test", "track", "--seed", LAP, "--run", TEST_RUNS + int(row["run"]), *shocks, "-o", record)
+            call(
+                "virtual",
+                "rig",
+                "--test",
+                "track",
+                "--set",
+                f"seed={LAP}",
+                "--set",
+                f"run={TEST_RUNS + int(row['run'])}",
+                *shocks,
+                "-o",
+                record,
+            )
 
 
 def _compare(study: Path, name: str) -> list[dict[str, Any]]:
     """Compare all rig runs with the study and its certainty; return the comparison of each measure."""
     output = study / name
     if not output.exists():
-        call("compare", study, "--measured", study, "-o", output, may_fail=True)
+        call("study", "compare", study, "--measured", study, "-o", output, may_fail=True)
     found: list[dict[str, Any]] = json.loads((output / "comparison.json").read_text(encoding="utf-8"))["measures"]
     return found
 
@@ -160,7 +187,7 @@ def _confirm(study: Path) -> None:
     if (study / "certainty.previous.parquet").exists():
         return
     tests = [row for row in selection(study) if row["end"] == "test"]
-    call("confirm", study, *(f"{row['setup']}={study / row['file']}" for row in tests), may_fail=True)
+    call("study", "confirm", study, *(f"{row['setup']}={study / row['file']}" for row in tests), may_fail=True)
 
 
 def selection(study: Path) -> list[dict[str, str]]:

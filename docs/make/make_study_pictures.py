@@ -1,7 +1,7 @@
 """Pictures of a study's page in docs/how_to/study_report.md, and the time from opening it to the answer.
 
     eightpost study examples/identified/study.toml -o out/
-    eightpost shapes examples/identified/study.toml -o out/ --at lr
+    eightpost study shapes examples/identified/study.toml -o out/ --at lr
     python docs/make/make_study_pictures.py out/            # pictures of the page
 
 Headless Chromium opens the page from a file, in a new profile. The pictures: the first screen at 1400 x 900, its dark

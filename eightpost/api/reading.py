@@ -68,6 +68,12 @@ def toml_kind(path: Path) -> str:
     return next(found, "")
 
 
+def is_system(path: Path) -> bool:
+    """Return whether a file is a system of coupled FMUs: a system file or an SSP package."""
+    suffix = path.suffix.lower()
+    return suffix in (".ssp", ".ssd") or (suffix == ".toml" and path.is_file() and toml_kind(path) == "system")
+
+
 #: What to do with the files of each kind.
 _USES = {"system": "run it with run", "study": "run it with study", "vehicle": "make an FMU of it with build"}
 
@@ -241,7 +247,7 @@ def _kind_of(path: Path, channel_map: ChannelMap | None) -> Kind:
     if path.is_dir():
         return "run"
     suffix = path.suffix.lower()
-    if suffix in (".ssp", ".ssd"):
+    if is_system(path):
         return "system"
     if suffix == ".toml":
         return _toml_kind(path)

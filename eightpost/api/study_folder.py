@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,28 +13,7 @@ from typing import TYPE_CHECKING, Any
 from builder.build import build
 from cosim.study.choice.assess import Knowledge, certainty_of
 from cosim.study.choice.certainty import Certainty, read_certainty, write_certainty
-from cosim.study.choice.compare import Comparison, comparison_verdict, read_run_to_run, write_and_plot
-from cosim.study.choice.rig_runs import compare_with_rig, requested_runs, with_rig_runs
-from cosim.study.choice.robust import (
-    LinearityCheck,
-    Uncertain,
-    knowledge_of,
-    leading,
-    linearity_check,
-    read_uncertainty,
-    run_draws,
-    spreads_of,
-    write_spreads,
-)
-from cosim.study.choice.selection import POOL, TOTAL, TWICE, Selection, read_selection, select, write_selection
-from cosim.study.choice.sensitivity import (
-    MeasureChange,
-    Sensitivity,
-    sensitivities_of,
-    shock_at,
-    what_if,
-    write_terms,
-)
+from cosim.study.choice.selection import POOL, TOTAL, TWICE
 from cosim.study.choice.sources import effects_of, stated_parameters
 from cosim.study.definition import Study
 from cosim.study.running.evaluator import Coupling, Evaluator, traces
@@ -55,7 +34,11 @@ from eightpost.workers.process import usable_processors
 
 if TYPE_CHECKING:
     from builder.build import Built
+    from cosim.study.choice.compare import Comparison
     from cosim.study.choice.optimise import Optimum, Search
+    from cosim.study.choice.robust import LinearityCheck, Uncertain
+    from cosim.study.choice.selection import Selection
+    from cosim.study.choice.sensitivity import MeasureChange, Sensitivity
     from eightpost.api.shapes import Aim, Request
 
 #: Names of the files in the folder of a study.
@@ -194,6 +177,8 @@ class StudyFolder:
         Raises:
             FileFormatError: The selection belongs to another study.
         """
+        from cosim.study.choice.selection import read_selection
+
         path = self.path / SELECTION
         return read_selection(path, self.result) if path.is_file() else None
 
@@ -311,6 +296,16 @@ class StudyFolder:
         Raises:
             InputError: Nothing is uncertain.
         """
+        from cosim.study.choice.robust import (
+            knowledge_of,
+            leading,
+            linearity_check,
+            read_uncertainty,
+            run_draws,
+            spreads_of,
+            write_spreads,
+        )
+
         result, stated = self.result, read_uncertainty(uncertain, self.result)
         stated = replace(stated, parts=(*stated.parts, *self._fits(stated.fits)))
         for part in stated.parts:
@@ -340,6 +335,7 @@ class StudyFolder:
 
     def _fits(self, fits: Mapping[str, Path]) -> Iterator[Uncertain]:
         """Yield the uncertainty of fitted shocks."""
+        from cosim.study.choice.robust import Uncertain
         from eightpost.shock import read_shock
         from eightpost.shock.file import fitted_parameters
 
@@ -355,9 +351,14 @@ class StudyFolder:
     def _measured_noise(self) -> Mapping[str, float]:
         """Return the run-to-run deviations [SI] that `compare` found; empty without a comparison."""
         path = self.path / "compared" / "comparison.json"
-        with suppress(FileFormatError):  # no setup was run twice, or the file was edited
-            return read_run_to_run(path) if path.is_file() else {}
-        return {}
+        if not path.is_file():
+            return {}
+        from cosim.study.choice.compare import read_run_to_run
+
+        try:
+            return read_run_to_run(path)
+        except FileFormatError:  # no setup was run twice, or the file was edited
+            return {}
 
     def _with_runs(self, known: Knowledge) -> Knowledge:
         """Return what is known with the rig runs of the certainty in the folder, if it is of this study.
@@ -384,6 +385,8 @@ class StudyFolder:
 
     def sensitivity(self, output: Path | None = None) -> tuple[Sensitivity, ...]:
         """Return which corner matters for which measure, and write a table of all terms."""
+        from cosim.study.choice.sensitivity import sensitivities_of, write_terms
+
         found = sensitivities_of(self.result)
         write_terms(found, self.result.provenance.measure_units, output or self.path / "sensitivity.parquet")
         return found
@@ -409,6 +412,7 @@ class StudyFolder:
         Raises:
             InputError: Nothing changes, an adjuster is at its stop, or there is no such corner or setup.
         """
+        from cosim.study.choice.sensitivity import shock_at, what_if
         from eightpost.api.clicks import change_of
 
         if not any(clicks.values()):
@@ -431,6 +435,8 @@ class StudyFolder:
         twice: int = TWICE,
     ) -> Selection:
         """Select setups to confirm on the rig, and write their list; see `cosim.study.choice.selection.select`."""
+        from cosim.study.choice.selection import select, write_selection
+
         found = select(self.result, measures, total=total, share=share, pool=pool, certainty=self.certainty())
         write_selection(found, self.result, self.path / SELECTION, twice=twice)
         return found
@@ -451,6 +457,8 @@ class StudyFolder:
         Raises:
             InputError: The study has no certainty, or a record does not fit it.
         """
+        from cosim.study.choice.rig_runs import requested_runs, with_rig_runs
+
         result, before = self.result, self.certainty()
         if before is None:
             raise InputError(
@@ -491,6 +499,9 @@ class StudyFolder:
         Returns:
             Comparison of each measure, the verdict, and the picture.
         """
+        from cosim.study.choice.compare import comparison_verdict, write_and_plot
+        from cosim.study.choice.rig_runs import compare_with_rig
+
         path = measured / SELECTION if measured.is_dir() else measured
         reader, certainty = self._record_reader(channel_map), self.certainty()
         runs, found, notes = compare_with_rig(self.result, path, reader, measures=measures, certainty=certainty)

@@ -7,15 +7,15 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from eightpost.app.options import OutputFolder, Verb
+from eightpost.app.options import OutputFolder, argument, option, setting, verb
 
 
-@click.command(cls=Verb)
-@click.argument("folder", type=OutputFolder(), default=Path())
-@click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="N",
-              help="Port on this machine; default: a free one.")  # fmt: skip
-@click.option("--no-browser", is_flag=True, help="Print the link only.")
-def app(folder: Path, port: int, no_browser: bool) -> None:
+@verb
+def app(
+    folder: Path = argument("[FOLDER]", kind=OutputFolder(), required=False),
+    port: int = setting("Port on this machine; 0: a free one.", kind=click.IntRange(0, 65535), default=0),
+    no_browser: bool = option("Print the link only."),
+) -> None:
     """Open a window in the browser: drop dynamometer and rig files, fit, couple, and run studies.
 
     FOLDER receives the files that are dropped and what the commands write; default: the current folder. Only this
@@ -33,4 +33,4 @@ def app(folder: Path, port: int, no_browser: bool) -> None:
     def tell(link: str) -> None:
         console.print(f"eightpost is at {link}\nCtrl-C ends it.", highlight=False, soft_wrap=True, markup=False)
 
-    serve(folder, port, browser=not no_browser, tell=tell)
+    serve(folder or Path(), port, browser=not no_browser, tell=tell)

@@ -10,7 +10,8 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import FilePath, OutputFile, Verb
+from eightpost.api.reading import is_system
+from eightpost.app.options import FilePath, OutputFile, argument, option, verb
 from eightpost.app.progress import bar
 from eightpost.outputs import FMU
 from eightpost.report.console import console_table, folded
@@ -24,7 +25,7 @@ TARGETS = ("native", "python", "all")
 VERSIONS = ("2", "3", "all")
 
 
-# ---- `eightpost build --assemble` -----------------------------------------------------------------------------------
+# ---- One FMU of a system ---------------------------------------------------------------------------------------------
 
 
 def assemble_with_progress(console: Console, source: Path, output: Path, *, fmi: int = 2) -> Assembled:
@@ -77,42 +78,44 @@ def show_assembled(console: Console, built: Assembled) -> None:
 # ---- `eightpost build` ----------------------------------------------------------------------------------------------
 
 
-@click.command(cls=Verb)
-@click.argument("sources", nargs=-1, type=FilePath())
-@click.option("-o", "--output", default=Path("dist"), show_default=True,
-              type=OutputFile(FMU, is_folder=lambda given: given["system"] is None or given["output"].suffix != ".fmu"),
-              help="Output folder of the FMUs; with --assemble, a folder or the file name of the FMU.")  # fmt: skip
-@click.option("--target", type=click.Choice(TARGETS), default="native", show_default=True,
-              help="Code of the FMUs. native: compiled C, for any host on six platforms. python: the readable "
-                   "reference, for hosts with Python, numpy and scipy. all: both.")  # fmt: skip
-@click.option("--fmi", type=click.Choice(VERSIONS), default="2", show_default=True,
-              help="FMI version. 2: FMI 2.0. 3: FMI 3.0, for hosts that import it. all: both, from the same C code and "
-                   "with the same results; the FMU of FMI 3.0 is then named <name>_fmi3.fmu.")  # fmt: skip
-@click.option("--confidential", is_flag=True,
-              help="Leave out the sources, the static curve (picture and coefficients) and the names of the source "
-                   "files. The parameters of the lag, which a host may tune, stay readable.")  # fmt: skip
-@click.option("--temperature-input", is_flag=True,
-              help="Make the temperature of shocks that were fitted over it an input; without this option it is a "
-                   "tunable parameter.")  # fmt: skip
-@click.option("--assemble", "system", type=FilePath(), metavar="SYSTEM",
-              help="System file to build as one FMU: a vehicle and its shocks, with the coupling solved inside "
-                   "(docs/how_to/assembly.md). Default: one FMU from each of SOURCES.")  # fmt: skip
-@click.pass_context
+@verb
 def build(
     ctx: click.Context,
     /,
-    sources: tuple[Path, ...],
-    output: Path,
-    target: str,
-    fmi: str,
-    confidential: bool,
-    temperature_input: bool,
-    system: Path | None,
+    sources: tuple[Path, ...] = argument("SOURCES...", kind=FilePath()),
+    output: Path = option(
+        "Output folder of the FMUs; of a system, a folder or the file name of its FMU.",
+        "-o",
+        "--output",
+        kind=OutputFile(FMU, is_folder=lambda given: given["output"].suffix != ".fmu"),
+        default=Path("dist"),
+    ),
+    target: str = option(
+        "Code of the FMUs. native: compiled C, for any host on six platforms. python: the readable reference, for "
+        "hosts with Python, numpy and scipy. all: both.",
+        kind=TARGETS,
+        default="native",
+    ),
+    fmi: str = option(
+        "FMI version. 2: FMI 2.0. 3: FMI 3.0, for hosts that import it. all: both, from the same C code and with the "
+        "same results; the FMU of FMI 3.0 is then named <name>_fmi3.fmu.",
+        kind=VERSIONS,
+        default="2",
+    ),
+    confidential: bool = option(
+        "Leave out the sources, the static curve (picture and coefficients) and the names of the source files. The "
+        "parameters of the lag, which a host may tune, stay readable."
+    ),
+    temperature_input: bool = option(
+        "Make the temperature of shocks that were fitted over it an input; without this option it is a tunable "
+        "parameter."
+    ),
 ) -> None:
     """Build an FMU from each source, for co-simulation and model exchange.
 
     SOURCES are shock files (written by `eightpost fit`) and vehicle files: parameters (.toml) or an identified state
-    space (.json).
+    space (.json). A system file (.toml) becomes one FMU: a vehicle and its shocks, with the coupling solved inside
+    (docs/how_to/assembly.md).
 
     An FMU is named after its source, and the same source gives the same bytes. The FMU carries the verdict on its
     model, and every run repeats this verdict. The exit code is 1 if a model is not usable (docs/reference/verdict.md);
@@ -122,20 +125,19 @@ def build(
     Examples:
       eightpost build shock.json car.toml -o dist/
       eightpost build shock.json car.toml --fmi all -o dist/
-      eightpost build --assemble system.toml -o dist/car_with_shocks.fmu
+      eightpost build system.toml -o dist/car_with_shocks.fmu
     """
-
     console = Console()
-    if system is not None:
-        if sources or confidential or temperature_input or target != "native" or fmi == "all":
+    if systems := [source for source in sources if is_system(source)]:
+        if len(sources) > 1 or confidential or temperature_input or target != "native" or fmi == "all":
             raise click.UsageError(
-                "--assemble builds one FMU from one system file: omit SOURCES, --confidential, --temperature-input, "
-                "--target and --fmi all"
+                f"{systems[0]} is a system, of which one FMU is built: omit other SOURCES, --confidential, "
+                "--temperature-input, --target and --fmi all"
             )
-        show_assembled(console, assemble_with_progress(console, system, output, fmi=int(fmi)))
+        show_assembled(console, assemble_with_progress(console, systems[0], output, fmi=int(fmi)))
         return
-    if not sources:
-        raise click.UsageError("Missing argument 'SOURCES...'.")
+    if output.suffix == ".fmu":
+        raise click.UsageError(f"{output}: FMUs are named after their SOURCES; name a folder with -o")
     built = build_with_progress(
         console,
         sources,
@@ -176,18 +178,17 @@ def build_with_progress(
 
 
 def show_built(console: Console, built: list[Built]) -> Verdict:
-    """Print a table of the FMUs and the verdict that they carry; return the verdict."""
+    """Print the FMUs and the verdict that they carry; return the verdict."""
     from builder.build import verdict_on
-    from eightpost.app.show import show_verdict
+    from eightpost.app.show import details, show_verdict
     from eightpost.report.numbers import file_size
 
-    rows = []
     for item in built:
-        counts = [str(len(item.interface.names(causality))) for causality in ("input", "output", "parameter")]
-        kind = f"{item.interface.kind} {item.interface.version}"
-        rows.append((str(item.path), kind, f"{item.fmi}.0", item.target, *counts, file_size(item.path)))
-    columns = [*folded("FMU"), "interface", "FMI", "target", "inputs", "outputs", "parameters", "size"]
-    console.print(console_table(columns, rows))
+        interface = item.interface
+        counts = ", ".join(f"{len(interface.names(kind))} {kind}s" for kind in ("input", "output", "parameter"))
+        text = f"{interface.kind} {interface.version}, FMI {item.fmi}.0, {item.target}, {file_size(item.path)}"
+        console.print(f"{escape(str(item.path))}: {text}", highlight=False, soft_wrap=True)
+        details(console).print(f"  {counts}", highlight=False)
     for limits in dict.fromkeys(item.limits for item in built if item.limits):
         console.print(f"[yellow]note[/] {escape(limits)}")
     verdict = verdict_on(built)

@@ -10,7 +10,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import FilePath, Verb
+from eightpost.app.options import FilePath, argument, option, verb
 from eightpost.errors import InputError
 from eightpost.report.console import Column, Table, console_table, unbroken
 
@@ -20,15 +20,13 @@ if TYPE_CHECKING:
 _COLOURS = {"error": "bold red", "drop-in": "yellow", "hint": "cyan"}
 
 
-@click.command(cls=Verb)
-@click.argument("fmus", metavar="FMU...", nargs=-1, required=True, type=FilePath())
-@click.option("--standard", "scope", flag_value="standard", default="all",
-              help="Report only violations of the FMI standard; default: all findings.")  # fmt: skip
-@click.option(
-    "--json", "as_json", is_flag=True, help="Print one JSON document instead of tables (docs/reference/check.md)."
-)
-@click.pass_context
-def check(ctx: click.Context, fmus: tuple[Path, ...], scope: str, as_json: bool) -> None:
+@verb
+def check(
+    ctx: click.Context,
+    fmus: tuple[Path, ...] = argument("FMU...", kind=FilePath()),
+    standard: bool = option("Report only violations of the FMI standard; default: all findings."),
+    as_json: bool = option("Print one JSON document instead of tables (docs/reference/check.md).", "--json"),
+) -> None:
     """Check FMUs of any maker: the rules of the FMI standard, and known causes of failed imports.
 
     The check runs fmpy validate, fmutool -check, more than a hundred rules of its own, and the FMU itself. Findings are
@@ -45,11 +43,12 @@ def check(ctx: click.Context, fmus: tuple[Path, ...], scope: str, as_json: bool)
     """
     from builder.check import CheckReport, NotChecked, Scope, json_document
 
+    scope = Scope.STANDARD if standard else Scope.ALL
     reports: list[CheckReport | NotChecked] = []
     with Console(stderr=True).status("") as status:
         for path in fmus:
             status.update(f"checking {escape(str(path))}")
-            reports.append(_checked(path, Scope(scope)))
+            reports.append(_checked(path, scope))
     _warn(reports)
     refused = [report for report in reports if isinstance(report, NotChecked)]
     if as_json:
@@ -84,11 +83,13 @@ def _checked(path: Path, scope: Scope) -> CheckReport | NotChecked:
         return NotChecked(path, str(error))
 
 
-def show_report(console: Console, report: CheckReport) -> None:
+def show_report(console: Console, report: CheckReport, *, with_findings: bool = True) -> None:
     """Print the findings in an FMU by level, the groups that were performed or skipped, and what no check sees."""
     from builder.check import LIMITS
 
     console.print(f"{escape(str(report.path))}: {_verdict(report)}", highlight=False, soft_wrap=True)
+    if not with_findings:
+        return
     if report.findings:
         console.print(_table(report))
     _note(console, f"performed {', '.join(report.groups) or 'nothing'}")

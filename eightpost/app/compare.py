@@ -10,7 +10,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import FilePath, Number, OutputFile, Verb, map_option
+from eightpost.app.options import CHANNELS, Channels, FilePath, Number, OutputFile, argument, option, setting, verb
 from eightpost.app.study import saved
 from eightpost.errors import InputError
 from eightpost.outputs import PICTURE
@@ -20,42 +20,44 @@ from eightpost.verdict import Verdict
 if TYPE_CHECKING:
     from cosim.study.choice.compare import Comparison, RunComparison
     from cosim.study.table import StudyResult
-    from eightpost.signals import ChannelMap
 
 #: Largest length of all labels of runs as headings of a table; longer ones are replaced by their numbers.
 _LABELS = 30
 
 
-@click.command(cls=Verb, renamed={"--channel-map": "--map"})
-@click.argument("folders", metavar="RUN...", nargs=-1, required=True, type=FilePath())
-@click.option("--vehicle", default="car", show_default=True, metavar="COMPONENT",
-              help="Name of the vehicle component whose channels give the ride measures.")  # fmt: skip
-@click.option("-o", "--output", type=OutputFile(PICTURE, is_folder=lambda given: given["measured"] is not None),
-              help="Picture of the changes (.png, .pdf or .svg); default: none. With --measured: output folder; "
-              "default: compared/ in the folder of the study.")  # fmt: skip
-@click.option("--measured", type=FilePath(), metavar="LIST",
-              help="List of rig runs to compare a study with: a CSV file that assigns a setup to each record, such as "
-              "the selection.csv of `eightpost select`, or its folder. Default: compare runs.")  # fmt: skip
-@click.option("--measure", "measures", multiple=True, metavar="MEASURE",
-              help="Measure to compare with --measured; may be repeated. Default: all measures that do not depend on "
-              "a mean.")  # fmt: skip
-@map_option("docs/how_to/rig_data.md", "rig files of --measured")
-@click.option("--rank", type=Number(-1.0, 1.0), default=0.8, show_default=True, metavar="-1..1",
-              help="Minimum acceptable rank correlation (Spearman) for --measured, -1 to 1.")  # fmt: skip
-@click.option("--level", type=Number(min=0.0), metavar="PERCENT",
-              help="Maximum acceptable RMS error of the levels for --measured [%], e.g. 5; default: no "
-              "limit.")  # fmt: skip
-@click.pass_context
+@verb
 def compare(
     ctx: click.Context,
-    folders: tuple[Path, ...],
-    vehicle: str,
-    output: Path | None,
-    measured: Path | None,
-    measures: tuple[str, ...],
-    channel_map: ChannelMap | None,
-    rank: float,
-    level: float | None,
+    folders: tuple[Path, ...] = argument("RUN...", kind=FilePath()),
+    output: Path | None = option(
+        "Picture of the changes (.png, .pdf or .svg); default: none. With --measured: output folder; default: "
+        "compared/ in the folder of the study.",
+        "-o",
+        "--output",
+        kind=OutputFile(PICTURE, is_folder=lambda given: given["measured"] is not None),
+    ),
+    measured: Path | None = option(
+        "List of rig runs to compare a study with: a CSV file that assigns a setup to each record, such as the "
+        "selection.csv of `eightpost study select`, or its folder. Default: compare runs.",
+        kind=FilePath(),
+        metavar="LIST",
+    ),
+    measures: tuple[str, ...] = option(
+        "Measure to compare with --measured; may be repeated. Default: all measures that do not depend on a mean.",
+        "--measure",
+        metavar="MEASURE",
+    ),
+    channels: Channels = CHANNELS,
+    vehicle: str = setting("Name of the vehicle component whose channels give the ride measures.", default="car"),
+    rank: float = setting(
+        "Minimum acceptable rank correlation (Spearman) for --measured, -1 to 1.",
+        kind=Number(-1.0, 1.0),
+        default=0.8,
+    ),
+    level: float | None = setting(
+        "Maximum acceptable RMS error of the levels for --measured [%], e.g. 5; default: no limit.",
+        kind=Number(min=0.0),
+    ),
 ) -> None:
     """Compare runs, or a study's prediction with rig measurements.
 
@@ -64,12 +66,13 @@ def compare(
     lack the channels of the ride measures are compared channel by channel.
 
     With --measured, RUN is the folder of a study, and its prediction is compared with the rig measurements: trend, rank
-    correlations, best-fit line and bands, as in Fig 7.7. The exit code is 1 if a measure misses --rank or --level.
+    correlations, best-fit line and bands, as in Fig 7.7. The exit code is 1 if a measure misses the settings rank or
+    level.
 
     \b
     Examples:
-      eightpost compare out out/swapped -o out/changes.png
-      eightpost compare out/ --measured rig_day/selection.csv
+      eightpost study compare out out/swapped -o out/changes.png
+      eightpost study compare out/ --measured rig_day/selection.csv
     """
     from eightpost.app.show import show_verdict
 
@@ -79,7 +82,7 @@ def compare(
     elif len(folders) == 1:
         study = saved(console, folders[0])
         entries, verdict, picture = study.compare(
-            measured, output, measures=measures, channel_map=channel_map, rank=rank, level=level
+            measured, output, measures=measures, channel_map=channels.only_map(), rank=rank, level=level
         )
         for table in (rank_table(entries), level_table(entries, study.result)):
             console.print(table)

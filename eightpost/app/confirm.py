@@ -10,46 +10,42 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import FilePath, Verb, map_option
+from eightpost.app.options import CHANNELS, Channels, FilePath, argument, option, verb
 from eightpost.app.study import saved, show_certainty, show_page
 from eightpost.report.console import Table, console_table, right
 
 if TYPE_CHECKING:
     from cosim.study.choice.certainty import Certainty
     from cosim.study.table import StudyResult
-    from eightpost.signals import ChannelMap
 
 #: Number of setups in the table.
 _SHOWN = 8
 
 
-@click.command(cls=Verb)
-@click.argument("folder", metavar="STUDY", type=FilePath())
-@click.argument("records", metavar="RECORDS...", nargs=-1, required=True)
-@click.option("--measure", "measures", multiple=True, metavar="MEASURE",
-              help="Measure to take into account; may be repeated. Default: all measures that do not depend on a "
-              "mean.")  # fmt: skip
-@map_option("docs/how_to/rig_data.md", "rig files")
-@click.pass_context
+@verb
 def confirm(
     ctx: click.Context,
-    folder: Path,
-    records: tuple[str, ...],
-    measures: tuple[str, ...],
-    channel_map: ChannelMap | None,
+    folder: Path = argument("STUDY", kind=FilePath()),
+    records: tuple[str, ...] = argument("RECORDS..."),
+    measures: tuple[str, ...] = option(
+        "Measure to take into account; may be repeated. Default: all measures that do not depend on a mean.",
+        "--measure",
+        metavar="MEASURE",
+    ),
+    channels: Channels = CHANNELS,
 ) -> None:
     """Update how sure a study's choice is with rig runs of some of its setups.
 
     STUDY is a folder that `eightpost study` wrote. RECORDS is a list of rig runs, a CSV file that assigns a setup to
-    each record, such as the selection.csv of `eightpost select`; or one or more SETUP=FILE with the number of a setup
-    and its record. The measured levels update the intervals of all setups, the ties and the next tests. Records that
-    contradict the prediction are named; the exit code is then 1. The previous certainty is kept in
+    each record, such as the selection.csv of `eightpost study select`; or one or more SETUP=FILE with the number of a
+    setup and its record. The measured levels update the intervals of all setups, the ties and the next tests. Records
+    that contradict the prediction are named; the exit code is then 1. The previous certainty is kept in
     certainty.previous.parquet.
 
     \b
     Examples:
-      eightpost confirm out/ rig_day/selection.csv
-      eightpost confirm out/ 37=run1.csv 120=run2.csv
+      eightpost study confirm out/ rig_day/selection.csv
+      eightpost study confirm out/ 37=run1.csv 120=run2.csv
     """
     from cosim.study.verdict import study_verdict
     from eightpost.api.study_folder import CERTAINTY, PREVIOUS
@@ -57,7 +53,7 @@ def confirm(
 
     console = Console()
     study = saved(console, folder)
-    before, after = study.confirm(records, measures=measures, channel_map=channel_map)
+    before, after = study.confirm(records, measures=measures, channel_map=channels.only_map())
     result, new = study.result, after.runs[len(before.runs) :]
     console.print(
         f"{len(new)} new runs of {len({run.setup for run in new})} setups; {len(after.runs)} in all", highlight=False

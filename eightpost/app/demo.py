@@ -13,9 +13,10 @@ from eightpost.app.build import build_with_progress, show_built
 from eightpost.app.check import show_report
 from eightpost.app.compare import measure_table
 from eightpost.app.fit import show_fit, show_test
-from eightpost.app.options import OutputFolder, Verb
+from eightpost.app.options import OutputFolder, option, verb
 from eightpost.app.progress import ConsoleListener
 from eightpost.app.run import run_with_progress
+from eightpost.app.show import details, is_detailed
 from eightpost.app.study import show_result as show_study_result
 from eightpost.app.study import show_study
 from eightpost.corners import CORNERS
@@ -32,15 +33,19 @@ _BUILDS = ("A", "B", "C")
 _BASELINE, _SWAP, _CORNER = "A", "B", "lf"
 #: Length of the lap in the study of every setup [s].
 _STUDIED = 12.0
+#: Number of changed measures that are listed.
+_LISTED = 6
 _TRACES = ("car.lf.velocity", "lf.force", "car.lf.tire_force", "car.front.ride_height", "car.lf.hub_acceleration")
 _SPECTRA = ("car.lf.tire_force", "car.front.ride_height", "car.lf.hub_acceleration", "car.lf.velocity")
 
 
-@click.command(cls=Verb)
-@click.option("-o", "--output", type=OutputFolder(), default=Path("demo"), show_default=True,
-              help="Output folder for all files of the demo.")  # fmt: skip
-@click.pass_context
-def demo(ctx: click.Context, output: Path) -> None:
+@verb
+def demo(
+    ctx: click.Context,
+    output: Path = option(
+        "Output folder for all files of the demo.", "-o", "--output", kind=OutputFolder(), default=Path("demo")
+    ),
+) -> None:
     """Run the whole workflow on shipped data: fit, build, check, couple, swap a shock, measure, run every setup.
 
     All data are SYNTHETIC: examples/make_demo_data.py computes the dynamometer records and the track,
@@ -53,12 +58,7 @@ def demo(ctx: click.Context, output: Path) -> None:
     clean = _build_and_check(console, examples, output)
     results = _couple_and_swap(console, examples, output)
     _measure(console, results, output)
-    page = _study(console, examples, output)
-    console.rule("Done")
-    console.print(f"Plots, FMUs, shock files and series are in {output}/ (all from synthetic data):", highlight=False)
-    for path in sorted(output.glob("*.png")):
-        console.print(f"  {path}", highlight=False)
-    console.print(f"Page of all setups of the three shocks, with what is sure about them: {page}", highlight=False)
+    _study(console, examples, output)
     ctx.exit(0 if clean and all(result.acceptable for result in results.values()) else 1)
 
 
@@ -73,10 +73,10 @@ def _fit_builds(console: Console, examples: Path, output: Path) -> None:
     show_test(console, tests["A"])
     laws: tuple[LawName, ...] = ("polylinear", "lpf1", "lpnl2")
     first = [_fit("A", tests["A"], law) for law in laws]
-    console.print(fit_table(first))
+    details(console).print(fit_table(first))
     show_fit(console, first[-1])
     fits = {"A": first[-1]} | {name: _fit(name, tests[name], "lpnl2") for name in _BUILDS[1:]}
-    console.print(fit_table(list(fits.values())))
+    details(console).print(fit_table(list(fits.values())))
     for name, shock_fit in fits.items():
         write_shock(shock_fit.shock, output / f"dyno_{name}.json")
     plot_force_velocity(first, output / "fit_laws.png")
@@ -100,9 +100,7 @@ def _build_and_check(console: Console, examples: Path, output: Path) -> bool:
     checked = (built[0], built[-1])
     reports = [check_fmu(item.path) for item in checked]
     for report in reports:
-        show_report(console, report)
-    left = ", ".join(item.path.name for item in built if item not in checked)
-    console.print(f"not checked: {left}, which differ from {built[0].path.name} in numbers only", highlight=False)
+        show_report(console, report, with_findings=is_detailed())
     return all(report.acceptable for report in reports)
 
 
@@ -124,25 +122,30 @@ def _couple_and_swap(console: Console, examples: Path, output: Path) -> dict[str
 
 
 def _measure(console: Console, results: dict[str, cosim.Result], output: Path) -> None:
-    from cosim.report.page import plot_spectra, plot_traces
+    from cosim.report.plots import plot_spectra, plot_traces
     from cosim.study.choice.compare import compare_runs, plot_measures
 
     console.rule("4. Response measures")
     compared = compare_runs(results)
-    console.print(measure_table(compared))
+    details(console).print(measure_table(compared))
+    changes = {measure.name: compared.change(measure) for measure in compared.measures}
+    largest = sorted((name for name, change in changes.items() if change), key=lambda name: -abs(changes[name] or 0.0))
+    for name in largest[:_LISTED]:
+        console.print(f"  {changes[name]:+.2f} %  {name}", highlight=False)
     series = compared.runs
     plot_traces(series, _TRACES, output / "traces.png", start=10.0, stop=14.0, title=f"Time traces {_SYNTHETIC}")
     plot_spectra(series, _SPECTRA, output / "spectra.png", title=f"Power spectral densities {_SYNTHETIC}")
     plot_measures(series, compared.measures, output / "measures.png", title=f"Response measures {_SYNTHETIC}")
 
 
-def _study(console: Console, examples: Path, output: Path) -> Path:
-    """Run and rank every setup of the three builds on the identified car; return the page."""
+def _study(console: Console, examples: Path, output: Path) -> None:
+    """Run every setup of the three builds on the identified car; print the best one, how sure, and the page."""
     from cosim.study import Build, Drive, Study, Term, Vehicle
+    from cosim.study.choice.certainty import summary_lines
     from cosim.study.measures import ride_measures
     from eightpost.api.study_folder import StudyFolder
 
-    console.rule("5. Every setup of the three shocks on an identified car, and how sure the choice is")
+    console.rule("5. Every setup on an identified car, and how sure the choice is")
     fmus, identified = output / "fmus", examples / "identified"
     (car,) = build_with_progress(console, [identified / "car.json"], fmus / "identified")
     bank = {name: Build(fmus / f"dyno_{name}.fmu") for name in _BUILDS}
@@ -156,8 +159,16 @@ def _study(console: Console, examples: Path, output: Path) -> Path:
         objective=(Term("front ride height, RMS", 1000.0, "in"), Term("total tire force, RMS", 1.0, "lbf")),
         baseline=dict.fromkeys(CORNERS, _BASELINE),
     )
-    folder = StudyFolder(output / "study", study, listener=ConsoleListener(console))
-    show_study(console, folder.sweep)
+    more = details(console)
+    folder = StudyFolder(output / "study", study, listener=ConsoleListener(more))
+    show_study(more, folder.sweep)
     result = folder.run()
-    show_study_result(console, result, result.certainty, top=5)
-    return folder.write_page()
+    show_study_result(more, result, result.certainty, top=5)
+    page = folder.write_page()
+    console.rule("The answer, for synthetic data")
+    console.print(f"best of {len(result)} setups: {result.setup(int(result.ranking()[0]))}", highlight=False)
+    if result.certainty is not None:
+        console.print(
+            next(iter(summary_lines(result, result.certainty))), highlight=False, markup=False, soft_wrap=True
+        )
+    console.print(f"page: {page}", highlight=False, soft_wrap=True)

@@ -10,7 +10,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import Verb
+from eightpost.app.options import option, verb
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,10 +23,10 @@ SCHEMA = 1
 _COLORS = {"ok": "green", "note": "yellow", "absent": "cyan", "failed": "red"}
 
 
-@click.command(cls=Verb)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document, e.g. for a report of a fault.")
-@click.pass_context
-def doctor(ctx: click.Context, as_json: bool) -> None:
+@verb
+def doctor(
+    ctx: click.Context, as_json: bool = option("Print one JSON document, e.g. for a report of a fault.", "--json")
+) -> None:
     """Check the installation: versions, extras, caches, a coupled run, the compiler.
 
     A coupled run is compared with its exact solution, and if the packages and a C compiler for it are installed, an FMU

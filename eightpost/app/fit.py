@@ -1,17 +1,29 @@
-"""`eightpost fit`."""
+"""`eightpost fit`: one record, several of one shock, or one shock over its adjusters and temperature."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import COLUMNS, UNITS, FilePath, LawName, OutputFile, Quantity, Verb, flip_option, map_option
+from eightpost.app.options import (
+    CHANNELS,
+    Channels,
+    FilePath,
+    LawName,
+    OutputFile,
+    Quantity,
+    argument,
+    option,
+    setting,
+    verb,
+)
+from eightpost.app.show import details, is_detailed, show_files, show_summary, show_verdict
 from eightpost.errors import InputError
 from eightpost.outputs import PICTURE, SHOCK
 from eightpost.verdict import Verdict
@@ -20,83 +32,90 @@ if TYPE_CHECKING:
     from eightpost.ident import ShockFit
     from eightpost.ident.shock.force import GasTreatment
     from eightpost.ident.shock.law_fit import RecipeName
+    from eightpost.ident.shock.settings_table import SettingsTable
     from eightpost.least_squares import Robust
-    from eightpost.rig import DynoTest, PeakVelocityTable
-    from eightpost.signals import ChannelMap
+    from eightpost.rig import DynoConditions, DynoTest, PeakVelocityTable
 
 RECIPES = ("joint", "boggs")
 WEIGHTINGS = ("auto", "none", "huber", "tukey")
 GAS_TREATMENTS = ("estimate", "included", "subtracted")
 
 
-@click.command(cls=Verb)
-@click.argument("dyno_files", metavar="DYNO...", nargs=-1, required=True, type=FilePath())
-@click.option("--law", type=LawName(),
-              help="Shock law to fit (docs/explanation/shock_law.md); default: hysteresis, with --recipe boggs lpnl2, "
-              "for a peak-velocity table polylinear.")  # fmt: skip
-@click.option("-o", "--output",
-              type=OutputFile(SHOCK, default=lambda given: Path(f"{given['dyno_files'][0].stem}.json")),
-              help="Output shock file; default: the name of the first DYNO with the suffix .json (of a .json file "
-              "_shock.json), in the current folder.")  # fmt: skip
-@click.option("--recipe", type=click.Choice(RECIPES), default="joint", show_default=True,
-              help="Order of the fit. joint: all parameters together, a curve through knots. boggs: one after the "
-              "other, a curve of polynomials, as in 3.3.")  # fmt: skip
-@click.option("--robust", type=click.Choice(WEIGHTINGS), default="auto", show_default=True,
-              help="Weighting of outliers. auto: outliers are down-weighted if there are any. none: no weighting. "
-              "huber, tukey: always weighted by this function.")  # fmt: skip
-@click.option("--gas", type=click.Choice(GAS_TREATMENTS), default="estimate", show_default=True,
-              help="Gas force in the force channel. estimate: it is fitted and kept in the shock. included: it is "
-              "fitted and left out of the shock, because the static load of the car already counts it. subtracted: "
-              "the dynamometer already subtracted it, so it is not fitted.")  # fmt: skip
-@UNITS
-@COLUMNS
-@map_option("docs/reference/signs_and_units.md", "file")
-@flip_option("force")
-@click.option("--split", is_flag=True,
-              help="Split each record at its pauses and where a sine changes, and fit the parts as runs.")  # fmt: skip
-@click.option("--segment", nargs=2, type=Quantity("s", bare=True), metavar="START STOP",
-              help="Start and end of the part of the record to fit; default '1 s' '10 s'.")  # fmt: skip
-@click.option("--cutoff", type=Quantity("Hz", bare=True), metavar="FREQUENCY",
-              help="Cut-off frequency of the low-pass on model and data; default '50 Hz'.")  # fmt: skip
-@click.option("--name", help="Name of the shock; default: the name of the file.")
-@click.option("--build", "builds", metavar="[FILE=]NAME", multiple=True,
-              help="Team's own name for the shock build, or for that of a file, e.g. run7.csv='front 3'; may be "
-              "repeated. Default: that in the file. Records of several builds are fitted together, and the shock file "
-              "states their spread (docs/explanation/shock_law.md).")  # fmt: skip
-@click.option("--clicks", metavar="TEXT",
-              help="Settings of the adjusters and how they are counted, e.g. '14 from closed, rebound'; default: those "
-              "in the file.")  # fmt: skip
-@click.option("--gas-pressure", type=Quantity("Pa"), metavar="PRESSURE",
-              help="Gas pressure of the shock, e.g. '150 psi'; default: that in the file.")  # fmt: skip
-@click.option("--plot", type=OutputFile(PICTURE), help="Force-velocity picture; default: none.")
-@click.pass_context
-def fit(  # one parameter per option
+@verb
+def fit(
     ctx: click.Context,
-    dyno_files: tuple[Path, ...],
-    law: str | None,
-    output: Path,
-    recipe: RecipeName,
-    robust: Robust,
-    gas: GasTreatment,
-    units: tuple[tuple[str, str], ...],
-    columns: tuple[tuple[str, str], ...],
-    channel_map: ChannelMap | None,
-    flip: tuple[str, ...],
-    split: bool,
-    segment: tuple[float, float] | None,
-    cutoff: float | None,
-    name: str | None,
-    builds: tuple[str, ...],
-    clicks: str | None,
-    gas_pressure: float | None,
-    plot: Path | None,
+    dyno_files: tuple[Path, ...] = argument("DYNO...", kind=FilePath()),
+    law: str | None = option(
+        "Shock law to fit (docs/explanation/shock_law.md); default: hysteresis, with --set recipe=boggs lpnl2, for a "
+        "peak-velocity table polylinear.",
+        kind=LawName(),
+    ),
+    output: Path = option(
+        "Output shock file; default: the name of the first DYNO with the suffix .json (of a .json file _shock.json), "
+        "in the current folder.",
+        "-o",
+        "--output",
+        kind=OutputFile(SHOCK, default=lambda given: Path(f"{given['dyno_files'][0].stem}.json")),
+    ),
+    gas: GasTreatment = option(
+        "Gas force in the force channel. estimate: it is fitted and kept in the shock. included: it is fitted and left "
+        "out of the shock, because the static load of the car already counts it. subtracted: the dynamometer already "
+        "subtracted it, so it is not fitted.",
+        kind=GAS_TREATMENTS,
+        default="estimate",
+    ),
+    channels: Channels = CHANNELS,
+    split: bool = option("Split each record at its pauses and where a sine changes, and fit the parts as runs."),
+    builds: tuple[str, ...] = option(
+        "Team's own name for the shock build, or for that of a file, e.g. run7.csv='front 3'; may be repeated. "
+        "Default: that in the file. Records of several builds are fitted together, and the shock file states their "
+        "spread.",
+        "--build",
+        metavar="[FILE=]NAME",
+    ),
+    plot: Path | None = option(
+        "Picture of the curves, or of the map over clicks; default: none.", kind=OutputFile(PICTURE)
+    ),
+    recipe: RecipeName = setting(
+        "Order of the fit. joint: all parameters together, a curve through knots. boggs: one after the other, a curve "
+        "of polynomials, as in 3.3.",
+        kind=RECIPES,
+        default="joint",
+    ),
+    robust: Robust = setting(
+        "Weighting of outliers. auto: outliers are down-weighted if there are any. none: no weighting. huber, tukey: "
+        "always weighted by this function.",
+        kind=WEIGHTINGS,
+        default="auto",
+    ),
+    segment: tuple[float, float] | None = setting(
+        "Start and end of the part of the record to fit, e.g. segment='1 s, 10 s', which is the default.",
+        kind=Quantity("s", bare=True),
+        nargs=2,
+    ),
+    cutoff: float | None = setting(
+        "Cut-off frequency of the low-pass on model and data; default '50 Hz'.", kind=Quantity("Hz", bare=True)
+    ),
+    name: str | None = setting("Name of the shock; default: the name of the file."),
+    clicks: str | None = setting(
+        "Settings of the adjusters and how they are counted, e.g. '14 from closed, rebound'; default: those in the "
+        "file."
+    ),
+    gas_pressure: float | None = setting(
+        "Gas pressure of the shock, e.g. '150 psi'; default: that in the file.", kind=Quantity("Pa")
+    ),
 ) -> None:
-    """Fit a shock law to a dynamometer file, or to several runs together, of one build or of several.
+    """Fit a shock law to dynamometer records: one, several runs together, or one shock over its adjusters.
 
     DYNO is a text file, spreadsheet, .parquet, .mat, .json, .mf4, .tdms or .lvm file with time, force, and velocity or
-    displacement (docs/reference/dyno_files.md). Units are in its header, in a channel map, or given by --units. Several
-    tables in a file are several runs. A table of forces over peak velocities gives a polylinear shock for each setting
-    of the adjusters. The exit code is 1 if the shock is not usable (docs/reference/verdict.md).
+    displacement (docs/reference/dyno_files.md). Units are in its header, in a channel map, or given by --channel. A
+    table of forces over peak velocities gives a polylinear shock for each setting of the adjusters.
+
+    One shock over its clicks, valving or temperature (docs/how_to/settings.md): DYNO is a TOML table that lists the
+    files with their settings, or the names of the files state them (2clicks.csv, 1.5A.csv). Its FMU has the clicks and
+    the temperature as parameters.
+
+    The exit code is 1 if the shock is not usable (docs/reference/verdict.md).
 
     \b
     Examples:
@@ -105,28 +124,30 @@ def fit(  # one parameter per option
       eightpost fit sines.csv --split -o shock.json
       eightpost fit a.csv b.csv --build a.csv='front 1' --build b.csv='front 2' -o front.json
       eightpost fit peak_velocities.csv -o shock.json
-      eightpost fit run7.csv --units force=lbf --flip force --gas included -o dist/run7.json
+      eightpost fit rebound.toml -o shock.json
+      eightpost fit 0.3A.csv 0.9A.csv 1.6A.csv -o shock.json
+      eightpost fit run7.csv --channel 'force=-Force [lbf]' --gas included -o dist/run7.json
     """
     from eightpost.ident import fit_shock
     from eightpost.ident.shock.peak_velocity import builds_in, tables_in
     from eightpost.rig import DynoConditions
-    from eightpost.rig.columns import with_channels
     from eightpost.shock import write_shock
 
     if plot is not None:
         import eightpost.report.pictures  # noqa: F401 -- refuses a picture that cannot be drawn before the fit
     console = Console()
+    if table := _settings_table(dyno_files, channels, cutoff, is_plain=not (split or builds)):
+        verdict = _fit_settings(console, table, output, plot, law=law, segment=segment, cutoff=cutoff)
+        ctx.exit(0 if verdict.is_acceptable else 1)
     build, of_files = _builds(builds, dyno_files)
-    given, conditions = dict(units), DynoConditions(build, clicks, gas_pressure)
-    channel_map = with_channels(channel_map, dict(columns))
-    if of_builds := builds_in(dyno_files, given, of_files, channel_map):
+    conditions = DynoConditions(build, clicks, gas_pressure)
+    if of_builds := builds_in(dyno_files, dict(channels.units), of_files, channels.channel_map):
         _check_law_of_tables(law)
         ctx.exit(0 if _fit_builds(console, of_builds, output, name=name, gas=gas).is_acceptable else 1)
-    if tables := tables_in(dyno_files, given, channel_map):
+    if tables := tables_in(dyno_files, dict(channels.units), channels.channel_map):
         _check_law_of_tables(law)
         ctx.exit(0 if _fit_tables(console, tables, output, plot, name=name, build=build, gas=gas).is_acceptable else 1)
-    reading = {"channel_map": channel_map, "units": given, "flip": flip, "conditions": conditions, "cutoff": cutoff}
-    tests = _read_tests(console, dyno_files, reading, of_files, split=split)
+    tests = _read_tests(console, dyno_files, channels, conditions, of_files, cutoff=cutoff, split=split)
     shock_fit = fit_shock(
         tests,
         law,
@@ -145,8 +166,53 @@ def fit(  # one parameter per option
 
         plot_force_velocity(shock_fit, plot)
         written.append(plot)
-    console.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, highlight=False)
+    show_files(console, written)
     ctx.exit(0 if shock_fit.verdict.is_acceptable else 1)
+
+
+# ---- Over adjusters and temperature ---------------------------------------------------------------------------------
+
+
+def _settings_table(
+    files: Sequence[Path], channels: Channels, cutoff: float | None, *, is_plain: bool
+) -> SettingsTable | None:
+    """Return the settings of a TOML table, or of the names of several files; None if the files are runs of one "
+    "shock."""
+    from eightpost.ident.shock.settings_table import read_settings_table, settings_of_names, states_settings
+
+    if len(files) == 1 and files[0].suffix.lower() == ".toml":
+        if channels.is_stated or not is_plain:
+            raise InputError(f"{files[0]} states columns, units, signs and builds: omit --channel, --build and --split")
+        return read_settings_table(files[0], cutoff=cutoff)
+    if is_plain and not channels.is_stated and states_settings(files):
+        return settings_of_names(files, cutoff=cutoff)
+    return None
+
+
+def _fit_settings(
+    console: Console, table: SettingsTable, output: Path, plot: Path | None, *, law: str | None,
+    segment: tuple[float, float] | None, cutoff: float | None,
+) -> Verdict:  # fmt: skip
+    """Fit one shock over its settings, and print the errors at each of them."""
+    from eightpost.ident.shock.plots import plot_click_map
+    from eightpost.ident.shock.settings import fit_settings, settings_table
+    from eightpost.shock import write_shock
+
+    for note in table.notes:
+        console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
+    shock_fit = fit_settings(table, law=law, segment=segment, cutoff=cutoff)
+    console.print(settings_table(shock_fit))
+    for change in shock_fit.shock.fit["changes"]:
+        details(console).print(f"[yellow]changed[/] {escape(change)}", highlight=False, soft_wrap=True)
+    show_verdict(console, shock_fit.verdict)
+    write_shock(shock_fit.shock, output)
+    if plot is not None:
+        plot_click_map(shock_fit.shock, plot)
+    show_files(console, [output, *([plot] if plot else [])])
+    return shock_fit.verdict
+
+
+# ---- Records and tables of peak velocities --------------------------------------------------------------------------
 
 
 def _check_law_of_tables(law: str | None) -> None:
@@ -177,21 +243,23 @@ def _builds(words: Sequence[str], files: Sequence[Path]) -> tuple[str | None, di
 def _read_tests(
     console: Console,
     files: Sequence[Path],
-    reading: Mapping[str, Any],
+    channels: Channels,
+    conditions: DynoConditions,
     builds: Mapping[Path, str],
     *,
+    cutoff: float | None,
     split: bool,
 ) -> list[DynoTest]:
-    """Return the records of all files and print their channels; `reading` are options of `read_dyno_tests`."""
+    """Return the records of all files and print their channels."""
     from eightpost.rig import read_dyno_tests, split_runs
 
     tests: list[DynoTest] = []
     for file in files:
-        own = {"conditions": replace(reading["conditions"], build=builds[file])} if file in builds else {}
-        found = read_dyno_tests(file, **{**reading, **own})
-        if twin := next((test.source for test in tests if test.sha256 == found[0].sha256), None):
+        stated = replace(conditions, build=builds[file]) if file in builds else conditions
+        records = read_dyno_tests(file, **channels.options, conditions=stated, cutoff=cutoff)
+        if twin := next((test.source for test in tests if test.sha256 == records[0].sha256), None):
             raise InputError(f"{file} has the content of {twin}: a record would predict itself; give it once")
-        tests += found
+        tests += records
     if split:
         tests = [run for test in tests for run in split_runs(test)]
     for test in tests:
@@ -210,7 +278,6 @@ def _fit_builds(
     gas: GasTreatment,
 ) -> Verdict:
     """Fit the mean of the peak-velocity tables of several builds, and print the spread between them."""
-    from eightpost.app.show import show_verdict
     from eightpost.ident.shock.peak_velocity import fit_builds
     from eightpost.shock import write_shock
 
@@ -219,7 +286,7 @@ def _fit_builds(
     console.print(f"{escape(spread.summary())}.", highlight=False, soft_wrap=True)
     assert shock.validity is not None
     show_verdict(console, shock.validity.verdict)
-    console.print(f"wrote {output}", soft_wrap=True, highlight=False)
+    show_files(console, [output])
     return shock.validity.verdict
 
 
@@ -234,14 +301,13 @@ def _fit_tables(
     gas: GasTreatment,
 ) -> Verdict:
     """Fit the tables of a peak-velocity file and draw their curves."""
-    from eightpost.app.show import show_verdict
     from eightpost.ident.shock.peak_velocity import fit_tables
 
     fitted = fit_tables(tables, output, name=name, build=build, gas=gas)
     for one in fitted:
         console.print(escape(str(one)), soft_wrap=True, highlight=False)
         for change in one.shock.fit["changes"]:
-            console.print(f"[yellow]changed[/] {escape(change)}", highlight=False)
+            details(console).print(f"[yellow]changed[/] {escape(change)}", highlight=False)
         if one.shock.validity:
             show_verdict(console, one.shock.validity.verdict)
     written = [one.path for one in fitted]
@@ -250,37 +316,60 @@ def _fit_tables(
 
         plot_peak_velocity([(one.table, one.shock) for one in fitted], plot)
         written.append(plot)
-    console.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, highlight=False)
+    show_files(console, written)
     return Verdict.combined(one.shock.validity.verdict for one in fitted if one.shock.validity)
 
 
 def show_test(console: Console, test: DynoTest) -> None:
-    """Print the channels of a record, its length, scale and lag, and its notes."""
+    """Print the channels of a record, its length and scale; with -v, also its lag and notes."""
     from eightpost.rig.motion import lag_statement
 
-    series = test.series
-    console.print(
-        f"read {escape(str(test.source))}: {', '.join(series.names)}; {series.duration:.1f} s at "
-        f"{series.sample_rate:.0f} Hz",
-        soft_wrap=True,
-        highlight=False,
+    series, more = test.series, details(console)
+    show_summary(
+        console, f"{test.source}: {series.duration:.1f} s at {series.sample_rate:.0f} Hz; {', '.join(series.names)}"
     )
-    console.print(f"  {escape(lag_statement(series))}", soft_wrap=True, highlight=False)
+    more.print(f"  {escape(lag_statement(series))}", soft_wrap=True, highlight=False)
     for note in (*test.derived, *test.remarks):
-        console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
+        more.print(f"[yellow]note[/] {escape(note)}", highlight=False)
+
+
+def _range_text(shock_fit: ShockFit) -> str:
+    """Return the ranges of the records: displacement, frequency and, if measured, temperature."""
+    from eightpost.units import convert, shown
+
+    parts = []
+    for one in shock_fit.shock.validity.ranges if shock_fit.shock.validity else ():
+        (low, unit), (high, _) = shown(one.low, one.unit), shown(one.high, one.unit)
+        if unit == "K":
+            low, high, unit = convert(low, "K", "degC"), convert(high, "K", "degC"), "degC"
+        parts.append(f"{one.variable if one.kind == 'amplitude' else ''} {low:.3g} to {high:.3g} {unit}".strip())
+    return ", ".join(parts)
 
 
 def show_fit(console: Console, shock_fit: ShockFit) -> None:
-    """Print a fit's quality, its parameters, and the settings that it changed."""
-    from eightpost.app.show import show_verdict
+    """Print law, errors, range and verdict of a fit; with -v, also its parameters and the settings that it changed."""
     from eightpost.ident import fit_table, parameter_table
+    from eightpost.shock.laws import law_title
+    from eightpost.units import shown
 
-    console.print(fit_table([shock_fit]))
-    console.print(parameter_table(shock_fit))
-    if shock_fit.held_out is not None:
-        console.print(f"{shock_fit.held_out}.", highlight=False, soft_wrap=True)
-    if shock_fit.between_builds is not None:
-        console.print(f"{escape(shock_fit.between_builds.summary())}.", highlight=False, soft_wrap=True)
+    force, unit = shown(shock_fit.rms, "N")
+    between = "" if shock_fit.between_builds is None else shock_fit.between_builds.summary()
+    rows = [
+        ("law", f"{law_title(shock_fit.shock.law_name)}, {len(shock_fit.parameters)} parameters and a curve"),
+        ("error", f"{shock_fit.percent:.2g} % of the force's standard deviation, {force:.3g} {unit} RMS"),
+        ("held out", str(shock_fit.held_out or "").removeprefix("held-out error ")),
+        ("range", _range_text(shock_fit)),
+        ("builds", between),
+        ("search", "" if shock_fit.converged else f"did not converge: {shock_fit.status}"),
+        (
+            "changes",
+            f"{len(shock_fit.changes)}; -v shows them" if shock_fit.changes and not is_detailed() else "",
+        ),
+    ]
+    show_summary(console, shock_fit.shock.name, rows)
+    more = details(console)
+    more.print(fit_table([shock_fit]))
+    more.print(parameter_table(shock_fit))
     for change in shock_fit.changes:
-        console.print(f"[yellow]changed[/] {escape(change)}", highlight=False)
+        more.print(f"[yellow]changed[/] {escape(change)}", highlight=False)
     show_verdict(console, shock_fit.verdict)

@@ -10,8 +10,9 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import FilePath, OutputFile, Quantity, Verb, flip_option, map_option
+from eightpost.app.options import CHANNELS, Channels, FilePath, OutputFile, Quantity, argument, option, setting, verb
 from eightpost.app.progress import bar
+from eightpost.app.show import details, show_files, show_summary, show_verdict
 from eightpost.errors import FileFormatError, InputError, missing_file
 from eightpost.outputs import VEHICLE
 from eightpost.progress import advance, portion, reported_to
@@ -22,61 +23,62 @@ if TYPE_CHECKING:
     from eightpost.ident.vehicle.static_rating import StaticRating
     from eightpost.ident.vehicle.vehicle_fit import VehicleFit
     from eightpost.rig import RigTest
-    from eightpost.signals import ChannelMap
     from eightpost.verdict import Verdict
 
 #: Names of `eightpost.ident.vehicle.plan.RECIPES`, whose import would delay every help text.
 RECIPES = ("boggs", "common-poles", "grey-box")
 
 
-@click.command(cls=Verb, renamed={"--plots": "--plot"})
-@click.argument("rig_files", metavar="RIG...", nargs=-1, required=True, type=FilePath())
-@click.option("-o", "--output", type=OutputFile(VEHICLE), default=Path("vehicle.json"),
-              show_default=True,
-              help="Output vehicle file; its frequency response and its summary are written to the same "
-              "folder.")  # fmt: skip
-@click.option("--recipe", "recipe_name", type=click.Choice(RECIPES), default="common-poles", show_default=True,
-              help="Identification method: docs/explanation/common_poles.md, docs/explanation/identification.md, "
-              "docs/explanation/output_error.md.")  # fmt: skip
-@click.option("--baseline", type=FilePath(), metavar="RIG",
-              help="Baseline test among the RIG files; default: found from the damping of the shocks.")  # fmt: skip
-@click.option("--damping", type=Quantity("N.s/m"), metavar="RATE",
-              help="Damping about which the vehicle is identified, e.g. '20 lbf.s/in'; default: the slope of each "
-              "baseline shock.")  # fmt: skip
-@click.option("--rate", type=Quantity("Hz"), default="125 Hz", show_default=True, metavar="FREQUENCY",
-              help="Sampling rate to which the records are decimated.")  # fmt: skip
-@click.option("--settling", type=Quantity("s"), default="0 s", show_default=True, metavar="TIME",
-              help="Settling time left out at the start of every record, e.g. '4 s'.")  # fmt: skip
-@click.option("--preparation", type=FilePath(), metavar="TOML",
-              help="File with rate, settling, delays and geometry (docs/how_to/rig_data.md), which replaces --rate and "
-              "--settling; default: none.")  # fmt: skip
-@click.option("--static", "static_files", metavar="RIG", multiple=True, type=FilePath(),
-              help="Test with held loads, for the car's static tire forces and ride heights (6.4.4); may be "
-              "repeated.")  # fmt: skip
-@click.option("--output-channels", metavar="NAMES",
-              help="Outputs of the model, separated by commas; default: all possible outputs.")  # fmt: skip
-@click.option("--name", help="Name of the vehicle; default: the name of the output file.")
-@map_option("docs/explanation/rig.md")
-@flip_option("lf.force")
-@click.option("--plot", "plots", type=click.Choice(["none", "main", "all"]), default="main", show_default=True,
-              help="Outputs to draw. main: shock velocities, tire forces and ride heights.")  # fmt: skip
-@click.pass_context
-def identify(  # one parameter per option
+@verb
+def identify(
     ctx: click.Context,
-    rig_files: tuple[Path, ...],
-    output: Path,
-    recipe_name: str,
-    baseline: Path | None,
-    damping: float | None,
-    rate: float,
-    settling: float,
-    preparation: Path | None,
-    static_files: tuple[Path, ...],
-    output_channels: str | None,
-    name: str | None,
-    channel_map: ChannelMap | None,
-    flip: tuple[str, ...],
-    plots: Literal["none", "main", "all"],
+    rig_files: tuple[Path, ...] = argument("RIG...", kind=FilePath()),
+    output: Path = option(
+        "Output vehicle file; its frequency response and its summary are written to the same folder.",
+        "-o",
+        "--output",
+        kind=OutputFile(VEHICLE),
+        default=Path("vehicle.json"),
+    ),
+    preparation: Path | None = option(
+        "File with rate, settling, delays and geometry (docs/how_to/rig_data.md), which replaces those settings; "
+        "default: none.",
+        kind=FilePath(),
+        metavar="TOML",
+    ),
+    static_files: tuple[Path, ...] = option(
+        "Test with held loads, for the car's static tire forces and ride heights (6.4.4); may be repeated.",
+        "--static",
+        kind=FilePath(),
+        metavar="RIG",
+    ),
+    channels: Channels = CHANNELS,
+    plots: Literal["none", "main", "all"] = option(
+        "Outputs to draw. main: shock velocities, tire forces and ride heights.",
+        "--plot",
+        kind=("none", "main", "all"),
+        default="none",
+    ),
+    recipe_name: str = setting(
+        "Identification method: docs/explanation/common_poles.md, docs/explanation/identification.md, "
+        "docs/explanation/output_error.md.",
+        "recipe",
+        kind=RECIPES,
+        default="common-poles",
+    ),
+    baseline: Path | None = setting(
+        "Baseline test among the RIG files; default: found from the damping of the shocks.", kind=FilePath()
+    ),
+    damping: float | None = setting(
+        "Damping about which the vehicle is identified, e.g. '20 lbf.s/in'; default: the slope of each baseline shock.",
+        kind=Quantity("N.s/m"),
+    ),
+    rate: float = setting("Sampling rate to which the records are decimated.", kind=Quantity("Hz"), default="125 Hz"),
+    settling: float = setting(
+        "Settling time left out at the start of every record, e.g. '4 s'.", kind=Quantity("s"), default="0 s"
+    ),
+    output_channels: str | None = setting("Outputs of the model, separated by commas; default: all possible outputs."),
+    name: str | None = setting("Name of the vehicle; default: the name of the output file."),
 ) -> None:
     """Identify a vehicle from rig tests: one with baseline shocks, one with another shock at each corner.
 
@@ -89,7 +91,7 @@ def identify(  # one parameter per option
       eightpost identify rig/*.parquet -o car.json
       eightpost identify base.parquet soft_lf.parquet soft_rf.parquet soft_lr.parquet soft_rr.parquet -o car.json
       eightpost identify rig/*.parquet --static static/heave.parquet --static static/roll.parquet -o car.json
-      eightpost identify q1.csv q5.csv --recipe boggs --damping '31.03 lbf.s/in' -o corner.json
+      eightpost identify q1.csv q5.csv --set recipe=boggs --set damping='31.03 lbf.s/in' -o corner.json
     """
     from eightpost.ident.preparation import Decimation, Preparation, prepare, read_preparation
     from eightpost.ident.vehicle.plan import plan_identification
@@ -97,10 +99,11 @@ def identify(  # one parameter per option
     from eightpost.rig.rig_test import read_rig_tests
 
     console = Console()
+    more = details(console)
     _check(rig_files, baseline)
 
     def read(files: Sequence[Path]) -> Iterator[RigTest]:
-        for done, test in enumerate(read_rig_tests(files, channel_map=channel_map, flip=flip), start=1):
+        for done, test in enumerate(read_rig_tests(files, **channels.options), start=1):
             yield test
             advance(done, len(files))
 
@@ -109,7 +112,7 @@ def identify(  # one parameter per option
         with portion(0.0, 0.15):
             prepared = prepare(read(rig_files), how)
         for line in prepared.summary():
-            console.print(escape(line), highlight=False, soft_wrap=True)
+            more.print(escape(line), highlight=False, soft_wrap=True)
         plan = plan_identification(
             prepared,
             name=name or output.stem,
@@ -118,24 +121,20 @@ def identify(  # one parameter per option
             outputs=output_channels.replace(" ", "").split(",") if output_channels else (),
             static=read(static_files) if static_files else (),
         )
-        _show_baseline(console, rig_files, plan.baseline)
+        _show_baseline(more, rig_files, plan.baseline)
         if plan.rating is not None:
-            _show_rating(console, plan.rating, plan.experiment.outputs)
-        console.print(
-            f"identifying {len(plan.experiment.outputs)} outputs from {len(plan.experiment.inputs)} inputs",
-            highlight=False,
-        )
+            _show_rating(more, plan.rating, plan.experiment.outputs)
         with portion(0.15, 1.0):
             fit = plan.identify(recipe_name)
     _show_fit(console, fit, fit.verdict)
     written = [*write_fit(output, fit), *fit.write_plots(output.with_name(f"{output.stem}_plots"), plots)]
-    console.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True, highlight=False)
+    show_files(console, written)
     ctx.exit(0 if fit.verdict.is_acceptable else 1)
 
 
 def _check(rig_files: tuple[Path, ...], baseline: Path | None) -> None:
     if baseline is not None and baseline not in rig_files:
-        raise InputError(f"--baseline {baseline} is not one of the RIG files: {', '.join(map(str, rig_files))}")
+        raise InputError(f"--set baseline={baseline} is not one of the RIG files: {', '.join(map(str, rig_files))}")
     for path in rig_files:
         if not path.exists():
             raise FileFormatError(missing_file(path), path=path)
@@ -170,7 +169,7 @@ def _show_baseline(console: Console, rig_files: Sequence[Path], reference: Basel
 
 
 def _show_fit(console: Console, fit: VehicleFit, verdict: Verdict) -> None:
-    from eightpost.app.show import show_verdict
+    """Print model, misfit and verdict; with -v, also the tables of all outputs and the notes."""
     from eightpost.ident.vehicle.vehicle_fit import (
         damping_sentence,
         friction_table,
@@ -179,14 +178,22 @@ def _show_fit(console: Console, fit: VehicleFit, verdict: Verdict) -> None:
         trust_table,
     )
 
-    console.print(residual_table(fit))
+    worst = max(fit.residual, key=lambda name: fit.residual[name])
+    rows = [
+        ("model", f"{fit.states} states, {len(fit.response.input_names)} inputs, {len(fit.residual)} outputs"),
+        ("misfit", f"up to {100.0 * fit.residual[worst]:.2g} % ({worst})"),
+        ("damping", damping_sentence(fit)),
+        ("notes", f"{len(fit.notes)}; -v shows them" if fit.notes else ""),
+    ]
+    show_summary(console, f"{fit.vehicle.name}, recipe {fit.recipe}, {fit.seconds:.0f} s of processor time", rows)
+    more = details(console)
+    more.print(residual_table(fit))
     if fit.trust is not None and fit.trust.outputs:
-        console.print(trust_table(fit.trust))
+        more.print(trust_table(fit.trust))
     if fit.trust is not None and fit.trust.measures:
-        console.print(measure_table(fit.trust))
+        more.print(measure_table(fit.trust))
     if fit.trust is not None and fit.trust.friction:
-        console.print(friction_table(fit, fit.trust))
-    console.print(f"{damping_sentence(fit)}, {fit.seconds:.1f} s of processor time", highlight=False)
+        more.print(friction_table(fit, fit.trust))
     for note in fit.notes:
-        console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
+        more.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
     show_verdict(console, verdict)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import click
 from rich.console import Console
 
-from eightpost.app.options import OutputFolder, Verb
+from eightpost.app.options import OutputFolder, argument, verb
 from eightpost.errors import OutputError
 from eightpost.examples_folder import examples_folder
 from eightpost.files import atomic_path
@@ -25,9 +24,8 @@ FILES = {
 }
 
 
-@click.command(cls=Verb)
-@click.argument("folder", type=OutputFolder())
-def new(folder: Path) -> None:
+@verb
+def new(folder: Path = argument("FOLDER", kind=OutputFolder())) -> None:
     """Write a starter folder, with files to be replaced by your own.
 
     FOLDER gets dynamometer files, a car, a system, a study, and a README with the five commands. The data are

@@ -10,12 +10,13 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.options import (
-    SCHEDULER,
     WORKERS,
     FilePath,
     OutputFolder,
-    Verb,
-    seed_option,
+    argument,
+    option,
+    setting,
+    verb,
 )
 from eightpost.app.study import FILES, begin, opened, show_page, show_result
 from eightpost.report.console import Table, console_table, unbroken
@@ -25,29 +26,28 @@ if TYPE_CHECKING:
     from cosim.study.table import StudyResult
 
 
-@click.command(cls=Verb)
-@click.argument("study_file", metavar="STUDY", type=FilePath())
-@click.option("-o", "--output", type=OutputFolder(FILES), default=Path("out"), show_default=True,
-              help="Output folder for results.parquet, the page and the intermediate results.")  # fmt: skip
-@click.option("--for", "objectives", multiple=True, metavar="MEASURE",
-              help="Measure to minimise; repeat it for the Pareto front of several. Default: the objective of the "
-              "study.")  # fmt: skip
-@click.option("--evaluations", type=click.IntRange(min=2), metavar="N", default=400, show_default=True,
-              help="Maximum number of setups to evaluate.")  # fmt: skip
-@seed_option(0, "Seed of the search.")
-@WORKERS
-@SCHEDULER
-@click.pass_context
+@verb
 def optimise(
     ctx: click.Context,
     /,
-    study_file: Path,
-    output: Path,
-    objectives: tuple[str, ...],
-    evaluations: int,
-    seed: int,
-    workers: int | None,
-    scheduler: str | None,
+    study_file: Path = argument("STUDY", kind=FilePath()),
+    output: Path = option(
+        "Output folder for results.parquet, the page and the intermediate results.",
+        "-o",
+        "--output",
+        kind=OutputFolder(FILES),
+        default=Path("out"),
+    ),
+    objectives: tuple[str, ...] = option(
+        "Measure to minimise; repeat it for the Pareto front of several. Default: the objective of the study.",
+        "--for",
+        metavar="MEASURE",
+    ),
+    evaluations: int = option(
+        "Maximum number of setups to evaluate.", kind=click.IntRange(min=2), default=400, metavar="N"
+    ),
+    workers: int | str | None = WORKERS,
+    seed: int = setting("Seed of the search.", kind=click.IntRange(min=0), default=0),
 ) -> None:
     """Search for the best setups of a study whose bank is too large to run them all.
 
@@ -57,13 +57,13 @@ def optimise(
 
     \b
     Examples:
-      eightpost optimise examples/study.toml -o out/
-      eightpost optimise examples/study.toml -o out/ --for "front ride height, RMS" --for "total tire force, RMS"
+      eightpost study optimise examples/study.toml -o out/
+      eightpost study optimise examples/study.toml -o out/ --for "front ride height, RMS" --for "total tire force, RMS"
     """
     from cosim.study.choice.optimise import Search, objectives_in_words
 
     console = Console()
-    folder, search = opened(console, study_file, output, workers, scheduler), Search(objectives, evaluations, seed)
+    folder, search = opened(console, study_file, output, workers), Search(objectives, evaluations, seed)
     for name in objectives:
         folder.study.measure(name)
     begin(console, folder, f"at most {evaluations} to be evaluated")

@@ -1,21 +1,39 @@
-"""Values, options and outputs that several verbs share. A library loads when a value is read, not for help."""
+"""Verbs from their signatures: the default of a parameter declares its option, setting or argument.
+
+A verb is a function with the decorator `verb`::
+
+    @verb
+    def fit(
+        ctx: click.Context,
+        dyno_files: tuple[Path, ...] = argument("DYNO..."),
+        law: str | None = option("Shock law to fit; default: hysteresis.", kind=LawName()),
+        cutoff: float | None = setting("Cut-off frequency of the low-pass; default '50 Hz'.", kind=Quantity("Hz")),
+    ) -> None:
+
+The annotation gives the type, and whether the option may be repeated. Settings are rarely needed: all settings of a
+verb are given with `--set NAME=VALUE`. This is click below a table, because typer and cyclopts take 0.1 s more for a
+help text. A library loads when a value is read, not for help.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import importlib
+import inspect
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from math import inf, isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from eightpost.errors import InputError, ParameterError
+from eightpost.app.former import former_option
+from eightpost.errors import InputError, ParameterError, suggestion
 from eightpost.outputs import Kind, check_file, check_folder, is_input, recorded
 
 if TYPE_CHECKING:
     from eightpost.signals import ChannelMap
-
-Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def warn(text: str) -> None:
@@ -23,43 +41,287 @@ def warn(text: str) -> None:
     click.echo(f"{click.style('warning:', fg='yellow')} {text}", err=True)
 
 
+# ---- Declarations ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class _Declared:
+    """Declaration of a parameter, which stands as its default in the signature of a verb."""
+
+    role: Literal["argument", "option", "setting"]
+    text: str  #: Help text; of an argument, its name in the usage.
+    spellings: tuple[str, ...] = ()  #: Spellings; by default, the name of the parameter.
+    kind: Any = None  #: Type, or the tuple of choices; None: by the annotation.
+    default: Any = None  #: Default; `...` if the option must be given.
+    metavar: str | None = None
+    nargs: int = 1
+
+
+def option(
+    text: str, *spellings: str, kind: Any = None, default: Any = None, metavar: str | None = None, nargs: int = 1
+) -> Any:
+    """Declare an option: help text, spellings (`-o`, or another name than the parameter's), type and default."""
+    return _Declared("option", text, spellings, kind, default, metavar, nargs)
+
+
+def setting(text: str, name: str = "", *, kind: Any = None, default: Any = None, nargs: int = 1) -> Any:
+    """Declare a rarely needed option, which is given as `--set NAME=VALUE`; by default with the parameter's name."""
+    return _Declared("setting", text, (name,) if name else (), kind, default, None, nargs)
+
+
+def argument(name: str, *, kind: Any = None, required: bool = True) -> Any:
+    """Declare a positional argument."""
+    return _Declared("argument", name, (), kind, ... if required else None)
+
+
+def _kind(declared: _Declared, annotation: str) -> Any:
+    if isinstance(declared.kind, tuple):
+        return Choice(declared.kind)
+    kinds = {"Path": FilePath(), "int": click.INT, "float": Number(), "str": click.STRING, "bool": click.BOOL}
+    return declared.kind or kinds[annotation.removesuffix(" | None")]
+
+
+def _repeated(annotation: str) -> tuple[str, bool]:
+    """Return the annotation of one value, and whether several are accepted: `tuple[Path, ...]`."""
+    several = annotation.startswith("tuple[") and annotation.endswith(", ...]")
+    return (annotation[len("tuple[") : -len(", ...]")], True) if several else (annotation, False)
+
+
+def _parameter(name: str, declared: _Declared, annotation: str) -> click.Parameter:
+    one, several = _repeated(annotation)
+    required = declared.default is ...
+    default = None if required else declared.default
+    kind = _kind(declared, one)
+    if declared.role == "argument":
+        return click.Argument([name], type=kind, metavar=declared.text, required=required, nargs=-1 if several else 1)
+    named = any(spelling.startswith("--") for spelling in declared.spellings)
+    spellings = [*declared.spellings, *([] if named else [f"--{name.replace('_', '-')}"]), name]
+    if one == "bool":
+        return click.Option(spellings, is_flag=True, help=declared.text)
+    return click.Option(
+        spellings, type=kind, metavar=declared.metavar, required=required, default=default, help=declared.text,
+        show_default=default is not None, multiple=several or kind is CHANNELS.kind, nargs=declared.nargs,
+        callback=getattr(kind, "merged", None),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A rarely needed option of a verb, which `--set NAME=VALUE` gives."""
+
+    name: str  #: Name as users write it, with hyphens.
+    parameter: str  #: Parameter of the function.
+    text: str  #: Help text.
+    kind: Any  #: Type of the value.
+    default: Any
+    several: bool = False  #: Whether it may be repeated.
+    nargs: int = 1  #: Number of values, which are separated by commas.
+
+    @property
+    def title(self) -> str:
+        """Return the name with the default, for a help text."""
+        return f"{self.text} [default: {_shown(self.default)}]" if self.default is not None else self.text
+
+    @property
+    def _as_option(self) -> click.Option:
+        """Return an option that types of values name in their messages."""
+        shown = click.Option([f"--{self.name}"])
+        shown.opts = [f"--set {self.name}="]
+        return shown
+
+    def value(self, text: str) -> Any:
+        """Return a value from its text.
+
+        Raises:
+            InputError: The text is no such value.
+        """
+        parts = [part.strip() for part in text.split(",")] if self.nargs > 1 else [text]
+        if len(parts) != self.nargs:
+            raise InputError(f"--set {self.name}={text}: give {self.nargs} values, separated by commas")
+        try:
+            values = tuple(self.kind.convert(part, self._as_option, None) for part in parts)
+        except click.BadParameter as error:
+            raise InputError(f"--set {self.name}={text}: {error.message}") from error
+        return values if self.nargs > 1 else values[0]
+
+
+def _shown(default: Any) -> str:
+    return {True: "yes", False: "no"}.get(default, str(default)) if isinstance(default, bool) else str(default)
+
+
+def verb(function: Callable[..., None]) -> Verb:
+    """Return the verb of a function; its parameters without a declaration keep their defaults."""
+    options: list[click.Parameter] = []
+    settings: list[Setting] = []
+    passes_context = False
+    for name, parameter in inspect.signature(function).parameters.items():
+        declared = parameter.default
+        if name == "ctx":
+            passes_context = True
+        elif isinstance(declared, _Declared) and declared.role == "setting":
+            one, several = _repeated(parameter.annotation)
+            kind = _kind(declared, one)
+            own = declared.spellings[0] if declared.spellings else name.replace("_", "-")
+            settings.append(Setting(own, name, declared.text, kind, declared.default, several, declared.nargs))
+        elif isinstance(declared, _Declared):
+            options.append(_parameter(name, declared, parameter.annotation))
+    callback = click.pass_context(function) if passes_context else function
+    return Verb(function.__name__, callback=callback, params=options, help=inspect.getdoc(function), settings=settings)
+
+
+# ---- Verbs ----------------------------------------------------------------------------------------------------------
+
+
 class Verb(click.Command):
     """A verb, whose outputs never replace its inputs. An old spelling of an option still works, with a warning."""
 
-    def __init__(self, *args: Any, renamed: Mapping[str, str] | None = None, **kwargs: Any) -> None:
+    def __init__(self, *args: Any, settings: Sequence[Setting] = (), **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self.renamed = dict(renamed or {})  #: New spelling of each old one.
+        self.settings = {entry.name: entry for entry in settings}  #: Settings by name.
+        if settings:
+            self.params.append(_set_option(self.settings))
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Read the command line with the new spellings."""
-        return super().parse_args(ctx, [self._current(word) for word in args])
+        """Read the command line with the current spellings of options."""
+        path = ctx.command_path.split(" ", 1)[-1]
+        return super().parse_args(ctx, list(self.current(path, args)))
+
+    def current(self, path: str, args: Sequence[str]) -> Iterator[str]:
+        """Yield the words with the current spellings; warn of each old one."""
+        own = {spelling for parameter in self.params for spelling in (*parameter.opts, *parameter.secondary_opts)}
+        words = iter(args)
+        for word in words:
+            name, equals, value = word.partition("=")
+            if not name.startswith("--") or name in own or name in ("--help", "--"):
+                yield word
+                continue
+            given = iter([value]) if equals else words
+            current = former_option(path, name, given) or self._of_setting(name, given)
+            if current is None:
+                yield word
+                continue
+            warn(f"{name} is now spelled {' '.join(map(_quoted, current))}; the next version will not accept {name}")
+            yield from current
+
+    def _of_setting(self, name: str, values: Iterator[str]) -> tuple[str, ...] | None:
+        """Return the current spelling of a setting that was an option; flags are yes, or no with the prefix `no-`."""
+        name = name.removeprefix("--")
+        entry = self.settings.get(name) or self.settings.get(name.removeprefix("no-"))
+        if entry is None:
+            return None
+        if entry.kind is click.BOOL:
+            return "--set", f"{entry.name}={'yes' if name == entry.name else 'no'}"
+        return "--set", f"{entry.name}={', '.join(next(values, '') for _ in range(entry.nargs))}"
 
     def invoke(self, ctx: click.Context) -> Any:
         """Check the outputs, and record all files that the verb reads: none of them is replaced."""
-        with recorded([*self._inputs(ctx), *ctx.meta.get(_MAPS, ())]):
+        if self.settings:
+            stated = ctx.params.pop("settings")
+            ctx.meta[STATED] = {name for name, _ in stated}
+            ctx.params |= self._set(stated)
+        kinds = {parameter.name: parameter.type for parameter in self.params}
+        kinds |= {entry.parameter: entry.kind for entry in self.settings.values()}
+        given = [ctx.params[name] for name, kind in kinds.items() if name and type(kind) is FilePath]
+        inputs = [path for one in given for path in (one if isinstance(one, tuple) else (one,)) if path is not None]
+        from eightpost.units import following_files
+
+        with recorded([*inputs, *ctx.meta.get(_MAPS, ())]), following_files():
             check_outputs()
             return super().invoke(ctx)
 
-    def _inputs(self, ctx: click.Context) -> list[Path]:
-        given = [ctx.params[parameter.name or ""] for parameter in self.params if type(parameter.type) is FilePath]
-        return [path for one in given for path in (one if isinstance(one, tuple) else (one,)) if path is not None]
+    def _set(self, stated: Sequence[tuple[str, str]]) -> dict[str, Any]:
+        """Return the values of all settings by the name of the parameter."""
+        values: dict[str, Any] = {}
+        for name, text in stated:
+            if name not in self.settings:
+                raise InputError(f"--set {name}: there is no such setting; {suggestion(name, self.settings)}")
+            entry = self.settings[name]
+            value = entry.value(text)
+            values[name] = (*values.get(name, ()), value) if entry.several else value
+        return {
+            entry.parameter: values.get(name, () if entry.several else _default(entry))
+            for name, entry in self.settings.items()
+        }
 
-    def _current(self, word: str) -> str:
-        option, equals, value = word.partition("=")
-        if option not in self.renamed:
-            return word
-        warn(f"{option} is now spelled {self.renamed[option]}; the next version will not accept {option}")
-        return f"{self.renamed[option]}{equals}{value}"
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options, and below them the settings."""
+        super().format_options(ctx, formatter)
+        if self.settings:
+            with formatter.section("Settings, each given with --set NAME=VALUE"):
+                formatter.write_dl([(name, entry.title) for name, entry in self.settings.items()])
+
+
+def _default(entry: Setting) -> Any:
+    return entry.value(entry.default) if isinstance(entry.default, str) else entry.default
+
+
+def _set_option(settings: Mapping[str, Setting]) -> click.Option:
+    return click.Option(
+        ["--set", "settings"], type=Assignment("NAME=VALUE"), metavar="NAME=VALUE", multiple=True,
+        help=f"Setting that is rarely needed ({', '.join(settings)}); may be repeated.",
+    )  # fmt: skip
+
+
+def _quoted(word: str) -> str:
+    return f"'{word}'" if set(word) & set(" []") else word
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A verb in the list of all verbs."""
+
+    text: str  #: First sentence of its help.
+    place: str = ""  #: Module in `eightpost.app` and function, e.g. `fit:fit`; empty for a group.
+    members: Mapping[str, Entry] = field(default_factory=dict)  #: Verbs of a group.
+    usual: str = ""  #: Verb of a group that is meant if none is named.
 
 
 class VerbGroup(click.Group):
-    """A verb with sub-verbs, listed in the order of the work; without one of them, it prints its help."""
+    """A list of verbs, each imported when it is called, because its libraries take seconds to load."""
 
-    command_class = Verb
+    def __init__(self, *args: Any, entries: Mapping[str, Entry], usual: str = "", **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.entries, self.usual = entries, usual
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Name the usual verb if the command line names none."""
+        if self.usual and args and args[0] not in (*self.entries, *ctx.help_option_names):
+            if "." not in args[0] and not Path(args[0]).exists() and not args[0].startswith("-"):
+                ctx.fail(f"there is no verb {args[0]!r}; {suggestion(args[0], self.entries)}")
+            args = [self.usual, *args]
+        return super().parse_args(ctx, args)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the verb; for a misspelled one, name similar verbs."""
+        if args and args[0] not in self.entries and not args[0].startswith("-"):
+            ctx.fail(f"there is no verb {args[0]!r}; {suggestion(args[0], self.entries)}")
+        return super().resolve_command(ctx, args)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """List the sub-verbs in the order of their definition."""
-        return list(self.commands)
+        """List the verbs in the order of the work."""
+        return list(self.entries)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a verb."""
+        entry = self.entries.get(cmd_name)
+        if entry is None:
+            return None
+        if entry.members:
+            return VerbGroup(cmd_name, entries=entry.members, usual=entry.usual, help=entry.text)
+        module, function = entry.place.split(":")
+        command: click.Command = getattr(importlib.import_module(f"eightpost.app.{module}"), function)
+        command.name = cmd_name
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the verbs without importing them."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, entry.text) for name, entry in self.entries.items()])
+
+
+# ---- Types of values ------------------------------------------------------------------------------------------------
 
 
 class FilePath(click.Path):
@@ -75,8 +337,27 @@ class FilePath(click.Path):
         return super().convert(value, param, ctx)
 
 
-class LawName(click.Choice):  # type: ignore[type-arg]
-    """The name of a shock law."""
+class Choice(click.Choice):  # type: ignore[type-arg]
+    """One of several words, in capitals or not; `3.0` is also 3."""
+
+    def __init__(self, choices: Sequence[str]) -> None:
+        super().__init__(choices, case_sensitive=False)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the word."""
+        word = str(value).lower().removesuffix(".0")
+        if word not in self.choices:
+            self.fail(f"{value!r} is not one of {', '.join(self.choices)}{_near(word, self.choices)}", param, ctx)
+        return word
+
+
+def _near(word: str, choices: Sequence[str]) -> str:
+    text = suggestion(word, choices)
+    return f"; {text}" if text.startswith("did") else ""
+
+
+class LawName(Choice):
+    """The name of a shock law, as its title or its identifier."""
 
     def __init__(self) -> None:
         from eightpost.shock import LAWS
@@ -87,11 +368,11 @@ class LawName(click.Choice):  # type: ignore[type-arg]
         """Return the name; laws and the choice of earlier versions are refused as such."""
         from eightpost.shock.laws import FORMER, law_title
 
-        known = ", ".join(map(str, self.choices))
+        names = ", ".join(self.choices)
         if value == "auto":
-            self.fail(f"the choice among laws was removed; omit --law, or choose from {known}", param, ctx)
+            self.fail(f"the choice among laws was removed; omit --law, or choose from {names}", param, ctx)
         if value in FORMER:
-            self.fail(f"the law {law_title(value)} is no longer supported; choose from {known}", param, ctx)
+            self.fail(f"the law {law_title(value)} is no longer supported; choose from {names}", param, ctx)
         return super().convert(value, param, ctx)
 
 
@@ -185,25 +466,26 @@ class Quantity(click.ParamType):  # type: ignore[type-arg]
         if isinstance(value, float):
             return value
         option = max(param.opts, key=len) if param else self.name
+        option += "" if option.endswith("=") else " "
         number = self._number(value, option)
         if self.positive and not number > 0.0:
-            raise ParameterError(f"{option} must be above 0, not {value!r}")
+            raise ParameterError(f"{option.strip(' =')} must be above 0, not {value!r}")
         if not number <= self.most:
-            raise ParameterError(f"{option} must be at most {self.most:g} {self.unit}, not {value!r}")
+            raise ParameterError(f"{option.strip(' =')} must be at most {self.most:g} {self.unit}, not {value!r}")
         return number
 
     def _number(self, text: str, option: str) -> float:
         from eightpost import units
 
         if self.bare and (number := _plain(text)) is not None:
-            warn(f"{option} {text} has no unit; write {option} '{text} {self.unit}', which the next version requires")
+            warn(f"{option}{text} has no unit; write {option}'{text} {self.unit}', which the next version requires")
             return number
         if _plain(text) is not None:
-            raise InputError(f"{option} {text!r} has no unit; add it: '{text} {self.unit}' if it is in {self.unit}")
+            raise InputError(f"{option}{text!r} has no unit; add it: '{text} {self.unit}' if it is in {self.unit}")
         try:
             return float(units.convert(*units.quantity(text), self.unit))
         except InputError as error:
-            raise InputError(f"{option} {text!r}: {error}") from error
+            raise InputError(f"{option}{text!r}: {error}") from error
 
 
 def _plain(text: str) -> float | None:
@@ -231,56 +513,105 @@ class Assignment(click.ParamType):  # type: ignore[type-arg]
         return left, right
 
 
+# ---- Channels of a record -------------------------------------------------------------------------------------------
+
+#: Entry of a context's `meta` with the names of the settings that the command line states.
+STATED = f"{__name__}.stated"
+
 #: Entry of a context's `meta` with the files of channel maps, which are read before the verb is called.
 _MAPS = f"{__name__}.maps"
 
 
-class ChannelMapFile(click.ParamType):  # type: ignore[type-arg]
-    """A TOML file with a channel map, which the verb receives as the map."""
+@dataclass(frozen=True, slots=True)
+class Channels:
+    """Columns, units and signs of the channels of a record, as the command line states them."""
 
-    name = "file"
+    channel_map: ChannelMap | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
+    flip: tuple[str, ...] = ()  #: Channels to reverse in all files; `none` confirms the signs as recorded.
+    of_files: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  #: Channels to reverse, by name of a file.
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> ChannelMap:
-        """Return the content of the file."""
-        from eightpost.signals import ChannelMap
+    @property
+    def options(self) -> dict[str, Any]:
+        """Return the arguments of the functions that read records."""
+        return {"channel_map": self.channel_map, "units": dict(self.units), "flip": self.flip}
 
-        if isinstance(value, ChannelMap):
+    def only_map(self) -> ChannelMap | None:
+        """Return the channel map of records whose units and signs are those of their files.
+
+        Raises:
+            InputError: A unit or a sign is stated.
+        """
+        if self.units or self.flip or self.of_files:
+            raise InputError("state units and signs of these records in a channel map: --channel MAP.TOML")
+        return self.channel_map
+
+    @property
+    def is_stated(self) -> bool:
+        """Return whether the command line states anything."""
+        return self != Channels()
+
+
+class _ChannelText(click.ParamType):  # type: ignore[type-arg]
+    """`[FILE:]CHANNEL=[-]COLUMN [UNIT]`, or a TOML file with a channel map."""
+
+    name = "channel"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return a channel map, or file, channel, sign, column and unit."""
+        if not isinstance(value, str):
             return value
-        if ctx:
-            ctx.meta.setdefault(_MAPS, []).append(Path(value))
-        return ChannelMap.read(Path(value))
+        from eightpost.units import is_unit
+
+        name, equals, column = value.partition("=")
+        if not equals and value.lower().endswith(".toml"):
+            from eightpost.signals import ChannelMap
+
+            if ctx:
+                ctx.meta.setdefault(_MAPS, []).append(Path(value))
+            return ChannelMap.read(Path(value))
+        if not (name and column):
+            self.fail(
+                f"{value!r}: write CHANNEL=COLUMN, CHANNEL='-COLUMN [UNIT]' or the name of a .toml file", param, ctx
+            )
+        file, _, channel = name.rpartition(":")
+        sign = column[0] if column in ("+", "-") or column[0] == "-" else ""
+        source, unit = column.removeprefix(sign).strip(), None
+        bracket = re.fullmatch(r"(.*?)\s*\[([^\]]+)\]", source)
+        if bracket and (not bracket[1] or is_unit(bracket[2])):
+            source, unit = bracket.groups()
+        return file, channel, sign, source, unit
+
+    @staticmethod
+    def merged(_ctx: click.Context, _param: click.Parameter, values: Sequence[Any]) -> Channels:
+        """Return all values of the option as one object."""
+        maps = [value for value in values if not isinstance(value, tuple)]
+        stated = [value for value in values if isinstance(value, tuple)]
+        channel_map, columns = (
+            (maps[-1] if maps else None),
+            {name: source for _, name, _, source, _ in stated if source},
+        )
+        if columns:
+            from eightpost.rig.columns import with_channels
+
+            channel_map = with_channels(channel_map, columns)
+        of_files: dict[str, tuple[str, ...]] = {}
+        for file, name, sign, _, _ in stated:
+            if sign == "-":
+                of_files[file] = (*of_files.get(file, ()), name)
+        is_confirmed = any(sign == "+" for _, _, sign, _, _ in stated)
+        flip = of_files.pop("", ("none",) if is_confirmed else ())
+        return Channels(channel_map, {name: unit for _, name, _, _, unit in stated if unit}, flip, of_files)
 
 
-def map_option(page: str, files: str = "files") -> Callable[[Function], Function]:
-    """Return the option --map.
-
-    Args:
-        page: Page that describes the map.
-        files: Name of the files that it applies to.
-    """
-    help_text = f"Channel map ({page}); default: the channel names in the {files}."
-    return click.option("--map", "channel_map", type=ChannelMapFile(), metavar="TOML", help=help_text)
-
-
-#: Unit of channels; the verb receives pairs of channel and unit.
-UNITS = click.option("--units", multiple=True, type=Assignment("CHANNEL=UNIT"), metavar="CHANNEL=UNIT",
-                     help="Unit of a channel whose header names none, e.g. force=lbf; may be repeated.")  # fmt: skip
-
-
-#: Columns of channels; the verb receives pairs of channel and column.
-COLUMNS = click.option("--channel", "columns", multiple=True, type=Assignment("CHANNEL=COLUMN"),
-                       metavar="CHANNEL=COLUMN",
-                       help="Column to read a channel from if several could be it, e.g. force='Load 2', or by "
-                       "number in a file without a header, e.g. force=3; may be repeated.")  # fmt: skip
-
-
-def flip_option(example: str) -> Callable[[Function], Function]:
-    """Return the option --flip, with an example of a channel."""
-    help_text = (
-        f"Reverse the sign of a channel, e.g. {example}; may be repeated. It replaces the signs that a file states; "
-        "`none` reverses no channel."
-    )
-    return click.option("--flip", multiple=True, metavar="CHANNEL", help=help_text)
+#: Option --channel of the verbs that read records.
+CHANNELS: Any = _Declared(
+    "option",
+    "Column, sign and unit of a channel whose header lacks them: force='Load 2', force=3 (in a file without a header), "
+    "force=- (the opposite sign; force=+ confirms that of the file), 'force=[lbf]', or all: 'force=-Load 2 [lbf]'. A "
+    ".toml file is a channel map (docs/reference/signs_and_units.md). May be repeated.",
+    ("--channel",), _ChannelText(), metavar="CHANNEL=COLUMN|MAP.TOML",
+)  # fmt: skip
 
 
 #: File beside the report of each kind. A run writes no report into the folder of a study, so the study comes first.
@@ -302,25 +633,28 @@ def check_report_folder(folder: Path, kind: Literal["run", "study"]) -> None:
         )
 
 
-WORKERS = click.option("--workers", type=click.IntRange(min=1), metavar="N",
-                       help="Number of processes that run setups; default: one per processor.")  # fmt: skip
+class Workers(click.ParamType):  # type: ignore[type-arg]
+    """A number of processes, or the address of a Dask cluster."""
 
-SCHEDULER = click.option("--scheduler", metavar="ADDRESS",
-                         help="Address of a Dask cluster that runs the setups, e.g. tcp://host:8786 "
-                         "(docs/how_to/scale.md); default: this machine.")  # fmt: skip
+    name = "workers"
 
-RANK = click.option("--rank", metavar="MEASURE",
-                    help="Measure that ranks the setups, smallest first; default: the objective of the "
-                    "study.")  # fmt: skip
-
-
-#: Option --car-seed of the commands with a virtual rig.
-car_seed_option = click.option("--car-seed", type=click.IntRange(min=0), metavar="N",
-    help="Seed of the parameters of the flexible car; another number is another car. Default: its base "
-    "parameters.")  # fmt: skip
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | str:
+        """Return the number or the address."""
+        if not isinstance(value, str) or ":" in value:
+            return value
+        if not value.isdecimal() or not int(value):
+            self.fail(f"{value!r} is neither a number of processes nor an address such as tcp://host:8786", param, ctx)
+        return int(value)
 
 
-def seed_option(default: int, text: str) -> Callable[[Function], Function]:
-    """Return the option --seed."""
-    kind = click.IntRange(min=0)
-    return click.option("--seed", type=kind, metavar="N", default=default, show_default=True, help=text)
+WORKERS: Any = _Declared(
+    "option",
+    "Number of processes that run setups, or address of a Dask cluster, e.g. tcp://host:8786 (docs/how_to/scale.md); "
+    "default: one process per processor.",
+    ("--workers",), Workers(), metavar="N|ADDRESS",
+)  # fmt: skip
+
+RANK: Any = _Declared(
+    "option", "Measure that ranks the setups, smallest first; default: the objective of the study.", ("--rank",),
+    metavar="MEASURE",
+)  # fmt: skip

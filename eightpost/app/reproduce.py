@@ -8,22 +8,21 @@ from pathlib import Path
 import click
 
 import eightpost
-from eightpost.app.options import OutputFolder, Verb
+from eightpost.app.options import OutputFolder, argument, option, verb
 from eightpost.errors import InputError
 from eightpost.outputs import PAGE
 
 
-@click.command(cls=Verb)
-@click.argument("numbers", metavar="[NUMBER]...", nargs=-1)
-@click.option("--all", "everything", is_flag=True, help="Reproduce all items of chapters 3 to 7.")
-@click.option("--list", "listing", is_flag=True, help="List the items and their bases; compute nothing.")
-@click.option("--quick", is_flag=True,
-              help="Use short records and fewer setups; the levels differ more from print.")  # fmt: skip
-@click.option("-o", "--output", type=OutputFolder({"reproduce.html": PAGE}), default=Path("out"),
-              help="Folder for reproduce.html; default out.")  # fmt: skip
-@click.pass_context
+@verb
 def reproduce(
-    ctx: click.Context, numbers: tuple[str, ...], everything: bool, listing: bool, quick: bool, output: Path
+    ctx: click.Context,
+    numbers: tuple[str, ...] = argument("[NUMBER]...", required=False),
+    everything: bool = option("Reproduce all items of chapters 3 to 7.", "--all"),
+    listing: bool = option("List the items and their bases; compute nothing.", "--list"),
+    quick: bool = option("Use short records and fewer setups; the levels differ more from print."),
+    output: Path = option(
+        "Folder for reproduce.html.", "-o", "--output", kind=OutputFolder({"reproduce.html": PAGE}), default=Path("out")
+    ),
 ) -> None:
     """Reproduce the dissertation's figures, tables and equations.
 

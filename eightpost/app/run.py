@@ -10,7 +10,18 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost import completion
-from eightpost.app.options import Assignment, FilePath, OutputFolder, Quantity, Verb, check_outputs, check_report_folder
+from eightpost.app.options import (
+    Assignment,
+    FilePath,
+    OutputFolder,
+    Quantity,
+    argument,
+    check_outputs,
+    check_report_folder,
+    option,
+    setting,
+    verb,
+)
 from eightpost.app.progress import bar
 from eightpost.extras import MissingExtraError
 from eightpost.outputs import PICTURE, RECORD, RESULT
@@ -25,70 +36,80 @@ FILES = {"series.parquet": RECORD, "series.csv": RECORD, "result.json": RESULT, 
 SCHEMES = ("default", "jacobi", "gauss-seidel", "implicit", "adaptive")
 
 
-@click.command(cls=Verb)
-@click.argument("case_file", metavar="SYSTEM", type=FilePath())
-@click.option("-o", "--output", type=OutputFolder(FILES), default=Path("out"), show_default=True,
-              help="Output folder for series.parquet, series.csv, result.json and traces.png.")  # fmt: skip
-@click.option("--fmu", "swaps", type=Assignment("NAME=FILE"), multiple=True, metavar="NAME=FILE",
-              help="Another FMU for a component, e.g. lf=dist/soft.fmu; may be repeated.")  # fmt: skip
-@click.option("--drive", type=FilePath(), metavar="FILE",
-              help="Drive file for the open inputs of a package; default: none.")  # fmt: skip
-@click.option("--input", "inputs", type=Assignment("NAME=VALUE"), multiple=True, metavar="NAME=VALUE",
-              help="Constant for an open input of a package, e.g. 'car.aero_force=500 lbf'; may be "
-              "repeated.")  # fmt: skip
-@click.option("--stop", type=Quantity("s", bare=True), metavar="TIME",
-              help="Length of a package's run, e.g. '30 s'; default: stop time of the "
-              "package.")  # fmt: skip
-@click.option("--record-step", type=Quantity("s", bare=True), metavar="TIME",
-              help="Time between recorded samples of a package's run, e.g. '2 ms'; default: every "
-              "coupling step.")  # fmt: skip
-@click.option("--algorithm", type=click.Choice(SCHEMES),
-              help="Coupling algorithm; default: that of the file. The algorithm `default` uses gauss-seidel, or "
-              "implicit if gauss-seidel is not stable, and finds a step that meets the tolerance.")  # fmt: skip
-@click.option("--step", type=Quantity("s", bare=True), metavar="TIME",
-              help="Coupling step, e.g. '1 ms'; default: that of the file or of the "
-              "algorithm.")  # fmt: skip
-@click.option("--no-comparison", is_flag=True,
-              help="Run once only if the coupling step is given. The coupling error is then not stated.")  # fmt: skip
-@click.option("--tolerance", type=float, metavar="PERCENT",
-              help="Tolerated coupling error [%]. Algorithm `default`: of each signal's standard deviation, default "
-              "0.2. Algorithm `adaptive`: of the largest value, in each step, default 0.01.")  # fmt: skip
-@click.option("--verify", is_flag=True,
-              help="Repeat the run at half the coupling step and print the difference of each channel.")  # fmt: skip
-@click.option("--isolate", is_flag=True,
-              help="Run each FMU in a process of its own. If an FMU crashes or hangs, the run ends with a report of "
-              "the FMU, the time and its inputs. Costs about 0.2 ms per step and FMU; the results are identical bit "
-              "by bit. For FMUs that you do not trust yet (docs/how_to/foreign_fmus.md).")  # fmt: skip
-@click.option("--compile", "compile_missing", is_flag=True,
-              help="Compile the C sources of an FMU that has no binary for this platform, with the system's C compiler "
-              "or PyPI's ziglang. The binary is kept for later runs. The code is that of the FMU's maker: use this "
-              "only for FMUs whose maker you trust.")  # fmt: skip
-@click.option("--report", is_flag=True,
-              help="Write also report.html: the run as one interactive page (docs/how_to/report.md).")  # fmt: skip
-@click.pass_context
+@verb
 def run(
     ctx: click.Context,
-    case_file: Path,
-    output: Path,
-    swaps: tuple[tuple[str, str], ...],
-    drive: Path | None,
-    inputs: tuple[tuple[str, str], ...],
-    stop: float | None,
-    record_step: float | None,
-    algorithm: str | None,
-    step: float | None,
-    no_comparison: bool,
-    tolerance: float | None,
-    verify: bool,
-    isolate: bool,
-    compile_missing: bool,
-    report: bool,
+    case_file: Path = argument("SYSTEM", kind=FilePath()),
+    output: Path = option(
+        "Output folder for series.parquet, series.csv, result.json and traces.png.",
+        "-o",
+        "--output",
+        kind=OutputFolder(FILES),
+        default=Path("out"),
+    ),
+    swaps: tuple[tuple[str, str], ...] = option(
+        "Another FMU for a component, e.g. lf=dist/soft.fmu; may be repeated.",
+        "--fmu",
+        kind=Assignment("NAME=FILE"),
+        metavar="NAME=FILE",
+    ),
+    drive: Path | None = option(
+        "Drive file for the open inputs of a package; default: none.", kind=FilePath(), metavar="FILE"
+    ),
+    inputs: tuple[tuple[str, str], ...] = option(
+        "Constant for an open input of a package, e.g. 'car.aero_force=500 lbf'; may be repeated.",
+        "--input",
+        kind=Assignment("NAME=VALUE"),
+        metavar="NAME=VALUE",
+    ),
+    algorithm: str | None = option(
+        "Coupling algorithm; default: that of the file. The algorithm `default` uses gauss-seidel, or implicit if "
+        "gauss-seidel is not stable, and finds a step that meets the tolerance.",
+        kind=SCHEMES,
+    ),
+    step: float | None = option(
+        "Coupling step, e.g. '1 ms'; default: that of the file or of the algorithm.",
+        kind=Quantity("s", bare=True),
+        metavar="TIME",
+    ),
+    tolerance: float | None = option(
+        "Tolerated coupling error [%]. Algorithm `default`: of each signal's standard deviation, default 0.2. "
+        "Algorithm `adaptive`: of the largest value, in each step, default 0.01.",
+        kind=click.FLOAT,
+        metavar="PERCENT",
+    ),
+    isolate: bool = option(
+        "Run each FMU in a process of its own. If an FMU crashes or hangs, the run ends with a report of the FMU, the "
+        "time and its inputs. Costs about 0.2 ms per step and FMU; the results are identical bit by bit. For FMUs that "
+        "you do not trust yet (docs/how_to/foreign_fmus.md)."
+    ),
+    compile_missing: bool = option(
+        "Compile the C sources of an FMU that has no binary for this platform, with the system's C compiler or PyPI's "
+        "ziglang. The binary is kept for later runs. The code is that of the FMU's maker: use this only for FMUs whose "
+        "maker you trust.",
+        "--compile",
+    ),
+    report: bool = option("Write also report.html: the run as one interactive page (docs/how_to/report.md)."),
+    stop: float | None = setting(
+        "Length of a package's run, e.g. '30 s'; default: stop time of the package.", kind=Quantity("s", bare=True)
+    ),
+    record_step: float | None = setting(
+        "Time between recorded samples of a package's run, e.g. '2 ms'; default: every coupling step.",
+        kind=Quantity("s", bare=True),
+    ),
+    comparison: bool = setting(
+        "Run again at another step, so that the coupling error is stated; `no` only if the coupling step is given.",
+        default=True,
+    ),
+    verify: bool = setting(
+        "Repeat the run at half the coupling step and print the difference of each channel.", default=False
+    ),
 ) -> None:
     """Run a system of coupled FMUs.
 
     SYSTEM is a TOML file with components, bonds and a scenario; examples/seven_dof.toml is an example with comments.
     SYSTEM may also be an SSP package of any maker (.ssp), or its description (.ssd) in a folder. Whatever the package
-    lacks is given by --drive, --input, --stop and --record-step.
+    lacks is given by --drive, --input and --set.
 
     The exit code is 1 if the result is not usable (docs/reference/verdict.md): the coupled start did not converge, the
     coupling error is too large, the coupling creates or loses energy, a model is used far outside its range, or the run
@@ -122,7 +143,7 @@ def run(
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
     completion.begin(output)
     try:
-        result = run_with_progress(console, case, compared=not no_comparison)
+        result = run_with_progress(console, case, compared=comparison)
     except cosim.RunInterrupted as interrupted:
         result = interrupted.result
     show_result(console, case.name, result)
@@ -144,7 +165,7 @@ def run(
 def _draw_excerpt(result: cosim.Result, path: Path, title: str) -> str:
     """Draw a picture of a run if the packages for it are installed; return a sentence about what it shows."""
     try:
-        from cosim.report.page import plot_excerpt
+        from cosim.report.plots import plot_excerpt
     except MissingExtraError as error:
         path.unlink(missing_ok=True)  # of an earlier run
         return f"There is no picture: {error}"

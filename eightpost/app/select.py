@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import FilePath, Number, Verb
+from eightpost.app.options import FilePath, Number, argument, option, setting, verb
 from eightpost.app.study import saved, show_page
 from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table, right, unbroken
@@ -21,32 +21,45 @@ if TYPE_CHECKING:
 TOTAL, POOL, TWICE = 20, 0.02, 4
 
 
-@click.command(cls=Verb)
-@click.argument("folder", metavar="STUDY", type=FilePath())
-@click.option("--measure", "measures", multiple=True, metavar="MEASURE[=COUNT]",
-              help="Measure to confirm; may be repeated. COUNT is its number of low and of high setups. Default: the "
-              "measures of the objective; without an objective, all.")  # fmt: skip
-@click.option("-n", "--total", type=click.IntRange(min=2), metavar="N", default=TOTAL, show_default=True,
-              help="Total number of setups, if no COUNT is given; with COUNT, the proposed tests come in "
-              "addition.")  # fmt: skip
-@click.option("--pool", type=Number(0.0, 1.0), default=POOL, show_default=True, metavar="SHARE",
-              help="Share of the setups at each end of a ranking to choose from, 0 to 1.")  # fmt: skip
-@click.option("--twice", type=click.IntRange(min=0), metavar="N", default=TWICE, show_default=True,
-              help="Maximum number of extreme setups that are listed twice: drift from run to run moves them more than "
-              "the baseline.")  # fmt: skip
-def select(folder: Path, measures: tuple[str, ...], total: int, pool: float, twice: int) -> None:
+@verb
+def select(
+    folder: Path = argument("STUDY", kind=FilePath()),
+    measures: tuple[str, ...] = option(
+        "Measure to confirm; may be repeated. COUNT is its number of low and of high setups. Default: the measures of "
+        "the objective; without an objective, all.",
+        "--measure",
+        metavar="MEASURE[=COUNT]",
+    ),
+    total: int = option(
+        "Total number of setups, if no COUNT is given; with COUNT, the proposed tests come in addition.",
+        "-n",
+        "--total",
+        kind=click.IntRange(min=2),
+        default=TOTAL,
+        metavar="N",
+    ),
+    pool: float = setting(
+        "Share of the setups at each end of a ranking to choose from, 0 to 1.", kind=Number(0.0, 1.0), default=POOL
+    ),
+    twice: int = setting(
+        "Maximum number of extreme setups that are listed twice: drift from run to run moves them more than the "
+        "baseline.",
+        kind=click.IntRange(min=0),
+        default=TWICE,
+    ),
+) -> None:
     """Select setups of a study to confirm on the rig: the tests that decide most about the best setup, then low and
     high setups of each measure, spread over the bank.
 
     STUDY is a folder that `eightpost study` wrote. The list selection.csv has a line for each run; second runs of
     extreme setups and the runs of the baseline come last: they show how far two runs of a setup differ. Save the rig
-    records in the same folder, under the names in the column `file`; then `eightpost compare --measured` reads them.
-    The page of the study is rewritten and shows the selection.
+    records in the same folder, under the names in the column `file`; then `eightpost study compare --measured` reads
+    them. The page of the study is rewritten and shows the selection.
 
     \b
     Examples:
-      eightpost select out/
-      eightpost select out/ --measure "front ride height, RMS=4" --measure "total tire force, RMS=4"
+      eightpost study select out/
+      eightpost study select out/ --measure "front ride height, RMS=4" --measure "total tire force, RMS=4"
     """
     from cosim.study.choice.selection import BASELINE_RUNS, repeated
     from eightpost.api.study_folder import SELECTION

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import FilePath, OutputFile, Verb
+from eightpost.app.options import FilePath, OutputFile, argument, option, verb
 from eightpost.app.study import saved
 from eightpost.outputs import TABLE
 from eightpost.report.console import Table, console_table
@@ -19,12 +18,16 @@ if TYPE_CHECKING:
     from cosim.study.choice.sensitivity import Sensitivity
 
 
-@click.command(cls=Verb)
-@click.argument("folder", metavar="STUDY", type=FilePath())
-@click.option("-o", "--output", type=OutputFile(TABLE, default=lambda given: given["folder"] / "sensitivity.parquet"),
-              help="Output table of all terms (.parquet); default: sensitivity.parquet in the folder of the "
-              "study.")  # fmt: skip
-def sensitivity(folder: Path, output: Path) -> None:
+@verb
+def sensitivity(
+    folder: Path = argument("STUDY", kind=FilePath()),
+    output: Path = option(
+        "Output table of all terms (.parquet); default: sensitivity.parquet in the folder of the study.",
+        "-o",
+        "--output",
+        kind=OutputFile(TABLE, default=lambda given: given["folder"] / "sensitivity.parquet"),
+    ),
+) -> None:
     """Show which corner matters for which measure of a study: main effects and first-order interactions.
 
     STUDY is a folder that `eightpost study` wrote. The table shows shares of each measure's variance over all setups.
@@ -32,7 +35,7 @@ def sensitivity(folder: Path, output: Path) -> None:
 
     \b
     Example:
-      eightpost sensitivity out/
+      eightpost study sensitivity out/
     """
     console = Console()
     study = saved(console, folder)

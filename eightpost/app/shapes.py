@@ -11,15 +11,16 @@ from rich.markup import escape
 
 from eightpost import completion
 from eightpost.app.options import (
-    SCHEDULER,
     WORKERS,
     Assignment,
     FilePath,
     Number,
     OutputFolder,
     Quantity,
-    Verb,
-    seed_option,
+    argument,
+    option,
+    setting,
+    verb,
 )
 from eightpost.app.study import FILES, begin, opened, show_page
 from eightpost.errors import InputError
@@ -29,57 +30,64 @@ if TYPE_CHECKING:
     from eightpost.api.shapes import Aim
 
 
-@click.command(cls=Verb)
-@click.argument("study_file", metavar="STUDY", type=FilePath())
-@click.option("-o", "--output", default=Path("out"), show_default=True,
-              type=OutputFolder({**FILES, "shapes.json": AIM, "shapes.html": PAGE}),
-              help="Output folder for the page, shapes.json, the shock files of the targets and intermediate "
-              "results.")  # fmt: skip
-@click.option("--for", "objective", metavar="MEASURE",
-              help="Measure to minimise; default: the objective of the study.")  # fmt: skip
-@click.option("--at", "corners", multiple=True, metavar="CORNER",
-              help="Corner whose shock is searched, with those that are alike; may be repeated. Default: all. Other "
-              "corners keep the builds of the best setup of the bank.")  # fmt: skip
-@click.option("--vary", multiple=True, metavar="NUMBER",
-              help="Number of the shape that varies, e.g. rebound.low; may be repeated. Default: the ten numbers of "
-              "the curve.")  # fmt: skip
-@click.option("--limit", "limits", multiple=True, type=Assignment("NUMBER=LOW,HIGH"), metavar="NUMBER=LOW,HIGH",
-              help="Limits of a number with their units, e.g. 'rebound.knee=1 in/s,6 in/s'; may be repeated. Default: "
-              "the range over the builds of the bank.")  # fmt: skip
-@click.option("--tolerance", type=Quantity("1"), metavar="SHARE", default="3 %", show_default=True,
-              help="Standard deviation of every number from shock to shock, as a share of its value.")  # fmt: skip
-@click.option("--draws", type=click.IntRange(min=0), metavar="N", default=6, show_default=True,
-              help="Number of draws of the tolerance; 0: shocks exactly as planned.")  # fmt: skip
-@click.option("--weight", type=Number(0.0, 10.0), metavar="K", default=1.0, show_default=True,
-              help="Number of standard deviations, 0 to 10, that are added to the mean of the objective.")  # fmt: skip
-@click.option("--keep", type=Quantity("1", positive=True), metavar="SHARE", default="80 %", show_default=True,
-              help="Share of the gain that the band keeps.")  # fmt: skip
-@click.option("--starts", type=click.IntRange(min=1), metavar="N", default=3, show_default=True,
-              help="Number of starts: the best of the bank, the baseline, and random ones.")  # fmt: skip
-@click.option("--certainty/--no-certainty", "sure", default=True, show_default=True,
-              help="Account for the errors that the vehicle states, and for the rig runs in the folder.")  # fmt: skip
-@seed_option(0, "Seed of the random starts.")
-@WORKERS
-@SCHEDULER
-@click.pass_context
+@verb
 def shapes(
     ctx: click.Context,
     /,
-    study_file: Path,
-    output: Path,
-    objective: str | None,
-    corners: tuple[str, ...],
-    vary: tuple[str, ...],
-    limits: tuple[tuple[str, str], ...],
-    tolerance: float,
-    draws: int,
-    weight: float,
-    keep: float,
-    starts: int,
-    sure: bool,
-    seed: int,
-    workers: int | None,
-    scheduler: str | None,
+    study_file: Path = argument("STUDY", kind=FilePath()),
+    output: Path = option(
+        "Output folder for the page, shapes.json, the shock files of the targets and intermediate results.",
+        "-o",
+        "--output",
+        kind=OutputFolder({**FILES, "shapes.json": AIM, "shapes.html": PAGE}),
+        default=Path("out"),
+    ),
+    objective: str | None = option(
+        "Measure to minimise; default: the objective of the study.", "--for", metavar="MEASURE"
+    ),
+    corners: tuple[str, ...] = option(
+        "Corner whose shock is searched, with those that are alike; may be repeated. Default: all. Other corners keep "
+        "the builds of the best setup of the bank.",
+        "--at",
+        metavar="CORNER",
+    ),
+    vary: tuple[str, ...] = option(
+        "Number of the shape that varies, e.g. rebound.low; may be repeated. Default: the ten numbers of the curve.",
+        metavar="NUMBER",
+    ),
+    limits: tuple[tuple[str, str], ...] = option(
+        "Limits of a number with their units, e.g. 'rebound.knee=1 in/s,6 in/s'; may be repeated. Default: the range "
+        "over the builds of the bank.",
+        "--limit",
+        kind=Assignment("NUMBER=LOW,HIGH"),
+        metavar="NUMBER=LOW,HIGH",
+    ),
+    workers: int | str | None = WORKERS,
+    tolerance: float = setting(
+        "Standard deviation of every number from shock to shock, as a share of its value.",
+        kind=Quantity("1"),
+        default="3 %",
+    ),
+    draws: int = setting(
+        "Number of draws of the tolerance; 0: shocks exactly as planned.", kind=click.IntRange(min=0), default=6
+    ),
+    weight: float = setting(
+        "Number of standard deviations, 0 to 10, that are added to the mean of the objective.",
+        kind=Number(0.0, 10.0),
+        default=1.0,
+    ),
+    keep: float = setting("Share of the gain that the band keeps.", kind=Quantity("1", positive=True), default="80 %"),
+    starts: int = setting(
+        "Number of starts: the best of the bank, the baseline, and random ones.",
+        kind=click.IntRange(min=1),
+        default=3,
+    ),
+    sure: bool = setting(
+        "Account for the errors that the vehicle states, and for the rig runs in the folder.",
+        "certainty",
+        default=True,
+    ),
+    seed: int = setting("Seed of the random starts.", kind=click.IntRange(min=0), default=0),
 ) -> None:
     """Find the shock curves to aim at: the best shapes for a study, also ones that nobody has built.
 
@@ -94,9 +102,9 @@ def shapes(
 
     \b
     Examples:
-      eightpost shapes examples/identified/study.toml -o out/
-      eightpost shapes examples/study.toml -o out/ --at lr --vary rebound.low --vary rebound.high
-      eightpost shapes examples/study.toml -o out/ --limit 'compression.low=10 lbf.s/in,60 lbf.s/in'
+      eightpost study shapes examples/identified/study.toml -o out/
+      eightpost study shapes examples/study.toml -o out/ --at lr --vary rebound.low --vary rebound.high
+      eightpost study shapes examples/study.toml -o out/ --limit 'compression.low=10 lbf.s/in,60 lbf.s/in'
     """
     from cosim.study.choice.optimise import Robustness
     from eightpost.api.shape_page import aim_verdict
@@ -117,7 +125,7 @@ def shapes(
         seed=seed,
         uncertain=sure,
     )
-    folder = opened(console, study_file, output, workers, scheduler)
+    folder = opened(console, study_file, output, workers)
     searched_groups(folder.study, corners)
     if objective is not None:
         folder.study.measure(objective)

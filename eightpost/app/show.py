@@ -1,21 +1,26 @@
-"""Summaries of runs and verdicts on the console."""
+"""Output of commands: what was done, the result, and the verdict in at most 12 lines of 80 columns; details with -v."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import textwrap
+from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost import units
 from eightpost.report.console import Table, console_table, unbroken
 from eightpost.verdict import Grade, Reason, Verdict
 
 if TYPE_CHECKING:
     import cosim
 
-# ---- Output of a verdict, the same for every command ----------------------------------------------------------------
+# ---- Summary and verdict, the same for every command ----------------------------------------------------------------
+
+#: Largest width of a line, and numbers of lines of a text and of reasons; all of them are shown with -v.
+_WIDTH, _LINES, _REASONS = 80, 2, 3
 
 _COLORS: Mapping[Grade, str] = {
     Grade.USABLE: "green",
@@ -25,15 +30,61 @@ _COLORS: Mapping[Grade, str] = {
 }
 
 
-def show_verdict(console: Console, verdict: Verdict) -> None:
-    """Print a verdict: its grade with its first reason, and each reason on a line of its own.
+def is_detailed() -> bool:
+    """Return whether the command line has -v."""
+    context = click.get_current_context(silent=True)
+    return bool(context and context.find_root().params.get("verbose"))
 
-    The first reason of a usable result needs no action and is not repeated.
-    """
+
+def details(console: Console) -> Console:
+    """Return the console for what only -v shows: the console itself, or one that prints nothing."""
+    return console if is_detailed() else Console(quiet=True)
+
+
+def show_summary(console: Console, title: str, rows: Iterable[tuple[str, str]] = ()) -> None:
+    """Print a title and labelled texts, each of at most two lines; rows without a text are left out."""
+    _show(console, title)
+    shown = [row for row in rows if row[1]]
+    width = max((len(label) for label, _ in shown), default=0) + 4
+    for label, text in shown:
+        _show(console, text, begin=f"  {label}".ljust(width), hanging=" " * width)
+
+
+def show_files(console: Console, files: Iterable[Path]) -> None:
+    """Print the names of the files that a command wrote."""
+    if names := ", ".join(map(str, files)):
+        console.print(f"wrote {escape(names)}", soft_wrap=True, highlight=False)
+
+
+def show_verdict(console: Console, verdict: Verdict) -> None:
+    """Print a verdict in one line, and the reasons for which something must be done; with -v, every reason."""
     color = _COLORS[verdict.grade]
-    console.print(f"[bold {color}]{verdict.headline}[/]: {escape(verdict.detail)}.", highlight=False, soft_wrap=True)
-    for reason in verdict.reasons[1:] if verdict.grade is Grade.USABLE else verdict.reasons:
-        console.print(f"  {_line(reason)}", highlight=False, soft_wrap=True)
+    if is_detailed():
+        console.print(
+            f"[bold {color}]{verdict.headline}[/]: {escape(verdict.detail)}.", highlight=False, soft_wrap=True
+        )
+        for reason in verdict.reasons:
+            console.print(f"  {_line(reason)}", highlight=False, soft_wrap=True)
+        return
+    first = verdict.decisive[0].statement if verdict.reasons else "nothing was examined"
+    _show(console, f"{verdict.headline}: {first}.", style=f"bold {color}")
+    urgent = [reason for reason in verdict.reasons if reason.grade is not Grade.USABLE]
+    for reason in urgent[:_REASONS]:
+        other = "" if reason is verdict.reasons[0] else f"{reason.grade.value}: {reason.statement}: "
+        _show(console, f"{other}{reason.figure}", begin="  ", hanging="  ")
+        if not reason.remedy.startswith("nothing"):
+            _show(console, f"to do: {reason.remedy}", begin="    ", hanging="    ")
+    if len(urgent) > _REASONS:
+        _show(console, f"and {len(urgent) - _REASONS} more reasons; -v shows all", begin="  ")
+
+
+def _show(console: Console, text: str, *, begin: str = "", hanging: str = "", style: str = "") -> None:
+    """Print a text of at most two lines, or all of it with -v."""
+    lines = textwrap.wrap(
+        text, min(console.width, _WIDTH), initial_indent=begin, subsequent_indent=hanging, break_long_words=False,
+        break_on_hyphens=False, max_lines=None if is_detailed() else _LINES, placeholder=" ...",
+    )  # fmt: skip
+    console.print("\n".join(lines), style=style or None, markup=False, highlight=False, soft_wrap=True)
 
 
 def _line(reason: Reason) -> str:
@@ -46,27 +97,33 @@ def _line(reason: Reason) -> str:
 
 
 def show_result(console: Console, name: str, result: cosim.Result) -> None:
-    """Print scheme, step and duration of a run, its statistics, its errors and its verdict."""
+    """Print steps, errors and verdict of a run; with -v, also its statistics, energies and notes."""
     scheme = f"{result.algorithm}: {result.scheme}" if result.scheme else result.algorithm
-    console.print(
-        f"{escape(name)}: {result.steps} steps of {_step(result)}, {scheme} ({', '.join(result.order)}), "
-        f"{result.seconds:.2f} s",
-        highlight=False,
+    error, energies = result.coupling_error, [abs(energy.relative) for energy in result.energy.values()]
+    show_summary(
+        console,
+        f"{name}: {', '.join(result.order)}",
+        [
+            ("steps", f"{result.steps} of {_step(result)}, {scheme}, {result.seconds:.2f} s"),
+            ("coupling error", _local_error(result) if error is None else f"{error:.2g} %"),
+            ("energy residual", f"{max(energies):.1e} of the energy transferred, at most" if energies else ""),
+            ("notes", f"{len(result.notes)}; -v shows them" if result.notes and not is_detailed() else ""),
+        ],
     )
-    console.print(_statistics(result))
-    _show_local_error(console, result)
+    more = details(console)
+    more.print(_statistics(result))
     for bond, energy in result.energy.items():
-        console.print(f"bond {bond}: energy residual {energy.residual:+.2e} J of {energy.transferred:.3g} J "
-                      f"({energy.relative:+.1e})", highlight=False)  # fmt: skip
+        more.print(f"bond {bond}: energy residual {energy.residual:+.2e} J of {energy.transferred:.3g} J "
+                   f"({energy.relative:+.1e})", highlight=False)  # fmt: skip
     if result.held_direct:
-        console.print(
+        more.print(
             f"[yellow]note[/] {len(result.held_direct)} outputs, e.g. {result.held_direct[0]}, depend directly on an "
             "input that is held over each step: their error is proportional to the step "
             "(docs/explanation/coupling.md; list in result.json)",
             highlight=False,
         )
     for note in result.notes:
-        console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
+        more.print(f"[yellow]note[/] {escape(note)}", highlight=False)
     show_verdict(console, result.verdict)
 
 
@@ -81,24 +138,27 @@ def show_verification(console: Console, verification: cosim.Verification, result
 
 
 def _step(result: cosim.Result) -> str:
+    from eightpost import units
+
     step, largest = (units.convert(seconds, "s", "ms") for seconds in (result.step, result.largest_step))
     return f"{step:.4g} ms" if result.has_equal_steps else f"{step:.3g} to {largest:.3g} ms"
 
 
-def _show_local_error(console: Console, result: cosim.Result) -> None:
-    """Print the largest local error of a bond if the run states no coupling error."""
-    if result.coupled and not result.stated_error:
-        bond, local = max(((b, c.percent) for b, c in result.coupled.items()), key=lambda item: item[1])
-        console.print(
-            f"coupling error of a single step: {local:.2g} % of the standard deviation (bond {bond})", highlight=False
-        )
+def _local_error(result: cosim.Result) -> str:
+    """Return the largest error of a single step, of a run that states no coupling error."""
+    if not result.coupled:
+        return ""
+    bond, local = max(((b, c.percent) for b, c in result.coupled.items()), key=lambda item: item[1])
+    return f"not stated; of a single step {local:.2g} % of the standard deviation (bond {bond})"
 
 
 def _statistics(result: cosim.Result) -> Table:
+    from eightpost import units
+
     rows = []
     series = result.settled()
     for channel in series.names:
-        unit = units.us_customary(series.unit(channel))
+        unit = units.display_unit(series.unit(channel))
         values = units.convert(series[channel], series.unit(channel), unit)
         numbers = (values.mean(), values.std(), values.min(), values.max())
         rows.append((channel, unit, *(f"{number:.4g}" for number in numbers)))

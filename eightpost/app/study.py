@@ -16,14 +16,16 @@ from eightpost import completion
 from eightpost.app.build import build_with_progress
 from eightpost.app.options import (
     RANK,
-    SCHEDULER,
     WORKERS,
     FilePath,
     OutputFolder,
     Quantity,
-    Verb,
+    argument,
     check_outputs,
     check_report_folder,
+    option,
+    setting,
+    verb,
 )
 from eightpost.app.progress import ConsoleListener
 from eightpost.outputs import PAGE, TABLE
@@ -46,36 +48,37 @@ FILES = {"results.parquet": TABLE, "certainty.parquet": TABLE, "report.html": PA
 _NAMED, _SHOWN = 5, 3
 
 
-@click.command(cls=Verb)
-@click.argument("study_file", metavar="STUDY", type=FilePath())
-@click.option("-o", "--output", type=OutputFolder(FILES), default=Path("out"), show_default=True,
-              help="Output folder for results.parquet, the report and the intermediate results.")  # fmt: skip
-@WORKERS
-@SCHEDULER
-@click.option("--patience", type=Quantity("s", positive=True), default=f"{PATIENCE:g} s", show_default=True,
-              metavar="TIME", help="Time after which a worker that is not responding is ended and its setup marked as "
-              "failed; with --scheduler, time without any worker after which the study stops.")  # fmt: skip
-@RANK
-@click.option("--top", type=click.IntRange(min=1), metavar="N", default=10, show_default=True,
-              help="Number of rows of the printed ranking.")  # fmt: skip
-@click.option("--trace", "traced", multiple=True, type=int, metavar="NUMBER",
-              help="Setup whose time traces are written to traces/NUMBER.parquet; it is run again. May be "
-              "repeated.")  # fmt: skip
-@click.option("--certainty/--no-certainty", "sure", default=True, show_default=True,
-              help="Compute how sure the choice is: intervals, ties, probability of being best. This runs some setups "
-              "again with changed shocks.")  # fmt: skip
-@click.pass_context
+@verb
 def study(
     ctx: click.Context,
-    study_file: Path,
-    output: Path,
-    workers: int | None,
-    scheduler: str | None,
-    patience: float,
-    rank: str | None,
-    top: int,
-    traced: tuple[int, ...],
-    sure: bool,
+    study_file: Path = argument("STUDY", kind=FilePath()),
+    output: Path = option(
+        "Output folder for results.parquet, the report and the intermediate results.",
+        "-o",
+        "--output",
+        kind=OutputFolder(FILES),
+        default=Path("out"),
+    ),
+    workers: int | str | None = WORKERS,
+    rank: str | None = RANK,
+    traced: tuple[int, ...] = option(
+        "Setup whose time traces are written to traces/NUMBER.parquet; it is run again. May be repeated.",
+        "--trace",
+        metavar="NUMBER",
+    ),
+    sure: bool = setting(
+        "Compute how sure the choice is: intervals, ties, probability of being best. This runs some setups again with "
+        "changed shocks.",
+        "certainty",
+        default=True,
+    ),
+    patience: float = setting(
+        "Time after which a worker that is not responding is ended and its setup marked as failed; on a cluster, time "
+        "without any worker after which the study stops.",
+        kind=Quantity("s", positive=True),
+        default=f"{PATIENCE:g} s",
+    ),
+    top: int = setting("Number of rows of the printed ranking.", kind=click.IntRange(min=1), default=10),
 ) -> None:
     """Run every setup of shocks that a study allows, and rank them.
 
@@ -103,7 +106,7 @@ def study(
 
     console = Console()
     _stop_at_sigterm()
-    folder = opened(console, study_file, output, workers, scheduler, patience)
+    folder = opened(console, study_file, output, workers, patience)
     if rank is not None:
         folder.study.measure(rank)
     for index in traced:
@@ -130,8 +133,7 @@ def opened(
     console: Console,
     study_file: Path,
     output: Path,
-    workers: int | None,
-    scheduler: str | None,
+    workers: int | str | None,
     patience: float = PATIENCE,
 ) -> StudyFolder:
     """Return the study of a file with its output folder; FMUs of its shock and vehicle files are built."""
@@ -141,8 +143,8 @@ def opened(
     return StudyFolder(
         output,
         study_file,
-        workers=workers,
-        scheduler=scheduler,
+        workers=workers if isinstance(workers, int) else None,
+        scheduler=workers if isinstance(workers, str) else None,
         patience=patience,
         listener=ConsoleListener(console),
         build=partial(build_with_progress, console),

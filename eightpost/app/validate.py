@@ -12,80 +12,89 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.options import (
-    UNITS,
+    CHANNELS,
     Assignment,
+    Channels,
     FilePath,
     Number,
     OutputFile,
     Quantity,
-    Verb,
-    flip_option,
-    map_option,
+    argument,
+    option,
+    setting,
+    verb,
 )
+from eightpost.app.show import details, show_verdict
 from eightpost.errors import InputError
 from eightpost.outputs import PAGE
 
 if TYPE_CHECKING:
     from eightpost.ident.validation.records import Record
     from eightpost.report.tables import ResultTable
-    from eightpost.signals import ChannelMap
     from eightpost.verdict import Verdict
 
 #: Settling time at the start of a vehicle's records, which is left out [s].
 SETTLING = 4.0
 
 
-@click.command(cls=Verb)
-@click.argument("paths", metavar="JSON... RECORD...", nargs=-1, required=True, type=FilePath())
-@click.option("--kind", "kinds", metavar="[FILE=]KIND", multiple=True,
-              help="Kind of a record, or of all: random, sine, static or bump. Default: recognized from the "
-              "motion.")  # fmt: skip
-@click.option("--limit", metavar="PERCENT", type=Number(min=0.0, min_open=True),
-              help="Maximum error [% of the measured standard deviation]; the exit code is 1 above it. Default: "
-              "vehicles 25, shocks 30.")  # fmt: skip
-@click.option("--level", metavar="PERCENT", type=Number(min=0.0, min_open=True),
-              help="Vehicles: maximum error of an RMS on random records [%]; the exit code is 1 above it. Default "
-              "5.")  # fmt: skip
-@click.option("--shock", "shocks", type=Assignment("NAME=SHOCK.json"), metavar="CORNER|NAME=SHOCK.JSON", multiple=True,
-              help="Vehicles: law at a corner (lf, rf, lr, rr), or of the shock that has this name in the records. "
-              "Default: the measured shock forces.")  # fmt: skip
-@click.option("--against", metavar="CAR", type=FilePath(exists=True, dir_okay=False),
-              help="Vehicles: another fit (.json) or parameters (.toml) whose modes are listed for comparison; "
-              "default: none.")  # fmt: skip
-@click.option("--settling", metavar="TIME", type=Quantity("s", bare=True),
-              help="Vehicles: settling time left out at the start of each record, at most 1/4 of the record; default "
-              f"'{SETTLING:g} s'.")  # fmt: skip
-@click.option("--report", type=OutputFile(PAGE), metavar="FILE.HTML",
-              help="Interactive, printable page to write (docs/how_to/validation.md); default: none.")  # fmt: skip
-@click.option("--keep", is_flag=True,
-              help="Write the verdict into the shock or vehicle files and replace an earlier one, and the level errors "
-              "of independent random records, such as laps, into the vehicle file. FMUs built from these files carry "
-              "both into every run and study.")  # fmt: skip
-@click.option("--cutoff", type=Quantity("Hz", bare=True), metavar="FREQUENCY",
-              help="Shocks: cut-off frequency of the low-pass; default '50 Hz', for bumps '200 Hz'.")  # fmt: skip
-@click.option("--segment", nargs=2, type=Quantity("s", bare=True), metavar="START STOP",
-              help="Shocks: start and end of the part of each record to judge; default: of random records '1 s' "
-              "'10 s', else all.")  # fmt: skip
-@UNITS
-@map_option("docs/reference/signs_and_units.md")
-@flip_option("force")
-@click.pass_context
-def validate(  # one parameter per option
+@verb
+def validate(
     ctx: click.Context,
-    paths: tuple[Path, ...],
-    kinds: tuple[str, ...],
-    limit: float | None,
-    level: float | None,
-    shocks: tuple[tuple[str, str], ...],
-    against: Path | None,
-    settling: float | None,
-    report: Path | None,
-    keep: bool,
-    cutoff: float | None,
-    segment: tuple[float, float] | None,
-    units: tuple[tuple[str, str], ...],
-    channel_map: ChannelMap | None,
-    flip: tuple[str, ...],
+    paths: tuple[Path, ...] = argument("JSON... RECORD...", kind=FilePath()),
+    limit: float | None = option(
+        "Maximum error [% of the measured standard deviation]; the exit code is 1 above it. Default: vehicles 25, "
+        "shocks 30.",
+        kind=Number(min=0.0, min_open=True),
+        metavar="PERCENT",
+    ),
+    shocks: tuple[tuple[str, str], ...] = option(
+        "Vehicles: law at a corner (lf, rf, lr, rr), or of the shock that has this name in the records. Default: the "
+        "measured shock forces.",
+        "--shock",
+        kind=Assignment("NAME=SHOCK.json"),
+        metavar="CORNER|NAME=SHOCK.JSON",
+    ),
+    report: Path | None = option(
+        "Interactive, printable page to write (docs/how_to/validation.md); default: none.",
+        "-o",
+        "--output",
+        kind=OutputFile(PAGE),
+        metavar="FILE.HTML",
+    ),
+    keep: bool = option(
+        "Write the verdict into the shock or vehicle files and replace an earlier one, and the level errors of "
+        "independent random records, such as laps, into the vehicle file. FMUs built from these files carry both into "
+        "every run and study."
+    ),
+    channels: Channels = CHANNELS,
+    kinds: tuple[str, ...] = setting(
+        "Kind of all records, or of one (FILE=KIND): random, sine, static or bump; may be repeated. Default: "
+        "recognized from the motion.",
+        "kind",
+    ),
+    level: float | None = setting(
+        "Vehicles: maximum error of an RMS on random records [%]; the exit code is 1 above it. Default 5.",
+        kind=Number(min=0.0, min_open=True),
+    ),
+    against: Path | None = setting(
+        "Vehicles: another fit (.json) or parameters (.toml) whose modes are listed for comparison; default: none.",
+        kind=FilePath(exists=True, dir_okay=False),
+    ),
+    settling: float | None = setting(
+        "Vehicles: settling time left out at the start of each record, at most 1/4 of the record; default "
+        f"'{SETTLING:g} s'.",
+        kind=Quantity("s", bare=True),
+    ),
+    cutoff: float | None = setting(
+        "Shocks: cut-off frequency of the low-pass; default '50 Hz', for bumps '200 Hz'.",
+        kind=Quantity("Hz", bare=True),
+    ),
+    segment: tuple[float, float] | None = setting(
+        "Shocks: start and end of the part of each record to judge, e.g. segment='20 s, 60 s'; default: of random "
+        "records '1 s' to '10 s', else all.",
+        kind=Quantity("s", bare=True),
+        nargs=2,
+    ),
 ) -> None:
     """Validate fitted shocks or an identified vehicle on held-out records.
 
@@ -100,11 +109,11 @@ def validate(  # one parameter per option
 
     \b
     Examples:
-      eightpost validate shock.json data/ --report out.html
-      eightpost validate static.json lpnl2.json run7.csv --kind run7.csv=sine --limit 5
-      eightpost validate shock.json track.csv --segment '20 s' '60 s'
-      eightpost validate vehicle.json rig/*.parquet --report car.html
-      eightpost validate vehicle.json rig/ --shock A=A.json --shock B=B.json --report car.html
+      eightpost validate shock.json data/ -o out.html
+      eightpost validate static.json lpnl2.json run7.csv --set kind=run7.csv=sine --limit 5
+      eightpost validate shock.json track.csv --set segment='20 s, 60 s'
+      eightpost validate vehicle.json rig/*.parquet -o car.html
+      eightpost validate vehicle.json rig/ --shock A=A.json --shock B=B.json -o car.html
     """
     from eightpost.ident.validation.records import is_vehicle, models_and_records
 
@@ -112,23 +121,22 @@ def validate(  # one parameter per option
     models, records = models_and_records(paths)
     if settling is not None and settling < 0.0:
         raise InputError(f"--settling must be 0 or more, not {settling:g} s")
-    reading = {"channel_map": channel_map, "units": dict(units), "flip": flip}
-    given = _Given(console, records, kinds, reading, report, keep)
+    given = _Given(console, records, kinds, channels.options, report, keep)
     if is_vehicle(models):
-        _refuse("vehicle", {"--cutoff": cutoff, "--segment": segment})
+        _refuse("vehicle", {"cutoff": cutoff, "segment": segment})
         settled = SETTLING if settling is None else settling
         verdict = _validate_vehicle(given, models[0], dict(shocks), against, level, limit, settled)
     else:
-        _refuse("shock", {"--level": level, "--shock": shocks, "--against": against, "--settling": settling})
+        _refuse("shock", {"level": level, "--shock": shocks, "against": against, "settling": settling})
         verdict = _validate_shocks(given, models, limit, cutoff, segment)
     ctx.exit(0 if verdict.is_acceptable else 1)
 
 
 def _refuse(kind: str, given: Mapping[str, object]) -> None:
     """Refuse options that do not apply to the kind of model."""
-    for option, value in given.items():
+    for name, value in given.items():
         if value not in (None, ()):
-            raise click.BadParameter(f"it does not apply to a {kind}; omit it", param_hint=option)
+            raise click.BadParameter(f"it does not apply to a {kind}; omit it", param_hint=name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,11 +158,13 @@ class _Given:
             matching = [path for path in self.records if not equals or name in (str(path), path.name, path.stem)]
             if not matching:
                 known = ", ".join(path.name for path in self.records)
-                raise click.BadParameter(f"{name!r} is not one of the records: {known}", param_hint="--kind")
+                raise click.BadParameter(f"{name!r} is not one of the records: {known}", param_hint="--set kind")
             chosen |= dict.fromkeys(matching, kind)
         for kind in chosen.values():
             if kind not in kinds:
-                raise click.BadParameter(f"{kind!r}: the kind must be one of {', '.join(kinds)}", param_hint="--kind")
+                raise click.BadParameter(
+                    f"{kind!r}: the kind must be one of {', '.join(kinds)}", param_hint="--set kind"
+                )
         return chosen
 
     def each_record(self) -> Iterable[Path]:
@@ -164,21 +174,21 @@ class _Given:
         return each(self.console, self.records, "reading", len(self.records))
 
     def show(self, records: Iterable[Record], tables: Iterable[ResultTable]) -> None:
-        """Print the kind of each record, and the tables that have rows."""
+        """Print the first table that has rows; with -v, also the kind of each record and the other tables."""
         from eightpost.report.tables import result_table
 
+        more = details(self.console)
         for record in records:
-            self.show_line(f"{escape(record.name)}: {record.kind}, {escape(record.reason)}")
-        for table in tables:
-            if table.rows:
-                self.console.print(result_table(table))
+            more.print(
+                f"{escape(record.name)}: {record.kind}, {escape(record.reason)}", soft_wrap=True, highlight=False
+            )
+        for number, table in enumerate(table for table in tables if table.rows):
+            (more if number else self.console).print(result_table(table))
 
     def show_verdict(self, notes: Iterable[str], verdict: Verdict) -> None:
-        """Print the notes and the verdict."""
-        from eightpost.app.show import show_verdict
-
+        """Print the verdict; with -v, also the notes."""
         for note in notes:
-            self.show_line(f"[yellow]note[/] {escape(note)}")
+            details(self.console).print(f"[yellow]note[/] {escape(note)}", soft_wrap=True, highlight=False)
         show_verdict(self.console, verdict)
 
     def show_line(self, text: str) -> None:
@@ -250,12 +260,13 @@ def _validate_vehicle(
         study = validate_vehicle(fit, records, shocks=laws, against=other, settling=settling)
     verdict = vehicle_verdict(study, limits)
     given.show(records, terminal_tables(study))
+    more = details(given.console)
     if fit.trust is not None and fit.trust.outputs:
-        given.console.print(trust_table(fit.trust))
+        more.print(trust_table(fit.trust))
     if fit.trust is not None and fit.trust.measures:
-        given.console.print(measure_table(fit.trust))
+        more.print(measure_table(fit.trust))
     if fit.trust is not None and fit.trust.friction:
-        given.console.print(friction_table(fit, fit.trust))
+        more.print(friction_table(fit, fit.trust))
     given.show_verdict(study.notes, verdict)
     given.show_line(limits.summary())
     if given.report:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
 
-from eightpost.fmi.names import FLAGS
+from eightpost.fmi.functions import FLAGS
 
 TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
 

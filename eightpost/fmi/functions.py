@@ -1,4 +1,4 @@
-"""Functions of FMI 2.0 and 3.0, which functions.txt lists: who needs them, and the types of their arguments."""
+"""Functions of FMI 2.0 and 3.0, which functions.txt lists, their statuses, and names that differ between versions."""
 
 from __future__ import annotations
 
@@ -42,3 +42,43 @@ def names(version: int, *needed_by: str) -> frozenset[str]:
     """Return the names in C of the functions that some need: all, cs, me, optional, other; of all without any."""
     functions = FUNCTIONS[version].items()
     return frozenset(f"fmi{version}{n}" for n, f in functions if not needed_by or set(needed_by) & set(f.needed_by))
+
+
+# ---- Statuses, and names that differ between the versions -----------------------------------------------------------
+
+#: fmi2Status, fmi3Status; pending in FMI 2.0 only.
+OK, WARNING, DISCARD, ERROR, FATAL, PENDING = range(6)
+
+#: Functions with another name in FMI 3.0, both without fmi2 or fmi3. Values have one function for each type.
+RENAMED = {
+    "SetReal": "SetFloat64",
+    "GetReal": "GetFloat64",
+    "SetInteger": "SetInt32",
+    "GetInteger": "GetInt32",
+    "Instantiate": "InstantiateCoSimulation",
+    "SetupExperiment": "EnterInitializationMode",
+    "GetFMUstate": "GetFMUState",
+    "SetFMUstate": "SetFMUState",
+    "FreeFMUstate": "FreeFMUState",
+    "SerializedFMUstateSize": "SerializedFMUStateSize",
+    "SerializeFMUstate": "SerializeFMUState",
+    "DeSerializeFMUstate": "DeserializeFMUState",
+    "NewDiscreteStates": "UpdateDiscreteStates",
+    "GetDerivatives": "GetContinuousStateDerivatives",
+    "GetRealOutputDerivatives": "GetOutputDerivatives",
+    "SetRealInputDerivatives": "IntermediateUpdateCallback",
+    "GetBooleanStatus": "DoStep",
+}
+
+#: Attributes of CoSimulation and ModelExchange in FMI 2.0, by their names in FMI 3.0.
+FLAGS = {
+    "canGetAndSetFMUState": "canGetAndSetFMUstate",
+    "canSerializeFMUState": "canSerializeFMUstate",
+    "providesDirectionalDerivatives": "providesDirectionalDerivative",
+    "providesIntermediateUpdate": "canInterpolateInputs",
+}
+
+
+def function_name(name: str) -> str:
+    """Return the name in FMI 3.0 of a function of FMI 2.0, both without fmi2 or fmi3."""
+    return RENAMED.get(name, name)

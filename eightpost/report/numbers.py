@@ -83,7 +83,7 @@ class Display:
 
     @classmethod
     def of(cls, si: str, unit: str | None = None) -> Display:
-        """Return the conversion from an SI unit to `unit`, by default the US customary one.
+        """Return the conversion from an SI unit to `unit`, by default that in which it is shown to this user.
 
         A unit that the units module does not know, such as one of a user-defined measure, is shown unchanged. The
         square of a unit per Hz, `N2/Hz`, is shown in the square of the unit's own display unit.
@@ -91,7 +91,7 @@ class Display:
         if si.endswith("2/Hz"):
             base = cls.of(si.removesuffix("2/Hz"), unit)
             return cls(si, f"{base.unit}2/Hz", base.factor**2, 0.0)
-        unit = units.us_customary(si) if unit is None else unit
+        unit = units.display_unit(si) if unit is None else unit
         known = si == unit or not units.is_unit(si)
         return cls(si, si, 1.0, 0.0) if known else cls(si, unit, *units.conversion(si, unit))
 

@@ -259,7 +259,7 @@ def loop(series: Series, across: str, up: str, *, title: str = "") -> Picture:
 
 def display_unit(series: Series, channel: str) -> str:
     """Return the unit in which a channel is drawn."""
-    return units.us_customary(series.unit(channel))
+    return units.display_unit(series.unit(channel))
 
 
 def displayed(series: Series, channel: str) -> Array:

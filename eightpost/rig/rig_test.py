@@ -237,10 +237,14 @@ def read_rig_test(
 
 
 def read_rig_tests(
-    paths: Sequence[str | Path], *, channel_map: ChannelMap | None = None, flip: Iterable[str] = ()
+    paths: Sequence[str | Path],
+    *,
+    channel_map: ChannelMap | None = None,
+    units: Mapping[str, str] | None = None,
+    flip: Iterable[str] = (),
 ) -> Iterator[RigTest]:
     """Read rig records one by one, each while the caller processes the previous one; at most two are in memory."""
-    read = partial(read_rig_test, channel_map=channel_map, flip=tuple(flip))
+    read = partial(read_rig_test, channel_map=channel_map, units=units, flip=tuple(flip))
     with ThreadPoolExecutor(1) as reader:
         pending = reader.submit(read, paths[0])
         for path in paths[1:]:

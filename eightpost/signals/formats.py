@@ -17,6 +17,7 @@ from eightpost.signals.mat_file import read_json, read_mat, read_script, write_m
 from eightpost.signals.parquet_file import read_parquet, write_parquet
 from eightpost.signals.raw_record import RawRecord, find_time, identity_map, mapped_series
 from eightpost.signals.rpc_file import read_rpc, write_rpc
+from eightpost.units import note_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -80,7 +81,10 @@ def read_records(path: str | Path) -> tuple[RawRecord, ...]:
     if suffix in _CLOSED and (beginning := _CLOSED[suffix])[0] == path.read_bytes()[: len(beginning[0])]:
         what = f"is a file of {beginning[1]}, whose layout is not documented: export time, displacement or velocity, "
         raise FileFormatError(f"{what}and force there as .csv, and read that file", path=path)
-    return _read_once(path, sha256_of(path)) if size <= _KEPT else _READERS[suffix](path)
+    records = _read_once(path, sha256_of(path)) if size <= _KEPT else _READERS[suffix](path)
+    if suffix != ".parquet":  # those of this project are in SI units for every user
+        note_file(records[0].units)
+    return records
 
 
 @lru_cache(maxsize=1)

@@ -160,11 +160,6 @@ class Bristles(NamedTuple):
     static_ratio: Array  #: [1]
     stribeck_velocity: Array  #: [m/s]
 
-    @classmethod
-    def none(cls, ports: int) -> Bristles:
-        """Return bristles without force."""
-        return cls(np.zeros(ports), np.full(ports, 1e-4), np.ones(ports), np.full(ports, 0.01))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PortFriction:

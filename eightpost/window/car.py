@@ -109,7 +109,7 @@ class _Screen:
 
     def validate(self) -> None:
         """Validate the car on the records that are held out, and keep the verdict in its file."""
-        words = ["validate", self.chosen["file"], *self.names("held"), "--report", self.page.name, "--keep"]
+        words = ["validate", self.chosen["file"], *self.names("held"), "-o", self.page.name, "--keep"]
         self.window.start("validate", "Validation", [words], self.page)
 
 

@@ -99,8 +99,8 @@ class Folder:
         if len(ways) > 1:
             raise InputError("these files have different channel names or signs; take them one after the other")
         stated: dict[str, Any] = json.loads(ways.pop()) if ways else {}
-        flips = [word for channel in stated.get("flip", ()) for word in ("--flip", channel)]
-        return flips + (["--map", stated["map"]] if stated.get("map") else [])
+        flips = [word for channel in stated.get("flip", ()) for word in ("--channel", f"{channel}=-")]
+        return flips + (["--channel", stated["map"]] if stated.get("map") else [])
 
     def name(self, path: Path) -> str:
         """Return a file's path in the folder, with slashes."""

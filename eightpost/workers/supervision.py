@@ -251,9 +251,16 @@ def _work(work: Callable[[], object], mine: Record, life: int | None = None) -> 
     """
     import tempfile  # noqa: PLC0415 -- none of this is needed in the parent
     import threading  # noqa: PLC0415
+    from pathlib import Path  # noqa: PLC0415
+
+    from eightpost.workers.marks import mark, remove_left  # noqa: PLC0415
 
     with suppress(OSError):  # what needs the folder reports the error
-        mine.folder = tempfile.tempdir = tempfile.mkdtemp(prefix="eightpost_")
+        place = Path(tempfile.gettempdir())
+        remove_left(place, "eightpost_")
+        folder = place / f"eightpost_{mark()}"
+        folder.mkdir(0o700)
+        mine.folder = tempfile.tempdir = str(folder)
     if life is not None:
         threading.Thread(target=_end_with_parent, args=(life, mine.folder), name="end with parent", daemon=True).start()
     mine.owner, code = os.getpid(), 1

@@ -33,7 +33,7 @@ srun --kill-on-bad-exit=0 dask worker "$address" --nthreads 1 --no-nanny --no-da
     --local-directory "${TMPDIR:-/tmp}" --death-timeout 300 &
 workers=$!
 
-eightpost study "$study" -o "$out" --scheduler "$address" "$@" &
+eightpost study "$study" -o "$out" --workers "$address" "$@" &
 main=$!
 trap 'kill -TERM "$main"' TERM     # two minutes before the time limit: completed setups become a partial table
 

@@ -3,7 +3,7 @@
     python examples/hosts/libcosim_host.py [--steps 8 4 2 1] [--seconds 10]
 
 libcosim has no rollback and no input derivatives. Its remedy is a smaller step, or one FMU with car and shocks
-(`eightpost build --assemble`). Outputs are recorded at the end of every step.
+(`eightpost build system.toml`). Outputs are recorded at the end of every step.
 """
 
 import numpy as np

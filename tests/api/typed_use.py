@@ -6,8 +6,8 @@ import eightpost as ep
 from builder.build import Built
 from cosim import Result
 from cosim.session.parameter_sweep import ParameterSweep
-from cosim.study import StudyResult
 from cosim.study.choice.compare import RunComparison
+from eightpost.api.study_folder import AssessedStudy
 from eightpost.ident import ShockFit
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.rig import DynoTest, RigTest
@@ -30,5 +30,5 @@ assert_type(ep.compare([result, "out"]), RunComparison)
 car = ep.identify(["a.parquet", "b.parquet"])
 assert_type(car, VehicleFit)
 assert_type(ep.simulate(car, test.series, fit), ep.TimeSeries)
-assert_type(ep.study("study.toml", "out"), StudyResult)
+assert_type(ep.study("study.toml", "out"), AssessedStudy)
 ep.run(system, scenario, algorithm="gauss")  # type: ignore[arg-type]

@@ -143,7 +143,7 @@ def test_a_foreign_native_fmu_breaks_no_more_rules_of_the_standard_than_are_know
 @pytest.mark.nightly
 def test_crashes_and_hangs_of_a_foreign_fmu_on_invalid_calls_are_reported(container_report):
     crashes = [finding.message for finding in container_report.findings if finding.rule.identifier == "crash-misuse"]
-    assert any("did not end within 5 s of processor time in or after fmi2DoStep" in message for message in crashes)
+    assert any(re.search("did not end within .* in or after fmi2DoStep", message) for message in crashes)
     assert any("killed by signal 11 in or after fmi2GetReal with NULL" in message for message in crashes)
 
 
@@ -172,7 +172,7 @@ def test_a_correct_foreign_fmu_passes_the_standard_without_false_positives(name,
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("end", ["-DENDS_AT=1.5", "-DENDS_AT=6.5", "-DSTOPS_AT=7.5"])
+@pytest.mark.parametrize("end", ["-DENDS_AT=1.5", "-DENDS_AT=5.2", "-DSTOPS_AT=5.3"])
 def test_an_fmu_that_ends_the_simulation_or_has_no_data_beyond_it_breaks_no_rule_of_the_standard(end, tmp_path):
     groups = tuple(group for group in GROUPS if group not in ("tools", "instances"))
     report = check(foreign_fmu("mass_spring", tmp_path, end), scope=Scope.STANDARD, groups=groups)

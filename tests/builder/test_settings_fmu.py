@@ -91,15 +91,9 @@ def test_the_fmu_follows_the_law_at_every_setting_and_reports_where_it_is(built,
     ],
 )
 def test_the_verdict_of_a_run_states_where_the_setting_is(built, fmus, parameters, rule):
-    components = {
-        "car": FmuComponent(fmus["quarter_car"], "car"),
-        "shock": FmuComponent(built("lpnl2"), "shock"),
-    }
+    components = {"car": FmuComponent(fmus["quarter_car"], "car"), "shock": FmuComponent(built("lpnl2"), "shock")}
     system = System(
-        components,
-        [Bond.between("car", "shock")],
-        constants={"car.aero_force": 0.0},
-        parameters={"shock": parameters},
+        components, [Bond.between("car", "shock")], constants={"car.aero_force": 0.0}, parameters={"shock": parameters}
     )
     drive = Drivefile(TimeSeries.from_channels(np.linspace(0.0, 0.2, 21), {"road": ("m", np.zeros(21))}))
     result = run(system, Scenario(0.2, drive), step=1e-3, algorithm=GaussSeidel())

@@ -196,7 +196,7 @@ between = ["car", "shock"]
 stop = "1 s"
 """
     (tmp_path / "corner.toml").write_text(text)
-    ran = CliRunner().invoke(main, ["ssp", str(tmp_path / "corner.toml"), "-o", str(tmp_path / "corner.ssp")])
+    ran = CliRunner().invoke(main, ["export", str(tmp_path / "corner.toml"), "-o", str(tmp_path / "corner.ssp")])
     assert ran.exit_code == 0, ran.output
     assert "car.road" in ran.output
     members = read_archive(tmp_path / "corner.ssp")

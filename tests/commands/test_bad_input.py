@@ -91,7 +91,7 @@ def test_the_record_without_a_fault_is_accepted(tmp_path):
         main, ["fit", str(tmp_path / "good.csv"), "--law", "lpf1", "-o", str(tmp_path / "s.json")]
     )
     assert shown.exit_code in (0, 1), shown.output
-    assert "read " in shown.output
+    assert "held out" in shown.output
     assert (tmp_path / "s.json").is_file()
 
 

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 
 from eightpost import __main__ as program
 from eightpost import __version__
-from eightpost.__main__ import VERBS, main
+from eightpost.__main__ import SECTIONS, VERBS, every_verb, main
 from eightpost.archive import read_archive, write_archive
 from eightpost.shock import read_shock
 
@@ -32,16 +32,20 @@ def eightpost():
 def test_help_lists_the_commands_in_the_order_of_the_work(eightpost):
     shown = eightpost("--help")
     assert shown.exit_code == 0
-    places = [shown.output.index(f"\n  {verb} ") for verb in VERBS]
+    listed = [verb for section in SECTIONS.values() for verb in section]
+    places = [shown.output.index(f"\n  {verb} ") for verb in listed]
     assert places == sorted(places)
+    assert len(listed) <= 16 and set(VERBS) - set(listed) == {"reproduce"}
     assert __version__ in eightpost("--version").output
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", every_verb())
 def test_the_help_of_every_command_begins_with_its_summary_in_the_list(eightpost, verb):
-    shown = eightpost(verb, "--help")
+    shown = eightpost(*verb.split(), "--help")
     assert shown.exit_code == 0
-    assert VERBS[verb].rstrip(".") in " ".join(shown.output.split())
+    group, _, member = verb.partition(" ")
+    entry = VERBS[group].members[member] if member else VERBS[group]
+    assert entry.text.rstrip(".") in " ".join(shown.output.split())
     if verb != "demo":
         assert "Example" in shown.output
 
@@ -84,8 +88,8 @@ def test_a_call_with_arguments_is_not_a_program(monkeypatch):
 def test_fit_prints_the_table_and_writes_shock_and_picture(eightpost, tmp_path):
     output = tmp_path / "shock.json"
     shown = eightpost(
-        "fit", ROOT / "examples" / "data" / "dyno_C.csv", "--law", "lpf1", "-o", output, "--clicks", "3 from closed",
-        "--gas-pressure", "150 psi", "--build", "C", "--plot", tmp_path / "curve.png",
+        "fit", ROOT / "examples" / "data" / "dyno_C.csv", "--law", "lpf1", "-o", output, "--build", "C",
+        "--set", "clicks=3 from closed", "--set", "gas-pressure=150 psi", "--plot", tmp_path / "curve.png", "-v",
     )  # fmt: skip
     assert shown.exit_code == 0, shown.output
     assert "LPF1" in shown.output
@@ -96,15 +100,35 @@ def test_fit_prints_the_table_and_writes_shock_and_picture(eightpost, tmp_path):
     assert (tmp_path / "curve.png").stat().st_size > 10_000
 
 
+def test_a_fit_prints_at_most_twelve_lines_of_80_columns_with_law_error_range_and_verdict(eightpost, tmp_path):
+    words = ("fit", ROOT / "examples" / "data" / "dyno_A.csv", "--law", "LPF1", "-o", tmp_path / "a.json")
+    lines = eightpost(*words).output.splitlines()
+    assert len(lines) <= 12
+    assert max(len(line) for line in lines if not line.startswith(("wrote", "/"))) <= 80
+    labels = [line.split()[0] for line in lines if line.startswith("  ")]
+    assert [label for label in labels if label in ("law", "error", "held", "range")] == [
+        "law",
+        "error",
+        "held",
+        "range",
+    ]
+    assert lines[-1] == f"wrote {tmp_path / 'a.json'}"
+    assert len(eightpost(*words, "-v").output.splitlines()) > 20
+
+
 @pytest.mark.repeated(2)
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
         (("fit", "none.csv"), "none.csv"),
         (("fit", "{text}"), "x.txt"),
-        (("fit", "{dyno}", "--units", "force"), "CHANNEL=UNIT"),
+        (("fit", "{dyno}", "--channel", "force"), "CHANNEL=COLUMN"),
         (("fit", "{dyno}", "--law", "magic"), "magic"),
-        (("fit", "{dyno}", "--flip", "force"), "positive"),
+        (("fit", "{dyno}", "--law", "hysterisis"), "did you mean hysteresis?"),
+        (("fit", "{dyno}", "--set", "cutof=3 Hz"), "did you mean cutoff?"),
+        (("fitt", "{dyno}"), "did you mean fit?"),
+        (("study", "optimize", "none.toml"), "did you mean optimise?"),
+        (("fit", "{dyno}", "--channel", "force=-"), "positive"),
         (("build", "none.json"), "none.json"),
         (("build", "{text}"), "shock files"),
         (("check", "none.fmu"), "none.fmu"),
@@ -161,13 +185,13 @@ def test_two_runs_are_compared_and_their_fmus_and_parameters_named(eightpost, fm
             f'drivefile = "{ROOT}/examples/data/track.parquet"\n[scenario.targets]\n"lf.road" = "car.road"\n'
         )
         assert eightpost("run", tmp_path / f"{name}.toml", "-o", tmp_path / name).exit_code == 0
-    shown = eightpost("compare", tmp_path / "a", tmp_path / "b", "-o", tmp_path / "changes.png")
+    shown = eightpost("study", "compare", tmp_path / "a", tmp_path / "b", "-o", tmp_path / "changes.png")
     assert shown.exit_code == 0, shown.output
     for expected in ("shock = lpnl2.fmu", "shock = lpf1.fmu", "shock.rebound_scale = 0.9", "%"):
         assert expected in shown.output
     assert (tmp_path / "changes.png").stat().st_size > 5_000
-    assert eightpost("compare", tmp_path / "a").exit_code == 2
-    assert eightpost("compare", tmp_path / "a", tmp_path).exit_code == 2
+    assert eightpost("study", "compare", tmp_path / "a").exit_code == 2
+    assert eightpost("study", "compare", tmp_path / "a", tmp_path).exit_code == 2
 
 
 def test_the_default_output_of_a_json_record_has_another_name(eightpost, tmp_path, monkeypatch):

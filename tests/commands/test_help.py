@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from inspect import signature
 from typing import get_args
 
 import click
@@ -12,10 +11,10 @@ import pytest
 
 import cosim
 from builder.build import TARGETS
-from builder.check import Scope
 from cosim.study.choice import selection
 from cosim.study.running import workers
-from eightpost.__main__ import VERBS, main
+from eightpost.__main__ import every_verb
+from eightpost.app.options import Setting
 from eightpost.ident.shock.law_fit import GasTreatment, RecipeName, Robust
 from eightpost.ident.vehicle.plan import RECIPES
 from eightpost.shock import LAWS
@@ -26,10 +25,10 @@ SLOW = ("numpy", "scipy", "matplotlib", "numba", "llvmlite", "pint", "pyarrow", 
 #: All verbs run in one process, so that a library loaded by any of them is found.
 EVERY_HELP = """
 import sys
-from eightpost.__main__ import VERBS, main
-for verb in VERBS:
+from eightpost.__main__ import every_verb, main
+for verb in every_verb():
     print(f"== {verb}")
-    main([verb, "--help"], standalone_mode=False)
+    main([*verb.split(), "--help"], standalone_mode=False)
     for module in %r:
         assert module not in sys.modules, f"{verb} --help loads {module}"
 """
@@ -40,31 +39,32 @@ def test_no_help_text_loads_a_numerical_library() -> None:
         [sys.executable, "-c", EVERY_HELP % (SLOW,)], capture_output=True, text=True, encoding="utf-8", check=False
     )
     assert ran.returncode == 0, ran.stderr
-    assert all(f"== {verb}\nUsage: " in ran.stdout for verb in VERBS)
+    assert all(f"== {verb}\nUsage: " in ran.stdout for verb in every_verb())
 
 
-def option(verb: str, name: str) -> click.Parameter:
-    command = main.get_command(click.Context(main), verb)
-    assert command is not None
-    return next(parameter for parameter in command.params if name in parameter.opts)
+def option(verb: str, name: str) -> click.Parameter | Setting:
+    """Return an option, or the setting without hyphens."""
+    command = every_verb()[verb]
+    return command.settings.get(name) or next(parameter for parameter in command.params if name in parameter.opts)
 
 
 @pytest.mark.parametrize(
     ("verb", "name", "taken"),
     [
         ("fit", "--law", tuple(LAWS)),
-        ("fit", "--recipe", get_args(RecipeName)),
-        ("fit", "--robust", get_args(Robust)),
+        ("fit", "recipe", get_args(RecipeName)),
+        ("fit", "robust", get_args(Robust)),
         ("fit", "--gas", get_args(GasTreatment)),
-        ("identify", "--recipe", tuple(RECIPES)),
-        ("rig", "--car", tuple(TRUTHS)),
-        ("rig", "--program", PROGRAMS),
+        ("identify", "recipe", tuple(RECIPES)),
+        ("virtual rig", "--car", tuple(TRUTHS)),
+        ("virtual rig", "--program", PROGRAMS),
         ("build", "--target", TARGETS),
         ("run", "--algorithm", tuple(cosim.SCHEMES)),
     ],
 )
 def test_an_option_offers_the_choices_of_the_library(verb: str, name: str, taken: tuple[str, ...]) -> None:
-    kind = option(verb, name).type
+    found = option(verb, name)
+    kind = found.kind if isinstance(found, Setting) else found.type
     assert isinstance(kind, click.Choice)
     assert tuple(kind.choices) == taken
 
@@ -72,20 +72,10 @@ def test_an_option_offers_the_choices_of_the_library(verb: str, name: str, taken
 @pytest.mark.parametrize(
     ("verb", "name", "default"),
     [
-        ("select", "--total", selection.TOTAL),
-        ("select", "--pool", selection.POOL),
-        ("study", "--patience", f"{workers.PATIENCE:g} s"),
-        ("check", "--standard", Scope.ALL.value),
+        ("study select", "--total", selection.TOTAL),
+        ("study select", "pool", selection.POOL),
+        ("study run", "patience", f"{workers.PATIENCE:g} s"),
     ],
 )
 def test_an_option_has_the_default_of_the_library(verb: str, name: str, default: object) -> None:
     assert option(verb, name).default == default
-
-
-@pytest.mark.parametrize("verb", VERBS)
-def test_a_verb_takes_its_options(verb: str) -> None:
-    command = main.get_command(click.Context(main), verb)
-    assert command is not None and command.callback is not None
-    parameters = signature(command.callback)
-    context = ["context"] if "ctx" in parameters.parameters else []
-    parameters.bind(*context, **{parameter.name: None for parameter in command.params if parameter.name is not None})

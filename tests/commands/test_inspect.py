@@ -56,12 +56,12 @@ def test_a_peak_velocity_table_is_shown_by_setting(tmp_path):
     path.write_text("clicks,speed [m/s],comp [N],reb [N]\n3,0.1,100,200\n3,0.2,150,300\n6,0.1,50,100\n6,0.2,80,160\n")
     code, shown = inspect(path)
     assert code == 0, shown
-    assert "peak-velocity table clicks 6: 2 speeds, 0.1 to 0.2 m/s; compression to 80 N, rebound to -160 N" in shown
+    assert "peak-velocity table clicks 6: 2 speeds, 100 to 200 mm/s; compression to 80 N, rebound to -160 N" in shown
 
 
 @pytest.mark.parametrize(
     ("words", "expected"),
-    [(["missing.csv"], "there is no such file"), ([DATA / "dyno_C.csv", "--units", "force"], "CHANNEL=UNIT")],
+    [(["missing.csv"], "there is no such file"), ([DATA / "dyno_C.csv", "--channel", "force"], "CHANNEL=COLUMN")],
 )
 def test_wrong_input_is_exit_code_2(words, expected):
     code, shown = inspect(*words)

@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import click
 import pytest
 from click.testing import CliRunner, Result
 
-from eightpost.__main__ import main
+from eightpost.__main__ import every_verb, main
 from eightpost.app import options
+from eightpost.app.former import current_verb
 from eightpost.errors import InputError, ParameterError
-from eightpost.outputs import RECORD
-from eightpost.signals import ChannelMap
-
-RENAMED = {"--channel-map": "--map", "--plots": "--plot"}
+from eightpost.outputs import EXPORT
 
 
 def given(*words: str, **option: object) -> Result:
     """Return the result of a verb that prints its only option."""
 
-    @click.command(cls=options.Verb, renamed=RENAMED)
-    @click.option("--value", "--map", "--plot", "value", **option)
+    @click.command(cls=options.Verb)
+    @click.option("--value", **option)
     def verb(value: object) -> None:
         click.echo(repr(value))
 
@@ -68,42 +67,116 @@ def test_an_assignment_is_a_pair() -> None:
         assert shown.exit_code == 2 and "write it as NAME=VALUE" in shown.stderr
 
 
-@pytest.mark.parametrize(("old", "new"), RENAMED.items())
-@pytest.mark.parametrize("form", ["{} x", "{}=x"])
-def test_an_old_spelling_works_with_a_warning(old: str, new: str, form: str) -> None:
-    shown = given(*form.format(old).split())
-    assert shown.stdout == "'x'\n"
-    assert shown.stderr == f"warning: {old} is now spelled {new}; the next version will not accept {old}\n"
-    assert not given(*form.format(new).split()).stderr
+@pytest.mark.parametrize(
+    ("old", "new", "warnings"),
+    [
+        ("settings t.toml --cutoff '50 Hz'", "fit t.toml --set 'cutoff=50 Hz'", 2),
+        ("fit a.csv --units force=lbf --flip force", "fit a.csv --channel 'force=[lbf]' --channel force=-", 2),
+        ("fit a.csv --flip none --map m.toml", "fit a.csv --channel force=+ --channel m.toml", 2),
+        ("fit a.csv --segment '1 s' '10 s' --law lpf1", "fit a.csv --set 'segment=1 s, 10 s' --law lpf1", 1),
+        ("fit a.csv --name=x --split", "fit a.csv --set name=x --split", 1),
+        ("report a.csv --flip a.csv=force", "report a.csv --channel a.csv:force=-", 1),
+        ("page shock.json --vehicle c.toml", "report --live shock.json --car c.toml", 2),
+        ("validate s.json r/ --report x.html", "validate s.json r/ --output x.html", 1),
+        ("vehicle car.toml --vary damping --factors 1,2", "inspect car.toml -o vehicle --vary damping=1,2", 1),
+        ("linearity a b --output lf.force -o x", "inspect a b --set channel=lf.force -o x", 1),
+        ("build --assemble s.toml -o a.fmu", "build s.toml -o a.fmu", 1),
+        ("run s.toml --no-comparison --verify", "run s.toml --set comparison=no --set verify=yes", 2),
+        ("ssp s.toml", "export s.toml", 1),
+        ("study s.toml --scheduler tcp://h:1", "study s.toml --workers tcp://h:1", 1),
+        ("study s.toml --no-certainty", "study s.toml --set certainty=no", 1),
+        ("-v optimise s.toml --seed 3", "-v study optimise s.toml --set seed=3", 2),
+        ("rig --only lf.road -o a.csv", "virtual rig --set only=lf.road -o a.csv", 2),
+        ("drivefile next f --map m.toml", "drivefile next f --channel m.toml", 1),
+    ],
+)
+def test_an_old_spelling_is_the_new_one_with_a_warning(
+    old: str, new: str, warnings: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert current(old) == current(new) == shlex.split(new)
+    assert capsys.readouterr().err.count("the next version will not accept") == warnings
 
 
-def test_verbs_accept_their_old_spellings(tmp_path: Path) -> None:
-    from eightpost.__main__ import main  # noqa: PLC0415 - only this test needs the verbs
+def current(line: str) -> list[str]:
+    """Return the words of a command line in their current spellings."""
+    words = current_verb(shlex.split(line), report=options.warn)
+    begin = next(place for place, word in enumerate(words) if not word.startswith("-"))
+    group = words[begin] in ("study", "drivefile", "virtual") and " ".join(words[begin : begin + 2]) in every_verb()
+    verb = " ".join(words[begin : begin + 1 + group])
+    command = every_verb()["study run" if verb == "study" else verb]
+    return [*words[:begin], *verb.split(), *command.current(verb, words[begin + 1 + group :])]
 
+
+@pytest.mark.parametrize(
+    "line", ["fit none.csv --cutoff 50 -o x.json", "settings none.toml", "study none.toml --top 3"]
+)
+def test_a_verb_runs_with_its_old_spelling(line: str) -> None:
+    shown = CliRunner().invoke(main, line.split())
+    assert shown.exit_code == 2 and "No such option" not in shown.stderr and "none." in shown.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["force=Load 2"], ({"force": "Load 2"}, {}, ())),
+        (["force=[lbf]"], ({}, {"force": "lbf"}, ())),
+        (["force=-"], ({}, {}, ("force",))),
+        (["force=+"], ({}, {}, ("none",))),
+        (["force=-Load 2 [lbf]"], ({"force": "Load 2"}, {"force": "lbf"}, ("force",))),
+        (["force=Damper [LF]"], ({"force": "Damper [LF]"}, {}, ())),
+        (["time=1", "force=3"], ({"time": "1", "force": "3"}, {}, ())),
+    ],
+)
+def test_a_channel_has_a_column_a_sign_and_a_unit(words: list[str], expected: tuple[object, ...]) -> None:
+    found = channels(*words)
+    columns = {name: pick.source for name, pick in found.channel_map.channels.items()} if found.channel_map else {}
+    columns |= {"time": found.channel_map.time.source} if found.channel_map and found.channel_map.time else {}
+    assert (columns, found.units, found.flip) == expected
+
+
+def test_a_channel_of_one_file_is_reversed() -> None:
+    found = channels("a.csv:force=-", "velocity=-")
+    assert (found.flip, found.of_files) == (("velocity",), {"a.csv": ("force",)})
+
+
+def test_columns_complete_a_channel_map(tmp_path: Path) -> None:
     (tmp_path / "map.toml").write_text('[channels.force]\nsource = "F"\n')
-    for line in (
-        f"compare none --measured none --channel-map {tmp_path / 'map.toml'}",
-        "identify none --plots none -o x.json",
-        "fit none.csv --cutoff 50 --segment 1 10 -o x.json",
-        "validate none.json none.csv --cutoff 50 --settling 4",
-        "linearity none --width 0.5 --high 25",
-        "vehicle none --high 25",
-        "export none -o x.mat --high 25 --step 0.05",
-        "run none --stop 1 --record-step 0.01 --step 0.001",
-    ):
-        words = line.split()
-        shown = CliRunner().invoke(main, words)
-        old = sum(word in {*RENAMED, "--cutoff", "--settling", "--width", "--high", "--step", "--stop", "--record-step"}
-                  for word in words) + 2 * ("--segment" in words)  # fmt: skip
-        assert shown.stderr.count("warning:") == old, shown.stderr
-        assert shown.exit_code in (1, 2) and "No such option" not in shown.stderr  # there are no such files
+    found = channels(str(tmp_path / "map.toml"), "velocity=V")
+    assert {name: pick.source for name, pick in found.channel_map.channels.items()} == {"force": "F", "velocity": "V"}
 
 
-def test_a_channel_map_is_read_once(tmp_path: Path) -> None:
-    (tmp_path / "map.toml").write_text('[channels.force]\nsource = "F"\n')
-    kind = options.ChannelMapFile()
-    read = kind.convert(str(tmp_path / "map.toml"), None, None)
-    assert isinstance(read, ChannelMap) and kind.convert(read, None, None) is read
+@pytest.mark.parametrize("word", ["force", "force=", "=3"])
+def test_a_channel_without_both_sides_is_refused(word: str) -> None:
+    with pytest.raises(click.BadParameter, match="write CHANNEL=COLUMN"):
+        channels(word)
+
+
+def channels(*words: str) -> options.Channels:
+    kind = options.CHANNELS.kind
+    return kind.merged(None, None, [kind.convert(word, None, None) for word in words])
+
+
+def test_settings_are_converted_and_have_defaults() -> None:
+    @options.verb
+    def verb(
+        cutoff: float | None = options.setting("Text.", kind=options.Quantity("Hz")),
+        rows: int = options.setting("Text.", default=3),
+        again: bool = options.setting("Text.", default=True),
+        names: tuple[str, ...] = options.setting("Text.", "name"),
+        part: tuple[float, float] | None = options.setting("Text.", kind=options.Quantity("s"), nargs=2),
+    ) -> None:
+        """Print."""
+        click.echo(repr((cutoff, rows, again, names, part)))
+
+    def shown(*stated: str) -> Result:
+        return CliRunner().invoke(verb, [word for one in stated for word in ("--set", one)])
+
+    assert shown().stdout == "(None, 3, True, (), None)\n"
+    stated = shown("cutoff=0.05 kHz", "rows=4", "again=no", "name=a", "name=b", "part=1 s, 20 ms")
+    assert stated.stdout == "(50.0, 4, False, ('a', 'b'), (1.0, 0.02))\n"
+    for wrong, message in (("row=4", "did you mean rows?"), ("part=1 s", "give 2 values"), ("rows=x", "--set rows=x")):
+        assert message in str(shown(wrong).exception)
+    assert "--set cutoff='50' has no unit" in str(shown("cutoff=50").exception)
 
 
 @pytest.mark.parametrize(
@@ -114,9 +187,9 @@ def test_a_channel_map_is_read_once(tmp_path: Path) -> None:
         (("results.parquet",), ("run",), ""),
         (("result.json",), ("run", "--report"), ""),
         (("result.json",), ("study",), "the report of a run"),
-        (("result.json",), ("optimise",), "the report of a run"),
+        (("result.json",), ("study", "optimise"), "the report of a run"),
         (("results.parquet", "result.json"), ("study",), ""),
-        (("results.parquet",), ("optimise",), ""),
+        (("results.parquet",), ("study", "optimise"), ""),
         ((), ("study",), ""),
     ],
 )
@@ -125,8 +198,7 @@ def test_a_run_and_a_study_do_not_replace_each_others_report(
 ) -> None:
     for name in (*present, "report.html"):
         (tmp_path / name).touch()
-    name, *options_given = verb
-    done = CliRunner().invoke(main, [name, str(tmp_path / "missing.toml"), "-o", str(tmp_path), *options_given])
+    done = CliRunner().invoke(main, [*verb, str(tmp_path / "missing.toml"), "-o", str(tmp_path)])
     assert done.exit_code == 2
     expected = refused or "missing.toml"
     assert expected in " ".join(done.output.split())
@@ -134,15 +206,17 @@ def test_a_run_and_a_study_do_not_replace_each_others_report(
 
 
 def test_the_file_of_a_channel_map_is_an_input(tmp_path: Path) -> None:
-    path = tmp_path / "map.csv"
+    path = tmp_path / "map.toml"
     path.write_text('[channels]\nforce = { source = "F", unit = "N" }\n')
 
-    @click.command(cls=options.Verb)
-    @options.map_option("a page")
-    @click.option("-o", "output", type=options.OutputFile(RECORD))
-    def verb(channel_map: ChannelMap, output: Path) -> None:
+    @options.verb
+    def verb(
+        channels: options.Channels = options.CHANNELS,
+        output: Path = options.option("Text.", "-o", kind=options.OutputFile(EXPORT)),
+    ) -> None:
+        """Print."""
         click.echo("computing")
 
-    shown = CliRunner().invoke(verb, ["--map", str(path), "-o", str(path)])
-    assert isinstance(shown.exception, InputError) and "map.csv is an input of this command" in str(shown.exception)
-    assert CliRunner().invoke(verb, ["--map", str(path), "-o", str(tmp_path / "new.csv")]).stdout == "computing\n"
+    shown = CliRunner().invoke(verb, ["--channel", str(path), "-o", str(path)])
+    assert isinstance(shown.exception, InputError) and "map.toml is an input of this command" in str(shown.exception)
+    assert CliRunner().invoke(verb, ["--channel", str(path), "-o", str(tmp_path / "new")]).stdout == "computing\n"

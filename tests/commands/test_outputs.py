@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import click
 import pytest
 from click.testing import CliRunner, Result
 
-from eightpost.__main__ import VERBS, main
-from eightpost.app.options import FilePath, OutputFile, OutputFolder, Verb, VerbGroup
+from eightpost.__main__ import every_verb, main
+from eightpost.app.options import FilePath, OutputFile, OutputFolder
 from eightpost.examples_folder import examples_folder
 
 #: Content of a file with a suffix, as it is recognised.
@@ -19,37 +18,25 @@ CONTENT = {
     ".mat": b"MATLAB 5.0", ".parquet": b"PAR1", ".png": b"\x89PNG\r\n\x1a\n", ".ssp": b"PK\x03\x04",
 }  # fmt: skip
 
-#: Options with which an output that may be a file or a folder is a file, and a folder.
-FILE = {"build": ["--assemble", "system.toml"]}
-FOLDER = {"compare": ["--measured", "list.csv"], "dyno": ["--test", "all"], "rig": ["--program", "all"]}
+#: Options with which an output that may be a file or a folder is a folder.
+FOLDER = {
+    "study compare": ["--measured", "list.csv"], "virtual dyno": ["--test", "all"], "virtual rig": ["--program", "all"],
+}  # fmt: skip
 
 #: Every parameter that names a file or a folder to read. A new one is either an input, or an `OutputFile` or
 #: `OutputFolder`.
 INPUTS = {
-    "build": {"sources", "--assemble"}, "check": {"fmus"}, "clicks": {"shock_file", "--curve"},
-    "compare": {"folders", "--measured"}, "confirm": {"folder"}, "drivefile next": {"folder", "--record"},
-    "drivefile simulate": {"folder"}, "drivefile start": {"track", "--car"}, "export": {"sources"},
-    "fit": {"dyno_files"}, "identify": {"rig_files", "--baseline", "--preparation", "--static"}, "inspect": {"path"},
-    "linearity": {"files", "--preparation"}, "optimise": {"study_file"}, "page": {"source", "--vehicle"},
-    "report": {"files", "--car", "--limits"}, "robust": {"folder", "uncertain"}, "run": {"case_file", "--drive"},
-    "select": {"folder"}, "sensitivity": {"folder"}, "settings": {"table"}, "shapes": {"study_file"},
-    "ssp": {"system"}, "study": {"study_file"}, "validate": {"paths", "--against"}, "vehicle": {"path"},
-    "whatif": {"folder"},
+    "build": {"sources"}, "check": {"fmus"}, "drivefile next": {"folder", "--record"}, "drivefile simulate": {"folder"},
+    "drivefile start": {"track", "--car"}, "export": {"sources"}, "fit": {"dyno_files"},
+    "identify": {"rig_files", "--preparation", "--static"}, "inspect": {"files"},
+    "report": {"files", "--car", "--limits"}, "run": {"case_file", "--drive"},
+    "study clicks": {"shock_file", "--curve"},
+    "study compare": {"folders", "--measured"}, "study confirm": {"folder"}, "study optimise": {"study_file"},
+    "study robust": {"folder", "uncertain"}, "study run": {"study_file"}, "study select": {"folder"},
+    "study sensitivity": {"folder"}, "study shapes": {"study_file"}, "study whatif": {"folder"}, "validate": {"paths"},
 }  # fmt: skip
 
-
-def _commands() -> Iterator[tuple[str, click.Command]]:
-    context = click.Context(main)
-    for name in VERBS:
-        command = main.get_command(context, name)
-        assert command is not None
-        if isinstance(command, VerbGroup):
-            yield from ((f"{name} {sub}", one) for sub, one in command.commands.items())
-        else:
-            yield name, command
-
-
-COMMANDS = dict(_commands())
+COMMANDS = every_verb()
 OUTPUTS = {
     f"{name} {parameter.opts[0]}": (name, parameter)
     for name, command in COMMANDS.items()
@@ -94,10 +81,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_every_command_checks_its_outputs() -> None:
-    assert all(isinstance(command, Verb) for command in COMMANDS.values())
-
-
 def test_every_parameter_that_names_a_file_is_either_an_input_or_an_output_that_is_checked() -> None:
     found = {name: {one.opts[0] if one.opts[0][0] != "-" else max(one.opts, key=len) for one in inputs_of(name)}
              for name in COMMANDS}  # fmt: skip
@@ -106,7 +89,7 @@ def test_every_parameter_that_names_a_file_is_either_an_input_or_an_output_that_
     assert {type(one) for one in paths} == {FilePath, OutputFile, OutputFolder}
     assert not any(isinstance(one.type, click.File) for command in COMMANDS.values() for one in command.params)
     short = {name for name, command in COMMANDS.items() for one in command.params if "-o" in one.opts}
-    assert short == {name for name, _ in OUTPUTS.values()} - {"new", "clicks", "validate"}
+    assert short == {name for name, _ in OUTPUTS.values()} - {"new", "study clicks"}
 
 
 def _pairs() -> list[tuple[str, str]]:
@@ -139,7 +122,7 @@ def test_an_output_never_replaces_a_file_of_another_kind(
     for suffix in parameter.type.kind.suffixes:
         foreign = CONTENT[".parquet" if suffix != ".parquet" else ".csv"]
         file = planted(folder / f"kept{suffix}", foreign)
-        ran = called(monkeypatch, name, (parameter, file.name), more=FILE.get(name, []))
+        ran = called(monkeypatch, name, (parameter, file.name), more=[])
         assert ran.exit_code == 2 and "would replace it; choose another output, or delete that file" in ran.output
         assert file.read_bytes() == foreign
     document = planted(folder / "kept.json", b'{"kind": "study"}')
@@ -156,7 +139,7 @@ def test_an_output_replaces_an_earlier_one(monkeypatch: pytest.MonkeyPatch, fold
         content = {**CONTENT, ".json": earlier, ".htm": CONTENT[".html"], ".pdf": b"%PDF-1.4", ".svg": b"<svg>"}
         for kept in (content[suffix], b""):
             file = planted(folder / f"kept{suffix}", kept)
-            ran = called(monkeypatch, name, (parameter, file.name), more=FILE.get(name, []))
+            ran = called(monkeypatch, name, (parameter, file.name), more=[])
             assert ran.exit_code == 0 and "computing" in ran.output, ran.output
 
 
@@ -167,18 +150,18 @@ def test_a_file_to_write_is_no_folder_and_has_a_suffix_of_its_kind(
     name, parameter = FILES[output]
     (folder / "place.fmu").mkdir()
     for place in (".", "place.fmu")[name == "build" :]:
-        ran = called(monkeypatch, name, (parameter, place), more=FILE.get(name, []))
+        ran = called(monkeypatch, name, (parameter, place), more=[])
         assert ran.exit_code == 2 and f"{place} is a folder; name a file in it, such as" in ran.output
     for wrong in ("1 s", "x.docx"):
         if name not in ("build", "export"):  # any other name is a folder there; the format of an export is an option
             ran = called(monkeypatch, name, (parameter, wrong), more=[])
             proposed = Path(wrong).with_suffix(Path(parameter.type.kind.example).suffix)
             assert ran.exit_code == 2 and f"write {parameter.opts[0]} {proposed}" in ran.output
-    ran = called(monkeypatch, name, (parameter, "other.txt/" + parameter.type.kind.example), more=FILE.get(name, []))
+    ran = called(monkeypatch, name, (parameter, "other.txt/" + parameter.type.kind.example), more=[])
     assert ran.exit_code == 2 and "other.txt is a file, not a folder" in ran.output
 
 
-@pytest.mark.parametrize("output", [*FOLDERS, "build -o", "compare -o", "dyno -o", "rig -o"])
+@pytest.mark.parametrize("output", [*FOLDERS, "build -o", "study compare -o", "virtual dyno -o", "virtual rig -o"])
 def test_a_folder_to_write_is_no_file_and_keeps_files_of_another_kind(
     monkeypatch: pytest.MonkeyPatch, folder: Path, output: str
 ) -> None:
@@ -199,22 +182,21 @@ def test_a_folder_to_write_is_no_file_and_keeps_files_of_another_kind(
 #: Command line without an output, and the output that it writes.
 DEFAULTS = {
     "fit a/d.csv": "d.json",
-    "settings a/t.toml": "t.json",
-    "settings a/t.toml -o e.json": "e.png",
-    "page a/shock.json": "shock.html",
-    "ssp a/system.toml": "a/system.ssp",
-    "sensitivity a": "a/sensitivity.parquet",
+    "fit a/t.toml": "t.json",
+    "report a/shock.json --live": "shock.html",
+    "report a/shock.json": "report.html",
+    "study sensitivity a": "a/sensitivity.parquet",
 }
 
 
 @pytest.mark.parametrize("line", DEFAULTS)
 def test_an_output_that_is_not_named_is_checked_too(monkeypatch: pytest.MonkeyPatch, folder: Path, line: str) -> None:
-    name, *rest = line.split()
+    name = next(verb for verb in COMMANDS if line.startswith(verb))
     monkeypatch.setattr(COMMANDS[name], "callback", lambda **given: click.echo(f"computing {given}"))
-    ran = CliRunner().invoke(main, [name, *rest])
+    ran = CliRunner().invoke(main, line.split())
     assert ran.exit_code == 0 and f"Path('{DEFAULTS[line]}')" in ran.output, ran.output
     planted(folder / DEFAULTS[line], b"a letter to my aunt")
-    ran = CliRunner().invoke(main, [name, *rest], env={"COLUMNS": "400"})
+    ran = CliRunner().invoke(main, line.split(), env={"COLUMNS": "400"})
     assert ran.exit_code == 2 and f"{DEFAULTS[line]} is a text file, and " in ran.output
 
 

@@ -53,7 +53,7 @@ measure = "grip number"
     ],
 )
 def test_wrong_numbers_and_limits_are_refused_before_anything_is_built(arguments, message, tmp_path):
-    done = CliRunner().invoke(main, ["shapes", str(EXAMPLES / "study.toml"), "-o", str(tmp_path), *arguments])
+    done = CliRunner().invoke(main, ["study", "shapes", str(EXAMPLES / "study.toml"), "-o", str(tmp_path), *arguments])
     assert done.exit_code == 2 and message in done.output.replace("\n", " ")
     assert not list(tmp_path.iterdir())
 
@@ -67,7 +67,7 @@ def test_ctrl_c_ends_the_search_with_what_is_kept_and_exit_code_1(fmus, tmp_path
     for shock in ("B_B", "C_C"):
         text = text.replace(f"{EXAMPLES / 'bank'}/{shock}.json", str(fmus["lpnl2"]))
     (tmp_path / "study.toml").write_text(text)
-    done = CliRunner().invoke(main, ["shapes", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out")])
+    done = CliRunner().invoke(main, ["study", "shapes", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out")])
     assert done.exit_code == 1 and "Traceback" not in done.output
     assert "completed runs of the bank are kept, those of the search are not; run the command again" in " ".join(
         done.output.split()
@@ -105,11 +105,11 @@ def test_target_curves_are_found_verified_and_written_and_a_click_changes_the_me
     assert 'href="shapes.html"' in study.read_text() and 'href="report.html"' in aim.read_text()
 
     assert StudyResult.load(out / "results.parquet").done.all()  # of the bank, for the other commands
-    asked = CliRunner().invoke(main, ["whatif", str(out), "--at", "lr", "--rebound", "+1"])
+    asked = CliRunner().invoke(main, ["study", "whatif", str(out), "--at", "lr", "--rebound", "+1"])
     assert asked.exit_code == 0 and "lr: rebound slope at low speeds +5 %" in asked.output
     assert "grip number" in asked.output
     for arguments, message in ((["--at", "lr"], "nothing changes"), (["--at", "front", "--rebound", "1"], "no corner")):
-        wrong = CliRunner().invoke(main, ["whatif", str(out), *arguments])
+        wrong = CliRunner().invoke(main, ["study", "whatif", str(out), *arguments])
         assert wrong.exit_code == 2 and message in wrong.output
 
 

@@ -22,37 +22,37 @@ WRONG = {
     "fit shoks/dyno_A.csv": "there is no folder shoks; the current folder is",
     "fit shocks": "shocks: is a folder, not a file; name the files in it",
     "fit B_B.json": "is a shock file, not a record; give the record",
-    "fit shocks/dyno_A.csv --law lpnl3": "'lpnl3' is not one of 'polylinear'",
-    "fit shocks/dyno_A.csv --lew lpnl2": "No such option '--lew'. Did you mean '--law'?",
+    "fit shocks/dyno_A.csv --law lpnl3": "one of polylinear, lpf1, lpnl2, hysteresis; did you mean lpnl2?",
+    "fit shocks/dyno_A.csv --lew lpnl2": "No such option '--lew'. (Did you mean one of: '--law'",
     "fit shocks/dyno_A.csv --law lpf1 -o car.toml": "a shock file ends in .json; write -o car.json",
     "fit no_unit.csv": "the column 'Force' has no unit; add it to the header as `Force [unit]`",
-    "dyno --build C/B --gas 150 -o d.csv": "--gas '150' has no unit; add it: '150 Pa' if it is in Pa",
+    "virtual dyno --build C/B --set gas=150 -o d.csv": "--set gas='150' has no unit; add it: '150 Pa' if it is in Pa",
     # Rig engineer
     "identify rig/*.parquet -o c.json": "there is no such file: there is no folder rig",
     "identify shocks -o c.json": "shocks is a folder; name its files, such as",
     "identify shocks/dyno_A.csv shocks/dyno_B.csv -o c.json": "the file has: Time, Position, Velocity, Force",
     "rig --test random --shock dmo:B -o r.parquet": "a shock is one of demo:A, configuration:1, build:C/B",
-    "vehicle B_B.json -o modes": "B_B.json: is a shock file, not a vehicle; eightpost identify makes vehicles",
+    "inspect B_B.json --vary damping": "B_B.json is not a vehicle file, and --vary varies a parameter of one; omit it",
     # Simulation engineer
     "build other.json -o dist": "is not a file that eightpost wrote or documents: it contains 'a'",
     "build study.toml -o dist": "the file defines a study or a system, not a vehicle; a vehicle file has model =",
-    "build --assemble car.toml -o car.fmu": "car.toml defines a vehicle, not a system; make an FMU of it with build",
+    "build car.toml -o car.fmu": "car.fmu: FMUs are named after their SOURCES; name a folder with -o",
     "check car.toml": "is not a readable zip archive (File is not a zip file); name an .fmu file",
-    "ssp car.toml": "car.toml defines a vehicle, not a system",
+    "export car.toml": "Missing option '-o'",
     # Python developer and researcher
     "run car.toml": "car.toml defines a vehicle, not a system; make an FMU of it with build",
     "run study.toml": "study.toml defines a study, not a system; run it with study",
     "run B_B.json": "is a .json file; a .toml file is needed here",
     "run sytem.toml": "there is no such file; did you mean system.toml?",
-    "compare shocks nowhere": "shocks: there is no run here; name a folder that `eightpost run` wrote",
+    "study compare shocks nowhere": "shocks: there is no run here; name a folder that `eightpost run` wrote",
     "study study.toml -o out": "the file shocks/dyno_A.json does not exist; correct its name there, or make it first",
     "reproduce 99.9 -o out": "there is no item '99.9'; the nearest are",
     "reproduce --all 3.1 -o out": "give either --all or items, not both",
     # Empty files, folders in place of files, links to nothing, empty names
     "fit empty.csv": "empty.csv: is empty: it has 0 bytes",
     "inspect empty.tdms": "empty.tdms: is empty: it has 0 bytes",
-    "fit shocks/dyno_A.csv --map empty.toml": "empty.toml: is empty; write it again",
-    "clicks empty.json --curve B_B.json": "empty.json: is empty; write it again",
+    "fit shocks/dyno_A.csv --channel empty.toml": "empty.toml: is empty; write it again",
+    "study clicks empty.json --curve B_B.json": "empty.json: is empty; write it again",
     "run shocks": "shocks: is a folder, not a file",
     "build shocks -o dist": "shocks: is a folder, not a file; name the files in it",
     "build B_B.json -o ''": "'--output': the name of a file or folder is empty",
@@ -61,17 +61,21 @@ WRONG = {
     "validate left.json shocks/dyno_A.csv": "needs the responses of its tests, left.response.npz, in the same folder",
     # Numbers that no comparison finds out of range, or that would take hours and the whole memory
     "validate B_B.json shocks/dyno_A.csv --limit nan": "'nan' is not a finite number",
-    "compare out --measured out --rank nan": "'nan' is not a finite number",
-    "dyno --configuration 5 --test sine --amplitude '900 m' --speed '1 in/s' -o d.csv": "use a higher speed, or a",
-    "dyno --configuration 5 --test sine --amplitude '1 in' --speed '1e-6 in/s' -o d.csv": "at most 3600 s; use a",
-    "rig --car quarter_car --duration '1e9 s' -o r.parquet": "--duration must be at most 7200 s, not '1e9 s'",
-    "shapes study.toml --keep '200 %'": "keep, the share of the gain, must be above 0 and at most 100 %, not 200 %",
-    "shapes study.toml --tolerance '-3 %'": "tolerance must be 0 to 33 %, not -3 %",
-    "shapes study.toml --limit rebound.low=1,2": "--limit rebound.low=1,2: '1' has no unit",
-    "sensitivity out -o terms.txt": "a table ends in .parquet; write -o terms.parquet",
+    "study compare out --measured out --set rank=nan": "--set rank=nan: 'nan' is not a finite number",
+    "virtual dyno --configuration 5 --test sine --set amplitude='900 m' --set speed='1 in/s' -o d.csv":
+        "use a higher speed, or a",
+    "virtual dyno --configuration 5 --test sine --set amplitude='1 in' --set speed='1e-6 in/s' -o d.csv":
+        "at most 3600 s; use a",
+    "virtual rig --car quarter_car --set duration='1e9 s' -o r.parquet":
+        "--set duration must be at most 7200 s, not '1e9 s'",
+    "study shapes study.toml --set keep='200 %'":
+        "keep, the share of the gain, must be above 0 and at most 100 %, not 200 %",
+    "study shapes study.toml --set tolerance='-3 %'": "tolerance must be 0 to 33 %, not -3 %",
+    "study shapes study.toml --limit rebound.low=1,2": "--limit rebound.low=1,2: '1' has no unit",
+    "study sensitivity out -o terms.txt": "a table ends in .parquet; write -o terms.parquet",
     # Entries of the wrong type
     "run wrong.toml": "components: must be a table; scenario: is missing",
-    "vehicle no_schema.toml -o modes": "schema is missing; write schema = 1",
+    "inspect no_schema.toml": "schema is missing; write schema = 1",
 }  # fmt: skip
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cosim import Adaptive, Algorithm, Bond, Capabilities, GaussSeidel, Implicit, Jacobi, Result, Scenario, System, run
-from eightpost.errors import StepError, WiringError
+from eightpost.errors import WiringError
 from eightpost.signals import Drivefile
 
 Join = Callable[..., System]
@@ -68,29 +68,6 @@ def test_local_errors_match_the_exact_ones_of_a_shock_with_a_known_force(make: A
     assert bond.percent == pytest.approx(100.0 * bond.force_error / bond.force_spread)
 
 
-@pytest.mark.repeated
-@pytest.mark.parametrize(
-    ("algorithm", "order"),
-    [(Jacobi(), 1), (GaussSeidel(), 2)],
-    ids=lambda value: getattr(value, "name", ""),
-)
-def test_the_energy_residual_of_a_bond_falls_with_the_order_of_the_scheme(
-    quarter_cars: Join, bumps: Drivefile, algorithm: Algorithm, order: int
-) -> None:
-    energy = [result.energy["car_a"] for result in refined(quarter_cars, bumps, algorithm)]
-    assert (orders([bond.residual for bond in energy]) > order - 0.2).all()
-    assert all(bond.transferred == pytest.approx(energy[-1].transferred, rel=0.05) for bond in energy)
-
-
-def test_an_implicit_bond_creates_almost_no_energy(quarter_cars: Join, bumps: Drivefile) -> None:
-    system, scenario = quarter_cars(), Scenario(1.0, bumps, ROAD)
-    bonds = [
-        run(system, scenario, algorithm=algorithm, step=2e-3).energy["car_a"]
-        for algorithm in (Implicit(tolerance=1e-9), GaussSeidel())
-    ]
-    assert abs(bonds[0].relative) < min(1e-4, 0.1 * abs(bonds[1].relative))
-
-
 def test_transferred_energy_is_the_integral_of_the_shocks_power(quarter_cars: Join, bumps: Drivefile) -> None:
     result = run(quarter_cars(), Scenario(1.0, bumps, ROAD), step=1e-4)
     power = np.abs(result.series["car_a.velocity"] * result.series["shock_a.force"])
@@ -124,35 +101,6 @@ def test_steps_that_did_not_converge_are_counted_and_reported(quarter_cars: Join
     assert run(quarter_cars(), Scenario(0.5, bumps, ROAD), algorithm=Implicit(), step=4e-3).converged
 
 
-def test_an_adaptive_run_that_reaches_its_minimum_step_ends_there_and_reports_it(
-    quarter_cars: Join, bumps: Drivefile
-) -> None:
-    strict = Adaptive(relative=1e-9, absolute=NOTHING, least=5e-4)
-    result = run(quarter_cars(), Scenario(1.0, bumps, ROAD), algorithm=strict, step=1e-3)
-    assert result.partial
-    assert not result.converged
-    assert result.series.time[-1] < 1.0
-    assert any("reached its minimum" in note for note in result.notes)
-
-
-@pytest.mark.repeated
-@pytest.mark.parametrize("scheme", [GaussSeidel(), Jacobi("extrapolated")], ids=lambda s: str(s.name))
-def test_a_rejected_step_does_not_change_the_result(
-    quarter_cars: Join, bumps: Drivefile, scheme: GaussSeidel | Jacobi
-) -> None:
-    """A first step that is far too large is retried at a fifth; a run that starts with that step is bit-identical."""
-    system, adaptive = (
-        quarter_cars(compression_scale=5.0, rebound_scale=5.0),
-        Adaptive(scheme, relative=1e-6, absolute=NOTHING),
-    )
-    scenario = Scenario(0.4, bumps, ROAD, record_step=0.4)
-    late, soon = (run(system, scenario, algorithm=adaptive, step=first) for first in (0.004, 0.2 * 0.004))
-    assert late.rejected_steps == soon.rejected_steps + 1
-    assert late.series.values.tobytes() == soon.series.values.tobytes()
-    for name in ("energy", "coupled", "largest_step", "step", "steps", "share_beyond_fit"):
-        assert getattr(late, name) == getattr(soon, name), name
-
-
 @pytest.mark.nightly
 def test_a_retried_step_is_not_counted_as_not_converged(quarter_cars: Join, bumps: Drivefile) -> None:
     """One iteration is sufficient at the steps that meet the tolerance, but not at 4 ms."""
@@ -163,26 +111,6 @@ def test_a_retried_step_is_not_counted_as_not_converged(quarter_cars: Join, bump
     assert result.rejected_steps > 0
     assert result.converged
     assert result.notes == ()
-
-
-@pytest.mark.repeated
-@pytest.mark.parametrize("scheme", [GaussSeidel(), Jacobi("extrapolated"), Implicit()], ids=lambda s: str(s.name))
-def test_an_adaptive_run_with_rejected_steps_agrees_with_a_run_at_a_small_fixed_step(
-    quarter_cars: Join, bumps: Drivefile, scheme: GaussSeidel | Jacobi | Implicit
-) -> None:
-    system, scenario = quarter_cars(), Scenario(0.5, bumps, ROAD, record_step=0.004)
-    chosen = run(system, scenario, algorithm=Adaptive(scheme, relative=1e-7, absolute=NOTHING), step=0.004)
-    fine = run(system, scenario, algorithm=GaussSeidel(), step=2e-6)
-    assert chosen.rejected_steps > 3
-    for name in ("car_a.velocity", "car_a.tire_force", "shock_a.force"):
-        deviation = np.abs(chosen.series[name] - fine.series[name]).max()
-        assert deviation < 2e-5 * np.abs(fine.series[name]).max()
-
-
-def test_a_diverging_coupling_raises_an_error_with_advice(quarter_cars: Join, bumps: Drivefile) -> None:
-    system = quarter_cars(compression_scale=10.0, rebound_scale=10.0)
-    with pytest.raises(StepError, match=r"diverged.*smaller coupling step.*implicit"):
-        run(system, Scenario(30.0, bumps, ROAD), algorithm=Jacobi("extrapolated"), step=8e-3)
 
 
 def test_schemes_with_rollback_refuse_components_without_state_and_held_inputs_are_reported(make: Any) -> None:

@@ -23,25 +23,6 @@ def steps_of(component):
     return [entry for entry in component.log if len(entry) == 4]
 
 
-@pytest.mark.parametrize(("stop", "step", "last"), [(1.0, 0.1, 0.1), (1.0, 0.3, 0.1), (0.25, 0.1, 0.05)])
-def test_steps_begin_at_multiples_of_the_step_and_the_last_ends_at_the_stop_time(make, stop, step, last):
-    part = make.integrator()
-    result = run(System({"a": part}, constants={"a.u": 1.0}), Scenario(stop), step=step, compared=False)
-    times = [entry[0] for entry in steps_of(part)]
-    assert times == [k * step for k in range(len(times))]
-    assert steps_of(part)[-1][1] == pytest.approx(last)
-    assert result.series.time[-1] == stop
-    assert result.series["a.y"][-1] == pytest.approx(stop)
-
-
-@pytest.mark.nightly
-def test_step_times_of_long_runs_do_not_drift(make):
-    part = make.integrator()
-    run(System({"a": part}, constants={"a.u": 0.0}), Scenario(30.0, record_step=1.0), step=1e-3, compared=False)
-    assert len(steps_of(part)) == 30000
-    assert steps_of(part)[29999][0] == 29999 * 1e-3
-
-
 def test_a_held_input_has_the_mean_of_the_drive_over_the_step(make):
     part = make.integrator()
     run(System({"a": part}), Scenario(1.0, ramp()), step=0.25, compared=False)

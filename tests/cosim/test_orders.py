@@ -13,6 +13,7 @@ from cosim import Adaptive, Algorithm, GaussSeidel, Implicit, Jacobi, Scenario, 
 from eightpost.corners import CORNERS
 from eightpost.shock import Lpnl2, Shock
 from eightpost.signals import Drivefile, TimeSeries
+from eightpost.vehicle import read_vehicle, shipped
 
 Join = Callable[..., System]
 Signals = Mapping[str, np.ndarray[Any, Any]]
@@ -152,6 +153,7 @@ def test_each_scheme_has_its_expected_order_with_nonlinear_shocks(
     system = seven_dof(seal_friction=0.0)
     rows = [errors(system, smooth, nonlinear, algorithm, step) for step in STEPS]
     assert order(rows)[:2] == pytest.approx([expected] * 2, abs=0.15)
+    assert expected == 1 or max(rows[0][:2]) < 0.5
 
 
 @pytest.mark.parametrize(
@@ -168,14 +170,6 @@ def test_a_hub_acceleration_which_follows_the_force_directly_is_about_as_accurat
     assert hub < (3.0 if algorithm == GaussSeidel(values="held") else 2.0) * velocity
 
 
-def test_extrapolated_gauss_seidel_has_under_a_tenth_of_the_error_of_held_jacobi_at_equal_steps(
-    linear_car: System, smooth: Drivefile, closed_form: Signals
-) -> None:
-    for step in STEPS:
-        extrapolated, held = (errors(linear_car, smooth, closed_form, a, step) for a in (GaussSeidel(), Jacobi()))
-        assert 10.0 * max(extrapolated) < min(held)
-
-
 def test_the_error_of_an_adaptive_run_falls_with_its_tolerance(
     linear_car: System, smooth: Drivefile, closed_form: Signals
 ) -> None:
@@ -188,3 +182,16 @@ def test_the_error_of_an_adaptive_run_falls_with_its_tolerance(
     slopes = np.polyfit(np.arange(4), np.log10(np.array(rows)), 1)[0]
     assert slopes[:2] == pytest.approx([-2.0 / 3.0] * 2, abs=0.15)
     assert max(rows[0]) < 0.2
+
+
+def test_a_coupled_run_starts_in_the_cars_equilibrium_including_the_gas_force(seven_dof: Join) -> None:
+    """Gas force pushes each corner of the chassis up against its spring: x = -F / (k_s + k_gas) at zero load."""
+    system = seven_dof(gas_preload=500.0, gas_stiffness=700.0)
+    loads = {f"car.{name}": 0.0 for name in (*LOADS, *(f"{c}.road" for c in CORNERS))}
+    system = System(system.components, system.bonds, constants=loads, parameters=system.parameters)
+    series = run(system, Scenario(0.1), step=1e-3, compared=False).series
+    rates = read_vehicle(shipped("seven_dof")).parameters.spring_rate
+    for corner, rate in zip(CORNERS, rates, strict=True):
+        displacement = series[f"car.{corner}.displacement"]
+        assert displacement[0] == pytest.approx(-500.0 / (rate + 700.0), rel=1e-9)
+        assert np.ptp(displacement) < 1e-12

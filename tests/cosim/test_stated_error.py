@@ -47,18 +47,6 @@ def test_the_default_algorithm_states_one_to_eight_times_the_true_error_for_ever
         assert error < result.stated_error[name] < 8.0 * max(error, 0.02), name
 
 
-@pytest.mark.parametrize("algorithm", [None, GaussSeidel(), Jacobi(), Jacobi("interpolated")], ids=str)
-@pytest.mark.parametrize("step", [2e-3, 5e-4])
-def test_a_run_at_a_given_step_states_its_error(
-    quarter_cars: Join, bumps: Drivefile, exact: Result, algorithm: Any, step: float
-) -> None:
-    result = run(quarter_cars(), Scenario(1.0, bumps, ROAD), algorithm=algorithm, step=step)
-    worst = max(true_errors(result, exact)[name] for name in DECISIVE)
-    assert result.coupling_error is not None
-    assert 0.5 * worst < result.coupling_error < 12.0 * max(worst, 0.02)
-    assert result.acceptable == (result.coupling_error <= 5.0 and result.is_clean)
-
-
 def test_a_given_step_without_an_algorithm_reproduces_the_default_run_bit_by_bit(
     quarter_cars: Join, bumps: Drivefile
 ) -> None:

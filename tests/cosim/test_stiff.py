@@ -155,16 +155,6 @@ def test_the_default_algorithm_states_between_half_and_eight_times_its_true_erro
     assert stated <= 8.0 * max(worst, 0.02)  # smaller errors are irrelevant in practice
 
 
-def test_a_tolerance_that_is_not_met_is_reported(seven_dof: Join, track: Drivefile) -> None:
-    scenario = Scenario(0.1, track, record_step=RECORD_STEP)
-    assert is_marked(run(seven_dof(), scenario, algorithm=Automatic(tolerance=1e-5, least=1e-4)))
-
-
-def test_no_step_below_the_minimum_is_tried(seven_dof: Join, track: Drivefile) -> None:
-    scenario = Scenario(0.1, track, record_step=RECORD_STEP)
-    assert run(seven_dof(), scenario, algorithm=Automatic(tolerance=1e-5, least=4e-4)).step >= 4e-4
-
-
 def test_at_125_hz_jacobi_diverges_with_advice_and_implicit_is_stable(seven_dof: Join, track: Drivefile) -> None:
     """The error of the implicit scheme at 8 ms is limited by the step and the drive's sampling."""
     system, scenario = seven_dof(seal_friction=0.0), Scenario(8.0, track, settling=1.0)

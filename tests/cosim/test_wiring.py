@@ -173,13 +173,6 @@ def test_a_drive_must_cover_the_run_from_the_given_drive_start():
     assert Scenario(4.0, late, drive_start=5.0).drive_start == 5.0
 
 
-def test_drive_start_shifts_the_drive(make):
-    time = np.array([5.0, 9.0])
-    late = Drivefile(TimeSeries.from_channels(time, {"u": ("N", [5.0, 9.0])}))
-    result = run(System({"a": make.gain()}), Scenario(2.0, late, drive_start=6.0), step=1.0)
-    assert result.series["a.y"].tolist() == pytest.approx([6.0, 6.5, 7.5])
-
-
 def test_a_gas_spring_with_a_constant_displacement_is_refused(fmus):
     with pytest.raises(WiringError, match=r"gas spring.*is a constant"):
         System.load(

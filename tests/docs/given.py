@@ -27,7 +27,7 @@ class Given:
 
 #: Commands that make what several pages need, in a folder that has `examples`.
 SHARED = {
-    "rig": ("rig --program identification --duration '30 s' -o rig",),
+    "rig": ("virtual rig --program identification --set duration='30 s' -o rig",),
     "car.json": ("identify rig/*.parquet -o car.json",),
     "shock.json": ("fit examples/data/dyno_A.csv --law lpnl2 --gas included -o shock.json",),
     "dist": (
@@ -74,7 +74,7 @@ GIVEN = {
         _RIG_TESTS + "records, inputs, outputs = [tests[0].series], ['lf.road', 'rf.road'], ['lf.velocity']"
     ),
     "docs/explanation/rig.md": Given(
-        shorter={"'100 s'": "'10 s'", "identification -o": "identification --duration '10 s' -o"}
+        shorter={"'100 s'": "'10 s'", "identification -o": "identification --set duration='10 s' -o"}
     ),
     "docs/explanation/vehicle_uncertainty.md": Given(
         "take('rig')\ntake('car.json')\nfrom eightpost.ident.vehicle import read_fit\n"

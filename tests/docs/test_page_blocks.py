@@ -61,6 +61,8 @@ def check_eightpost(words: list[str]) -> None:
     words = list(words)
     while isinstance(command, click.Group) and words and not words[0].startswith("-"):
         name = words.pop(0)
+        if name not in command.list_commands(context) and command.usual:
+            words, name = [name, *words], command.usual
         found = command.get_command(context, name)
         assert found is not None, f"eightpost has no verb {name}"
         command, context = found, click.Context(found, context, info_name=name)

@@ -25,9 +25,10 @@ def eightpost(*words):
 
 def test_eight_passes_reproduce_a_lap_on_a_road_that_the_rig_does_not_know(tmp_path):
     rig, car, lap = tmp_path / "rig", tmp_path / "car.json", tmp_path / "lap"
-    eightpost("rig", "--program", "identification", "--duration", "100 s", "--seed", 51, "--run", 510, "-o", rig)
+    run = ("--set", "duration=100 s", "--set", "seed=51", "--set", "run=510")
+    eightpost("virtual", "rig", "--program", "identification", *run, "-o", rig)
     eightpost("identify", *sorted(rig.glob("*.parquet")), "-o", car, "--plot", "none")
-    eightpost("rig", "--test", "track", "--seed", 52, "--run", 520, "-o", tmp_path / "whole.parquet")
+    eightpost("virtual", "rig", "--test", "track", "--seed", 52, "--run", 520, "-o", tmp_path / "whole.parquet")
     whole = read_series(tmp_path / "whole.parquet")
     write_series(whole.select(TARGETS), tmp_path / "track.parquet")
     eightpost("drivefile", "start", tmp_path / "track.parquet", "--car", car, "-o", lap)

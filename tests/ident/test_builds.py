@@ -108,7 +108,7 @@ def test_the_command_pools_files_of_named_builds_and_stores_their_spread(tests, 
     words += ["--law", "lpf1"]
     shown = CliRunner().invoke(main, [*words, "-o", str(output)])
     assert shown.exit_code == 0, shown.output
-    assert "2 builds (first, second): the static force differs from build to build by" in shown.output
+    assert "2 builds (first, second): the static force differs from build to build by" in " ".join(shown.output.split())
     fit = read_shock(output).fit
     assert fit["between_builds"]["builds"] == ["first", "second"]
     assert len(fit["between_builds"]["standard_deviation [N]"]) == len(fit["between_builds"]["velocity [m/s]"])

@@ -37,7 +37,7 @@ def done(files, tmp_path_factory):
     car = tmp_path_factory.mktemp("out") / "corner.json"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("eightpost.app.progress.INTERVAL", 0.0)
-        return _identify(*files, "-o", car), car
+        return _identify(*files, "-o", car, "--plot", "main", "-v"), car
 
 
 def test_two_files_give_a_vehicle_with_fit_and_plots(done):

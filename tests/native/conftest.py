@@ -160,28 +160,18 @@ def folders_3(fmus3: dict[str, Path], assembled_3: Path, tmp_path_factory: pytes
 
 
 @pytest.fixture(scope="session")
-def assembled(
-    assembly: Assembly,
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Path:
+def assembled(assembly: Assembly, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The FMU of the assembly."""
     return _assembled(assembly, tmp_path_factory, 2)
 
 
 @pytest.fixture(scope="session")
-def assembled_3(
-    assembly: Assembly,
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Path:
+def assembled_3(assembly: Assembly, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The FMU of FMI 3.0 of the assembly."""
     return _assembled(assembly, tmp_path_factory, 3)
 
 
-def _assembled(
-    assembly: Assembly,
-    factory: pytest.TempPathFactory,
-    fmi: int,
-) -> Path:
+def _assembled(assembly: Assembly, factory: pytest.TempPathFactory, fmi: int) -> Path:
     path = factory.mktemp("assembled") / "assembly.fmu"
     unbuilt = assembled_source(assembly, assembly_interface(assembly), fmi)
     (members,) = compiled([unbuilt], toolchain=find_toolchain())

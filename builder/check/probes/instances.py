@@ -136,7 +136,7 @@ def _instance_growth(bench: Bench) -> Iterator[Finding]:
 
 _STRIDE = 10  # steps
 _LATE = 1.1  # share of the default experiment
-_RESET_PATIENCE = 0.8  # s of processor time
+_RESET_PATIENCE = 1.2  # s of processor time
 
 
 def probe_reset(bench: Bench) -> Results:
@@ -260,8 +260,9 @@ def probe_footprint(bench: Bench) -> Results:
             bench.run(instance, bench.excitation, bench.all_points())
             instance.need("Terminate")
         printed = _read(caught)
-    for what, after in process_state().items():
-        if after != (before := bench.process[what]):
+    now = process_state()
+    for what, before in bench.process.items():
+        if (after := now[what]) != before:
             rule = RULES["locale" if what == "locale" else "process-state"]
             yield rule.finding(f"it changed the {what} from {before} to {after}")
     if printed:

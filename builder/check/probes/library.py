@@ -13,6 +13,7 @@ import sys
 import tempfile
 from ctypes import (
     POINTER,
+    byref,
     c_bool,
     c_char_p,
     c_double,
@@ -36,8 +37,7 @@ from typing import Any, Final
 from urllib.parse import urlparse
 
 from eightpost.fmi.description import OLD_TYPES, Description
-from eightpost.fmi.functions import FUNCTIONS
-from eightpost.fmi.names import function_name
+from eightpost.fmi.functions import FUNCTIONS, function_name
 
 # ==== The C functions of an FMU, with argument types and a record of the last call ===================================
 
@@ -219,17 +219,6 @@ def library_of(description: Description, path: Path, progress: Path) -> Library:
 
 
 @dataclass
-class Step3:
-    """What the last step reported, and what happened in it."""
-
-    event: bool  #: eventHandlingNeeded.
-    terminate: bool  #: terminateSimulation.
-    early: bool  #: earlyReturn.
-    last: float  #: lastSuccessfulTime [s].
-    requests: tuple[float, ...]  #: Times [s] of intermediate updates in which inputs were requested.
-
-
-@dataclass
 class _Live:
     """Data of one instance: its callbacks, its experiment, and the inputs and derivatives for the next step."""
 
@@ -237,13 +226,12 @@ class _Live:
     experiment: tuple[Any, ...] = (0, 0.0, 0.0, 0, 0.0)
     inputs: dict[int, float] = field(default_factory=dict)
     slopes: dict[int, float] = field(default_factory=dict)
-    begin: float = 0.0
-    requests: list[float] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        #: eventHandlingNeeded, terminateSimulation, earlyReturn and lastSuccessfulTime of the last step.
-        self.results = c_bool(), c_bool(), c_bool(), c_double()
-        self.pointers = tuple(map(ctypes.byref, self.results))
+    begin: float = 0.0  #: Start of the last step [s].
+    requests: list[float] = field(default_factory=list)  #: Times [s] of its updates in which inputs were requested.
+    event: c_bool = field(default_factory=c_bool)  #: eventHandlingNeeded of the last step.
+    terminate: c_bool = field(default_factory=c_bool)  #: terminateSimulation.
+    early: c_bool = field(default_factory=c_bool)  #: earlyReturn.
+    last: c_double = field(default_factory=c_double)  #: lastSuccessfulTime [s].
 
 
 class Library3(Library):
@@ -256,7 +244,7 @@ class Library3(Library):
         super().__init__(path, progress)
         self._description = description
         self._natives = {int(v.reference): v.native for v in description.variables if v.is_callable}
-        self._live: dict[int, _Live] = {}
+        self._instances: dict[int, _Live] = {}
 
     def _copied(self, path: Path) -> Library:
         return Library3(self._description, path, self.progress)
@@ -274,18 +262,13 @@ class Library3(Library):
             return self.native(name)
         return getattr(self, f"_{name}", None) or self.native(function_name(name))
 
-    def last_step(self, address: int | None) -> Step3:
-        """Return what the last step of an instance reported."""
-        live = self._of(address)
-        event, terminate, early, last = (result.value for result in live.results)
-        return Step3(event, terminate, early, last, tuple(live.requests))
-
     def begin(self, call: str, note: str = "") -> None:
         """Record the name of a call before it is made, with the function of FMI 3.0."""
         super().begin(_name_3(call), note)
 
-    def _of(self, address: int | None) -> _Live:
-        return self._live.setdefault(address or 0, _Live())
+    def live(self, address: int | None) -> _Live:
+        """Return the data of an instance, with what its last step reported."""
+        return self._instances.setdefault(address or 0, _Live())
 
     # ---- Life ------------------------------------------------------------------------------------------------------
 
@@ -310,7 +293,7 @@ class Library3(Library):
             address = self.native("InstantiateModelExchange")(name, guid, place, visible, logging, None, log)
         if address is None:
             return None
-        self._live[address] = live
+        self._instances[address] = live
         return int(address)
 
     @property
@@ -319,14 +302,14 @@ class Library3(Library):
         return [int(v.reference) for v in self._description.interpolated_inputs]
 
     def _SetupExperiment(self, address: int, *experiment: Any) -> int:  # noqa: N802
-        self._of(address).experiment = experiment
+        self.live(address).experiment = experiment
         return 0
 
     def _EnterInitializationMode(self, address: int) -> int:  # noqa: N802
-        return int(self.native("EnterInitializationMode")(address, *self._of(address).experiment))
+        return int(self.native("EnterInitializationMode")(address, *self.live(address).experiment))
 
     def _Reset(self, address: int) -> int:  # noqa: N802
-        live = self._of(address)
+        live = self.live(address)
         live.slopes.clear()
         live.inputs.clear()
         return int(self.native("Reset")(address))
@@ -339,7 +322,7 @@ class Library3(Library):
             return int(self.native(f"{way}{_USUAL[kind]}")(address, references, count, None, count))
         natives = [self._native_of(reference, kind) for reference in references[:count]]
         if kind == "Real" and way == "Set":
-            self._of(address).inputs.update((references[k], values[k]) for k in range(count))
+            self.live(address).inputs.update((references[k], values[k]) for k in range(count))
         if kind in ("Real", "String") and set(natives) <= {_USUAL[kind]}:
             return int(self.native(f"{way}{_USUAL[kind]}")(address, references, count, values, count))
         worst = 0
@@ -362,7 +345,7 @@ class Library3(Library):
         known = set(self.intermediate_inputs)
         if any(orders[k] != 1 or references[k] not in known for k in range(count)):
             return ERROR
-        self._of(address).slopes.update((references[k], slopes[k]) for k in range(count))
+        self.live(address).slopes.update((references[k], slopes[k]) for k in range(count))
         return 0
 
     def _GetRealOutputDerivatives(self, address: int, references: Any, count: int, orders: Any, values: Any) -> int:  # noqa: N802
@@ -383,7 +366,7 @@ class Library3(Library):
         live.requests.append(time)
         for reference, slope in live.slopes.items():
             value = live.inputs.get(reference, self._start(reference)) + slope * (time - live.begin)
-            address = next((a for a, one in self._live.items() if one is live), 0)
+            address = next((a for a, one in self._instances.items() if one is live), 0)
             self.native("SetFloat64")(address, (c_uint * 1)(reference), 1, (c_double * 1)(value), 1)
 
     def _start(self, reference: int) -> float:
@@ -391,20 +374,20 @@ class Library3(Library):
         return variable.number("start") or 0.0
 
     def _DoStep(self, address: int, time: float, h: float, final: int) -> int:  # noqa: N802
-        live = self._of(address)
+        live = self.live(address)
         live.begin = time
         live.requests.clear()
-        event, terminate, early, last = live.results
-        event.value = terminate.value = early.value = self.unset
-        last.value = math.nan if self.unset else time
-        status: int = self.native("DoStep")(address, time, h, bool(final), *live.pointers)
+        live.event.value = live.terminate.value = live.early.value = self.unset
+        live.last.value = math.nan if self.unset else time
+        results = (byref(live.event), byref(live.terminate), byref(live.early), byref(live.last))
+        status: int = self.native("DoStep")(address, time, h, bool(final), *results)
         for reference, slope in live.slopes.items():
             live.inputs[reference] = live.inputs.get(reference, self._start(reference)) + slope * h
         live.slopes.clear()
-        return max(status, DISCARD) if terminate.value else status
+        return max(status, DISCARD) if live.terminate.value else status
 
     def _GetBooleanStatus(self, address: int, kind: int, value: Any) -> int:  # noqa: N802
-        value._obj.value = int(kind == TERMINATED and self._of(address).results[1].value)
+        value._obj.value = int(kind == TERMINATED and self.live(address).terminate.value)
         return 0
 
     # ---- Model exchange --------------------------------------------------------------------------------------------
@@ -412,7 +395,7 @@ class Library3(Library):
     def _NewDiscreteStates(self, address: int, info: Any) -> int:  # noqa: N802
         flags = [c_bool() for _ in range(5)]
         time = c_double()
-        status = int(self.native("UpdateDiscreteStates")(address, *map(ctypes.byref, flags), ctypes.byref(time)))
+        status = int(self.native("UpdateDiscreteStates")(address, *map(byref, flags), byref(time)))
         for (name, _), flag in zip(info._obj._fields_, flags, strict=False):
             setattr(info._obj, name, int(flag.value))
         info._obj.nextEventTime = time.value
@@ -420,7 +403,7 @@ class Library3(Library):
 
     def _CompletedIntegratorStep(self, address: int, final: int, enter: Any, end: Any) -> int:  # noqa: N802
         flags = c_bool(), c_bool()
-        status = int(self.native("CompletedIntegratorStep")(address, bool(final), *map(ctypes.byref, flags)))
+        status = int(self.native("CompletedIntegratorStep")(address, bool(final), *map(byref, flags)))
         enter._obj.value, end._obj.value = (int(flag.value) for flag in flags)
         return status
 

@@ -104,13 +104,14 @@ def _steps(bench: Bench, library: Library3) -> Iterator[Finding]:
                 if refused(instance.step(time, h)) and not library.unset:
                     break  # other probes report this
                 steps += 1
-                step, end, margin = library.last_step(instance.address), time + h, _ROUNDING * max(1.0, abs(time + h))
-                late = f"lastSuccessfulTime {step.last!r} after a step to {end!r} s"
-                wrong += [] if abs(step.last - end) <= margin else [late]
-                flags = {"earlyReturn": step.early, "eventHandlingNeeded": step.event}
-                wrong += [name for name, value in (flags | {"terminateSimulation": step.terminate}).items() if value]
-                outside += [t for t in step.requests if not time - margin <= t <= end + margin]
-                requested += len(step.requests)
+                live, end, margin = library.live(instance.address), time + h, _ROUNDING * max(1.0, abs(time + h))
+                late = f"lastSuccessfulTime {live.last.value!r} after a step to {end!r} s"
+                wrong += [] if abs(live.last.value - end) <= margin else [late]
+                flags = {"earlyReturn": live.early, "eventHandlingNeeded": live.event}
+                flags["terminateSimulation"] = live.terminate
+                wrong += [name for name, flag in flags.items() if flag.value]
+                outside += [t for t in live.requests if not time - margin <= t <= end + margin]
+                requested += len(live.requests)
     library.unset = False
     if wrong:
         yield RULES["step-results"].finding(listed(list(dict.fromkeys(wrong)), most=3))

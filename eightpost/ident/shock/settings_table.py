@@ -91,14 +91,26 @@ def read_settings_table(path: str | Path, *, cutoff: float | None = None) -> Set
     return _read(parse_model(_Table, read_text(path), path, SCHEMA, _WORDS), path, cutoff)
 
 
+def states_settings(paths: Sequence[Path]) -> bool:
+    """Return whether the names of files contain different settings of one adjuster; `1A` and `2A` may be builds."""
+    units = _units_of_names(paths)
+    if len(units) != 1 or len({numbers_in(path.stem, units[0])[0] for path in paths}) < 2:
+        return False
+    return units[0] not in ("A", "V") or any(numbers_in(path.stem, units[0], has_decimals=True) for path in paths)
+
+
+def _units_of_names(paths: Sequence[Path]) -> list[str]:
+    """Return the units of which each name contains one number."""
+    return [unit for unit in UNITS if all(len(numbers_in(path.stem, unit)) == 1 for path in paths)]
+
+
 def settings_of_names(paths: Sequence[Path], *, cutoff: float | None = None) -> SettingsTable:
     """Read dynamometer files whose names contain their settings: `damper_2clicks.csv`, `1.5A.csv`.
 
     Raises:
         InputError: The names do not contain one number of clicks, amperes or volts each, or a file cannot be read.
     """
-    found = {unit: [numbers_in(path.stem, unit) for path in paths] for unit in UNITS}
-    units = [unit for unit, numbers in found.items() if all(len(one) == 1 for one in numbers)]
+    units = _units_of_names(paths)
     if len(units) != 1 or len(paths) < 2:
         names = ", ".join(path.name for path in paths)
         what = "their names do not state one setting each, such as 2clicks or 1.5A; list them in a table"

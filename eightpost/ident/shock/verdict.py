@@ -17,7 +17,7 @@ from eightpost.ident.shock.runs import ONE_FREQUENCY, Runs, StrokeRange
 from eightpost.least_squares import linear_solution, standard_error
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.motion import force_lag
-from eightpost.units import convert, us_customary
+from eightpost.units import convert, display_unit
 from eightpost.validity import Range, Validity
 from eightpost.verdict import Grade, Reason, Rules, Verdict
 
@@ -106,8 +106,8 @@ _NOTABLE_OFFSET = 0.01
 
 
 def in_field_units(value: float, unit: str) -> tuple[float, str]:
-    """Return an SI value in the unit used in the field: ms, lbf, lbf/in."""
-    shown = "ms" if unit == "s" else us_customary(unit)
+    """Return an SI value in the unit in which it is shown: ms, lbf or N."""
+    shown = "ms" if unit == "s" else display_unit(unit)
     return convert(value, unit, shown), shown
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from eightpost.array_types import Array
@@ -345,7 +344,10 @@ class CoherentBand:
         spacing = float(frequency[1] - frequency[0]) if frequency.size > 1 else _WIDTH
         smooth = median_filter(coherence, max(1, round(_SMOOTHING / spacing)), mode="nearest")
         low = (smooth < self.coherence) & (frequency > _LOWEST)
-        stays = _stays(low, max(1, round(_WIDTH / spacing)))
+        count = max(1, round(_WIDTH / spacing))
+        # Where `count` values from here on, or all that remain, are low.
+        ends = np.concatenate((low, np.ones(count - 1, dtype=np.bool_)))
+        stays = np.lib.stride_tricks.sliding_window_view(ends, count).all(axis=1)
         return min(top, float(frequency[np.argmax(stays)]) if stays.any() else top)
 
 
@@ -368,7 +370,9 @@ class SupportedBand:
         if self.powered <= self.supported + 1e-9:
             reason = f"{text}; above, a road or a shock force has no power"
         elif weak:
-            reason = f"{text}; above, the multiple coherence of {_listed(weak)} stays below {self.coherence:g}"
+            more = f" and {len(weak) - _LISTED} more" if len(weak) > _LISTED else ""
+            listed = ", ".join(weak[:_LISTED]) + more
+            reason = f"{text}; above, the multiple coherence of {listed} stays below {self.coherence:g}"
         else:
             reason = f"{text}, the highest frequency that was examined"
         less = {name: limit for name, limit in self.outputs.items() if limit < self.high}
@@ -376,17 +380,6 @@ class SupportedBand:
             return f"{reason}."
         exceptions = ", ".join(f"{name} {limit:.3g} Hz" for name, limit in sorted(less.items(), key=lambda p: p[1]))
         return f"{reason}. The coherence of some outputs is sufficient only up to a lower frequency: {exceptions}."
-
-
-def _listed(names: list[str]) -> str:
-    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
-    return ", ".join(names[:_LISTED]) + more
-
-
-def _stays(low: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
-    """Return where `count` values from here on, or all that remain, are low (K,)."""
-    ends = np.concatenate((low, np.ones(count - 1, dtype=np.bool_)))
-    return np.asarray(np.lib.stride_tricks.sliding_window_view(ends, count).all(axis=1))
 
 
 def _powered(response: FrequencyResponse, top: float) -> float:

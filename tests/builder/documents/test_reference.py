@@ -15,15 +15,7 @@ from scipy.signal import cont2discrete
 from builder.product import vehicle_product
 from builder.reference import vehicle_reference
 from eightpost.shock import StaticCurve
-from eightpost.vehicle import (
-    Channel,
-    Friction,
-    IdentifiedVehicle,
-    StateSpace,
-    StructuralVehicle,
-    read_vehicle,
-    shipped,
-)
+from eightpost.vehicle import Channel, Friction, IdentifiedVehicle, StateSpace, StructuralVehicle, read_vehicle, shipped
 
 from .members import ALL, CARS, EXTRA, LAWS, assert_close, members_of, page_of, reference_of, table_of
 

@@ -224,7 +224,8 @@ def test_a_package_that_we_write_contains_discrete_values_and_conversions(fmu, t
     """Values and conversions; an enumeration's connector would need its items, so a value of one is refused."""
     text = CASE.replace("parameters = {{ item = 2 }}\n", "").format(fmu=fmu)
     (tmp_path / "case.toml").write_text(text)
-    assert CliRunner().invoke(main, ["ssp", str(tmp_path / "case.toml"), "-o", str(tmp_path / "c.ssp")]).exit_code == 0
+    words = ["export", str(tmp_path / "case.toml"), "-o", str(tmp_path / "c.ssp")]
+    assert CliRunner().invoke(main, words).exit_code == 0
     case = read_case(tmp_path / "c.ssp")
     series = run(case.system, case.scenario, algorithm=case.algorithm, step=case.step, engine="python").series
     np.testing.assert_allclose(series["sink.seen"][1:], 113.0 + 2000.0 * counts(series.time[:-1]), atol=1e-9)

@@ -127,7 +127,7 @@ def test_the_folder_of_a_run_that_did_not_finish_is_named_by_who_reads_it(case, 
         assert done.exit_code == 0, done.output
     failed = CliRunner().invoke(main, ["run", str(case("error")), "-o", str(tmp_path / "one")])
     assert failed.exit_code == 1 and f"The results in {tmp_path / 'one'} are of an earlier run" in failed.stderr
-    compared = CliRunner().invoke(main, ["compare", str(tmp_path / "one"), str(tmp_path / "two")])
+    compared = CliRunner().invoke(main, ["study", "compare", str(tmp_path / "one"), str(tmp_path / "two")])
     assert "warning: results in" in compared.stderr and compared.stderr.count("did not finish") == 1
 
 

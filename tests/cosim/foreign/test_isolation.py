@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import numpy as np
@@ -193,20 +192,6 @@ def test_a_child_process_ends_if_its_parent_is_killed_and_leaves_no_folder(
     assert eventually(lambda: list(temporary.iterdir()) == [])
 
 
-@pytest.mark.nightly
-@pytest.mark.parametrize("ending", ["an exception", "Ctrl-C"])
-def test_a_child_process_ends_if_its_parent_fails(ending, parent, temporary, eventually, alive):
-    with parent("polite") as process:
-        child = int(process.stdout.readline())
-        assert process.stdout.readline() == b"stepped\n"
-        if ending == "Ctrl-C":
-            process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(b"" if ending == "Ctrl-C" else b"x")
-    assert (b"KeyboardInterrupt" if ending == "Ctrl-C" else b"ValueError") in errors
-    assert eventually(lambda: not alive(child))
-    assert list(temporary.iterdir()) == []
-
-
 SYSTEM = """
 schema = 1
 [components.odd]
@@ -245,16 +230,3 @@ def test_the_fmus_of_a_system_file_are_isolated_on_request(foreign, tmp_path):
     for isolate, kind in ((False, FmuComponent), (True, IsolatedComponent)):
         case = read_case(tmp_path / "case.toml", isolate=isolate)
         assert type(case.system.components["odd"]) is kind
-
-
-@pytest.mark.nightly
-def test_an_isolated_step_costs_well_under_a_millisecond(foreign, begun, march):
-    part = begun(IsolatedComponent(foreign(), "odd"))
-    march(part, 50)
-    costs = []
-    for _ in range(20):
-        began = time.perf_counter()
-        march(part, 20)
-        costs.append((time.perf_counter() - began) / 20)
-    part.finish()
-    assert min(costs) < 1e-3

@@ -143,28 +143,6 @@ def test_a_second_instance_of_a_once_per_process_fmu_is_refused_unless_isolated(
         part.finish()
 
 
-def test_a_foreign_fmu_is_instantiated_again_for_each_run(foreign, begun, march):
-    for manner in ("polite", "no reset"):
-        part, instances = FmuComponent(foreign(), "odd"), []
-        for _ in range(2):
-            march(begun(part, manner), 4)
-            assert part.get(("angle",))[0] == pytest.approx(1.0)
-            assert part.get(("made",)) == [1.0]  # a library that is loaded again counts from the start
-            instances.append(part._instance.slave)
-            part.finish()
-        assert instances[0] is not instances[1]
-
-
-@pytest.mark.repeated
-@pytest.mark.parametrize("manner", ["polite", "no reset"])
-def test_a_second_run_of_a_system_equals_the_first_bit_for_bit(odd, manner, pair):
-    system, scenario = pair(odd, manner, stop=0.1)
-    first, second = (run(system, scenario, step=1e-3, engine="python").series for _ in range(2))
-    assert first.names == second.names
-    for name in first.names:
-        np.testing.assert_array_equal(first[name], second[name])
-
-
 @pytest.mark.repeated
 def test_log_messages_are_formatted_with_variable_names(odd, begun, march, caplog):
     caplog.set_level(logging.DEBUG, logger="cosim.fmu")

@@ -84,7 +84,7 @@ def _fields(port: Port) -> dict[str, float]:
 
 @pytest.mark.nightly
 def test_select_prints_the_setups_to_test_and_writes_list_and_page(folder):
-    shown = eightpost("select", folder, "--measure", "total tire force=2")
+    shown = eightpost("study", "select", folder, "--measure", "total tire force=2")
     assert shown.exit_code == 0, shown.output
     assert "total tire force" in shown.output
     assert "selection.csv: 4 setups, 2 of them twice, and 5 runs of the baseline" in " ".join(shown.output.split())
@@ -100,13 +100,13 @@ def test_select_prints_the_setups_to_test_and_writes_list_and_page(folder):
     ],
 )
 def test_select_refuses_an_invalid_selection(folder, words, text):
-    shown = eightpost("select", folder, *words)
+    shown = eightpost("study", "select", folder, *words)
     assert shown.exit_code == 2
     assert text in " ".join(shown.stderr.split())
 
 
 def test_sensitivity_prints_shares_and_writes_every_term(folder):
-    shown = eightpost("sensitivity", folder)
+    shown = eightpost("study", "sensitivity", folder)
     assert shown.exit_code == 0, shown.output
     assert "25 setups, exact" in shown.output
     table = pyarrow.parquet.read_table(folder / "sensitivity.parquet")
@@ -119,14 +119,14 @@ def test_sensitivity_prints_shares_and_writes_every_term(folder):
 
 def test_the_table_of_terms_never_replaces_the_results_that_it_is_made_from(folder):
     before = (folder / "results.parquet").read_bytes()
-    shown = eightpost("sensitivity", folder, "-o", folder / "results.parquet")
+    shown = eightpost("study", "sensitivity", folder, "-o", folder / "results.parquet")
     assert shown.exit_code == 2 and "results.parquet is an input of this command" in " ".join(shown.stderr.split())
     assert (folder / "results.parquet").read_bytes() == before
 
 
 @pytest.mark.nightly
 def test_measured_levels_agree_with_predicted_ones(folder, measured):
-    shown = eightpost("compare", folder, "--measured", folder, "--level", 2)
+    shown = eightpost("study", "compare", folder, "--measured", folder, "--level", 2)
     assert shown.exit_code == 0, shown.output
     text = " ".join(shown.output.split())
     assert "6 runs of 5 setups" in text
@@ -155,8 +155,8 @@ def tires_only(folder, measured, tmp_path) -> Path:
 
 @pytest.mark.nightly
 def test_records_need_only_the_channels_of_the_measures(folder, sure, tires_only, pages):
-    compared = eightpost("compare", sure, "--measured", tires_only)
-    confirmed = eightpost("confirm", sure, tires_only)
+    compared = eightpost("study", "compare", sure, "--measured", tires_only)
+    confirmed = eightpost("study", "confirm", sure, tires_only)
     for shown in (compared, confirmed):
         text = " ".join(shown.output.split())
         assert shown.exit_code == 0, text
@@ -187,7 +187,7 @@ def test_tables_of_a_comparison_lose_nothing_at_80_columns(folder, measured, tmp
 
 @pytest.mark.nightly
 def test_a_prediction_that_is_not_good_enough_exits_1(folder, measured):
-    shown = eightpost("compare", folder, "--measured", folder, "--level", 1e-4)
+    shown = eightpost("study", "compare", folder, "--measured", folder, "--level", 1e-4)
     assert shown.exit_code == 1
     assert "Not usable: the study's levels differ from those of the rig" in shown.output
 
@@ -195,13 +195,13 @@ def test_a_prediction_that_is_not_good_enough_exits_1(folder, measured):
 def test_records_that_are_not_there_are_refused(folder, tmp_path):
     path = tmp_path / "runs.csv"
     path.write_text("file,setup\nnone.parquet,0\n")
-    shown = eightpost("compare", folder, "--measured", path)
+    shown = eightpost("study", "compare", folder, "--measured", path)
     assert shown.exit_code == 2
     assert "none of its 1 records exists" in " ".join(shown.stderr.split())
 
 
 def test_several_studies_are_not_compared_with_the_rig(folder):
-    assert eightpost("compare", folder, folder, "--measured", folder).exit_code == 2
+    assert eightpost("study", "compare", folder, folder, "--measured", folder).exit_code == 2
 
 
 @pytest.fixture
@@ -223,7 +223,7 @@ part = "stiff"
 parameters = { compression_scale = { value = 2.0, deviation = 0.02 } }
 """
     )
-    shown = eightpost("robust", folder, path, "--top", 4, "--draws", 8, "--workers", 1)
+    shown = eightpost("study", "robust", folder, path, "--top", 4, "--draws", 8, "--workers", 1)
     assert shown.exit_code == 0, shown.output
     text = " ".join(shown.output.split())
     assert "stiff: compression_scale 2 ± 0.02" in text
@@ -255,7 +255,7 @@ def test_compare_counts_the_levels_in_the_intervals_that_the_study_states(folder
     judged = []
     for words in ((), ("confirm", sure, f"{measured[0].setup}={measured[0].file}")):
         assert not words or eightpost(*words).exit_code == 0
-        shown = eightpost("compare", sure, "--measured", folder / "selection.csv")
+        shown = eightpost("study", "compare", sure, "--measured", folder / "selection.csv")
         assert shown.exit_code == 0, shown.output
         found = json.loads((sure / "compared" / "comparison.json").read_text())["measures"]
         assert all(one["within_interval"] == one["judged"] for one in found)
@@ -266,21 +266,21 @@ def test_compare_counts_the_levels_in_the_intervals_that_the_study_states(folder
 
 @pytest.mark.nightly
 def test_confirm_takes_the_run_to_run_deviation_of_a_comparison(folder, measured, sure, pages):
-    assert eightpost("compare", sure, "--measured", folder / "selection.csv").exit_code == 0
+    assert eightpost("study", "compare", sure, "--measured", folder / "selection.csv").exit_code == 0
     path = sure / "compared" / "comparison.json"
     assert all(StudyFolder(sure)._measured_noise().values())
     path.write_text(json.dumps(json.loads(path.read_text()) | {"measures": []}))  # edited: nothing is known from it
     assert StudyFolder(sure)._measured_noise() == {}
     with pytest.raises(FileFormatError, match="was edited after the comparison"):
         read_run_to_run(path)
-    assert eightpost("compare", sure, "--measured", folder / "selection.csv").exit_code == 0
-    assert eightpost("confirm", sure, f"{measured[0].setup}={measured[0].file}").exit_code == 0
+    assert eightpost("study", "compare", sure, "--measured", folder / "selection.csv").exit_code == 0
+    assert eightpost("study", "confirm", sure, f"{measured[0].setup}={measured[0].file}").exit_code == 0
     assert read_certainty(sure / "certainty.parquet").is_known
 
 
 @pytest.mark.nightly
 def test_a_study_without_a_certainty_states_no_intervals(folder, measured, tmp_path):
-    shown = eightpost("compare", folder, "--measured", folder, "-o", tmp_path)
+    shown = eightpost("study", "compare", folder, "--measured", folder, "-o", tmp_path)
     assert json.loads((tmp_path / "comparison.json").read_text())["measures"][0]["judged"] == 0
     assert "unknown" in shown.output
 
@@ -289,7 +289,7 @@ def test_a_study_without_a_certainty_states_no_intervals(folder, measured, tmp_p
 def test_confirm_updates_the_certainty_with_records_of_the_virtual_rig(folder, measured, sure, pages):
     before = read_certainty(sure / "certainty.parquet")
     assert before.is_known
-    shown = eightpost("confirm", sure, folder / "selection.csv")
+    shown = eightpost("study", "confirm", sure, folder / "selection.csv")
     assert shown.exit_code == 0, shown.output
     after = read_certainty(sure / "certainty.parquet")
     assert "6 new runs of 5 setups; 6 in all" in " ".join(shown.output.split())
@@ -299,7 +299,7 @@ def test_confirm_updates_the_certainty_with_records_of_the_virtual_rig(folder, m
         assert after.levels[name].run_to_run > 0.0  # from the two runs of the baseline
     kept = read_certainty(sure / "certainty.previous.parquet")
     np.testing.assert_array_equal(kept.best, before.best)
-    again = eightpost("confirm", sure, f"{measured[0].setup}={measured[0].file}")
+    again = eightpost("study", "confirm", sure, f"{measured[0].setup}={measured[0].file}")
     assert "is taken into account already" in again.output
     assert len(read_certainty(sure / "certainty.parquet").runs) == 6
 
@@ -314,14 +314,14 @@ def test_confirm_updates_the_certainty_with_records_of_the_virtual_rig(folder, m
     ],
 )
 def test_confirm_says_which_argument_is_wrong(sure, words, text):
-    shown = eightpost("confirm", sure, *words)
+    shown = eightpost("study", "confirm", sure, *words)
     assert shown.exit_code == 2
     assert text in " ".join(shown.stderr.split())
 
 
 def test_confirm_needs_a_certainty(sure, measured):
     (sure / "certainty.parquet").unlink()
-    shown = eightpost("confirm", sure, f"{measured[0].setup}={measured[0].file}")
+    shown = eightpost("study", "confirm", sure, f"{measured[0].setup}={measured[0].file}")
     assert shown.exit_code == 2
     assert "run `eightpost study` again" in " ".join(shown.stderr.split())
 
@@ -329,7 +329,7 @@ def test_confirm_needs_a_certainty(sure, measured):
 def test_a_damaged_certainty_is_refused_and_kept_when_it_is_replaced(sure, measured, pages):
     damaged = (sure / "certainty.parquet").read_bytes()[:500]
     (sure / "certainty.parquet").write_bytes(damaged)
-    shown = eightpost("confirm", sure, f"{measured[0].setup}={measured[0].file}")
+    shown = eightpost("study", "confirm", sure, f"{measured[0].setup}={measured[0].file}")
     text = " ".join(shown.stderr.split())
     assert shown.exit_code == 2 and "certainty.parquet: not a readable Parquet file" in text
     assert "or run `eightpost study` again and confirm the rig runs again" in text
@@ -345,7 +345,7 @@ def test_a_damaged_certainty_is_refused_and_kept_when_it_is_replaced(sure, measu
 def test_a_damaged_certainty_can_be_replaced_by_the_previous_one_where_there_is_one(sure, measured):
     (sure / "certainty.parquet").rename(sure / "certainty.previous.parquet")
     (sure / "certainty.parquet").write_bytes(b"PAR1")
-    shown = eightpost("confirm", sure, f"{measured[0].setup}={measured[0].file}")
+    shown = eightpost("study", "confirm", sure, f"{measured[0].setup}={measured[0].file}")
     assert "take certainty.previous.parquet instead, or run" in " ".join(shown.stderr.split())
 
 
@@ -355,12 +355,12 @@ def test_a_damaged_certainty_can_be_replaced_by_the_previous_one_where_there_is_
 ])  # fmt: skip
 def test_a_list_of_another_form_is_refused_with_its_columns(sure, tmp_path, text, message):
     (tmp_path / "list.csv").write_text(text)
-    shown = eightpost("confirm", sure, tmp_path / "list.csv")
+    shown = eightpost("study", "confirm", sure, tmp_path / "list.csv")
     assert shown.exit_code == 2 and message in " ".join(shown.stderr.split())
 
 
 def test_robust_needs_an_uncertain_part(folder, tmp_path):
     (tmp_path / "uncertain.toml").write_text("schema = 1\n")
-    shown = eightpost("robust", folder, tmp_path / "uncertain.toml")
+    shown = eightpost("study", "robust", folder, tmp_path / "uncertain.toml")
     assert shown.exit_code == 2
     assert "no uncertainty is stated" in shown.stderr

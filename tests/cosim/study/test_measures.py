@@ -1,15 +1,40 @@
 """Measures of signals whose values are known analytically."""
 
+from __future__ import annotations
+
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
+import scipy
+from hypothesis import given
+from hypothesis import strategies as st
 
-from cosim.study import Measure
-from cosim.study.measures import FAMILIES, Car, family, own_function
+from cosim.study.measures import (
+    FAMILIES,
+    STATISTICS,
+    AboveBand,
+    Car,
+    Filtered,
+    Measure,
+    Response,
+    above_band,
+    band_ends,
+    band_pass,
+    family,
+    options_for,
+    own_function,
+    power_above,
+    statistic,
+)
+from cosim.study.running.sweep import run_study
+from cosim.study.verdict import ABOVE_BAND, WITHIN_BAND, study_verdict
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError, MissingChannelError
 from eightpost.signals import TimeSeries
+from eightpost.validity import Range, Validity
+from eightpost.verdict import Grade, Verdict
 
 TIME = np.arange(0.0, 20.0, 0.002)
 SLOW, FAST = 2.0, 22.0
@@ -226,3 +251,247 @@ def test_each_channel_needs_its_weight(weights):
 def test_an_own_measure_needs_a_file_and_a_function(entry):
     with pytest.raises(InputError, match=r"must be written as FILE\.py:FUNCTION"):
         own_function(entry)
+
+
+# ==== Statistics of a few samples, compared with hand calculations ===================================================
+
+#: Two channels [N], whose sum is 5, 1, -3, 9: mean 3, squares about it 4, 4, 36, 36.
+ROWS = np.array([[2.0, -1.0, -4.0, 7.0], [3.0, 2.0, 1.0, 2.0]])
+
+
+def of(name, rows=ROWS, step=0.5, **options):
+    return statistic(name).of(Response(np.array(rows), step, options_for(name, options)))
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("rms", 20.0**0.5),
+        ("rms_with_mean", 29.0**0.5),
+        ("joint_rms", ((16.5 + 0.5) / 2.0) ** 0.5),
+        ("mean", 3.0),
+        ("peak", 6.0),
+        ("range", 12.0),
+        ("maximum", 9.0),
+        ("minimum", -3.0),
+        ("variation", 20.0**0.5 / 3.0),
+        # Products 6, -2, -4, 14; trapezoidal rule with steps of half a second.
+        ("work", 0.5 * (0.5 * 6.0 - 2.0 - 4.0 + 0.5 * 14.0)),
+    ],
+)
+def test_statistics_of_four_samples_equal_hand_calculations(name, expected):
+    assert of(name) == pytest.approx(expected, rel=1e-14)
+
+
+@pytest.mark.parametrize(("percent", "expected"), [(0.0, -3.0), (25.0, 0.0), (50.0, 3.0), (100.0, 9.0)])
+def test_a_percentile_is_interpolated_between_sorted_samples(percent, expected):
+    assert of("percentile", percent=percent) == pytest.approx(expected, abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({}, 1.0),
+        ({"from": 1.0}, 0.75),  # includes 1
+        ({"to": 5.0}, 0.5),  # excludes 5
+        ({"from": 1.0, "to": 9.0}, 0.5),
+        ({"from": 1.5, "to": 4.5}, 0.0),
+    ],
+)
+def test_a_share_counts_samples_from_the_lower_end_to_just_below_the_upper(options, expected):
+    assert of("share", **options) == expected
+
+
+def test_neighbouring_shares_count_every_sample_once():
+    edges = (-np.inf, -3.0, 1.0, 5.0, 9.0, np.inf)
+    parts = [of("share", **{"from": low, "to": high}) for low, high in pairwise(edges)]
+    assert parts == [0.0, 0.25, 0.25, 0.25, 0.25]
+
+
+def test_a_variation_is_positive_for_any_sign_of_the_mean_and_undefined_for_zero():
+    assert of("variation", rows=[[-2.0, -4.0]]) == pytest.approx(1.0 / 3.0)
+    with pytest.raises(InputError, match="the mean is zero"):
+        of("variation", rows=[[-2.0, 2.0]])
+
+
+def test_only_absolute_statistics_change_with_the_mean():
+    """A constant is added to the first channel; work and share depend on zero and on bounds and are excluded."""
+    for name, entry in STATISTICS.items():
+        if name in ("work", "share"):
+            continue
+        options = {"percent": 40.0} if name == "percentile" else {}
+        before, after = of(name, **options), of(name, rows=ROWS + np.array([[10.0], [0.0]]), **options)
+        assert (after != pytest.approx(before, rel=1e-9)) == entry.absolute, name
+
+
+def test_units_are_those_of_the_channels_except_for_ratios_and_work():
+    units = {name: entry.unit for name, entry in STATISTICS.items() if entry.unit}
+    assert units == {"variation": "1", "work": "J", "share": "1"}
+
+
+def test_missing_options_get_defaults_and_unknown_ones_are_reported():
+    assert options_for("share", {"to": 2}) == {"from": -np.inf, "to": 2.0}
+    with pytest.raises(InputError, match=r"rms has no option 'to'; its options: none"):
+        options_for("rms", {"to": 1.0})
+    with pytest.raises(InputError, match=r"share has no option 'percent'; its options: from, to"):
+        options_for("share", {"percent": 1.0})
+
+
+# ==== Band-pass of measures: gain at every frequency, no phase, behaviour at the ends of a record ====================
+
+BAND_RATE = 200.0
+BAND_TIME = np.arange(6000) / BAND_RATE
+MIDDLE = slice(2000, 4000)
+FREQUENCIES = (0.5, 1.0, 2.0, 5.0, 8.0, 10.0, 12.0, 20.0, 40.0)
+
+
+def gain(band, frequency):
+    """Return the complex gain in the middle of a record; band_pass is linear, so both parts are filtered separately."""
+    wave = np.exp(2j * np.pi * frequency * BAND_TIME)
+    found = band_pass(wave.real, BAND_RATE, band, "m") + 1j * band_pass(wave.imag, BAND_RATE, band, "m")
+    return (found / wave)[MIDDLE]
+
+
+def warped(frequency):
+    """Return the frequency warped by the bilinear transform."""
+    return np.tan(np.pi * frequency / BAND_RATE)
+
+
+@pytest.mark.parametrize("frequency", FREQUENCIES)
+def test_a_low_pass_has_the_gain_of_butterworths_fourth_order_squared(frequency):
+    expected = 1.0 / (1.0 + (warped(frequency) / warped(10.0)) ** 8)
+    np.testing.assert_allclose(gain((0.0, 10.0), frequency), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("frequency", FREQUENCIES)
+def test_a_high_pass_has_the_gain_of_butterworths_fourth_order_squared(frequency):
+    expected = 1.0 / (1.0 + (warped(2.0) / warped(frequency)) ** 8)
+    np.testing.assert_allclose(gain((2.0, np.inf), frequency), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("frequency", FREQUENCIES)
+def test_a_band_has_the_gain_of_butterworths_fourth_order_squared_on_both_sides(frequency):
+    low, high, here = warped(2.0), warped(10.0), warped(frequency)
+    expected = 1.0 / (1.0 + ((here**2 - low * high) / (here * (high - low))) ** 8)
+    np.testing.assert_allclose(gain((2.0, 10.0), frequency), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("band", [(0.0, 10.0), (2.0, np.inf), (2.0, 10.0), (0.5, 60.0)])
+def test_a_record_is_extended_at_its_ends_as_by_scipys_sosfiltfilt(band):
+    """The extension is an odd reflection; a record with arbitrary ends shows its length."""
+    values = 3.0 + np.cumsum(np.random.default_rng(2).standard_normal(400))
+    low, high = band
+    kind, edges = (
+        ("bandpass", band) if low and np.isfinite(high) else ("lowpass", high) if not low else ("highpass", low)
+    )
+    sections = scipy.signal.butter(4, edges, kind, fs=BAND_RATE, output="sos")
+    expected = scipy.signal.sosfiltfilt(sections, values, padtype="odd", padlen=3 * (2 * len(sections) + 1))
+    np.testing.assert_allclose(band_pass(values, BAND_RATE, band, "m"), expected, rtol=0.0, atol=1e-9)
+
+
+def test_a_low_pass_does_not_change_a_straight_line_even_at_its_ends():
+    line = 5.0 - 2.0 * BAND_TIME[:300]
+    np.testing.assert_allclose(band_pass(line, BAND_RATE, (0.0, 60.0), "m"), line, atol=1e-4)
+
+
+def test_a_band_open_on_both_sides_is_the_record_itself():
+    assert band_pass(BAND_TIME, BAND_RATE, (0.0, np.inf), "m") is BAND_TIME
+
+
+@pytest.mark.parametrize(("band", "fewest"), [((0.0, 10.0), 16), ((2.0, np.inf), 16), ((2.0, 10.0), 28)])
+def test_a_record_must_be_longer_than_its_padding(band, fewest):
+    assert band_pass(np.ones(fewest), BAND_RATE, band, "m").shape == (fewest,)
+    with pytest.raises(InputError, match=f"measure 'm': {fewest - 1} samples are too few .* needs {fewest}$"):
+        band_pass(np.ones(fewest - 1), BAND_RATE, band, "m")
+
+
+@pytest.mark.parametrize("band", [(0.0, 100.0), (2.0, 100.0), (100.0, np.inf), (150.0, np.inf)])
+def test_a_band_that_reaches_half_the_rate_is_refused(band):
+    with pytest.raises(InputError, match="exceeds half the sample rate of 200 Hz"):
+        band_pass(BAND_TIME, BAND_RATE, band, "m")
+    if band[0] < 101.0:
+        band_pass(BAND_TIME, BAND_RATE, tuple(0.99 * edge for edge in band), "m")
+
+
+def test_a_window_includes_the_samples_at_both_ends():
+    run = Filtered(TimeSeries.from_channels(BAND_TIME[:11], {"x": ("N", BAND_TIME[:11])}))
+    assert run.samples(0.01, 0.03) == slice(2, 7)
+    assert run.samples(0.01 + 1e-4, 0.03 - 1e-4) == slice(3, 6)
+    assert run.samples(-np.inf, np.inf) == slice(0, 11)
+
+
+def test_a_filtered_channel_is_computed_once_for_each_band():
+    run = Filtered(TimeSeries.from_channels(BAND_TIME, {"x": ("N", np.sin(BAND_TIME))}))
+    assert np.array_equal(run.channel("x", None, "m"), np.sin(BAND_TIME))
+    first, second = (run.channel("x", (0.0, high), "m") for high in (10.0, 20.0))
+    assert run.channel("x", (0.0, 10.0), "m") is first
+    assert not np.array_equal(first, second)
+
+
+# ==== Power of measures above the band in which a vehicle was identified =============================================
+
+SINES_RATE = 250.0
+SINES_TIME = np.arange(5000) / SINES_RATE
+
+
+def sines(low: float, high: float) -> np.ndarray:
+    return low * np.sin(2.0 * np.pi * 5.0 * SINES_TIME) + high * np.sin(2.0 * np.pi * 40.0 * SINES_TIME)
+
+
+@pytest.mark.nightly
+@given(st.floats(0.1, 10.0), st.floats(0.1, 10.0))
+def test_the_share_above_is_that_of_the_sines_power(low, high):
+    found = power_above(sines(low, high)[np.newaxis], SINES_RATE, 16.0)
+    assert found == pytest.approx(high**2 / (low**2 + high**2), abs=1e-3)
+
+
+def test_nothing_is_above_for_a_constant():
+    assert power_above(np.full((1, 100), 3.0), SINES_RATE, 16.0) == 0.0
+
+
+def run_of_sines() -> Filtered:
+    channels = {"car.a": ("m", sines(1.0, 1.0)), "car.b": ("m", sines(1.0, -1.0)), "lf.force": ("N", sines(0.0, 1.0))}
+    return Filtered(TimeSeries.from_channels(SINES_TIME, channels))
+
+
+def test_a_sum_in_which_the_high_frequencies_cancel_has_none_above():
+    total, apart = Measure("sum", ("car.a", "car.b")), Measure("joint", ("car.a", "car.b"), "joint_rms")
+    found = above_band(run_of_sines(), (total, apart), {"car.a": 16.0, "car.b": 20.0}, start=1.0)
+    assert found["sum"].share == pytest.approx(0.0, abs=1e-9)
+    assert found["joint"].share == pytest.approx(0.5, abs=1e-3)
+    assert {one.high for one in found.values()} == {16.0}
+
+
+def test_a_band_that_ends_at_the_vehicles_band_removes_the_power_above():
+    measure = Measure("a", ("car.a",))
+    whole, limited = (above_band(run_of_sines(), (m,), {"car.a": 16.0}, 1.0)["a"] for m in
+                      (measure, replace(measure, band=(0.5, 16.0))))  # fmt: skip
+    assert whole.share == pytest.approx(0.5, abs=1e-3)
+    assert limited.share < 1e-3
+
+
+def test_channels_without_a_band_and_statistics_without_power_are_left_out():
+    measures = (Measure("force", ("lf.force",)), Measure("mean", ("car.a",), "mean"))
+    assert above_band(run_of_sines(), measures, {"car.a": 16.0}, 1.0) == {}
+
+
+def test_the_ends_are_those_that_the_vehicle_states():
+    ranges = (Range("lf.velocity", "frequency", 0.1, 24.0, "Hz"), Range("lf.force", "amplitude", -1.0, 1.0, "N"))
+    assert band_ends(Validity(Verdict(()), ranges).to_json(), "car") == {"car.lf.velocity": 24.0}
+    assert band_ends(None, "car") == {}
+
+
+@pytest.mark.repeated
+@pytest.mark.parametrize(("share", "rule"), [(0.24, ABOVE_BAND), (0.02, WITHIN_BAND)])
+def test_the_verdict_names_the_measures_and_their_shares(small_study, here, tmp_path, share, rule):
+    study = small_study(corners=dict.fromkeys(small_study().corners, ("soft",)))
+    result = run_study(study, tmp_path, here)
+    assert result.provenance.above_band == {}  # a vehicle of stated parameters has no band
+    made_by = replace(result.provenance, above_band={study.measures[0].name: AboveBand(16.0, share)})
+    judged = replace(result, provenance=made_by)
+    judged.save(tmp_path / "results.parquet")
+    again = type(result).load(tmp_path / "results.parquet")
+    reason = next(one for one in study_verdict(again).reasons if one.about == rule.about)
+    assert reason.rule == rule.name
+    assert f"{study.measures[0].name} {share:.0%} above 16 Hz" in reason.figure
+    assert rule.grade is (Grade.LIMITED if share > 0.1 else Grade.USABLE)

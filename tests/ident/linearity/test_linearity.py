@@ -223,7 +223,7 @@ def quarter_files(folder: Path, **changes: float) -> list[str]:
             force = test.series["tire_force"]
             test = with_channel(test, "tire_force", np.abs(force) ** changes[name])
         test.write(folder / f"{name}.parquet")
-    return ["linearity", *[str(folder / f"{name}.parquet") for name in tests], "-o", str(folder / "out")]
+    return ["inspect", *[str(folder / f"{name}.parquet") for name in tests], "-o", str(folder / "out")]
 
 
 @pytest.mark.nightly

@@ -389,13 +389,23 @@ def test_the_temperature_of_a_file_comes_from_its_channel_or_from_the_table(tmp_
 @pytest.mark.slow
 def test_the_commands_fit_five_files_plot_the_click_map_and_find_the_clicks(tmp_path):
     output = tmp_path / "shock.json"
-    shown = CliRunner().invoke(main, ["settings", str(EXAMPLES / "rebound.toml"), "-o", str(output)])
+    shown = CliRunner().invoke(
+        main, ["fit", str(EXAMPLES / "rebound.toml"), "-o", str(output), "--plot", str(output.with_suffix(".png"))]
+    )
     assert shown.exit_code == 0, shown.output
     assert "rebound 14" in shown.output
     assert (tmp_path / "shock.png").stat().st_size > 20_000
     shock = read_shock(output)
     write_shock(shock.at(clicks={"rebound": 10}), tmp_path / "target.json")
-    words = ["clicks", str(output), "--curve", str(tmp_path / "target.json"), "--plot", str(tmp_path / "best.png")]
+    words = [
+        "study",
+        "clicks",
+        str(output),
+        "--curve",
+        str(tmp_path / "target.json"),
+        "--plot",
+        str(tmp_path / "best.png"),
+    ]
     shown = CliRunner().invoke(main, words)
     assert shown.exit_code == 0, shown.output
     assert "the target can be reached: rebound 10" in shown.output

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from eightpost.__main__ import main
 from eightpost.errors import FileFormatError, InputError
-from eightpost.ident.shock.settings_table import read_settings_table, settings_of_names
+from eightpost.ident.shock.settings_table import read_settings_table, settings_of_names, states_settings
 from eightpost.rig.dyno_conditions import numbers_in, setting_in
 
 ADJUSTER = "[adjuster.rebound]\ncounted = 'from full hard'\nlowest = 0\nhighest = 9\n"
@@ -118,9 +118,21 @@ def test_names_without_one_setting_each_are_refused_with_what_to_write(tmp_path,
         InputError, match=r"do not state one setting each, such as 2clicks or 1\.5A; list them in a table"
     ):
         settings_of_names(paths)
-    shown = CliRunner().invoke(main, ["settings", *map(str, paths)])
-    assert shown.exit_code == 2
-    assert "list them in a table" in " ".join(shown.output.split())
+    assert not states_settings(paths)
+
+
+@pytest.mark.parametrize(
+    ("names", "states"),
+    [
+        (("2clicks.csv", "4 clicks.csv"), True),
+        (("0.3A.csv", "1A.csv"), True),
+        (("1A.csv", "2A.csv"), False),  # they may be builds
+        (("a_2clicks.csv", "b_2clicks.csv"), False),
+        (("2clicks.csv", "b.csv"), False),
+    ],
+)
+def test_names_that_state_different_settings_are_a_fit_over_them(names, states):
+    assert states_settings([Path(name) for name in names]) is states
 
 
 def test_a_table_takes_what_it_does_not_state_from_the_names_and_the_reference_comes_last(tmp_path):

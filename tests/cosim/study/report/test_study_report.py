@@ -1,5 +1,7 @@
 """Content of a study's report and its files, compared with the result."""
 
+from __future__ import annotations
+
 import csv
 import json
 import re
@@ -9,18 +11,31 @@ import numpy as np
 import openpyxl
 import pytest
 
-from cosim.study.choice.certainty import Certainty, Contribution, Status
+from cosim.study.choice.certainty import Certainty, Contradiction, Contribution, Status, TradeOff
 from cosim.study.choice.selection import select
 from cosim.study.choice.sensitivity import available_sensitivities
 from cosim.study.definition import Build, Constraint
 from cosim.study.page import dominant_corner, headline, page, sheet_of, write_study_report
-from cosim.study.sheet import Extras, Scale, build_colors
+from cosim.study.sheet import (
+    VELOCITIES,
+    AimPage,
+    Extras,
+    Scale,
+    answer_of,
+    build_colors,
+    copy_shock_pages,
+    shock_curve,
+    shock_curves,
+    tied_rows,
+)
 from cosim.study.table import StudyResult
 from cosim.study.tables import write_ranking, write_traces, write_workbook
 from cosim.study.verdict import study_verdict
 from eightpost.signals import read_record
 from eightpost.validity import Validity
-from eightpost.verdict import Grade, Reason, Verdict
+from eightpost.verdict import Grade, Reason, Verdict, sealed
+
+from ..coupled import SCALES, study
 
 FRONT, TIRE, HUB = "front ride height, RMS", "total tire force, RMS", "rf hub acceleration, RMS"
 FEW = ("AA/AA", "B/B", "C/C")
@@ -276,3 +291,134 @@ def test_all_files_are_written_and_named(surrogate, lap, tmp_path):
     manifest = _manifest(page.read_text(encoding="utf-8"))
     assert list(manifest["traces"]) == [str(best)] and manifest["trace_command"] == "run {setup}"
     assert [one["column"] for one in manifest["sensitivities"]] == [0]
+
+
+# ==== The answer at the top of a study's page: it is never more certain than what is known ===========================
+
+
+def _answer(result, certainty):
+    return answer_of(sheet_of(result, certainty=certainty))
+
+
+def test_without_a_certainty_the_answer_is_the_best_prediction_and_says_that_nothing_is_known(few):
+    answer = _answer(few, None)
+    assert answer.grade is Grade.UNKNOWN
+    assert answer.candidates[0].row == few.ranking()[0]
+    assert "unknown" in answer.sure
+    assert answer.trade_offs == ()  # the baseline of this study failed
+    other = answer_of(replace(sheet_of(few), baseline=0))
+    assert len(other.trade_offs) == 5 and {one.interval for one in other.trade_offs} == {"unknown"}
+
+
+def test_several_tied_setups_are_a_set_and_never_one_best_setup(few, certain):
+    certainty = certain(few)
+    assert len(certainty.ties) > 1
+    answer = _answer(few, certainty)
+    assert answer.grade is Grade.LIMITED
+    assert answer.which.startswith(f"One of {len(certainty.ties)} setups is the best")
+    assert [few.setups[one.row] for one in answer.candidates] == list(certainty.ties[:5])
+    assert len(answer.candidates) + answer.others == len(certainty.ties)
+
+
+def test_one_setup_is_a_usable_answer_only_if_nothing_is_unknown_and_no_rig_run_contradicts_it(few, certain):
+    alone = certain(few, ties=1)
+    assert _answer(few, alone).grade is Grade.USABLE
+    unknown = replace(alone, contributions=(Contribution("vehicle", Status.UNKNOWN, "the FMU states none"),))
+    assert _answer(few, unknown).grade is Grade.UNKNOWN
+    assert "vehicle" in _answer(few, unknown).sure
+    assert "is the best" not in _answer(few, unknown).which and "not known" in _answer(few, unknown).which
+    assert "known contributions alone" in _answer(few, unknown).chance
+    partly = replace(alone, contributions=(Contribution("build to build", Status.LEFT_OUT, "copies are equal"),))
+    assert _answer(few, partly).grade is Grade.LIMITED
+    contradicted = replace(alone, contradictions=(Contradiction("run.csv", alone.ties[0], FRONT, 1.0, 2.0, 1e-6),))
+    assert _answer(few, contradicted).grade is Grade.LIMITED
+
+
+def test_a_trade_off_is_better_or_worse_only_if_its_interval_excludes_zero(few, certain):
+    grades = {one.measure: one.grade for one in _answer(few, certain(few)).trade_offs}
+    assert grades == {HUB: "worse", FRONT: "even"}
+
+
+def test_the_objective_comes_first_then_what_gets_worse_and_the_rest_is_counted(few, certain):
+    names = [m.name for m in few.study.measures] + [f"other {k}" for k in range(6)]
+    changes = (-0.03, -0.02, 0.01, 0.04, 0.0, -0.01, *(-0.05,) * 6)
+    lines = tuple(TradeOff(n, c, c - 0.005, c + 0.005, 0.0) for n, c in zip(names, changes, strict=True))
+    answer = _answer(few, certain(few, trade_offs=lines))
+    assert [one.measure for one in answer.trade_offs[:2]] == [term.measure for term in few.study.objective]
+    assert [one.grade for one in answer.trade_offs[2:5]] == ["worse", "worse", "even"]
+    assert answer.trade_offs[2].change.startswith("+4") and len(answer.trade_offs) == 8
+    assert answer.unlisted == "4 more are better."
+
+
+@pytest.mark.nightly
+def test_the_answer_leads_to_the_curves_to_aim_at_with_the_gain_that_is_assured(few, certain):
+    sheet = sheet_of(few, certainty=certain(few))
+    assert "eightpost shapes searches" in _text(page(sheet, Extras()))
+    sure = page(sheet, Extras(aim=AimPage("shapes.html", 0.021, 0.012, True)))
+    assert 'href="shapes.html"' in sure and "gain 2.1" in _text(sure) and "at least 1.2" in _text(sure)
+    doubtful = _text(page(sheet, Extras(aim=AimPage("shapes.html", 0.021, -0.002, True))))
+    assert "less than 95 % probable" in doubtful
+    unstated = _text(page(sheet, Extras(aim=AimPage("shapes.html", 0.021, 0.012, False))))
+    assert "errors of the vehicle are not included" in unstated
+
+
+def test_curves_of_another_study_or_edited_ones_are_not_linked(few, tmp_path):
+    (tmp_path / "shapes.html").write_text("")
+    content = {"digest": few.provenance.digest, "objective": {"best_of_bank": 50.0},
+               "gain": {"predicted": 1.0, "assured": 0.5, "includes_car": True}}  # fmt: skip
+    (tmp_path / "shapes.json").write_text(json.dumps(content))
+    assert AimPage.of(tmp_path, few.provenance.digest) == AimPage("shapes.html", 0.02, 0.01, True)
+    (tmp_path / "shapes.json").write_text(json.dumps(sealed(content)))
+    assert AimPage.of(tmp_path, few.provenance.digest) == AimPage("shapes.html", 0.02, 0.01, True)
+    changed = sealed(content) | {"gain": content["gain"] | {"assured": 5.0}}
+    for wrong in (content | {"digest": "0" * 64}, {"digest": few.provenance.digest}, [], changed):
+        (tmp_path / "shapes.json").write_text(json.dumps(wrong))
+        assert AimPage.of(tmp_path, few.provenance.digest) is None
+
+
+def test_no_answer_is_given_if_no_setup_meets_the_constraints(few):
+    sheet = sheet_of(few)
+    assert answer_of(replace(sheet, allowed=np.zeros_like(sheet.allowed))) is None
+
+
+def test_the_page_shows_the_answer_before_the_verdict_and_the_ranking(few, certain):
+    certainty = certain(few)
+    text = _text(page(sheet_of(few, certainty=certainty), Extras()))
+    places = [text.index(words) for words in ("Which setup", "How sure", "At what trade-off", "What to test next")]
+    assert places == sorted(places) and places[-1] < text.index("Ranking ")
+    assert f"One of {len(certainty.ties)} setups is the best" in text
+
+
+def test_tied_rows_are_the_fewest_that_contain_the_best_with_95_percent():
+    np.testing.assert_array_equal(
+        tied_rows(np.array([0.04, 0.60, np.nan, 0.36, 0.0])), [False, True, False, True, False]
+    )
+    np.testing.assert_array_equal(tied_rows(np.array([0.10, 0.60, 0.30])), [True, True, True])
+    np.testing.assert_array_equal(tied_rows(np.full(3, np.nan)), [False, False, False])
+
+
+# ==== Curves of shocks measured on their FMUs, and the pages that the FMUs carry =====================================
+
+
+@pytest.mark.nightly
+def test_the_curve_of_an_fmu_is_the_static_force_of_its_law(fmus, shocks):
+    for name in ("polylinear", "lpf1", "lpnl2"):
+        law = shocks[name].law
+        port, static = law.port, np.array([law.static_force(velocity) for velocity in VELOCITIES])
+        expected = static + port.gas_force(0.0) + [port.seal_force(velocity) for velocity in VELOCITIES]
+        np.testing.assert_allclose(shock_curve(Build(fmus[name])).force, expected, atol=1.0)
+
+
+def test_every_build_of_a_bank_has_the_curve_of_its_own_parameters(fmus):
+    curves = shock_curves(study(fmus))
+    assert set(curves) == set(SCALES)
+    assert curves["stiff"].force[-1] > 1.5 * curves["middle"].force[-1] > 0.0
+
+
+def test_a_build_whose_fmu_is_missing_has_no_curve_and_no_page(fmus, tmp_path):
+    made = study(fmus)
+    gone = type(made)(**{**vars(made), "bank": made.bank | {"soft": Build(tmp_path / "gone.fmu")}})
+    assert "soft" not in shock_curves(gone)
+    pages = copy_shock_pages(gone, tmp_path)
+    assert set(pages) == set(SCALES) - {"soft"}
+    assert all((tmp_path / page).read_bytes().startswith(b"<!") for page in pages.values())
