@@ -1,6 +1,6 @@
 """Checks of whether any FMU works as a drop-in component in tools that its developers do not know.
 
-`check` applies third-party checkers, the rules of this package, and probes that call the FMU. The probes run in separate
+`check` applies third-party checkers, the rules of this package, and probes that call the FMU. These run in separate
 processes, so that a crash is a finding and does not end the check (docs/reference/check.md).
 """
 
