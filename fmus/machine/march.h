@@ -5,7 +5,7 @@
 #include "machine.h"
 #include "port.h"
 
-enum { MOST_CHANNELS = 256, MOST_LIMITS = 8, RECORDS = 8 };
+enum { MOST_CHANNELS = 256, MOST_LIMITS = 8, RECORDS = 16 };
 
 /* The sums over steps and records, in the order of Sums. */
 typedef struct {
@@ -31,13 +31,13 @@ typedef struct {
 /* A number and a row of a matrix times numbers, in two sums that do not wait for each other. */
 static inline WITHIN real with_row(real first, const double *row, const real *numbers, int count)
 {
-    real second = row[count - 1] * numbers[count - 1];
+    real second = row[count / 2] * numbers[count / 2];
     UNROLLED
     for (int i = 0; i < count / 2; i++) {
         first += row[i] * numbers[i];
     }
     UNROLLED
-    for (int i = count / 2; i < count - 1; i++) {
+    for (int i = count / 2 + 1; i < count; i++) {
         second += row[i] * numbers[i];
     }
     return first + second;
