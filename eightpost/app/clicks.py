@@ -1,4 +1,4 @@
-"""`eightpost clicks`."""
+"""`eightpost study clicks`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`eightpost compare`."""
+"""`eightpost study compare`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`eightpost confirm`."""
+"""`eightpost study confirm`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`eightpost optimise`."""
+"""`eightpost study optimise`."""
 
 from __future__ import annotations
 

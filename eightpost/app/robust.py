@@ -1,4 +1,4 @@
-"""`eightpost robust`."""
+"""`eightpost study robust`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`eightpost select`."""
+"""`eightpost study select`."""
 
 from __future__ import annotations
 

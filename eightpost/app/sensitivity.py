@@ -1,4 +1,4 @@
-"""`eightpost sensitivity`."""
+"""`eightpost study sensitivity`."""
 
 from __future__ import annotations
 

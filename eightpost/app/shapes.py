@@ -1,4 +1,4 @@
-"""`eightpost shapes`."""
+"""`eightpost study shapes`."""
 
 from __future__ import annotations
 

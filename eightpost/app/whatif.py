@@ -1,4 +1,4 @@
-"""`eightpost whatif`."""
+"""`eightpost study whatif`."""
 
 from __future__ import annotations
 
