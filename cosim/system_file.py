@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -156,7 +156,12 @@ def read_case(
         raise WiringError(f"{path}: no component {unknown[0]!r} to swap; there are {', '.join(content.components)}")
     folder = path.parent
     files = {name: Path(fmus.get(name, folder / entry.fmu)) for name, entry in content.components.items()}
-    components = {name: _opened(path, name, file, load) for name, file in files.items()}
+    components: dict[str, Component] = {}
+    for name, file in files.items():
+        try:
+            components[name] = load(file, name)
+        except FmuError as error:
+            raise FmuError(f"{path}: components.{name}: {error}") from error
     try:
         system, scenario = _system(content, components), _scenario(path, content.scenario)
         step, algorithm = content.scenario.coupling_step, _algorithm(content.scenario)
@@ -171,13 +176,6 @@ def read_case(
         step=step,
         fmus=files,
     )
-
-
-def _opened(path: Path, name: str, file: Path, load: Callable[[Path, str], Component]) -> Component:
-    try:
-        return load(file, name)
-    except FmuError as error:
-        raise FmuError(f"{path}: components.{name}: {error}") from error
 
 
 def _system(content: _File, components: Mapping[str, Component]) -> System:

@@ -34,7 +34,9 @@ SECTIONS: Mapping[str, Mapping[str, Entry]] = {
     "Start": {
         "new": Entry("Write a starter folder, with files to be replaced by your own.", "new:new"),
         "demo": Entry("Run the whole workflow on shipped data.", "demo:demo"),
-        "app": Entry("Open a window in the browser: drop files, fit, couple, and run studies.", "app:app"),
+        "app": Entry(
+            "Open a window in the browser: drop dynamometer and rig files, fit, couple, and run studies.", "app:app"
+        ),
         "doctor": Entry(
             "Check the installation: versions, extras, caches, a coupled run, the compiler.", "doctor:doctor"
         ),

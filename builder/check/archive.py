@@ -219,7 +219,7 @@ _BINARY = re.compile(r"binaries/([^/]+)/([^/]+)\.(so|dll|dylib)")
 
 
 @dataclass(frozen=True)
-class Subject:
+class CheckedFmu:
     """An FMU file: entries as stored, contents by name (the last of duplicate entries), and the parsed description.
 
     `description` is None if the XML is missing or not well-formed; in the latter case `xml_error` is the reason.
@@ -249,7 +249,7 @@ class Subject:
         return not any(unsafe_reason(entry) for entry in self.entries)
 
 
-def read_subject(path: str | Path) -> Subject:
+def read_subject(path: str | Path) -> CheckedFmu:
     """Read an FMU.
 
     Raises:
@@ -263,14 +263,14 @@ def read_subject(path: str | Path) -> Subject:
     if not any(PurePosixPath(name.replace("\\", "/")).name == XML for name in members):
         raise FmuError(f"{path}: is not an FMU: it contains no {XML}")
     if XML not in members:
-        return Subject(path, entries, members, "", None)
+        return CheckedFmu(path, entries, members, "", None)
     try:
         root = ET.fromstring(members[XML])
     except (ET.ParseError, ValueError, LookupError) as error:
-        return Subject(path, entries, members, f"{type(error).__name__}: {error}", None)
+        return CheckedFmu(path, entries, members, f"{type(error).__name__}: {error}", None)
     if root.get("fmiVersion", "2").startswith("1."):
         raise FmuError(f"{path}: is an FMU of FMI {root.get('fmiVersion')}; check supports FMI 2.0 and 3.0")
-    return Subject(path, entries, members, "", read_description(root, _build_description(members)))
+    return CheckedFmu(path, entries, members, "", read_description(root, _build_description(members)))
 
 
 def _build_description(members: Mapping[str, bytes]) -> ET.Element | None:
@@ -295,7 +295,7 @@ _DECLARATION = re.compile(rb"""\A\s*<\?xml[^>]*encoding\s*=\s*["']([^"']+)["']""
 _DATE = "{:04}-{:02}-{:02} {:02}:{:02}:{:02}"
 
 
-def entries(subject: Subject) -> Faults:
+def entries(subject: CheckedFmu) -> Faults:
     """Yield faults of the entries of the archive, and of the XML as text."""
     if XML not in subject.members:
         found = next(name for name in subject.members if PurePosixPath(name.replace("\\", "/")).name == XML)
@@ -345,7 +345,7 @@ def _is_refused_by_windows(name: str) -> bool:
 # ---- Documents, sources, reference results --------------------------------------------------------------------------
 
 
-def contents(subject: Subject, fmu: Description) -> Faults:
+def contents(subject: CheckedFmu, fmu: Description) -> Faults:
     """Yield faults of sources, documentation, licences, icon, reference results and the name of the file."""
     members = subject.members
     yield "source-files", _missing_sources(subject, fmu.sources.files)
@@ -366,7 +366,7 @@ def contents(subject: Subject, fmu: Description) -> Faults:
         yield "file-name", f"the file is {subject.path.name}, the modelIdentifier {fmu.identifier}"
 
 
-def _missing_sources(subject: Subject, names: tuple[str, ...]) -> str:
+def _missing_sources(subject: CheckedFmu, names: tuple[str, ...]) -> str:
     return some((name for name in names if f"sources/{name}" not in subject.members), "missing in sources/: ")
 
 
@@ -392,7 +392,7 @@ def _fault_of_png(content: bytes) -> str:
     return ""
 
 
-def exchange_files(subject: Subject, fmu: Description) -> Faults:
+def exchange_files(subject: CheckedFmu, fmu: Description) -> Faults:
     """Yield faults of the binaries and sources of model exchange."""
     if fmu.model_exchange is not None:
         name = fmu.model_exchange.get("modelIdentifier", "")
@@ -419,7 +419,7 @@ _FLOW_OF_FORCE = {"output": "outflow", "input": "inflow"}
 _Member = tuple[str, Variable]
 
 
-def terminals(subject: Subject, fmu: Description) -> Faults:
+def terminals(subject: CheckedFmu, fmu: Description) -> Faults:
     """Yield faults of terminals: they must be readable, refer to existing variables, and fit their causality."""
     if _PATH not in subject.members:
         yield "terminals", f"{_PATH} is missing"
@@ -521,7 +521,7 @@ _ORDER = {2: "GetRealOutputDerivatives", 3: "GetOutputDerivatives"}
 _RUNTIMES = ("python", "jvm", "mono", "coreclr", "mclmcrrt", "octave", "libmx")
 
 
-def binaries(subject: Subject, fmu: Description) -> Faults:
+def binaries(subject: CheckedFmu, fmu: Description) -> Faults:
     """Yield faults of the shared libraries."""
     sound = [binary for binary in subject.own_binaries if not binary.fault]
     if fmu.co_simulation is not None:
@@ -546,7 +546,7 @@ def binaries(subject: Subject, fmu: Description) -> Faults:
         yield from ((rule, fault and f"{binary.name}: {fault}") for rule, fault in binary.faults.items())
 
 
-def _presence(subject: Subject, fmu: Description) -> Faults:
+def _presence(subject: CheckedFmu, fmu: Description) -> Faults:
     if not subject.binaries and not fmu.sources.files:
         yield "binary-present", "there is neither a binary nor a list of sources"
     named = {binary.platform for binary in subject.own_binaries}
@@ -567,7 +567,7 @@ def _readability(binary: Binary, fmu: Description) -> tuple[str, str]:
     return "binary-machine", "" if is_right else f"{binary.name} is for {listed(list(binary.machines))}"
 
 
-def _exports(subject: Subject, fmu: Description, sound: list[Binary]) -> Faults:
+def _exports(subject: CheckedFmu, fmu: Description, sound: list[Binary]) -> Faults:
     required, co_simulation = _required(fmu), names(fmu.fmi, "all", "cs", "optional")
     for binary in sound:
         found, lacks = binary.exports_without(fmu.identifier), f"{binary.name} lacks "

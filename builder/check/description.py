@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from datetime import datetime
 from itertools import chain, pairwise
 
-from builder.check.archive import Subject, binaries, contents, entries, exchange_files, terminals
+from builder.check.archive import CheckedFmu, binaries, contents, entries, exchange_files, terminals
 from builder.check.rules import Faults, Finding, findings, listed, some
 from eightpost import units
 from eightpost.errors import UnknownUnitError
@@ -529,7 +529,7 @@ def _fault_of_interval(clock: Variable) -> str:
     return f"it is {kind} and has no interval" if kind in ("constant", "fixed") and not has_interval else ""
 
 
-def build_description(subject: Subject, fmu: Description) -> Faults:
+def build_description(subject: CheckedFmu, fmu: Description) -> Faults:
     """Yield faults of the build description that sources of FMI 3.0 need."""
     if not any(name.startswith("sources/") for name in subject.members):
         return
@@ -554,7 +554,7 @@ def build_description(subject: Subject, fmu: Description) -> Faults:
 # ==== Static rules: what an archive and its modelDescription.xml contain, without running the FMU ====================
 
 
-def static_findings(subject: Subject) -> Iterator[Finding]:
+def static_findings(subject: CheckedFmu) -> Iterator[Finding]:
     """Apply every static rule; if there is no description, apply only the rules for the archive."""
     yield from findings(entries(subject))
     if (description := subject.description) is None:

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from builder.check.archive import Subject, read_subject
+from builder.check.archive import CheckedFmu, read_subject
 from builder.check.description import static_findings
 from builder.check.probes.bench import REACH
 from builder.check.probes.library import binary_members, platform_folders
@@ -76,20 +76,20 @@ def run(path: Path, scope: Scope, groups: Collection[str]) -> CheckReport:
     return CheckReport(path, scope, _identity(subject), tuple(ledger.groups), tuple(ledger.skipped), tuple(findings))
 
 
-def _identity(subject: Subject) -> dict[str, str]:
+def _identity(subject: CheckedFmu) -> dict[str, str]:
     attributes = subject.description.attributes if subject.description else {}
     key = _KEYS[subject.description.fmi] if subject.description else ""
     stated = {name: attributes[name] for name in (*_IDENTITY, key) if name in attributes}
     return {**stated, "sha256": sha256_of(subject.path)}
 
 
-def _tools(subject: Subject) -> Outcome:
+def _tools(subject: CheckedFmu) -> Outcome:
     if not subject.is_safe:
         return Outcome(skipped=(("", "the archive is not safe to unpack"),))
     return Outcome(tuple(tool_findings(subject)))
 
 
-def _call(subject: Subject, groups: list[str], ledger: _Ledger) -> None:
+def _call(subject: CheckedFmu, groups: list[str], ledger: _Ledger) -> None:
     """Apply the groups that call the FMU: first the simulation, then the others if the simulation works."""
     description = subject.description
     left_out = (
@@ -119,30 +119,31 @@ def _call(subject: Subject, groups: list[str], ledger: _Ledger) -> None:
         ledger.skipped.append(Skipped(", ".join(others), reason))
 
 
-def _outcomes(subject: Subject, selected: list[str], unpacked: Unpacked) -> dict[str, Outcome]:
+def _outcomes(subject: CheckedFmu, selected: list[str], unpacked: Unpacked) -> dict[str, Outcome]:
     """Return the outcomes of groups by name; without others if the simulation does not work.
 
     Valid calls share a process, so that an FMU is loaded and Python starts once; invalid ones share another.
     """
-    apart = {
-        "surroundings": lambda: surroundings(unpacked, plain),
-        "rebuild": lambda: rebuild(subject, unpacked, plain),
-    }
+    apart = [group for group in ("surroundings", "rebuild") if group in selected]
     misuses = [group for group in selected if GROUPS[group].crash == "crash-misuse"]
-    shared = [group for group in selected if group not in ("simulation", "rebuild", "surroundings", *misuses)]
-    outcomes = dict(probed(["simulation", *(["surroundings"] if apart.keys() & selected else []), *shared], unpacked))
+    shared = [group for group in selected if group not in ("simulation", *apart, *misuses)]
+    outcomes = dict(probed(["simulation", *(["surroundings"] if apart else []), *shared], unpacked))
     first, plain = outcomes["simulation"], outcomes.pop("surroundings", Outcome())
     if not first.completed:
         return outcomes
     if REACH in first.values:
         unpacked = replace(unpacked, reach=int(first.values[REACH]))
     with ThreadPoolExecutor(_AT_ONCE) as pool:
-        waiting = {group: pool.submit(apart[group]) for group in selected if group in apart}
+        waiting = {}
+        if "surroundings" in apart:
+            waiting["surroundings"] = pool.submit(surroundings, unpacked, plain)
+        if "rebuild" in apart:
+            waiting["rebuild"] = pool.submit(rebuild, subject, unpacked, plain)
         outcomes |= dict(probed(misuses, unpacked))
         return outcomes | {group: future.result() for group, future in waiting.items()}
 
 
-def _reason_not_to_call(subject: Subject, fmu: Description) -> str:
+def _reason_not_to_call(subject: CheckedFmu, fmu: Description) -> str:
     if not subject.is_safe:
         return "the archive is not safe to unpack"
     if fmu.co_simulation is None and fmu.model_exchange is None:
@@ -155,7 +156,7 @@ def _reason_not_to_call(subject: Subject, fmu: Description) -> str:
     return ""
 
 
-def _unpack(subject: Subject, folder: Path) -> None:
+def _unpack(subject: CheckedFmu, folder: Path) -> None:
     for name, content in subject.members.items():
         target = folder / name
         target.parent.mkdir(parents=True, exist_ok=True)

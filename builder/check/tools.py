@@ -12,7 +12,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from builder.check.archive import Subject
+from builder.check.archive import CheckedFmu
 from builder.check.probes.library import binary_members
 from builder.check.process import Outcome, Unpacked, differences, trace
 from builder.check.rules import RULES, Finding
@@ -25,7 +25,7 @@ from eightpost.workers.process import run
 _SUMMARY = ("This FMU does not validate", "semantic error(s)")
 
 
-def tool_findings(subject: Subject) -> Iterator[Finding]:
+def tool_findings(subject: CheckedFmu) -> Iterator[Finding]:
     """Apply both checkers to an FMU, and the schemas of the documents that they do not look at."""
     for problem in _fmpy(subject):
         yield RULES["fmpy-validate"].finding(problem)
@@ -67,7 +67,7 @@ _IDENTIFIER = rf"{_PART}(\.{_PART})*"
 _PLAIN_NAME = re.compile(rf"{_IDENTIFIER}|der\({_IDENTIFIER}(,[0-9]+)?\)")
 
 
-def _fmpy(subject: Subject) -> list[str]:
+def _fmpy(subject: CheckedFmu) -> list[str]:
     """Return the problems that FMPy reports; its parser of names is only used where one is not plain."""
     from fmpy.validation import validate_fmu  # noqa: PLC0415 - slow to import
 
@@ -79,7 +79,7 @@ def _fmpy(subject: Subject) -> list[str]:
         return [f"{type(error).__name__}: {error}"]
 
 
-def _has_plain_names(subject: Subject) -> bool:
+def _has_plain_names(subject: CheckedFmu) -> bool:
     """Return whether FMPy has nothing to say about the names of variables and members."""
     variables = subject.description.variables if subject.description else ()
     names = all(_PLAIN_NAME.fullmatch(variable.name) for variable in variables)
@@ -136,7 +136,7 @@ _OPTIONS = ("-shared", "-fPIC", "-w", "-ffp-contract=off",
             "-DFMI2_OVERRIDE_FUNCTION_PREFIX", "-DFMI3_OVERRIDE_FUNCTION_PREFIX")  # fmt: skip
 
 
-def rebuild(subject: Subject, unpacked: Unpacked, plain: Outcome) -> Outcome:
+def rebuild(subject: CheckedFmu, unpacked: Unpacked, plain: Outcome) -> Outcome:
     """Compile the sources with the C compiler of this machine, and compare a run with that of the FMU's binary."""
     fmu = subject.description
     if fmu is None or not fmu.sources.files:

@@ -229,7 +229,12 @@ class SharedFmu:
             key = _identity(Path(path))
             shared = None if key is None else _shared.get(key)
             if shared is None:
-                shared = cls(_unpack_apart(path, compile_missing))
+                folder = tempfile.mkdtemp(prefix="fmu_")
+                try:
+                    shared = cls(FmuFile.unpack(path, folder, compile_missing=compile_missing))
+                except BaseException:
+                    shutil.rmtree(folder, ignore_errors=True)
+                    raise
                 if key is not None:
                     _shared[key] = shared
             return shared
@@ -252,15 +257,6 @@ def _identity(path: Path) -> tuple[str, int, int] | None:
     except OSError:
         return None
     return str(path.resolve()), status.st_mtime_ns, status.st_size
-
-
-def _unpack_apart(path: str | Path, compile_missing: bool) -> FmuFile:
-    folder = tempfile.mkdtemp(prefix="fmu_")
-    try:
-        return FmuFile.unpack(path, folder, compile_missing=compile_missing)
-    except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise
 
 
 def _remove_own(folder: Path, owner: int) -> None:
@@ -318,11 +314,15 @@ def _options(files: Sequence[str], version: int) -> list[str]:
     # The FMU's own headers come first, because it may contain modified ones.
     # The definition keeps the functions' plain names (FMI 2.0.2 and later).
     plain = f"-DFMI{version}_OVERRIDE_FUNCTION_PREFIX"
-    return [*_FLAGS, plain, *position, "-I.", "-I", str(headers), *(["-lstdc++"] if _has_cpp(files) else [])]
-
-
-def _has_cpp(files: Sequence[str]) -> bool:
-    return any(Path(name).suffix in _CPP for name in files)
+    return [
+        *_FLAGS,
+        plain,
+        *position,
+        "-I.",
+        "-I",
+        str(headers),
+        *(["-lstdc++"] if _CPP & {Path(name).suffix for name in files} else []),
+    ]
 
 
 def _key(path: Path, command: Sequence[str]) -> str:

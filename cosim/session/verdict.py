@@ -66,7 +66,8 @@ COUPLING_GOOD = RULES.add("coupling error small", "coupling", Grade.USABLE,
 COUPLING_UNKNOWN = RULES.add("coupling error not stated", "coupling", Grade.UNKNOWN,
     condition="the run states no error",
     why="a single run at one step does not show the error of the coupling",
-    remedy="leave out --no-comparison (compared=False), or use the default algorithm; both state the error",
+    remedy="leave out --no-comparison (compared=False), or use the default algorithm; both state the error unless a "
+    "component makes steps of one size only",
 )  # fmt: skip
 COUPLING_NONE = RULES.add("nothing is coupled", "coupling", Grade.USABLE,
     condition="no connections form a loop, and no error is stated",
@@ -396,16 +397,12 @@ def _ranges(model: Model, series: TimeSeries, origin: str) -> Iterator[Reason]:
             yield CONDITION.reason("the result is valid for the conditions of the fit", figure=figure, origin=origin)
         elif covered.variable in model.channels and len(series) >= _FEWEST:
             examined += 1
-            reasons += _left(covered, *_values(model, covered, series), origin)
+            channel, factor = model.channels[covered.variable]
+            reasons += _left(covered, factor * series[channel], series.sample_rate, origin)
     if examined and not reasons:
         figure = f"{examined} ranges, exceeded for less than {NOTABLE_SHARE:.0%} of the time"
         yield COVERED.reason("the run stays within the ranges of the model's records", figure=figure, origin=origin)
     yield from reasons
-
-
-def _values(model: Model, covered: Range, series: TimeSeries) -> tuple[np.ndarray, float]:
-    channel, factor = model.channels[covered.variable]
-    return factor * series[channel], series.sample_rate
 
 
 def _left(covered: Range, values: np.ndarray, rate: float, origin: str) -> Iterator[Reason]:
@@ -542,7 +539,8 @@ def _coupling(run: RunData) -> Iterator[Reason]:
     if others:
         name = max(others, key=lambda each: others[each])
         yield CHANNEL_ERROR.reason(
-            f"the coupling error of {_counted(len(others), 'other channel')} is too large; largest: {name}",
+            f"the coupling error of {len(others)} other channel{'' if len(others) == 1 else 's'} is too large; "
+            f"largest: {name}",
             figure=f"{_percent(others[name])}; limit {LARGEST_ERROR:g} %",
             origin="coupling error per channel",
         )
@@ -610,10 +608,6 @@ def _convergence(run: RunData) -> Iterator[Reason]:
     if run.converged and not run.partial:
         figure = f"{run.steps} steps, {end}"
         yield CONVERGED.reason("the run reached its stop time", figure=figure, origin="the run")
-
-
-def _counted(count: int, what: str) -> str:
-    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def _percent(value: float) -> str:

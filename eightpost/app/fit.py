@@ -128,11 +128,14 @@ def fit(
       eightpost fit 0.3A.csv 0.9A.csv 1.6A.csv -o shock.json
       eightpost fit run7.csv --channel 'force=-Force [lbf]' --gas included -o dist/run7.json
     """
+    from threadpoolctl import threadpool_limits
+
     from eightpost.ident import fit_shock
     from eightpost.ident.shock.peak_velocity import builds_in, tables_in
     from eightpost.rig import DynoConditions
     from eightpost.shock import write_shock
 
+    ctx.with_resource(threadpool_limits(1, "blas"))  # threads do not speed up matrices this small
     if plot is not None:
         import eightpost.report.pictures  # noqa: F401 -- refuses a picture that cannot be drawn before the fit
     console = Console()

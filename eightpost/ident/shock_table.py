@@ -132,7 +132,7 @@ def _at_settings(shock: Shock, setting: TableSetting, over: str) -> list[Shock]:
     if shock.settings is None:
         raise InputError(
             f"--over {over!r}: {shock.name!r} was measured at one setting; omit --over, name the shocks of the other "
-            "settings, or fit them together (eightpost settings)"
+            "settings, or fit a table of them (eightpost fit TABLE.toml)"
         )
     axes = {axis.name: axis for axis in shock.settings.axes}
     if setting.axis not in axes:

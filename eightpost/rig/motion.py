@@ -15,6 +15,7 @@ from scipy.special import stdtrit
 from eightpost.array_types import Array
 from eightpost.checks.dyno import fault
 from eightpost.checks.fault import Fault
+from eightpost.checks.lag import delay_of
 from eightpost.signals.filters import lowpass, velocity_from_displacement
 from eightpost.signals.timeseries import TimeSeries
 
@@ -98,7 +99,7 @@ def _is_usual(values: Array) -> NDArray[np.bool_]:
     return np.asarray(np.abs(values / np.median(values) - 1.0) <= ALIKE)
 
 
-# ==== Delay of a channel behind another one, above all of the force behind the velocity ==============================
+# ==== Delay of the force behind the velocity ==========================================================================
 # The delay T is that with which a small model of the shock leaves the smallest residual,
 #
 #     min over T, f, K, F0 of  sum (F(t + T) - f(v) - K x - F0)^2,   K >= 0
@@ -136,12 +137,12 @@ _LEAST, _RIDGE, _FINE, _FEWEST_STEPS = 1e-8, 1e-9, 2e-5, 5
 
 
 class Lag(NamedTuple):
-    """Delay of a channel behind another one; negative if it leads."""
+    """Delay of the force behind the velocity; negative if it leads."""
 
     seconds: float  #: Delay [s].
     low: float  #: Lower end of its 95 % interval [s].
     high: float  #: Upper end [s].
-    stiffness: float = 0.0  #: Stiffness K of the model [N/m]; 0 between channels of motion.
+    stiffness: float = 0.0  #: Stiffness K of the model [N/m].
 
     def __str__(self) -> str:
         """Return the delay and its interval in milliseconds."""
@@ -157,15 +158,6 @@ def force_lag(series: TimeSeries) -> Lag | None:
     velocity, path, force = rows
     period = 2.0 * np.pi * float(path.std() / velocity.std())
     return _lag(force, velocity, _curve(velocity), path, period)
-
-
-def channel_lag(values: Array, reference: Array, rate: float) -> Lag | None:
-    """Return the delay of a channel behind one that it is proportional to; None if it is unknown."""
-    rows = _compared(np.stack([values, reference]), rate)
-    if not rows.std(axis=1).all():
-        return None
-    period = 2.0 * np.pi * float(rows[1].std() / (_RATE * np.diff(rows[1])).std())
-    return _lag(rows[0], rows[1], rows[1][:, None], None, period)
 
 
 # ---- The estimate ---------------------------------------------------------------------------------------------------
@@ -189,8 +181,8 @@ def _curve(velocity: Array) -> Array:
     return np.stack([column for column in sides if column.any()], axis=1)
 
 
-def _lag(values: Array, reference: Array, columns: Array, spring: Array | None, period: float) -> Lag | None:
-    """Return the delay of values (N,) that makes columns (N, C), and a spring (N,), explain most of them."""
+def _lag(values: Array, reference: Array, columns: Array, spring: Array, period: float) -> Lag | None:
+    """Return the delay of values (N,) that makes columns (N, C) and a spring (N,) explain most of them."""
     reach = SHARE * period
     steps = np.arange(int(max(EARLIEST, -reach) * _RATE), int(min(LATEST, reach) * _RATE) + 1)
     used = _used(values.size, int(steps[-1]))
@@ -198,12 +190,10 @@ def _lag(values: Array, reference: Array, columns: Array, spring: Array | None, 
         return None
     shifted, lags = _about(values[used + steps[:, None]].T), steps / _RATE
     fine = np.arange(lags[0], lags[-1], _FINE)
-    model, stiffness = _about(columns[used]), np.zeros(fine.size)
-    profile, _ = _residual(model, shifted, lags, fine)
-    if spring is not None:
-        model = np.column_stack([model, _about(spring[used])])
-        other, weight = _residual(model, shifted, lags, fine)
-        profile, stiffness = np.where(weight > 0.0, other, profile), np.maximum(weight, 0.0)
+    profile, _ = _residual(_about(columns[used]), shifted, lags, fine)
+    model = _about(np.column_stack([columns, spring])[used])
+    other, weight = _residual(model, shifted, lags, fine)
+    profile, stiffness = np.where(weight > 0.0, other, profile), np.maximum(weight, 0.0)
     # At half a period the channels oppose each other: a curve that falls would explain them.
     follows = CubicSpline(lags, _about(reference[used]) @ shifted)(fine) > 0.0
     profile = np.where(follows, profile, np.inf)
@@ -302,8 +292,8 @@ RATIOS = {
 }
 #: Relative tolerance of such a ratio.
 RATIO_TOLERANCE = 0.08
-#: Maximum lag of velocity behind the slope of displacement [samples].
-LAG_SAMPLES = 1.5
+#: Maximum lag of velocity behind the slope of displacement [samples], and its standard deviations that are allowed.
+LAG_SAMPLES, DEVIATIONS = 1.5, 2.0
 #: Maximum relative difference in size between measured velocity and the slope of displacement, ...
 SLOPE_SHARE = 0.05
 #: ... maximum difference of their means as a share of the standard deviation of velocity, ...
@@ -348,8 +338,8 @@ def slope_ratio(series: TimeSeries) -> float:
 def _disagreement(series: TimeSeries) -> str:
     """Return a figure if velocity differs from the slope of displacement in time, size, mean or at a sample."""
     velocity, slope, rate = slopes(series)
-    lag = channel_lag(velocity, slope, rate)
-    if lag is not None and not (lag.low <= LAG_SAMPLES / rate and -LAG_SAMPLES / rate <= lag.high):
+    lag = delay_of(velocity, slope, rate, band=_CUTOFF)
+    if abs(lag.seconds) - DEVIATIONS * lag.spread > LAG_SAMPLES / rate:
         follows = "follows" if lag.seconds > 0.0 else "leads"
         return f"velocity {follows} the slope of displacement by {1e3 * abs(lag.seconds):.3g} ms"
     ratio = float(slope.std() / velocity.std())

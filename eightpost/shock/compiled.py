@@ -148,7 +148,7 @@ def law_step(
 
 
 def _start_of(law: type[ShockLaw]) -> Callable[..., Any]:
-    core = getattr(law_module(law), "start_core", None)
+    core: Any = getattr(law_module(law), "start_core", None)
 
     def start(velocity: float, static: float, numbers: Any, valve: Valve) -> Any:
         return core(velocity, static, numbers.own, valve)
@@ -220,14 +220,15 @@ def stepped_force(law: type[ShockLaw], valve: Valve, own: tuple[float, ...], vel
         step: Time (N - 1,) from sample to sample [s].
     """
     port = Port(compression_scale=valve.compression_scale, rebound_scale=valve.rebound_scale)
-    numbers, force = _records([(law, port, tuple(valve.curve), own)]), np.empty(velocity.size)
+    numbers, force = _records([(law, port, tuple(valve.curve), own)]), np.empty(velocity.size)  # type: ignore[arg-type]
     record_loop()(numbers, np.ascontiguousarray(velocity), step, np.empty((velocity.size, MOST_STATES)), force)
     return force
 
 
 def stepped_states(law: type[ShockLaw], valve: Valve, own: tuple[float, ...], velocity: Array, step: Array) -> Array:
     """Return the states (N, 2) of a law whose states depend on the velocity alone; see `stepped_force`."""
-    numbers, states = _records([(law, Port(), tuple(valve.curve), own)]), np.empty((velocity.size, MOST_STATES))
+    numbers = _records([(law, Port(), tuple(valve.curve), own)])  # type: ignore[arg-type]
+    states = np.empty((velocity.size, MOST_STATES))
     record_loop()(numbers, np.ascontiguousarray(velocity), step, states, np.empty(0))
     return states
 

@@ -9,12 +9,9 @@ from dataclasses import dataclass, field, replace
 from math import inf, sqrt
 from pathlib import Path
 from statistics import NormalDist
-from typing import Any, get_args, get_origin, get_type_hints
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, get_args, get_origin, get_type_hints
 
 from eightpost import __version__
-from eightpost.array_types import Array
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError, ParameterError
 from eightpost.files import MALFORMED, atomic_path, check_schema, json_content
@@ -22,9 +19,12 @@ from eightpost.shock.curve import KNOTS, StaticCurve
 from eightpost.shock.law import ShockLaw
 from eightpost.shock.laws import FORMER, LAWS, law_name, law_title, own_parameters, parameter_units
 from eightpost.shock.settings import TEMPERATURE, Axis, Settings, is_tested, setting_of
-from eightpost.uncertainty import LeftOutBlocks, left_out_of
 from eightpost.validity import ModelUncertainty, ParameterUncertainty, Validity, judged
 from eightpost.verdict import Grade, Reason, Rules, Verdict
+
+if TYPE_CHECKING:
+    from eightpost.array_types import Array
+    from eightpost.uncertainty import LeftOutBlocks
 
 # ---- Where a setting is, relative to the measured ones --------------------------------------------------------------
 
@@ -295,7 +295,7 @@ class Shock(Summarized):
         """
         if self.settings is None:
             raise ParameterError(
-                f"shock {self.name!r} was measured at one setting; fit several with eightpost settings"
+                f"shock {self.name!r} was measured at one setting; fit a table of several: eightpost fit TABLE.toml"
             )
         values = dict(clicks or {}) | ({} if temperature is None else {TEMPERATURE: temperature})
         try:
@@ -416,7 +416,7 @@ def read_shock(path: str | Path) -> Shock:
 def _no_longer_supported(document: dict[str, Any], path: Path) -> str:
     """Return what is wrong with a file of a former law, and the command that fits its records again."""
     records = " ".join(entry["name"] for entry in _inputs(document) if "name" in entry) or "RECORD"
-    command = "settings TABLE" if "settings" in document else f"fit {records}"
+    command = "fit TABLE" if "settings" in document else f"fit {records}"
     return (
         f"{path}: the law {law_title(document['law'])} is no longer supported; fit the record again: "
         f"eightpost {command} -o {path}"
@@ -501,6 +501,10 @@ def fitted_parameters(shock: Shock) -> FittedParameters | None:
     shock at a setting, or a fit of an earlier version) has the band alone, which is then taken to be fully correlated
     over all velocities of a side, weighted by force. This overstates the effect of the band on a measure.
     """
+    import numpy as np  # noqa: PLC0415 -- help texts import the laws without it
+
+    from eightpost.uncertainty import left_out_of  # noqa: PLC0415
+
     fitted, band = shock.fit.get("parameters"), shock.fit.get("curve_band")
     if not isinstance(fitted, dict) or not isinstance(band, dict):
         return None
@@ -535,7 +539,7 @@ def shock_uncertainty(shock: Shock) -> ModelUncertainty | None:
 def _of_fit(found: FittedParameters, shock: Shock) -> ModelUncertainty:
     builds = shock.fit.get("between_builds") or {}
     copies = {name: float(entry["standard_deviation"]) for name, entry in builds.get("parameters", {}).items()}
-    deviations = np.sqrt(found.covariance.diagonal())
+    deviations = found.covariance.diagonal() ** 0.5
     rows = zip(found.names, deviations.tolist(), found.lowest.tolist(), found.highest.tolist(), strict=True)
     parameters = tuple(ParameterUncertainty(n, d, copies.get(n), low, high) for n, d, low, high in rows)
     return ModelUncertainty(parameters=parameters, held=found.held, left_out=found.left_out)
@@ -566,6 +570,8 @@ def _scales(band: dict[str, Any]) -> Iterator[tuple[str, float]]:
 
 def _correlated(band: dict[str, Any]) -> Iterator[tuple[str, float]]:
     """Yield the half-width of each side's factor if the whole band moves as one: RMS half-width over RMS force."""
+    import numpy as np  # noqa: PLC0415 -- help texts import the laws without it
+
     velocity, force, half = (np.array(band[f"{name}"]) for name in ("velocity [m/s]", "force [N]", "half_width [N]"))
     for name, side in (("compression_scale", velocity > 0.0), ("rebound_scale", velocity < 0.0)):
         if side.any() and np.any(force[side]):

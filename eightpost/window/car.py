@@ -104,7 +104,7 @@ class _Screen:
 
     def identify(self) -> None:
         """Identify the car."""
-        words = ["identify", *self.names("records"), "-o", self.chosen["file"]]
+        words = ["identify", *self.names("records"), "-o", self.chosen["file"], "--plot", "main"]
         self.window.start("identify", "Identification", [words], self.car)
 
     def validate(self) -> None:

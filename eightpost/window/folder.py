@@ -98,9 +98,9 @@ class Folder:
         ways = {json.dumps(self.readings.get(self.name(record), {}), sort_keys=True) for record in records}
         if len(ways) > 1:
             raise InputError("these files have different channel names or signs; take them one after the other")
-        stated: dict[str, Any] = json.loads(ways.pop()) if ways else {}
-        flips = [word for channel in stated.get("flip", ()) for word in ("--channel", f"{channel}=-")]
-        return flips + (["--channel", stated["map"]] if stated.get("map") else [])
+        given: dict[str, Any] = json.loads(ways.pop()) if ways else {}
+        stated = [f"{channel}=-" for channel in given.get("flip", ())] + [given["map"]] * bool(given.get("map"))
+        return [word for text in stated for word in ("--channel", text)]
 
     def name(self, path: Path) -> str:
         """Return a file's path in the folder, with slashes."""

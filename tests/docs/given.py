@@ -77,8 +77,8 @@ GIVEN = {
         shorter={"'100 s'": "'10 s'", "identification -o": "identification --set duration='10 s' -o"}
     ),
     "docs/explanation/vehicle_uncertainty.md": Given(
-        "take('rig')\ntake('car.json')\nfrom eightpost.ident.vehicle import read_fit\n"
-        "names = list(read_fit('car.json').trust.measures)\nshares = [1 / 11] * 11\n"
+        "take('rig')\ntake('car.json')\nimport eightpost as ep\n"
+        "names = list(ep.read('car.json').trust.measures)\nshares = [1 / 11] * 11\n"
         "first, second = dict.fromkeys(names, 1.0), dict.fromkeys(names, 1.05)"
     ),
     "docs/how_to/assembly.md": Given("take('dist')\ntake('system.toml')"),

@@ -44,7 +44,7 @@ def test_the_reading_of_a_record_is_kept_for_the_next_window(folder):
     folder.read_as(record, map="dyno/a.map.toml")
     again = Folder.opened(folder.path)
     assert again.reading(record) == {"flip": ("force",), "channel_map": folder.path / "dyno/a.map.toml"}
-    assert again.words([record]) == ["--flip", "force", "--map", "dyno/a.map.toml"]
+    assert again.words([record]) == ["--channel", "force=-", "--channel", "dyno/a.map.toml"]
 
 
 def test_records_that_are_read_in_different_ways_are_not_given_to_one_command(folder):

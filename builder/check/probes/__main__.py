@@ -14,7 +14,7 @@ from typing import Any, TextIO
 
 from builder.check.probes.bench import REACH, Bench, CallError, Measured, Result, Results, Skip, TerminatedError
 from builder.check.probes.instances import process_state
-from builder.check.probes.library import Library, MissingFunctionError
+from builder.check.probes.library import FmuLibrary, MissingFunctionError
 from builder.check.rules import GROUPS, RULES, Finding
 
 #: Time that a call may take that uses no processor time [s].
@@ -87,8 +87,8 @@ def _watch(channel: TextIO, patience: float, budget: float) -> None:
     while True:
         time.sleep(_LOOK)
         busy, now = time.process_time(), time.monotonic()
-        if Library.calls != call:
-            call, began, still = Library.calls, busy, now
+        if FmuLibrary.calls != call:
+            call, began, still = FmuLibrary.calls, busy, now
         if busy - began > patience or now - still > _STILL:
             _write(channel, hung=f"{patience:g} s of processor time" if busy - began > patience else f"{_STILL:g} s")
             os._exit(1)
@@ -119,5 +119,6 @@ def _write(channel: TextIO, **line: Any) -> None:
 
 if __name__ == "__main__":
     words = sys.argv[1:]
-    main(Path(words[0]), Path(words[1]), *map(float, words[2:4]), int(words[4]) if words[4] else None, words[5:])
+    steps = int(words[4]) if words[4] else None
+    main(Path(words[0]), Path(words[1]), float(words[2]), float(words[3]), steps, words[5:])
     os._exit(0)  # skip the exit handlers of loaded libraries, whose errors are not caused by the FMU

@@ -21,7 +21,7 @@ from builder.check.probes.library import (
     TERMINATED,
     WARNING,
     Callbacks,
-    Library,
+    FmuLibrary,
     Logger,
     MissingFunctionError,
     binary_path,
@@ -83,7 +83,7 @@ def refused(status: int) -> bool:
 class Instance:
     """An instance of an FMU; `address` is None if fmi2Instantiate returned NULL."""
 
-    def __init__(self, library: Library, birth: Birth) -> None:
+    def __init__(self, library: FmuLibrary, birth: Birth) -> None:
         self.library = library
         self.messages: list[Message] = []
         self._logger = Logger(self._log)

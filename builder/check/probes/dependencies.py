@@ -448,41 +448,39 @@ def _compare_at_start(instance: Instance, unknown: Variable, known: Variable) ->
         status, (result,) = instance.get_reals([unknown])
         return None if refused(done) or refused(status) else result
 
-    fault = _judge(stated, at, _sizes(unknown, known, change_of(known)))
+    fault = _judge(stated, at, unknown, known, 1.0)
     instance.set(known, value)
     return fault
 
 
-@dataclass(frozen=True)
-class _Sizes:
-    """The change of the known variable, its range in practice, and the minimum size of the unknown."""
-
-    change: float
-    reach: float
-    unknown: float
-
-
-def _sizes(unknown: Variable, known: Variable, change: float) -> _Sizes:
-    return _Sizes(change, 1e3 * change_of(known), unknown.number("nominal") or 1.0)
+def _judge(stated: float, at: Callable[[float], float | None], unknown: Variable, known: Variable, wider: float) -> str:
+    """Return the error of a derivative as text; the known is changed by its usual change times `wider`."""
+    change = wider * change_of(known)
+    ends = [at(shift * change) for shift in (-1.0, -0.5, 0.5, 1.0)]
+    values = [end for end in ends if end is not None]
+    size = max(*map(abs, values), unknown.number("nominal") or 1.0) if len(values) == len(ends) else 0.0
+    noise = 1e-14 * size, _NOTHING * size / (1e3 * change_of(known))
+    return judged(stated, values, change, *noise) if size else ""
 
 
-def _judge(stated: float, at: Callable[[float], float | None], sizes: _Sizes) -> str:
+def judged(stated: float, ends: Sequence[float], change: float, rounding: float, least: float) -> str:
     """Return the error of a derivative as text; "" if it is correct or if the function is not smooth there.
 
     The function counts as smooth if two central differences agree.
+
+    Args:
+        stated: Stated derivative.
+        ends: Values of the unknown after changes of the known by -1, -0.5, 0.5 and 1 times `change`.
+        change: Change of the known.
+        rounding: Rounding error of an end.
+        least: Error of the derivative that has no effect.
     """
-    change = sizes.change
-    ends = [at(shift * change) for shift in (-1.0, -0.5, 0.5, 1.0)]
-    if None in ends:
+    a, b, c, d = ends
+    wide, narrow = (d - a) / (2.0 * change), (c - b) / change
+    if abs(wide - narrow) > _SMOOTH * abs(narrow) + rounding / change:
         return ""
-    a, b, c, d = (float(end or 0.0) for end in ends)
-    wide, narrow = (d - a) / (2 * change), (c - b) / change
-    size = max(*map(abs, (a, b, c, d)), sizes.unknown)
-    if abs(wide - narrow) > _SMOOTH * abs(narrow) + 1e-14 * size / change:
-        return ""
-    if abs(stated - narrow) <= _WRONG * abs(narrow) + 1e-13 * size / change + _NOTHING * size / sizes.reach:
-        return ""
-    return f"{stated:.6g} instead of {narrow:.6g}"
+    is_right = abs(stated - narrow) <= _WRONG * abs(narrow) + 10.0 * rounding / change + least
+    return "" if is_right else f"{stated:.6g} instead of {narrow:.6g}"
 
 
 def _over_steps(bench: Bench) -> Results:
@@ -513,7 +511,7 @@ def _compare_step(there: Place, unknown: Variable, known: Variable) -> str:
 
     there.after(there.inputs, _TINY / 4)
     status, stated = there.instance.directional(unknown, known)
-    return "rejected" if refused(status) else _judge(stated, at, _sizes(unknown, known, 10 * change_of(known)))
+    return "rejected" if refused(status) else _judge(stated, at, unknown, known, 10.0)
 
 
 def _findings(where: str, wrong: dict[str, str]) -> Iterator[Finding]:

@@ -21,6 +21,7 @@ from builder.check.probes.bench import (
     refused,
     step,
 )
+from builder.check.probes.dependencies import declared_pairs, judged
 from builder.check.probes.library import MODEL_EXCHANGE, EventInfo, MissingFunctionError, binary_path, library_of
 from builder.check.rules import RULES, Finding, listed
 from eightpost.fmi.description import Variable, whole_number
@@ -121,7 +122,6 @@ def iterate_events(instance: Instance) -> bool:
 # ==== Probe of model exchange: modes, states, derivatives, dependencies, directional derivatives, FMU states =========
 
 _STEPS, _H = 4, 1e-6  # of Euler's method [s]
-_SMOOTH, _WRONG = 1e-4, 1e-3
 #: Results of both kinds agree if they differ by less than this share of an output's range, and the result of model
 #: exchange is known if half the step changes it by less than a tenth of that.
 _AGREEMENT = 0.02
@@ -286,17 +286,9 @@ def _changes(host: Host, start: Values) -> Values:
     return [1e-3 * amplitude(v) for v in host.inputs] + [1e-3 * max(size, abs(x)) for x, size in host.sizes(start)]
 
 
-def _declared(host: Host) -> dict[str, set[str] | None]:
+def _declared(host: Host) -> dict[str, set[str]]:
     description = host.bench.description
-    found: dict[str, set[str] | None] = {}
-    for section in ("Outputs", "Derivatives"):
-        for unknown in description.in_section(section):
-            variable = description.variable(unknown.index)
-            known = [description.variable(i) for i in unknown.dependencies or ()]
-            names = {v.name for v in known if v is not None}
-            if variable is not None:
-                found[variable.name] = None if unknown.dependencies is None else names
-    return found
+    return declared_pairs(description, "Outputs") | declared_pairs(description, "Derivatives")
 
 
 def _dependencies(host: Host) -> Iterator[Finding]:
@@ -347,22 +339,17 @@ def _directional(host: Host) -> Results:
                     if unknown.is_array or knowns[k].is_array or unknown.name in _aliases(host, knowns[k]):
                         continue
                     status, stated = instance.directional(unknown, knowns[k])
-                    fault = "rejected" if refused(status) else _judged(stated, [row[i] for row in rows], change)
+                    ends = [row[i] for row in rows]
+                    fault = (
+                        "rejected"
+                        if refused(status)
+                        else judged(stated, ends, change, 1e-12 * max(map(abs, ends)), 0.0)
+                    )
                     if fault:
                         wrong.setdefault(f"{unknown.name} by {knowns[k].name}", fault)
     if wrong:
         shown = [f"{pair} is {fault}" for pair, fault in wrong.items()]
         yield RULES["exchange-directional"].finding(listed(shown, most=3))
-
-
-def _judged(stated: float, ends: Values, change: float) -> str:
-    """Return the error of a derivative as text; "" if it is correct or if the function is not smooth there."""
-    a, b, c, d = ends
-    wide, narrow, size = (d - a) / (2.0 * change), (c - b) / change, max(map(abs, ends))
-    if abs(wide - narrow) > _SMOOTH * abs(narrow) + 1e-12 * size / change:
-        return ""
-    is_right = abs(stated - narrow) <= _WRONG * abs(narrow) + 1e-11 * size / change
-    return "" if is_right else f"{stated:.6g} instead of {narrow:.6g}"
 
 
 def _restored(host: Host) -> Results:

@@ -86,7 +86,7 @@ class MissingFunctionError(Exception):
     """The binary does not export a function."""
 
 
-class Library:
+class FmuLibrary:
     """A loaded binary.
 
     `call` writes the name of the function into the file `progress` first, so that it is known after a crash.
@@ -108,7 +108,7 @@ class Library:
         self.begin(f"loading {path.name}")
         self._library = ctypes.CDLL(str(path), mode=getattr(os, "RTLD_NOW", 0) | getattr(os, "RTLD_LOCAL", 0))
 
-    def again(self) -> Library:
+    def again(self) -> FmuLibrary:
         """Load a copy of the binary with separate static memory."""
         folder = tempfile.mkdtemp(prefix="eightpost_binary_", dir=self.path.parent)
         copy = self._copied(Path(shutil.copy2(self.path, folder)))
@@ -116,12 +116,12 @@ class Library:
         shutil.rmtree(folder, ignore_errors=True)  # on systems that can remove a loaded file, at most one copy remains
         return copy
 
-    def _copied(self, path: Path) -> Library:
-        return Library(path, self.progress)
+    def _copied(self, path: Path) -> FmuLibrary:
+        return FmuLibrary(path, self.progress)
 
     def begin(self, call: str, note: str = "") -> None:
         """Record the name of a call before it is made."""
-        Library.calls += 1
+        FmuLibrary.calls += 1
         text = f"{call}{note}".encode()[:500]
         self._progress[: len(text) + 1] = text + b"\0"
 
@@ -213,9 +213,9 @@ TYPES: Final[dict[str, Any]] = {
 _USUAL = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean", "String": "String"}
 
 
-def library_of(description: Description, path: Path, progress: Path) -> Library:
-    """Load a binary of either FMI version; see `Library`."""
-    return Library3(description, path, progress) if description.fmi == 3 else Library(path, progress)
+def library_of(description: Description, path: Path, progress: Path) -> FmuLibrary:
+    """Load a binary of either FMI version; see `FmuLibrary`."""
+    return FmuLibrary3(description, path, progress) if description.fmi == 3 else FmuLibrary(path, progress)
 
 
 @dataclass
@@ -234,7 +234,7 @@ class _Live:
     last: c_double = field(default_factory=c_double)  #: lastSuccessfulTime [s].
 
 
-class Library3(Library):
+class FmuLibrary3(FmuLibrary):
     """A loaded binary of FMI 3.0; `call` and `function` take names and arguments of FMI 2.0."""
 
     version = 3
@@ -246,8 +246,8 @@ class Library3(Library):
         self._natives = {int(v.reference): v.native for v in description.variables if v.is_callable}
         self._instances: dict[int, _Live] = {}
 
-    def _copied(self, path: Path) -> Library:
-        return Library3(self._description, path, self.progress)
+    def _copied(self, path: Path) -> FmuLibrary:
+        return FmuLibrary3(self._description, path, self.progress)
 
     def function(self, name: str) -> Any:
         """Return a function with the arguments of fmi2<name>.

@@ -80,28 +80,20 @@ def _misuses(bench: Bench) -> Iterator[_Misuse]:
     def calling(name: str) -> Callable[[Instance], int]:
         return lambda instance: instance.call(name)
 
-    yield _Misuse("fmi2DoStep before initialization", RULES["call-order"], bench.instance, _stepping(t, h))
-    yield _Misuse("fmi2DoStep in initialization mode", RULES["call-order"], bench.initializing, _stepping(t, h))
-    yield _Misuse(
-        "fmi2ExitInitializationMode before initialization mode",
-        RULES["call-order"],
-        bench.instance,
-        calling("ExitInitializationMode"),
-    )
-    yield _Misuse(
-        "fmi2EnterInitializationMode twice", RULES["call-order"], bench.initializing, calling("EnterInitializationMode")
-    )
-    yield _Misuse(
-        "fmi2EnterInitializationMode after initialization",
-        RULES["call-order"],
-        bench.running,
-        calling("EnterInitializationMode"),
-    )
-    yield _Misuse("fmi2DoStep after fmi2Terminate", RULES["call-order"], bench.running, _terminated(bench))
-    yield _Misuse("fmi2DoStep from a wrong point", RULES["step-arguments"], bench.running, _stepping(t + 10 * h, h))
-    yield _Misuse("fmi2DoStep of zero length", RULES["step-arguments"], bench.running, _stepping(t, 0.0))
-    yield _Misuse("fmi2DoStep of negative length", RULES["step-arguments"], bench.running, _stepping(t, -h))
-    yield _Misuse("fmi2DoStep past the stop time", RULES["stop-time"], bench.instance, _past_the_end(bench))
+    enter, leave = "EnterInitializationMode", "ExitInitializationMode"
+    for title, rule, instance, call in (
+        ("fmi2DoStep before initialization", "call-order", bench.instance, _stepping(t, h)),
+        ("fmi2DoStep in initialization mode", "call-order", bench.initializing, _stepping(t, h)),
+        (f"fmi2{leave} before initialization mode", "call-order", bench.instance, calling(leave)),
+        (f"fmi2{enter} twice", "call-order", bench.initializing, calling(enter)),
+        (f"fmi2{enter} after initialization", "call-order", bench.running, calling(enter)),
+        ("fmi2DoStep after fmi2Terminate", "call-order", bench.running, _terminated(bench)),
+        ("fmi2DoStep from a wrong point", "step-arguments", bench.running, _stepping(t + 10 * h, h)),
+        ("fmi2DoStep of zero length", "step-arguments", bench.running, _stepping(t, 0.0)),
+        ("fmi2DoStep of negative length", "step-arguments", bench.running, _stepping(t, -h)),
+        ("fmi2DoStep past the stop time", "stop-time", bench.instance, _past_the_end(bench)),
+    ):
+        yield _Misuse(title, RULES[rule], instance, call)
     yield from _locked(bench)
 
 

@@ -14,7 +14,7 @@ from builder.check.probes.library import (
     MODEL_EXCHANGE,
     TYPES,
     Clock,
-    Library3,
+    FmuLibrary3,
     Logger3,
     MissingFunctionError,
     Update,
@@ -30,7 +30,7 @@ _ROUNDING = 1e-9
 def probe_version_3(bench: Bench) -> Results:
     """Check what the probes of both versions do not."""
     library = bench.library
-    if not isinstance(library, Library3):
+    if not isinstance(library, FmuLibrary3):
         yield Skip("it is of FMI 2.0")
         return
     yield from _undeclared(bench, library)
@@ -45,7 +45,7 @@ def probe_version_3(bench: Bench) -> Results:
     yield from _adjoint(bench, library)
 
 
-def _undeclared(bench: Bench, library: Library3) -> Iterator[Finding]:
+def _undeclared(bench: Bench, library: FmuLibrary3) -> Iterator[Finding]:
     """Try to instantiate interface types that the description does not declare."""
     description = bench.description
     for kind, declared, name in (
@@ -59,7 +59,7 @@ def _undeclared(bench: Bench, library: Library3) -> Iterator[Finding]:
                 yield RULES["undeclared-type"].finding(f"an instance for {name} was created")
 
 
-def _declared(bench: Bench, library: Library3) -> Iterator[Finding]:
+def _declared(bench: Bench, library: FmuLibrary3) -> Iterator[Finding]:
     """Instantiate with event mode and for scheduled execution, if the description declares them."""
     birth, log = bench.birth, Logger3(lambda *_: None)
     first = (b"probe", birth.guid.encode(), path_of(birth.resources.encode()), False, False)
@@ -81,7 +81,7 @@ def _declared(bench: Bench, library: Library3) -> Iterator[Finding]:
                 library.native("FreeInstance")(address)
 
 
-def _created(bench: Bench, library: Library3, kind: int) -> Instance | None:
+def _created(bench: Bench, library: FmuLibrary3, kind: int) -> Instance | None:
     birth = bench.birth
     try:
         created = Instance(library, type(birth)(birth.guid, birth.resources, kind=kind))
@@ -90,7 +90,7 @@ def _created(bench: Bench, library: Library3, kind: int) -> Instance | None:
     return created if created.address is not None else None
 
 
-def _steps(bench: Bench, library: Library3) -> Iterator[Finding]:
+def _steps(bench: Bench, library: FmuLibrary3) -> Iterator[Finding]:
     """Step with varying inputs, and look at the results of each step and at its intermediate updates.
 
     Before a second run, all results have values that a step must replace.
@@ -121,7 +121,7 @@ def _steps(bench: Bench, library: Library3) -> Iterator[Finding]:
         yield RULES["intermediate-inputs"].finding(f"never requested in {steps} steps")
 
 
-def _counts(bench: Bench, library: Library3) -> Iterator[Finding]:
+def _counts(bench: Bench, library: FmuLibrary3) -> Iterator[Finding]:
     """Get and set one variable with a wrong number of values."""
     variables = [v for v in (*bench.inputs, *bench.outputs) if v.native == "Float64"][:1]
     accepted = []
@@ -137,7 +137,7 @@ def _counts(bench: Bench, library: Library3) -> Iterator[Finding]:
         yield RULES["value-count"].finding(f"accepted for one variable: {listed(accepted)}")
 
 
-def _arrays(bench: Bench, library: Library3) -> Iterator[Finding]:
+def _arrays(bench: Bench, library: FmuLibrary3) -> Iterator[Finding]:
     """Compare the start values of arrays."""
     description = bench.description
     arrays = [v for v in description.variables if description.lengths.get(v.name) and v.start and v.native in TYPES]
@@ -169,7 +169,7 @@ def _start_values(variable: Variable, length: int) -> list[float] | None:
     return values * length if len(values) == 1 else values
 
 
-def _read_array(library: Library3, instance: Instance, variable: Variable, length: int) -> Sequence[float] | None:
+def _read_array(library: FmuLibrary3, instance: Instance, variable: Variable, length: int) -> Sequence[float] | None:
     native = "Int64" if variable.native == "Enumeration" else variable.native
     values: Any = (TYPES[native] * length)()
     library.begin(f"fmi3Get{native} of {variable.name}")
@@ -178,7 +178,7 @@ def _read_array(library: Library3, instance: Instance, variable: Variable, lengt
     return None if refused(status) else [float(value) for value in values]
 
 
-def _numbers(bench: Bench, library: Library3) -> Iterator[Finding]:
+def _numbers(bench: Bench, library: FmuLibrary3) -> Iterator[Finding]:
     """Compare the numbers of states and event indicators; arrays count with all their elements."""
     description = bench.description
     if description.model_exchange is None:
@@ -200,7 +200,7 @@ def _numbers(bench: Bench, library: Library3) -> Iterator[Finding]:
     created.free()
 
 
-def _adjoint(bench: Bench, library: Library3) -> Iterator[Finding]:
+def _adjoint(bench: Bench, library: FmuLibrary3) -> Iterator[Finding]:
     """Compare adjoint with directional derivatives of all outputs by all inputs."""
     description = bench.description
     if not (description.can("providesAdjointDerivatives") and description.can("providesDirectionalDerivative")):
@@ -229,7 +229,7 @@ def _needed(instance: Instance, result: tuple[int, float]) -> float:
 
 
 def _sensitivities(
-    library: Library3,
+    library: FmuLibrary3,
     instance: Instance,
     unknowns: Sequence[Variable],
     knowns: Sequence[Variable],

@@ -268,11 +268,13 @@ class ErrorSources:
 
     def errors(self, drawn: Variables, rows: Integers, m: int) -> Array:
         """Return the errors (D, K) of a measure of K setups, without the coupling's."""
-        found = drawn.common[:, m, None] + drawn.own[:, m] @ self.positions[rows].T
+        found = np.repeat(drawn.common[:, m, None], rows.size, axis=1)
+        if np.any(drawn.own[:, m]):  # it is zero if the vehicle states no uncertainty
+            found += drawn.own[:, m] @ self.positions[rows].T
         if self.parameters:
             for corner in range(self.builds.shape[1]):
-                found += drawn.shocks[:, corner, :, m][:, self.builds[rows, corner]]
-        return np.asarray(found)
+                found += np.take(drawn.shocks[:, corner, :, m], self.builds[rows, corner], axis=1)
+        return found
 
 
 def error_sources(

@@ -7,7 +7,6 @@ from eightpost.ident.preparation.lags import (
     drifts,
     drive_lag,
     record_lags,
-    time_lag,
 )
 from eightpost.ident.preparation.preparation import Decimation, Preparation, Prepared, prepare, read_preparation
 
@@ -23,5 +22,4 @@ __all__ = [
     "prepare",
     "read_preparation",
     "record_lags",
-    "time_lag",
 ]

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
 from scipy.interpolate import CubicSpline
 
 from eightpost.array_types import Array
+from eightpost.checks.lag import delay_of
 from eightpost.corners import channel
 from eightpost.errors import ConstantChannelError
 from eightpost.signals.filters import derivative, lowpass
@@ -68,9 +68,6 @@ def others_move(series: TimeSeries, names: Sequence[str], own: str, held: slice)
 
 # ---- Time lags between channels, loggers and runs, estimated by cross-correlation -----------------------------------
 
-#: Longest lag that is searched for [s].
-LONGEST = 0.5
-
 #: Longest time between the starts of two runs [s].
 LONGEST_START = 10.0
 
@@ -93,12 +90,6 @@ DRIFT = 4e-3
 
 #: Number of its standard deviations by which a lag must exceed the threshold.
 DEVIATIONS = 5.0
-
-#: Share of the highest correlation, squared, from which another peak counts as equally high.
-EQUAL = 0.95
-
-#: Distance from the peak of a correlation at which its decrease is measured [s].
-_FALL = 0.025
 
 #: Smallest correlation of a lag; below it the lag is chance or has another cause.
 SMALLEST_CORRELATION = 0.6
@@ -135,80 +126,6 @@ class Lag(NamedTuple):
             f"{self.channel} is {1e3 * abs(self.seconds):.2f} ms {side} {self.against} "
             f"(correlation {self.correlation:.2f})"
         )
-
-
-def time_lag(values: Array, references: Array, rate: float, *, longest: float = LONGEST) -> tuple[float, float]:
-    """Return the lag of `values` behind the references, and their correlation at that lag.
-
-    The lag l maximises the multiple correlation of v(t + l) with the references; between samples a parabola is
-    interpolated.
-
-    Args:
-        values: Samples v (N,).
-        references: One or several reference signals (N,) or (C, N); their best linear combination is used.
-        rate: Sample rate [Hz].
-        longest: Longest lag to either side that is searched [s].
-
-    Returns:
-        Lag [s] and multiple correlation [1]; (0, 0) if a signal is constant.
-    """
-    peak = _peak(values, references, rate, longest)
-    return peak.seconds, peak.correlation
-
-
-class _Peak(NamedTuple):
-    """Peak of a correlation over lags."""
-
-    seconds: float
-    correlation: float
-    spread: float
-
-
-def _peak(values: Array, references: Array, rate: float, longest: float = LONGEST) -> _Peak:
-    v, refs = values - values.mean(), np.atleast_2d(references)
-    refs = refs - refs.mean(axis=1, keepdims=True)
-    scale = np.linalg.norm(refs, axis=1)
-    energy = float(v @ v)
-    if energy == 0.0 or not scale.all():
-        return _Peak(0.0, 0.0, 0.0)
-    refs = refs / scale[:, None]
-    reach = max(1, min(v.size - 2, round(longest * rate)))
-    products = _products(v, refs, reach)
-    explained = np.einsum("cl,cl->l", products, np.linalg.lstsq(refs @ refs.T, products, rcond=1e-10)[0]) / energy
-    best = _nearest_peak(explained, reach)
-    correlation = float(np.sqrt(np.clip(explained[best], 0.0, 1.0)))
-    # The noise of a signal that is differentiated twice is in the last third of the band.
-    independent = 2.0 / 3.0 * min(BAND, 0.4 * rate) * v.size / rate
-    spread = _spread(explained, best, max(1, round(_FALL * rate)), independent) / rate
-    return _Peak((best - reach + _vertex(explained, best)) / rate, correlation, spread)
-
-
-def _products(v: Array, refs: Array, reach: int) -> Array:
-    """Return sum_t v(t + l) r_c(t) for l from -reach to reach (C, 2 reach + 1)."""
-    size = next_fast_len(v.size + reach + 1, real=True)
-    correlation = irfft(rfft(v, size) * rfft(refs, size).conj(), size)
-    return np.concatenate((correlation[:, -reach:], correlation[:, : reach + 1]), axis=1)
-
-
-def _nearest_peak(explained: Array, reach: int) -> int:
-    """Return the index of the peak closest to zero lag, at `reach`, among those that are as high as the highest one.
-
-    Steady sines have such peaks at multiples of half a period, because the factor of the reference may be negative.
-    """
-    inside = explained[1:-1]
-    tops = 1 + np.flatnonzero((inside >= explained[:-2]) & (inside > explained[2:]))
-    top = int(np.argmax(explained))
-    equal = np.append(tops[explained[tops] >= EQUAL * explained[top]], top)
-    return int(equal[np.argmin(np.abs(equal - reach))])
-
-
-def _vertex(heights: Array, top: int) -> float:
-    """Return the position of a parabola's vertex relative to sample `top`, from -0.5 to 0.5; 0 at the ends."""
-    if not 0 < top < heights.size - 1:
-        return 0.0
-    before, at, after = heights[top - 1 : top + 2]
-    bend = before - 2.0 * at + after
-    return float(0.5 * (before - after) / bend) if bend < 0.0 else 0.0
 
 
 def record_lags(series: TimeSeries, corners: Sequence[str]) -> tuple[Lag, ...]:
@@ -266,13 +183,13 @@ def drive_lag(series: TimeSeries, first: TimeSeries, channel: str) -> Lag:
         channel: Name of the channel, preferably a wheelloader's position.
     """
     size, rate = min(len(series), len(first)), series.sample_rate
-    rough, _ = time_lag(series[channel][:size], first[channel][:size], rate, longest=LONGEST_START)
-    late = round(rough * rate)
+    rough = delay_of(series[channel][:size], first[channel][:size], rate, band=BAND, longest=LONGEST_START)
+    late = round(rough.seconds * rate)
     # Repeated over the common part, because ends that only one record has displace the peak.
     own, other = series[channel][max(late, 0) :], first[channel][max(-late, 0) :]
     size = min(own.size, other.size)
-    rest, correlation = time_lag(own[:size], other[:size], rate, longest=2.0 / rate)
-    return Lag(channel, "that of the first record", late / rate + rest, correlation, 0.5 / rate)
+    rest = delay_of(own[:size], other[:size], rate, band=BAND, longest=2.0 / rate)
+    return Lag(channel, "that of the first record", late / rate + rest.seconds, rest.correlation, 0.5 / rate)
 
 
 def advance_channels(series: TimeSeries, delays: Mapping[str, float]) -> TimeSeries:
@@ -296,18 +213,6 @@ def advance_channels(series: TimeSeries, delays: Mapping[str, float]) -> TimeSer
     late, early = max(0.0, *moved.values()), max(0.0, *(-delay for delay in moved.values()))
     kept = slice(int(np.ceil(early / step - 1e-9)), len(series) - int(np.ceil(late / step - 1e-9)))
     return TimeSeries(time[kept], values[:, kept], series.names, series.units)
-
-
-def _spread(explained: Array, top: int, reach: int, independent: float) -> float:
-    """Return the standard deviation of a peak's position in samples.
-
-    The fraction that is explained decreases from its peak E by E (w l)^2, where w is the RMS frequency of the motion.
-    Noise moves the peak by sqrt((1 - E) / (n E)) / w, where n is the number of independent samples. The decrease is
-    measured `reach` samples to either side, because closer to the peak it contains ripples of the noise.
-    """
-    at, last = float(explained[top]), explained.size - 1
-    fall = at - 0.5 * float(explained[max(0, top - reach)] + explained[min(last, top + reach)])
-    return reach * float(np.sqrt(max(0.0, 1.0 - at) / (independent * fall))) if fall > 0.0 else np.inf
 
 
 _AT_CORNERS = (
@@ -370,7 +275,7 @@ class _Comparison:
         return self._lag("tire_force", "the accelerometers", total, inertia, LOAD_LAG)
 
     def _lag(self, channel: str, against: str, values: Array, references: Array, usual: float) -> Lag:
-        top = _peak(values, references, self._rate)
+        top = delay_of(values, references, self._rate, band=BAND)
         return Lag(channel, against, top.seconds, top.correlation, max(usual, 0.5 / self._rate), top.spread)
 
     def _sum(self, quantity: str, corners: Sequence[str]) -> Array:

@@ -33,7 +33,7 @@ class OwnParameters(Dynamics):
     @property
     def units(self) -> tuple[str, ...]:  # type: ignore[override]
         """SI units of the law's own parameters."""
-        return tuple(p.unit for p in self.own.declared)  # type: ignore[attr-defined]
+        return tuple(p.unit for p in self.own.declared)
 
     def bounds(self) -> tuple[Array, Array]:
         """Return the lowest and the highest theta."""

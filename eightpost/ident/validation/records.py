@@ -53,7 +53,7 @@ class Record:
 # ---- Files of models and of records ---------------------------------------------------------------------------------
 
 #: Suffixes of the records that are read from a folder.
-_RECORDS = {".csv", ".txt", ".parquet", ".mat", ".mf4", ".mdf"}
+_RECORDS = {".csv", ".txt", ".parquet", ".mat", ".mf4", ".mdf", ".rsp", ".rpc", ".ld"}
 
 
 def models_and_records(paths: Iterable[Path]) -> tuple[list[Path], list[Path]]:

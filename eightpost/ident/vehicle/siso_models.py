@@ -562,7 +562,7 @@ def _modal_basis(A: Array) -> tuple[csr_array, Complex]:
     return csr_array(coo_array((values, (rows, columns)), shape=A.shape)), poles
 
 
-def _factor(gramian: Complex) -> Array:
+def _factor(gramian: Array | Complex) -> Array:
     """Return a factor F of the Gramian `F F^T`."""
     values, vectors = eigh(0.5 * (gramian + gramian.conj().T).real)
     used = values > _ROUNDING * values[-1]

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.signal import cheby1, sosfreqz
 
+from eightpost.checks.lag import delay_of
 from eightpost.corners import CORNERS
 from eightpost.errors import ConstantChannelError, InputError, MissingChannelError, ParameterError, TooShortError
 from eightpost.ident.preparation import (
@@ -21,7 +22,6 @@ from eightpost.ident.preparation import (
     prepare,
     read_preparation,
     record_lags,
-    time_lag,
 )
 from eightpost.ident.vehicle.estimators import LocalPolynomial, estimate_response
 from eightpost.ident.vehicle.frequency_response import contribution_error, response_of
@@ -139,7 +139,7 @@ def test_a_lag_is_found_to_a_tenth_of_a_sample(seconds):
     generator = np.random.default_rng(1)
     drawn = spectrum(samples, 20.0, generator)
     late = drawn * np.exp(-2j * np.pi * np.fft.rfftfreq(samples, 1.0 / RATE) * seconds)
-    lag, correlation = time_lag(np.fft.irfft(late, samples), np.fft.irfft(drawn, samples), RATE)
+    lag, correlation, _ = delay_of(np.fft.irfft(late, samples), np.fft.irfft(drawn, samples), RATE, band=20.0)
     assert lag == pytest.approx(seconds, abs=0.1 / RATE)
     assert correlation > 0.98
 
@@ -181,7 +181,7 @@ def test_a_late_logger_is_reported_and_corrected_on_request(seven):
     pots = [lag for lag in prepared.lags[0] if lag.is_notable]
     assert [lag.channel for lag in pots] == [f"{corner}.displacement" for corner in CORNERS]
     np.testing.assert_allclose([lag.seconds for lag in pots], -0.0123, atol=1e-4)
-    assert "lf.displacement is 12.29 ms ahead of the accelerometers" in prepared.notes[0]
+    assert "lf.displacement is 12.30 ms ahead of the accelerometers" in prepared.notes[0]
     corrected = prepare([test], Preparation(delays=dict.fromkeys(late, 0.0123)))
     assert corrected.notes == ()
     assert "lf.hub_acceleration advanced by 12.3 ms" in corrected.steps
