@@ -66,7 +66,7 @@ COUPLING_GOOD = RULES.add("coupling error small", "coupling", Grade.USABLE,
 COUPLING_UNKNOWN = RULES.add("coupling error not stated", "coupling", Grade.UNKNOWN,
     condition="the run states no error",
     why="a single run at one step does not show the error of the coupling",
-    remedy="leave out --no-comparison (compared=False), or use the default algorithm; both state the error unless a "
+    remedy="omit --set comparison=no (compared=False), or use the default algorithm; both state the error unless a "
     "component makes steps of one size only",
 )  # fmt: skip
 COUPLING_NONE = RULES.add("nothing is coupled", "coupling", Grade.USABLE,

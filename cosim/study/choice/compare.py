@@ -213,12 +213,12 @@ WRONG_RANK = RULES.add("setups ranked otherwise than measured", ABOUT, Grade.NOT
     remedy="do not choose by this measure; validate the car and the shocks on rig records (eightpost validate)",
 )  # fmt: skip
 WRONG_LEVEL = RULES.add("levels otherwise than measured", ABOUT, Grade.NOT_USABLE,
-    condition="RMS error of a measure's levels above --level",
+    condition="RMS error of a measure's levels above --set level",
     why="the limits are set by the user",
     remedy="use the measure only to rank setups, or validate the car on rig records",
 )  # fmt: skip
 PREDICTED = RULES.add("ranked as measured", ABOUT, Grade.USABLE,
-    condition="every measure is within --rank and --level",
+    condition="every measure is within --rank and --set level",
     why="the limits are set by the user",
 )  # fmt: skip
 OLD_RUN = RULES.add("run without a verdict", "run", Grade.UNKNOWN,
