@@ -34,7 +34,7 @@ RULES = Rules()
 GAIN = RULES.add("targets better than the bank", ABOUT, Grade.LIMITED,
     condition="the runs of the targets' own FMUs are better than the best setup of the bank",
     why="the gain is that of laws on the model: errors of the form of the law are not in it",
-    remedy="build the nearest valving, test it (on a dynamometer, or eightpost virtual dyno), fit it, run it in a study",
+    remedy="build the nearest valving, test it (on a dynamometer, or virtual dyno), fit it, run it in a study",
 )  # fmt: skip
 DOUBTFUL = RULES.add("gain in doubt", ABOUT, Grade.LIMITED,
     condition="with the errors that the vehicle states, the targets are better with a probability below 95 %",
