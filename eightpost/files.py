@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NoReturn
 
 from eightpost.errors import FileFormatError, InputError, OutputError, missing_file
+from eightpost.marks import mark, remove_left
 from eightpost.outputs import check_folder, check_same_content, check_target, note_read, note_written
-from eightpost.workers.marks import mark, remove_left
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -8,8 +8,8 @@ import time
 
 import pytest
 
+from eightpost import marks
 from eightpost.files import atomic_path
-from eightpost.workers import marks
 from eightpost.workers.process import python_command
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="there, they stay")

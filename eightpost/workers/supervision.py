@@ -253,7 +253,7 @@ def _work(work: Callable[[], object], mine: Record, life: int | None = None) -> 
     import threading  # noqa: PLC0415
     from pathlib import Path  # noqa: PLC0415
 
-    from eightpost.workers.marks import mark, remove_left  # noqa: PLC0415
+    from eightpost.marks import mark, remove_left  # noqa: PLC0415
 
     with suppress(OSError):  # what needs the folder reports the error
         place = Path(tempfile.gettempdir())
