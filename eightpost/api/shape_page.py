@@ -34,12 +34,12 @@ RULES = Rules()
 GAIN = RULES.add("targets better than the bank", ABOUT, Grade.LIMITED,
     condition="the runs of the targets' own FMUs are better than the best setup of the bank",
     why="the gain is that of laws on the model: errors of the form of the law are not in it",
-    remedy="build the nearest valving, test it (eightpost virtual dyno or a dynamometer), fit it, and run it in a study",
+    remedy="build the nearest valving, test it on a dynamometer, fit it, and run it in a study",
 )  # fmt: skip
 DOUBTFUL = RULES.add("gain in doubt", ABOUT, Grade.LIMITED,
     condition="with the errors that the vehicle states, the targets are better with a probability below 95 %",
     why="the gain is not larger than what the vehicle is uncertain by",
-    remedy="test the best of the bank and builds near the targets on the rig (eightpost study confirm), then search again",
+    remedy="test the best of the bank and builds near the targets on the rig (study confirm), then search again",
 )  # fmt: skip
 UNSTATED = RULES.add("uncertainty of the gain unknown", ABOUT, Grade.LIMITED,
     condition="the vehicle states no uncertainty for a measure of the objective",

@@ -204,7 +204,7 @@ def target_names(available: Iterable[str]) -> tuple[str, ...]:
     wanted = tuple(channel(port, quantity) for quantity in QUANTITIES for port in ports)
     if missing := [name for name in wanted if name not in names]:
         raise MissingChannelError(
-            f"the track record lacks {', '.join(missing)}; name their columns in a channel map (--map), or choose "
+            f"the track record lacks {', '.join(missing)}; name their columns in a channel map (--channel), or choose "
             "other channels with --channels"
         )
     return wanted
@@ -234,7 +234,7 @@ def read_channels(
     wanted = target_names(mapping.channels) if names is None else tuple(names)
     if missing := [name for name in wanted if name not in mapping.channels]:
         raise MissingChannelError(
-            f"the record lacks {', '.join(missing)}; name their columns in a channel map (--map)", path=path
+            f"the record lacks {', '.join(missing)}; name their columns in a channel map (--channel)", path=path
         )
     names = (*wanted, *(name for name in optional if name in mapping.channels))
     for name in names:

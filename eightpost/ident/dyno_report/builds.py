@@ -415,7 +415,7 @@ class Reading:
             InputError: An option names another file.
         """
         names = {name for path in paths for name in _names(path)}
-        for option, given in (("--build", self.builds), ("--clicks", self.clicks), ("--flip", self.flip)):
+        for option, given in (("--build", self.builds), ("--clicks", self.clicks), ("--channel", self.flip)):
             for name in given:
                 if name and name not in names:
                     listed = ", ".join(path.name for path in paths)
