@@ -159,7 +159,7 @@ def report(
     for one in failed:
         console.print(f"FAIL: {escape(one.entry.name)}, {one.stroke}: {one.text}")
     for name in made.unjudged:
-        console.print(f"not judged: {escape(name)}, which has no measured curve at a speed of the limits (--speed)")
+        console.print(f"not judged: {escape(name)}, which has no measured curve at a speed of the limits (--set speed)")
     if made.judgements and not failed:
         console.print(f"pass: all judged curves are within the limits of {escape(str(limits))}")
     console.print(f"wrote {escape(str(output))}")

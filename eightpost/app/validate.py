@@ -97,7 +97,7 @@ def validate(
     if the verdict is "not usable" (docs/reference/verdict.md): more than a fifth of a record is outside the fitted
     velocities, a record has no shock, or an error is above --limit.
 
-    A vehicle is driven by each record's roads and loads. The exit code is 1 if an RMS differs by more than --level, an
+    A vehicle is driven by each record's roads and loads. The exit code is 1 if an RMS differs by more than level, an
     error is above --limit, the ranking of setups differs from that of the rig, or all records were used in the fit.
 
     \b
@@ -113,7 +113,7 @@ def validate(
     console = Console()
     models, records = models_and_records(paths)
     if settling is not None and settling < 0.0:
-        raise InputError(f"--settling must be 0 or more, not {settling:g} s")
+        raise InputError(f"--set settling must be 0 or more, not {settling:g} s")
     given = _Given(console, records, kinds, channels.options, report, keep)
     if is_vehicle(models):
         _refuse("vehicle", {"cutoff": cutoff, "segment": segment})

@@ -268,7 +268,7 @@ class _Reading:
         if stated and turned is not None:
             what = (
                 f"the file states {stated!r}, but then {turned.statement} ({turned.figure}); name the channels to "
-                "negate with --channel NAME=-, which replaces the statement, or confirm it with "
+                "reverse with --channel, which replaces the statement, or confirm it with "
                 + (" ".join(f"--channel {name}=-" for name in outward) or "--channel force=+")
             )
             raise record.origin.header_fault(WrongSignError, what, channel="force")

@@ -234,7 +234,7 @@ def check_sign(
             "swaps compression and rebound; check that the gas force is positive"
         )
         if correlation > -WEAK_SIGN:
-            advice = "so it does not follow it; check the column (--channel), its delay, and its sign"
+            advice = "so it does not follow it; check the column, its delay, and its sign (--channel)"
         raise origin.header_fault(
             WrongSignError,
             (f"the file states {stated!r} (--channel replaces it), but " if stated else "")

@@ -187,7 +187,7 @@ class RawRecord:
             return names
         return (
             f"{names}, as it has no header line; add one such as `time [s],velocity [m/s],force [N]`, or name the "
-            "columns by number, and their units: --channel 'force=3 [N]'"
+            "columns by number and their units, --channel 'force=3 [N]'"
         )
 
     def twins(self, source: str) -> tuple[str, ...]:
@@ -233,9 +233,9 @@ class RawRecord:
         if unit is None:
             raise self.origin.header_fault(
                 MissingUnitError,
-                f"the column {source!r} has no unit; add it to the header as `{source} [unit]`, pass "
-                f"`--channel '{channel}=[unit]'` (in a system file: units = {{ {channel} = 'unit' }}), or a channel "
-                "map",
+                f"the column {source!r} has no unit; write `{source} [unit]` in the header, pass "
+                f"`--channel '{channel}=[unit]'` (in a system file: units = {{ {channel} = 'unit' }}), or use a "
+                "channel map",
                 channel=channel,
             )
         return unit

@@ -75,7 +75,7 @@ def test_a_millisecond_logger_is_read_and_asks_for_all_its_units_at_once(tmp_pat
     path = logger(tmp_path)
     with pytest.raises(
         errors.MissingUnitError,
-        match=r"'Thermocouple' have no unit.*--channel 'force=\[unit\]' --channel 'displacement=\[unit\]'",
+        match=r"'Linear_Pot', 'Thermocouple' have no unit.*'force=\[unit\]' --channel 'displacement=\[unit\]'",
     ):
         read_dyno_test(path)
     test = read_dyno_test(path, units=UNITS)

@@ -80,7 +80,7 @@ FAULTS = {
     ),
     "no relation": (
         WrongSignError,
-        r"its correlation with velocity is -0.29\d, so it does not follow it; check the column \(--channel\)",
+        r"its correlation with velocity is -0.29\d, so .*its delay, and its sign \(--channel\)",
         lambda: faults.check_sign(WEAK, SINE, channel="force", against="velocity", origin=ORIGIN),
     ),
     "weak sign": (

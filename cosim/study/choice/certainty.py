@@ -339,7 +339,7 @@ UNKNOWN = RULES.add("uncertainty of the choice unknown", ABOUT, Grade.UNKNOWN,
 NOT_ASSESSED = RULES.add("certainty not computed", ABOUT, Grade.UNKNOWN,
     condition="the study has no certainty: it was switched off, or the study is of an older version",
     why="differences between the best setups may be smaller than their uncertainty",
-    remedy="run `eightpost study` with the same folder, without --no-certainty; completed runs are not repeated",
+    remedy="run `eightpost study` with the same folder, without --set certainty=no; completed runs are not repeated",
 )  # fmt: skip
 CONTRADICTED = RULES.add("rig runs contradict the prediction", "rig runs", Grade.LIMITED,
     condition="a measured level is improbable, given the prediction, its uncertainty and the other rig runs",

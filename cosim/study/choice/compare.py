@@ -392,7 +392,9 @@ def read_run_to_run(path: str | Path) -> dict[str, float]:
     except MALFORMED as error:
         raise FileFormatError(f"is not a comparison of a study with the rig ({error!r})", path=path) from error
     if not is_intact(document):
-        raise FileFormatError("was edited after the comparison; run `eightpost study compare` again", path=path)
+        raise FileFormatError(
+            "was edited after the comparison; run `eightpost study compare --measured` again", path=path
+        )
     if not any(deviations.values()):
         raise FileFormatError("contains no run-to-run deviation, because no setup was run twice on the rig", path=path)
     return deviations

@@ -54,8 +54,14 @@ def run(folder: Path, rig_files: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
 def done(folder: Path, rig_files: Path) -> tuple[Result, Path]:
     """Result of a validation on all records, and its page."""
     page = folder / "out" / "page.html"
-    words = ["validate", str(folder / "corner.json"), str(rig_files), "-v"]
-    words += ["--set", f"against={shipped('quarter_car')}"]
+    words = [
+        "validate",
+        str(folder / "corner.json"),
+        str(rig_files),
+        "-v",
+        "--set",
+        f"against={shipped('quarter_car')}",
+    ]
     return CliRunner().invoke(main, [*words, "-o", str(page)], env={"COLUMNS": "180"}), page
 
 
