@@ -223,9 +223,12 @@ class Verb(click.Command):
         kinds |= {entry.parameter: entry.kind for entry in self.settings.values()}
         given = [ctx.params[name] for name, kind in kinds.items() if name and type(kind) is FilePath]
         inputs = [path for one in given for path in (one if isinstance(one, tuple) else (one,)) if path is not None]
-        from eightpost.units import following_files
+        from eightpost.units import following_files, note_file
 
         with recorded([*inputs, *ctx.meta.get(_MAPS, ())]), following_files():
+            for value in ctx.params.values():
+                if isinstance(value, Channels):
+                    note_file(value.units.values())
             check_outputs()
             return super().invoke(ctx)
 

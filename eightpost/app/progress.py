@@ -110,7 +110,7 @@ def each(console: Console, items: Iterable[Item], text: str, total: int) -> Iter
 
 
 class ConsoleListener(Listener):
-    """Listener that prints what it is told, with a progress bar for each work.
+    """Listener that prints notes and sentences, with a progress bar for each work.
 
     Args:
         console: Console.

@@ -241,6 +241,8 @@ def test_the_demo_runs_the_whole_workflow_and_writes_plots(eightpost, tmp_path):
     shown = eightpost("demo", "-o", tmp_path / "demo")
     assert shown.exit_code == 0, shown.output[-3000:]
     assert "synthetic" in shown.output
+    assert len(shown.output.splitlines()) <= 60
+    assert [line.split()[0] for line in shown.output.splitlines()[-3:]][::2] == ["best", "page:"]
     assert "total tire force" in shown.output
     page = tmp_path / "demo" / "study" / "report.html"
     assert str(page) in shown.output.replace("\n", "")

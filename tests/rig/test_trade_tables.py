@@ -160,7 +160,7 @@ def test_a_matlab_script_without_comments_asks_which_vector_is_the_velocity(tmp_
     units = {"velocity": "m/s", "force": "N"}
     agrees(read_peak_velocity(path, channel_map=mapping, units=units)[0])
     given = [f"--channel={name}={pick.source} [{units[name]}]" for name, pick in mapping.channels.items()]
-    assert "5 speeds, 1.969 to 9.843 in/s" in CliRunner().invoke(main, ["inspect", str(path), *given]).output
+    assert "5 speeds, 50 to 250 mm/s" in CliRunner().invoke(main, ["inspect", str(path), *given]).output
 
 
 @pytest.mark.parametrize("content", ["x = 3;", "v = [1 2 3];", "v = [1 2 3]; F = [a b c];", ""])
