@@ -161,7 +161,7 @@ def test_a_matlab_script_without_comments_asks_which_vector_is_the_velocity(tmp_
     agrees(read_peak_velocity(path, channel_map=mapping, units=units)[0])
     given = [f"--channel={name}={pick.source}" for name, pick in mapping.channels.items()]
     given += [f"--units={name}={unit}" for name, unit in units.items()]
-    assert "5 speeds, 0.05 to 0.25 m/s" in CliRunner().invoke(main, ["inspect", str(path), *given]).output
+    assert "5 speeds, 1.969 to 9.843 in/s" in CliRunner().invoke(main, ["inspect", str(path), *given]).output
 
 
 @pytest.mark.parametrize("content", ["x = 3;", "v = [1 2 3];", "v = [1 2 3]; F = [a b c];", ""])
@@ -191,7 +191,7 @@ RATES = {"comp": (4000.0, 0.05, 1200.0), "reb": (6000.0, 0.08, 1800.0)}
 def test_two_damping_rates_and_a_knee_per_stroke_make_a_polylinear_shock(tmp_path):
     head = "side,low [N.s/m],knee [mm/s],high [N.s/m]"
     path = table_of(tmp_path, head, *(f"{side},{low},{1e3 * knee},{high}" for side, (low, knee, high) in RATES.items()))
-    shown = CliRunner().invoke(main, ["fit", str(path), "-o", str(tmp_path / "shock.json")])
+    shown = CliRunner().invoke(main, ["fit", "-v", str(path), "-o", str(tmp_path / "shock.json")])
     assert "rounded within 3 % of the knee" in " ".join(shown.output.split())
     shock = read_shock(tmp_path / "shock.json")
     assert shock.conditions["velocity_range [m/s]"] == [-0.5, 0.5]
