@@ -45,7 +45,7 @@ def run(folder: Path, rig_files: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
 
     def call(car: str, *words: object, records: tuple[str, ...] = ("soft", "base")) -> Result:
         files = [str(rig_files / f"{name}.parquet") for name in records]
-        return CliRunner().invoke(main, ["validate", car, *files, *map(str, words)], env={"COLUMNS": "180"})
+        return CliRunner().invoke(main, ["validate", "-v", car, *files, *map(str, words)], env={"COLUMNS": "180"})
 
     return call
 
@@ -55,7 +55,7 @@ def done(folder: Path, rig_files: Path) -> tuple[Result, Path]:
     """Result of a validation on all records, and its page."""
     page = folder / "out" / "page.html"
     words = ["validate", str(folder / "corner.json"), str(rig_files), "--against", str(shipped("quarter_car"))]
-    return CliRunner().invoke(main, [*words, "--report", str(page)], env={"COLUMNS": "180"}), page
+    return CliRunner().invoke(main, [*words, "-v", "--report", str(page)], env={"COLUMNS": "180"}), page
 
 
 def test_a_good_car_exits_0_with_a_summary(done: tuple[Result, Path]) -> None:
