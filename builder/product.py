@@ -300,7 +300,7 @@ def vehicle_product(vehicle: Vehicle, identifier: str) -> Product:
     if isinstance(vehicle, IdentifiedVehicle) and (growing := vehicle.instability()) is not None:
         raise FmuError(
             f"vehicle {vehicle.name!r} is not stable: {growing}, so that runs with it diverge; identify it with more "
-            "or longer tests, or without the channels that fit worst (--output-channels)"
+            "or longer tests, or without the channels that fit worst (--set output-channels)"
         )
     _refuse_direct_velocity(model)
     interface = with_modes(vehicle_interface(model), model)

@@ -275,7 +275,7 @@ VEHICLE_UNKNOWN = RULES.add("fit of the vehicle unknown", "fit of the vehicle", 
 PARAMETERS_STATED = RULES.add("vehicle of stated parameters", "fit of the vehicle", Grade.LIMITED,
     condition="the vehicle is defined by masses, springs and dampers",
     why="the model represents these parameters; whether they match the real car was not examined",
-    remedy="compare it with rig records (eightpost validate --against), or identify the car (eightpost identify)",
+    remedy="compare it with rig records (eightpost validate), or identify the car (eightpost identify)",
 )  # fmt: skip
 _WHY = "the usual ranges cover karts, sedans, GT and formula cars (eightpost/vehicle/structural.py)"
 _CHECK = "check the values and their units in the vehicle file"

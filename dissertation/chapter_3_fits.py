@@ -254,7 +254,7 @@ def figure_3_23(_: Effort) -> Findings:
     for name, one in found.items():
         x, force = (np.array([getattr(hold, key) for hold in one.holds]) for key in ("displacement", "force"))
         lines.append(Line(name, x, force - force[0], "marks"))
-    rates = {name: one.gas_rate for name, one in found.items()}
+    rates = {name: one.gas_rate or 0.0 for name, one in found.items()}
     stiff = [rates[f"build {k}, 150 psi"] for k in (1, 2, 4)]
     soft = [rates[f"build {k}, 50 psi"] for k in (1, 2, 4)]
     offsets = [one.hysteresis or 0.0 for one in found.values()]

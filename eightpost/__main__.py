@@ -130,7 +130,7 @@ VERBS: Mapping[str, Entry] = {name: entry for section in SECTIONS.values() for n
 def every_verb() -> dict[str, Verb]:
     """Return all verbs by their words, such as `study optimise`."""
     found: dict[str, Verb] = {}
-    groups = [("", main)]
+    groups: list[tuple[str, _Verbs | VerbGroup]] = [("", main)]
     for prefix, group in groups:
         for name in group.entries:
             command = group.get_command(click.Context(group), name)

@@ -391,11 +391,11 @@ def reweighted(first: Fit, weigh: Callable[[Fit], Array], again: Callable[[Fit, 
         times: Maximum number of reweightings.
     """
     fit = first
-    for count in range(times):
+    for _ in range(times):
         weights = weigh(fit)
         if np.abs(weights - fit.weights).max() < _EQUAL:
             break
-        if count and (weights == first.weights).all():
+        if (weights == first.weights).all():
             return first  # no outliers after all; further reweighting would alternate between two results
         fit = again(fit, weights)
     return fit

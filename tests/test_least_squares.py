@@ -260,14 +260,16 @@ def line():
     return jacobian, y, (y - jacobian @ np.linalg.lstsq(jacobian, y, rcond=None)[0])[:600]
 
 
-def test_the_covariance_is_that_of_fits_without_one_block_each(line):
-    """Every fit is repeated without one block: the delete-a-block jackknife."""
+@pytest.mark.parametrize("size", [30, 2])
+def test_the_covariance_is_that_of_fits_without_one_block_each(line, size):
+    """Every fit is repeated without one block: the delete-a-block jackknife, also with blocks of fewer rows than n."""
     jacobian, y, residual = line
-    without = [np.setdiff1d(np.arange(602), np.arange(602)[block]) for block in BLOCKS]
+    blocks = [slice(k, k + size) for k in range(0, 600, size)]
+    without = [np.setdiff1d(np.arange(602), np.arange(602)[block]) for block in blocks]
     fits = [np.linalg.lstsq(jacobian[rows], y[rows], rcond=None)[0] for rows in without]
     apart = np.array(fits) - np.mean(fits, axis=0)
     expected = (len(fits) - 1) / len(fits) * apart.T @ apart
-    found = Directions.of(jacobian).covariance(residual, BLOCKS)
+    found = Directions.of(jacobian).covariance(residual, blocks)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
 
 

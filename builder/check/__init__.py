@@ -1,7 +1,7 @@
 """Checks of whether any FMU works as a drop-in component in tools that its developers do not know.
 
-`check` applies third-party checkers, the rules of this package, and probes that call the FMU. Each probe runs in a
-separate process, so that a crash is a finding and does not end the check (docs/reference/check.md).
+`check` applies third-party checkers, the rules of this package, and probes that call the FMU. These run in separate
+processes, so that a crash is a finding and does not end the check (docs/reference/check.md).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ __all__ = [
 
 
 def check(path: str | Path, *, scope: Scope = Scope.ALL, groups: Collection[str] = tuple(GROUPS)) -> CheckReport:
-    """Check an FMI 2.0 co-simulation FMU.
+    """Check an FMU of FMI 2.0 or 3.0.
 
     Args:
         path: FMU file.
@@ -51,8 +51,8 @@ def check(path: str | Path, *, scope: Scope = Scope.ALL, groups: Collection[str]
             call the FMU, to make sure that the FMU works.
 
     Raises:
-        FmuError: The file is missing, is not a readable archive, is not an FMU, or is an FMU of FMI 1 or 3; or a group
-            is unknown.
+        FmuError: The file is missing, is not a readable archive, is not an FMU, or is an FMU of FMI 1; or a group is
+            unknown.
     """
     from builder.check.run import run  # noqa: PLC0415 - the processes of the probes do not need its imports
 

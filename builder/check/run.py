@@ -32,6 +32,7 @@ _IDENTITY = ("fmiVersion", "modelName", "version", "author", "generationTool")
 #: Attribute of an FMU's own key by the version of FMI.
 _KEYS = {2: "guid", 3: "instantiationToken"}
 _AT_ONCE = 2
+_LONG = ("reset", "initial_dependencies", "instances")
 
 
 @dataclass
@@ -127,6 +128,7 @@ def _outcomes(subject: CheckedFmu, selected: list[str], unpacked: Unpacked) -> d
     apart = [group for group in ("surroundings", "rebuild") if group in selected]
     misuses = [group for group in selected if GROUPS[group].crash == "crash-misuse"]
     shared = [group for group in selected if group not in ("simulation", *apart, *misuses)]
+    shared.sort(key=lambda group: group in _LONG)  # what a slow FMU leaves out is what takes long
     outcomes = dict(probed(["simulation", *(["surroundings"] if apart else []), *shared], unpacked))
     first, plain = outcomes["simulation"], outcomes.pop("surroundings", Outcome())
     if not first.completed:

@@ -209,7 +209,7 @@ def _refuse_others(wiring: Wiring, shock: Path, vehicle: Path) -> None:
     if missing := [name for name in _NEEDED if name not in _names(car)]:
         raise FmuError(
             f"{vehicle} is not a quarter car with one port, a road, a tire and positions: it has no "
-            f"{', '.join(missing)}; choose one such as examples/corner.toml (--vehicle)"
+            f"{', '.join(missing)}; choose one such as examples/corner.toml (--car)"
         )
 
 

@@ -302,6 +302,7 @@ class FmuComponent(OpenedFmu):
         self.close = weakref.finalize(self, self._instance.release, os.getpid())
         self._slave: Any = None
         self._steps = self._begun = False
+        self._start_time = 0.0
         self._label = f"{name!r} ({fmu.path.name})"
         #: Whether it shares this process with others: calls are recorded, and changes of the process undone.
         self.is_guarded = folder is None
@@ -343,6 +344,7 @@ class FmuComponent(OpenedFmu):
         """
         self.finish()
         self._stand(start, {})
+        self._start_time = start
         self._changed.clear()
         self._surroundings = Surroundings.now()
         with self._guard("instantiate"):
@@ -542,7 +544,8 @@ class FmuComponent(OpenedFmu):
 
     def _advice(self, what: str, status: int) -> str:
         """Return what to do about a call that was refused with a status."""
-        if what.startswith("step") and status == ERROR and not self.capabilities.variable_step:
+        is_first = what.startswith("step") and self._time <= self._start_time  # later steps have the same size
+        if is_first and status == ERROR and not self.capabilities.variable_step:
             only = self.capabilities.only_step
             size = "the size that its maker names" if only is None else f"{only:g} s"
             return f"it accepts steps of one size only: give {size} as the coupling step (step, --step)"

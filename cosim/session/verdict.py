@@ -66,8 +66,8 @@ COUPLING_GOOD = RULES.add("coupling error small", "coupling", Grade.USABLE,
 COUPLING_UNKNOWN = RULES.add("coupling error not stated", "coupling", Grade.UNKNOWN,
     condition="the run states no error",
     why="a single run at one step does not show the error of the coupling",
-    remedy="leave out --no-comparison (compared=False), or use the default algorithm; both state the error unless a "
-    "component makes steps of one size only",
+    remedy="leave out --set comparison=no (compared=False), or use the default algorithm; both state the error unless "
+    "a component makes steps of one size only",
 )  # fmt: skip
 COUPLING_NONE = RULES.add("nothing is coupled", "coupling", Grade.USABLE,
     condition="no connections form a loop, and no error is stated",

@@ -422,7 +422,9 @@ def _scenario(experiment: Experiment, given: Given, drive: Drivefile | None) -> 
     if stop is None and experiment.stop is not None:
         stop = experiment.stop - experiment.start
     if stop is None:
-        raise InputError("the package has no DefaultExperiment with a stopTime; give the length of the run (--stop)")
+        raise InputError(
+            "the package has no DefaultExperiment with a stopTime; give the length of the run (--set stop=TIME)"
+        )
     return Scenario(
         stop=stop,
         drive=drive,

@@ -267,7 +267,7 @@ class Sheet:
         return ", ".join(f"{corner.upper()} {self.builds[build]}" for corner, build in places)
 
 
-#: Content and page of the curves to aim at, which `eightpost shapes` writes.
+#: Content and page of the curves to aim at, which `eightpost study shapes` writes.
 AIM, AIM_PAGE = "shapes.json", "shapes.html"
 
 
@@ -285,7 +285,7 @@ class AimPage(NamedTuple):
         if not (folder / AIM_PAGE).is_file():
             return None
         try:
-            found = json_content(folder / AIM, advice="run eightpost shapes again")
+            found = json_content(folder / AIM, advice="run eightpost study shapes again")
             if found["digest"] != digest or not is_intact(found):
                 return None
             gain, best = found["gain"], abs(found["objective"]["best_of_bank"])

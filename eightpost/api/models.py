@@ -14,8 +14,9 @@ if TYPE_CHECKING:
     from eightpost.ident import ShockFit
     from eightpost.ident.preparation import Preparation
     from eightpost.ident.shock.force import GasTreatment
-    from eightpost.ident.shock.law_fit import LawName, RecipeName, Robust
+    from eightpost.ident.shock.law_fit import LawName, RecipeName
     from eightpost.ident.vehicle.vehicle_fit import VehicleFit
+    from eightpost.least_squares import Robust
     from eightpost.progress import Progress
     from eightpost.rig import DynoTest, RigTest
     from eightpost.shock import Shock, ShockLaw

@@ -34,12 +34,12 @@ RULES = Rules()
 GAIN = RULES.add("targets better than the bank", ABOUT, Grade.LIMITED,
     condition="the runs of the targets' own FMUs are better than the best setup of the bank",
     why="the gain is that of laws on the model: errors of the form of the law are not in it",
-    remedy="build the nearest valving, test it (eightpost dyno or a dynamometer), fit it, and run it in a study",
+    remedy="build the nearest valving, test it (on a dynamometer, or virtual dyno), fit it, run it in a study",
 )  # fmt: skip
 DOUBTFUL = RULES.add("gain in doubt", ABOUT, Grade.LIMITED,
     condition="with the errors that the vehicle states, the targets are better with a probability below 95 %",
     why="the gain is not larger than what the vehicle is uncertain by",
-    remedy="test the best of the bank and builds near the targets on the rig (eightpost confirm), then search again",
+    remedy="test the best of the bank and builds near the targets on the rig (study confirm), then search again",
 )  # fmt: skip
 UNSTATED = RULES.add("uncertainty of the gain unknown", ABOUT, Grade.LIMITED,
     condition="the vehicle states no uncertainty for a measure of the objective",
@@ -47,14 +47,14 @@ UNSTATED = RULES.add("uncertainty of the gain unknown", ABOUT, Grade.LIMITED,
     remedy="identify the vehicle (eightpost identify), which states its uncertainty",
 )  # fmt: skip
 SWITCHED_OFF = RULES.add("uncertainty of the gain not computed", ABOUT, Grade.LIMITED,
-    condition="the errors of the vehicle are left out on request (--no-certainty)",
+    condition="the errors of the vehicle are left out on request (--set certainty=no)",
     why="the gain and its band are those of the model; the true car may have none",
-    remedy="run it again without --no-certainty",
+    remedy="run it again without --set certainty=no",
 )  # fmt: skip
 NO_GAIN = RULES.add("no gain over the bank", ABOUT, Grade.NOT_USABLE,
     condition="the runs of the targets' own FMUs are not better than the best setup of the bank",
     why="the search found nothing better within the ranges of the numbers",
-    remedy="widen the ranges (--limit), vary more numbers (--vary), or use more starts (--starts)",
+    remedy="widen the ranges (--limit), vary more numbers (--vary), or use more starts (--set starts)",
 )  # fmt: skip
 FORM = RULES.add("gain within the error of the shapes", ABOUT, Grade.LIMITED,
     condition="the best setup of the bank with its own laws and as shapes differ by more than half the gain",
@@ -89,7 +89,7 @@ def aim_verdict(found: Aim) -> Verdict:
 def _of_the_car(found: Aim) -> Iterator[Reason]:
     """Yield what the stated uncertainty of the vehicle means for the gain."""
     if not found.request.uncertain:
-        yield SWITCHED_OFF.reason("uncertainty of the vehicle", figure="not computed", origin="--no-certainty")
+        yield SWITCHED_OFF.reason("uncertainty of the vehicle", figure="not computed", origin="--set certainty=no")
     elif found.curves.car is None or not found.curves.car.is_known:
         missing = (
             "no measure"

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 #: Names of the files in the folder of a study.
 RESULTS, SELECTION, SPREADS = "results.parquet", "selection.csv", "robust.parquet"
 
-#: Certainty of the study, the one before the last `eightpost confirm`, and one of another study that was replaced.
+#: Certainty of the study, the one before the last `study confirm`, and one of another study that was replaced.
 CERTAINTY, PREVIOUS, REPLACED = "certainty.parquet", "certainty.previous.parquet", "certainty.replaced.parquet"
 
 

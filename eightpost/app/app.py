@@ -15,7 +15,7 @@ def app(
     folder: Path = argument("[FOLDER]", kind=OutputFolder(), required=False),
     port: int = setting("Port on this machine; 0: a free one.", kind=click.IntRange(0, 65535), default=0),
     no_browser: bool = option("Print the link only."),
-) -> None:
+) -> None:  # fmt: skip
     """Open a window in the browser: drop dynamometer and rig files, fit, couple, and run studies.
 
     FOLDER receives the files that are dropped and what the commands write; default: the current folder. Only this

@@ -85,32 +85,28 @@ def build(
     sources: tuple[Path, ...] = argument("SOURCES...", kind=FilePath()),
     output: Path = option(
         "Output folder of the FMUs; of a system, a folder or the file name of its FMU.",
-        "-o",
-        "--output",
-        kind=OutputFile(FMU, is_folder=lambda given: given["output"].suffix != ".fmu"),
+        "-o", "--output", kind=OutputFile(FMU, is_folder=lambda given: given["output"].suffix != ".fmu"),
         default=Path("dist"),
     ),
     target: str = option(
         "Code of the FMUs. native: compiled C, for any host on six platforms. python: the readable reference, for "
         "hosts with Python, numpy and scipy. all: both.",
-        kind=TARGETS,
-        default="native",
+        kind=TARGETS, default="native",
     ),
     fmi: str = option(
         "FMI version. 2: FMI 2.0. 3: FMI 3.0, for hosts that import it. all: both, from the same C code and with the "
         "same results; the FMU of FMI 3.0 is then named <name>_fmi3.fmu.",
-        kind=VERSIONS,
-        default="2",
+        kind=VERSIONS, default="2",
     ),
     confidential: bool = option(
         "Leave out the sources, the static curve (picture and coefficients) and the names of the source files. The "
-        "parameters of the lag, which a host may tune, stay readable."
+        "parameters of the lag, which a host may tune, stay readable.",
     ),
     temperature_input: bool = option(
         "Make the temperature of shocks that were fitted over it an input; without this option it is a tunable "
-        "parameter."
+        "parameter.",
     ),
-) -> None:
+) -> None:  # fmt: skip
     """Build an FMU from each source, for co-simulation and model exchange.
 
     SOURCES are shock files (written by `eightpost fit`) and vehicle files: parameters (.toml) or an identified state

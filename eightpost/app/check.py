@@ -26,7 +26,7 @@ def check(
     fmus: tuple[Path, ...] = argument("FMU...", kind=FilePath()),
     standard: bool = option("Report only violations of the FMI standard; default: all findings."),
     as_json: bool = option("Print one JSON document instead of tables (docs/reference/check.md).", "--json"),
-) -> None:
+) -> None:  # fmt: skip
     """Check FMUs of any maker: the rules of the FMI standard, and known causes of failed imports.
 
     The check runs fmpy validate, fmutool -check, more than a hundred rules of its own, and the FMU itself. Findings are

@@ -1,4 +1,4 @@
-"""`eightpost clicks`."""
+"""`eightpost study clicks`."""
 
 from __future__ import annotations
 
@@ -22,17 +22,15 @@ def clicks(
     shock_file: Path = argument("SHOCK", kind=FilePath()),
     curve: Path = option(
         "Target: a table with the columns velocity and force and their units, or a shock file.",
-        kind=FilePath(),
-        default=...,
-        metavar="FILE",
+        kind=FilePath(), default=..., metavar="FILE",
     ),
     fix: tuple[tuple[str, str], ...] = option(
         "Setting of an adjuster that is not searched, e.g. rebound=12; may be repeated.",
-        kind=Assignment("ADJUSTER=CLICKS"),
-        metavar="ADJUSTER=CLICKS",
+        kind=Assignment("ADJUSTER=CLICKS"), metavar="ADJUSTER=CLICKS",
     ),
     plot: Path | None = option(
-        "Picture of the target and the best setting; no default: none is written.", kind=OutputFile(PICTURE)
+        "Picture of the target and the best setting; no default: none is written.",
+        kind=OutputFile(PICTURE),
     ),
     temperature: float | None = setting(
         "Temperature at which the target is to be reached, e.g. '60 degC'; default: the reference.",
@@ -40,17 +38,15 @@ def clicks(
     ),
     speeds: tuple[float, float] | None = setting(
         "Lowest and highest speed that count, e.g. speeds='0 m/s, 0.2 m/s'; default: all measured speeds.",
-        kind=Quantity("m/s"),
-        nargs=2,
+        kind=Quantity("m/s"), nargs=2,
     ),
     level: Level = setting(
         "Treatment of a constant force over all speeds, such as gas force. kept: it counts as an error. free: it does "
         "not.",
-        kind=("free", "kept"),
-        default="kept",
+        kind=("free", "kept"), default="kept",
     ),
     count: int = setting("Number of settings to list.", kind=click.IntRange(1, 100), default=5),
-) -> None:
+) -> None:  # fmt: skip
     """Find the clicks at which a shock comes closest to a target curve.
 
     SHOCK is a shock that `eightpost fit` fitted over its settings. All combinations of whole clicks are compared with

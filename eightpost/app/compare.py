@@ -1,4 +1,4 @@
-"""`eightpost compare`."""
+"""`eightpost study compare`."""
 
 from __future__ import annotations
 
@@ -32,33 +32,28 @@ def compare(
     output: Path | None = option(
         "Picture of the changes (.png, .pdf or .svg); default: none. With --measured: output folder; default: "
         "compared/ in the folder of the study.",
-        "-o",
-        "--output",
-        kind=OutputFile(PICTURE, is_folder=lambda given: given["measured"] is not None),
+        "-o", "--output", kind=OutputFile(PICTURE, is_folder=lambda given: given["measured"] is not None),
     ),
     measured: Path | None = option(
         "List of rig runs to compare a study with: a CSV file that assigns a setup to each record, such as the "
         "selection.csv of `eightpost study select`, or its folder. Default: compare runs.",
-        kind=FilePath(),
-        metavar="LIST",
+        kind=FilePath(), metavar="LIST",
     ),
     measures: tuple[str, ...] = option(
         "Measure to compare with --measured; may be repeated. Default: all measures that do not depend on a mean.",
-        "--measure",
-        metavar="MEASURE",
+        "--measure", metavar="MEASURE",
     ),
     channels: Channels = CHANNELS,
     vehicle: str = setting("Name of the vehicle component whose channels give the ride measures.", default="car"),
     rank: float = setting(
         "Minimum acceptable rank correlation (Spearman) for --measured, -1 to 1.",
-        kind=Number(-1.0, 1.0),
-        default=0.8,
+        kind=Number(-1.0, 1.0), default=0.8,
     ),
     level: float | None = setting(
         "Maximum acceptable RMS error of the levels for --measured [%], e.g. 5; default: no limit.",
         kind=Number(min=0.0),
     ),
-) -> None:
+) -> None:  # fmt: skip
     """Compare runs, or a study's prediction with rig measurements.
 
     Without --measured, each RUN is a folder that `eightpost run` wrote. The response measures of all runs are listed

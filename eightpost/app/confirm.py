@@ -1,4 +1,4 @@
-"""`eightpost confirm`."""
+"""`eightpost study confirm`."""
 
 from __future__ import annotations
 
@@ -29,11 +29,10 @@ def confirm(
     records: tuple[str, ...] = argument("RECORDS..."),
     measures: tuple[str, ...] = option(
         "Measure to take into account; may be repeated. Default: all measures that do not depend on a mean.",
-        "--measure",
-        metavar="MEASURE",
+        "--measure", metavar="MEASURE",
     ),
     channels: Channels = CHANNELS,
-) -> None:
+) -> None:  # fmt: skip
     """Update how sure a study's choice is with rig runs of some of its setups.
 
     STUDY is a folder that `eightpost study` wrote. RECORDS is a list of rig runs, a CSV file that assigns a setup to

@@ -25,8 +25,9 @@ _COLORS = {"ok": "green", "note": "yellow", "absent": "cyan", "failed": "red"}
 
 @verb
 def doctor(
-    ctx: click.Context, as_json: bool = option("Print one JSON document, e.g. for a report of a fault.", "--json")
-) -> None:
+    ctx: click.Context,
+    as_json: bool = option("Print one JSON document, e.g. for a report of a fault.", "--json"),
+) -> None:  # fmt: skip
     """Check the installation: versions, extras, caches, a coupled run, the compiler.
 
     A coupled run is compared with its exact solution, and if the packages and a C compiler for it are installed, an FMU

@@ -35,19 +35,15 @@ def start(
     track: Path = argument("TRACK", kind=FilePath()),
     car_file: Path = option(
         "Identified car (.json, from eightpost identify), or its parameters (.toml).",
-        "--car",
-        kind=FilePath(),
-        default=...,
-        metavar="CAR",
+        "--car", kind=FilePath(), default=..., metavar="CAR",
     ),
     output: Path = option(
-        "Folder of the iteration.", "-o", "--output", kind=OutputFolder(), default=..., metavar="FOLDER"
+        "Folder of the iteration.",
+        "-o", "--output", kind=OutputFolder(), default=..., metavar="FOLDER",
     ),
     shocks: tuple[tuple[str, str], ...] = option(
         "Shock of a corner in the track record, if it is not the baseline of the identification; may be repeated.",
-        "--shock",
-        kind=Assignment("CORNER=SHOCK.json"),
-        metavar="CORNER=SHOCK.JSON",
+        "--shock", kind=Assignment("CORNER=SHOCK.json"), metavar="CORNER=SHOCK.JSON",
     ),
     channels: Channels = CHANNELS,
     reproduced: str | None = setting(
@@ -56,49 +52,48 @@ def start(
     ),
     window: tuple[float, float] | None = setting(
         "Start and end of the lap in the record, e.g. window='12 s, 45 s'; default: the whole record.",
-        kind=Quantity("s"),
-        nargs=2,
+        kind=Quantity("s"), nargs=2,
     ),
     high: float = setting("Highest frequency to reproduce.", kind=Quantity("Hz", positive=True), default="30 Hz"),
     gain: float = setting(
         "Maximum gain of an update, 0 to 1; the coherence of the last step reduces it by channel and band.",
-        kind=click.FLOAT,
-        default=0.9,
+        kind=click.FLOAT, default=0.9,
     ),
     regularisation: float = setting(
         "Regularisation of the inverse, 0 to 1, relative to the largest singular value of each line.",
-        kind=click.FLOAT,
-        default=0.02,
+        kind=click.FLOAT, default=0.02,
     ),
     acceleration: float = setting(
-        "Accepted error of the accelerations [% of their RMS].", kind=click.FLOAT, default=2.5
+        "Accepted error of the accelerations [% of their RMS].",
+        kind=click.FLOAT, default=2.5,
     ),
     displacement: float = setting(
-        "Accepted error of the displacements and all other channels [% of their RMS].", kind=click.FLOAT, default=1.0
+        "Accepted error of the displacements and all other channels [% of their RMS].",
+        kind=click.FLOAT, default=1.0,
     ),
     stroke: float = setting(
         "Maximum distance of a wheelloader from the middle of its stroke.",
-        kind=Quantity("m", positive=True),
-        default="6.2 in",
+        kind=Quantity("m", positive=True), default="6.2 in",
     ),
     velocity: float = setting(
-        "Maximum velocity of a wheelloader.", kind=Quantity("m/s", positive=True), default="180 in/s"
+        "Maximum velocity of a wheelloader.",
+        kind=Quantity("m/s", positive=True), default="180 in/s",
     ),
     force: float = setting("Maximum force of an aeroloader.", kind=Quantity("N", positive=True), default="4300 lbf"),
     wheelloader: float = setting(
-        "Control bandwidth of the wheelloaders.", kind=Quantity("Hz", positive=True), default="125 Hz"
+        "Control bandwidth of the wheelloaders.",
+        kind=Quantity("Hz", positive=True), default="125 Hz",
     ),
     aeroloader: float = setting(
-        "Control bandwidth of the aeroloaders.", kind=Quantity("Hz", positive=True), default="9 Hz"
+        "Control bandwidth of the aeroloaders.",
+        kind=Quantity("Hz", positive=True), default="9 Hz",
     ),
     means: bool = setting("Reproduce the mean displacements by steady loads.", default=True),
     suffix: str = setting(
         "File format of the drive files for the rig.",
-        "format",
-        kind=("parquet", "csv", "mat", "drv"),
-        default="parquet",
+        "format", kind=("parquet", "csv", "mat", "drv"), default="parquet",
     ),
-) -> None:
+) -> None:  # fmt: skip
     """Compute the first drive file from a track record.
 
     TRACK is a record with the channels of docs/explanation/rig.md, or with a channel map.
@@ -151,11 +146,10 @@ def next_drive(
     folder: Path = argument("FOLDER", kind=FilePath()),
     record: Path | None = option(
         "Record of the last drive file from the rig; default: none, which repeats an interrupted call.",
-        kind=FilePath(),
-        metavar="RECORD",
+        kind=FilePath(), metavar="RECORD",
     ),
     channels: Channels = CHANNELS,
-) -> None:
+) -> None:  # fmt: skip
     """Compute the next drive file from the rig's record of the last one.
 
     FOLDER is the iteration that `start` wrote. The record is synchronised with the drive file by its commands or its
@@ -180,26 +174,26 @@ def simulate(
     ctx: click.Context,
     folder: Path = argument("FOLDER", kind=FilePath()),
     passes: int = option(
-        "Number of passes at the end, including those before.", kind=click.IntRange(min=1), default=8, metavar="N"
+        "Number of passes at the end, including those before.",
+        kind=click.IntRange(min=1), default=8, metavar="N",
     ),
     truth: str = option(
-        "Model of the car on the virtual rig (docs/explanation/rig.md).", "--car", kind=CARS, default="eight_post"
+        "Model of the car on the virtual rig (docs/explanation/rig.md).",
+        "--car", kind=CARS, default="eight_post",
     ),
     shocks: tuple[str, ...] = option(
         "Shock of all corners, or four shocks in the order lf, rf, lr, rr, as in eightpost virtual rig. Default "
         "demo:A.",
-        "--shock",
-        metavar="SHOCK",
+        "--shock", metavar="SHOCK",
     ),
     car_seed: int | None = CAR_SEED,
     seed: int = setting(
         "Seed of the sensor noise and of the run-to-run drift; each pass adds its number.",
-        kind=click.IntRange(min=0),
-        default=100,
+        kind=click.IntRange(min=0), default=100,
     ),
     noise: str = NOISE,
     friction: str = FRICTION,
-) -> None:
+) -> None:  # fmt: skip
     """Play the drive files on the virtual rig, as `next` would with a rig.
 
     FOLDER is the iteration that `start` wrote. The exit code is 1 unless the errors of the best pass are accepted.

@@ -32,16 +32,13 @@ def export(
     output: Path = option(
         "Output file: of a vehicle .mat, .uff or .unv; of shocks .csv, .mat, .m, .txt or .dpr; of a system .ssp. "
         "Default: of a system its name with the suffix .ssp (of a package _new.ssp); no default for others.",
-        "-o",
-        "--output",
-        kind=OutputFile(EXPORT, default=_default_package),
+        "-o", "--output", kind=OutputFile(EXPORT, default=_default_package),
     ),
     table_format: str | None = option(
         "Shocks: format of the table: csv (.csv), mat and m (Simulink lookup tables, .mat and .m), modelica "
         "(CombiTable, .txt), dpr (Adams TeimOrbit, .dpr), carmaker (lines of a vehicle file, any suffix). Default: by "
         "the suffix of the output.",
-        "--format",
-        kind=("csv", "mat", "m", "modelica", "dpr", "carmaker"),
+        "--format", kind=("csv", "mat", "m", "modelica", "dpr", "carmaker"),
     ),
     over: str | None = option(
         "Shocks: setting in which several shocks differ, with a value for each in the order of the files, e.g. "
@@ -52,25 +49,26 @@ def export(
     ports: Literal["difference", "whole"] = setting(
         "Meaning of a vehicle's shock inputs. difference: the force of the shock minus the force of the baseline "
         "damper. whole: the whole force of the shock.",
-        kind=("difference", "whole"),
-        default="difference",
+        kind=("difference", "whole"), default="difference",
     ),
     high: float = setting(
-        "Highest frequency of a vehicle's response.", kind=Quantity("Hz", bare=True), default="25 Hz"
+        "Highest frequency of a vehicle's response.",
+        kind=Quantity("Hz", bare=True), default="25 Hz",
     ),
     step: float = setting(
-        "Distance between the frequencies of a vehicle's response.", kind=Quantity("Hz", bare=True), default="0.05 Hz"
+        "Distance between the frequencies of a vehicle's response.",
+        kind=Quantity("Hz", bare=True), default="0.05 Hz",
     ),
     error: float = setting(
-        "Shocks: maximum error of linear interpolation by velocity [% of the range of force]; a smaller one gives more "
-        "points.",
-        kind=click.FLOAT,
-        default=0.1,
+        "Shocks: maximum error of linear interpolation by velocity [% of the range of force]; a smaller one gives "
+        "more points.",
+        kind=click.FLOAT, default=0.1,
     ),
     speed: float | None = setting(
-        "Shocks: highest velocity in both directions, e.g. '2 m/s'; default: the fitted range.", kind=Quantity("m/s")
+        "Shocks: highest velocity in both directions, e.g. '2 m/s'; default: the fitted range.",
+        kind=Quantity("m/s"),
     ),
-) -> None:
+) -> None:  # fmt: skip
     """Export models, frequency responses, shock curves and systems for other tools.
 
     SOURCE is a vehicle (.json, or .toml with parameters), a frequency response (.npz), or one or more shocks (.json). A

@@ -53,16 +53,13 @@ def fit(
     output: Path = option(
         "Output shock file; default: the name of the first DYNO with the suffix .json (of a .json file _shock.json), "
         "in the current folder.",
-        "-o",
-        "--output",
-        kind=OutputFile(SHOCK, default=lambda given: Path(f"{given['dyno_files'][0].stem}.json")),
+        "-o", "--output", kind=OutputFile(SHOCK, default=lambda given: Path(f"{given['dyno_files'][0].stem}.json")),
     ),
     gas: GasTreatment = option(
-        "Gas force in the force channel. estimate: it is fitted and kept in the shock. included: it is fitted and left "
-        "out of the shock, because the static load of the car already counts it. subtracted: the dynamometer already "
-        "subtracted it, so it is not fitted.",
-        kind=GAS_TREATMENTS,
-        default="estimate",
+        "Gas force in the force channel. estimate: it is fitted and kept in the shock. included: it is fitted and "
+        "left out of the shock, because the static load of the car already counts it. subtracted: the dynamometer "
+        "already subtracted it, so it is not fitted.",
+        kind=GAS_TREATMENTS, default="estimate",
     ),
     channels: Channels = CHANNELS,
     split: bool = option("Split each record at its pauses and where a sine changes, and fit the parts as runs."),
@@ -70,41 +67,40 @@ def fit(
         "Team's own name for the shock build, or for that of a file, e.g. run7.csv='front 3'; may be repeated. "
         "Default: that in the file. Records of several builds are fitted together, and the shock file states their "
         "spread.",
-        "--build",
-        metavar="[FILE=]NAME",
+        "--build", metavar="[FILE=]NAME",
     ),
     plot: Path | None = option(
-        "Picture of the curves, or of the map over clicks; default: none.", kind=OutputFile(PICTURE)
+        "Picture of the curves, or of the map over clicks; default: none.",
+        kind=OutputFile(PICTURE),
     ),
     recipe: RecipeName = setting(
         "Order of the fit. joint: all parameters together, a curve through knots. boggs: one after the other, a curve "
         "of polynomials, as in 3.3.",
-        kind=RECIPES,
-        default="joint",
+        kind=RECIPES, default="joint",
     ),
     robust: Robust = setting(
         "Weighting of outliers. auto: outliers are down-weighted if there are any. none: no weighting. huber, tukey: "
         "always weighted by this function.",
-        kind=WEIGHTINGS,
-        default="auto",
+        kind=WEIGHTINGS, default="auto",
     ),
     segment: tuple[float, float] | None = setting(
         "Start and end of the part of the record to fit, e.g. segment='1 s, 10 s', which is the default.",
-        kind=Quantity("s", bare=True),
-        nargs=2,
+        kind=Quantity("s", bare=True), nargs=2,
     ),
     cutoff: float | None = setting(
-        "Cut-off frequency of the low-pass on model and data; default '50 Hz'.", kind=Quantity("Hz", bare=True)
+        "Cut-off frequency of the low-pass on model and data; default '50 Hz'.",
+        kind=Quantity("Hz", bare=True),
     ),
     name: str | None = setting("Name of the shock; default: the name of the file."),
     clicks: str | None = setting(
         "Settings of the adjusters and how they are counted, e.g. '14 from closed, rebound'; default: those in the "
-        "file."
+        "file.",
     ),
     gas_pressure: float | None = setting(
-        "Gas pressure of the shock, e.g. '150 psi'; default: that in the file.", kind=Quantity("Pa")
+        "Gas pressure of the shock, e.g. '150 psi'; default: that in the file.",
+        kind=Quantity("Pa"),
     ),
-) -> None:
+) -> None:  # fmt: skip
     """Fit a shock law to dynamometer records: one, several runs together, or one shock over its adjusters.
 
     DYNO is a text file, spreadsheet, .parquet, .mat, .json, .mf4, .tdms or .lvm file with time, force, and velocity or

@@ -35,51 +35,44 @@ def identify(
     rig_files: tuple[Path, ...] = argument("RIG...", kind=FilePath()),
     output: Path = option(
         "Output vehicle file; its frequency response and its summary are written to the same folder.",
-        "-o",
-        "--output",
-        kind=OutputFile(VEHICLE),
-        default=Path("vehicle.json"),
+        "-o", "--output", kind=OutputFile(VEHICLE), default=Path("vehicle.json"),
     ),
     preparation: Path | None = option(
         "File with rate, settling, delays and geometry (docs/how_to/rig_data.md), which replaces those settings; "
         "default: none.",
-        kind=FilePath(),
-        metavar="TOML",
+        kind=FilePath(), metavar="TOML",
     ),
     static_files: tuple[Path, ...] = option(
         "Test with held loads, for the car's static tire forces and ride heights (6.4.4); may be repeated.",
-        "--static",
-        kind=FilePath(),
-        metavar="RIG",
+        "--static", kind=FilePath(), metavar="RIG",
     ),
     channels: Channels = CHANNELS,
     plots: Literal["none", "main", "all"] = option(
         "Outputs to draw. main: shock velocities, tire forces and ride heights.",
-        "--plot",
-        kind=("none", "main", "all"),
-        default="none",
+        "--plot", kind=("none", "main", "all"), default="none",
     ),
     recipe_name: str = setting(
         "Identification method: docs/explanation/common_poles.md, docs/explanation/identification.md, "
         "docs/explanation/output_error.md.",
-        "recipe",
-        kind=RECIPES,
-        default="common-poles",
+        "recipe", kind=RECIPES, default="common-poles",
     ),
     baseline: Path | None = setting(
-        "Baseline test among the RIG files; default: found from the damping of the shocks.", kind=FilePath()
+        "Baseline test among the RIG files; default: found from the damping of the shocks.",
+        kind=FilePath(),
     ),
     damping: float | None = setting(
-        "Damping about which the vehicle is identified, e.g. '20 lbf.s/in'; default: the slope of each baseline shock.",
+        "Damping about which the vehicle is identified, e.g. '20 lbf.s/in'; default: the slope of each baseline "
+        "shock.",
         kind=Quantity("N.s/m"),
     ),
     rate: float = setting("Sampling rate to which the records are decimated.", kind=Quantity("Hz"), default="125 Hz"),
     settling: float = setting(
-        "Settling time left out at the start of every record, e.g. '4 s'.", kind=Quantity("s"), default="0 s"
+        "Settling time left out at the start of every record, e.g. '4 s'.",
+        kind=Quantity("s"), default="0 s",
     ),
     output_channels: str | None = setting("Outputs of the model, separated by commas; default: all possible outputs."),
     name: str | None = setting("Name of the vehicle; default: the name of the output file."),
-) -> None:
+) -> None:  # fmt: skip
     """Identify a vehicle from rig tests: one with baseline shocks, one with another shock at each corner.
 
     RIG is a .parquet, .csv, .mat or .mf4 file with the channels of docs/explanation/rig.md, or with a channel map. Use

@@ -46,14 +46,12 @@ def inspect(
     folder: Path | None = option(
         "Output folder for pictures and tables of a vehicle, or of the linearity of rig tests; default: none are "
         "written.",
-        "-o",
-        "--output",
-        kind=OutputFolder(),
+        "-o", "--output", kind=OutputFolder(),
     ),
     channels: Channels = CHANNELS,
     vary: str | None = option(
-        "Parameter of a vehicle to vary at all four corners alike, e.g. damping, or with factors "
-        "damping=0.5,1,2,3, which are the default; default: none.",
+        "Parameter of a vehicle to vary at all four corners alike, e.g. damping, or with factors damping=0.5,1,2,3, "
+        "which are the default; default: none.",
         metavar="PARAMETER[=FACTORS]",
     ),
     mass: float | None = setting(
@@ -67,23 +65,20 @@ def inspect(
     ),
     high: float = setting("Highest frequency.", kind=Quantity("Hz", bare=True), default="25 Hz"),
     how_file: Path | None = setting(
-        "Linearity: file with rate, delays, geometry and other settings (docs/how_to/rig_data.md); default: decimation "
-        "to 125 Hz only.",
-        "preparation",
-        kind=FilePath(),
+        "Linearity: file with rate, delays, geometry and other settings (docs/how_to/rig_data.md); default: "
+        "decimation to 125 Hz only.",
+        "preparation", kind=FilePath(),
     ),
     width: float = setting(
         "Linearity: width of the frequency bands in which the noise is estimated.",
-        kind=Quantity("Hz", bare=True),
-        default="0.5 Hz",
+        kind=Quantity("Hz", bare=True), default="0.5 Hz",
     ),
     coherence: float = setting("Linearity: lower limit of a high coherence, 0 to 1.", kind=Number(), default=0.5),
     level: float = setting(
         "Linearity: lower limit of a high response [dB], relative to the output's largest response.",
-        kind=Number(),
-        default=-20.0,
+        kind=Number(), default=-20.0,
     ),
-) -> None:
+) -> None:  # fmt: skip
     """Show what a file contains, and everything suspicious in it.
 
     FILE is a record: a text file, a spreadsheet, a .parquet, .mat, .mf4, .tdms or .lvm file (docs/reference/

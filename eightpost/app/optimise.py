@@ -1,4 +1,4 @@
-"""`eightpost optimise`."""
+"""`eightpost study optimise`."""
 
 from __future__ import annotations
 
@@ -33,22 +33,19 @@ def optimise(
     study_file: Path = argument("STUDY", kind=FilePath()),
     output: Path = option(
         "Output folder for results.parquet, the page and the intermediate results.",
-        "-o",
-        "--output",
-        kind=OutputFolder(FILES),
-        default=Path("out"),
+        "-o", "--output", kind=OutputFolder(FILES), default=Path("out"),
     ),
     objectives: tuple[str, ...] = option(
         "Measure to minimise; repeat it for the Pareto front of several. Default: the objective of the study.",
-        "--for",
-        metavar="MEASURE",
+        "--for", metavar="MEASURE",
     ),
     evaluations: int = option(
-        "Maximum number of setups to evaluate.", kind=click.IntRange(min=2), default=400, metavar="N"
+        "Maximum number of setups to evaluate.",
+        kind=click.IntRange(min=2), default=400, metavar="N",
     ),
     workers: int | str | None = WORKERS,
     seed: int = setting("Seed of the search.", kind=click.IntRange(min=0), default=0),
-) -> None:
+) -> None:  # fmt: skip
     """Search for the best setups of a study whose bank is too large to run them all.
 
     STUDY is the TOML file of `eightpost study`. Setups are evaluated in generations, each setup once. The same seed

@@ -43,37 +43,28 @@ def report(
     files: tuple[Path, ...] = argument("FILE...", kind=FilePath()),
     output: Path = option(
         "HTML file to write; default: report.html, with --live the name of FILE with the suffix .html.",
-        "-o",
-        "--output",
-        kind=OutputFile(PAGE, default=_default_page),
-        metavar="FILE.HTML",
+        "-o", "--output", kind=OutputFile(PAGE, default=_default_page), metavar="FILE.HTML",
     ),
     live: bool = option("Write a page on which the shock and a quarter car run live, instead of its report."),
     builds: tuple[tuple[str, str], ...] = option(
         "Build of a file; may be repeated. Default: that in the file, else, for a shock, that of the record it was "
         "fitted to, else the name of the file.",
-        "--build",
-        kind=Assignment("FILE=NAME"),
-        metavar="FILE=NAME",
+        "--build", kind=Assignment("FILE=NAME"), metavar="FILE=NAME",
     ),
     limits: Path | None = option(
         "Master curve, for pass or fail: a table of speed, compression, rebound and tolerance, in N or %, or another "
         "dynamometer or shock file with --set tolerance. Default: no limits.",
-        kind=FilePath(),
-        metavar="MASTER",
+        kind=FilePath(), metavar="MASTER",
     ),
     car: Path | None = option(
         "Vehicle file (docs/reference/vehicle_file.md) with the masses and wheel rates of the corners, for damping "
         "ratios; with --live, file or FMU of the quarter car. Default: damping ratios are unknown; with --live, the "
         "car of examples/corner.toml.",
-        kind=FilePath(),
-        metavar="CAR.TOML",
+        kind=FilePath(), metavar="CAR.TOML",
     ),
     at: tuple[tuple[str, str], ...] = option(
         "Build at a corner of the car (lf, rf, lr, rr), for the overview of a car's shocks; may be repeated.",
-        "--corner",
-        kind=Assignment("CORNER=BUILD"),
-        metavar="CORNER=BUILD",
+        "--corner", kind=Assignment("CORNER=BUILD"), metavar="CORNER=BUILD",
     ),
     channels: Channels = CHANNELS,
     split: bool = option("Split each record at its pauses and where a sine changes; the parts are runs."),
@@ -89,17 +80,17 @@ def report(
         "tolerance",
     ),
     cycle: str = setting(
-        "Cycle of a steady sine to show: the last, the mean of all, or a number from 1.", default="mean"
+        "Cycle of a steady sine to show: the last, the mean of all, or a number from 1.",
+        default="mean",
     ),
     track: tuple[str, ...] = setting(
         "Record of a track with the velocity or displacement of the shaft (FILE or FILE=COLUMN), for a histogram of "
-        "shaft speed beside the curve; may be repeated."
+        "shaft speed beside the curve; may be repeated.",
     ),
     speeds: tuple[float, ...] = setting(
         "Speed of the tables, e.g. '5 in/s'; may be repeated. Default: 1, 2, 3, 5, 10, 15 and 20 in/s, as far as a "
         "curve goes.",
-        "speed",
-        kind=Quantity("m/s"),
+        "speed", kind=Quantity("m/s"),
     ),
     corner_mass: float | None = setting(
         "Sprung mass on the corner of a car, e.g. '306 kg' or '675 lbm', for damping ratios; default: that of --car.",
@@ -110,9 +101,10 @@ def report(
         kind=Quantity("N/m", positive=True),
     ),
     motion_ratio: float = setting(
-        "Damper travel per wheel travel, usually 0.1 to 2.", kind=Number(min=0.0, min_open=True), default=1.0
+        "Damper travel per wheel travel, usually 0.1 to 2.",
+        kind=Number(min=0.0, min_open=True), default=1.0,
     ),
-) -> None:
+) -> None:  # fmt: skip
     """Write a page about shocks: their dynamometer records and fitted laws, by build; or about a study.
 
     FILE is a dynamometer record or a peak-velocity table in any format that `fit` reads (docs/reference/dyno_files.md),
@@ -167,7 +159,7 @@ def report(
     for one in failed:
         console.print(f"FAIL: {escape(one.entry.name)}, {one.stroke}: {one.text}")
     for name in made.unjudged:
-        console.print(f"not judged: {escape(name)}, which has no measured curve at a speed of the limits (--speed)")
+        console.print(f"not judged: {escape(name)}, which has no measured curve at a speed of the limits (--set speed)")
     if made.judgements and not failed:
         console.print(f"pass: all judged curves are within the limits of {escape(str(limits))}")
     console.print(f"wrote {escape(str(output))}")

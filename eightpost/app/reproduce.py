@@ -21,9 +21,10 @@ def reproduce(
     listing: bool = option("List the items and their bases; compute nothing.", "--list"),
     quick: bool = option("Use short records and fewer setups; the levels differ more from print."),
     output: Path = option(
-        "Folder for reproduce.html.", "-o", "--output", kind=OutputFolder({"reproduce.html": PAGE}), default=Path("out")
+        "Folder for reproduce.html.",
+        "-o", "--output", kind=OutputFolder({"reproduce.html": PAGE}), default=Path("out"),
     ),
-) -> None:
+) -> None:  # fmt: skip
     """Reproduce the dissertation's figures, tables and equations.
 
     A NUMBER is that of a figure, a table or an equation (7.2 is the figure and the table), of one of them

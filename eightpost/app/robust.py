@@ -1,4 +1,4 @@
-"""`eightpost robust`."""
+"""`eightpost study robust`."""
 
 from __future__ import annotations
 
@@ -18,19 +18,18 @@ def robust(
     rank: str | None = setting("Measure that ranks the setups, smallest first; default: the objective of the study."),
     top: int = setting(
         "Number of leading setups that are simulated with drawn parameters; the baseline is added.",
-        kind=click.IntRange(min=2),
-        default=20,
+        kind=click.IntRange(min=2), default=20,
     ),
     draws: int = setting(
         "Number of simulated draws of the uncertain parameters, which check the linear effects; 0: no check.",
-        kind=click.IntRange(min=0),
-        default=32,
+        kind=click.IntRange(min=0), default=32,
     ),
     seed: int = setting("Seed of the simulated draws.", kind=click.IntRange(min=0), default=0),
     workers: int | None = setting(
-        "Number of processes that run setups; default: one per processor.", kind=click.IntRange(min=1)
+        "Number of processes that run setups; default: one per processor.",
+        kind=click.IntRange(min=1),
     ),
-) -> None:
+) -> None:  # fmt: skip
     """Compute how sure a study's choice is with an uncertainty file of your own.
 
     STUDY is a folder that `eightpost study` wrote. UNCERTAIN is a TOML file that states what is not known exactly:

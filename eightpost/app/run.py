@@ -42,25 +42,19 @@ def run(
     case_file: Path = argument("SYSTEM", kind=FilePath()),
     output: Path = option(
         "Output folder for series.parquet, series.csv, result.json and traces.png.",
-        "-o",
-        "--output",
-        kind=OutputFolder(FILES),
-        default=Path("out"),
+        "-o", "--output", kind=OutputFolder(FILES), default=Path("out"),
     ),
     swaps: tuple[tuple[str, str], ...] = option(
         "Another FMU for a component, e.g. lf=dist/soft.fmu; may be repeated.",
-        "--fmu",
-        kind=Assignment("NAME=FILE"),
-        metavar="NAME=FILE",
+        "--fmu", kind=Assignment("NAME=FILE"), metavar="NAME=FILE",
     ),
     drive: Path | None = option(
-        "Drive file for the open inputs of a package; default: none.", kind=FilePath(), metavar="FILE"
+        "Drive file for the open inputs of a package; default: none.",
+        kind=FilePath(), metavar="FILE",
     ),
     inputs: tuple[tuple[str, str], ...] = option(
         "Constant for an open input of a package, e.g. 'car.aero_force=500 lbf'; may be repeated.",
-        "--input",
-        kind=Assignment("NAME=VALUE"),
-        metavar="NAME=VALUE",
+        "--input", kind=Assignment("NAME=VALUE"), metavar="NAME=VALUE",
     ),
     algorithm: str | None = option(
         "Coupling algorithm; default: that of the file. The algorithm `default` uses gauss-seidel, or implicit if "
@@ -69,29 +63,28 @@ def run(
     ),
     step: float | None = option(
         "Coupling step, e.g. '1 ms'; default: that of the file or of the algorithm.",
-        kind=Quantity("s", bare=True),
-        metavar="TIME",
+        kind=Quantity("s", bare=True), metavar="TIME",
     ),
     tolerance: float | None = option(
         "Tolerated coupling error [%]. Algorithm `default`: of each signal's standard deviation, default 0.2. "
         "Algorithm `adaptive`: of the largest value, in each step, default 0.01.",
-        kind=click.FLOAT,
-        metavar="PERCENT",
+        kind=click.FLOAT, metavar="PERCENT",
     ),
     isolate: bool = option(
         "Run each FMU in a process of its own. If an FMU crashes or hangs, the run ends with a report of the FMU, the "
-        "time and its inputs. Costs about 0.2 ms per step and FMU; the results are identical bit by bit. For FMUs that "
-        "you do not trust yet (docs/how_to/foreign_fmus.md)."
+        "time and its inputs. Costs about 0.2 ms per step and FMU; the results are identical bit by bit. For FMUs "
+        "that you do not trust yet (docs/how_to/foreign_fmus.md).",
     ),
     compile_missing: bool = option(
         "Compile the C sources of an FMU that has no binary for this platform, with the system's C compiler or PyPI's "
-        "ziglang. The binary is kept for later runs. The code is that of the FMU's maker: use this only for FMUs whose "
-        "maker you trust.",
+        "ziglang. The binary is kept for later runs. The code is that of the FMU's maker: use this only for FMUs "
+        "whose maker you trust.",
         "--compile",
     ),
     report: bool = option("Write also report.html: the run as one interactive page (docs/how_to/report.md)."),
     stop: float | None = setting(
-        "Length of a package's run, e.g. '30 s'; default: stop time of the package.", kind=Quantity("s", bare=True)
+        "Length of a package's run, e.g. '30 s'; default: stop time of the package.",
+        kind=Quantity("s", bare=True),
     ),
     record_step: float | None = setting(
         "Time between recorded samples of a package's run, e.g. '2 ms'; default: every coupling step.",
@@ -102,9 +95,10 @@ def run(
         default=True,
     ),
     verify: bool = setting(
-        "Repeat the run at half the coupling step and print the difference of each channel.", default=False
+        "Repeat the run at half the coupling step and print the difference of each channel.",
+        default=False,
     ),
-) -> None:
+) -> None:  # fmt: skip
     """Run a system of coupled FMUs.
 
     SYSTEM is a TOML file with components, bonds and a scenario; examples/seven_dof.toml is an example with comments.

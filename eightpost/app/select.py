@@ -1,4 +1,4 @@
-"""`eightpost select`."""
+"""`eightpost study select`."""
 
 from __future__ import annotations
 
@@ -27,27 +27,22 @@ def select(
     measures: tuple[str, ...] = option(
         "Measure to confirm; may be repeated. COUNT is its number of low and of high setups. Default: the measures of "
         "the objective; without an objective, all.",
-        "--measure",
-        metavar="MEASURE[=COUNT]",
+        "--measure", metavar="MEASURE[=COUNT]",
     ),
     total: int = option(
         "Total number of setups, if no COUNT is given; with COUNT, the proposed tests come in addition.",
-        "-n",
-        "--total",
-        kind=click.IntRange(min=2),
-        default=TOTAL,
-        metavar="N",
+        "-n", "--total", kind=click.IntRange(min=2), default=TOTAL, metavar="N",
     ),
     pool: float = setting(
-        "Share of the setups at each end of a ranking to choose from, 0 to 1.", kind=Number(0.0, 1.0), default=POOL
+        "Share of the setups at each end of a ranking to choose from, 0 to 1.",
+        kind=Number(0.0, 1.0), default=POOL,
     ),
     twice: int = setting(
         "Maximum number of extreme setups that are listed twice: drift from run to run moves them more than the "
         "baseline.",
-        kind=click.IntRange(min=0),
-        default=TWICE,
+        kind=click.IntRange(min=0), default=TWICE,
     ),
-) -> None:
+) -> None:  # fmt: skip
     """Select setups of a study to confirm on the rig: the tests that decide most about the best setup, then low and
     high setups of each measure, spread over the bank.
 

@@ -1,4 +1,4 @@
-"""`eightpost sensitivity`."""
+"""`eightpost study sensitivity`."""
 
 from __future__ import annotations
 
@@ -23,11 +23,9 @@ def sensitivity(
     folder: Path = argument("STUDY", kind=FilePath()),
     output: Path = option(
         "Output table of all terms (.parquet); default: sensitivity.parquet in the folder of the study.",
-        "-o",
-        "--output",
-        kind=OutputFile(TABLE, default=lambda given: given["folder"] / "sensitivity.parquet"),
+        "-o", "--output", kind=OutputFile(TABLE, default=lambda given: given["folder"] / "sensitivity.parquet"),
     ),
-) -> None:
+) -> None:  # fmt: skip
     """Show which corner matters for which measure of a study: main effects and first-order interactions.
 
     STUDY is a folder that `eightpost study` wrote. The table shows shares of each measure's variance over all setups.

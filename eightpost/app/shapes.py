@@ -1,4 +1,4 @@
-"""`eightpost shapes`."""
+"""`eightpost study shapes`."""
 
 from __future__ import annotations
 
@@ -37,19 +37,16 @@ def shapes(
     study_file: Path = argument("STUDY", kind=FilePath()),
     output: Path = option(
         "Output folder for the page, shapes.json, the shock files of the targets and intermediate results.",
-        "-o",
-        "--output",
-        kind=OutputFolder({**FILES, "shapes.json": AIM, "shapes.html": PAGE}),
-        default=Path("out"),
+        "-o", "--output", kind=OutputFolder({**FILES, "shapes.json": AIM, "shapes.html": PAGE}), default=Path("out"),
     ),
     objective: str | None = option(
-        "Measure to minimise; default: the objective of the study.", "--for", metavar="MEASURE"
+        "Measure to minimise; default: the objective of the study.",
+        "--for", metavar="MEASURE",
     ),
     corners: tuple[str, ...] = option(
         "Corner whose shock is searched, with those that are alike; may be repeated. Default: all. Other corners keep "
         "the builds of the best setup of the bank.",
-        "--at",
-        metavar="CORNER",
+        "--at", metavar="CORNER",
     ),
     vary: tuple[str, ...] = option(
         "Number of the shape that varies, e.g. rebound.low; may be repeated. Default: the ten numbers of the curve.",
@@ -58,37 +55,32 @@ def shapes(
     limits: tuple[tuple[str, str], ...] = option(
         "Limits of a number with their units, e.g. 'rebound.knee=1 in/s,6 in/s'; may be repeated. Default: the range "
         "over the builds of the bank.",
-        "--limit",
-        kind=Assignment("NUMBER=LOW,HIGH"),
-        metavar="NUMBER=LOW,HIGH",
+        "--limit", kind=Assignment("NUMBER=LOW,HIGH"), metavar="NUMBER=LOW,HIGH",
     ),
     workers: int | str | None = WORKERS,
     tolerance: float = setting(
         "Standard deviation of every number from shock to shock, as a share of its value.",
-        kind=Quantity("1"),
-        default="3 %",
+        kind=Quantity("1"), default="3 %",
     ),
     draws: int = setting(
-        "Number of draws of the tolerance; 0: shocks exactly as planned.", kind=click.IntRange(min=0), default=6
+        "Number of draws of the tolerance; 0: shocks exactly as planned.",
+        kind=click.IntRange(min=0), default=6,
     ),
     weight: float = setting(
         "Number of standard deviations, 0 to 10, that are added to the mean of the objective.",
-        kind=Number(0.0, 10.0),
-        default=1.0,
+        kind=Number(0.0, 10.0), default=1.0,
     ),
     keep: float = setting("Share of the gain that the band keeps.", kind=Quantity("1", positive=True), default="80 %"),
     starts: int = setting(
         "Number of starts: the best of the bank, the baseline, and random ones.",
-        kind=click.IntRange(min=1),
-        default=3,
+        kind=click.IntRange(min=1), default=3,
     ),
     sure: bool = setting(
         "Account for the errors that the vehicle states, and for the rig runs in the folder.",
-        "certainty",
-        default=True,
+        "certainty", default=True,
     ),
     seed: int = setting("Seed of the random starts.", kind=click.IntRange(min=0), default=0),
-) -> None:
+) -> None:  # fmt: skip
     """Find the shock curves to aim at: the best shapes for a study, also ones that nobody has built.
 
     STUDY is the TOML file of `eightpost study` with shock files in its bank. A shape has a few numbers: bleed, knee,

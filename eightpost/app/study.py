@@ -54,32 +54,26 @@ def study(
     study_file: Path = argument("STUDY", kind=FilePath()),
     output: Path = option(
         "Output folder for results.parquet, the report and the intermediate results.",
-        "-o",
-        "--output",
-        kind=OutputFolder(FILES),
-        default=Path("out"),
+        "-o", "--output", kind=OutputFolder(FILES), default=Path("out"),
     ),
     workers: int | str | None = WORKERS,
     rank: str | None = RANK,
     traced: tuple[int, ...] = option(
         "Setup whose time traces are written to traces/NUMBER.parquet; it is run again. May be repeated.",
-        "--trace",
-        metavar="NUMBER",
+        "--trace", metavar="NUMBER",
     ),
     sure: bool = setting(
         "Compute how sure the choice is: intervals, ties, probability of being best. This runs some setups again with "
         "changed shocks.",
-        "certainty",
-        default=True,
+        "certainty", default=True,
     ),
     patience: float = setting(
         "Time after which a worker that is not responding is ended and its setup marked as failed; on a cluster, time "
         "without any worker after which the study stops.",
-        kind=Quantity("s", positive=True),
-        default=f"{PATIENCE:g} s",
+        kind=Quantity("s", positive=True), default=f"{PATIENCE:g} s",
     ),
     top: int = setting("Number of rows of the printed ranking.", kind=click.IntRange(min=1), default=10),
-) -> None:
+) -> None:  # fmt: skip
     """Run every setup of shocks that a study allows, and rank them.
 
     STUDY is a TOML file with a vehicle, a bank of shocks, the builds allowed at each corner, drive files, measures,

@@ -44,27 +44,21 @@ def validate(
     limit: float | None = option(
         "Maximum error [% of the measured standard deviation]; the exit code is 1 above it. Default: vehicles 25, "
         "shocks 30.",
-        kind=Number(min=0.0, min_open=True),
-        metavar="PERCENT",
+        kind=Number(min=0.0, min_open=True), metavar="PERCENT",
     ),
     shocks: tuple[tuple[str, str], ...] = option(
         "Vehicles: law at a corner (lf, rf, lr, rr), or of the shock that has this name in the records. Default: the "
         "measured shock forces.",
-        "--shock",
-        kind=Assignment("NAME=SHOCK.json"),
-        metavar="CORNER|NAME=SHOCK.JSON",
+        "--shock", kind=Assignment("NAME=SHOCK.json"), metavar="CORNER|NAME=SHOCK.JSON",
     ),
     report: Path | None = option(
         "Interactive, printable page to write (docs/how_to/validation.md); default: none.",
-        "-o",
-        "--output",
-        kind=OutputFile(PAGE),
-        metavar="FILE.HTML",
+        "-o", "--output", kind=OutputFile(PAGE), metavar="FILE.HTML",
     ),
     keep: bool = option(
         "Write the verdict into the shock or vehicle files and replace an earlier one, and the level errors of "
         "independent random records, such as laps, into the vehicle file. FMUs built from these files carry both into "
-        "every run and study."
+        "every run and study.",
     ),
     channels: Channels = CHANNELS,
     kinds: tuple[str, ...] = setting(
@@ -92,10 +86,9 @@ def validate(
     segment: tuple[float, float] | None = setting(
         "Shocks: start and end of the part of each record to judge, e.g. segment='20 s, 60 s'; default: of random "
         "records '1 s' to '10 s', else all.",
-        kind=Quantity("s", bare=True),
-        nargs=2,
+        kind=Quantity("s", bare=True), nargs=2,
     ),
-) -> None:
+) -> None:  # fmt: skip
     """Validate fitted shocks or an identified vehicle on held-out records.
 
     JSON files are shocks, or one vehicle. A RECORD is a dynamometer or rig record, or a folder of records.
@@ -104,7 +97,7 @@ def validate(
     if the verdict is "not usable" (docs/reference/verdict.md): more than a fifth of a record is outside the fitted
     velocities, a record has no shock, or an error is above --limit.
 
-    A vehicle is driven by each record's roads and loads. The exit code is 1 if an RMS differs by more than --level, an
+    A vehicle is driven by each record's roads and loads. The exit code is 1 if an RMS differs by more than level, an
     error is above --limit, the ranking of setups differs from that of the rig, or all records were used in the fit.
 
     \b
@@ -120,7 +113,7 @@ def validate(
     console = Console()
     models, records = models_and_records(paths)
     if settling is not None and settling < 0.0:
-        raise InputError(f"--settling must be 0 or more, not {settling:g} s")
+        raise InputError(f"--set settling must be 0 or more, not {settling:g} s")
     given = _Given(console, records, kinds, channels.options, report, keep)
     if is_vehicle(models):
         _refuse("vehicle", {"cutoff": cutoff, "segment": segment})

@@ -40,8 +40,7 @@ FRICTION = setting("Friction of the car along its shocks.", kind=("on", "off"), 
 def dyno(
     number: int | None = option(
         "Row of Table 3.1 that names the shock, e.g. 5. Default: the shock of --build.",
-        "--configuration",
-        metavar="1..12",
+        "--configuration", metavar="1..12",
     ),
     build: str | None = option(
         "Shim codes of Table 7.2 for a shock on a linear piston, as in Table 7.3, e.g. C/B. Default: the shock of "
@@ -50,34 +49,31 @@ def dyno(
     ),
     test_name: str = option(
         "Motion of the dynamometer. all: every test of 3.2.3, each in a file of its own.",
-        "--test",
-        kind=MOTIONS,
-        default="random",
+        "--test", kind=MOTIONS, default="random",
     ),
     output: Path = option(
         "Output file (.csv or .parquet); with --test all, the output folder.",
-        "-o",
-        "--output",
-        kind=OutputFile(RECORD, is_folder=lambda given: given["test_name"] == "all"),
-        default=...,
+        "-o", "--output", kind=OutputFile(RECORD, is_folder=lambda given: given["test_name"] == "all"), default=...,
     ),
     gas: float | None = setting("Gauge gas pressure of a --build; default '150 psi'.", kind=Quantity("Pa")),
     clicks: int | None = setting(
-        "Rebound bleed of a --build in clicks from fully open, 0 to 28: more clicks close it. Default 1."
+        "Rebound bleed of a --build in clicks from fully open, 0 to 28: more clicks close it. Default 1.",
     ),
     amplitude: float | None = setting(
-        "Amplitude of the sine, e.g. '1 in', which --test sine needs; or peak displacement of the random test, default "
-        "'1 in'.",
+        "Amplitude of the sine, e.g. '1 in', which --test sine needs; or peak displacement of the random test, "
+        "default '1 in'.",
         kind=Quantity("m"),
     ),
     speed: float | None = setting(
-        "Peak velocity of the sine, e.g. '10 in/s'; no default: --test sine needs it.", kind=Quantity("m/s")
+        "Peak velocity of the sine, e.g. '10 in/s'; no default: --test sine needs it.",
+        kind=Quantity("m/s"),
     ),
     duration: float | None = setting(
-        "Length of the random test; default '30 s'. The signal repeats every 10 s.", kind=Quantity("s")
+        "Length of the random test; default '30 s'. The signal repeats every 10 s.",
+        kind=Quantity("s"),
     ),
     seed: int = setting("Seed of the random phases and of the sensor noise.", kind=click.IntRange(min=0), default=1),
-) -> None:
+) -> None:  # fmt: skip
     """Test a physical shock on the virtual dynamometer; the data are SYNTHETIC.
 
     The shock model differs from all laws that can be fitted: it has two compressible chambers, shim valves, a head
@@ -135,42 +131,38 @@ def _check_options(test_name: str, *, amplitude: float | None, speed: float | No
 @verb
 def rig(
     truth: str = option(
-        "Model of the car under test (docs/explanation/rig.md).", "--car", kind=CARS, default="eight_post"
+        "Model of the car under test (docs/explanation/rig.md).",
+        "--car", kind=CARS, default="eight_post",
     ),
     test_name: str = option("Drive file of a single test (4.5.1, 6.1.3).", "--test", kind=TESTS, default="random"),
     program_name: str | None = option(
         "Series of tests, written into a folder. identification: the baseline, and an alternate shock at each corner "
         "(6.1.5). sine: Table 6.2. all: every test. Default: the one test of --test.",
-        "--program",
-        kind=PROGRAMS,
+        "--program", kind=PROGRAMS,
     ),
     shocks: tuple[str, ...] = option(
         "Shock of all corners, or four shocks in the order lf, rf, lr, rr: demo:A to C, configuration:1 to 12, "
         "build:C/B, a linear damper such as '20 lbf.s/in', or a shock.json. Default demo:A.",
-        "--shock",
-        metavar="SHOCK",
+        "--shock", metavar="SHOCK",
     ),
     output: Path = option(
         "Output file (.parquet or .csv); with --program, the output folder.",
-        "-o",
-        "--output",
-        kind=OutputFile(RECORD, is_folder=lambda given: given["program_name"] is not None),
+        "-o", "--output", kind=OutputFile(RECORD, is_folder=lambda given: given["program_name"] is not None),
         default=...,
     ),
     car_seed: int | None = CAR_SEED,
     alternate: str = setting("Shock that a program mounts at one corner after the other.", default="demo:C"),
     draws: Draws = setting(
         "Drive files of a program's alternate tests: the baseline's (same), or other random phases (other).",
-        kind=("same", "other"),
-        default="same",
+        kind=("same", "other"), default="same",
     ),
     duration: float | None = setting(
-        "Length of the test, or of the random tests of a program, e.g. '100 s', at most two hours. Default: random 800 "
-        "s (quarter car 120 s), single 100 s, bump 50 s (quarter car 60 s), track 33 s, sine 20 s.",
+        "Length of the test, or of the random tests of a program, e.g. '100 s', at most two hours. Default: random "
+        "800 s (quarter car 120 s), single 100 s, bump 50 s (quarter car 60 s), track 33 s, sine 20 s.",
         kind=Quantity("s", positive=True, most=7200.0),
     ),
     only: str | None = setting(
-        "Actuator of a single or static test, e.g. lf.road; no default for single, the mode for static."
+        "Actuator of a single or static test, e.g. lf.road; no default for single, the mode for static.",
     ),
     mode: str = setting("Mode of a sine or static test: heave, pitch, roll or warp.", default="heave"),
     frequency: float = setting("Sine frequency [Hz].", kind=Quantity("Hz", positive=True), default="2 Hz"),
@@ -178,14 +170,12 @@ def rig(
     seed: int = setting("Seed of the drive file.", kind=click.IntRange(min=0), default=1),
     run_seed: int = setting(
         "Seed of the sensor noise and of the run-to-run drift; another number is another run.",
-        "run",
-        kind=click.IntRange(min=0),
-        default=0,
+        "run", kind=click.IntRange(min=0), default=0,
     ),
     noise: str = NOISE,
     friction: str = FRICTION,
     suffix: str = setting("File format of a program's records.", "format", kind=("parquet", "csv"), default="parquet"),
-) -> None:
+) -> None:  # fmt: skip
     """Test a car on the virtual rig; the data are SYNTHETIC.
 
     The model of the car differs from all models that can be identified (docs/explanation/rig.md). The records have the

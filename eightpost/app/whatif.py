@@ -1,4 +1,4 @@
-"""`eightpost whatif`."""
+"""`eightpost study whatif`."""
 
 from __future__ import annotations
 
@@ -22,24 +22,22 @@ if TYPE_CHECKING:
 def whatif(
     folder: Path = argument("STUDY", kind=FilePath()),
     corners: tuple[str, ...] = option(
-        "Corner whose shock changes, e.g. lr; may be repeated.", "--at", default=..., metavar="CORNER"
+        "Corner whose shock changes, e.g. lr; may be repeated.",
+        "--at", default=..., metavar="CORNER",
     ),
     rebound: int = option("Clicks of the rebound adjuster, e.g. +1; default: 0.", default=0, metavar="CLICKS"),
     compression: int = option("Clicks of the compression adjuster, e.g. -2; default: 0.", default=0, metavar="CLICKS"),
     setup: int | None = option("Setup to change; default: the baseline, or else the best setup.", metavar="NUMBER"),
     share: float = setting(
         "Change of the slope that counts as a click, for shocks without a fitted adjuster.",
-        "click",
-        kind=Quantity("1", positive=True),
-        default="5 %",
+        "click", kind=Quantity("1", positive=True), default="5 %",
     ),
     speeds: str = setting(
         "Speeds at which the slope changes, for shocks without a fitted adjuster; low and high overlap near 0.1 m/s.",
-        kind=("low", "high", "all"),
-        default="low",
+        kind=("low", "high", "all"), default="low",
     ),
     workers: int | None = setting("Number of processes that run setups; default: 1.", kind=click.IntRange(min=1)),
-) -> None:
+) -> None:  # fmt: skip
     """Show what a click more or less at a corner would do to every measure of a study.
 
     STUDY is a folder that `eightpost study` wrote. The setup is run with and without the change. A shock that was

@@ -117,8 +117,8 @@ def _check_signs(problem: Problem, H: Complex, drive: Array, rows: Array, path: 
     for name, value in zip(target.names, product / np.maximum(size, 1e-300), strict=True):
         if value < _OPPOSITE:
             raise WrongSignError(
-                f"its correlation with the prediction is {value:.2f}, so its sign is reversed; reverse it (--flip "
-                f"{name}) if it also was in the track record",
+                f"its correlation with the prediction is {value:.2f}, so its sign is reversed; reverse it "
+                f"(--channel {name}=-) if it also was in the track record",
                 path=path,
                 channel=name,
             )

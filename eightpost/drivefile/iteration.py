@@ -80,7 +80,7 @@ def start_response(
     if missing := [name for name in target.names if name not in model.output_names]:
         raise ParameterError(
             f"the car {vehicle.name!r} lacks the outputs {', '.join(missing)}; identify it with these channels, or "
-            "choose other channels with --channels"
+            "choose other channels with --set channels"
         )
     rig = tuple(c for c in model.inputs if c.name.rpartition(".")[2] != "force")
     chosen = model.select(inputs=[c.name for c in rig], outputs=target.names)

@@ -39,20 +39,21 @@ RUNNING = RULES.add("not finished", ABOUT, Grade.UNKNOWN,
 STALLED = RULES.add("no progress", ABOUT, Grade.NOT_USABLE,
     condition="the last three passes reduced the smallest error by less than 5 %, and it is above the accepted one",
     why="further passes will not help: a limit, noise, drift or an unreachable channel determines the error",
-    remedy="see the bands with the largest errors; remove unreachable channels (--channels), lower --high, or accept a "
-    "larger error",
+    remedy="see the bands with the largest errors; remove unreachable channels (--set channels), lower --set high, or "
+    "accept a larger error",
 )  # fmt: skip
 DIVERGED = RULES.add("divergence", ABOUT, Grade.NOT_USABLE,
     condition=f"{PATIENCE} passes in a row have more than {REJECTED:g} times the smallest error, although the gain was "
     "halved after each",
     why="the response of the car differs too much from the model for any gain",
     remedy="check sensors, signs and channel map; identify the car on this rig with these shocks; start with a lower "
-    "--gain",
+    "--set gain",
 )  # fmt: skip
 AT_LIMIT = RULES.add("limit of an actuator", ABOUT, Grade.LIMITED,
     condition="a limit of stroke, velocity or force changed the drive of the best pass or the next drive",
     why="the target is not reachable at these times",
-    remedy="check the limits (--stroke, --velocity, --force), slow trends of the track record, and --high",
+    remedy="check the limits (--set stroke, --set velocity, --set force), slow trends of the track record, and "
+    "--set high",
 )  # fmt: skip
 MEANS = RULES.add("mean displacement", ABOUT, Grade.LIMITED,
     condition=f"a mean displacement of the best pass differs from the target by more than {100.0 * _MEAN:g} % of the "

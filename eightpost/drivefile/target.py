@@ -113,11 +113,11 @@ class Target:
         if self.high > 0.4 * self.rate:
             raise ParameterError(
                 f"the track record has {self.rate:g} Hz, which is too low for errors up to {self.high:g} Hz; use a "
-                f"record of {2.5 * self.high:g} Hz or more, or a lower --high"
+                f"record of {2.5 * self.high:g} Hz or more, or a lower --set high"
             )
         for name, row in zip(self.names, self.series.values, strict=True):
             if np.std(row) <= _DEAD * max(float(np.abs(row).max()), 1e-300):
-                raise ConstantChannelError("the channel is constant; remove it from --channels", channel=name)
+                raise ConstantChannelError("the channel is constant; remove it from --set channels", channel=name)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -204,8 +204,8 @@ def target_names(available: Iterable[str]) -> tuple[str, ...]:
     wanted = tuple(channel(port, quantity) for quantity in QUANTITIES for port in ports)
     if missing := [name for name in wanted if name not in names]:
         raise MissingChannelError(
-            f"the track record lacks {', '.join(missing)}; name their columns in a channel map (--map), or choose "
-            "other channels with --channels"
+            f"the track record lacks {', '.join(missing)}; name their columns in a channel map (--channel), or choose "
+            "other channels with --set channels"
         )
     return wanted
 
@@ -234,7 +234,7 @@ def read_channels(
     wanted = target_names(mapping.channels) if names is None else tuple(names)
     if missing := [name for name in wanted if name not in mapping.channels]:
         raise MissingChannelError(
-            f"the record lacks {', '.join(missing)}; name their columns in a channel map (--map)", path=path
+            f"the record lacks {', '.join(missing)}; name their columns in a channel map (--channel)", path=path
         )
     names = (*wanted, *(name for name in optional if name in mapping.channels))
     for name in names:

@@ -329,7 +329,7 @@ def _write_model(vehicle: IdentifiedVehicle, output: Path) -> str:
 
 def _response(vehicle: IdentifiedVehicle, high: float, step: float) -> FrequencyResponse:
     if not 0.0 < step < high < 1e4:
-        raise InputError(f"--step {step:g} --high {high:g}: give 0 < step < high < 10000 Hz")
+        raise InputError(f"--step {step:g} --set high={high:g}: give 0 < step < high < 10000 Hz")
     return response_of(vehicle.state_space, step * np.arange(1, round(high / step) + 1))
 
 

@@ -476,7 +476,7 @@ def judge_linearity(
     found = excitations(prepared, outputs or _key_outputs(prepared.channels))
     if not found.excitations:
         raise InputError(
-            "there is no test in which one input moves alone: give tests with one actuator (eightpost rig --test "
+            "there is no test in which one input moves alone: give tests with one actuator (virtual rig --test "
             f"single), or a baseline and tests of the same drive with one other shock each ({'; '.join(found.notes)})"
         )
     grouped = by_input(found.excitations)

@@ -93,7 +93,9 @@ class Batch:
             self._filtered[name, sections] = _aligned_lanes((count + 2 * sections.pad,), self.lanes)
         space = self._filtered[name, sections]
         column = self._run.series.index(name)
-        self._library.filter(given, series.ctypes.data, len(self._run.series), column, count, space.ctypes.data)
+        self._library.call(
+            "filter_series", given, series.ctypes.data, len(self._run.series), column, count, space.ctypes.data
+        )
         return space[sections.pad : sections.pad + count]
 
     def statistics_of(self, quantity: Quantity, columns: Sequence[Array]) -> Array:
@@ -101,7 +103,7 @@ class Batch:
         given, weights = quantity.structure(), np.array(quantity.weights)
         addresses = (ctypes.c_void_p * len(columns))(*(column.ctypes.data for column in columns))
         found = _aligned_lanes((len(STATISTICS),), self.lanes)
-        self._library.sum_series(given, ctypes.addressof(addresses), weights.ctypes.data, found.ctypes.data)
+        self._library.call("sum_series", given, ctypes.addressof(addresses), weights.ctypes.data, found.ctypes.data)
         return found
 
     def run(self, setups: Sequence[Sequence[ShockData]]) -> BatchResult:
@@ -116,10 +118,10 @@ class Batch:
             for corner, shock in enumerate(shocks):
                 parameters[corner, :, lane] = shock.parameters
                 self._laws[corner, lane] = shock.law
-        addresses = {name: array.ctypes.data for name, array in self._sums.items()}
-        sums = library.Sums(**addresses, ended=self._ended.ctypes.data)
-        self._library.run(
-            self._run.structure, parameters.ctypes.data, self._laws.ctypes.data, self._space.ctypes.data, sums
+        sums = {name: array.ctypes.data for name, array in self._sums.items()}
+        addresses = [array.ctypes.data for array in (parameters, self._laws, self._space)]
+        self._library.call(
+            "run_machine", self._run.structure, *addresses, library.Sums(**sums, ended=self._ended.ctypes.data)
         )
         own = {name: array[..., :count] for name, array in self._sums.items()}
         return BatchResult(**own, ended=self._ended[:count])

@@ -213,26 +213,7 @@ class Library:
         self.parameters = int(self._library.number_of_parameters())
         self.setups = int(self._library.number_of_setups())
 
-    def filter(self, given: Any, series: int, columns: int, column: int, count: int, space: int) -> None:
-        """Filter a column of the series; the arguments are those of filter_series in fmus/machine/filter.c."""
-        function = self._library.filter_series
-        function.restype, function.argtypes = None, [_POINTER, _POINTER, _LONG, _LONG, _LONG, _POINTER]
-        function(ctypes.addressof(given), series, columns, column, count, space)
-
-    def sum_series(self, quantity: Any, columns: int, weights: int, statistics: int) -> None:
-        """Sum the statistics of a quantity of filtered series; the arguments are those of sum_series in sums.c."""
-        function = self._library.sum_series
-        function.restype, function.argtypes = None, [_POINTER] * 4
-        function(ctypes.addressof(quantity), columns, weights, statistics)
-
-    def drive(self, driven: Any, start: int, found: int) -> None:
-        """Find what a drive does to a car; the arguments are those of drive_car in fmus/machine/drive.c."""
-        function = self._library.drive_car
-        function.restype, function.argtypes = None, [_POINTER] * 3
-        function(ctypes.addressof(driven), start, found)
-
-    def run(self, run: Any, parameters: int, laws: int, space: int, sums: Any) -> None:
-        """Run several setups; the arguments are addresses and structures of fmus/machine/machine.h."""
-        function = self._library.run_machine
-        function.restype, function.argtypes = None, [_POINTER] * 5
-        function(ctypes.addressof(run), parameters, laws, space, ctypes.addressof(sums))
+    def call(self, function: str, *arguments: Any) -> None:
+        """Call a function of fmus/machine with structures, addresses and numbers."""
+        given = (ctypes.byref(a) if isinstance(a, ctypes.Structure) else ctypes.c_int64(a) for a in arguments)
+        getattr(self._library, function)(*given)

@@ -140,7 +140,7 @@ class LinearCar:
         addresses = {name: array.ctypes.data for name, array in arrays.items()}
         driven = Driven(**addresses, intervals=kinds.size, input_count=inputs.shape[1], wanted_count=wanted.size,
                         output_count=len(outputs))  # fmt: skip
-        found_by.drive(driven, start.ctypes.data, found.ctypes.data)
+        found_by.call("drive_car", driven, start.ctypes.data, found.ctypes.data)
         return found + inputs[wanted] @ self.vehicle.D[list(outputs)].T + self.vehicle.offset[list(outputs)]
 
 

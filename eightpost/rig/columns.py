@@ -300,7 +300,7 @@ def _unreadable(record: RawRecord, channel: str, pick: MappedChannel, units: Map
     if unit is None and channel == "force":  # the file may have the unit elsewhere: an error asks for it
         return ""
     if unit is None:
-        return f"it has no unit; give it in the header or with --units {channel}=unit"
+        return f"it has no unit; give it in the header or with --channel '{channel}=[unit]'"
     if not (is_unit(unit) and compatible(unit, DYNO_UNITS[channel])):
         return f"its unit {unit!r} is not one of a {channel}"
     if is_command(pick.source, channel):

@@ -268,8 +268,8 @@ class _Reading:
         if stated and turned is not None:
             what = (
                 f"the file states {stated!r}, but then {turned.statement} ({turned.figure}); name the channels to "
-                "negate with --flip, which replaces the statement, or confirm it with "
-                + (" ".join(f"--flip {name}" for name in outward) or "--flip none")
+                "reverse with --channel, which replaces the statement, or confirm it with "
+                + (" ".join(f"--channel {name}=-" for name in outward) or "--channel force=+")
             )
             raise record.origin.header_fault(WrongSignError, what, channel="force")
         return replace(test, reasons=reasons).judged()

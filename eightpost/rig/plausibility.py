@@ -84,7 +84,7 @@ def part_faults(series: TimeSeries, *, measured: tuple[str, ...], until: float =
         yield from changed or drift_faults(steady, measured)
     if stop is not None and stop - series.time[0] < until:
         figure = f"from {stop:.4g} s to {series.time[-1]:.4g} s the motion runs down"
-        remedy = f"fit the part before it: --segment '0 s' '{stop - series.time[0]:.4g} s'"
+        remedy = f"fit the part before it: --set segment='0 s, {stop - series.time[0]:.4g} s'"
         yield fault("run-down of the machine", "the machine stops within the record", figure, remedy)
 
 

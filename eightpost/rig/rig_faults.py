@@ -140,7 +140,7 @@ class _Record:
         """Raise WrongSignError."""
         what = (
             f"{why}, so one of these channels has the wrong sign (docs/reference/ports.md); set gain = -1 "
-            f"in the channel map for the wrong one, or pass --flip {channel}"
+            f"in the channel map for the wrong one, or pass --channel {channel}=-"
         )
         raise self.origin.header_fault(WrongSignError, what, channel=channel)
 

@@ -509,7 +509,7 @@ def comment_note(lines: Sequence[str], places: Sequence[int]) -> str:
     shown = first if len(first) <= _SHOWN else f"{first[:_SHOWN]}..."
     return (
         f"{len(places)} comment lines among the samples were left out, the first is line {places[0] + 1}: {shown!r}; "
-        "if it states a change of the test, fit the parts alone (--segment)"
+        "if it states a change of the test, fit the parts alone (--set segment)"
     )
 
 

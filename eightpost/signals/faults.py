@@ -229,15 +229,15 @@ def check_sign(
     if correlation < 0.0:
         other = against.rpartition("derived from ")[2]
         advice = (
-            f"so one of the two has the wrong sign (both must be positive in compression): `--flip {channel}` if "
-            f"{against} is right, otherwise `--flip {other}`, or gain = -1 in the channel map. A wrong choice swaps "
-            "compression and rebound; check that the gas force is positive"
+            f"so one of the two has the wrong sign (both must be positive in compression): `--channel {channel}=-` if "
+            f"{against} is right, otherwise `--channel {other}=-`, or gain = -1 in the channel map. A wrong choice "
+            "swaps compression and rebound; check that the gas force is positive"
         )
         if correlation > -WEAK_SIGN:
-            advice = "so it does not follow it; check the column (--channel), its delay, and its sign (--flip)"
+            advice = "so it does not follow it; check the column, its delay, and its sign (--channel)"
         raise origin.header_fault(
             WrongSignError,
-            (f"the file states {stated!r} (--flip replaces it), but " if stated else "")
+            (f"the file states {stated!r} (--channel replaces it), but " if stated else "")
             + f"its correlation with {against} is {correlation:.3f}, {advice}",
             channel=channel,
         )

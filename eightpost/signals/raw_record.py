@@ -187,7 +187,7 @@ class RawRecord:
             return names
         return (
             f"{names}, as it has no header line; add one such as `time [s],velocity [m/s],force [N]`, or name the "
-            "columns by number, --channel force=3, and their units, --units force=N"
+            "columns by number and their units, --channel 'force=3 [N]'"
         )
 
     def twins(self, source: str) -> tuple[str, ...]:
@@ -233,8 +233,9 @@ class RawRecord:
         if unit is None:
             raise self.origin.header_fault(
                 MissingUnitError,
-                f"the column {source!r} has no unit; add it to the header as `{source} [unit]`, pass "
-                f"`--units {channel}=unit` (in a system file: units = {{ {channel} = 'unit' }}), or use a channel map",
+                f"the column {source!r} has no unit; write `{source} [unit]` in the header, pass "
+                f"`--channel '{channel}=[unit]'` (in a system file: units = {{ {channel} = 'unit' }}), or use a "
+                "channel map",
                 channel=channel,
             )
         return unit
@@ -346,7 +347,7 @@ def _check_units(
     ]
     if len(missing) > 1:
         sources = ", ".join(repr(picks[name].source) for name in missing)
-        advice = " ".join(f"--units {name}=unit" for name in missing)
+        advice = " ".join(f"--channel '{name}=[unit]'" for name in missing)
         what = f"the columns {sources} have no unit; add it to each name as `name [unit]`, or pass `{advice}`"
         raise record.origin.header_fault(MissingUnitError, what, channel=missing[0])
 

@@ -303,10 +303,12 @@ def drivefile_of(
         seconds = RANDOM_DURATION if duration is None else duration
         peak = RANDOM_PEAK if amplitude is None else amplitude
         if not 0.5 <= seconds <= 600.0:
-            raise ParameterError(f"--duration must be 0.5 to 600 s, not {seconds:g} s")
+            raise ParameterError(f"--set duration must be 0.5 to 600 s, not {seconds:g} s")
         if not 0.0 < peak <= LARGEST_PEAK:
             inches = convert(peak, "m", "in")
-            raise ParameterError(f"--amplitude of the random test must be above 0 and at most 2 in, not {inches:g} in")
+            raise ParameterError(
+                f"--set amplitude of the random test must be above 0 and at most 2 in, not {inches:g} in"
+            )
         return random_multisine(seed, duration=seconds, peak=peak)
     return static_steps() if test == "static" else bump()
 

@@ -574,7 +574,7 @@ class Bench:
         car = self.car
         if test == "single":
             if not only:
-                raise InputError(f"--test single needs --only, one of {', '.join(car.inputs)}")
+                raise InputError(f"--test single needs --set only, one of {', '.join(car.inputs)}")
             return random_drive(car, seed, duration=duration or SINGLE, active=(only,))
         if test == "random":
             return random_test(car, seed, duration=duration or random_length(car))

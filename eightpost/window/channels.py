@@ -58,7 +58,7 @@ def name_channels(
         done: Function that is called when it is written.
     """
     raw, guess = columns
-    record = Path(raw.origin.path)
+    record = Path(raw.origin.path or "")
     labels = {name: f"{name} [{unit}]" if unit else name for name, unit in zip(raw.names, raw.units, strict=True)}
     lists, signs = {}, {}
     with ui.card().classes("w-full channels"):

@@ -214,10 +214,10 @@ def _loops(tests: list[tuple[Path, Any]], shock: Shock | None) -> Figure:
         import eightpost as ep
 
         for number, (_, test) in enumerate(tests):
-            series, force = test.series, ep.simulate(shock, test)["force"]
+            series, fitted = test.series, ep.simulate(shock, test)["force"]
             part = slice(None, None, max(1, len(series) // _DRAWN))
             for panel, name in enumerate(("velocity", "displacement")):
                 if name in series.names:
                     label = f"{shock.name}, fitted" if number == 0 else ""
-                    figure.line(panel, series[name][part], force[part], name=label, color=COLORS[1])
+                    figure.line(panel, series[name][part], fitted[part], name=label, color=COLORS[1])
     return figure

@@ -83,7 +83,7 @@ class Area(Generic[Content]):
         self._turn += 1
         turn = self._turn
         content = await run.io_bound(self._read)
-        if turn == self._turn and not self._box.is_deleted:
+        if content is not None and turn == self._turn and not self._box.is_deleted:
             self._box.clear()
             with self._box:
                 self._build(content)

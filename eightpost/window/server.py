@@ -10,6 +10,7 @@ from collections.abc import Awaitable, Callable
 from functools import partial
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 from eightpost.errors import OutputError
 from eightpost.extras import needs
@@ -99,7 +100,7 @@ async def _page(window: parts.Window) -> None:
     ui.colors(primary="#1a5a96")
     screen = window.chosen.setdefault("screen", "Dyno")
 
-    async def change(event: events.ValueChangeEventArguments[str]) -> None:
+    async def change(event: events.ValueChangeEventArguments[Any]) -> None:
         window.chosen["screen"] = event.value
         content.clear()
         with content:  # built anew, with what other screens have made

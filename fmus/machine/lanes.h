@@ -9,7 +9,7 @@
 #include <stdint.h>
 #include <string.h>
 
-#if defined(__SSE2__)
+#ifdef __AVX__
 #include <immintrin.h>
 #endif
 
@@ -74,12 +74,6 @@ static inline unsigned bits_of(truth condition)
     memcpy(part, &condition, sizeof part);
     for (int k = 0; k < EIGHTPOST_SETUPS / 4; k++) {
         bits |= (unsigned)_mm256_movemask_pd(part[k]) << 4 * k;
-    }
-#elif defined(__SSE2__)
-    __m128d part[EIGHTPOST_SETUPS / 2];
-    memcpy(part, &condition, sizeof part);
-    for (int k = 0; k < EIGHTPOST_SETUPS / 2; k++) {
-        bits |= (unsigned)_mm_movemask_pd(part[k]) << 2 * k;
     }
 #else
     for (int i = 0; i < SETUPS; i++) {

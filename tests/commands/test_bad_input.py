@@ -43,7 +43,7 @@ def changed(column, change):
 
 FAULTS = {
     "missing force": (csv(samples()[:, :3], "Time [s],Position [in],Velocity [in/s]"), ["force"]),
-    "missing unit": (csv(samples(), HEADER.replace(" [lbf]", "")), ["unit", "--units"]),
+    "missing unit": (csv(samples(), HEADER.replace(" [lbf]", "")), ["unit", "--channel"]),
     "unknown unit": (csv(samples(), HEADER.replace("lbf", "slugs")), ["slugs", "force"]),
     "wrong dimension": (csv(samples(), HEADER.replace("lbf", "mm")), ["mm", "force"]),
     "text in a cell": (with_cell(100, 3, "oops"), ["line 101", "oops"]),
@@ -55,7 +55,7 @@ FAULTS = {
     "constant force": (changed(3, lambda force: 0 * force + 5), ["force", "is constant at"]),
     "too short": (csv(samples()[:40]), ["40 samples", "at least 200"]),
     "clipped force": (changed(3, lambda force: np.clip(force, -120, 120)), ["force"]),
-    "wrong sign": (changed(3, lambda force: -force), ["force", "--flip"]),
+    "wrong sign": (changed(3, lambda force: -force), ["force", "--channel"]),
     "not a table": ("hello\nworld\n", ["bad.csv"]),
 }
 

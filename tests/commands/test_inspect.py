@@ -48,7 +48,7 @@ def test_the_content_of_a_refused_file_is_shown_before_the_error(tmp_path):
     assert "Test | 7" in shown
     assert "columns: t [s], v [m/s], F (no unit)" in shown
     assert "error: " in shown
-    assert "--units force=unit" in " ".join(shown.split())
+    assert "--channel 'force=[unit]'" in " ".join(shown.split())
 
 
 def test_a_peak_velocity_table_is_shown_by_setting(tmp_path):

@@ -86,7 +86,8 @@ def test_target_curves_are_found_verified_and_written_and_a_click_changes_the_me
     assert done.exit_code in (0, 1), done.output
     content = json.loads((out / "shapes.json").read_text())
     objective, (target,) = content["objective"], content["targets"]
-    assert objective["targets"] == pytest.approx(objective["targets_in_search"], rel=1e-9)  # the FMU of its own
+    # The FMU of its own: the machine solves the ports around the damping of the bank, which has the targets in it now.
+    assert objective["targets"] == pytest.approx(objective["targets_in_search"], rel=1e-6)
     assert (done.exit_code == 0) == (objective["targets"] < objective["best_of_bank"])
     low, high = content["ranges"]["rebound.low"]
     assert low <= target["numbers"]["rebound.low"] <= high == pytest.approx(60.0 * 175.1268, rel=1e-4)

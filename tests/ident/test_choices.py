@@ -192,5 +192,5 @@ def test_parameters_that_their_law_refuses_end_in_advice():
     outer = (100.0, 50.0, 0.0, 0.0), (-100.0, -50.0, 0.0, 0.0)
     curve = StaticCurve((100.0, *[0.0] * 14), *outer, 0.1, 0.01, 0.5, 0.5, 100.0, 100.0)
     dynamics = WithoutLag(limits_for(np.array([-100.0, 100.0]), 1000.0), Lpf1)
-    with pytest.raises(ParameterError, match=r"is not valid: time_constant must be positive.*--segment"):
+    with pytest.raises(ParameterError, match=r"is not valid: time_constant must be positive.*--set segment"):
         dynamics.law(curve, Port(), np.empty(0))

@@ -91,7 +91,7 @@ def test_of_two_columns_for_one_channel_the_first_is_read_and_named(tmp_path):
 
 def test_a_channel_with_the_wrong_sign_is_refused_and_accepted_if_flipped(tmp_path):
     path = dyno_file(tmp_path, "t [s],v [m/s],F [N]", TIME, V, -F)
-    with pytest.raises(errors.WrongSignError, match=r"run\.csv, line 1, channel 'force'.*-1\.000.*--flip force"):
+    with pytest.raises(errors.WrongSignError, match=r"run\.csv, line 1, channel 'force'.*-1\.000.*--channel force=-"):
         read_dyno_test(path)
     np.testing.assert_allclose(read_dyno_test(path, flip=["force"]).series["force"], F, rtol=1e-8)
 
@@ -112,7 +112,7 @@ FAULTS = {
     "no force": ("t [s],v [m/s],P [bar]", (TIME, V, F), errors.MissingChannelError, "line 1, channel 'force'"),
     "no motion": ("t [s],F [N]", (TIME, F), errors.MissingChannelError, "--channel displacement=COLUMN.*t, F"),
     "no time": ("a [s],v [m/s],F [N]", (TIME, V, F), errors.MissingChannelError, "line 1, channel 'time'"),
-    "no unit": ("t [s],v,F [N]", (TIME, V, F), errors.MissingUnitError, "'velocity'.*--units velocity=unit"),
+    "no unit": ("t [s],v,F [N]", (TIME, V, F), errors.MissingUnitError, r"'velocity'.*--channel 'velocity=\[unit\]'"),
     "force in mm": ("t [s],v [m/s],F [mm]", (TIME, V, F), errors.UnknownUnitError, "'force'.*'mm' cannot.*'N'"),
     "NaN": ("t [s],v [m/s],F [N]", (TIME, V, one_changed(F, np.nan)), errors.NotANumberError, "line 102.*'force'"),
     "backward": (
@@ -135,7 +135,7 @@ FAULTS = {
         "'force'.*highest value 500",
     ),
     "displacement the other way": (
-        "t [s],x [m],v [m/s],F [N]", (TIME, -X, V, F), errors.WrongSignError, "channel 'displacement'.*--flip displa",
+        "t [s],x [m],v [m/s],F [N]", (TIME, -X, V, F), errors.WrongSignError, "'displacement'.*--channel displa",
     ),
 }  # fmt: skip
 

@@ -106,7 +106,7 @@ REFUSED = {
     "force in volts only": (text("t [s],x [mm],v [mm/s],F [V]"), "cannot be converted to 'N'"),
     "no force": (text("t [s],x [mm],v [mm/s]", SI[:3]), "channel 'force'"),
     "force negative in compression": (
-        text(H, [*SI[:3], [f"{-f:.9g}" for f in F]]), "--flip force"
+        text(H, [*SI[:3], [f"{-f:.9g}" for f in F]]), "--channel force=-"
     ),
     "words in the force column": (text(H, [*SI[:3], ["bad", *(f"{f:.9g}" for f in F[1:])]]), "'bad' is not a number"),
     "times of day in whole seconds": (

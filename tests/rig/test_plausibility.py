@@ -176,7 +176,7 @@ def test_the_verdict_of_a_fit_has_the_reasons_and_a_segment_leaves_out_a_run_dow
     changed = fit_shock(read_dyno_test(tmp_path / "run.csv"), "polylinear").verdict
     assert changed.grade is Grade.NOT_USABLE
     reason = next(reason for reason in changed.reasons if reason.rule == "the shock changed")
-    assert reason.figure.startswith("compression force +") and "--segment" in reason.remedy
+    assert reason.figure.startswith("compression force +") and "--set segment" in reason.remedy
 
 
 # ---- One setting ----------------------------------------------------------------------------------------------------
@@ -262,9 +262,11 @@ def test_a_stated_sign_convention_is_obeyed(tmp_path, statement, change):
 
 
 def test_a_file_that_contradicts_its_sign_convention_asks_the_user(tmp_path):
-    with pytest.raises(WrongSignError, match=r"states 'compression positive', but then .* or confirm .*--flip none"):
+    with pytest.raises(
+        WrongSignError, match=r"states 'compression positive', but then .* or confirm .*--channel force=\+"
+    ):
         read_dyno_test(written(tmp_path, TURNED(sine()), "compression positive"))
-    with pytest.raises(WrongSignError, match=r"states 'extension positive' \(--flip replaces it\), but its"):
+    with pytest.raises(WrongSignError, match=r"states 'extension positive' \(--channel replaces it\), but its"):
         read_dyno_test(written(tmp_path, times("F", -1.0)(sine()), "extension positive"))
     known = read_dyno_test(written(tmp_path, TURNED(sine()), "compression positive"), flip=["none"])
     assert [reason.rule for reason in known.reasons] == ["negative force at standstill"]

@@ -47,7 +47,7 @@ def test_a_logger_with_marks_of_events_in_its_first_line_is_read_by_its_channel_
     ):
         read_dyno_test(path)
     mapping = with_channels(None, {"displacement": "CHANNEL0", "force": "CHANNEL1"})
-    with pytest.raises(errors.MissingUnitError, match="--units displacement=unit --units force=unit"):
+    with pytest.raises(errors.MissingUnitError, match=r"--channel 'displacement=\[unit\]' --channel 'force=\[unit\]'"):
         read_dyno_test(path, channel_map=mapping)
     test = read_dyno_test(path, channel_map=mapping, units={"displacement": "m", "force": "N"})
     agrees(test, displacement=10.0 * X, velocity=None, force=F / 100.0)
@@ -75,7 +75,7 @@ def test_a_millisecond_logger_is_read_and_asks_for_all_its_units_at_once(tmp_pat
     path = logger(tmp_path)
     with pytest.raises(
         errors.MissingUnitError,
-        match=r"'Load_Cell', 'Linear_Pot', 'Thermocouple' have no unit.*--units force=unit --units displacement=unit",
+        match=r"'Linear_Pot', 'Thermocouple' have no unit.*'force=\[unit\]' --channel 'displacement=\[unit\]'",
     ):
         read_dyno_test(path)
     test = read_dyno_test(path, units=UNITS)
@@ -140,7 +140,10 @@ def recordings(count):
 @pytest.mark.parametrize("count", [1, 2])
 def test_an_array_of_recordings_in_a_mat_file_has_a_test_of_each(tmp_path, count):
     path = matlab(recordings(count))(tmp_path)
-    with pytest.raises(errors.MissingUnitError, match="--units time=unit --units velocity=unit --units force=unit"):
+    with pytest.raises(
+        errors.MissingUnitError,
+        match=r"--channel 'time=\[unit\]' --channel 'velocity=\[unit\]' --channel 'force=\[unit\]'",
+    ):
         read_dyno_tests(path)
     tests = read_dyno_tests(path, units={"time": "s", "velocity": "mm/s", "force": "N"})
     assert len(tests) == count
@@ -205,7 +208,7 @@ def test_a_stated_sign_convention_is_obeyed_with_a_note(tmp_path, statement):
 
 def test_a_stated_sign_convention_that_the_data_contradict_is_asked_about(tmp_path):
     path = text(H, above="Rebound force positive\n")(tmp_path)
-    with pytest.raises(errors.WrongSignError, match="--flip force"):
+    with pytest.raises(errors.WrongSignError, match="--channel force=-"):
         read_dyno_test(path)
     agrees(read_dyno_test(path, flip=["none"]))
     both = text(H, above="Compression positive\nExtension positive\n")(tmp_path)
@@ -233,7 +236,7 @@ def test_the_length_of_a_damper_is_a_displacement_of_the_other_sign(tmp_path):
 
 def test_a_table_without_a_header_is_read_by_the_numbers_of_its_columns(tmp_path):
     path = text("", SI)(tmp_path)
-    with pytest.raises(errors.MissingChannelError, match=r"no header line.*--channel force=3"):
+    with pytest.raises(errors.MissingChannelError, match=r"no header line.*--channel 'force=3"):
         read_dyno_test(path)
     mapping = with_channels(None, {"time": "1", "displacement": "2", "velocity": "3", "force": "4"})
     units = {"time": "s", "displacement": "mm", "velocity": "mm/s", "force": "N"}

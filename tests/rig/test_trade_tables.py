@@ -62,7 +62,7 @@ def wide(folder, *, unit=" mm/s", side="Side"):
 @pytest.mark.parametrize("side", ["Side", "which way"])
 def test_a_column_per_speed_and_a_row_per_setting_and_stroke_are_read_with_the_unit_of_the_force(tmp_path, side):
     path = wide(tmp_path, side=side)
-    with pytest.raises(errors.MissingUnitError, match="--units force=unit"):
+    with pytest.raises(errors.MissingUnitError, match=r"--channel 'force=\[unit\]'"):
         read_peak_velocity(path)
     first, second = read_peak_velocity(path, units={"force": "N"})
     assert (first.clicks, second.clicks) == ("clicks 3", "clicks 6")
@@ -159,8 +159,7 @@ def test_a_matlab_script_without_comments_asks_which_vector_is_the_velocity(tmp_
     mapping = with_channels(None, {"velocity": "D.FrcCurve.x", "force": "D.FrcCurve.v"})
     units = {"velocity": "m/s", "force": "N"}
     agrees(read_peak_velocity(path, channel_map=mapping, units=units)[0])
-    given = [f"--channel={name}={pick.source}" for name, pick in mapping.channels.items()]
-    given += [f"--units={name}={unit}" for name, unit in units.items()]
+    given = [f"--channel={name}={pick.source} [{units[name]}]" for name, pick in mapping.channels.items()]
     assert "5 speeds, 1.969 to 9.843 in/s" in CliRunner().invoke(main, ["inspect", str(path), *given]).output
 
 
@@ -191,7 +190,7 @@ RATES = {"comp": (4000.0, 0.05, 1200.0), "reb": (6000.0, 0.08, 1800.0)}
 def test_two_damping_rates_and_a_knee_per_stroke_make_a_polylinear_shock(tmp_path):
     head = "side,low [N.s/m],knee [mm/s],high [N.s/m]"
     path = table_of(tmp_path, head, *(f"{side},{low},{1e3 * knee},{high}" for side, (low, knee, high) in RATES.items()))
-    shown = CliRunner().invoke(main, ["fit", "-v", str(path), "-o", str(tmp_path / "shock.json")])
+    shown = CliRunner().invoke(main, ["-v", "fit", str(path), "-o", str(tmp_path / "shock.json")])
     assert "rounded within 3 % of the knee" in " ".join(shown.output.split())
     shock = read_shock(tmp_path / "shock.json")
     assert shock.conditions["velocity_range [m/s]"] == [-0.5, 0.5]

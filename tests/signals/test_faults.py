@@ -80,7 +80,7 @@ FAULTS = {
     ),
     "no relation": (
         WrongSignError,
-        r"its correlation with velocity is -0.29\d, so it does not follow it; check the column \(--channel\)",
+        r"its correlation with velocity is -0.29\d, so .*its delay, and its sign \(--channel\)",
         lambda: faults.check_sign(WEAK, SINE, channel="force", against="velocity", origin=ORIGIN),
     ),
     "weak sign": (
@@ -90,7 +90,7 @@ FAULTS = {
     ),
     "sign": (
         WrongSignError,
-        r"run\.csv, line 10, channel 'force': its correlation with velocity is -1.000.*--flip force",
+        r"run\.csv, line 10, channel 'force': its correlation with velocity is -1.000.*--channel force=-",
         lambda: faults.check_sign(-SINE, SINE, channel="force", against="velocity", origin=ORIGIN),
     ),
 }
@@ -136,5 +136,7 @@ def test_time_printed_with_few_digits_has_no_gap():
 
 
 def test_a_wrong_sign_names_the_channel_to_flip_not_what_was_derived_from_it():
-    with pytest.raises(WrongSignError, match=r"`--flip force` if the velocity .* otherwise `--flip displacement`,"):
+    with pytest.raises(
+        WrongSignError, match=r"`--channel force=-` if the velocity .* otherwise `--channel displacement=-`,"
+    ):
         faults.check_sign(-SINE, SINE, channel="force", against="the velocity derived from displacement")

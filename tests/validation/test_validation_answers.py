@@ -147,7 +147,7 @@ def test_only_the_bumps_within_a_segment_are_judged(truth, lagged):
     twice = dyno_record(record(truth, np.concatenate([bump_path(), bump_path()]), 2000.0))
     found = validate_bump(lagged, twice, segment=(1.5, 4.9))
     assert [event.start for event in found.events] == pytest.approx([1.97, 3.97], abs=0.01)
-    with pytest.raises(ParameterError, match=r"no motion .* from 0 to 0\.9 s; give another --segment"):
+    with pytest.raises(ParameterError, match=r"no motion .* from 0 to 0\.9 s; give another --set segment"):
         validate_bump(lagged, twice, segment=(0.0, 0.9))
 
 
@@ -157,7 +157,7 @@ def test_only_the_holds_within_a_segment_are_judged(lagged, static_test):
     for test in (static_test, later):
         found = validate_static(lagged, dyno_record(test, kind="static"), segment=(22.0, 95.0))
         assert [hold.direction for hold in found.holds] == ["start", "compression", "compression"]
-    with pytest.raises(ParameterError, match=r"holds .* from 0 to 20 s; .*; give another --segment"):
+    with pytest.raises(ParameterError, match=r"holds .* from 0 to 20 s; .*; give another --set segment"):
         validate_static(lagged, dyno_record(static_test, kind="static"), segment=(0.0, 20.0))
 
 

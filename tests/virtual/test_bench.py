@@ -52,11 +52,11 @@ def test_a_specimen_writes_its_record_and_describes_it(tmp_path: Path) -> None:
 
 
 def test_a_random_tests_duration_must_be_half_a_second_to_ten_minutes() -> None:
-    with pytest.raises(ParameterError, match=r"--duration must be 0\.5 to 600 s, not 0\.1 s"):
+    with pytest.raises(ParameterError, match=r"--set duration must be 0\.5 to 600 s, not 0\.1 s"):
         drivefile_of("random", 1, duration=0.1)
-    with pytest.raises(ParameterError, match=r"--amplitude of the random test .* at most 2 in, not 2\.5 in"):
+    with pytest.raises(ParameterError, match=r"--set amplitude of the random test .* at most 2 in, not 2\.5 in"):
         drivefile_of("random", 1, duration=1.0, amplitude=0.0635)
-    with pytest.raises(ParameterError, match=r"--amplitude of the random test must be above 0"):
+    with pytest.raises(ParameterError, match=r"--set amplitude of the random test must be above 0"):
         drivefile_of("random", 1, duration=1.0, amplitude=0.0)
 
 

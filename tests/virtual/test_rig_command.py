@@ -32,7 +32,7 @@ def test_a_test_is_written_and_marked_as_synthetic(tmp_path, monkeypatch):
 def test_a_single_test_without_its_actuator_is_refused(tmp_path):
     result = rig("--test", "single", "-o", str(tmp_path / "x.parquet"))
     assert result.exit_code == 2
-    assert "--only" in result.output
+    assert "--set only" in result.output
 
 
 def test_one_shock_or_one_per_corner_is_required(tmp_path):

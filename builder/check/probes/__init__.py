@@ -1,5 +1,5 @@
-"""Probes that call an FMU. `python -m builder.check.probes <module>.<probe> <folder> <progress>` runs one probe.
+"""Probes that call an FMU; `__main__` runs those of several groups in one process.
 
 Probes call the C functions directly, because an invalid call must reach the FMU. They import no slow modules, because
-every probe is a process.
+they run in processes of their own.
 """

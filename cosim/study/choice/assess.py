@@ -75,7 +75,7 @@ def _vehicle(result: StudyResult, sources: ErrorSources, chosen: Criterion) -> C
         return Contribution("vehicle", Status.INCLUDED, text)
     text = (
         f"{result.study.vehicle.fmu.name} does not state the uncertainty of {', '.join(names)}; identify the car with "
-        "`eightpost identify --recipe common-poles`, or rank by the RMS of one of its outputs"
+        "`eightpost identify`, or rank by the RMS of one of its outputs"
     )
     return Contribution("vehicle", Status.UNKNOWN, text)
 

@@ -267,7 +267,7 @@ def summary_lines(result: StudyResult, certainty: Certainty) -> Iterator[str]:
         left = chance_text(certainty.tests[-1].remaining)
         left = left if certainty.tests[-1].remaining < 0.001 else f"about {left}"
         exact = ", if rig runs repeat exactly" if certainty.assumes_exact_runs else ""
-        yield f"test next: {names}; {left} of the uncertainty about the ties remains{exact} (eightpost confirm)"
+        yield f"test next: {names}; {left} of the uncertainty about the ties remains{exact} (eightpost study confirm)"
     for one in certainty.contributions:
         if one.status is not Status.INCLUDED:
             yield f"{one.status.value}: {one.name}: {one.text}"
@@ -318,7 +318,7 @@ ONE_BEST = RULES.add("one setup is the best", ABOUT, Grade.USABLE,
     condition=f"one setup is the best with a probability of {100 * TIE:g} % or more, and no contribution to the "
     "uncertainty is unknown or not included",
     why="the probability contains the choice among all setups of the study",
-    remedy="nothing; confirm it on the rig (eightpost confirm)",
+    remedy="nothing; confirm it on the rig (eightpost study confirm)",
 )  # fmt: skip
 BEST_BY_PART = RULES.add("one setup is the best by a part of the uncertainty", ABOUT, Grade.LIMITED,
     condition=f"one setup is the best with a probability of {100 * TIE:g} % or more, but a contribution to the "
@@ -329,17 +329,17 @@ BEST_BY_PART = RULES.add("one setup is the best by a part of the uncertainty", A
 TIED = RULES.add("setups tied", ABOUT, Grade.LIMITED,
     condition=f"no single setup is the best with a probability of {100 * TIE:g} %",
     why="the study does not tell which of the tied setups is the best",
-    remedy="choose among the ties by other measures, or test the proposed setups (eightpost confirm)",
+    remedy="choose among the ties by other measures, or test the proposed setups (eightpost study confirm)",
 )  # fmt: skip
 UNKNOWN = RULES.add("uncertainty of the choice unknown", ABOUT, Grade.UNKNOWN,
     condition="a contribution to the uncertainty is unknown: of the vehicle, of a shock, or of rig runs",
     why="stated probabilities contain the known contributions only, so that they are too extreme",
-    remedy="see the contributions: identify the car, fit the shocks, or state the uncertainty (eightpost robust)",
+    remedy="see the contributions: identify the car, fit the shocks, or state the uncertainty (eightpost study robust)",
 )  # fmt: skip
 NOT_ASSESSED = RULES.add("certainty not computed", ABOUT, Grade.UNKNOWN,
     condition="the study has no certainty: it was switched off, or the study is of an older version",
     why="differences between the best setups may be smaller than their uncertainty",
-    remedy="run `eightpost study` with the same folder, without --no-certainty; completed runs are not repeated",
+    remedy="run `eightpost study` with the same folder, without --set certainty=no; completed runs are not repeated",
 )  # fmt: skip
 CONTRADICTED = RULES.add("rig runs contradict the prediction", "rig runs", Grade.LIMITED,
     condition="a measured level is improbable, given the prediction, its uncertainty and the other rig runs",
@@ -461,7 +461,7 @@ def read_certainty(path: str | Path, *, digest: str | None = None) -> Certainty:
         FileFormatError: The file cannot be read, or belongs to another study.
     """
     path = Path(path)
-    table = open_table(path, advice="run `eightpost study` again, or `eightpost robust`")
+    table = open_table(path, advice="run `eightpost study` again, or `eightpost study robust`")
     metadata = table.schema.metadata or {}
     content: Any = parse_json(metadata[_KEY], path) if _KEY in metadata else None
     if not isinstance(content, dict) or content.get("schema") != "eightpost.certainty":

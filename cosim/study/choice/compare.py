@@ -208,17 +208,17 @@ ABOUT = "prediction of the rig"
 RULES = Rules()
 
 WRONG_RANK = RULES.add("setups ranked otherwise than measured", ABOUT, Grade.NOT_USABLE,
-    condition="rank correlation (Spearman) of a measure below --rank",
+    condition="rank correlation (Spearman) of a measure below the setting rank",
     why="a study is run to rank setups",
     remedy="do not choose by this measure; validate the car and the shocks on rig records (eightpost validate)",
 )  # fmt: skip
 WRONG_LEVEL = RULES.add("levels otherwise than measured", ABOUT, Grade.NOT_USABLE,
-    condition="RMS error of a measure's levels above --level",
+    condition="RMS error of a measure's levels above the setting level",
     why="the limits are set by the user",
     remedy="use the measure only to rank setups, or validate the car on rig records",
 )  # fmt: skip
 PREDICTED = RULES.add("ranked as measured", ABOUT, Grade.USABLE,
-    condition="every measure is within --rank and --level",
+    condition="every measure is within the settings rank and level",
     why="the limits are set by the user",
 )  # fmt: skip
 OLD_RUN = RULES.add("run without a verdict", "run", Grade.UNKNOWN,
@@ -382,7 +382,7 @@ def read_run_to_run(path: str | Path) -> dict[str, float]:
     Raises:
         FileFormatError: The file is not a comparison, was edited after it, or no setup was run twice.
     """
-    document = json_content(path, advice="`eightpost compare --measured` writes it")
+    document = json_content(path, advice="`eightpost study compare --measured` writes it")
     try:
         repeats = [(entry, sum(runs - 1 for runs in entry["runs"])) for entry in document["measures"]]
         deviations = {
@@ -392,7 +392,9 @@ def read_run_to_run(path: str | Path) -> dict[str, float]:
     except MALFORMED as error:
         raise FileFormatError(f"is not a comparison of a study with the rig ({error!r})", path=path) from error
     if not is_intact(document):
-        raise FileFormatError("was edited after the comparison; run `eightpost compare --measured` again", path=path)
+        raise FileFormatError(
+            "was edited after the comparison; run `eightpost study compare --measured` again", path=path
+        )
     if not any(deviations.values()):
         raise FileFormatError("contains no run-to-run deviation, because no setup was run twice on the rig", path=path)
     return deviations

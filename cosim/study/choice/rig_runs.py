@@ -352,7 +352,7 @@ def _values(
     if not kept:
         raise InputError(
             f"{run.file}: no measure can be taken into account: {'; '.join(without({run.file: missing}))}; channels "
-            "must have the names of the vehicle's, or give a channel map with --map"
+            "must have the names of the vehicle's, or give a channel map with --channel"
         )
     return kept, missing
 

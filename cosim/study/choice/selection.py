@@ -193,7 +193,7 @@ TWICE = 4
 def write_selection(selection: Selection, result: StudyResult, path: str | Path, *, twice: int = TWICE) -> None:
     """Write the setups to test, one line each, then second runs of some, then the runs of the baseline if there is one.
 
-    The column `file` names the record that `eightpost compare --measured` reads from the folder of the list.
+    The column `file` names the record that `eightpost study compare --measured` reads from the folder of the list.
 
     Args:
         twice: Maximum number of setups with a second run; see `repeated`.
@@ -237,7 +237,7 @@ def read_selection(path: str | Path, result: StudyResult) -> Selection:
         return selection_of(result, [_read(row, result) for row in rows if row["end"] in _ENDS])
     except (csv.Error, *MALFORMED) as error:
         raise FileFormatError(
-            f"is not a selection of this study ({error}); run `eightpost select` again", path=path
+            f"is not a selection of this study ({error}); run `eightpost study select` again", path=path
         ) from error
 
 

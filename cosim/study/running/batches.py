@@ -284,7 +284,7 @@ class Batches:
         """Number of setups in a batch."""
         return next(iter(self._drives.values())).lanes
 
-    def runs(self, setups: Sequence[Setup]) -> Iterator[tuple[Setup, dict[str, BatchRun] | None, float]]:
+    def runs(self, setups: Iterable[Setup]) -> Iterator[tuple[Setup, dict[str, BatchRun] | None, float]]:
         """Yield each setup with its runs by drive, and their wall time [s]; None if a run did not end regularly."""
         left = iter(setups)
         while several := list(islice(left, _GROUP * self.lanes)):

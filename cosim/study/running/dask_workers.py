@@ -155,7 +155,7 @@ class DaskWorkers:
         try:
             self._client = Client(address, timeout=patience, set_as_default=False)
         except (OSError, ValueError) as error:
-            raise InputError(f"--scheduler {address}: no Dask scheduler answers: {error}") from error
+            raise InputError(f"--workers {address}: no Dask scheduler answers: {error}") from error
         self._address, self._waiting, self._report = address, waiting, report
         self._patience = patience
         self._parcels: dict[str, tuple[str, Mapping[str, Any]]] = {}
@@ -250,7 +250,7 @@ class DaskWorkers:
             )
         elif now - self._alone_since > self._waiting:
             raise WorkersLostError(
-                f"--scheduler {self._address}: there were no workers for {self._waiting:g} s. {_RESUME} when there are "
+                f"--workers {self._address}: there were no workers for {self._waiting:g} s. {_RESUME} when there are "
                 f"workers (dask worker {self._address})"
             )
         return count
@@ -299,7 +299,7 @@ class DaskWorkers:
             if not any(word in str(error) for word in _OURS):
                 raise
             raise WorkersLostError(
-                f"--scheduler {self._address}: the scheduler or a worker cannot run this study "
+                f"--workers {self._address}: the scheduler or a worker cannot run this study "
                 f"({type(error).__name__}: {error}): install eightpost {__version__} there, as here. {_RESUME}"
             ) from error
 
@@ -350,7 +350,7 @@ class DaskWorkers:
 
     def _lost(self, error: BaseException) -> WorkersLostError:
         return WorkersLostError(
-            f"--scheduler {self._address}: the Dask scheduler has ended ({type(error).__name__}). {_RESUME}"
+            f"--workers {self._address}: the Dask scheduler has ended ({type(error).__name__}). {_RESUME}"
         )
 
     def _parcel(self, study: Study) -> tuple[str, Mapping[str, Any]]:

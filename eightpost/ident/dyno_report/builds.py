@@ -278,9 +278,9 @@ class CarCorner:
 
     def __post_init__(self) -> None:
         for what, value, option in (
-            ("sprung mass", self.mass, "--corner-mass"),
-            ("wheel rate", self.wheel_rate, "--wheel-rate"),
-            ("motion ratio", self.motion_ratio, "--motion-ratio"),
+            ("sprung mass", self.mass, "--set corner-mass"),
+            ("wheel rate", self.wheel_rate, "--set wheel-rate"),
+            ("motion ratio", self.motion_ratio, "--set motion-ratio"),
         ):
             if not value > 0.0:
                 raise ParameterError(f"{self.name}: the {what} must be above 0, not {value:g}; correct {option}")
@@ -305,7 +305,7 @@ def corners_of_car(path: Path, motion_ratio: float = 1.0) -> tuple[CarCorner, ..
     if not isinstance(vehicle, StructuralVehicle):
         raise InputError(
             f"{path} is an identified model without separate masses and wheel rates; give a .toml file, or "
-            "--corner-mass and --wheel-rate"
+            "--set corner-mass and --set wheel-rate"
         )
     found = vehicle.parameters
     if isinstance(found, QuarterCar):
@@ -381,7 +381,7 @@ def dyno_report(
         if not any(build in (v.label, v.build) for v in variants):
             raise InputError(f"--corner {corner}={build}: {build!r} is not one of the builds: {_listed(variants)}")
     if wrong := [speed for speed in speeds if not speed > 0.0]:
-        raise InputError(f"--speed must be above 0, not {wrong[0]:g} m/s")
+        raise InputError(f"--set speed must be above 0, not {wrong[0]:g} m/s")
     reached = max((entry.highest for entry in entries), default=0.0)
     shown = tuple(sorted(set(speeds))) or tuple(speed for speed in SPEEDS if speed <= reached) or SPEEDS[:1]
     return DynoReport(tuple(entries), variants, shown, tuple(corners), fitted, limits, dict(track or {}))
@@ -415,7 +415,7 @@ class Reading:
             InputError: An option names another file.
         """
         names = {name for path in paths for name in _names(path)}
-        for option, given in (("--build", self.builds), ("--clicks", self.clicks), ("--flip", self.flip)):
+        for option, given in (("--build", self.builds), ("--set clicks", self.clicks), ("--channel", self.flip)):
             for name in given:
                 if name and name not in names:
                     listed = ", ".join(path.name for path in paths)
@@ -531,8 +531,8 @@ def read_track(path: Path, column: str | None = None) -> Array:
         what = f"there is no column {column!r} with" if column else f"{len(fitting) or 'no'} columns have"
         listed = ", ".join(f"{name} [{unit}]" for name, unit in units.items())
         raise InputError(
-            f"--track {path.name}: {what} a unit of velocity or length; name one, --track {path.name}=COLUMN; the file "
-            f"has: {listed}"
+            f"--set track={path.name}: {what} a unit of velocity or length; name one, --set track={path.name}=COLUMN; "
+            f"the file has: {listed}"
         )
     series = mapped_series(record, ChannelMap({"shaft": MappedChannel(fitting[0])}, find_time(record)))
     faults.check_length(series.time, shortest=SHORTEST, fewest=FEWEST, origin=record.origin)
@@ -542,7 +542,7 @@ def read_track(path: Path, column: str | None = None) -> Array:
         velocity = velocity_from_displacement(velocity, even.sample_rate, min(50.0, 0.2 * even.sample_rate))
     if (highest := float(np.abs(velocity).max())) > PLAUSIBLE["velocity"][1]:
         raise InputError(
-            f"--track {path.name}: {fitting[0]!r} reaches {highest:.3g} m/s, which no shaft does; name its column, "
-            f"--track {path.name}=COLUMN"
+            f"--set track={path.name}: {fitting[0]!r} reaches {highest:.3g} m/s, which no shaft does; name its column, "
+            f"--set track={path.name}=COLUMN"
         )
     return velocity

@@ -145,7 +145,7 @@ def entry_of_test(test: DynoTest, name: str, build: str, *, cycle: str | int = "
     else:
         steady, measured = (one if static.span is None else one.window(*static.span) for one in (closed, series))
         curve, branches = curve_of_series(steady, static, offset), branches_of(measured, offset)
-    whole = f"all cycles are shown, not the one of --cycle {cycle}, because the motion is not one steady cycle"
+    whole = f"all cycles are shown, not the one of --set cycle={cycle}, because the motion is not one steady cycle"
     known = test.conditions
     heat = float(series["temperature"].mean()) if "temperature" in series else known.temperature
     return Entry(

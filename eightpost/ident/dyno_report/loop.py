@@ -161,7 +161,7 @@ def cycles_of(series: TimeSeries, cycle: str | int = "mean") -> Cycles:
     if cycle != "mean":
         number = used.size if cycle == "last" else int(cycle)
         if not 1 <= number <= used.size:
-            raise InputError(f"--cycle {cycle}: the run has {used.size} whole cycles that are alike")
+            raise InputError(f"--set cycle={cycle}: the run has {used.size} whole cycles that are alike")
         used = used[number - 1 : number]
         span = (float(times[used[0]]), float(times[used[0] + 1]))
         middles = np.array([0.5 * (a.time + b.time) for a, b in pairwise(crossings)])

@@ -196,7 +196,9 @@ def output_rows(p: Mapping[str, float], m: Matrices, outputs: Sequence[str]) -> 
             f, w = p["driver_place"], p["driver_spread"]
             acceleration[k, :4] = f, 1.0 - f, w * f, w * (1.0 - f)
         elif what != "tire_force":
-            raise InputError(f"the recipe grey-box does not know the output {name}; leave it out (--output-channels)")
+            raise InputError(
+                f"the recipe grey-box does not know the output {name}; leave it out (--set output-channels)"
+            )
     return position, velocity, acceleration, road
 
 

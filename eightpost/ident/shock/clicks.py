@@ -302,7 +302,7 @@ class _Search:
             return []
         return [
             f"most of the error is a constant force of {level:+.0f} N in compression and rebound, as of a gas force; "
-            "--level free leaves it out"
+            "--set level=free leaves it out"
         ]
 
     def _band(self, setting: tuple[float, ...]) -> Array:

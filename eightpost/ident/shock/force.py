@@ -207,7 +207,7 @@ class Dynamics(ABC):
         try:
             return self.kind(curve, *self.values(theta).tolist(), port=port)
         except ValueError as error:
-            what = f"the fitted law is not valid: {error}; or fit more of the record (--segment)"
+            what = f"the fitted law is not valid: {error}; or fit more of the record (--set segment)"
             raise ParameterError(what) from error
 
     def bounds(self) -> tuple[Array, Array]:

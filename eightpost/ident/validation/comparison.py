@@ -123,7 +123,7 @@ def rig_record(test: RigTest, model: StateSpace, *, kind: Kind | None = None, na
     loads = [n for n in model.input_names if n not in roads and quantity(n) != "force" and n in series]
     found = recognise_drive(series, roads, loads)
     if kind == "sine" and found.frequency is None:
-        raise ParameterError(f"{called}: --kind says that it is a sine, but {found.reason}; omit --kind")
+        raise ParameterError(f"{called}: --set kind says that it is a sine, but {found.reason}; omit --set kind")
     if kind is not None and kind != found.kind:
         found = Recognition(kind, "kind given by the user", found.frequency)
     return RigRecord(

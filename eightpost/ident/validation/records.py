@@ -91,7 +91,7 @@ def is_vehicle(models: list[Path]) -> bool:
     if vehicles and len(models) > 1:
         raise InputError(
             f"{vehicles[0]} is a vehicle: validate it alone; give shocks at its ports as --shock lf=SHOCK.json, and "
-            "another car to compare modes with as --against CAR.json"
+            "another car to compare modes with as --set against=CAR.json"
         )
     return bool(vehicles)
 

@@ -240,7 +240,9 @@ def validate_sine(
     """
     frequency = record.frequency or frequency_of(record.test.series)
     if frequency is None:
-        raise ParameterError(f"{record.name} has no single frequency and is no sine test; give another --kind for it")
+        raise ParameterError(
+            f"{record.name} has no single frequency and is no sine test; give another --set kind for it"
+        )
     found = evaluate(shock, record.test, segment=_periods(record, frequency, segment, cutoff), cutoff=cutoff)
     displacement = displacement_of(found.measured)
     last = found.measured.time >= found.measured.time[-1] - 1.0 / frequency
@@ -398,7 +400,7 @@ def validate_static(shock: Shock, record: DynoRecord, *, segment: Segment | None
     holds, settling = _holds(series)
     if len({round(hold.displacement, 4) for hold in holds}) < 2:
         where = f" from {segment[0]:g} to {segment[1]:g} s" if segment else ""
-        remedy = "give another --segment" if segment else "for another test give its --kind"
+        remedy = "give another --set segment" if segment else "for another test give its --set kind"
         raise ParameterError(
             f"{record.name}: {len(holds)} holds of a second or more at fewer than two displacements{where}; a static "
             f"test has steps with a hold after each (Fig 3.12); {remedy}"
@@ -493,7 +495,7 @@ def validate_bump(
     spans = [span for span in _spans(series) if first <= span[0] and span[1] <= last]
     if not spans:
         where = f" from {first:g} to {last:g} s" if segment else ""
-        remedy = "give another --segment" if segment else "give another --kind for it"
+        remedy = "give another --set segment" if segment else "give another --set kind for it"
         raise ParameterError(f"{record.name}: no motion between two rests was found{where}; {remedy}")
     segment = (spans[0][0], spans[-1][1])
     if (segment[1] - segment[0]) * series.sample_rate < _ENOUGH:

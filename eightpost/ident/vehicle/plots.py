@@ -199,7 +199,7 @@ class Variant(NamedTuple):
 def frequencies_to(high: float) -> NDArray[np.float64]:
     """Return the frequencies [Hz] of a response file and of a picture, up to `high`; InputError: it is not possible."""
     if not 0.0 < high < 1e4:
-        raise InputError(f"--high {high:g}: give a frequency between 0 and 10000 Hz")
+        raise InputError(f"--set high={high:g}: give a frequency between 0 and 10000 Hz")
     return np.linspace(high / _POINTS, high, _POINTS)
 
 

@@ -56,7 +56,7 @@ UNSTABLE = RULES.add("vehicle not stable", ABOUT, Grade.NOT_USABLE,
 MISFIT = RULES.add("large misfit of the vehicle", ABOUT, Grade.NOT_USABLE,
     condition=f"misfit of an output of {100 * POOR_FIT:g} % or more",
     why="the model does not reproduce a third of the output's response",
-    remedy="check the plots of the fit; leave the output out (--output-channels), or repeat the tests",
+    remedy="check the plots of the fit; leave the output out (--set output-channels), or repeat the tests",
 )  # fmt: skip
 NOT_TESTED = RULES.add("tests not simulated", ABOUT, Grade.LIMITED,
     condition=f"the misfit of every output is below {100 * POOR_FIT:g} %, but no test was simulated with its shocks",
@@ -68,7 +68,7 @@ WRONG_LEVELS = RULES.add("own tests predicted wrong", ABOUT, Grade.NOT_USABLE,
     f"sum and ride heights that are wrong by {100 * POOR_LEVELS[0]:g} % or more (RMS), or one of them by "
     f"{100 * POOR_LEVELS[1]:g} % or more",
     why="other setups are predicted worse, and setups differ by a few percent",
-    remedy="see the other reasons; otherwise identify with another recipe (--recipe)",
+    remedy="see the other reasons; otherwise identify with another recipe (--set recipe)",
 )  # fmt: skip
 DOUBTFUL_LEVELS = RULES.add("own tests predicted roughly", ABOUT, Grade.LIMITED,
     condition=f"the same by more than {100 * GOOD_LEVELS[0]:g} %, or {100 * GOOD_LEVELS[1]:g} % for one of them",

@@ -112,7 +112,7 @@ def test_a_run_that_an_fmu_ends_or_blocks_exits_with_1_names_it_and_marks_the_fo
 
 @pytest.mark.nightly
 def test_a_run_of_a_slow_fmu_comes_to_its_end_and_leaves_neither_a_mark_nor_temporary_files(case, ended, tmp_path):
-    options = ["-o", tmp_path / "out", "--step", "50 ms", "--no-comparison"]  # 12 steps of 0.2 s
+    options = ["-o", tmp_path / "out", "--step", "50 ms", "--set", "comparison=no"]  # 12 steps of 0.2 s
     found = ended("-m", "eightpost", "run", case("slow", tool=OURS), *options, EIGHTPOST_TIME_LIMIT="0.8")
     assert (found.returncode, found.stderr) == (0, "")
     names = {path.name for path in (tmp_path / "out").iterdir()}

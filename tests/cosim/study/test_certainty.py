@@ -275,7 +275,7 @@ def test_the_summary_names_ties_trade_offs_and_next_tests_and_counts_the_rest():
         "c +20.0 % (+15.0 to +25.0) and 1 more",
         "better than the baseline with a probability of 97.5 %: f -30.0 % (-35.0 to -25.0), e -20.0 % (-25.0 to -15.0)",
         "test next: 1, 0; about 25 % of the uncertainty about the ties remains, if rig runs repeat exactly "
-        "(eightpost confirm)",
+        "(eightpost study confirm)",
     ]
 
 
@@ -284,7 +284,7 @@ def test_rig_runs_of_a_known_deviation_do_not_count_as_exact():
     known = certainty_of(study, Knowledge((lag("B/B", 0.0), lag("C/C", 0.0)), run_to_run={"a": 0.01}))
     assert not known.assumes_exact_runs
     lines = summary_lines(study, replace(known, tests=(NextTest(1, 1e-4),)))
-    assert "test next: 1; below 0.1 % of the uncertainty about the ties remains (eightpost confirm)" in lines
+    assert "test next: 1; below 0.1 % of the uncertainty about the ties remains (eightpost study confirm)" in lines
 
 
 # ---- Next tests -----------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Numbering of setups."""
+"""Numbering of setups, and studies that are refused before anything runs."""
 
 from __future__ import annotations
 

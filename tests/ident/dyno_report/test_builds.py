@@ -256,7 +256,7 @@ def test_speeds_are_the_given_ones_or_those_that_a_curve_reaches():
     ("options", "message"),
     [
         ({"fitted_to": {"lf": "Q"}}, "--corner lf=Q"),
-        ({"speeds": [-1.0]}, "--speed must be above 0"),
+        ({"speeds": [-1.0]}, "--set speed must be above 0"),
     ],
 )
 def test_a_wrong_name_or_speed_is_an_error(options, message):

@@ -68,7 +68,7 @@ FAULTS = {
     "a dead channel": (dead, slice(None), ("'rf.force'", "constant at 12", "cable")),
     "a channel that dies": (dies, slice(None), ("'rf.hub_acceleration'", "from 2.4 s to 5.999 s", "cable or a logger")),
     "swapped corners": (swapped, slice(None), ("'lf.force'", "matches rf.velocity", "exchange the columns")),
-    "a wrong sign": (reversed_, slice(None), ("'lr.", "has the wrong sign", "--flip")),
+    "a wrong sign": (reversed_, slice(None), ("'lr.", "has the wrong sign", "--channel")),
     "a clipped load cell": (clipped, slice(None), ("'rr.tire_force'", "highest value", "larger range")),
     "dropped samples": (None, np.delete(np.arange(7500), np.arange(900, 907)), ("gap of 0.0064 s", "fill the gaps")),
     "mismatched rates": (held, slice(None), ("'lf.tire_force'", "every 10 samples", "125 Hz", "export both")),

@@ -159,7 +159,7 @@ def test_a_wrong_scale_of_any_channel_is_named_with_its_factor(sound, name, size
 def test_a_wrong_sign_is_named_as_such_and_nothing_else(sound, name):
     found = only(record_findings(with_row(sound, name, -sound[name]), CORNERS))
     assert (found.rule, found.channels) == (WRONG_SIGN, (name,))
-    assert f"pass --flip {name}" in found.remedy
+    assert f"pass --channel {name}=-" in found.remedy
 
 
 def test_a_wrong_sign_and_a_wrong_scale_are_both_named(sound):

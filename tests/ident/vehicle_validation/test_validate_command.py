@@ -45,7 +45,7 @@ def run(folder: Path, rig_files: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
 
     def call(car: str, *words: object, records: tuple[str, ...] = ("soft", "base")) -> Result:
         files = [str(rig_files / f"{name}.parquet") for name in records]
-        return CliRunner().invoke(main, ["validate", "-v", car, *files, *map(str, words)], env={"COLUMNS": "180"})
+        return CliRunner().invoke(main, ["validate", car, *files, *map(str, words), "-v"], env={"COLUMNS": "180"})
 
     return call
 
@@ -54,8 +54,15 @@ def run(folder: Path, rig_files: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
 def done(folder: Path, rig_files: Path) -> tuple[Result, Path]:
     """Result of a validation on all records, and its page."""
     page = folder / "out" / "page.html"
-    words = ["validate", str(folder / "corner.json"), str(rig_files), "--against", str(shipped("quarter_car"))]
-    return CliRunner().invoke(main, [*words, "-v", "--report", str(page)], env={"COLUMNS": "180"}), page
+    words = [
+        "validate",
+        str(folder / "corner.json"),
+        str(rig_files),
+        "-v",
+        "--set",
+        f"against={shipped('quarter_car')}",
+    ]
+    return CliRunner().invoke(main, [*words, "-o", str(page)], env={"COLUMNS": "180"}), page
 
 
 def test_a_good_car_exits_0_with_a_summary(done: tuple[Result, Path]) -> None:
@@ -109,7 +116,7 @@ def test_an_edited_car_is_predicted_but_unknown(folder: Path, run: Run, corner: 
     path.write_text(json.dumps(content))
     result = run("judged.json", "--keep")
     assert result.exit_code == 0, result.output
-    assert "Unknown: edited after the fit or run: its numbers are not those that were judged" in result.output
+    assert "edited after the fit or run: its numbers are not those that were judged" in result.output
     kept = read_fit(path)
     assert {reason.about for reason in kept.verdict.reasons} == {"file", "validation of the vehicle"}
     assert kept.verdict.grade is Grade.UNKNOWN

@@ -353,7 +353,7 @@ def test_the_objective_comes_first_then_what_gets_worse_and_the_rest_is_counted(
 @pytest.mark.nightly
 def test_the_answer_leads_to_the_curves_to_aim_at_with_the_gain_that_is_assured(few, certain):
     sheet = sheet_of(few, certainty=certain(few))
-    assert "eightpost shapes searches" in _text(page(sheet, Extras()))
+    assert "eightpost study shapes searches" in _text(page(sheet, Extras()))
     sure = page(sheet, Extras(aim=AimPage("shapes.html", 0.021, 0.012, True)))
     assert 'href="shapes.html"' in sure and "gain 2.1" in _text(sure) and "at least 1.2" in _text(sure)
     doubtful = _text(page(sheet, Extras(aim=AimPage("shapes.html", 0.021, -0.002, True))))
