@@ -271,9 +271,9 @@ def minimum_from(
 
 
 def bounded_step(matrix: Array, right: Array, low: Array, high: Array, damping: float) -> Array:
-    """Return the step d (n,) in low <= d <= high with the least d' matrix d - 2 right' d + damping |d|^2, d scaled.
+    """Return the step d (n,) in low <= d <= high with the smallest d' matrix d - 2 right' d + damping |d|^2, d scaled.
 
-    The unconstrained step is the end if it is inside; otherwise the distance from it is the least one, in the metric of
+    The unconstrained step is the end if it is inside; otherwise the distance from it is the smallest, in the metric of
     the damped matrix, that leads into the box (Lawson and Hanson 1974, chapter 23).
 
     Args:

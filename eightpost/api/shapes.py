@@ -285,7 +285,7 @@ def drawn_car(result: StudyResult, best: int, certainty: Certainty | None, objec
 
     Args:
         best: Row of its best setup, which others are compared with.
-        certainty: Certainty with the rig runs; None: there are none.
+        certainty: Certainty with the rig runs; None: the study was not compared with the rig.
         objective: Measure to minimise; empty: the objective of the study.
     """
     known = Knowledge.of(certainty) if certainty else Knowledge()

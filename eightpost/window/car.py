@@ -130,7 +130,7 @@ def _records(window: Window) -> tuple[list[Path], EightpostError | None, Columns
 
 
 def _fit(path: Path) -> VehicleFit | EightpostError | None:
-    """Return the identified car; an error if its file is something else, None if there is none."""
+    """Return the identified car; an error if its file is something else, None without a file."""
     from eightpost.ident.vehicle.vehicle_fit import read_fit
 
     try:

@@ -107,7 +107,7 @@ class Folder:
         return path.resolve().relative_to(self.path).as_posix()
 
     def served(self, name: str) -> Path | None:
-        """Return the file with a path in the folder; None if there is none, or it is outside."""
+        """Return the file with a path in the folder; None if it does not exist, or is outside."""
         path = (self.path / name).resolve()
         return path if path.is_relative_to(self.path) and path.is_file() else None
 

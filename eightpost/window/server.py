@@ -103,7 +103,7 @@ async def _page(window: parts.Window) -> None:
     async def change(event: events.ValueChangeEventArguments[Any]) -> None:
         window.chosen["screen"] = event.value
         content.clear()
-        with content:  # built anew, with what other screens have made
+        with content:  # built again, with what other screens have made
             await _SCREENS[event.value](window)
 
     with ui.header().classes("items-center bg-blue-grey-10 q-py-none"):

@@ -211,7 +211,7 @@ class Evaluator:
         self._earlier: Mapping[float, Batches | str] = {}
 
     def for_study(self, study: Study) -> Evaluator | None:
-        """Return an evaluator of a variant with the same instances; None if the study is none.
+        """Return an evaluator of a variant with the same instances; None if the study cannot be one.
 
         A variant has other shocks, or other parameters of the vehicle. The evaluators share the instances, so they must
         be used one after the other.

@@ -345,7 +345,7 @@ def _check_objective(study: Study, found: Mapping[str, str]) -> None:
 class Sweep:
     """A checked study that is ready to run, as a whole or setup by setup.
 
-    Completed setups are kept in the folder, so that none is run again, in this session or another one.
+    Completed setups are kept in the folder, so that they are not run again, in this session or another one.
 
     Args:
         evaluator: Evaluator of the study; None: a new one.
