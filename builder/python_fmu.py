@@ -160,18 +160,20 @@ def _pack(slave: Path, folder: Path) -> dict[str, bytes]:
 def _clean_imports(name: str) -> Iterator[None]:
     """Import PythonFMU as it is installed, and remove the paths and modules that it adds to inspect a slave.
 
-    A python FMU that ran in this process has left its own copy of PythonFMU, which lacks what a build needs.
+    A python FMU that ran in this process has left its own copy of PythonFMU, which lacks what a build needs, and
+    perhaps the same slave.
     """
     path, write_bytecode = sys.path.copy(), sys.dont_write_bytecode
     sys.dont_write_bytecode = True
-    earlier = {key: sys.modules.pop(key) for key in list(sys.modules) if key.split(".")[0] == "pythonfmu"}
+    ours = (name, f"{name}_law", "pythonfmu")
+    earlier = {key: sys.modules.pop(key) for key in list(sys.modules) if key.split(".")[0] in ours}
     with suppress(PackageNotFoundError):
         sys.path.insert(0, str(distribution("pythonfmu").locate_file("")))
     try:
         yield
     finally:
         sys.path[:], sys.dont_write_bytecode = path, write_bytecode
-        for module in [key for key in sys.modules if key.split(".")[0] in (name, f"{name}_law", "pythonfmu")]:
+        for module in [key for key in sys.modules if key.split(".")[0] in ours]:
             del sys.modules[module]
         sys.modules |= earlier
 

@@ -25,7 +25,7 @@ WRONG = {
     "fit shocks/dyno_A.csv --law lpnl3": "one of polylinear, lpf1, lpnl2, hysteresis; did you mean lpnl2?",
     "fit shocks/dyno_A.csv --lew lpnl2": "No such option '--lew'. (Did you mean one of: '--law'",
     "fit shocks/dyno_A.csv --law lpf1 -o car.toml": "a shock file ends in .json; write -o car.json",
-    "fit no_unit.csv": "the column 'Force' has no unit; add it to the header as `Force [unit]`",
+    "fit no_unit.csv": "the column 'Force' has no unit; write `Force [unit]` in the header",
     "virtual dyno --build C/B --set gas=150 -o d.csv": "--set gas='150' has no unit; add it: '150 Pa' if it is in Pa",
     # Rig engineer
     "identify rig/*.parquet -o c.json": "there is no such file: there is no folder rig",

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 import eightpost.shock
 from eightpost.errors import StepError
-from eightpost.ident.shock.simulation import lag
 from eightpost.shock import LAWS, hysteresis
+from eightpost.shock import law as law_module
 
 OUTPUTS = ("force", "static_force", "lagged_force", "lag_weight", "dissipated_power", "beyond_fit")
 PARAMETERS = {
@@ -185,7 +185,7 @@ def test_the_fmu_and_the_law_agree_bit_for_bit_with_the_same_exponential(
     values = data.draw(parameters_of(name, curve, fmu.variables))
     law = law_with(shocks[name].law, values)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(lag, "expm1", elementary.exponential_minus_1)
+        patch.setattr(law_module, "expm1", elementary.exponential_minus_1)
         patch.setattr(hysteresis, "exp", elementary.exponential)
         patch.setattr(hysteresis, "log", elementary.logarithm)
         state, expected = law.start(0.0), []

@@ -14,6 +14,9 @@ from eightpost.vehicle.friction import Bristles, PortFriction, advance, equilibr
 
 PORTS = {"seven_dof": ("lf.", "rf.", "lr.", "rr."), "quarter_car": ("",)}
 
+#: Bristles without force at four ports.
+NO_BRISTLES = Bristles(np.zeros(4), np.full(4, 1e-4), np.ones(4), np.full(4, 0.01))
+
 
 def car(name, force, reach, *, static_ratio=1.15, spring=0.0):
     model, prefixes = read_vehicle(shipped(name)).with_damper(), PORTS[name]
@@ -83,7 +86,7 @@ def test_bristles_without_force_leave_the_step_of_the_other_friction_as_it_is():
     model, stepper, _ = car("seven_dof", 0.0, 1e-4)
     ports = named_ports(stepper, (model.input_names, model.output_names), PORTS["seven_dof"], ())
     force, width = np.array([80.0, 0.0, 20.0, 300.0]), np.full(4, 0.004)
-    old, new = PortFriction(ports, force, width), PortFriction(ports, force, width, Bristles.none(4))
+    old, new = PortFriction(ports, force, width), PortFriction(ports, force, width, NO_BRISTLES)
     u, x, y = roads(model, 1e-3, 0.05), np.zeros(len(model.A)), np.zeros(len(model.A) + 4)
     for before, after in pairwise(u):
         x, y = advance(stepper, old, x, before, after, 1e-3), advance(stepper, new, y, before, after, 1e-3)

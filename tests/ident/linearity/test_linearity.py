@@ -197,7 +197,7 @@ def test_other_shocks_on_a_quarter_car_do_not_count_as_another_amplitude() -> No
 
 
 def test_tests_without_an_input_that_moves_alone_are_rejected_with_a_remedy() -> None:
-    with pytest.raises(InputError, match=r"one input moves alone.*eightpost rig --test single"):
+    with pytest.raises(InputError, match=r"one input moves alone.*virtual rig --test single"):
         judged(record("seven_dof"))
 
 
