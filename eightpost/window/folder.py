@@ -99,8 +99,8 @@ class Folder:
         if len(ways) > 1:
             raise InputError("these files have different channel names or signs; take them one after the other")
         given: dict[str, Any] = json.loads(ways.pop()) if ways else {}
-        stated = [f"{channel}=-" for channel in given.get("flip", ())] + [given["map"]] * bool(given.get("map"))
-        return [word for text in stated for word in ("--channel", text)]
+        stated = [*(f"{channel}=-" for channel in given.get("flip", ())), given.get("map")]
+        return [word for text in stated if text for word in ("--channel", text)]
 
     def name(self, path: Path) -> str:
         """Return a file's path in the folder, with slashes."""

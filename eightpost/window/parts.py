@@ -137,7 +137,7 @@ def show_figure(figure: Figure) -> None:
     layout |= {"autosize": True, "paper_bgcolor": "#ffffff", "plot_bgcolor": "#ffffff", "hovermode": "closest"}
     options = {"displaylogo": False, "responsive": True}
     plot = ui.plotly({"data": content["data"], "layout": layout, "config": options})
-    plot.classes("w-full figure").style(f"height: {figure.height}px").props(f'role=img aria-label="{figure.caption}"')
+    plot.classes("w-full figure").style(f"height: {figure.height}px")
 
 
 def show_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -68,6 +68,7 @@ def serve(folder: Path, port: int, *, browser: bool, tell: Callable[[str], None]
             webbrowser.open(link)
 
     app.on_startup(opened)
+    app.on_exception(lambda error: tell(f"error in the window: {error!r}"))
     try:
         server.run(sockets=[listener])
     except KeyboardInterrupt:  # the way to end it

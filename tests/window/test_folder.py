@@ -40,7 +40,9 @@ def test_only_files_of_the_folder_are_served(folder):
 def test_the_reading_of_a_record_is_kept_for_the_next_window(folder):
     record = folder.place("dyno", "a.csv")
     record.write_text("")
+    assert (folder.reading(record), folder.words([record])) == ({}, [])
     folder.read_as(record, flip=["force"])
+    assert folder.words([record]) == ["--channel", "force=-"]
     folder.read_as(record, map="dyno/a.map.toml")
     again = Folder.opened(folder.path)
     assert again.reading(record) == {"flip": ("force",), "channel_map": folder.path / "dyno/a.map.toml"}
