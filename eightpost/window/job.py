@@ -52,6 +52,10 @@ class Job:
     @property
     def code(self) -> int | None:
         """Exit code of the last command; None while one runs."""
+        return self.advance()
+
+    def advance(self) -> int | None:
+        """Start the next command if one has ended, or kill one that does not stop; return the exit code of the last."""
         code = self._process.poll()
         if code == 0 and self._left and self._cancelled is None:
             self._process = self._start(self._left.pop(0))

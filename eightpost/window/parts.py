@@ -18,7 +18,7 @@ Content = TypeVar("Content")
 
 #: Colours of the grades, with white letters on them.
 _COLORS = {
-    Grade.USABLE: "green-9", Grade.LIMITED: "amber-10", Grade.UNKNOWN: "blue-grey-8", Grade.NOT_USABLE: "red-9",
+    Grade.USABLE: "green-9", Grade.LIMITED: "deep-orange-10", Grade.UNKNOWN: "blue-grey-8", Grade.NOT_USABLE: "red-9",
 }  # fmt: skip
 
 #: What an ended command is called.
@@ -59,6 +59,11 @@ class Window:
     def cancel(self, key: str) -> None:
         """Cancel the command with a key."""
         self.jobs[key].cancel()
+
+    def advance(self) -> None:
+        """Start the next command of each job whose last one has ended, also while no browser is open."""
+        for job in self.jobs.values():
+            job.advance()
 
     def close(self) -> None:
         """End all commands."""

@@ -68,6 +68,7 @@ def serve(folder: Path, port: int, *, browser: bool, tell: Callable[[str], None]
             webbrowser.open(link)
 
     app.on_startup(opened)
+    app.timer(0.5, window.advance)
     app.on_exception(lambda error: tell(f"error in the window: {error!r}"))
     try:
         server.run(sockets=[listener])

@@ -203,18 +203,22 @@ def _cursors(runs: Mapping[str, SavedRun], channels: Sequence[str]) -> None:
     """Show two cursors over the time, and the values at them."""
     time = next(iter(runs.values())).series.time
     low, high = float(time[0]), float(time[-1])
-    rows = ui.column().classes("w-full")
+    cursors: list[ui.slider] = []
 
-    def read(ends: Mapping[str, float]) -> None:
+    def read() -> None:
+        first, last = (float(cursor.value) for cursor in cursors)
         rows.clear()
         with rows:
-            show_table(["run", "channel", f"at {ends['min']:.3f} s", f"at {ends['max']:.3f} s", "difference"],
-                       list(_values(runs, channels, ends["min"], ends["max"])))  # fmt: skip
+            columns = ["run", "channel", f"at {first:.3f} s", f"at {last:.3f} s", "difference"]
+            show_table(columns, list(_values(runs, channels, first, last)))
 
-    span = {"min": low + (high - low) / 3.0, "max": low + (high - low) / 1.5}
-    cursors = ui.range(min=low, max=high, step=(high - low) / 1000.0, value=span)
-    cursors.on_value_change(lambda event: read(event.value)).props('label aria-label="cursors"')
-    read(span)
+    with ui.row().classes("w-full"):
+        for name, part in (("first cursor", 1.0 / 3.0), ("second cursor", 2.0 / 3.0)):
+            start, step = low + part * (high - low), (high - low) / 1000.0
+            cursor = ui.slider(min=low, max=high, step=step, value=start).props(f'label aria-label="{name}"')
+            cursors.append(cursor.classes("grow").on_value_change(read))
+    rows = ui.column().classes("w-full")
+    read()
 
 
 def _values(runs: Mapping[str, SavedRun], channels: Sequence[str], *times: float) -> Any:

@@ -8,6 +8,8 @@ import pytest
 from eightpost.window import job as module
 from eightpost.window.job import Job
 
+Window = pytest.importorskip("eightpost.window.parts").Window
+
 
 @pytest.fixture
 def run(monkeypatch, tmp_path):
@@ -84,3 +86,13 @@ def test_closing_the_window_ends_the_command(run):
     process = job._process
     job.close()
     assert process.poll() is not None
+
+
+def test_commands_go_on_while_nobody_looks_at_them(run):
+    window = Window(None)
+    window.jobs["x"] = job = run("print('first')", "print('second')")
+    end = time.monotonic() + 20.0
+    while "second" not in job.log:
+        assert time.monotonic() < end
+        window.advance()
+        time.sleep(0.01)
