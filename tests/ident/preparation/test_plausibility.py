@@ -332,7 +332,7 @@ def test_identify_marks_a_vehicle_from_wrong_forces_as_not_usable(tmp_path):
     for seed, damping in ((1, DAMPING), (2, 1.6 * DAMPING)):
         series = record("quarter_car", seconds=24.0, seed=seed, damping={"": damping}).series
         files.append(written(with_row(series, "tire_force", 1.5 * series["tire_force"]), tmp_path / f"{seed}.parquet"))
-    code, said = run("identify", *files, "-o", tmp_path / "car.json")
+    code, said = run("-v", "identify", *files, "-o", tmp_path / "car.json")
     assert code == 1, said
     named = re.search(r"not usable rig record: a channel has the wrong scale: tire_force is ([\d.]+) times", said)
     assert named is not None, said
