@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import signal
 import sys
 import threading
 import time
@@ -37,6 +38,7 @@ def main(folder: Path, progress: Path, patience: float, budget: float, reach: in
     errors = os.dup(2)
     os.dup2(errors, 1)
     os.environ["LC_ALL"] = "C.UTF-8"  # a call of setlocale(LC_ALL, "") selects it; Python starts with "C"
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background inherits that it is ignored
     process = process_state()
     threading.Thread(target=_watch, args=(channel, patience, budget), daemon=True).start()
     for group in groups:
