@@ -13,6 +13,7 @@ from eightpost.window.channels import RIG, Columns, columns_of, name_channels
 from eightpost.window.parts import (
     Area,
     Window,
+    chosen_with,
     drop_area,
     job_card,
     show_error,
@@ -94,8 +95,7 @@ class _Screen:
 
     def choose(self, use: str, name: str, on: bool) -> None:
         """Choose a record for a use, or leave it out."""
-        others = [other for other in self.chosen[use] if other != name]
-        self.chosen[use] = [*others, name] if on else others
+        self.chosen[use] = chosen_with(self.chosen[use], name, on)
 
     def names(self, use: str) -> list[str]:
         """Return the records that are chosen for a use."""

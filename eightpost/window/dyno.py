@@ -17,6 +17,7 @@ from eightpost.window.channels import DYNO, Columns, columns_of, name_channels
 from eightpost.window.parts import (
     Area,
     Window,
+    chosen_with,
     drop_area,
     job_card,
     show_error,
@@ -117,8 +118,7 @@ class _Screen:
 
     async def choose(self, name: str, on: bool) -> None:
         """Choose a record, or leave it out."""
-        others = [other for other in self.chosen["records"] if other != name]
-        self.chosen["records"] = [*others, name] if on else others
+        self.chosen["records"] = chosen_with(self.chosen["records"], name, on)
         await self.area.refresh()
 
     def fit(self) -> None:

@@ -94,6 +94,12 @@ class Area(Generic[Content]):
                 self._build(content)
 
 
+def chosen_with(names: Sequence[str], name: str, on: bool) -> list[str]:
+    """Return chosen names with another one at the end, or without it."""
+    others = [other for other in names if other != name]
+    return [*others, name] if on else others
+
+
 def drop_area(window: Window, kind: str, text: str, dropped: Callable[[Path], Awaitable[None]]) -> None:
     """Show an area onto which files are dropped; they are copied to the folder of their kind."""
 

@@ -111,7 +111,9 @@ class _Screen:
                 box = ui.select(options, label=key.capitalize(), value=self.chosen[key], multiple=True).classes("w-1/2")
                 box.props("use-chips dense").on("popup-hide", self.traces.refresh)
                 box.on_value_change(lambda event, key=key: self.chosen.update({key: event.value}))
-        show_verdict(first.verdict)
+        for name, saved in runs.items():
+            ui.label(name).classes("text-base")
+            show_verdict(saved.verdict)
         show_figure(_traces(runs, self.chosen["channels"]))
         _cursors(runs, self.chosen["channels"])
         pages = self.window.folder.path / "runs"
