@@ -12,7 +12,7 @@ from rich.markup import escape
 
 from eightpost.api.reading import is_system
 from eightpost.app.options import FilePath, OutputFile, argument, option, verb
-from eightpost.app.progress import bar
+from eightpost.app.show import bar
 from eightpost.outputs import FMU
 from eightpost.report.console import console_table, folded
 

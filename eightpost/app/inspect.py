@@ -25,7 +25,7 @@ from eightpost.app.options import (
     verb,
     warn,
 )
-from eightpost.app.progress import each
+from eightpost.app.show import each
 from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table, unbroken
 

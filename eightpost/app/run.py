@@ -22,7 +22,7 @@ from eightpost.app.options import (
     setting,
     verb,
 )
-from eightpost.app.progress import bar
+from eightpost.app.show import bar
 from eightpost.extras import MissingExtraError
 from eightpost.outputs import PICTURE, RECORD, RESULT
 
@@ -159,7 +159,7 @@ def run(
 def _draw_excerpt(result: cosim.Result, path: Path, title: str) -> str:
     """Draw a picture of a run if the packages for it are installed; return a sentence about what it shows."""
     try:
-        from cosim.report.plots import plot_excerpt
+        from cosim.report.page import plot_excerpt
     except MissingExtraError as error:
         path.unlink(missing_ok=True)  # of an earlier run
         return f"There is no picture: {error}"

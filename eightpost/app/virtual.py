@@ -11,7 +11,7 @@ from rich.markup import escape
 
 from eightpost import completion
 from eightpost.app.options import OutputFile, Quantity, option, setting, verb
-from eightpost.app.progress import each
+from eightpost.app.show import each
 from eightpost.errors import InputError
 from eightpost.outputs import RECORD
 

@@ -19,11 +19,8 @@ from cosim.session.setup import Limit
 from cosim.session.setup import Setup as SessionSetup
 from cosim.session.verdict import LARGEST_ERROR, BondEnergy, Coupled
 from cosim.study.definition import Build, Drive, Setup, Study
-from cosim.study.machine.car import FmuVehicle, read_vehicle
-from cosim.study.machine.measures import BatchMeasures, ChannelBand
-from cosim.study.machine.plan import Plan
-from cosim.study.machine.shocks import read_shock
 from cosim.study.measures import Filtered
+from cosim.study.running.machine import BatchMeasures, ChannelBand, FmuVehicle, Plan, read_shock, read_vehicle
 from cosim.systems.algorithm import default_scheme
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import System

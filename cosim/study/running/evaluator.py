@@ -28,7 +28,7 @@ from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost.array_types import Array
 from eightpost.errors import EightpostError, WiringError
-from eightpost.machine.reasons import NotInBatchError
+from eightpost.machine.car import NotInBatchError
 from eightpost.signals import TimeSeries
 from eightpost.workers.pool import heartbeat
 

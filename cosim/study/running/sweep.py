@@ -33,7 +33,7 @@ from eightpost import __version__, units
 from eightpost.array_types import Integers
 from eightpost.errors import EightpostError, FileFormatError, InputError, WorkersLostError
 from eightpost.files import atomic_path, json_content, sha256_of
-from eightpost.machine.reasons import NotInBatchError
+from eightpost.machine.car import NotInBatchError
 from eightpost.outputs import check_folder
 from eightpost.progress import Progress, beats
 from eightpost.signals.parquet_file import read_columns, read_table

@@ -15,7 +15,7 @@ from eightpost.checks.fault import Fault
 from eightpost.corners import CORNERS, channel
 from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.files import toml_content
-from eightpost.ident.preparation.lags import (
+from eightpost.ident.preparation.channel_faults import (
     SMALLEST_CORRELATION,
     Lag,
     advance_channels,

@@ -12,8 +12,8 @@ from scipy.signal import stft, welch
 
 from eightpost.array_types import Array, Complex
 from eightpost.errors import InputError, ParameterError, TooShortError
+from eightpost.ident.vehicle.experiment import Blocks, Record, Records, gather
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse
-from eightpost.ident.vehicle.records import Blocks, Record, Records, gather
 from eightpost.progress import parts
 from eightpost.signals import TimeSeries
 

@@ -14,8 +14,7 @@ from eightpost.corners import channel
 from eightpost.errors import TooShortError
 from eightpost.ident.threads import for_each
 from eightpost.ident.vehicle.estimators import whole_spectra
-from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.records import Records, gather
+from eightpost.ident.vehicle.experiment import Experiment, Records, gather
 from eightpost.ident.vehicle.simulation import bristle_force, direction
 from eightpost.ident.vehicle.trust import SIGNIFICANT, ForceEstimate
 from eightpost.progress import parts, portion

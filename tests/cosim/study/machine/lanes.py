@@ -10,10 +10,8 @@ import numpy as np
 from cosim.session.setup import Setup as SessionSetup
 from cosim.study import Build, Drive, Measure, Study, Vehicle
 from cosim.study.definition import Setup
-from cosim.study.machine.car import read_vehicle
-from cosim.study.machine.plan import Plan
-from cosim.study.machine.shocks import read_shock
 from cosim.study.running.evaluator import Coupling, Evaluator
+from cosim.study.running.machine import Plan, read_shock, read_vehicle
 from cosim.systems.algorithm import default_scheme
 from eightpost.corners import CORNERS
 from eightpost.machine import Batch, BatchResult
