@@ -80,9 +80,7 @@ SECTIONS: Mapping[str, Mapping[str, Entry]] = {
                 "whatif": Entry(
                     "Show what a click more or less at a corner would do to every measure of a study.", "study:whatif"
                 ),
-                "sensitivity": Entry(
-                    "Show which corner matters for which measure of a study.", "study:sensitivity"
-                ),
+                "sensitivity": Entry("Show which corner matters for which measure of a study.", "study:sensitivity"),
                 "robust": Entry(
                     "Compute how sure a study's choice is with an uncertainty file of your own.", "study:robust"
                 ),
@@ -91,7 +89,9 @@ SECTIONS: Mapping[str, Mapping[str, Entry]] = {
                     "Update how sure a study's choice is with rig runs of some of its setups.", "study_rig:confirm"
                 ),
                 "compare": Entry("Compare runs, or a study's prediction with rig measurements.", "study_rig:compare"),
-                "clicks": Entry("Find the clicks at which a shock comes closest to a target curve.", "study_curves:clicks"),
+                "clicks": Entry(
+                    "Find the clicks at which a shock comes closest to a target curve.", "study_curves:clicks"
+                ),
             },
             usual="run",
         ),

@@ -294,7 +294,9 @@ def test_later_checks_are_skipped_if_an_fmu_cannot_be_simulated(python_fmus, tmp
 
 
 def test_a_probe_that_cannot_be_started_is_an_error_and_not_a_finding(fmus, monkeypatch):
-    monkeypatch.setattr(run.process, "python_command", lambda *_: [sys.executable, "-c", "raise ImportError('no probes')"])
+    monkeypatch.setattr(
+        run.process, "python_command", lambda *_: [sys.executable, "-c", "raise ImportError('no probes')"]
+    )
     with pytest.raises(EightpostError, match=r"could not be started.*no probes"):
         check(fmus["lpnl2"], groups=("simulation",))
 

@@ -39,7 +39,7 @@ from eightpost.report.numbers import plain
 from eightpost.report.page import Block, Section, digest, document, soft, write_page
 from eightpost.report.tables import NONE, Amount, Cell, ResultTable, cell_html, unit_html
 from eightpost.signals import TimeSeries
-from eightpost.verdict import Grade, Reason, Rules, Verdict
+from eightpost.verdict import Reason, Rules, Verdict
 
 _VELOCITY, _FORCE, _DISPLACEMENT = Axis("velocity", "m/s"), Axis("force", "N"), Axis("displacement", "m")
 _TIME = Axis("time [s]")
@@ -246,22 +246,7 @@ def _some(inside: NDArray[np.intp]) -> NDArray[np.intp]:
 
 # ==== Verdict: the findings about the records, and the verdicts of the shock files ===================================
 
-RULES = Rules()
-
-PLAUSIBLE = RULES.add("plausible record", "dynamometer record", Grade.USABLE,
-    condition="none of the rules about implausible records applies",
-    why="the rules find wrong units, reversed signs, changed settings and machines that run down",
-)  # fmt: skip
-TABLE = RULES.add("table without time", "dynamometer record", Grade.LIMITED,
-    condition="a file is a peak-velocity table",
-    why="it has no lag, energy, hysteresis or friction, and its plausibility cannot be checked",
-    remedy="report the record over time for these figures",
-)  # fmt: skip
-NO_VERDICT = RULES.add("shock without verdict", "shock", Grade.UNKNOWN,
-    condition="a shock file has no section `validity`",
-    why="nothing is known about its fit",
-    remedy="fit the shock again with this version of eightpost",
-)  # fmt: skip
+RULES = Rules.read(Path(__file__).with_suffix(".txt"))
 
 
 def report_verdict(entries: Iterable[Entry]) -> Verdict:
@@ -271,13 +256,17 @@ def report_verdict(entries: Iterable[Entry]) -> Verdict:
 
 def _reasons(entry: Entry) -> Iterator[Reason]:
     if entry.kind == "table":
-        yield TABLE.reason("the file is a peak-velocity table", figure="no time", origin=entry.name)
+        yield RULES.reason(
+            "table without time", "the file is a peak-velocity table", figure="no time", origin=entry.name
+        )
     elif entry.test is not None:
         yield from (replace(reason, origin=entry.name) for reason in entry.test.reasons)
         if not entry.test.reasons:
-            yield PLAUSIBLE.reason("the record is plausible", figure="no finding", origin=entry.name)
+            yield RULES.reason("plausible record", "the record is plausible", figure="no finding", origin=entry.name)
     elif entry.shock is not None and entry.shock.validity is None:
-        yield NO_VERDICT.reason("the shock file states no verdict", figure="no validity", origin=entry.name)
+        yield RULES.reason(
+            "shock without verdict", "the shock file states no verdict", figure="no validity", origin=entry.name
+        )
     elif entry.shock is not None and entry.shock.validity is not None:
         for reason in entry.shock.validity.verdict.reasons:
             yield replace(reason, origin=f"shock {entry.name}")
