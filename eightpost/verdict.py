@@ -107,7 +107,7 @@ class Rules(list[Rule]):
             head, condition, why, *remedy = re.split(r" (?:if|why|do): ", " ".join(entry.split()))
             name, *subject, grade = head.split(" | ")
             advice = " ".join(remedy) or "nothing"
-            rules.append(Rule(name, *(subject or [about]), Grade(grade), condition, why, advice))
+            rules.append(Rule(name, subject[0] if subject else about, Grade(grade), condition, why, advice))
         return rules
 
     def named(self, name: str) -> Rule:

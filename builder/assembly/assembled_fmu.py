@@ -308,7 +308,7 @@ _CONNECTIONS = (Column("from", "name"), Column("to", "name"), Column("gain", "nu
 _CAPTION = "Force at the port of each shock without gas force, over the fitted velocity range."
 
 
-def assembly_documents(assembly: Assembly, interface: Interface, fmi: int = 2) -> dict[str, bytes]:
+def _assembly_documents(assembly: Assembly, interface: Interface, fmi: int = 2) -> dict[str, bytes]:
     """Return the documents of an archive: member name -> content; the same assembly gives the same bytes."""
     picture = curves_picture(assembly.identifier, {part.name: _shock_law(assembly, part) for part in assembly.shocks})
     reference = _assembly_reference(assembly, interface)
@@ -641,5 +641,5 @@ def _unbuilt(assembly: Assembly, interface: Interface, fmi: int) -> Source:
         generation_tool=f"eightpost {__version__}",
         exchange=EXCHANGE,
     )
-    members = assembly_documents(assembly, interface, fmi)
+    members = _assembly_documents(assembly, interface, fmi)
     return sealed(description, members, lambda guid: assembly_sources(assembly, interface, guid), fmi=fmi)

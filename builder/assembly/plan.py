@@ -62,7 +62,7 @@ def law_of(kind: str, values: Mapping[str, float | bool]) -> ShockLaw:
     return law(curve=StaticCurve(**curve), port=port, **own)  # type: ignore[arg-type]
 
 
-def settings_of(data: str, interface: Interface) -> Settings:
+def _settings_of(data: str, interface: Interface) -> Settings:
     """Return the settings in a settings_data.h; texts that no calculation needs are empty, bands are zero.
 
     Args:
@@ -273,7 +273,7 @@ def _settings(members: Mapping[str, bytes], interface: Interface, root: ET.Eleme
         return None
     data = members.get("sources/settings_data.h", b"").decode()
     try:
-        settings = settings_of(data, interface)
+        settings = _settings_of(data, interface)
         law = law_of(interface.kind, {v.name: v.start for v in interface.variables if v.start is not None})
         if settings_data(settings, law, interface) == data:
             return settings

@@ -205,7 +205,7 @@ def differences(rule: Rule, plain: Outcome, other: Outcome) -> Iterator[Finding]
 _SUMMARY = ("This FMU does not validate", "semantic error(s)")
 
 
-def tool_findings(subject: CheckedFmu) -> Iterator[Finding]:
+def _tool_findings(subject: CheckedFmu) -> Iterator[Finding]:
     """Apply both checkers to an FMU, and the schemas of the documents that they do not look at."""
     for problem in _fmpy(subject):
         yield RULES["fmpy-validate"].finding(problem)
@@ -438,7 +438,7 @@ def _identity(subject: CheckedFmu) -> dict[str, str]:
 def _tools(subject: CheckedFmu) -> Outcome:
     if not subject.is_safe:
         return Outcome(skipped=(("", "the archive is not safe to unpack"),))
-    return Outcome(tuple(tool_findings(subject)))
+    return Outcome(tuple(_tool_findings(subject)))
 
 
 def _call(subject: CheckedFmu, groups: list[str], ledger: _Ledger) -> None:

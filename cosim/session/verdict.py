@@ -221,7 +221,7 @@ def _channel(name: str, fed: Mapping[str, tuple[str, float]], recorded: frozense
     return (source, gain) if source in recorded else None
 
 
-def model_reasons(models: Mapping[str, Model], series: TimeSeries) -> Iterator[Reason]:
+def _model_reasons(models: Mapping[str, Model], series: TimeSeries) -> Iterator[Reason]:
     """Yield the reasons that follow from the models themselves, and from their ranges.
 
     Args:
@@ -309,7 +309,7 @@ def _power_outside(values: np.ndarray, rate: float, covered: Range) -> float:
 # ==== Reasons from limits that are watched at every step: velocities, settings, tires off the ground =================
 
 
-def limit_reasons(run: RunData) -> Iterator[Reason]:
+def _limit_reasons(run: RunData) -> Iterator[Reason]:
     """Yield the reasons from the shares of time beyond the limits of shocks and tires."""
     yield from _fitted(run)
     yield from _settings(run)
@@ -396,8 +396,8 @@ def verdict_of(run: RunData) -> Verdict:
             *_coupling(run),
             *_energy(run),
             *_convergence(run),
-            *limit_reasons(run),
-            *model_reasons(run.models, run.settled()),
+            *_limit_reasons(run),
+            *_model_reasons(run.models, run.settled()),
         )
     )
 

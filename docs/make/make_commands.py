@@ -52,8 +52,9 @@ def _once(text: str) -> str:
             section = line.strip("# \n")
         name, _, meaning = line.partition(" | ")
         if len(meaning.split()) > _SHORT and first.setdefault(line, section) != section:
-            line = f"{name} | As for [{first[line]}](#{first[line].replace(' ', '-')}). |\n"
-        lines.append(line)
+            lines.append(f"{name} | As for [{first[line]}](#{first[line].replace(' ', '-')}). |\n")
+        else:
+            lines.append(line)
     return "".join(lines)
 
 

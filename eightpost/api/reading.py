@@ -257,7 +257,7 @@ def _kind_of(path: Path, channel_map: ChannelMap | None) -> Kind:
         return "shock" if document_kind(path) == "shock" else "vehicle"
     if suffix == ".parquet" and _is_study_result(path):
         return "study result"
-    return record_kind(path, channel_map)
+    return _record_kind(path, channel_map)
 
 
 def _toml_kind(path: Path) -> Kind:
@@ -277,7 +277,7 @@ def _is_study_result(path: Path) -> bool:
         return False  # the reader of records reports the error
 
 
-def record_kind(path: Path, channel_map: ChannelMap | None = None) -> Kind:
+def _record_kind(path: Path, channel_map: ChannelMap | None = None) -> Kind:
     """Return the kind of a record, by the names of its channels.
 
     Args:

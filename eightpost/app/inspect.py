@@ -196,7 +196,7 @@ def _show_record_file(console: Console, path: Path, channels: Channels, mass: fl
     channel_map = channels.channel_map
     records = read_records(path)
     for record in records:
-        show_record(console, record)
+        _show_record(console, record)
     if _is_rig(records[0], channel_map):
         _show_map(console, records[0], rig_map(records[0], channel_map).flipped(channels.flip))
         return _show_rig_test(console, read_rig_test(path, **channels.options), mass)
@@ -215,11 +215,11 @@ def _show_record_file(console: Console, path: Path, channels: Channels, mass: fl
     tests = read_dyno_tests(path, **channels.options)
     for test in tests:
         show_test(console, test)
-    show_runs(console, [run for test in tests for run in split_runs(test)])
+    _show_runs(console, [run for test in tests for run in split_runs(test)])
     return any(test.warnings for test in tests)
 
 
-def show_record(console: Console, record: RawRecord) -> None:
+def _show_record(console: Console, record: RawRecord) -> None:
     """Print the columns and the preamble of a table as they are in the file."""
     line = f", header in line {record.origin.header_line}" if record.origin.header_line else ""
     console.print(f"[bold]{escape(str(record.origin.path))}[/]{line}: {record.columns[0].size} samples")
@@ -269,7 +269,7 @@ def _conditions(test: DynoTest) -> list[str]:
     return lines
 
 
-def show_runs(console: Console, runs: list[DynoTest]) -> None:
+def _show_runs(console: Console, runs: list[DynoTest]) -> None:
     """Print the runs, and the effect of temperature over repeated runs."""
     from eightpost.rig import temperature_effect
     from eightpost.rig.dyno_test import temperature_drift

@@ -361,10 +361,10 @@ def whatif(
     console = Console()
     clicks = {side: count for side, count in (("rebound", rebound), ("compression", compression)) if count}
     study = saved(console, folder, workers)
-    console.print(effect_table(study.what_if(corners, clicks, share=share, speeds=speeds, setup=setup)))
+    console.print(_effect_table(study.what_if(corners, clicks, share=share, speeds=speeds, setup=setup)))
 
 
-def effect_table(effects: Sequence[MeasureChange]) -> Table:
+def _effect_table(effects: Sequence[MeasureChange]) -> Table:
     """Return a table of effects; a change that is within the coupling error is in brackets."""
     rows = []
     for one in effects:
@@ -397,11 +397,11 @@ def sensitivity(
     study = saved(console, folder)
     results = study.sensitivity(output)
     console.print(f"{escape(study.study.name)}: {len(study.result)} setups, {results[0].method}", highlight=False)
-    console.print(share_table(results))
+    console.print(_share_table(results))
     console.print(f"wrote {output}", highlight=False, soft_wrap=True)
 
 
-def share_table(results: Sequence[Sensitivity]) -> Table:
+def _share_table(results: Sequence[Sensitivity]) -> Table:
     """Return a table of shares of the variance [%]: corners, interactions and the rest, a row for each measure."""
     names = [factor.name for factor in results[0].factors]
     rows = []

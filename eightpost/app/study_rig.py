@@ -69,7 +69,7 @@ def select(
     study = saved(console, folder)
     names, share = _measures_and_counts(measures)
     selection = study.select(names, total=total, share=share, pool=pool, twice=twice)
-    console.print(selection_table(selection, study.result))
+    console.print(_selection_table(selection, study.result))
     if marked := sum(bool(selected.marks) for selected in selection.chosen):
         console.print(f"* {marked} predictions have a mark: see the column marks of the list", highlight=False)
     console.print(f"any two setups differ at {selection.closest} or more corners", highlight=False)
@@ -92,7 +92,7 @@ def _measures_and_counts(measures: tuple[str, ...]) -> tuple[tuple[str, ...], di
     return tuple(counted), {name: int(count) for name, count in counted.items()}
 
 
-def selection_table(selection: Selection, result: StudyResult) -> Table:
+def _selection_table(selection: Selection, result: StudyResult) -> Table:
     """Return a table of the selected setups, as Table 7.5; an asterisk means that the prediction has a mark."""
     from eightpost import units
 
@@ -146,16 +146,16 @@ def confirm(
     console.print(
         f"{len(new)} new runs of {len({run.setup for run in new})} setups; {len(after.runs)} in all", highlight=False
     )
-    console.print(before_and_after(result, before, after))
+    console.print(_before_and_after(result, before, after))
     show_certainty(console, result, after)
-    show_contradictions(console, result, after)
+    _show_contradictions(console, result, after)
     show_verdict(console, study_verdict(result, after).about("choice", "rig runs"))
     console.print(f"wrote {folder / CERTAINTY}; the previous one is {PREVIOUS}", highlight=False, soft_wrap=True)
     show_page(console, study)
     ctx.exit(1 if after.contradictions else 0)
 
 
-def before_and_after(result: StudyResult, before: Certainty, after: Certainty) -> Table:
+def _before_and_after(result: StudyResult, before: Certainty, after: Certainty) -> Table:
     """Return a table of the leading setups: probability of being the best and level, before and after the rig runs."""
     setups = list(dict.fromkeys([*after.ties[:_SHOWN], *before.ties[:_SHOWN]]))[: 2 * _SHOWN]
     rows = []
@@ -184,7 +184,7 @@ def _level(result: StudyResult, certainty: Certainty, setup: int) -> str:
     return f"{low:.4g} to {high:.4g}"
 
 
-def show_contradictions(console: Console, result: StudyResult, certainty: Certainty) -> None:
+def _show_contradictions(console: Console, result: StudyResult, certainty: Certainty) -> None:
     """Print the measured levels that the prediction does not explain."""
     from cosim.study.choice.certainty import chance_text
     from eightpost import units
@@ -259,7 +259,7 @@ def compare(
         entries, verdict, picture = study.compare(
             measured, output, measures=measures, channel_map=channels.only_map(), rank=rank, level=level
         )
-        for table in (rank_table(entries), level_table(entries, study.result)):
+        for table in (_rank_table(entries), _level_table(entries, study.result)):
             console.print(table)
         console.print(f"wrote {picture} and comparison.json in the same folder", highlight=False, soft_wrap=True)
     else:
@@ -283,7 +283,7 @@ def _compare_runs(console: Console, folders: tuple[Path, ...], vehicle: str, out
     return compared.verdict
 
 
-def rank_table(entries: Sequence[Comparison]) -> Table:
+def _rank_table(entries: Sequence[Comparison]) -> Table:
     """Return a table of how the prediction ranks setups by each measure, and of its best-fit line."""
     rows = []
     for one in entries:
@@ -299,7 +299,7 @@ def rank_table(entries: Sequence[Comparison]) -> Table:
     return console_table([*folded("measure"), *columns], rows, title="Ranks and trend")
 
 
-def level_table(entries: Sequence[Comparison], result: StudyResult) -> Table:
+def _level_table(entries: Sequence[Comparison], result: StudyResult) -> Table:
     """Return a table of the errors of each measure's levels, and of the setups within bands and intervals."""
     rows = []
     for one in entries:

@@ -34,7 +34,7 @@ _OF_STATUS = {
 }
 
 
-def iteration_verdict(problem: Problem, outcome: Outcome, hits: Sequence[str] = ()) -> Verdict:
+def _iteration_verdict(problem: Problem, outcome: Outcome, hits: Sequence[str] = ()) -> Verdict:
     """Return the verdict on an iteration; `hits` are sentences on limits that changed the drive of the best pass."""
     return Verdict(_reasons(problem, outcome, hits))
 
@@ -42,7 +42,7 @@ def iteration_verdict(problem: Problem, outcome: Outcome, hits: Sequence[str] = 
 def _reasons(problem: Problem, outcome: Outcome, hits: Sequence[str]) -> Iterator[Reason]:
     (rule, statement), number = _OF_STATUS[outcome.status], outcome.best + 1
     place = f"best pass {number} of {len(outcome.errors)}" if number else f"{len(outcome.errors)} passes"
-    figure = error_summary(outcome.errors[outcome.best]) if number else "no pass is better than a rig at rest"
+    figure = _error_summary(outcome.errors[outcome.best]) if number else "no pass is better than a rig at rest"
     yield RULES.reason(rule, statement, figure, origin=place)
     for hit in dict.fromkeys((*hits, *map(str, outcome.hits))):
         yield RULES.reason("limit of an actuator", "the drive is limited", figure=hit, origin="drive file")
@@ -54,7 +54,7 @@ def _reasons(problem: Problem, outcome: Outcome, hits: Sequence[str]) -> Iterato
                 yield RULES.reason("mean displacement", "a mean displacement is not reproduced", figure, origin=place)
 
 
-def error_summary(errors: PassErrors) -> str:
+def _error_summary(errors: PassErrors) -> str:
     """Return the error of each quantity and the worst channel as a phrase."""
     quantities = dict.fromkeys(name.rpartition(".")[2] for name in errors.channels)
     parts = [f"{q.replace('_', ' ')} {100.0 * (errors.of_quantity(q) or 0.0):.2f} %" for q in quantities]
@@ -90,7 +90,7 @@ def write_iteration_page(folder: IterationFolder) -> Path:
 def verdict_of(folder: IterationFolder) -> Verdict:
     """Return the verdict on the iteration in a folder, with the limits that changed its best drive."""
     outcome = folder.outcome()
-    own = iteration_verdict(folder.problem, outcome, folder.limit_hits(outcome.best + 1))
+    own = _iteration_verdict(folder.problem, outcome, folder.limit_hits(outcome.best + 1))
     return Verdict.combined([own, folder.edits])
 
 

@@ -70,7 +70,7 @@ class Host:
         """Provide an instance in continuous-time mode; None if the FMU ends the simulation at once."""
         with self.instance() as created:
             self.bench.initialize(created)
-            if iterate_events(created):
+            if _iterate_events(created):
                 yield None
                 return
             created.need("EnterContinuousTimeMode")
@@ -103,7 +103,7 @@ def _is_state(variable: Variable) -> bool:
     return variable.type == "Real" and (variable.is_callable or variable.is_array)
 
 
-def iterate_events(instance: Instance) -> bool:
+def _iterate_events(instance: Instance) -> bool:
     """Do the event iteration after initialization; return whether the FMU ends the simulation there.
 
     Raises:
@@ -185,7 +185,7 @@ def _integrated(host: Host) -> Iterator[Finding]:
             if enter.value or end.value:
                 return  # an early event of the FMU is not a defect
         instance.need("EnterEventMode")
-        iterate_events(instance)
+        _iterate_events(instance)
         tunable = [v for v in host.bench.description.of("parameter") if v.variability == "tunable"]
         locked = [v.name for v in tunable if refused(instance.set(v, v.number("start") or 0.0))]
         if locked:

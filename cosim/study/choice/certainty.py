@@ -391,17 +391,17 @@ _ENTRIES = {
 _Header = create_model("_Header", measures=(tuple[_Measure, ...], ...), **cast("dict[str, Any]", _ENTRIES))
 
 
-def expected_column(measure: str) -> str:
+def _expected_column(measure: str) -> str:
     """Return the name of the column with the expected levels of a measure."""
     return f"expected {measure}"
 
 
-def best_column(measure: str) -> str:
+def _best_column(measure: str) -> str:
     """Return the name of the column with the probabilities of being best by a measure."""
     return f"best by {measure}"
 
 
-def half_width_column(measure: str, probability: float) -> str:
+def _half_width_column(measure: str, probability: float) -> str:
     """Return the name of the column with the half-widths of the intervals of a probability of a measure."""
     return f"half width {100.0 * probability:g} % of {measure}"
 
@@ -412,10 +412,10 @@ def write_certainty(certainty: Certainty, path: str | Path) -> None:
     columns |= {name: _column(getattr(certainty, name)) for name in _OWN}
     columns["tie"] = pa.array(certainty.tie)
     for name, levels in certainty.levels.items():
-        columns[expected_column(name)] = _column(levels.expected, pa.float64())
+        columns[_expected_column(name)] = _column(levels.expected, pa.float64())
         for probability, half in zip(PROBABILITIES, levels.half_widths, strict=True):
-            columns[half_width_column(name, probability)] = _column(half)
-        columns[best_column(name)] = _column(levels.best)
+            columns[_half_width_column(name, probability)] = _column(half)
+        columns[_best_column(name)] = _column(levels.best)
     measures = tuple(
         _Measure(name, one.relative, one.basis, one.run_to_run if np.isfinite(one.run_to_run) else None)
         for name, one in certainty.levels.items()
@@ -478,9 +478,9 @@ def _values(table: pa.Table | StoredTable, name: str) -> Array:
 
 def _levels(table: pa.Table | StoredTable, measure: _Measure) -> Levels:
     return Levels(
-        _values(table, expected_column(measure.name)),
-        np.stack([_values(table, half_width_column(measure.name, p)) for p in PROBABILITIES]),
-        _values(table, best_column(measure.name)),
+        _values(table, _expected_column(measure.name)),
+        np.stack([_values(table, _half_width_column(measure.name, p)) for p in PROBABILITIES]),
+        _values(table, _best_column(measure.name)),
         measure.relative,
         measure.basis,
         np.nan if measure.run_to_run is None else measure.run_to_run,

@@ -462,7 +462,7 @@ def compare_with_rig(
     """
     for name in measures:
         result.study.measure(name)
-    runs, notes = runs_with_records(read_run_list(path, result.study), path)
+    runs, notes = _runs_with_records(read_run_list(path, result.study), path)
     rig = measured_runs(runs, result.study, read)
     notes += without({path: rig.missing})
     means = [] if measures else [name for name in rig.values if result.study.measure(name).absolute]
@@ -488,7 +488,7 @@ def without(missing: Mapping[str | Path, Mapping[str, str]]) -> list[str]:
     ]  # fmt: skip
 
 
-def runs_with_records(runs: Sequence[MeasuredRun], path: str | Path) -> tuple[tuple[MeasuredRun, ...], list[str]]:
+def _runs_with_records(runs: Sequence[MeasuredRun], path: str | Path) -> tuple[tuple[MeasuredRun, ...], list[str]]:
     """Return the runs whose records exist, and a note about the others.
 
     Raises:
@@ -520,7 +520,7 @@ def requested_runs(result: StudyResult, texts: Sequence[str]) -> tuple[tuple[Mea
             raise InputError(f"name one list of rig runs, or each record as SETUP=FILE, not {len(texts)} files")
         path = Path(texts[0])
         path = path / "selection.csv" if path.is_dir() else path
-        runs, notes = runs_with_records(read_run_list(path, result.study), path)
+        runs, notes = _runs_with_records(read_run_list(path, result.study), path)
     else:
         runs, notes = tuple(_pair(text, result) for text in texts), []
     known = set(result.setups[result.done].tolist())
@@ -570,9 +570,9 @@ def with_rig_runs(
         values, missing[run.file] = _values(result, run, read, measures)
         made.append(ConfirmedRun(run.file.name, run.setup, run.drive, digest, values))
     every = (*known.runs, *made)
-    earlier = repeated_noise(known.runs)
+    earlier = _repeated_noise(known.runs)
     stated = {name: value for name, value in known.run_to_run.items() if value != earlier.get(name)}
-    noise = {**repeated_noise(every), **stated}
+    noise = {**_repeated_noise(every), **stated}
     return replace(known, runs=every, run_to_run=noise), [*notes, *without(missing)]
 
 
@@ -595,7 +595,7 @@ def _values(
     return kept, missing
 
 
-def repeated_noise(runs: Sequence[ConfirmedRun]) -> Mapping[str, float]:
+def _repeated_noise(runs: Sequence[ConfirmedRun]) -> Mapping[str, float]:
     """Return the run-to-run deviation of each measure from setups with several runs, pooled, SI.
 
     It is increased for the number of repeats; see `usable_deviation`.

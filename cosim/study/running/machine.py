@@ -13,7 +13,7 @@ import numpy as np
 
 from cosim.components.component import Conversion, to_si
 from cosim.components.fmu_component import FmuComponent
-from cosim.session.setup import Setup, joined
+from cosim.session.setup import RunSetup, joined
 from cosim.study.definition import Parameters
 from cosim.study.measures import Measure, Sections, sections_of
 from cosim.systems.coupling import Feed, Term
@@ -267,7 +267,7 @@ class Plan:
 
     def __init__(
         self,
-        setup: Setup,
+        setup: RunSetup,
         name: str,
         vehicle: FmuVehicle,
         damping: Array,
@@ -343,7 +343,7 @@ class Plan:
         return source
 
 
-def _drive(setup: Setup, feeds: Sequence[Feed]) -> Drive:
+def _drive(setup: RunSetup, feeds: Sequence[Feed]) -> Drive:
     scenario, (times, every) = setup.scenario, _regular(setup)
     points = times
     if scenario.drive is not None:
@@ -358,7 +358,7 @@ def _drive(setup: Setup, feeds: Sequence[Feed]) -> Drive:
     return Drive(times, every, points, inputs)
 
 
-def _regular(setup: Setup) -> tuple[Array, int]:
+def _regular(setup: RunSetup) -> tuple[Array, int]:
     """Return equal steps (K + 1,) [s] up to the last record, and their number between records."""
     record = setup.scenario.record_step or setup.step
     every = max(1, round(record / setup.step))
@@ -368,7 +368,7 @@ def _regular(setup: Setup) -> tuple[Array, int]:
     return np.linspace(0.0, records * record, records * every + 1), every
 
 
-def _check(setup: Setup) -> None:
+def _check(setup: RunSetup) -> None:
     if setup.discrete.is_needed or setup.system.connections:
         raise NotInBatchError("components have connections besides their bonds")
     for bond in setup.system.bonds:

@@ -21,7 +21,7 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from cosim.session.session import interrupts_deferred
-from cosim.session.setup import Setup as SessionSetup
+from cosim.session.setup import RunSetup
 from cosim.study.definition import Build, Drive, Setup, Study
 from cosim.study.measures import AboveBand, Measure, own_function
 from cosim.study.running.coupling import check_setup, disagreement, through_fmus
@@ -287,7 +287,7 @@ def _check_study(evaluator: Evaluator) -> None:
         _check_measure(study, measure, found[measure.name])
     _check_objective(study, found)
     for drive in study.drives:
-        SessionSetup.of(system, evaluator.scenario(drive), GaussSeidel(), study.record_step)
+        RunSetup.of(system, evaluator.scenario(drive), GaussSeidel(), study.record_step)
 
 
 def _indices(study: Study) -> list[int]:

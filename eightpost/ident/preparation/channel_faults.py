@@ -108,11 +108,11 @@ def dropouts(series: TimeSeries) -> Iterator[Fault]:
     """Yield the channels that repeat a value while the others move; not those whose resolution is coarse."""
     for name in series.names:
         values = series[name]
-        start, stop = longest_hold(values)
+        start, stop = _longest_hold(values)
         is_long = stop - start >= max(10.0, HELD * series.sample_rate) and values.min() < values[start] < values.max()
         if not is_long or float(np.mean(np.diff(values) == 0.0)) > REPEATS:
             continue
-        if others_move(series, series.names, name, slice(start, stop)):
+        if _others_move(series, series.names, name, slice(start, stop)):
             where = f"from {series.time[start]:.5g} s to {series.time[stop]:.5g} s"
             yield fault(
                 "a channel has spikes or dropouts",
@@ -175,9 +175,9 @@ def check_lost_channels(series: TimeSeries, corners: Sequence[str], *, path: Pat
     names = [f"{c}.{q}" if c else q for q in _RESPONSES for c in corners]
     there = [name for name in names if name in series]
     for name in there:
-        start, stop = longest_hold(series[name])
+        start, stop = _longest_hold(series[name])
         span = (stop - start) / series.sample_rate
-        if span < LOST_SPAN or not others_move(series, there, name, slice(start, stop)):
+        if span < LOST_SPAN or not _others_move(series, there, name, slice(start, stop)):
             continue
         where = f"from {series.time[start]:.4g} s to {series.time[stop]:.4g} s"
         what = (
@@ -187,7 +187,7 @@ def check_lost_channels(series: TimeSeries, corners: Sequence[str], *, path: Pat
         raise ConstantChannelError(what, path=path, channel=name)
 
 
-def longest_hold(values: Array) -> tuple[int, int]:
+def _longest_hold(values: Array) -> tuple[int, int]:
     """Return the first and the last sample of the longest run of one value."""
     edges = np.flatnonzero(np.diff(values) != 0.0) + 1
     bounds = np.concatenate(([0], edges, [values.size]))
@@ -195,7 +195,7 @@ def longest_hold(values: Array) -> tuple[int, int]:
     return int(bounds[longest]), int(bounds[longest + 1]) - 1
 
 
-def others_move(series: TimeSeries, names: Sequence[str], own: str, held: slice) -> bool:
+def _others_move(series: TimeSeries, names: Sequence[str], own: str, held: slice) -> bool:
     """Return whether most of the other channels change in most samples of a span; a resting rig moves none."""
     moving = [np.mean(np.diff(series[name][held]) != 0.0) > MOVING for name in names if name != own]
     return bool(moving) and float(np.mean(moving)) > 0.5

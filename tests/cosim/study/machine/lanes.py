@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.session.setup import Setup as SessionSetup
+from cosim.session.setup import RunSetup
 from cosim.study import Build, Drive, Measure, Study, Vehicle
 from cosim.study.definition import Setup
 from cosim.study.running.evaluator import Coupling, Evaluator
@@ -91,7 +91,7 @@ def on_machine(
     evaluator = Evaluator(study)
     drive, fmus = study.drives[0], evaluator.fmus
     scenario = evaluator.scenario(drive, extra=channels)
-    run = SessionSetup.of(evaluator.system(setups[0]), scenario, default_scheme(COUPLING.scheme), step)
+    run = RunSetup.of(evaluator.system(setups[0]), scenario, default_scheme(COUPLING.scheme), step)
     car = car or read_vehicle(fmus[str(study.vehicle.fmu)], study.vehicle.fmu, study.vehicle.parameters)
     plan = Plan(run, study.vehicle.name, car, np.full(len(study.corners), damping), (), channels, width=width)
     shocks = {n: read_shock(fmus[str(b.fmu)], b.fmu, b.parameters) for n, b in study.bank.items()}
