@@ -20,7 +20,7 @@ from eightpost.checks.dyno import fault
 from eightpost.checks.fault import Fault
 from eightpost.corners import CORNERS
 from eightpost.errors import DataError, FileFormatError, UnknownUnitError
-from eightpost.signals.raw_record import TIME_NAMES, ChannelMap, MappedChannel
+from eightpost.signals.raw_record import TIME_NAMES, ChannelMap, MappedChannel, bridge_of
 from eightpost.signals.table_text import is_number, letters_of
 from eightpost.units import compatible, convert, is_unit
 
@@ -128,13 +128,16 @@ def length_note(mapping: ChannelMap) -> tuple[str, ...]:
 
 
 def with_channels(channel_map: ChannelMap | None, columns: Mapping[str, str]) -> ChannelMap | None:
-    """Return a channel map in which some channels are read from given columns, by channel name."""
+    """Return a channel map in which some channels are read from given columns, by channel name.
+
+    The entries `time` and `bridge` stand for the column of the time and for `ChannelMap.bridge`.
+    """
     if not columns:
         return channel_map
     given = channel_map or ChannelMap()
-    picks = {name: MappedChannel(source) for name, source in columns.items()}
-    time = picks.pop("time", given.time)
-    return ChannelMap({**given.channels, **picks}, time, given.path)
+    picks = {name: MappedChannel(source) for name, source in columns.items() if name != "bridge"}
+    time, bridge = picks.pop("time", given.time), bridge_of(columns.get("bridge", given.bridge))
+    return ChannelMap({**given.channels, **picks}, time, given.path, bridge)
 
 
 def choice_faults(record: RawRecord, mapping: ChannelMap, given: ChannelMap | None) -> Iterator[Fault]:

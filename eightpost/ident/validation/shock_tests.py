@@ -11,6 +11,7 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.errors import MissingChannelError, ParameterError, TooShortError
+from eightpost.ident.shock.prediction import as_measured, reference_of
 from eightpost.ident.shock.runs import CUTOFF, FILTER_EDGE, LARGEST_SHARE, prepare
 from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.validation.records import (
@@ -91,20 +92,6 @@ def evaluate(
         float(np.sqrt(np.mean(error**2))), float(np.mean(error)), prepared.deviation, float(np.mean(beyond)),
         measured, predicted, prepared.changes, prepared.cutoff, seconds,
     )  # fmt: skip
-
-
-def reference_of(shock: Shock, otherwise: float) -> float:
-    """Return the reference displacement of a shock's gas force [m], or `otherwise` if the file does not state it."""
-    return float(shock.conditions.get("displacement_reference [m]", otherwise))
-
-
-def as_measured(shock: Shock) -> ShockLaw:
-    """Return the law as measured on a dynamometer: the damper itself, with its gas force."""
-    gas = {}
-    if shock.conditions.get("gas_treatment") == "included":
-        gas = {name: shock.conditions[f"{name}_estimate [{unit}]"]
-               for name, unit in (("gas_preload", "N"), ("gas_stiffness", "N/m"))}  # fmt: skip
-    return replace(shock.law, port=replace(shock.law.port, motion_ratio=1.0, **gas))
 
 
 class Outcome(Protocol):
