@@ -11,7 +11,6 @@ columns (the demo: 60 lines). Requires git, and Linux or macOS.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import shlex
 import shutil
@@ -23,7 +22,6 @@ from pathlib import Path
 
 from benchmarks.startup import BEFORE, NOW, ROOT
 from eightpost.__main__ import SECTIONS, every_verb
-from eightpost.app.options import OutputFile
 
 #: Limits of a command's output: lines (of some commands others), and width.
 LINES, WIDTH = 12, 80
@@ -130,11 +128,13 @@ class Output:
 
     def exceeds(self, command: str) -> bool:
         """Return whether the output of a command is beyond the limits."""
-        return self.lines > OTHER_LINES.get(command.split()[0], LINES) or self.width > WIDTH
+        return self.lines > OTHER_LINES.get(command.split(maxsplit=1)[0], LINES) or self.width > WIDTH
 
 
 def prepare(folder: Path) -> None:
-    """Lay out the files of a user."""
+    """Lay out the files of a user, unless an earlier call did."""
+    if folder.exists():
+        return
     shutil.copytree(ROOT / "examples", folder / "examples")
     for name, text in FILES.items():
         (folder / name).write_text(text, encoding="utf-8")

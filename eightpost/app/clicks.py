@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
-from rich.markup import escape
 
 from eightpost.app.options import Assignment, FilePath, OutputFile, Quantity, argument, option, setting, verb
 from eightpost.errors import InputError
@@ -59,6 +58,7 @@ def clicks(
       eightpost study clicks shock.json --curve other_shock.json --set speeds='0 m/s, 0.2 m/s' --plot target.png
       eightpost study clicks shock.json --curve target.csv --fix compression=8
     """
+    from eightpost.app.show import show_files, show_notes, show_table, show_text
     from eightpost.ident.shock.clicks import best_clicks, read_target
     from eightpost.ident.shock.plots import answer_table, plot_answer
     from eightpost.shock import read_shock
@@ -69,16 +69,14 @@ def clicks(
     if temperature is not None:
         fixed["temperature"] = temperature
     answer = best_clicks(shock, target, fixed=fixed, speeds=speeds, level=level, count=count)
-    console.print(answer_table(answer))
-    for note in answer.notes:
-        console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
+    show_table(console, answer_table(answer), most=min(count, 5))
+    show_notes(console, answer.notes, most=1)
     if answer.is_reachable:
-        console.print(f"[green]the target can be reached[/]: {escape(answer.best.text)}", highlight=False)
-    for sentence in answer.unreachable:
-        console.print(f"[yellow]not reached[/] {escape(sentence)}", highlight=False, soft_wrap=True)
+        show_text(console, f"the target can be reached: {answer.best.text}", style="green")
+    show_notes(console, answer.unreachable, "not reached", most=1)
     if plot is not None:
         plot_answer(shock, target, answer, plot)
-        console.print(f"wrote {plot}", soft_wrap=True, highlight=False)
+        show_files(console, [plot])
 
 
 def _number(name: str, text: str) -> float:

@@ -69,7 +69,7 @@ def compare(
       eightpost study compare out out/swapped -o out/changes.png
       eightpost study compare out/ --measured rig_day/selection.csv
     """
-    from eightpost.app.show import show_verdict
+    from eightpost.app.show import details, show_files, show_table, show_verdict
 
     console = Console()
     if measured is None:
@@ -77,11 +77,11 @@ def compare(
     elif len(folders) == 1:
         study = saved(console, folders[0])
         entries, verdict, picture = study.compare(
-            measured, output, measures=measures, channel_map=channels.only_map(), rank=rank, level=level
+            measured, output, measures=measures, rank=rank, level=level, **channels.record_options
         )
-        for table in (rank_table(entries), level_table(entries, study.result)):
-            console.print(table)
-        console.print(f"wrote {picture} and comparison.json in the same folder", highlight=False, soft_wrap=True)
+        show_table(console, rank_table(entries))
+        show_table(details(console), level_table(entries, study.result))
+        show_files(console, [picture, picture.with_name("comparison.json")])
     else:
         raise InputError(f"with --measured, compare takes the folder of one study, not {len(folders)} folders")
     show_verdict(console, verdict)
@@ -91,15 +91,16 @@ def compare(
 def _compare_runs(console: Console, folders: tuple[Path, ...], vehicle: str, output: Path | None) -> Verdict:
     from cosim.session.result import SavedRun
     from cosim.study.choice.compare import compare_runs
+    from eightpost.app.show import show_files, show_table, show_text
 
     saved = {str(folder): SavedRun.load(folder) for folder in folders}
     for number, (folder, run) in enumerate(saved.items(), start=1):
-        console.print(escape(f"run {number}: {folder}: {run.sources}"), highlight=False, soft_wrap=True)
+        show_text(console, f"run {number}: {folder}: {run.sources}", lines=1)
     compared = compare_runs(saved, vehicle)
-    console.print(measure_table(compared))
+    show_table(console, measure_table(compared))
     if output:
         compared.plot().save(output)
-        console.print(f"wrote {output}", highlight=False)
+        show_files(console, [output])
     return compared.verdict
 
 
@@ -144,7 +145,12 @@ def measure_table(compared: RunComparison) -> Table:
         change = compared.change(measure)
         text = "" if change is None else f"{change:+.2f} %"
         rows.append(
-            (escape(measure.name), measure.display, *(f"{value:.4g}" for value in compared.values(measure)), text)
+            (
+                escape(measure.name),
+                compared.display(measure),
+                *(f"{value:.4g}" for value in compared.values(measure)),
+                text,
+            )
         )
     fit = sum(map(len, compared.runs)) <= _LABELS
     runs = compared.runs if fit else [f"run {number}" for number in range(1, len(compared.runs) + 1)]

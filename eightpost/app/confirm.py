@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.options import CHANNELS, Channels, FilePath, argument, option, verb
-from eightpost.app.study import saved, show_certainty, show_page
+from eightpost.app.study import saved, show_certainty
 from eightpost.report.console import Table, console_table, right
 
 if TYPE_CHECKING:
@@ -48,21 +48,18 @@ def confirm(
     """
     from cosim.study.verdict import study_verdict
     from eightpost.api.study_folder import CERTAINTY, PREVIOUS
-    from eightpost.app.show import show_verdict
+    from eightpost.app.show import details, show_files, show_table, show_text, show_verdict
 
     console = Console()
     study = saved(console, folder)
-    before, after = study.confirm(records, measures=measures, channel_map=channels.only_map())
+    before, after = study.confirm(records, measures=measures, **channels.record_options)
     result, new = study.result, after.runs[len(before.runs) :]
-    console.print(
-        f"{len(new)} new runs of {len({run.setup for run in new})} setups; {len(after.runs)} in all", highlight=False
-    )
-    console.print(before_and_after(result, before, after))
+    show_text(console, f"{len(new)} new runs of {len({run.setup for run in new})} setups; {len(after.runs)} in all")
+    show_table(details(console), before_and_after(result, before, after))
     show_certainty(console, result, after)
     show_contradictions(console, result, after)
     show_verdict(console, study_verdict(result, after).about("choice", "rig runs"))
-    console.print(f"wrote {folder / CERTAINTY}; the previous one is {PREVIOUS}", highlight=False, soft_wrap=True)
-    show_page(console, study)
+    show_files(console, [folder / CERTAINTY, study.write_page()], f"; the previous certainty is {PREVIOUS}")
     ctx.exit(1 if after.contradictions else 0)
 
 
@@ -99,14 +96,15 @@ def show_contradictions(console: Console, result: StudyResult, certainty: Certai
     """Print the measured levels that the prediction does not explain."""
     from cosim.study.choice.certainty import chance_text
     from eightpost import units
+    from eightpost.app.show import show_notes
 
+    texts = []
     for one in certainty.contradictions:
         own, unit = result.unit(one.measure), result.display(one.measure)
         measured, predicted = (units.convert(value, own, unit) for value in (one.measured, one.predicted))
-        console.print(
-            f"[yellow]contradiction[/] {escape(one.file)}: {escape(one.measure)} of setup {one.setup} is "
+        texts.append(
+            f"{one.file}: {one.measure} of setup {one.setup} is "
             f"{measured:.4g} {unit}, predicted {predicted:.4g}; a deviation of this size has a probability of "
-            f"{chance_text(one.probability)}; {'used, as other runs agree' if one.used else 'left out'}",
-            highlight=False,
-            soft_wrap=True,
+            f"{chance_text(one.probability)}; {'used, as other runs agree' if one.used else 'left out'}"
         )
+    show_notes(console, texts, "contradiction")

@@ -18,7 +18,7 @@ from eightpost.app.options import (
     setting,
     verb,
 )
-from eightpost.app.study import FILES, begin, opened, show_page, show_result
+from eightpost.app.study import FILES, begin, opened, show_result
 from eightpost.report.console import Table, console_table, unbroken
 
 if TYPE_CHECKING:
@@ -58,20 +58,20 @@ def optimise(
       eightpost study optimise examples/study.toml -o out/ --for "front ride height, RMS" --for "total tire force, RMS"
     """
     from cosim.study.choice.optimise import Search, objectives_in_words
+    from eightpost.app.show import show_files, show_table, show_text
 
     console = Console()
     folder, search = opened(console, study_file, output, workers), Search(objectives, evaluations, seed)
     for name in objectives:
         folder.study.measure(name)
     begin(console, folder, f"at most {evaluations} to be evaluated")
-    console.print(f"minimised: {escape(objectives_in_words(folder.study, search))}", highlight=False, soft_wrap=True)
+    show_text(console, f"minimised: {objectives_in_words(folder.study, search)}")
     result, optimum = folder.optimise(search)
     show_result(console, result, rank=objectives[0] if objectives else None)
     if len(objectives) > 1:
-        console.print(front_table(result, optimum, objectives))
-    console.print(f"{escape(optimum.status)}; the study has {len(folder.study.space)} setups", highlight=False)
-    console.print(f"table: {folder.sweep.path}", highlight=False, soft_wrap=True)
-    show_page(console, folder)
+        show_table(console, front_table(result, optimum, objectives), most=2)
+    show_text(console, f"{optimum.status}; the study has {len(folder.study.space)} setups")
+    show_files(console, [folder.sweep.path, folder.write_page()])
     ctx.exit(0 if optimum.best is not None else 1)
 
 

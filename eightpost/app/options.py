@@ -530,18 +530,24 @@ class Channels:
 
     @property
     def options(self) -> dict[str, Any]:
-        """Return the arguments of the functions that read records."""
+        """Return the arguments of the functions that read records; the signs of single files are in `flips`."""
         return {"channel_map": self.channel_map, "units": dict(self.units), "flip": self.flip}
 
-    def only_map(self) -> ChannelMap | None:
-        """Return the channel map of records whose units and signs are those of their files.
+    @property
+    def flips(self) -> dict[str, tuple[str, ...]]:
+        """Return the channels to reverse by name of a file; those of all other files have an empty name."""
+        return {**self.of_files, **({"": self.flip} if self.flip else {})}
 
-        Raises:
-            InputError: A unit or a sign is stated.
-        """
-        if self.units or self.flip or self.of_files:
-            raise InputError("state units and signs of these records in a channel map: --channel MAP.TOML")
-        return self.channel_map
+    @property
+    def record_options(self) -> dict[str, Any]:
+        """Return the arguments of the functions that read several records, each with its own signs."""
+        return {**self.options, "flip": self.flips}
+
+    def of(self, file: Path) -> dict[str, Any]:
+        """Return the arguments of the functions that read a file."""
+        from eightpost.rig.columns import flips_of
+
+        return {**self.options, "flip": flips_of(file, self.flips)}
 
     @property
     def is_stated(self) -> bool:

@@ -8,9 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
-import click
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -21,6 +19,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from eightpost.app.show import show_text
 from eightpost.progress import Listener
 
 Item = TypeVar("Item")
@@ -121,15 +120,15 @@ class ConsoleListener(Listener):
 
     def note(self, text: str) -> None:
         """Print a note."""
-        self._console.print(f"[yellow]note[/] {escape(text)}", highlight=False, soft_wrap=True)
+        show_text(self._console, f"note: {text}", hanging="  ")
 
     def say(self, text: str) -> None:
         """Print a sentence."""
-        self._console.print(escape(text), highlight=False, soft_wrap=True)
+        show_text(self._console, text)
 
     def report(self, text: str) -> None:
         """Print a note on standard error."""
-        click.echo(f"{click.style('note', fg='yellow')} {text}", err=True)
+        show_text(Console(stderr=True), f"note: {text}", hanging="  ")
 
     @contextmanager
     def work(self, text: str, total: float | None = None) -> Iterator[Advance]:

@@ -8,7 +8,7 @@ import click
 from rich.console import Console
 
 from eightpost.app.options import FilePath, argument, setting, verb
-from eightpost.app.study import saved, show_certainty, show_page
+from eightpost.app.study import saved, show_certainty
 
 
 @verb
@@ -45,14 +45,13 @@ def robust(
     """
     from cosim.study.verdict import study_verdict
     from eightpost.api.study_folder import CERTAINTY, SPREADS
-    from eightpost.app.show import show_verdict
+    from eightpost.app.show import show_files, show_text, show_verdict
 
     console = Console()
     study = saved(console, folder, workers)
     certainty, check = study.robust(uncertain, top=top, criterion=rank, draws=draws, seed=seed)
     show_certainty(console, study.result, certainty)
     if check is not None:
-        console.print(check.summary(), highlight=False, soft_wrap=True)
+        show_text(console, check.summary())
     show_verdict(console, study_verdict(study.result, certainty).about("choice", "rig runs"))
-    console.print(f"wrote {folder / CERTAINTY} and {SPREADS}", highlight=False, soft_wrap=True)
-    show_page(console, study)
+    show_files(console, [folder / CERTAINTY, folder / SPREADS, study.write_page()])

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.options import FilePath, Number, argument, option, setting, verb
-from eightpost.app.study import saved, show_page
+from eightpost.app.study import saved
 from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table, right, unbroken
 
@@ -58,22 +58,21 @@ def select(
     """
     from cosim.study.choice.selection import BASELINE_RUNS, repeated
     from eightpost.api.study_folder import SELECTION
+    from eightpost.app.show import show_files, show_table, show_text
 
     console = Console()
     study = saved(console, folder)
     names, share = _measures_and_counts(measures)
     selection = study.select(names, total=total, share=share, pool=pool, twice=twice)
-    console.print(selection_table(selection, study.result))
+    show_table(console, selection_table(selection, study.result))
     if marked := sum(bool(selected.marks) for selected in selection.chosen):
-        console.print(f"* {marked} predictions have a mark: see the column marks of the list", highlight=False)
-    console.print(f"any two setups differ at {selection.closest} or more corners", highlight=False)
+        show_text(console, f"* {marked} predictions have a mark: see the column marks of the list")
+    show_text(console, f"any two setups differ at {selection.closest} or more corners")
     second = len(repeated(selection, twice))
     repeats = f", {second} of them twice" if second else ""
     repeats += f", and {BASELINE_RUNS} runs of the baseline" if study.study.baseline else ""
-    console.print(
-        f"wrote {folder / SELECTION}: {len(selection.chosen)} setups{repeats}", highlight=False, soft_wrap=True
-    )
-    show_page(console, study)
+    show_text(console, f"selection.csv: {len(selection.chosen)} setups{repeats}")
+    show_files(console, [folder / SELECTION, study.write_page()])
 
 
 def _measures_and_counts(measures: tuple[str, ...]) -> tuple[tuple[str, ...], dict[str, int] | None]:

@@ -35,12 +35,14 @@ def sensitivity(
     Example:
       eightpost study sensitivity out/
     """
+    from eightpost.app.show import show_files, show_table, show_text
+
     console = Console()
     study = saved(console, folder)
     results = study.sensitivity(output)
-    console.print(f"{escape(study.study.name)}: {len(study.result)} setups, {results[0].method}", highlight=False)
-    console.print(share_table(results))
-    console.print(f"wrote {output}", highlight=False, soft_wrap=True)
+    show_text(console, f"{study.study.name}: {len(study.result)} setups, {results[0].method}")
+    show_table(console, share_table(results))
+    show_files(console, [output])
 
 
 def share_table(results: Sequence[Sensitivity]) -> Table:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
-from rich.markup import escape
 
 from eightpost import completion
 from eightpost.app.options import (
@@ -22,7 +21,7 @@ from eightpost.app.options import (
     setting,
     verb,
 )
-from eightpost.app.study import FILES, begin, opened, show_page
+from eightpost.app.study import FILES, begin, opened
 from eightpost.errors import InputError
 from eightpost.outputs import AIM, PAGE
 
@@ -101,7 +100,7 @@ def shapes(
     from cosim.study.choice.optimise import Robustness
     from eightpost.api.shape_page import aim_verdict
     from eightpost.api.shapes import Request, bank_plan, searched_groups
-    from eightpost.app.show import show_verdict
+    from eightpost.app.show import show_files, show_text, show_verdict
     from eightpost.shock.shape import CURVE_NUMBERS
 
     console = Console()
@@ -125,15 +124,13 @@ def shapes(
     try:
         found = folder.shapes(request)
     except KeyboardInterrupt:
-        console.print("[yellow]stopped[/]: no targets were written; completed runs of the bank are kept, those of the "
-                      "search are not; run the command again with the same folder", highlight=False)  # fmt: skip
+        show_text(console, "stopped: no targets were written; completed runs of the bank are kept, those of the search "
+                  "are not; run the command again with the same folder")  # fmt: skip
         completion.abandon()
         ctx.exit(1)
     _show(console, found)
     show_verdict(console, aim_verdict(found))
-    for name in ("shapes.json", "shapes.html"):
-        console.print(f"wrote {output / name}", highlight=False, soft_wrap=True)
-    show_page(console, folder)
+    show_files(console, [output / "shapes.json", output / "shapes.html", folder.write_page()])
     ctx.exit(0 if aim_verdict(found).is_acceptable else 1)
 
 
@@ -168,12 +165,15 @@ def _show(console: Console, found: Aim) -> None:
         objective_table,
         robust_table,
     )
+    from eightpost.app.show import details, show_table, show_text
     from eightpost.report.tables import result_table
 
-    for table in (objective_table(found), gain_table(found), robust_table(found)):
-        console.print(result_table(table))
+    show_table(console, result_table(objective_table(found)))
+    more = details(console)
+    for table in (gain_table(found), robust_table(found)):
+        show_table(more, result_table(table))
     for text in (car_text(found), band_text(found)):
-        console.print(escape(text), highlight=False, soft_wrap=True)
+        show_text(more, text)
     for target in found.targets:
-        console.print(result_table(number_table(target, found)))
-        console.print(result_table(neighbour_table(target, found)))
+        show_table(more, result_table(number_table(target, found)))
+        show_table(more, result_table(neighbour_table(target, found)))

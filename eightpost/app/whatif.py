@@ -50,10 +50,11 @@ def whatif(
       eightpost study whatif out/ --at lr --rebound +1
       eightpost study whatif out/ --at lf --at rf --compression -2 --set click='10 %' --set speeds=high
     """
-    console = Console()
+    from eightpost.app.show import show_table
+
     clicks = {side: count for side, count in (("rebound", rebound), ("compression", compression)) if count}
-    study = saved(console, folder, workers)
-    console.print(effect_table(study.what_if(corners, clicks, share=share, speeds=speeds, setup=setup)))
+    study = saved(console := Console(), folder, workers)
+    show_table(console, effect_table(study.what_if(corners, clicks, share=share, speeds=speeds, setup=setup)))
 
 
 def effect_table(effects: Sequence[MeasureChange]) -> Table:

@@ -32,8 +32,8 @@ from eightpost.units import SI_UNITS, compatible, conversion, convert, is_unit, 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from eightpost.confined.readers import Signal
     from eightpost.array_types import Array
+    from eightpost.confined.readers import Signal
 
 
 # ==== Channel maps: assignment of columns to channels, with unit and sign ============================================

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
@@ -25,7 +25,7 @@ from eightpost.ident.validation.records import (
 )
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.motion import displacement_of
-from eightpost.shock import Shock, ShockLaw
+from eightpost.shock import Shock
 from eightpost.signals import TimeSeries
 from eightpost.signals.faults import runs
 
