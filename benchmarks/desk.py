@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -42,8 +43,8 @@ virtual dyno --configuration 1 --test random --set seed=1 -o dyno.parquet
 virtual rig --program identification --set duration='30 s' -o rig/
 virtual rig --test track --set duration='20 s' --shock demo:B --set run=1 -o lap.parquet
 inspect rig/baseline.parquet
-virtual rig --test single --set only=lf.road --set duration='20 s' -o single/lf.parquet
-virtual rig --test single --set only=rf.road --set duration='20 s' -o single/rf.parquet
+virtual rig --test single --set only=lf.road --set duration='60 s' -o single/lf.parquet
+virtual rig --test single --set only=rf.road --set duration='60 s' -o single/rf.parquet
 inspect single/lf.parquet single/rf.parquet
 identify rig/*.parquet -o car.json
 inspect car.json
@@ -112,6 +113,10 @@ unit = "lbf"
 RIG_RUNS = {0: "AA/B", 4: "B/B", 8: "C/B"}
 
 
+#: Lines about the progress of long work, which a terminal shows as a bar.
+_PROGRESS = re.compile(r"\d%, about ")
+
+
 @dataclass(frozen=True)
 class Output:
     """What a command printed: its exit code, number of lines, and the widest line that names no file."""
@@ -123,7 +128,7 @@ class Output:
     @classmethod
     def of(cls, code: int, text: str) -> Output:
         """Count the lines of a text."""
-        lines = text.splitlines()
+        lines = [line for line in text.splitlines() if not _PROGRESS.search(line)]
         return cls(code, len(lines), max((len(line) for line in lines if not line.startswith("wrote ")), default=0))
 
     def exceeds(self, command: str) -> bool:

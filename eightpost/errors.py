@@ -46,8 +46,8 @@ def choice_of(what: str, value: object, known: Iterable[str]) -> str:
     word, words = str(value).strip().lower().removesuffix(".0"), list(known)
     if word not in words:
         close = suggestion(word, words)
-        advice = close if close.startswith("did") else f"it must be one of {', '.join(words)}"
-        raise ParameterError(f"unknown {what} {value!r}; {advice}")
+        near = f"; {close}" if close.startswith("did") else ""
+        raise ParameterError(f"unknown {what} {value!r}; it must be one of {', '.join(words)}{near}")
     return word
 
 

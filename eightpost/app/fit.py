@@ -207,7 +207,7 @@ def _fit_settings(
     from eightpost.shock import write_shock
 
     for note in table.notes:
-        show_text(details(console), f"note: {note}")
+        show_text(details(console), f"note {note}")
     shock_fit = fit_settings(table, law=law, segment=segment, cutoff=cutoff)
     show_table(console, settings_table(shock_fit), most=5)
     for change in shock_fit.shock.fit["changes"]:

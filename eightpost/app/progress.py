@@ -120,7 +120,7 @@ class ConsoleListener(Listener):
 
     def note(self, text: str) -> None:
         """Print a note."""
-        show_text(self._console, f"note: {text}", hanging="  ")
+        show_text(self._console, f"note {text}", hanging="  ")
 
     def say(self, text: str) -> None:
         """Print a sentence."""
@@ -128,7 +128,7 @@ class ConsoleListener(Listener):
 
     def report(self, text: str) -> None:
         """Print a note on standard error."""
-        show_text(Console(stderr=True), f"note: {text}", hanging="  ")
+        show_text(Console(stderr=True), f"note {text}", hanging="  ")
 
     @contextmanager
     def work(self, text: str, total: float | None = None) -> Iterator[Advance]:

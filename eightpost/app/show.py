@@ -65,9 +65,9 @@ def show_notes(console: Console, notes: Iterable[str], word: str = "note", *, mo
     """Print the first notes, each of at most two lines, and how many more there are; with -v, all of them."""
     every = list(notes)
     for text in every if is_detailed() else every[:most]:
-        show_text(console, f"{word}: {text}", hanging="  ", style="red" if word == "warning" else "")
+        show_text(console, f"{word} {text}", hanging="  ", style="red" if word == "warning" else "")
     if len(every) > most and not is_detailed():
-        show_text(console, f"{len(every) - most} more {word}s; -v shows all", begin="  ")
+        show_text(console, f"and {len(every) - most} more; -v shows all", begin="  ")
 
 
 def show_files(console: Console, files: Iterable[Path], remark: str = "") -> None:

@@ -31,7 +31,7 @@ def laggard(curve, law_record):
 @pytest.mark.parametrize(
     ("choice", "message"),
     [
-        ({"law": "lpf2"}, "unknown law 'lpf2'; did you mean lpf1, lpnl2"),
+        ({"law": "lpf2"}, "unknown law 'lpf2'; it must be one of polylinear, lpf1"),
         ({"recipe": "fast"}, "unknown recipe 'fast'; it must be one of joint, boggs"),
         ({"gas": "none"}, "unknown gas treatment 'none'; it must be one of estimate, included, subtracted"),
     ],
