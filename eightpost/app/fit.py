@@ -274,7 +274,7 @@ def _read_tests(
         show_test(console if len(tests) == 1 else details(console), test)
     if len(tests) > 1:
         seconds = sum(test.series.duration for test in tests)
-        show_text(console, f"{len(tests)} runs, {seconds:.0f} s, fitted together with one curve and one law")
+        show_text(console, f"{len(tests)} runs are fitted together, {seconds:.0f} s, with one curve and one law")
     return tests
 
 

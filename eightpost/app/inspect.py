@@ -142,7 +142,7 @@ def inspect(
         _show_document(console, path, kind)
         return
     found = _show_record_file(console, path, channels, mass, folder)
-    show_text(console, "Suspicious: see the warnings." if found else "Nothing is suspicious.", style="bold")
+    show_text(console, "Suspicious; see above." if found else "Nothing is suspicious.", style="bold")
     ctx.exit(int(found))
 
 
