@@ -19,7 +19,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from eightpost.app.show import show_text
+from eightpost.app.show import details, show_text
 from eightpost.progress import Listener
 
 Item = TypeVar("Item")
@@ -124,7 +124,7 @@ class ConsoleListener(Listener):
 
     def say(self, text: str) -> None:
         """Print a sentence."""
-        show_text(self._console, text)
+        show_text(details(self._console), text)
 
     def report(self, text: str) -> None:
         """Print a note on standard error."""

@@ -88,10 +88,10 @@ def show_verdict(console: Console, verdict: Verdict) -> None:
         return
     first = verdict.decisive[0].statement if verdict.reasons else "nothing was examined"
     urgent = [reason for reason in verdict.reasons if reason.grade is not Grade.USABLE]
-    more = f" (1 of {len(urgent)} reasons; -v shows all)" if len(urgent) > 1 else ""
-    show_text(console, f"{verdict.headline}: {first}{more}.", style=f"bold {color}")
+    show_text(console, f"{verdict.headline}: {first}.", style=f"bold {color}", lines=1)
+    more = f"1 of {len(urgent)} reasons (-v): " if len(urgent) > 1 else ""
     for reason in urgent[:1]:
-        show_text(console, reason.figure, begin="  ", hanging="  ", lines=1)
+        show_text(console, f"{more}{reason.figure}", begin="  ", lines=1)
         if not reason.remedy.startswith("nothing"):
             show_text(console, f"to do: {reason.remedy}", begin="  ", hanging="    ")
 

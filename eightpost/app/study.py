@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 from functools import partial
 from pathlib import Path
@@ -45,7 +46,7 @@ PATIENCE = 300.0
 FILES = {"results.parquet": TABLE, "certainty.parquet": TABLE, "report.html": PAGE}
 
 #: Number of measures in the ranking, and of setups without -v.
-_SHOWN, _BEST = 3, 3
+_SHOWN, _BEST = 3, 2
 
 
 @verb
@@ -173,7 +174,7 @@ def show_study(console: Console, sweep: Sweep, plan: str = "") -> None:
 
     read, more = sweep.study, details(console)
     total, plan = len(read.space), plan or f"{sweep.left} to be run"
-    show_text(console, f"{read.name}: {total} setups, {plan}", style="bold")
+    show_text(console, f"{total} setups, {plan}: {read.name}", style="bold", lines=1)
     show_text(more, f"vehicle {read.vehicle.fmu}; means {_trust(read)}")
     show_text(more, f"bank of {len(read.bank)}: {', '.join(read.bank)}")
     for corner, builds in read.corners.items():
@@ -230,8 +231,11 @@ def show_certainty(console: Console, result: StudyResult, certainty: Certainty) 
     from eightpost.app.show import is_detailed, show_text
 
     for place, line in enumerate(summary_lines(result, certainty)):
-        if place == 0 or is_detailed() or line.startswith("test next"):
-            show_text(console, line, style="bold" if place == 0 else "", hanging="  ")
+        style = "bold" if place == 0 else ""
+        if is_detailed():
+            show_text(console, line, style=style)
+        elif place == 0 or line.startswith("test next"):
+            show_text(console, re.sub(r" \([a-z]+ [^)]*\)", "", line), style=style, lines=1)  # the table has the builds
 
 
 def _ranking(result: StudyResult, rows: list[int], rank: str | None, *, is_brief: bool = False) -> Table:
