@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
-from rich.markup import escape
 
 from eightpost import completion
 from eightpost.app.options import (
@@ -22,7 +21,7 @@ from eightpost.app.options import (
     setting,
     verb,
 )
-from eightpost.app.show import bar
+from eightpost.app.show import bar, show_files, show_notes, show_result, show_text, show_verification
 from eightpost.extras import MissingExtraError
 from eightpost.outputs import PICTURE, RECORD, RESULT
 
@@ -119,7 +118,6 @@ def run(
     from cosim.ssp import Given
     from cosim.system_file import read_case
     from eightpost.api.reading import existing_toml
-    from eightpost.app.show import show_result, show_verification
 
     if report:
         from cosim.report import write_report
@@ -133,8 +131,7 @@ def run(
     check_outputs()  # the files that the system names are now known
     case = case.with_coupling(algorithm, step, tolerance)
     console = Console()
-    for note in case.notes:
-        console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
+    show_notes(console, case.notes, most=1)
     completion.begin(output)
     try:
         result = run_with_progress(console, case, compared=comparison)
@@ -151,15 +148,15 @@ def run(
     if report:
         page = folder / "report.html"
         paths.append(write_report(page, result, case.system, case.scenario, title=case.name, files=case.fmus))
-    console.print(f"wrote {', '.join(str(output / path.name) for path in paths)}", soft_wrap=True, highlight=False)
-    console.print(excerpt, highlight=False, markup=False, soft_wrap=True)
+    show_files(console, [output / path.name for path in paths])
+    show_text(console, excerpt)
     ctx.exit(0 if result.acceptable else 1)
 
 
 def _draw_excerpt(result: cosim.Result, path: Path, title: str) -> str:
     """Draw a picture of a run if the packages for it are installed; return a sentence about what it shows."""
     try:
-        from cosim.report.page import plot_excerpt
+        from cosim.report.plots import plot_excerpt
     except MissingExtraError as error:
         path.unlink(missing_ok=True)  # of an earlier run
         return f"There is no picture: {error}"

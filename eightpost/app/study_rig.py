@@ -12,16 +12,17 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.options import CHANNELS, Channels, FilePath, Number, OutputFile, argument, option, setting, verb
-from eightpost.app.study import saved, show_certainty, show_page
+from eightpost.app.study import saved, show_certainty
 from eightpost.errors import InputError
 from eightpost.outputs import PICTURE
 from eightpost.report.console import Table, console_table, folded, right, unbroken
 from eightpost.verdict import Verdict
 
 if TYPE_CHECKING:
+    from cosim.study.choice.selection import Selection
+
     from cosim.study.choice.certainty import Certainty
     from cosim.study.choice.compare import Comparison, RunComparison
-    from cosim.study.choice.rig_day import Selection
     from cosim.study.table import StudyResult
 
 TOTAL, POOL, TWICE = 20, 0.02, 4
@@ -62,24 +63,24 @@ def select(
       eightpost study select out/
       eightpost study select out/ --measure "front ride height, RMS=4" --measure "total tire force, RMS=4"
     """
-    from cosim.study.choice.rig_day import BASELINE_RUNS, repeated
+    from cosim.study.choice.selection import BASELINE_RUNS, repeated
+
     from eightpost.api.study_folder import SELECTION
+    from eightpost.app.show import show_files, show_table, show_text
 
     console = Console()
     study = saved(console, folder)
     names, share = _measures_and_counts(measures)
     selection = study.select(names, total=total, share=share, pool=pool, twice=twice)
-    console.print(_selection_table(selection, study.result))
+    show_table(console, selection_table(selection, study.result))
     if marked := sum(bool(selected.marks) for selected in selection.chosen):
-        console.print(f"* {marked} predictions have a mark: see the column marks of the list", highlight=False)
-    console.print(f"any two setups differ at {selection.closest} or more corners", highlight=False)
+        show_text(console, f"* {marked} predictions have a mark: see the column marks of the list")
+    show_text(console, f"any two setups differ at {selection.closest} or more corners")
     second = len(repeated(selection, twice))
     repeats = f", {second} of them twice" if second else ""
     repeats += f", and {BASELINE_RUNS} runs of the baseline" if study.study.baseline else ""
-    console.print(
-        f"wrote {folder / SELECTION}: {len(selection.chosen)} setups{repeats}", highlight=False, soft_wrap=True
-    )
-    show_page(console, study)
+    show_text(console, f"selection.csv: {len(selection.chosen)} setups{repeats}")
+    show_files(console, [folder / SELECTION, study.write_page()])
 
 
 def _measures_and_counts(measures: tuple[str, ...]) -> tuple[tuple[str, ...], dict[str, int] | None]:
@@ -92,7 +93,7 @@ def _measures_and_counts(measures: tuple[str, ...]) -> tuple[tuple[str, ...], di
     return tuple(counted), {name: int(count) for name, count in counted.items()}
 
 
-def _selection_table(selection: Selection, result: StudyResult) -> Table:
+def selection_table(selection: Selection, result: StudyResult) -> Table:
     """Return a table of the selected setups, as Table 7.5; an asterisk means that the prediction has a mark."""
     from eightpost import units
 
@@ -137,25 +138,22 @@ def confirm(
     """
     from cosim.study.verdict import study_verdict
     from eightpost.api.study_folder import CERTAINTY, PREVIOUS
-    from eightpost.app.show import show_verdict
+    from eightpost.app.show import details, show_files, show_table, show_text, show_verdict
 
     console = Console()
     study = saved(console, folder)
-    before, after = study.confirm(records, measures=measures, channel_map=channels.only_map())
+    before, after = study.confirm(records, measures=measures, **channels.record_options)
     result, new = study.result, after.runs[len(before.runs) :]
-    console.print(
-        f"{len(new)} new runs of {len({run.setup for run in new})} setups; {len(after.runs)} in all", highlight=False
-    )
-    console.print(_before_and_after(result, before, after))
+    show_text(console, f"{len(new)} new runs of {len({run.setup for run in new})} setups; {len(after.runs)} in all")
+    show_table(details(console), before_and_after(result, before, after))
     show_certainty(console, result, after)
-    _show_contradictions(console, result, after)
+    show_contradictions(console, result, after)
     show_verdict(console, study_verdict(result, after).about("choice", "rig runs"))
-    console.print(f"wrote {folder / CERTAINTY}; the previous one is {PREVIOUS}", highlight=False, soft_wrap=True)
-    show_page(console, study)
+    show_files(console, [folder / CERTAINTY, study.write_page()], f"; the previous certainty is {PREVIOUS}")
     ctx.exit(1 if after.contradictions else 0)
 
 
-def _before_and_after(result: StudyResult, before: Certainty, after: Certainty) -> Table:
+def before_and_after(result: StudyResult, before: Certainty, after: Certainty) -> Table:
     """Return a table of the leading setups: probability of being the best and level, before and after the rig runs."""
     setups = list(dict.fromkeys([*after.ties[:_SHOWN], *before.ties[:_SHOWN]]))[: 2 * _SHOWN]
     rows = []
@@ -184,21 +182,22 @@ def _level(result: StudyResult, certainty: Certainty, setup: int) -> str:
     return f"{low:.4g} to {high:.4g}"
 
 
-def _show_contradictions(console: Console, result: StudyResult, certainty: Certainty) -> None:
+def show_contradictions(console: Console, result: StudyResult, certainty: Certainty) -> None:
     """Print the measured levels that the prediction does not explain."""
     from cosim.study.choice.certainty import chance_text
     from eightpost import units
+    from eightpost.app.show import show_notes
 
+    texts = []
     for one in certainty.contradictions:
         own, unit = result.unit(one.measure), result.display(one.measure)
         measured, predicted = (units.convert(value, own, unit) for value in (one.measured, one.predicted))
-        console.print(
-            f"[yellow]contradiction[/] {escape(one.file)}: {escape(one.measure)} of setup {one.setup} is "
+        texts.append(
+            f"{one.file}: {one.measure} of setup {one.setup} is "
             f"{measured:.4g} {unit}, predicted {predicted:.4g}; a deviation of this size has a probability of "
-            f"{chance_text(one.probability)}; {'used, as other runs agree' if one.used else 'left out'}",
-            highlight=False,
-            soft_wrap=True,
+            f"{chance_text(one.probability)}; {'used, as other runs agree' if one.used else 'left out'}"
         )
+    show_notes(console, texts, "contradiction")
 
 
 #: Largest length of all labels of runs as headings of a table; longer ones are replaced by their numbers.
@@ -249,7 +248,7 @@ def compare(
       eightpost study compare out out/swapped -o out/changes.png
       eightpost study compare out/ --measured rig_day/selection.csv
     """
-    from eightpost.app.show import show_verdict
+    from eightpost.app.show import details, show_files, show_table, show_verdict
 
     console = Console()
     if measured is None:
@@ -257,11 +256,11 @@ def compare(
     elif len(folders) == 1:
         study = saved(console, folders[0])
         entries, verdict, picture = study.compare(
-            measured, output, measures=measures, channel_map=channels.only_map(), rank=rank, level=level
+            measured, output, measures=measures, rank=rank, level=level, **channels.record_options
         )
-        for table in (_rank_table(entries), _level_table(entries, study.result)):
-            console.print(table)
-        console.print(f"wrote {picture} and comparison.json in the same folder", highlight=False, soft_wrap=True)
+        show_table(console, rank_table(entries))
+        show_table(details(console), level_table(entries, study.result))
+        show_files(console, [picture, picture.with_name("comparison.json")])
     else:
         raise InputError(f"with --measured, compare takes the folder of one study, not {len(folders)} folders")
     show_verdict(console, verdict)
@@ -271,19 +270,20 @@ def compare(
 def _compare_runs(console: Console, folders: tuple[Path, ...], vehicle: str, output: Path | None) -> Verdict:
     from cosim.session.result import SavedRun
     from cosim.study.choice.compare import compare_runs
+    from eightpost.app.show import show_files, show_table, show_text
 
     saved = {str(folder): SavedRun.load(folder) for folder in folders}
     for number, (folder, run) in enumerate(saved.items(), start=1):
-        console.print(escape(f"run {number}: {folder}: {run.sources}"), highlight=False, soft_wrap=True)
+        show_text(console, f"run {number}: {folder}: {run.sources}", lines=1)
     compared = compare_runs(saved, vehicle)
-    console.print(measure_table(compared))
+    show_table(console, measure_table(compared))
     if output:
         compared.plot().save(output)
-        console.print(f"wrote {output}", highlight=False)
+        show_files(console, [output])
     return compared.verdict
 
 
-def _rank_table(entries: Sequence[Comparison]) -> Table:
+def rank_table(entries: Sequence[Comparison]) -> Table:
     """Return a table of how the prediction ranks setups by each measure, and of its best-fit line."""
     rows = []
     for one in entries:
@@ -299,7 +299,7 @@ def _rank_table(entries: Sequence[Comparison]) -> Table:
     return console_table([*folded("measure"), *columns], rows, title="Ranks and trend")
 
 
-def _level_table(entries: Sequence[Comparison], result: StudyResult) -> Table:
+def level_table(entries: Sequence[Comparison], result: StudyResult) -> Table:
     """Return a table of the errors of each measure's levels, and of the setups within bands and intervals."""
     rows = []
     for one in entries:
@@ -324,7 +324,12 @@ def measure_table(compared: RunComparison) -> Table:
         change = compared.change(measure)
         text = "" if change is None else f"{change:+.2f} %"
         rows.append(
-            (escape(measure.name), measure.display, *(f"{value:.4g}" for value in compared.values(measure)), text)
+            (
+                escape(measure.name),
+                compared.display(measure),
+                *(f"{value:.4g}" for value in compared.values(measure)),
+                text,
+            )
         )
     fit = sum(map(len, compared.runs)) <= _LABELS
     runs = compared.runs if fit else [f"run {number}" for number in range(1, len(compared.runs) + 1)]
