@@ -237,7 +237,7 @@ def test_short_records_and_invalid_thresholds_are_rejected(singles: tuple[RigTes
         Thresholds(level=3.0)
 
 
-KEY = ("--output", "tire_force")
+KEY = ("--set", "channel=tire_force")
 
 
 def quarter_files(folder: Path, **changes: float) -> list[str]:
