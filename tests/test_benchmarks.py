@@ -97,7 +97,7 @@ def test_the_cost_of_the_default_is_the_time_of_its_runs(monkeypatch):
     assert {scenario.stop for scenario in scenarios} == {2.0}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_loop_in_c_and_the_one_over_fmpy_are_the_same_schemes(tmp_path):
     cases.build_fmus(cases.fitted_law(), tmp_path)
     for scheme in fmpy_loop.SCHEMES:

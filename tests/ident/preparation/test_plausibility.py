@@ -169,7 +169,7 @@ def test_a_wrong_sign_and_a_wrong_scale_are_both_named(sound):
     assert found == {(WRONG_SIGN, ("lr.chassis_acceleration",)), (WRONG_SCALE, ("rf.tire_force",))}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @settings(max_examples=6, deadline=None)
 @given(name=st.sampled_from(CHANNELS), delay=st.floats(4.0, 9.0), late=st.booleans())
 def test_a_delay_of_any_channel_is_named_with_its_size(sound, name, delay, late):
