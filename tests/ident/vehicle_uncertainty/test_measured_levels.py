@@ -75,6 +75,15 @@ def heavier(car):
     return replace(car, state_space=replace(wrong, C=C, D=D))
 
 
+def test_the_error_of_a_single_test_is_its_spread(car, tests):
+    """One test cannot show how much errors differ, so each is taken to differ by as much as it is."""
+    (wrong,) = (MeasuredLevels().uncertainty(heavier(car), tests[:1], experiment(car))["tire_force"],)
+    level = wrong.levels[0]
+    assert level.error == pytest.approx(math.log(1.2), abs=0.01)
+    assert np.isfinite([level.deviation, wrong.own]).all()
+    assert level.deviation > 0.5 * level.error
+
+
 @pytest.mark.parametrize("which", [0, 1])
 def test_the_true_car_reproduces_its_tests_whatever_shock_they_have(car, tests, which):
     simulated, measured = MeasuredLevels().outputs(car, tests[which])
