@@ -9,10 +9,8 @@ import scipy
 
 from eightpost.report.pictures import (
     COLORS,
-    PANELS,
     display_unit,
     displayed,
-    excerpt,
     new_figure,
     panels_of,
     save,
@@ -32,18 +30,6 @@ def plot_traces(
 ) -> None:
     """Plot channels over time between `start` and `stop` [s], one panel each, one line per run."""
     save(traces(runs, channels, start=start, stop=stop, title=title), path)
-
-
-def plot_excerpt(series: TimeSeries, path: str | Path, *, title: str) -> str:
-    """Plot the first channels of a run over the middle of a long run or the whole of a short one.
-
-    Returns:
-        A sentence about the part of the run that the picture shows.
-    """
-    start, stop = excerpt(series)
-    shown = series.names[:PANELS]
-    plot_traces({title: series}, shown, path, start=start, stop=stop, title=title)
-    return f"{Path(path).name} shows {len(shown)} of {len(series.names)} channels from {start:g} to {stop:g} s"
 
 
 def plot_spectra(
