@@ -156,7 +156,7 @@ def run(
         write_report(page, result, case.system, case.scenario, title=case.name, files=case.fmus)
         written.append(output / page.name)
     if picture is not None and plot is not None:
-        result.plot(title=case.name).save(picture)
+        result.series.plot(title=case.name).save(picture)
         written.append(plot)
     show_files(console, written)
     ctx.exit(0 if result.acceptable else 1)

@@ -102,7 +102,7 @@ def test_the_run_command_refuses_options_for_packages_with_a_system_file(folder)
 
 
 @pytest.mark.nightly
-def test_the_example_of_the_documentation_gives_the_documented_result(folder):
+def test_the_example_of_the_documentation_gives_the_documented_result(folder, monkeypatch):
     page = (Path(__file__).parents[3] / "docs" / "how_to" / "ssp.md").read_text(encoding="utf-8")
     example, command = re.search(r"```xml\n(.*?)```\n.*?\n```sh\n(.*?)```", page, re.DOTALL).groups()
     for ours, name in (("quarter_car", "car"), ("lpnl2", "shock")):
