@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import scipy
-
+from eightpost.report.packing import welch
 from eightpost.report.pictures import (
     COLORS,
     display_unit,
@@ -47,7 +46,7 @@ def plot_spectra(
         for (label, series), color in zip(runs.items(), COLORS, strict=False):
             values = displayed(series, channel)
             block = min(values.size, int(4.0 * series.sample_rate))
-            frequency, density = scipy.signal.welch(values, fs=series.sample_rate, nperseg=block, detrend="constant")
+            frequency, density = welch(values, series.sample_rate, block)
             within = (frequency > 0.0) & (frequency <= highest)
             panel.semilogy(frequency[within], density[within], lw=1.2, color=color, label=label)
         unit = display_unit(next(iter(runs.values())), channel)
