@@ -11,8 +11,8 @@ from rich.console import Console
 
 from eightpost.report.charts import Axis, grid_figure
 from eightpost.report.numbers import Display
-from eightpost.report.page import Section, document, soft
 from eightpost.report.packing import welch
+from eightpost.report.page import Section, document, soft
 from eightpost.report.static import Picture, static_page
 from eightpost.report.tables import Amount, ResultTable, result_table
 from eightpost.verdict import Grade, Rule, Verdict
