@@ -1,6 +1,6 @@
 /* Random FMI call sequences, valid and not, on one FMU: compiled together with its sources/ under sanitizers.
  *
- *     call_sequences <calls> <seed>
+ *     call_sequences <calls> <seed> <threads>
  *
  * After every call: the status is one that the FMU may return, a refused call has changed nothing (its serialized state
  * is the same to the byte), and what was read is finite. Some serialized states are changed and given a correct checksum, as
@@ -16,8 +16,8 @@ typedef struct {
     double time;
 } Slot;
 
-static Slot slots[INSTANCES];
-static long messages;
+static __thread Slot slots[INSTANCES];
+static __thread long messages;
 
 static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category,
                    fmi2String message, ...)
@@ -48,8 +48,8 @@ static size_t snapshot(fmi2Component c, fmi2Byte **bytes)
     return size;
 }
 
-static fmi2Byte *before;
-static size_t before_size;
+static __thread fmi2Byte *before;
+static __thread size_t before_size;
 
 static fmi2Status judged(Slot *slot, const char *name, fmi2Status status)
 {
@@ -244,6 +244,16 @@ static void take_forged(Slot *slot, fmi2Byte *bytes, size_t size)
     fmi2GetRealStatus(slot->component, fmi2LastSuccessfulTime, &slot->time);
 }
 
+static void refuse_foreign(Slot *slot, const fmi2Byte *bytes, size_t size)
+{
+    fmi2FMUstate state = NULL;
+    fmi2Byte *other = foreign(bytes, &size);
+    if (judged(slot, "foreign state", fmi2DeSerializeFMUstate(slot->component, other, size, &state)) == fmi2OK) {
+        fail("fmi2DeSerializeFMUstate", "took a foreign state");
+    }
+    free(other);
+}
+
 static void save_and_restore(Slot *slot, int choice)
 {
     fmi2Component c = slot->component;
@@ -265,6 +275,7 @@ static void save_and_restore(Slot *slot, int choice)
         break;
     }
     case 4: take_forged(slot, bytes, size); break;
+    case 5: refuse_foreign(slot, bytes, size); break;
     default:
         if (one_in(2)) {
             bytes[below((int)size)] ^= (fmi2Byte)(1 << below(7));
@@ -318,17 +329,17 @@ static void live(Slot *slot)
     case 4: case 5: judged(slot, "fmi2EnterInitializationMode", fmi2EnterInitializationMode(slot->component)); break;
     case 6: case 7: judged(slot, "fmi2ExitInitializationMode", fmi2ExitInitializationMode(slot->component)); break;
     case 8: ask(slot, below(7)); break;
-    case 9: case 10: case 11: case 12: save_and_restore(slot, below(6)); break;
+    case 9: case 10: case 11: case 12: save_and_restore(slot, below(7)); break;
     case 13: case 14: case 15: case 16: case 17: case 18: case 19: case 20: step(slot); break;
     default: read_and_write(slot, one_in(2) ? below(2) : below(11)); break;
     }
 }
 
-int main(int argc, char *argv[])
+static void *play(void *given)
 {
-    const long calls = argc > 1 ? atol(argv[1]) : 10000;
-    begin_randomly(argc, argv);
-    for (long k = 0; k < calls; k++) {
+    const Play *own = given;
+    begin_randomly(own->seed);
+    for (long k = 0; k < own->calls; k++) {
         Slot *slot = &slots[below(INSTANCES)];
         if (slot->component == NULL) {
             instantiate(slot);
@@ -345,5 +356,10 @@ int main(int argc, char *argv[])
     }
     print_counts();
     printf("%ld messages\n", messages);
-    return 0;
+    return NULL;
+}
+
+int main(int argc, char *argv[])
+{
+    return play_all(argc, argv);
 }

@@ -14,7 +14,7 @@ import pytest
 from builder.native_fmu import COMMON
 from eightpost.shock import LAWS
 
-MODELS = (*LAWS, "seven_dof", "quarter_car", "car_with_seat", "assembly")
+MODELS = (*LAWS, "seven_dof", "quarter_car", "car_with_seat", "car_with_friction", "assembly")
 
 #: Models that run with sanitizers alone every day. The assembly contains the car and all laws; it takes more
 #: memory than all others together, so that only its call sequences are tried every day.
