@@ -3,7 +3,7 @@
  *     call_sequences <calls> <seed> <threads>
  *
  * After every call: the status is one that the FMU may return, a refused call has changed nothing (its serialized state
- * is the same to the byte), and what was read is finite. Some serialized states are changed and given a correct checksum, as
+ * is the same to the byte, but for outputs that it brought up to date), and what was read is finite. Some serialized states are changed and given a correct checksum, as
  * another program could do: they are refused with a message, or an instance continues from them. Prints how often
  * each function was called and accepted. */
 #include "random_calls.h"
@@ -51,6 +51,22 @@ static size_t snapshot(fmi2Component c, fmi2Byte **bytes)
 static __thread fmi2Byte *before;
 static __thread size_t before_size;
 
+/* Whether a call that could not give a finite result did nothing but to bring the outputs up to date, as reading one does. */
+static int only_updated(fmi2Component c, const fmi2Byte *after, size_t size)
+{
+    const fmi2ValueReference output = an_output();
+    double value;
+    fmi2FMUstate state = NULL;
+    fmi2Byte *bytes;
+    if (fmi2DeSerializeFMUstate(c, before, before_size, &state) != fmi2OK || fmi2SetFMUstate(c, state) != fmi2OK ||
+        fmi2FreeFMUstate(c, &state) != fmi2OK || fmi2GetReal(c, &output, 1, &value) != fmi2OK) {
+        return 0;
+    }
+    const int equal = snapshot(c, &bytes) == size && memcmp(bytes, after, size) == 0;
+    free(bytes);
+    return equal;
+}
+
 static fmi2Status judged(Slot *slot, const char *name, fmi2Status status)
 {
     fmi2Byte *after;
@@ -60,7 +76,8 @@ static fmi2Status judged(Slot *slot, const char *name, fmi2Status status)
     }
     if (status != fmi2OK) {
         const size_t size = snapshot(slot->component, &after);
-        if (size != before_size || memcmp(before, after, size) != 0) {
+        if ((size != before_size || memcmp(before, after, size) != 0) &&
+            !(status == fmi2Discard && only_updated(slot->component, after, size))) {
             fail(name, "was refused and changed something all the same");
         }
         free(after);

@@ -48,6 +48,22 @@ static size_t snapshot(fmi3Instance instance, fmi3Byte **bytes)
 static __thread fmi3Byte *before;
 static __thread size_t before_size;
 
+/* Whether a call that could not give a finite result did nothing but to bring the outputs up to date, as reading one does. */
+static int only_updated(fmi3Instance c, const fmi3Byte *after, size_t size)
+{
+    const fmi3ValueReference output = an_output();
+    double value;
+    fmi3FMUState state = NULL;
+    fmi3Byte *bytes;
+    if (fmi3DeserializeFMUState(c, before, before_size, &state) != fmi3OK || fmi3SetFMUState(c, state) != fmi3OK ||
+        fmi3FreeFMUState(c, &state) != fmi3OK || fmi3GetFloat64(c, &output, 1, &value, 1) != fmi3OK) {
+        return 0;
+    }
+    const int equal = snapshot(c, &bytes) == size && memcmp(bytes, after, size) == 0;
+    free(bytes);
+    return equal;
+}
+
 static fmi3Status judged(Slot *slot, const char *name, fmi3Status status)
 {
     fmi3Byte *after;
@@ -57,7 +73,8 @@ static fmi3Status judged(Slot *slot, const char *name, fmi3Status status)
     }
     if (status != fmi3OK) {
         const size_t size = snapshot(slot->instance, &after);
-        if (size != before_size || memcmp(before, after, size) != 0) {
+        if ((size != before_size || memcmp(before, after, size) != 0) &&
+            !(status == fmi3Discard && only_updated(slot->instance, after, size))) {
             fail(name, "was refused and changed something all the same");
         }
         free(after);

@@ -92,6 +92,15 @@ static fmi2ValueReference any_reference(void)
                                                                        : (fmi2ValueReference)reference;
 }
 
+static fmi2ValueReference an_output(void)
+{
+    fmi2ValueReference reference = 0;
+    while (variable_of_reference[reference] < 0 || !variables[variable_of_reference[reference]].is_output) {
+        reference++;
+    }
+    return reference;
+}
+
 /* Whether a value must fit to others, so that almost any other one makes the next calls fail: a curve through knots. */
 static int is_part_of_a_whole(const Variable *v)
 {
