@@ -20,6 +20,7 @@ from eightpost.report import numbers, tables
 from eightpost.report.charts import Figure
 from eightpost.report.numbers import Display
 from eightpost.report.tables import ResultTable
+from eightpost.units import shown_system
 from eightpost.verdict import Verdict
 
 with needs("report", "writing pages"):
@@ -68,6 +69,7 @@ def page(package: str, scripts: Sequence[str], /, name: str = "page", **context:
             "script": Markup("\n").join([_file(_KIT, "templates/shell.js"), *own]),
             "plotly": _plotly(),
             "version": __version__,
+            "is_metric": shown_system() == "si",
             "written": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         }
         | context
@@ -133,7 +135,7 @@ def document(
         links: Names of other pages by their paths relative to this one.
     """
     figures = [block for section in sections for block in section.blocks if isinstance(block, Figure)]
-    shown = {unit: Display.of(unit) for figure in figures for unit in sorted(figure.units)}
+    shown = {unit: Display.us(unit) for figure in figures for unit in sorted(figure.units)}
     content = {
         "figures": [figure.content() for figure in figures],
         "units": {unit: [scale.factor, scale.unit] for unit, scale in shown.items()},
