@@ -59,6 +59,13 @@ class ResultTable:
         return cls(title, tuple((text, unit) for text, unit, _ in formats), made)
 
     @property
+    def filled(self) -> ResultTable:
+        """The same table without the columns in which no row has a value."""
+        kept = [k for k in range(len(self.heads)) if any(row[k] not in (NONE, "") for row in self.rows)]
+        rows = tuple(tuple(row[k] for k in kept) for row in self.rows)
+        return ResultTable(self.title, tuple(self.heads[k] for k in kept), rows) if self.rows else self
+
+    @property
     def numeric(self) -> tuple[bool, ...]:
         """Whether each column contains amounts."""
         return tuple(any(isinstance(row[k], Amount) for row in self.rows) for k in range(len(self.heads)))

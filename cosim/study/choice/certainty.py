@@ -356,7 +356,7 @@ def certainty_reasons(certainty: Certainty | None) -> Iterator[Reason]:
     if certainty.leader is None:
         return  # no setup is feasible, which is a reason of its own
     chance = certainty.probability(certainty.leader)
-    figure = f"setup {certainty.leader} is the best with a probability of {chance_text(chance)}"
+    figure = f"probability of setup {certainty.leader}: {chance_text(chance)}"
     origin = f"{certainty.criterion}; {certainty.draws} draws"
     if len(certainty.ties) > 1:
         figure = f"{len(certainty.ties)} setups; {figure}, less than {100 * TIE:g} %"

@@ -285,7 +285,7 @@ def test_the_switch_changes_the_units_of_all_numbers_and_axes(opened, whole):
 
 @pytest.mark.slow
 def test_sensitivities_follow_the_chosen_measure(opened):
-    opened.click("nav a[href=\"#sensitivity\"]")  # which unfolds it
+    opened.click('nav a[href="#sensitivity"]')  # which unfolds it
     opened.browser.until("document.querySelector('#effects.js-plotly-plot')")
     assert opened.do("document.querySelector('#effects').data.map((line) => line.name).join()") == "LF,RF,LR,RR"
     opened.focus(HUB)

@@ -106,7 +106,9 @@ def test_the_page_shows_the_best_setup_failures_and_provenance(few, sheet):
     assert "the FMU of rf discards the step" in text and "beyond fitted range: lf" in text
     assert "{guid-of-car}" in text and "ab" * 32 in text and "d1" * 32 in text
     assert "Settling, left out of every measure 2 s" in text
-    words = "the lowest sum of total tire force, RMS (each lbf counts 1) and front ride height, RMS (each in counts 900)"
+    words = (
+        "the lowest sum of total tire force, RMS (each lbf counts 1) and front ride height, RMS (each in counts 900)"
+    )
     assert f"What counts: {words}" in text
     assert f"{2.45 / G:.4f}" in text and "2.450" in text  # the limit, in g and in m/s2
 
