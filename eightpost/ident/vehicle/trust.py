@@ -390,8 +390,8 @@ def _pooled(squares: Array, count: int) -> Array:
 
     Their mean would be that of the worst measures, which says little about the others.
     """
-    usual = np.exp(np.mean(np.log(np.maximum(squares, np.finfo(float).tiny))))
-    return np.asarray(((count - 1) * squares + usual) / count)
+    usual, freedom = np.exp(np.mean(np.log(np.maximum(squares, np.finfo(float).tiny)))), max(count - 1, 1)
+    return np.asarray((freedom * squares + usual) / (freedom + 1))
 
 
 def measure_names(outputs: Sequence[str]) -> tuple[str, ...]:
