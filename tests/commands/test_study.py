@@ -17,9 +17,11 @@ from click.testing import CliRunner
 from rich.console import Console
 
 from cosim.study import StudyResult
+from cosim.study.running.sweep import study_digest
 from cosim.study.study_file import read_study
 from eightpost.__main__ import main
 from eightpost.app.study import show_study
+from eightpost.errors import FileFormatError
 
 TRACK = Path(__file__).resolve().parents[2] / "examples" / "data" / "track.parquet"
 
@@ -75,6 +77,17 @@ def test_a_study_is_run_ranked_and_written_and_the_second_call_runs_nothing(file
     assert result.done.all() and result.baseline_row == 1
     again = CliRunner().invoke(main, [*options, "--rank", "aero number"])
     assert again.exit_code == 0 and "2 setups, 0 to be run" in again.output
+
+
+def test_units_of_a_study_are_read_and_belong_to_no_digest(file):
+    plain = read_study(file)
+    file.write_text(f'units = "si"\n{file.read_text()}')
+    stated = read_study(file)
+    assert (plain.units, stated.units) == ("", "si")
+    assert study_digest(stated, {}) == study_digest(plain, {})
+    file.write_text(file.read_text().replace('"si"', '"metric"'))
+    with pytest.raises(FileFormatError, match="units"):
+        read_study(file)
 
 
 def test_the_channels_that_drive_are_named_if_a_record_has_others(file, capsys):
