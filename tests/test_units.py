@@ -145,6 +145,34 @@ def test_results_are_in_the_users_units_or_else_in_those_of_the_file(
         assert units.shown(4.4482216, "N") == ((4.4482216, "N") if system == "si" else (pytest.approx(1.0), "lbf"))
 
 
+def test_a_study_or_system_file_counts_before_the_choice_and_after_the_environment(choice, monkeypatch):
+    choice.parent.mkdir()
+    choice.write_text("us\n")
+    with units.following_files():
+        units.state("si")
+        assert units.shown_system() == "si"
+        units.state("")  # a file that states none changes nothing
+        assert units.shown_system() == "si"
+        with units.stated_by("us"):
+            assert units.shown_system() == "us"
+        with units.stated_by(""):
+            assert units.shown_system() == "si"
+        monkeypatch.setenv(units.CHOICE, "us")
+        assert units.shown_system() == "us"
+        monkeypatch.delenv(units.CHOICE)
+    assert units.shown_system() == "us"
+    units.state("si")  # outside of a command a file states nothing
+    assert units.shown_system() == "us"
+
+
+def test_a_stated_display_unit_counts_unless_the_user_chose_a_system(choice, monkeypatch):
+    assert units.shown_unit("m", "ft") == "ft" and units.shown_unit("m", "") == "m"
+    monkeypatch.setenv(units.CHOICE, "si")
+    assert units.shown_unit("m", "ft") == "mm"
+    monkeypatch.setenv(units.CHOICE, "us")
+    assert units.shown_unit("N", "kN") == "lbf"
+
+
 def test_files_outside_of_a_command_decide_nothing(choice):
     units.note_file(("mm", "N"))
     assert units.shown_system() == "us"

@@ -611,8 +611,9 @@ class _ChannelText(click.ParamType):  # type: ignore[type-arg]
 CHANNELS: Any = _Declared(
     "option",
     "Column, sign and unit of a channel whose header lacks them: force='Load 2', force=3 (in a file without a header), "
-    "force=- (the opposite sign; force=+ confirms that of the file), 'force=[lbf]', or all: 'force=-Load 2 [lbf]'. A "
-    ".toml file is a channel map (docs/reference/signs_and_units.md). May be repeated.",
+    "force=- (the opposite sign; force=+ confirms that of the file), 'force=[lbf]', or all: 'force=-Load 2 [lbf]'; "
+    "for one file run7.csv:force=-. bridge=20: up to 20 samples in a row that are NaN or empty become a straight line. "
+    "A .toml file is a channel map (docs/reference/signs_and_units.md). May be repeated.",
     ("--channel",), _ChannelText(), metavar="CHANNEL=COLUMN|MAP.TOML",
 )  # fmt: skip
 
