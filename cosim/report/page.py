@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import scipy
 from markupsafe import Markup
 
 from cosim.report.drawing import arrows, graph, groups
@@ -29,7 +28,7 @@ from eightpost.report import page as html
 from eightpost.report import pictures
 from eightpost.report.charts import COLORS
 from eightpost.report.numbers import Display, figure, listed, percent
-from eightpost.report.packing import Spectra, Store, Traces, spectra, traces
+from eightpost.report.packing import Spectra, Store, Traces, spectra, traces, welch
 from eightpost.report.tables import Tile
 from eightpost.signals import Drivefile, TimeSeries
 
@@ -378,18 +377,6 @@ def plot_traces(
     pictures.save(pictures.traces(runs, channels, start=start, stop=stop, title=title), path)
 
 
-def plot_excerpt(series: TimeSeries, path: str | Path, *, title: str) -> str:
-    """Plot the first channels of a run over the middle of a long run or the whole of a short one.
-
-    Returns:
-        A sentence about the part of the run that the picture shows.
-    """
-    start, stop = pictures.excerpt(series)
-    shown = series.names[: pictures.PANELS]
-    plot_traces({title: series}, shown, path, start=start, stop=stop, title=title)
-    return f"{Path(path).name} shows {len(shown)} of {len(series.names)} channels from {start:g} to {stop:g} s"
-
-
 def plot_spectra(
     runs: Mapping[str, TimeSeries],
     channels: Sequence[str],
@@ -405,7 +392,7 @@ def plot_spectra(
         for (label, series), color in zip(runs.items(), pictures.COLORS, strict=False):
             values = pictures.displayed(series, channel)
             block = min(values.size, int(4.0 * series.sample_rate))
-            frequency, density = scipy.signal.welch(values, fs=series.sample_rate, nperseg=block, detrend="constant")
+            frequency, density = welch(values, series.sample_rate, block)
             within = (frequency > 0.0) & (frequency <= highest)
             panel.semilogy(frequency[within], density[within], lw=1.2, color=color, label=label)
         unit = pictures.display_unit(next(iter(runs.values())), channel)
