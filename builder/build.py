@@ -35,7 +35,7 @@ from builder.toolchain import find_toolchain
 from eightpost import __version__
 from eightpost.archive import read_archive, write_archive
 from eightpost.display import Summarized, Summary, some
-from eightpost.errors import FmuError
+from eightpost.errors import FmuError, choice_of
 from eightpost.extras import needs
 from eightpost.files import document_kind
 from eightpost.outputs import check_folder
@@ -275,10 +275,7 @@ def build(
         FmuError: Two sources would give the same FMU, a vehicle cannot become an FMU, or there is no compiler.
         InputError: A source cannot be read.
     """
-    if target not in TARGETS:
-        raise FmuError(f"target {target!r} is not known; use one of {', '.join(TARGETS)}")
-    if fmi not in VERSIONS:
-        raise FmuError(f"FMI version {fmi!r} is not known; use one of {', '.join(VERSIONS)}")
+    target, fmi = choice_of("target", target, TARGETS), choice_of("FMI version", fmi, VERSIONS)
     if target != "native" and fmi != "2":
         raise FmuError("python FMUs are of FMI 2.0 (PythonFMU); build FMI 3.0 with --target native")
     if disclosure is not Disclosure.FULL and target != "native":

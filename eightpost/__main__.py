@@ -179,7 +179,8 @@ class _Verbs(VerbGroup):
                 formatter.write_dl([(name, entry.text) for name, entry in entries.items()])
         formatter.write_paragraph()
         formatter.write_text(
-            "Units of results: eightpost units us|si. The dissertation's figures: eightpost reproduce."
+            "Units of results: eightpost units us|si. The dissertation's figures: eightpost reproduce. Words on the "
+            "screen: docs/reference/glossary.md."
         )
 
 

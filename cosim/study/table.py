@@ -365,8 +365,8 @@ class StudyResult(Summarized):
         return self.provenance.measure_units[measure]
 
     def display(self, measure: str) -> str:
-        """Return a measure's display unit."""
-        return self.study.measure(measure).display or self.unit(measure)
+        """Return the unit in which a measure is shown to this user."""
+        return units.shown_unit(self.unit(measure), self.study.measure(measure).display)
 
     def values(self, measure: str) -> Array:
         """Return a measure of every row (R,) in SI; NaN if the setup failed.

@@ -98,7 +98,8 @@ def channel_map_of(given: ChannelMap | Mapping[str, str] | str | Path | None) ->
         InputError: It is something else.
         FileFormatError: The file cannot be read.
     """
-    from eightpost.signals import ChannelMap, MappedChannel
+    from eightpost.rig.columns import with_channels
+    from eightpost.signals import ChannelMap
 
     if given is None or isinstance(given, ChannelMap):
         return given
@@ -108,7 +109,7 @@ def channel_map_of(given: ChannelMap | Mapping[str, str] | str | Path | None) ->
         raise InputError(
             f"channel_map is {given!r}; give a file, a ChannelMap, or columns by channel: {{'force': 'Load cell 2'}}"
         )
-    return ChannelMap({name: MappedChannel(column) for name, column in given.items()})
+    return with_channels(None, given)
 
 
 def a(value: object) -> str:
@@ -225,7 +226,7 @@ def read(
         >>> test.plot()
     """
     path = existing(path)
-    _check_options(units, flip)
+    check_options(units, flip)
     if kind is not None and kind not in KINDS:
         raise InputError(f"kind is {kind!r}; {suggestion(str(kind), KINDS)}")
     found = kind or _kind_of(path, channel_map_of(channel_map))
@@ -236,7 +237,12 @@ def read(
     return _record(path, found, channel_map_of(channel_map), dict(units or {}), tuple(flip))
 
 
-def _check_options(units: object, flip: object) -> None:
+def check_options(units: object, flip: object) -> None:
+    """Check that units and flip name channels.
+
+    Raises:
+        InputError: One of them is a text.
+    """
     if isinstance(units, str):
         raise InputError(f"units is {units!r}; give units by channel: {{'force': 'lbf'}}")
     if isinstance(flip, str):

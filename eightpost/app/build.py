@@ -176,17 +176,13 @@ def build_with_progress(
 def show_built(console: Console, built: list[Built]) -> Verdict:
     """Print the FMUs and the verdict that they carry; return the verdict."""
     from builder.build import verdict_on
-    from eightpost.app.show import details, show_verdict
+    from eightpost.app.show import show_notes, show_verdict
     from eightpost.report.numbers import file_size
 
-    for item in built:
-        interface = item.interface
-        counts = ", ".join(f"{len(interface.names(kind))} {kind}s" for kind in ("input", "output", "parameter"))
-        text = f"{interface.kind} {interface.version}, FMI {item.fmi}.0, {item.target}, {file_size(item.path)}"
-        console.print(f"{escape(str(item.path))}: {text}", highlight=False, soft_wrap=True)
-        details(console).print(f"  {counts}", highlight=False)
-    for limits in dict.fromkeys(item.limits for item in built if item.limits):
-        console.print(f"[yellow]note[/] {escape(limits)}")
+    files = [f"{item.path}: {item.interface.kind} {item.interface.version}, FMI {item.fmi}.0, {item.target}, "
+             f"{file_size(item.path)}" for item in built]  # fmt: skip
+    show_notes(console, files, "wrote", most=5)
+    show_notes(console, dict.fromkeys(item.limits for item in built if item.limits), most=1)
     verdict = verdict_on(built)
     show_verdict(console, verdict)
     return verdict

@@ -85,21 +85,28 @@ def _checked(path: Path, scope: Scope) -> CheckReport | NotChecked:
 
 def show_report(console: Console, report: CheckReport, *, with_findings: bool = True) -> None:
     """Print the findings in an FMU by level, the groups that were performed or skipped, and what no check sees."""
-    from builder.check import LIMITS
+    from builder.check import LIMITS, Level
+    from eightpost.app.show import details, is_detailed, show_notes, show_text
 
     console.print(f"{escape(str(report.path))}: {_verdict(report)}", highlight=False, soft_wrap=True)
+    more = details(console)
     if not with_findings:
         return
     if report.findings:
-        console.print(_table(report))
-    _note(console, f"performed {', '.join(report.groups) or 'nothing'}")
+        more.print(_table(report))
+    if not is_detailed():
+        findings = [_sentence(finding) for level in Level for finding in report.of(level)]
+        show_notes(console, findings, "finding", most=3)
+    show_text(more, f"performed {', '.join(report.groups) or 'nothing'}", begin="  ")
     for skipped in report.skipped:
-        _note(console, f"skipped {skipped.what}: {skipped.reason}")
-    _note(console, LIMITS)
+        show_text(more, f"skipped {skipped.what}: {skipped.reason}", begin="  ")
+    show_text(more, LIMITS, begin="  ")
 
 
-def _note(console: Console, text: str) -> None:
-    console.print(f"  {escape(text)}", highlight=False, soft_wrap=True, style="dim")
+def _sentence(finding: Finding) -> str:
+    """Return a finding in a sentence: rule, what is wrong and where, what to do."""
+    rule = finding.rule
+    return f"{rule.identifier} {rule.title}{': ' if finding.message else ''}{finding.message}; {rule.advice}"
 
 
 def _verdict(report: CheckReport) -> str:

@@ -12,13 +12,11 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import Enum
-from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
-from rich.markup import escape
 
 from eightpost import __version__
 from eightpost.app.options import option, verb
@@ -307,13 +305,16 @@ def _document(found: Sequence[Finding], works: bool) -> dict[str, Any]:
 
 
 def _show(console: Console, found: Sequence[Finding], works: bool) -> None:
-    for group, members in groupby(found, lambda finding: finding.group):
-        console.print(f"[bold]{group}[/]", highlight=False)
-        for finding in members:
-            color = _COLORS[finding.state.value]
-            state = "" if finding.state.value == "ok" else f"[{color}]{finding.state.value}[/] "
+    from eightpost.app.doctor_checks import State
+    from eightpost.app.show import is_detailed, show_text
+
+    fine = [finding for finding in found if finding.state is State.OK and not is_detailed()]
+    for finding in found:
+        if finding not in fine:
+            state = "" if finding.state is State.OK else f"{finding.state.value} "
             remedy = f" -> {finding.remedy}" if finding.remedy else ""
-            text = f"{finding.name}: {state}{escape(finding.statement)}{escape(remedy)}"
-            console.print(f"  [{color}]*[/] {text}", highlight=False, soft_wrap=True)
+            show_text(console, f"{finding.group}, {finding.name}: {state}{finding.statement}{remedy}", hanging="  ")
+    if fine:
+        show_text(console, f"{len(fine)} checks found nothing wrong; -v lists them")
     verdict = "[green]The installation works.[/]" if works else "[red]The installation does not work: see `failed`.[/]"
     console.print(verdict, highlight=False)

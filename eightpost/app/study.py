@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 from collections.abc import Sequence
 from functools import partial
@@ -48,8 +49,8 @@ PATIENCE = 300.0
 #: Files that the commands of a study write into its folder.
 FILES = {"results.parquet": TABLE, "certainty.parquet": TABLE, "report.html": PAGE}
 
-#: Number of failed setups that are listed individually, and of measures in the ranking.
-_NAMED, _SHOWN = 5, 3
+#: Number of measures in the ranking, and of setups without -v.
+_SHOWN, _BEST = 3, 2
 
 
 @verb
@@ -99,6 +100,8 @@ def study(
       eightpost study examples/study.toml -o out/ --rank "front ride height, RMS"
       eightpost study examples/study.toml -o out/ --trace 1200
     """
+    from eightpost.app.show import show_files
+
     # Read when pyarrow is imported: its own allocator keeps some 150 MB of the files that a large study joins.
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
 
@@ -112,10 +115,9 @@ def study(
     begin(console, folder)
     result = folder.run(criterion=rank, certainty=sure)
     show_result(console, result, result.certainty, rank=rank, top=top)
-    for index, path in folder.write_traces(traced):
-        console.print(f"traces of setup {index}: {path}", highlight=False)
-    console.print(f"table: {folder.sweep.path}", highlight=False, soft_wrap=True)
-    show_page(console, folder, trace_command=f"eightpost study {study_file} -o {output} --trace {{setup}}")
+    traces = [path for _, path in folder.write_traces(traced)]
+    page = folder.write_page(trace_command=f"eightpost study {study_file} -o {output} --trace {{setup}}")
+    show_files(console, [*traces, folder.sweep.path, page])
     stopped = result.partial or (sure and result.certainty is None and result.done.any())
     ctx.exit(0 if not stopped and result.done.all() and result.verdict.is_acceptable else 1)
 
@@ -136,9 +138,10 @@ def opened(
 ) -> StudyFolder:
     """Return the study of a file with its output folder; FMUs of its shock and vehicle files are built."""
     from eightpost.api.study_folder import StudyFolder
+    from eightpost.units import state
 
     check_report_folder(output, "study")
-    return StudyFolder(
+    folder = StudyFolder(
         output,
         study_file,
         workers=workers if isinstance(workers, int) else None,
@@ -147,13 +150,18 @@ def opened(
         listener=ConsoleListener(console),
         build=partial(build_with_progress, console),
     )
+    state(folder.study.units)
+    return folder
 
 
 def saved(console: Console, folder: Path, workers: int | None = None) -> StudyFolder:
     """Return the study of a folder that `eightpost study` wrote."""
     from eightpost.api.study_folder import StudyFolder
+    from eightpost.units import state
 
-    return StudyFolder(folder, workers=workers, listener=ConsoleListener(console))
+    study = StudyFolder(folder, workers=workers, listener=ConsoleListener(console))
+    state(study.study.units)
+    return study
 
 
 def begin(console: Console, folder: StudyFolder, plan: str = "") -> None:
@@ -164,32 +172,27 @@ def begin(console: Console, folder: StudyFolder, plan: str = "") -> None:
     completion.begin(folder.path)
 
 
-def show_page(console: Console, folder: StudyFolder, *, trace_command: str = "") -> None:
-    """Write the page of a study, and print its path."""
-    console.print(f"page: {folder.write_page(trace_command=trace_command)}", highlight=False, soft_wrap=True)
-
-
 def show_study(console: Console, sweep: Sweep, plan: str = "") -> None:
-    """Print the settings of a study, with what is to be run; by default, all setups that are left."""
-    read = sweep.study
+    """Print the size of a study, and what is to be run (by default, all that is left); with -v, its settings."""
+    from eightpost.app.show import details, show_text
+
+    read, more = sweep.study, details(console)
     total, plan = len(read.space), plan or f"{sweep.left} to be run"
-    console.print(f"[bold]{escape(read.name)}[/]: {total} setups, {plan}", highlight=False)
-    console.print(f"vehicle {read.vehicle.fmu}; means {_trust(read)}", highlight=False, soft_wrap=True)
-    console.print(f"bank of {len(read.bank)}: {escape(', '.join(read.bank))}", highlight=False, soft_wrap=True)
+    show_text(console, f"{total} setups, {plan}: {read.name}", style="bold", lines=1)
+    show_text(more, f"vehicle {read.vehicle.fmu}; means {_trust(read)}")
+    show_text(more, f"bank of {len(read.bank)}: {', '.join(read.bank)}")
     for corner, builds in read.corners.items():
         if set(builds) != set(read.bank):
-            console.print(f"{corner} allows {escape(', '.join(builds))}", highlight=False, soft_wrap=True)
+            show_text(more, f"{corner} allows {', '.join(builds)}")
     for group in read.alike:
-        console.print(f"alike: {', '.join(group)}", highlight=False)
+        show_text(more, f"alike: {', '.join(group)}")
     for drive in read.drives:
         by = f" by its {', '.join(drive.targets)}" if drive.targets else ""
-        console.print(
-            f"drive {escape(drive.name)}: {drive.file}{by}, {drive.start:g} to {drive.start + drive.stop:g} s; the "
+        show_text(
+            more, f"drive {drive.name}: {drive.file}{by}, {drive.start:g} to {drive.start + drive.stop:g} s; the "
             f"first {read.settling:g} s are left out of every measure",
-            highlight=False,
-            soft_wrap=True,
-        )
-    console.print(f"{len(read.measures)} measures; RMS values are about the mean", highlight=False)
+        )  # fmt: skip
+    show_text(more, f"{len(read.measures)} measures; RMS values are about the mean")
 
 
 def _trust(read: Study) -> str:
@@ -206,37 +209,44 @@ def show_result(
 ) -> None:
     """Print the ranking, how sure it is, and the setups that failed or have a mark."""
     from cosim.study.verdict import study_verdict
-    from eightpost.app.show import show_verdict
+    from eightpost.app.show import details, is_detailed, show_table, show_text, show_verdict
 
-    rows = result.ranking(rank)
-    console.print(_ranking(result, rows[:top].tolist(), rank))
+    rows, most = result.ranking(rank), top if is_detailed() else min(top, _BEST)
+    table = _ranking(result, rows[:most].tolist(), rank, is_brief=not is_detailed())
+    show_table(console, table, most=most + 1)
+    more = details(console)
     if result.infeasible:
-        console.print(f"{result.infeasible} setups violate a constraint and are not ranked", highlight=False)
+        show_text(more, f"{result.infeasible} setups violate a constraint and are not ranked")
     _show_failed(console, result)
-    _show_marks(console, result)
+    _show_marks(more, result)
     error = result.worst_coupling_error
     worst = "" if error is None else f"; coupling error up to {error:.2g} %"
-    console.print(f"{len(result)} setups, {result.seconds:.1f} s of worker time{worst}", highlight=False)
+    show_text(more, f"{len(result)} setups, {result.seconds:.1f} s of worker time{worst}")
     if result.partial:
-        console.print("[yellow]partial[/]: run it again with the same folder to resume", highlight=False)
+        show_text(console, "partial: run it again with the same folder to resume", style="yellow")
     if certainty is not None:
         show_certainty(console, result, certainty)
     show_verdict(console, study_verdict(result, certainty))
 
 
 def show_certainty(console: Console, result: StudyResult, certainty: Certainty) -> None:
-    """Print the summary of a certainty."""
+    """Print which setup is most probably the best, and what to test next; with -v, the whole summary."""
     from cosim.study.choice.certainty import summary_lines
+    from eightpost.app.show import is_detailed, show_text
 
     for place, line in enumerate(summary_lines(result, certainty)):
         style = "bold" if place == 0 else ""
-        console.print(escape(line), style=style, highlight=False, soft_wrap=True)
+        if is_detailed():
+            show_text(console, line, style=style)
+        elif place == 0 or line.startswith("test next"):
+            show_text(console, re.sub(r" \([a-z]+ [^)]*\)", "", line), style=style, lines=1)  # the table has the builds
 
 
-def _ranking(result: StudyResult, rows: list[int], rank: str | None) -> Table:
-    """Return the table of the ranking, with the baseline in the last row."""
-    shown = [rank] if rank else result.study.named_measures[:_SHOWN]
+def _ranking(result: StudyResult, rows: list[int], rank: str | None, *, is_brief: bool = False) -> Table:
+    """Return the table of the ranking, with the baseline in the last row; a brief one has no further measures."""
     objective = result.objective if rank is None else None
+    shown = [rank] if rank else result.study.named_measures[:_SHOWN]
+    shown = shown if rank or not is_brief else shown[: 0 if objective is not None else 1]
     titles = [escape(f"{name} [{result.display(name)}]") for name in shown]
     objectives = ["objective"] if objective is not None else []
     columns = ["", "setup", *unbroken(" ".join(result.study.corners)), *objectives, *titles]
@@ -252,18 +262,18 @@ def _ranking(result: StudyResult, rows: list[int], rank: str | None) -> Table:
 
 
 def _show_failed(console: Console, result: StudyResult) -> None:
-    failures = result.failures
-    for setup, message in failures[:_NAMED]:
-        console.print(f"[red]failed[/] {setup}: {escape(message)}", highlight=False, soft_wrap=True)
-    if len(failures) > _NAMED:
-        console.print(f"[red]failed[/] {len(failures) - _NAMED} more; see the column message of the table")
+    from eightpost.app.show import show_notes
+
+    show_notes(console, (f"{setup}: {message}" for setup, message in result.failures), "failed setup")
 
 
 def _show_marks(console: Console, result: StudyResult) -> None:
     """Print how many setups have each kind of mark."""
+    from eightpost.app.show import show_text
+
     for kind in ("beyond its fitted velocities", "tire off the ground", "coupling"):
         if count := result.marked(kind):
-            console.print(f"[yellow]marked[/] {count} setups: {kind}; see column marks", highlight=False)
+            show_text(console, f"marked {count} setups: {kind}; see column marks")
 
 
 @verb
@@ -298,20 +308,20 @@ def optimise(
       eightpost study optimise examples/study.toml -o out/ --for "front ride height, RMS" --for "total tire force, RMS"
     """
     from cosim.study.choice.optimise import Search, objectives_in_words
+    from eightpost.app.show import show_files, show_table, show_text
 
     console = Console()
     folder, search = opened(console, study_file, output, workers), Search(objectives, evaluations, seed)
     for name in objectives:
         folder.study.measure(name)
     begin(console, folder, f"at most {evaluations} to be evaluated")
-    console.print(f"minimised: {escape(objectives_in_words(folder.study, search))}", highlight=False, soft_wrap=True)
+    show_text(console, f"minimised: {objectives_in_words(folder.study, search)}")
     result, optimum = folder.optimise(search)
     show_result(console, result, rank=objectives[0] if objectives else None)
     if len(objectives) > 1:
-        console.print(front_table(result, optimum, objectives))
-    console.print(f"{escape(optimum.status)}; the study has {len(folder.study.space)} setups", highlight=False)
-    console.print(f"table: {folder.sweep.path}", highlight=False, soft_wrap=True)
-    show_page(console, folder)
+        show_table(console, front_table(result, optimum, objectives), most=2)
+    show_text(console, f"{optimum.status}; the study has {len(folder.study.space)} setups")
+    show_files(console, [folder.sweep.path, folder.write_page()])
     ctx.exit(0 if optimum.best is not None else 1)
 
 
@@ -358,10 +368,11 @@ def whatif(
       eightpost study whatif out/ --at lr --rebound +1
       eightpost study whatif out/ --at lf --at rf --compression -2 --set click='10 %' --set speeds=high
     """
-    console = Console()
+    from eightpost.app.show import show_table
+
     clicks = {side: count for side, count in (("rebound", rebound), ("compression", compression)) if count}
-    study = saved(console, folder, workers)
-    console.print(_effect_table(study.what_if(corners, clicks, share=share, speeds=speeds, setup=setup)))
+    study = saved(console := Console(), folder, workers)
+    show_table(console, _effect_table(study.what_if(corners, clicks, share=share, speeds=speeds, setup=setup)))
 
 
 def _effect_table(effects: Sequence[MeasureChange]) -> Table:
@@ -393,12 +404,14 @@ def sensitivity(
     Example:
       eightpost study sensitivity out/
     """
+    from eightpost.app.show import show_files, show_table, show_text
+
     console = Console()
     study = saved(console, folder)
     results = study.sensitivity(output)
-    console.print(f"{escape(study.study.name)}: {len(study.result)} setups, {results[0].method}", highlight=False)
-    console.print(_share_table(results))
-    console.print(f"wrote {output}", highlight=False, soft_wrap=True)
+    show_text(console, f"{study.study.name}: {len(study.result)} setups, {results[0].method}")
+    show_table(console, _share_table(results))
+    show_files(console, [output])
 
 
 def _share_table(results: Sequence[Sensitivity]) -> Table:
@@ -455,14 +468,13 @@ def robust(
     """
     from cosim.study.verdict import study_verdict
     from eightpost.api.study_folder import CERTAINTY, SPREADS
-    from eightpost.app.show import show_verdict
+    from eightpost.app.show import show_files, show_text, show_verdict
 
     console = Console()
     study = saved(console, folder, workers)
     certainty, check = study.robust(uncertain, top=top, criterion=rank, draws=draws, seed=seed)
     show_certainty(console, study.result, certainty)
     if check is not None:
-        console.print(check.summary(), highlight=False, soft_wrap=True)
+        show_text(console, check.summary())
     show_verdict(console, study_verdict(study.result, certainty).about("choice", "rig runs"))
-    console.print(f"wrote {folder / CERTAINTY} and {SPREADS}", highlight=False, soft_wrap=True)
-    show_page(console, study)
+    show_files(console, [folder / CERTAINTY, folder / SPREADS, study.write_page()])

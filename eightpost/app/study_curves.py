@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
-from rich.markup import escape
 
 from eightpost import completion
 from eightpost.app.options import (
@@ -23,7 +22,7 @@ from eightpost.app.options import (
     setting,
     verb,
 )
-from eightpost.app.study import FILES, begin, opened, show_page
+from eightpost.app.study import FILES, begin, opened
 from eightpost.errors import InputError
 from eightpost.outputs import AIM, PAGE, PICTURE
 
@@ -103,7 +102,7 @@ def shapes(
     from cosim.study.choice.optimise import Robustness
     from eightpost.api.shape_page import aim_verdict
     from eightpost.api.shapes import Request, bank_plan, searched_groups
-    from eightpost.app.show import show_verdict
+    from eightpost.app.show import show_files, show_text, show_verdict
     from eightpost.shock.shape import CURVE_NUMBERS
 
     console = Console()
@@ -127,15 +126,13 @@ def shapes(
     try:
         found = folder.shapes(request)
     except KeyboardInterrupt:
-        console.print("[yellow]stopped[/]: no targets were written; completed runs of the bank are kept, those of the "
-                      "search are not; run the command again with the same folder", highlight=False)  # fmt: skip
+        show_text(console, "stopped: no targets were written; completed runs of the bank are kept, those of the search "
+                  "are not; run the command again with the same folder")  # fmt: skip
         completion.abandon()
         ctx.exit(1)
     _show(console, found)
     show_verdict(console, aim_verdict(found))
-    for name in ("shapes.json", "shapes.html"):
-        console.print(f"wrote {output / name}", highlight=False, soft_wrap=True)
-    show_page(console, folder)
+    show_files(console, [output / "shapes.json", output / "shapes.html", folder.write_page()])
     ctx.exit(0 if aim_verdict(found).is_acceptable else 1)
 
 
@@ -170,15 +167,18 @@ def _show(console: Console, found: Aim) -> None:
         objective_table,
         robust_table,
     )
+    from eightpost.app.show import details, show_table, show_text
     from eightpost.report.tables import result_table
 
-    for table in (objective_table(found), gain_table(found), robust_table(found)):
-        console.print(result_table(table))
+    show_table(console, result_table(objective_table(found)))
+    more = details(console)
+    for table in (gain_table(found), robust_table(found)):
+        show_table(more, result_table(table))
     for text in (car_text(found), band_text(found)):
-        console.print(escape(text), highlight=False, soft_wrap=True)
+        show_text(more, text)
     for target in found.targets:
-        console.print(result_table(number_table(target, found)))
-        console.print(result_table(neighbour_table(target, found)))
+        show_table(more, result_table(number_table(target, found)))
+        show_table(more, result_table(neighbour_table(target, found)))
 
 
 @verb
@@ -223,6 +223,7 @@ def clicks(
       eightpost study clicks shock.json --curve other_shock.json --set speeds='0 m/s, 0.2 m/s' --plot target.png
       eightpost study clicks shock.json --curve target.csv --fix compression=8
     """
+    from eightpost.app.show import show_files, show_notes, show_table, show_text
     from eightpost.ident.shock.clicks import best_clicks, read_target
     from eightpost.ident.shock.plots import answer_table, plot_answer
     from eightpost.shock import read_shock
@@ -233,16 +234,14 @@ def clicks(
     if temperature is not None:
         fixed["temperature"] = temperature
     answer = best_clicks(shock, target, fixed=fixed, speeds=speeds, level=level, count=count)
-    console.print(answer_table(answer))
-    for note in answer.notes:
-        console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
+    show_table(console, answer_table(answer), most=min(count, 5))
+    show_notes(console, answer.notes, most=1)
     if answer.is_reachable:
-        console.print(f"[green]the target can be reached[/]: {escape(answer.best.text)}", highlight=False)
-    for sentence in answer.unreachable:
-        console.print(f"[yellow]not reached[/] {escape(sentence)}", highlight=False, soft_wrap=True)
+        show_text(console, f"the target can be reached: {answer.best.text}", style="green")
+    show_notes(console, answer.unreachable, "not reached", most=1)
     if plot is not None:
         plot_answer(shock, target, answer, plot)
-        console.print(f"wrote {plot}", soft_wrap=True, highlight=False)
+        show_files(console, [plot])
 
 
 def _number(name: str, text: str) -> float:

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.options import CHANNELS, Channels, FilePath, Number, OutputFile, argument, option, setting, verb
-from eightpost.app.study import saved, show_certainty, show_page
+from eightpost.app.study import saved, show_certainty
 from eightpost.errors import InputError
 from eightpost.outputs import PICTURE
 from eightpost.report.console import Table, console_table, folded, right, unbroken
@@ -64,22 +64,21 @@ def select(
     """
     from cosim.study.choice.rig_day import BASELINE_RUNS, repeated
     from eightpost.api.study_folder import SELECTION
+    from eightpost.app.show import show_files, show_table, show_text
 
     console = Console()
     study = saved(console, folder)
     names, share = _measures_and_counts(measures)
     selection = study.select(names, total=total, share=share, pool=pool, twice=twice)
-    console.print(_selection_table(selection, study.result))
+    show_table(console, _selection_table(selection, study.result))
     if marked := sum(bool(selected.marks) for selected in selection.chosen):
-        console.print(f"* {marked} predictions have a mark: see the column marks of the list", highlight=False)
-    console.print(f"any two setups differ at {selection.closest} or more corners", highlight=False)
+        show_text(console, f"* {marked} predictions have a mark: see the column marks of the list")
+    show_text(console, f"any two setups differ at {selection.closest} or more corners")
     second = len(repeated(selection, twice))
     repeats = f", {second} of them twice" if second else ""
     repeats += f", and {BASELINE_RUNS} runs of the baseline" if study.study.baseline else ""
-    console.print(
-        f"wrote {folder / SELECTION}: {len(selection.chosen)} setups{repeats}", highlight=False, soft_wrap=True
-    )
-    show_page(console, study)
+    show_text(console, f"selection.csv: {len(selection.chosen)} setups{repeats}")
+    show_files(console, [folder / SELECTION, study.write_page()])
 
 
 def _measures_and_counts(measures: tuple[str, ...]) -> tuple[tuple[str, ...], dict[str, int] | None]:
@@ -137,21 +136,18 @@ def confirm(
     """
     from cosim.study.verdict import study_verdict
     from eightpost.api.study_folder import CERTAINTY, PREVIOUS
-    from eightpost.app.show import show_verdict
+    from eightpost.app.show import details, show_files, show_table, show_text, show_verdict
 
     console = Console()
     study = saved(console, folder)
-    before, after = study.confirm(records, measures=measures, channel_map=channels.only_map())
+    before, after = study.confirm(records, measures=measures, **channels.record_options)
     result, new = study.result, after.runs[len(before.runs) :]
-    console.print(
-        f"{len(new)} new runs of {len({run.setup for run in new})} setups; {len(after.runs)} in all", highlight=False
-    )
-    console.print(_before_and_after(result, before, after))
+    show_text(console, f"{len(new)} new runs of {len({run.setup for run in new})} setups; {len(after.runs)} in all")
+    show_table(details(console), _before_and_after(result, before, after))
     show_certainty(console, result, after)
     _show_contradictions(console, result, after)
     show_verdict(console, study_verdict(result, after).about("choice", "rig runs"))
-    console.print(f"wrote {folder / CERTAINTY}; the previous one is {PREVIOUS}", highlight=False, soft_wrap=True)
-    show_page(console, study)
+    show_files(console, [folder / CERTAINTY, study.write_page()], f"; the previous certainty is {PREVIOUS}")
     ctx.exit(1 if after.contradictions else 0)
 
 
@@ -188,17 +184,18 @@ def _show_contradictions(console: Console, result: StudyResult, certainty: Certa
     """Print the measured levels that the prediction does not explain."""
     from cosim.study.choice.certainty import chance_text
     from eightpost import units
+    from eightpost.app.show import show_notes
 
+    texts = []
     for one in certainty.contradictions:
         own, unit = result.unit(one.measure), result.display(one.measure)
         measured, predicted = (units.convert(value, own, unit) for value in (one.measured, one.predicted))
-        console.print(
-            f"[yellow]contradiction[/] {escape(one.file)}: {escape(one.measure)} of setup {one.setup} is "
+        texts.append(
+            f"{one.file}: {one.measure} of setup {one.setup} is "
             f"{measured:.4g} {unit}, predicted {predicted:.4g}; a deviation of this size has a probability of "
-            f"{chance_text(one.probability)}; {'used, as other runs agree' if one.used else 'left out'}",
-            highlight=False,
-            soft_wrap=True,
+            f"{chance_text(one.probability)}; {'used, as other runs agree' if one.used else 'left out'}"
         )
+    show_notes(console, texts, "contradiction")
 
 
 #: Largest length of all labels of runs as headings of a table; longer ones are replaced by their numbers.
@@ -249,7 +246,7 @@ def compare(
       eightpost study compare out out/swapped -o out/changes.png
       eightpost study compare out/ --measured rig_day/selection.csv
     """
-    from eightpost.app.show import show_verdict
+    from eightpost.app.show import details, show_files, show_table, show_verdict
 
     console = Console()
     if measured is None:
@@ -257,11 +254,11 @@ def compare(
     elif len(folders) == 1:
         study = saved(console, folders[0])
         entries, verdict, picture = study.compare(
-            measured, output, measures=measures, channel_map=channels.only_map(), rank=rank, level=level
+            measured, output, measures=measures, rank=rank, level=level, **channels.record_options
         )
-        for table in (_rank_table(entries), _level_table(entries, study.result)):
-            console.print(table)
-        console.print(f"wrote {picture} and comparison.json in the same folder", highlight=False, soft_wrap=True)
+        show_table(console, _rank_table(entries))
+        show_table(details(console), _level_table(entries, study.result))
+        show_files(console, [picture, picture.with_name("comparison.json")])
     else:
         raise InputError(f"with --measured, compare takes the folder of one study, not {len(folders)} folders")
     show_verdict(console, verdict)
@@ -271,15 +268,16 @@ def compare(
 def _compare_runs(console: Console, folders: tuple[Path, ...], vehicle: str, output: Path | None) -> Verdict:
     from cosim.session.result import SavedRun
     from cosim.study.choice.compare import compare_runs
+    from eightpost.app.show import show_files, show_table, show_text
 
     saved = {str(folder): SavedRun.load(folder) for folder in folders}
     for number, (folder, run) in enumerate(saved.items(), start=1):
-        console.print(escape(f"run {number}: {folder}: {run.sources}"), highlight=False, soft_wrap=True)
+        show_text(console, f"run {number}: {folder}: {run.sources}", lines=1)
     compared = compare_runs(saved, vehicle)
-    console.print(measure_table(compared))
+    show_table(console, measure_table(compared))
     if output:
         compared.plot().save(output)
-        console.print(f"wrote {output}", highlight=False)
+        show_files(console, [output])
     return compared.verdict
 
 
@@ -324,7 +322,12 @@ def measure_table(compared: RunComparison) -> Table:
         change = compared.change(measure)
         text = "" if change is None else f"{change:+.2f} %"
         rows.append(
-            (escape(measure.name), measure.display, *(f"{value:.4g}" for value in compared.values(measure)), text)
+            (
+                escape(measure.name),
+                compared.display(measure),
+                *(f"{value:.4g}" for value in compared.values(measure)),
+                text,
+            )
         )
     fit = sum(map(len, compared.runs)) <= _LABELS
     runs = compared.runs if fit else [f"run {number}" for number in range(1, len(compared.runs) + 1)]

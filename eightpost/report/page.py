@@ -20,6 +20,7 @@ from eightpost.report import numbers, tables
 from eightpost.report.charts import Figure
 from eightpost.report.numbers import Display
 from eightpost.report.tables import ResultTable
+from eightpost.units import shown_system
 from eightpost.verdict import Verdict
 
 with needs("report", "writing pages"):
@@ -67,6 +68,7 @@ def page(package: str, scripts: Sequence[str], /, name: str = "page", **context:
             "style": _file(_KIT, "templates/shell.css") + _file(package, f"{name}.css"),
             "script": Markup("\n").join([_file(_KIT, "templates/shell.js"), *own]),
             "plotly": _plotly(),
+            "shown_units": {"us": "US customary", "si": "Metric"}[shown_system()],
             "version": __version__,
             "written": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         }

@@ -17,7 +17,7 @@ from eightpost.errors import FileFormatError, ParameterError
 from eightpost.files import MALFORMED, atomic_path, check_schema, json_content
 from eightpost.shock.curve import KNOTS, StaticCurve
 from eightpost.shock.law import ShockLaw
-from eightpost.shock.laws import FORMER, LAWS, law_name, law_title, own_parameters, parameter_units
+from eightpost.shock.laws import FORMER, LAWS, law_name, law_title, named_law, own_parameters, parameter_units
 from eightpost.shock.settings import TEMPERATURE, Axis, Settings, is_tested, setting_of
 from eightpost.validity import ModelUncertainty, ParameterUncertainty, Validity, judged
 from eightpost.verdict import Reason, Rules, Verdict
@@ -382,10 +382,8 @@ def read_shock(path: str | Path) -> Shock:
     document = _read_document(path)
     if document.get("law") in FORMER:
         raise ParameterError(_no_longer_supported(document, path))
-    law_class = LAWS.get(str(document.get("law")))
-    if law_class is None:
-        raise ParameterError(f"{path}: law is {document.get('law')!r}; it must be one of {', '.join(LAWS)}")
     try:
+        law_class = LAWS[named_law(document.get("law"))]
         curve, port = ({name: _object(document, name)} for name in ("curve", "port"))
         law = _construct(law_class, "parameters", _object(document, "parameters") | curve | port)
         validity = Validity.from_json(document["validity"]) if "validity" in document else None

@@ -117,7 +117,7 @@ def read_series(
         FileFormatError: The file cannot be read.
         DataError: The record has a fault; the subclass and the message say which fault and where.
     """
-    record = read_record(path)
+    record = read_record(path).bridged(channel_map.bridge if channel_map else 0)
     if channel_map is None:
         channel_map = identity_map(record, find_time(record))
     return mapped_series(record, channel_map, units=units)

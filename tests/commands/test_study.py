@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import click
 import pytest
 from click.testing import CliRunner
 from rich.console import Console
@@ -79,8 +80,10 @@ def test_the_channels_that_drive_are_named_if_a_record_has_others(file, capsys):
     study = read_study(file)
     lap = replace(study.drives[0], name="lap", start=1.0, targets={"lf.road": "car.lf.road", "rf.road": "car.rf.road"})
     both = replace(study, drives=(study.drives[0], lap))
-    show_study(Console(width=400), SimpleNamespace(study=both, left=0))
-    shown = capsys.readouterr().out
+    with click.Context(click.Command("eightpost")) as context:
+        context.params["verbose"] = True
+        show_study(Console(width=400), SimpleNamespace(study=both, left=0))
+    shown = " ".join(capsys.readouterr().out.split())
     assert "track.parquet by its lf.road, rf.road, 1 to 4 s; the first 1 s are left out of every measure" in shown
     assert "track.parquet, 0 to 3 s; the first" in shown
 

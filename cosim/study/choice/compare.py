@@ -274,7 +274,11 @@ class RunComparison(Summarized):
 
     def values(self, measure: Measure) -> list[float]:
         """Return a measure of every run in its display unit."""
-        return [units.convert(measure.of(one), measure.unit(one), measure.display) for one in self.runs.values()]
+        return [units.convert(measure.of(one), measure.unit(one), self.display(measure)) for one in self.runs.values()]
+
+    def display(self, measure: Measure) -> str:
+        """Return the unit in which a measure is shown to this user."""
+        return units.shown_unit(measure.unit(next(iter(self.runs.values()))), measure.display)
 
     def change(self, measure: Measure) -> float | None:
         """Return the change of a measure from the first run to the last [%]; None if it is 0 in the first run."""
@@ -299,7 +303,7 @@ class RunComparison(Summarized):
             MissingExtraError: pandas is not installed.
         """
         rows = [self.values(measure) for measure in self.measures]
-        columns: dict[str, Any] = {"unit": [measure.display for measure in self.measures]}
+        columns: dict[str, Any] = {"unit": [self.display(measure) for measure in self.measures]}
         columns |= {label: [row[k] for row in rows] for k, label in enumerate(self.runs)}
         columns["change"] = [self.change(measure) for measure in self.measures]
         return data_frame(columns, [measure.name for measure in self.measures], "measure", {"change": "%"})

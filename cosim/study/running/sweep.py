@@ -41,7 +41,7 @@ from eightpost.signals.parquet_file import read_columns, read_table
 # ---- Digest of a study ----------------------------------------------------------------------------------------------
 
 #: Entries that do not affect the results: they are applied to the table afterwards.
-_AFTER = ("name", "objective", "constraints")
+_AFTER = ("name", "objective", "constraints", "units")
 
 
 def file_digests(study: Study, known: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
