@@ -267,7 +267,9 @@ def write_live_page(shock: str | Path, path: str | Path, *, vehicle: str | Path)
         places=_PLACES,
         subtitle=models.title,
         vehicle=Path(vehicle).name,
-        groups=[("dynamometer", "Motion", DYNAMOMETER), ("bump", "Road", BUMP), ("shock", "Shock", controls)],
+        fold=0,
+        words={control.name: control.text for control in controls},
+        groups=[("shock", "Shock", controls), ("dynamometer", "Motion", DYNAMOMETER), ("bump", "Road", BUMP)],
         data={"models": content, "shock-module": _packed(models.shock), "car-module": _packed(models.car)},
     )
     return LivePage(html.write_page(path, text), controls, verdict)

@@ -158,7 +158,7 @@ def panels(series: TimeSeries) -> tuple[Panel, ...]:
     for row, (name, unit) in enumerate(zip(series.names, series.units, strict=True)):
         members.setdefault((name.rpartition(".")[2], unit), []).append(row)
     return tuple(
-        Panel(quantity, Display.of(unit), _lines(series, rows), opened=k < _OPEN)
+        Panel(quantity, Display.us(unit), _lines(series, rows), opened=k < _OPEN)
         for k, ((quantity, unit), rows) in enumerate(members.items())
     )
 
@@ -168,7 +168,7 @@ def statistics(series: TimeSeries, stated: Mapping[str, float]) -> tuple[Statist
     return tuple(
         Statistics(
             name,
-            Display.of(unit),
+            Display.us(unit),
             *(float(row.mean()), float(row.std()), float(row.min()), float(row.max())),
             error=stated[name] if isfinite(stated.get(name, inf)) else None,
         )
@@ -332,8 +332,8 @@ def page(
         statistics=rows,
         largest=max((row.error for row in rows if row.error is not None), default=None),
         span=f"{settled.time[0]:g} to {settled.time[-1]:g} s",
-        velocity=Display.of("m/s"),
-        force=Display.of("N"),
+        velocity=Display.us("m/s"),
+        force=Display.us("N"),
         data={"manifest": manifest, "numbers": numbers},
     )
 
@@ -344,7 +344,7 @@ def _packed(result: Result, shown: Traces, densities: Spectra | None) -> tuple[d
     channels = [
         {
             "name": name,
-            "scale": asdict(Display.of(unit)) | {"squared": Display.of(unit).squared},
+            "scale": asdict(Display.us(unit)) | {"squared": Display.us(unit).squared},
             "low": float(values.min()),
             "high": float(values.max()),
             "at": store.add_levels(values),

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cosim.report.page import versions
+from cosim.study.answer import answer_of, chance, corner_choices, sought, tied
 from cosim.study.choice.certainty import Certainty
 from cosim.study.choice.rig_day import Selected, Selection
 from cosim.study.choice.sensitivity import Sensitivity, available_sensitivities
@@ -24,12 +25,9 @@ from cosim.study.sheet import (
     Sheet,
     ShockCurve,
     Uncertainty,
-    answer_of,
     build_colors,
-    chance,
     sheet_of,
     shown_columns,
-    tied,
 )
 from cosim.study.table import StudyResult
 from eightpost.array_types import Array, Integers
@@ -37,10 +35,8 @@ from eightpost.errors import OutputError
 from eightpost.extras import needs
 from eightpost.files import atomic_path, safe_cell
 from eightpost.report import page as html
-from eightpost.report.numbers import Display, fixed, percent
 from eightpost.report.packing import TRACES_CAPACITY, Store, spectra, traces
 from eightpost.report.page import write_page
-from eightpost.report.tables import Tile
 from eightpost.signals import TimeSeries
 
 with needs("report", "writing workbooks"):
@@ -381,7 +377,7 @@ def _between(placed: Integers, levels: Array) -> float:
     return float(np.average((means - levels[known].mean()) ** 2, weights=counts[counts > 0]))
 
 
-# ---- Texts and figures at the top of the page, and its tables of extremes and sensitivities -------------------------
+# ---- Tables of extremes and sensitivities ---------------------------------------------------------------------------
 
 #: Share of a measure's variance [1] above which a corner is highlighted.
 MATTERS = 0.05
@@ -395,45 +391,6 @@ class Share(NamedTuple):
     totals: tuple[float, ...]
     interactions: float
     method: str
-
-
-def headline(sheet: Sheet) -> str:
-    """Return a summary: how many setups ran, failed and are marked, which one is best, and remarks on it."""
-    failed, marked, done = len(sheet.failures), len(sheet.marks), int(sheet.done.sum())
-    counts = f"{done} setups ran{f', {failed} failed' if failed else ''}, {marked} marked."
-    feasible = int(np.sum(sheet.allowed & sheet.done))
-    if not feasible:
-        return counts
-    best = int(sheet.order[0])
-    words = [counts, f"Best prediction: setup {sheet.numbers[best]} ({sheet.fitted(best)})."]
-    words += [f"{feasible} setups meet all constraints."] if sheet.background.constraints else []
-    words += [f"This setup is marked: {sheet.marks[best]}."] if best in sheet.marks else []
-    return " ".join(words)
-
-
-def tiles(sheet: Sheet) -> Iterator[Tile]:
-    """Yield the figures at the top of the page; none if no setup ran."""
-    if not sheet.done.any():
-        return
-    column, best = sheet.ranked_by, int(sheet.order[0])
-    us, metric = (_with_unit(one, float(column.values[best])) for one in column.scale)
-    yield Tile(f"best {column.name}", us, f"setup {sheet.numbers[best]}", metric)
-    if sheet.baseline is not None and sheet.done[sheet.baseline]:
-        base = float(column.values[sheet.baseline])
-        gain = percent(100.0 * (float(column.values[best]) - base) / abs(base)) if base else "not defined"
-        yield Tile("best compared with baseline", gain, f"baseline: setup {sheet.numbers[sheet.baseline]}")
-        place = str(int(np.flatnonzero(sheet.order == sheet.baseline)[0]) + 1)
-        yield Tile("rank of the baseline", place, sheet.fitted(sheet.baseline))
-    known = sheet.coupling_error[np.isfinite(sheet.coupling_error)]
-    if known.size:
-        worst = percent(float(known.max()))
-        yield Tile("largest coupling error", worst, f"median {percent(float(np.median(known)))}")
-    ran = f"{int(sheet.done.sum())}"
-    yield Tile("setups", ran, f"{len(sheet.failures)} failed, {len(sheet.marks)} marked")
-
-
-def _with_unit(shown: Display, value: float) -> str:
-    return fixed(shown(value)) if shown.unit == "1" else f"{fixed(shown(value))} {shown.unit}"
 
 
 def extremes(columns: Sequence[Column]) -> tuple[tuple[Column, int, int], ...]:
@@ -468,8 +425,8 @@ _TRADES = 6
 #: Number of columns of the ranking when the page opens, including the objective; the others can be added.
 _TABLED = 7
 
-#: Number of findings of the verdict that are shown at once: the answer and the ranking stay on the first screen.
-_FOLDED = 2
+#: Number of findings of the verdict that are shown at once: the answer says what must be done.
+_FOLDED = 0
 
 #: Largest number of setups in the list of failed and marked setups; the ranking contains all of them.
 _LISTED = 200
@@ -481,6 +438,7 @@ def page(sheet: Sheet, extras: Extras) -> str:
     picked = sorted({row for _, rows in groups for row in rows})
     manifest, numbers = packed(sheet, extras, picked)
     problems = sorted(sheet.failures.items()) + sorted(sheet.marks.items())
+    answer = answer_of(sheet)
     context = _choices(sheet) | _effects(sheet, extras.sensitivities)
     return html.page(
         "cosim.study",
@@ -488,8 +446,6 @@ def page(sheet: Sheet, extras: Extras) -> str:
         **context,
         verdict=sheet.background.verdict,
         fold=_FOLDED,
-        headline=headline(sheet),
-        tiles=tuple(tiles(sheet)),
         problems=problems[:_LISTED],
         more_problems=max(0, len(problems) - _LISTED),
         versions=versions(),
@@ -497,7 +453,10 @@ def page(sheet: Sheet, extras: Extras) -> str:
         places=_places(sheet, groups),
         sheet=sheet,
         background=sheet.background,
-        answer=answer_of(sheet),
+        answer=answer,
+        choices=corner_choices(sheet, answer.row, extras.curves) if answer else [],
+        chance=chance(sheet.certainty) if sheet.certainty else "",
+        sought=sought(sheet),
         groups=groups,
         shock_pages=extras.shock_pages,
         aim=extras.aim,

@@ -38,7 +38,7 @@ from cosim.study.choice.posterior import (
 )
 from cosim.study.choice.sources import FILE, OUTPUT, UNKNOWN, ErrorSources, error_sources
 from cosim.study.table import StudyResult, error_column
-from eightpost.array_types import Array, Integers
+from eightpost.array_types import Array, Flags, Integers
 
 # ---- Contributions to the uncertainty: which are included, which are not, and which are unknown ---------------------
 
@@ -304,7 +304,7 @@ def _objective_levels(result: StudyResult, posterior: Posterior, criterion: Crit
 def _trade_offs(
     result: StudyResult, posterior: Posterior, chosen: Criterion, drawn: Drawn, ties: Integers, draws: int, seed: int
 ) -> Iterator[TradeOff]:
-    """Yield the levels of the other measures of the leading setup relative to the baseline, unless it leads itself."""
+    """Yield the levels of the leading setup relative to the baseline, unless it leads itself; the objective is last."""
     sources = posterior.sources
     reference = _reference(result, chosen, sources)
     if reference is None or not ties.size or drawn.rows[ties[0]] == reference:
@@ -313,13 +313,24 @@ def _trade_offs(
     generator = np.random.default_rng(seed + 1)
     groups = [(posterior.draw(s, max(draws // 64, 2), generator)) for s in posterior.scales.groups(64, generator)]
     feasible = result.feasible if result.feasible.any() else result.done
+    known: dict[int, Array] = {}
     for m, name in enumerate(sources.names):
         if sources.bases[m] == UNKNOWN:
             continue
         levels = np.concatenate([drawn_levels(posterior, g, rows, m, generator) for g in groups])
-        low, change, high = np.quantile(levels[:, 0] / levels[:, 1], [0.025, 0.5, 0.975]) - 1.0
-        lowest = float(sources.predicted[rows[0], m] / np.nanmin(sources.predicted[feasible, m]) - 1.0)
-        yield TradeOff(name, float(change), float(low), float(high), lowest)
+        known[m] = levels
+        yield _trade_off(name, levels, rows[0], sources.predicted[:, m], feasible)
+    if chosen.name == OBJECTIVE and known.keys() >= set(chosen.measures.tolist()):
+        terms = zip(chosen.weights.tolist(), chosen.measures.tolist(), strict=True)
+        whole = chosen.offset + sum(weight * known[m] for weight, m in terms)
+        yield _trade_off(OBJECTIVE, whole, rows[0], chosen.values(sources.predicted), feasible)
+
+
+def _trade_off(name: str, levels: Array, row: int, predicted: Array, feasible: Flags) -> TradeOff:
+    """Return the change of drawn levels (D, 2) from the second setup to the first, which has a row."""
+    low, change, high = np.quantile(levels[:, 0] / levels[:, 1], [0.025, 0.5, 0.975]) - 1.0
+    lowest = float(predicted[row] / np.nanmin(predicted[feasible]) - 1.0)
+    return TradeOff(name, float(change), float(low), float(high), lowest)
 
 
 def _reference(result: StudyResult, chosen: Criterion, sources: ErrorSources) -> int | None:

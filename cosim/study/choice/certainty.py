@@ -325,13 +325,14 @@ def certainty_reasons(certainty: Certainty | None) -> Iterator[Reason]:
     if certainty.leader is None:
         return  # no setup is feasible, which is a reason of its own
     chance = certainty.probability(certainty.leader)
-    figure = f"setup {certainty.leader} {chance:.0%}; limit {TIE:.0%}; {len(certainty.ties)} setups tied"
+    figure = f"probability of setup {certainty.leader}: {chance_text(chance)}"
     origin = f"{certainty.criterion}; {certainty.draws} draws"
     if len(certainty.ties) > 1:
+        figure = f"{len(certainty.ties)} setups; {figure}, less than {100 * TIE:g} %"
         yield RULES.reason("setups tied", "several setups may be the best", figure, origin)
     elif certainty.is_known and certainty.left_out:
         names = listed(one.name for one in certainty.left_out)
-        figure = f"{figure}; not included: {names}"
+        figure = f"not included: {names}; without it, {figure}"
         yield RULES.reason(
             "one setup is the best by a part of the uncertainty",
             "one setup is the best by the included contributions",
