@@ -16,7 +16,7 @@ from cosim.components.fmu_component import FmuComponent
 from cosim.session.setup import RunSetup, joined
 from cosim.study.definition import Parameters
 from cosim.study.measures import Measure, Sections, sections_of
-from cosim.systems.coupling import Feed, Term
+from cosim.systems.coupling import Feed, Scenario, Term
 from cosim.systems.system import Bond, System
 from eightpost.array_types import Array, Integers
 from eightpost.machine import (
@@ -241,6 +241,105 @@ def _is_offset(name: str) -> bool:
     return name.rpartition(".")[2] not in (*_FRICTION, _SPRING, _AT_EQUILIBRIUM)
 
 
+# ==== A vehicle and the shocks at its ports ==========================================================================
+
+
+class WiredCar:
+    """A vehicle whose forces come from shocks at its ports, and whose other inputs come from the drive.
+
+    Args:
+        system: System of the vehicle and its shocks.
+        feeds: Sources of the inputs of every component.
+        name: Name of the vehicle's component.
+        vehicle: Vehicle.
+
+    Attributes:
+        vehicle: Vehicle.
+        shocks: Components of the shocks, in the order of the bonds.
+        ports: Port of each shock, with the friction and springs that the vehicle has there.
+
+    Raises:
+        NotInBatchError: The system has other connections than bonds between the vehicle and shocks.
+    """
+
+    def __init__(self, system: System, feeds: Mapping[str, Sequence[Feed]], name: str, vehicle: FmuVehicle) -> None:
+        self.vehicle, self.name, self._system = vehicle, name, system
+        self.shocks = tuple(shock_of(bond) for bond in system.bonds)
+        self._feeds = feeds[name]
+        self._check(feeds)
+        self.ports = self._with_friction([self._port(bond) for bond in system.bonds])
+
+    def output(self, name: str) -> int:
+        """Return the number of an output `component.variable` of the vehicle."""
+        component, _, variable = name.partition(".")
+        if component != self.name or variable not in self.vehicle.outputs:
+            raise NotInBatchError(f"{name} is not an output of the vehicle")
+        self.check_si(name)
+        return self.vehicle.outputs.index(variable)
+
+    def check_si(self, name: str) -> None:
+        """Raise an error if an output `component.variable` is not in an SI unit."""
+        if to_si(self._system.output(name))[0] != Conversion():
+            raise NotInBatchError(f"{name} is not in an SI unit")
+
+    def inputs(self, scenario: Scenario, times: Array) -> Array:
+        """Return what constants and drive give to the inputs of the vehicle (K, m) at times (K,) [s]."""
+        values = np.zeros((times.size, len(self._feeds)))
+        if scenario.drive is not None:
+            samples = scenario.drive.sample(times + scenario.drive_start)
+        for k, feed in enumerate(self._feeds):
+            values[:, k] = feed.constant
+            if feed.drive is not None:
+                values[:, k] += feed.drive_conversion.factor * samples[feed.drive] + feed.drive_conversion.offset
+        return values
+
+    def _port(self, bond: Bond) -> Port:
+        if bond.displacement is None:
+            raise NotInBatchError(f"the shock at {bond.name} has no displacement")
+        forces = [k for k, feed in enumerate(self._feeds) if feed.terms and self._source(feed.terms) == shock_of(bond)]
+        if len(forces) != 1:
+            raise NotInBatchError(f"the shock at {bond.name} acts on {len(forces)} inputs of the vehicle")
+        return Port(forces[0], self.output(bond.velocity.source), self.output(bond.displacement.source))
+
+    def _with_friction(self, shocks: Sequence[Port]) -> list[Port]:
+        found = list(shocks)
+        for port in self.vehicle.ports:
+            for k, shock in enumerate(shocks):
+                if (port.force, port.velocity) == (shock.force, shock.velocity) and port.travel in (None, shock.travel):
+                    found[k] = replace(shock, friction=port.friction)
+                    break
+            else:
+                if port.has_forces:
+                    raise NotInBatchError("the vehicle has friction or a spring at a port that no shock is coupled to")
+        return found
+
+    def _source(self, terms: Sequence[Term]) -> str:
+        source, _, variable = terms[0].source.partition(".")
+        if len(terms) > 1 or variable != "force" or source not in self.shocks:
+            raise NotInBatchError("an input of the vehicle has other sources than a shock and the drive")
+        _check_unscaled(terms)
+        return source
+
+    def _check(self, feeds: Mapping[str, Sequence[Feed]]) -> None:
+        if self._system.connections:
+            raise NotInBatchError("components have connections besides their bonds")
+        for bond, shock in zip(self._system.bonds, self.shocks, strict=True):
+            for feed in feeds[shock]:
+                if len(feed.terms) != 1 or feed.drive is not None or feed.constant != 0.0:
+                    raise NotInBatchError(f"an input of the shock at {bond.name} has other sources than the vehicle")
+                _check_unscaled(feed.terms)
+
+
+def shock_of(bond: Bond) -> str:
+    """Return the component of the shock of a bond."""
+    return bond.force.source.partition(".")[0]
+
+
+def _check_unscaled(terms: Iterable[Term]) -> None:
+    if any(term.gain != 1.0 or term.conversion != Conversion() for term in terms):
+        raise NotInBatchError("a connection has a gain or converts a unit")
+
+
 # ==== A run of all setups on one drive ===============================================================================
 
 
@@ -276,12 +375,12 @@ class Plan:
         *,
         width: str | None = None,
     ) -> None:
-        self.corners = tuple(bond.name for bond in setup.system.bonds)
-        self._vehicle, self._name, self._system = vehicle, name, setup.system
-        _check(setup)
-        feeds = setup.coupling.feeds[name]
-        car = LinearCar.of(vehicle, self._ports([self._port(bond, feeds) for bond in setup.system.bonds]), damping)
-        drive = _drive(setup, feeds)
+        if setup.discrete.is_needed:
+            raise NotInBatchError("components have connections besides their bonds")
+        self._wired = WiredCar(setup.system, setup.coupling.feeds, name, vehicle)
+        self.corners = self._wired.shocks
+        car = LinearCar.of(vehicle, self._wired.ports, damping)
+        drive = _drive(setup, self._wired)
         self.limits = tuple(limit for limit in setup.limits.watched if limit.signal.startswith(f"{name}."))
         names = {*series, *(channel for q in quantities for channel in q.channels)}
         self.run = Run(
@@ -289,73 +388,30 @@ class Plan:
             drive,
             {channel: self._channel(channel) for channel in names},
             quantities=quantities,
-            limits=[Limit(limit.sign, limit.limit, self._output(limit.signal)) for limit in self.limits],
+            limits=[Limit(limit.sign, limit.limit, self._wired.output(limit.signal)) for limit in self.limits],
             series=series,
             settling=int(np.searchsorted(drive.times[:: drive.every], setup.scenario.settling + 1e-9)),
             width=width,
         )
         self.rows, self.series = self.run.rows, self.run.series
 
-    # ---- Numbers of channels ----------------------------------------------------------------------------------------
-
-    def _port(self, bond: Bond, feeds: Sequence[Feed]) -> Port:
-        if bond.displacement is None:
-            raise NotInBatchError(f"the shock at {bond.name} has no displacement")
-        forces = [k for k, feed in enumerate(feeds) if feed.terms and self._shock_of(feed.terms) == bond.name]
-        if len(forces) != 1:
-            raise NotInBatchError(f"the shock at {bond.name} acts on {len(forces)} inputs of the vehicle")
-        return Port(forces[0], self._output(bond.velocity.source), self._output(bond.displacement.source))
-
-    def _ports(self, shocks: Sequence[Port]) -> list[Port]:
-        """Return the shocks' ports with the friction and springs that the vehicle has there."""
-        found = list(shocks)
-        for port in self._vehicle.ports:
-            for k, shock in enumerate(shocks):
-                if (port.force, port.velocity) == (shock.force, shock.velocity) and port.travel in (None, shock.travel):
-                    found[k] = replace(shock, friction=port.friction)
-                    break
-            else:
-                if port.has_forces:
-                    raise NotInBatchError("the vehicle has friction or a spring at a port that no shock is coupled to")
-        return found
-
-    def _output(self, name: str) -> int:
-        component, _, variable = name.partition(".")
-        if component != self._name or variable not in self._vehicle.outputs:
-            raise NotInBatchError(f"{name} is not an output of the vehicle")
-        _check_si(self._system, name)
-        return self._vehicle.outputs.index(variable)
-
     def _channel(self, name: str) -> tuple[int, int]:
         component, _, variable = name.partition(".")
-        if component == self._name:
-            return -1, self._output(name)
+        if component == self._wired.name:
+            return -1, self._wired.output(name)
         if component not in self.corners or variable not in SIGNALS:
             raise NotInBatchError(f"{name} is not recorded in a batch")
-        _check_si(self._system, name)
+        self._wired.check_si(name)
         return self.corners.index(component), SIGNALS.index(variable)
 
-    def _shock_of(self, terms: Sequence[Term]) -> str:
-        source, _, variable = terms[0].source.partition(".")
-        if len(terms) > 1 or variable != "force" or source not in self.corners:
-            raise NotInBatchError("an input of the vehicle has other sources than a shock and the drive")
-        _check_unscaled(terms)
-        return source
 
-
-def _drive(setup: RunSetup, feeds: Sequence[Feed]) -> Drive:
+def _drive(setup: RunSetup, car: WiredCar) -> Drive:
     scenario, (times, every) = setup.scenario, _regular(setup)
     points = times
     if scenario.drive is not None:
         own = scenario.drive.series.time - scenario.drive_start
         points = joined(times, own[(own > 0.0) & (own < times[-1])])
-        samples = scenario.drive.sample(points + scenario.drive_start)
-    inputs = np.zeros((points.size, len(feeds)))
-    for k, feed in enumerate(feeds):
-        inputs[:, k] = feed.constant
-        if feed.drive is not None:
-            inputs[:, k] += feed.drive_conversion.factor * samples[feed.drive] + feed.drive_conversion.offset
-    return Drive(times, every, points, inputs)
+    return Drive(times, every, points, car.inputs(scenario, points))
 
 
 def _regular(setup: RunSetup) -> tuple[Array, int]:
@@ -366,26 +422,6 @@ def _regular(setup: RunSetup) -> tuple[Array, int]:
     if records < 1:
         raise NotInBatchError("the drive is shorter than the interval between records")
     return np.linspace(0.0, records * record, records * every + 1), every
-
-
-def _check(setup: RunSetup) -> None:
-    if setup.discrete.is_needed or setup.system.connections:
-        raise NotInBatchError("components have connections besides their bonds")
-    for bond in setup.system.bonds:
-        for feed in setup.coupling.feeds[bond.name]:
-            if len(feed.terms) != 1 or feed.drive is not None or feed.constant != 0.0:
-                raise NotInBatchError(f"an input of the shock at {bond.name} has other sources than the vehicle")
-            _check_unscaled(feed.terms)
-
-
-def _check_unscaled(terms: Iterable[Term]) -> None:
-    if any(term.gain != 1.0 or term.conversion != Conversion() for term in terms):
-        raise NotInBatchError("a connection has a gain or converts a unit")
-
-
-def _check_si(system: System, name: str) -> None:
-    if to_si(system.output(name))[0] != Conversion():
-        raise NotInBatchError(f"{name} is not in an SI unit")
 
 
 # ==== Measures: summed while a batch runs, of filtered channels, and of the series ===================================
