@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias, get_args, overload
 
 from eightpost.errors import FileFormatError, InputError, missing_file, suggestion
-from eightpost.files import read_text
+from eightpost.files import toml_content
 
 if TYPE_CHECKING:
     from cosim.session.result import SavedRun
@@ -58,10 +57,7 @@ def toml_kind(path: Path) -> str:
     Raises:
         FileFormatError: It is not a TOML file.
     """
-    try:
-        content = tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
-        raise FileFormatError(f"is not a TOML file ({error})", path=path) from error
+    content = toml_content(path)
     found = (
         kind for kind, key in (("study", "bank"), ("system", "components"), ("vehicle", "model")) if key in content
     )

@@ -120,6 +120,9 @@ class StudyFolder:
         Raises:
             FmuError: An FMU cannot be used.
         """
+        files = dict.fromkeys(one.function.rpartition(":")[0] for one in self.study.measures if one.function)
+        if files:
+            self.listener.say(f"running the Python code of this study's measures: {', '.join(files)}")
         return Evaluator(self.study)
 
     @cached_property
@@ -591,7 +594,12 @@ class StudyFolder:
 
     def _certainty_of(self, digest: str) -> Certainty | None:
         path = self.path / CERTAINTY
-        return read_certainty(path, digest=digest) if path.is_file() else None
+        if not path.is_file():
+            return None
+        known = read_certainty(path, digest=digest)
+        if not set(known.ties) <= set(self.result.setups.tolist()):
+            raise FileFormatError(f"its best setups are not in {RESULTS}; run `eightpost study` again", path=path)
+        return known
 
     def _readable(self, read: Callable[[], Any]) -> Any:
         """Return what is read; None, and a note, if the file is damaged or belongs to another study."""
