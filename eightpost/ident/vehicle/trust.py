@@ -346,7 +346,7 @@ def _uncertainties(found: Sequence[Powers]) -> list[MeasureUncertainty]:
     """Return the uncertainty of each measure from the powers of all tests."""
     errors = np.array([one.error for one in found])
     whole = Powers(*np.sum(found, axis=0))
-    deviation = np.sqrt(_OF_MEAN * _pooled(errors.var(axis=0, ddof=1), len(found)) + _LEAST**2)
+    deviation = np.sqrt(_OF_MEAN * _pooled(_variance(errors), len(found)) + _LEAST**2)
     own = np.sqrt(_OF_OWN * _pooled(_own_squares(found, errors), len(found)) + _LEAST_OWN**2)
     spread = np.sqrt(_pooled(whole.spread**2, len(found)))
     rows = zip(errors.mean(axis=0), deviation, spread, whole.shares, own, strict=True)
@@ -354,6 +354,11 @@ def _uncertainties(found: Sequence[Powers]) -> list[MeasureUncertainty]:
         MeasureUncertainty.of_levels([MeasuredLevel(float(e), float(d), float(s), tuple(w.tolist()))], float(o))
         for e, d, s, w, o in rows
     ]
+
+
+def _variance(errors: Array) -> Array:
+    """Return the variance of the errors of tests (n, q) over the tests (q,); one test has the square of its error."""
+    return np.asarray(errors.var(axis=0, ddof=1) if len(errors) > 1 else errors[0] ** 2)
 
 
 def _with_record(known: MeasureUncertainty, error: float, shares: tuple[float, ...]) -> MeasureUncertainty:
@@ -366,7 +371,12 @@ def _with_record(known: MeasureUncertainty, error: float, shares: tuple[float, .
 
 
 def _own_squares(found: Sequence[Powers], errors: Array) -> Array:
-    """Return the squared difference of two tests' errors relative to their squared separation, by measure (q,)."""
+    """Return the squared difference of two tests' errors relative to their squared separation, by measure (q,).
+
+    One test has the square of its error, as if a test one unit apart had none.
+    """
+    if len(found) == 1:
+        return np.asarray(errors[0] ** 2)
     levels = np.array([0.5 * np.log(one.measured.sum(axis=1)) for one in found])
     first, second = np.triu_indices(len(found), 1)
     changes = levels[first] - levels[second]
@@ -380,8 +390,8 @@ def _pooled(squares: Array, count: int) -> Array:
 
     Their mean would be that of the worst measures, which says little about the others.
     """
-    usual = np.exp(np.mean(np.log(np.maximum(squares, np.finfo(float).tiny))))
-    return np.asarray(((count - 1) * squares + usual) / count)
+    usual, freedom = np.exp(np.mean(np.log(np.maximum(squares, np.finfo(float).tiny)))), max(count - 1, 1)
+    return np.asarray((freedom * squares + usual) / (freedom + 1))
 
 
 def measure_names(outputs: Sequence[str]) -> tuple[str, ...]:
