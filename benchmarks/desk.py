@@ -114,7 +114,7 @@ RIG_RUNS = {0: "AA/B", 4: "B/B", 8: "C/B"}
 
 
 #: Lines about the progress of long work, which a terminal shows as a bar.
-_PROGRESS = re.compile(r"\d%, about ")
+_PROGRESS = re.compile(r"^[a-z ]+: .*\d%")
 
 
 @dataclass(frozen=True)

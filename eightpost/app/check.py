@@ -17,7 +17,7 @@ from eightpost.report.console import Column, Table, console_table, unbroken
 
 if TYPE_CHECKING:
     from builder.check import CheckReport, Finding, Level, NotChecked, Scope
-    from cosim.host_steps import HostSteps
+    from cosim.study.host_steps import HostSteps
 
 _COLOURS = {"error": "bold red", "drop-in": "yellow", "hint": "cyan"}
 
@@ -123,7 +123,7 @@ def _sentence(finding: Finding) -> str:
 
 
 def _host_steps(path: Path) -> HostSteps:
-    from cosim.host_steps import host_steps
+    from cosim.study.host_steps import host_steps
     from cosim.system_file import read_case
     from eightpost.api.reading import existing_toml
 
@@ -133,7 +133,7 @@ def _host_steps(path: Path) -> HostSteps:
 
 def show_host_steps(console: Console, name: str, found: HostSteps) -> None:
     """Print the largest steps of each loop for a host that integrates the car."""
-    from cosim.host_steps import LIMITS, LOOPS
+    from cosim.study.host_steps import LIMITS, LOOPS
     from eightpost.app.show import show_text
 
     def milliseconds(step: float) -> str:
@@ -146,7 +146,7 @@ def show_host_steps(console: Console, name: str, found: HostSteps) -> None:
     )
     rows = [(loop, milliseconds(found.stable[loop]), *map(milliseconds, found.steps[loop])) for loop in LOOPS]
     console.print(console_table(["loop", "stable to", *(f"{limit:g} %" for limit in LIMITS)], rows))
-    show_text(console, "loops of docs/how_to/hosts.md; friction at the vehicle's ports is left out")
+    show_text(console, "loops of docs/how_to/hosts.md; friction at the vehicle's ports is left out", begin="  ")
 
 
 def _verdict(report: CheckReport) -> str:

@@ -305,7 +305,6 @@ def _document(found: Sequence[Finding], works: bool) -> dict[str, Any]:
 
 
 def _show(console: Console, found: Sequence[Finding], works: bool) -> None:
-    from eightpost.app.doctor_checks import State
     from eightpost.app.show import is_detailed, show_text
 
     fine = [finding for finding in found if finding.state is State.OK and not is_detailed()]

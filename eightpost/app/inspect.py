@@ -216,7 +216,7 @@ def _show_record_file(
     channel_map = channels.channel_map
     records = read_records(path)
     for record in records:
-        _show_record(console, record)
+        show_record(console, record)
     if _is_rig(records[0], channel_map):
         _show_map(console, records[0], rig_map(records[0], channel_map).flipped(channels.of(path)["flip"]))
         return _show_rig_test(console, read_rig_test(path, **channels.of(path)), mass)
@@ -232,7 +232,7 @@ def _show_record_file(
     tests = read_dyno_tests(path, **channels.of(path))
     for test in tests:
         show_test(console, test)
-    _show_runs(console, [run for test in tests for run in split_runs(test)])
+    show_runs(console, [run for test in tests for run in split_runs(test)])
     return any(test.warnings for test in tests)
 
 
@@ -263,7 +263,7 @@ def _show_proposed(console: Console, path: Path, proposed: ProposedMap, folder: 
     raise InputError(f"{path} {proposed.finding}; check columns and signs of {target}, and inspect again")
 
 
-def _show_record(console: Console, record: RawRecord) -> None:
+def show_record(console: Console, record: RawRecord) -> None:
     """Print the columns of a table as they are in the file; with -v, also its preamble."""
     line = f", header in line {record.origin.header_line}" if record.origin.header_line else ""
     columns = [f"{name} [{unit}]" if unit else f"{name} (no unit)"
@@ -321,7 +321,7 @@ def _conditions(test: DynoTest) -> list[str]:
     return lines
 
 
-def _show_runs(console: Console, runs: list[DynoTest]) -> None:
+def show_runs(console: Console, runs: list[DynoTest]) -> None:
     """Print the runs, and the effect of temperature over repeated runs."""
     from eightpost.rig import temperature_effect
     from eightpost.rig.dyno_test import temperature_drift

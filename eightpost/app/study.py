@@ -372,10 +372,10 @@ def whatif(
 
     clicks = {side: count for side, count in (("rebound", rebound), ("compression", compression)) if count}
     study = saved(console := Console(), folder, workers)
-    show_table(console, _effect_table(study.what_if(corners, clicks, share=share, speeds=speeds, setup=setup)))
+    show_table(console, effect_table(study.what_if(corners, clicks, share=share, speeds=speeds, setup=setup)))
 
 
-def _effect_table(effects: Sequence[MeasureChange]) -> Table:
+def effect_table(effects: Sequence[MeasureChange]) -> Table:
     """Return a table of effects; a change that is within the coupling error is in brackets."""
     rows = []
     for one in effects:
@@ -410,11 +410,11 @@ def sensitivity(
     study = saved(console, folder)
     results = study.sensitivity(output)
     show_text(console, f"{study.study.name}: {len(study.result)} setups, {results[0].method}")
-    show_table(console, _share_table(results))
+    show_table(console, share_table(results))
     show_files(console, [output])
 
 
-def _share_table(results: Sequence[Sensitivity]) -> Table:
+def share_table(results: Sequence[Sensitivity]) -> Table:
     """Return a table of shares of the variance [%]: corners, interactions and the rest, a row for each measure."""
     names = [factor.name for factor in results[0].factors]
     rows = []

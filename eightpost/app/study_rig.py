@@ -19,9 +19,10 @@ from eightpost.report.console import Table, console_table, folded, right, unbrok
 from eightpost.verdict import Verdict
 
 if TYPE_CHECKING:
+    from cosim.study.choice.selection import Selection
+
     from cosim.study.choice.certainty import Certainty
     from cosim.study.choice.compare import Comparison, RunComparison
-    from cosim.study.choice.rig_day import Selection
     from cosim.study.table import StudyResult
 
 TOTAL, POOL, TWICE = 20, 0.02, 4
@@ -62,7 +63,8 @@ def select(
       eightpost study select out/
       eightpost study select out/ --measure "front ride height, RMS=4" --measure "total tire force, RMS=4"
     """
-    from cosim.study.choice.rig_day import BASELINE_RUNS, repeated
+    from cosim.study.choice.selection import BASELINE_RUNS, repeated
+
     from eightpost.api.study_folder import SELECTION
     from eightpost.app.show import show_files, show_table, show_text
 
@@ -70,7 +72,7 @@ def select(
     study = saved(console, folder)
     names, share = _measures_and_counts(measures)
     selection = study.select(names, total=total, share=share, pool=pool, twice=twice)
-    show_table(console, _selection_table(selection, study.result))
+    show_table(console, selection_table(selection, study.result))
     if marked := sum(bool(selected.marks) for selected in selection.chosen):
         show_text(console, f"* {marked} predictions have a mark: see the column marks of the list")
     show_text(console, f"any two setups differ at {selection.closest} or more corners")
@@ -91,7 +93,7 @@ def _measures_and_counts(measures: tuple[str, ...]) -> tuple[tuple[str, ...], di
     return tuple(counted), {name: int(count) for name, count in counted.items()}
 
 
-def _selection_table(selection: Selection, result: StudyResult) -> Table:
+def selection_table(selection: Selection, result: StudyResult) -> Table:
     """Return a table of the selected setups, as Table 7.5; an asterisk means that the prediction has a mark."""
     from eightpost import units
 
@@ -143,15 +145,15 @@ def confirm(
     before, after = study.confirm(records, measures=measures, **channels.record_options)
     result, new = study.result, after.runs[len(before.runs) :]
     show_text(console, f"{len(new)} new runs of {len({run.setup for run in new})} setups; {len(after.runs)} in all")
-    show_table(details(console), _before_and_after(result, before, after))
+    show_table(details(console), before_and_after(result, before, after))
     show_certainty(console, result, after)
-    _show_contradictions(console, result, after)
+    show_contradictions(console, result, after)
     show_verdict(console, study_verdict(result, after).about("choice", "rig runs"))
     show_files(console, [folder / CERTAINTY, study.write_page()], f"; the previous certainty is {PREVIOUS}")
     ctx.exit(1 if after.contradictions else 0)
 
 
-def _before_and_after(result: StudyResult, before: Certainty, after: Certainty) -> Table:
+def before_and_after(result: StudyResult, before: Certainty, after: Certainty) -> Table:
     """Return a table of the leading setups: probability of being the best and level, before and after the rig runs."""
     setups = list(dict.fromkeys([*after.ties[:_SHOWN], *before.ties[:_SHOWN]]))[: 2 * _SHOWN]
     rows = []
@@ -180,7 +182,7 @@ def _level(result: StudyResult, certainty: Certainty, setup: int) -> str:
     return f"{low:.4g} to {high:.4g}"
 
 
-def _show_contradictions(console: Console, result: StudyResult, certainty: Certainty) -> None:
+def show_contradictions(console: Console, result: StudyResult, certainty: Certainty) -> None:
     """Print the measured levels that the prediction does not explain."""
     from cosim.study.choice.certainty import chance_text
     from eightpost import units
@@ -256,8 +258,8 @@ def compare(
         entries, verdict, picture = study.compare(
             measured, output, measures=measures, rank=rank, level=level, **channels.record_options
         )
-        show_table(console, _rank_table(entries))
-        show_table(details(console), _level_table(entries, study.result))
+        show_table(console, rank_table(entries))
+        show_table(details(console), level_table(entries, study.result))
         show_files(console, [picture, picture.with_name("comparison.json")])
     else:
         raise InputError(f"with --measured, compare takes the folder of one study, not {len(folders)} folders")
@@ -281,7 +283,7 @@ def _compare_runs(console: Console, folders: tuple[Path, ...], vehicle: str, out
     return compared.verdict
 
 
-def _rank_table(entries: Sequence[Comparison]) -> Table:
+def rank_table(entries: Sequence[Comparison]) -> Table:
     """Return a table of how the prediction ranks setups by each measure, and of its best-fit line."""
     rows = []
     for one in entries:
@@ -297,7 +299,7 @@ def _rank_table(entries: Sequence[Comparison]) -> Table:
     return console_table([*folded("measure"), *columns], rows, title="Ranks and trend")
 
 
-def _level_table(entries: Sequence[Comparison], result: StudyResult) -> Table:
+def level_table(entries: Sequence[Comparison], result: StudyResult) -> Table:
     """Return a table of the errors of each measure's levels, and of the setups within bands and intervals."""
     rows = []
     for one in entries:

@@ -8,6 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -361,11 +362,10 @@ _MOST_CHANNELS = 60
 def _first_row_of_channels(lines: list[str]) -> int | None:
     """Return the index of the first line of a table whose rows are channels (`Velocity (mm/s),25,50`), or None.
 
-    Every line with numbers begins with a name, and all its other cells are numbers. Long files have no such table.
+    Every line with numbers begins with a name, and all its other cells are numbers.
     """
-    if len(lines) > _LAYOUT_LINES:
-        return None
-    rows = [i for i, line in enumerate(lines) if sum(map(is_number, _cells_of(line))) > 1]
+    numbered = (i for i, line in enumerate(lines[:_LAYOUT_LINES]) if sum(map(is_number, _cells_of(line))) > 1)
+    rows = list(islice(numbered, _MOST_CHANNELS + 1))
     if not 2 <= len(rows) <= _MOST_CHANNELS or rows[-1] - rows[0] >= len(rows):
         return None
     table = [_cells_of(lines[i]) for i in rows]

@@ -65,9 +65,9 @@ def test_a_verdict_has_one_line_if_nothing_must_be_done_and_at_most_four_otherwi
     bad, worse = (_reason(Grade.NOT_USABLE, text, "measure again " * 20) for text in ("noise", "a gap"))
     assert printed(show_verdict, Verdict([fine])) == ["Usable: all is well."]
     lines = printed(show_verdict, Verdict([fine, bad, worse]))
-    assert lines[0] == "Not usable: noise (1 of 2 reasons; -v shows all)."
-    assert lines[1] == "  figure of noise" and lines[2].startswith("  to do: measure again") and len(lines) == 4
-    assert printed(show_verdict, Verdict([bad]))[0] == "Not usable: noise."
+    assert lines[:2] == ["Not usable: noise.", "  1 of 2 reasons (-v): figure of noise"]
+    assert lines[2].startswith("  to do: measure again") and len(lines) == 4
+    assert printed(show_verdict, Verdict([bad]))[:2] == ["Not usable: noise.", "  figure of noise"]
     assert len(printed(show_verdict, Verdict([fine, bad, worse]), verbose=True)) == 4
     assert printed(show_verdict, Verdict([])) == ["Unknown: nothing was examined."]
 

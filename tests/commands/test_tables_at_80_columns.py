@@ -90,7 +90,7 @@ def test_shapes_says_how_many_setups_of_the_bank_it_runs_first(setups, left, pla
     requested = SimpleNamespace(study=study, left=left)
     console = Console(file=io.StringIO(), width=80)
     show_study(console, requested, bank_plan(requested))
-    assert f"a study: {plan}\n" in console.file.getvalue()
+    assert f"{plan}: a study\n" in console.file.getvalue()
 
 
 def test_the_front_of_optimise_has_the_builds_of_a_setup_in_one_cell():

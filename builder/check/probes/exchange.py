@@ -71,7 +71,7 @@ class Host:
         """Provide an instance in continuous-time mode; None if the FMU ends the simulation at once."""
         with self.instance() as created:
             self.bench.initialize(created)
-            if _iterate_events(created).terminateSimulation:
+            if iterate_events(created).terminateSimulation:
                 yield None
                 return
             created.need("EnterContinuousTimeMode")
@@ -104,7 +104,7 @@ def _is_state(variable: Variable) -> bool:
     return variable.type == "Real" and (variable.is_callable or variable.is_array)
 
 
-def _iterate_events(instance: Instance) -> EventInfo:
+def iterate_events(instance: Instance) -> EventInfo:
     """Do an event iteration; return what the FMU asks for at its end, or when it ends the simulation.
 
     Raises:
@@ -173,7 +173,7 @@ def _integrated(host: Host) -> Iterator[Finding]:
         if now is None:
             return
         instance.need("EnterEventMode")
-        info = _iterate_events(instance)
+        info = iterate_events(instance)
         if info.nextEventTimeDefined and not info.nextEventTime >= now:
             yield RULES["event-requests"].finding(f"at {now!r} s, the next event is at {info.nextEventTime!r} s")
         tunable = [v for v in host.bench.description.of("parameter") if v.variability == "tunable"]
@@ -211,7 +211,7 @@ def _small_steps(host: Host, instance: Instance) -> Generator[Finding, None, flo
         if enter.value:
             requests += 1
             instance.need("EnterEventMode")
-            _iterate_events(instance)
+            iterate_events(instance)
             instance.need("EnterContinuousTimeMode")
             states = host.vector(instance, "GetContinuousStates")
     if requests == _STEPS:

@@ -157,7 +157,7 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class MachineCoupling:
-    """How the machine runs setups (machine.py)."""
+    """How the machine runs setups (cosim.study.running.machine)."""
 
     step: float  #: Step [s].
     #: Model that estimates errors from how far the forces of each run are from the quadratics of a step.

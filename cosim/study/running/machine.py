@@ -241,7 +241,7 @@ def _is_offset(name: str) -> bool:
     return name.rpartition(".")[2] not in (*_FRICTION, _SPRING, _AT_EQUILIBRIUM)
 
 
-# ==== A vehicle and the shocks at its ports ==========================================================================
+# ==== A vehicle FMU and the shocks of a system at its ports ==========================================================
 
 
 class WiredCar:

@@ -125,7 +125,7 @@ def test_the_table_of_terms_never_replaces_the_results_that_it_is_made_from(fold
 
 @pytest.mark.nightly
 def test_measured_levels_agree_with_predicted_ones(folder, measured):
-    shown = eightpost("study", "compare", folder, "--measured", folder, "--level", 2)
+    shown = eightpost("-v", "study", "compare", folder, "--measured", folder, "--level", 2)
     assert shown.exit_code == 0, shown.output
     text = " ".join(shown.output.split())
     assert "6 runs of 5 setups" in text

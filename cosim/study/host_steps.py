@@ -22,7 +22,7 @@ from eightpost.array_types import Array
 from eightpost.errors import InputError, StepError
 from eightpost.machine import NotInBatchError
 
-# ==== The car of a host ==============================================================================================
+# ==== The linear car of a vehicle FMU as a host integrates it ========================================================
 
 #: Weights of the force at the start of a step, and of that one step before, in the loops that hold one.
 _HELD = {"J": (0.0, 1.0), "A": (1.0, 0.0), "B": (1.5, -0.5)}
@@ -180,7 +180,7 @@ def _over_a_step(z: Array) -> tuple[Array, Array]:
     return one + z @ weight, weight
 
 
-# ==== Largest steps ==================================================================================================
+# ==== Steps ==========================================================================================================
 
 #: Loops, from the poorest to the best.
 LOOPS = ("J", "A", "B", "C")
