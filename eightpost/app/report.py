@@ -154,11 +154,11 @@ def report(
     verdict = report_verdict(made.entries)
     show_verdict(console, verdict)
     failed = [one for one in made.judgements if not one.passed]
-    show_notes(console, (f"{one.entry.name}, {one.stroke}: {one.text}" for one in failed), "FAIL")
+    show_notes(console, (f"{one.entry.name}, {one.stroke}: {one.text}" for one in failed), "FAIL:")
     show_notes(
         console,
         (f"{name}, which has no measured curve at a speed of the limits (--set speed)" for name in made.unjudged),
-        "not judged", most=1,
+        "not judged:", most=1,
     )  # fmt: skip
     if made.judgements and not failed:
         show_text(console, f"pass: all judged curves are within the limits of {limits}")
