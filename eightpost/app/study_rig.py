@@ -19,10 +19,9 @@ from eightpost.report.console import Table, console_table, folded, right, unbrok
 from eightpost.verdict import Verdict
 
 if TYPE_CHECKING:
-    from cosim.study.choice.selection import Selection
-
     from cosim.study.choice.certainty import Certainty
     from cosim.study.choice.compare import Comparison, RunComparison
+    from cosim.study.choice.rig_day import Selection
     from cosim.study.table import StudyResult
 
 TOTAL, POOL, TWICE = 20, 0.02, 4
@@ -63,8 +62,7 @@ def select(
       eightpost study select out/
       eightpost study select out/ --measure "front ride height, RMS=4" --measure "total tire force, RMS=4"
     """
-    from cosim.study.choice.selection import BASELINE_RUNS, repeated
-
+    from cosim.study.choice.rig_day import BASELINE_RUNS, repeated
     from eightpost.api.study_folder import SELECTION
     from eightpost.app.show import show_files, show_table, show_text
 

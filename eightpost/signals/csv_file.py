@@ -90,7 +90,7 @@ def text_records(lines: list[str], path: Path, *, may_be_cut: bool = False) -> t
     lines, signs = with_minus_signs(lines)
     plain, comments = _without_comments(lines, _cells_of)
     notes = (_comment_note(lines, comments),) if comments else ()
-    if (first := _first_row_of_channels(plain)) is not None:
+    if (first := first_row_of_channels(plain)) is not None:
         (block,) = _find_blocks(upright := _with_upright_table(plain, first))
         record = _record(upright, block, path, notes=notes, steps=signs, may_be_cut=False)
         rows = np.full(record.columns[0].size, first + 1)
@@ -359,7 +359,7 @@ def _numbers_in(line: str, delimiter: str) -> int:
 _MOST_CHANNELS = 60
 
 
-def _first_row_of_channels(lines: list[str]) -> int | None:
+def first_row_of_channels(lines: list[str]) -> int | None:
     """Return the index of the first line of a table whose rows are channels (`Velocity (mm/s),25,50`), or None.
 
     Every line with numbers begins with a name, and all its other cells are numbers.

@@ -333,12 +333,8 @@ def certainty_reasons(certainty: Certainty | None) -> Iterator[Reason]:
     elif certainty.is_known and certainty.left_out:
         names = listed(one.name for one in certainty.left_out)
         figure = f"not included: {names}; without it, {figure}"
-        yield RULES.reason(
-            "one setup is the best by a part of the uncertainty",
-            "one setup is the best by the included contributions",
-            figure,
-            origin,
-        )
+        rule = "one setup is the best by a part of the uncertainty"
+        yield RULES.reason(rule, "one setup is the best by the included contributions", figure, origin)
     elif certainty.is_known:
         yield RULES.reason("one setup is the best", "one setup is the best", figure, origin)
     for one in certainty.contributions:
