@@ -82,8 +82,9 @@ def answer_of(sheet: Sheet) -> Answer | None:
     tests = tuple(
         (row, percent(100.0 * test.remaining)) for test in known.tests if (row := sheet.row(test.setup)) is not None
     )
+    guess = _predicted(sheet, rows[0])
     return replace(
-        _predicted(sheet, rows[0]),
+        guess,
         grade=_grade(known),
         which=_which(sheet, known, rows),
         candidates=tuple(Candidate(row, _share(sheet, known, row)) for row in rows[:LISTED] if len(rows) > 1),
@@ -91,9 +92,10 @@ def answer_of(sheet: Sheet) -> Answer | None:
         sure=_sure(sheet, known),
         contributions=known.contributions,
         exact=known.assumes_exact_runs,
-        **({"gain": _gain(sheet, whole)} if whole else {}),
-        **({"trade_offs": lines[:TRADES], "unlisted": _unlisted(lines[TRADES:])} if lines else {}),
-        **({"tests": tests} if tests else {}),
+        gain=_gain(sheet, whole) if whole else guess.gain,
+        trade_offs=lines[:TRADES] or guess.trade_offs,
+        unlisted=_unlisted(lines[TRADES:]),
+        tests=tests or guess.tests,
     )
 
 
@@ -149,11 +151,11 @@ def _predicted(sheet: Sheet, row: int | None = None) -> Answer:
     """Return what predictions alone say about a setup; default: the first of the ranking."""
     best = int(sheet.order[0]) if row is None else row
     base, column = sheet.baseline, sheet.ranked_by
-    gain, tests = "", ((best, ""),)
+    gain, rows = "", [best]
     if base is not None and base != best and sheet.done[base]:
         change = float(column.values[best] / column.values[base]) - 1.0
         gain = f"{_named(column.name)} {_signed(change)} against today's setup; how exact this is, is unknown."
-        tests = ((best, ""), (base, ""))
+        rows.append(base)
     return Answer(
         Grade.UNKNOWN,
         f"Setup {sheet.numbers[best]} has the best predicted {column.name}.",
@@ -163,7 +165,7 @@ def _predicted(sheet: Sheet, row: int | None = None) -> Answer:
         "Unknown: the study states no uncertainty. Other setups may be as good.",
         gain=gain,
         trade_offs=_predicted_trade_offs(sheet, best),
-        tests=tests,
+        tests=tuple((row, "") for row in rows),
     )
 
 

@@ -105,13 +105,13 @@ def _sections(folder: IterationFolder, outcome: Outcome) -> Iterator[Section]:
         yield Section("spectra", "Errors by frequency", [_band_table(problem, outcome),
                                                          _spectrum_figure(problem, passes, shown)])  # fmt: skip
         yield Section("time", "Time signals", [_time_figure(problem, outcome, passes)])
-    yield Section("response", "Response and gains", [_CONDITION, _response_figure(problem, outcome),
-                                                     _reach_table(problem, outcome)])  # fmt: skip
+    response: list[Block] = [_CONDITION, _response_figure(problem, outcome), _reach_table(problem, outcome)]
+    yield Section("response", "Response and gains", response, folded=True)
     number = outcome.best + 1 if outcome.best >= 0 else folder.waiting
-    yield Section("drive", "Drive", _drive_blocks(folder, number, outcome))
+    yield Section("drive", "Drive", _drive_blocks(folder, number, outcome), folded=True)
     sources = [(name, digest(one)) for name, one in folder.sources.items()]
-    yield Section("sources", "Sources", [ResultTable.of("", ("file", "SHA-256"), sources),
-                                         tuple(problem.start.notes)])  # fmt: skip
+    files: list[Block] = [ResultTable.of("", ("file", "SHA-256"), sources), tuple(problem.start.notes)]
+    yield Section("sources", "Sources", files, folded=True)
 
 
 # ---- Tables ---------------------------------------------------------------------------------------------------------

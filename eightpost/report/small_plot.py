@@ -28,18 +28,20 @@ def small_plot(curves: Sequence[Curve], x: tuple[str, Display], y: tuple[str, Di
         y: Name and display unit of the vertical axis.
         label: Description for readers who cannot see the plot.
     """
-    spans = [[display(end) for end in _span([curve[k] for curve in curves])] for k, (_, display) in enumerate((x, y))]
+    across, up = [curve[0] for curve in curves], [curve[1] for curve in curves]
+    spans = [[display(end) for end in _span(values)] for values, (_, display) in ((across, x), (up, y))]
 
     def place(values: Array, axis: int) -> Array:
         low, high = spans[axis]
-        share = (np.asarray(values) - low) / (high - low)
+        share: Array = (np.asarray(values) - low) / (high - low)
         wide, tall = WIDTH - _LEFT - _RIGHT, HEIGHT - _TOP - _BOTTOM
-        return _LEFT + share * wide if axis == 0 else HEIGHT - _BOTTOM - share * tall
+        start, size = (_LEFT, wide) if axis == 0 else (HEIGHT - _BOTTOM, -tall)
+        return np.asarray(start + size * share)
 
     grid = [_line(tick, place(np.array([tick]), axis)[0], axis) for axis in (0, 1) for tick in _ticks(*spans[axis])]
     lines = [
-        f'<polyline class="{style}" points="{_points(place(x[1](across), 0), place(y[1](up), 1))}"/>'
-        for across, up, style in curves
+        f'<polyline class="{style}" points="{_points(place(x[1](xs), 0), place(y[1](ys), 1))}"/>'
+        for xs, ys, style in curves
     ]
     titles = (
         f'<text x="{WIDTH - _RIGHT}" y="{HEIGHT - 3}" class="end">{{}} [{{}}]</text>'

@@ -56,7 +56,8 @@ def _shock_sections(study: ShockValidation) -> Iterator[Section]:
     if groups := tables.sine_groups(study):
         blocks: list[Block] = [tables.sine_table(rows) for rows in groups]
         yield Section("sine", "Sine records", [*blocks, *(one for rows in groups for one in _sine_figures(rows))])
-        details = [one for rows in groups for one in (*tables.loop_tables(rows), *_all_loops(rows, "displacement"))]
+        details: list[Block] = [table for rows in groups for table in tables.loop_tables(rows)]
+        details += [figure for rows in groups for figure in _all_loops(rows, "displacement")]
         yield Section("loops", "Loops: hysteresis, energy, peaks", details, folded=True)
     if static:
         drawn = [_overlay(static)] * (len(static) > 1) + [_static_figure(*found) for found in static]

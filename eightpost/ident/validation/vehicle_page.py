@@ -201,8 +201,6 @@ def _percent(value: float) -> Amount:
 
 # ---- Sections -------------------------------------------------------------------------------------------------------
 
-#: Number of records of a kind that are plotted: those with the largest errors.
-_MOST = 2
 
 _JUDGED = "They apply to shock velocities, tire forces, their sum and ride heights, if they move."
 _TRENDS = (
@@ -243,10 +241,9 @@ def _vehicle_sections(study: VehicleValidation, limits: Limits) -> Iterator[Sect
     levels = [_level_figure(study, limits)] if any(case.judged for case in study.cases) else []
     yield Section("records", "Records", [overview(study), *levels])
     if study.trends:
-        yield Section(
-            "trends", "Setups: trends and levels", [_TRENDS, _trend_table(study), _trend_figure(study.trends)]
-        )
-        yield Section("equality", "Predicted over measured", [_correlation_figure(study.trends)], folded=True)
+        drawn = [_trend_figure(study.trends), _correlation_figure(study.trends)]
+        yield Section("trends", "Setups: trends and levels", [_TRENDS, _trend_table(study)])
+        yield Section("equality", "Setups: predicted and measured", drawn, folded=True)
     yield from _kinds(study)
     friction = friction_table(study)
     if friction.rows:
@@ -270,16 +267,14 @@ def _vehicle_sections(study: VehicleValidation, limits: Limits) -> Iterator[Sect
 
 
 def _kinds(study: VehicleValidation) -> Iterator[Section]:
-    """Yield the sections of random, sine and bump records: figures of the worst records; folded, the tables of all."""
+    """Yield the sections of random, sine and bump records: figures of the worst record; folded, the tables of all."""
     headings = {"random": "Random and track records", "sine": "Sine records", "bump": "Bump records"}
     for kind, heading in headings.items():
         cases = study.of_kind(kind)
-        worst = sorted(cases, key=lambda case: -max((one.error for one in case.judged), default=0.0))[:_MOST]
+        worst = sorted(cases, key=lambda case: -max((one.error for one in case.judged), default=0.0))[:1]
         blocks: list[Block] = [_sine_figure(cases)] if kind == "sine" and cases else []
         blocks += [_time_figure(case) for case in worst]
-        more = (
-            [f"The {_MOST} of {len(cases)} records with the largest errors are plotted."] if len(cases) > _MOST else []
-        )
+        more = ["Plotted: the record with the largest error."] if len(cases) > 1 else []
         details: list[Block] = [_spectrum_figure(case) for case in worst if case.spectra]
         details += [sine_table(study)] if kind == "sine" else [_outputs_table(case) for case in cases]
         if cases:
