@@ -268,7 +268,8 @@ def _limits(kind: str) -> str:
 
 RULES = Rules.read(
     Path(__file__).with_suffix(".txt"), ABOUT, too_wide=_TOO_WIDE, equations=_EQUATIONS, wide=_WIDE,
-    holds=100 * _HOLDS, slow=1000.0 * _SLOW, holds_time=100 * _HELD, rubs=100 * _RUBS, lifted=100 * _LIFTED, often=100 * _OFTEN, shortly=100 * _SHORTLY,
+    holds=100 * _HOLDS, slow=1000.0 * _SLOW, holds_time=100 * _HELD, rubs=100 * _RUBS,
+    lifted=100 * _LIFTED, often=100 * _OFTEN, shortly=100 * _SHORTLY,
     significant=SIGNIFICANT, unusable=_limits("unusable"), tests=_limits("tests"), halves=_limits("halves"),
 )  # fmt: skip
 
