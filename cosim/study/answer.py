@@ -197,7 +197,7 @@ def _sure(sheet: Sheet, known: Certainty) -> str:
     names = listed(one.name for one in missing)
     words = [f"Not included: {names}. With it, other setups may be as good."] if missing else []
     if len(known.ties) > 1:
-        words.append(f"The {len(known.ties)} setups cannot be told apart with a probability of 95 %.")
+        words.append(f"It is not known which of the {len(known.ties)} is the best: none has a probability of 95 %.")
     elif missing:
         words.append(f"Of what is included, nothing speaks for another setup ({share}).")
     else:

@@ -327,7 +327,7 @@ def test_several_tied_setups_are_a_set_and_never_one_best_setup(few, certain):
     assert answer.grade is Grade.LIMITED
     assert answer.which.startswith(f"One of {len(certainty.ties)} setups is the best")
     assert [few.setups[one.row] for one in answer.candidates] == list(certainty.ties[:LISTED])
-    assert f"The {len(certainty.ties)} setups cannot be told apart" in answer.sure
+    assert f"It is not known which of the {len(certainty.ties)} is the best" in answer.sure
     assert len(answer.candidates) + answer.others == len(certainty.ties)
 
 
