@@ -193,9 +193,9 @@ _NUMBER_LIKE = re.compile(r"[+-]?[\d.,'\s]+(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf)", 
 
 
 def _kind(cell: str) -> str:
-    if seconds_of(cell) is not None:
-        return "time"
-    return "number" if not cell or _NUMBER_LIKE.fullmatch(cell) else "word"
+    if not cell or _NUMBER_LIKE.fullmatch(cell):  # first, because most cells are numbers
+        return "number"
+    return "word" if seconds_of(cell) is None else "time"
 
 
 # ---- Thousands ------------------------------------------------------------------------------------------------------

@@ -1,5 +1,6 @@
 """Layouts of the exports of dynamometers, loggers and spreadsheets: read to the same values, or refused with advice."""
 
+import csv
 import datetime
 import re
 
@@ -11,7 +12,7 @@ from nptdms import ChannelObject, TdmsWriter
 
 from eightpost.errors import InputError
 from eightpost.rig import read_dyno_test, read_dyno_tests
-from eightpost.signals.csv_file import is_cut_off
+from eightpost.signals.csv_file import is_cut_off, split_cells
 from eightpost.signals.table_text import split_header
 from eightpost.units import convert
 
@@ -340,3 +341,17 @@ def test_what_is_not_a_unit_stays_in_the_name(header):
 @pytest.mark.parametrize(("spelling", "unit"), [("in./sec", "in/s"), ("lb-f", "lbf"), ("in.", "in"), ("sec.", "s")])
 def test_units_with_points_are_those_without(spelling, unit):
     assert convert(1.0, spelling, unit) == pytest.approx(1.0)
+
+
+@given(st.text('01., ;"\r\na\x0b', max_size=9), st.sampled_from(",;\t"))
+def test_a_line_has_the_cells_that_the_csv_module_finds(line, delimiter):
+    try:
+        expected = next(csv.reader([line], delimiter=delimiter), [])
+    except csv.Error:
+        expected = [line]
+    assert split_cells(line, delimiter) == [cell.strip() for cell in expected]
+
+
+@pytest.mark.parametrize(("length", "count"), [(100_000, 2), (140_000, 1)])
+def test_a_line_with_a_cell_beyond_the_limit_of_the_csv_module_is_one_cell(length, count):
+    assert len(split_cells("a" * length + ",b", ",")) == count
