@@ -24,7 +24,7 @@ from cosim.study.running.evaluator import (
     local_error,
 )
 from cosim.systems.algorithm import Automatic
-from eightpost.errors import DivergedError, EightpostError, StepError
+from eightpost.errors import DivergedError, EightpostError, StepError, WiringError
 from eightpost.machine.car import NotInBatchError
 from eightpost.machine.library import instruction_set
 from eightpost.signals import TimeSeries
@@ -61,10 +61,15 @@ def choose_coupling(evaluator: Evaluator) -> Coupling:
     that. These and random setups are then run at a quarter of the chosen step; their errors calibrate the estimate of a
     setup's coupling error from the local errors of its bonds (cosim.study.running.evaluator).
 
+    With an FMU that makes steps of one size only, that size is the step, and coupling errors are unknown.
+
     Raises:
         StepError: No setup could be run; the message is that of the first failure.
+        WiringError: FMUs make steps of one size only, and of different sizes.
     """
-    pilots = _worst_coupled(evaluator)
+    if (only := _only_step(evaluator)) is not None:
+        return _at_only_step(evaluator, only)
+    pilots = [setup for _, setup in _by_local_error(evaluator)[:_COMPARED]]
     references = [_reference(evaluator, setup) for setup in pilots]
     scheme = "implicit" if any(r.scheme == "implicit" for r in references) else references[0].scheme
     smallest, record = min(r.step for r in references), evaluator.study.record_step
@@ -82,6 +87,24 @@ def choose_coupling(evaluator: Evaluator) -> Coupling:
     )
     model = _error_model(evaluator, [*pilots, *_random_setups(evaluator.study, _PILOTS, pilots)], coupling)
     return replace(coupling, errors=model, stated_error=max(errors), notes=notes)
+
+
+def _only_step(evaluator: Evaluator) -> float | None:
+    """Return the size of the steps [s] of FMUs that make steps of one size only and state it (stepSize)."""
+    sizes = {fmu.capabilities.only_step: path for path, fmu in evaluator.fmus.items() if fmu.capabilities.only_step}
+    if len(sizes) > 1:
+        stated = " and ".join(f"{path} of {1e3 * size:g} ms" for size, path in sizes.items())
+        raise WiringError(f"no coupling step suits all FMUs: {stated} only (stepSize); export one of them again")
+    return next(iter(sizes), None)
+
+
+def _at_only_step(evaluator: Evaluator, step: float) -> Coupling:
+    diverged = _by_local_error(evaluator, step)[0][0] == inf
+    scheme = "implicit" if diverged else "gauss-seidel"
+    text = (
+        f"{scheme} at {1e3 * step:.4g} ms, the only step of an FMU (stepSize): no other step shows the coupling error"
+    )
+    return Coupling(scheme, step, notes=(text,))
 
 
 def _random_setups(study: Study, count: int, known: Sequence[Setup] = ()) -> list[Setup]:
@@ -121,18 +144,17 @@ def finer(parts: int, excess: float) -> int:
     return max(parts + 1, min(int(guess), 2 * parts))
 
 
-def _worst_coupled(evaluator: Evaluator) -> list[Setup]:
-    """Return the setups whose bonds report the largest local errors on a part of the first drive."""
+def _by_local_error(evaluator: Evaluator, step: float = FIRST_STEP) -> list[tuple[float, Setup]]:
+    """Return setups with the largest local error of a bond [%] on a part of the first drive, worst first."""
     found, failure = list[tuple[float, Setup]](), None
     for setup in candidates(evaluator):
         try:
-            found.append((_coarse_error(evaluator, setup), setup))
+            found.append((_coarse_error(evaluator, setup, step), setup))
         except EightpostError as error:
             failure = failure or error
     if not found:
         raise StepError(f"no setup could be run; first failure: {failure}")
-    found.sort(key=lambda pair: -pair[0])
-    return [setup for _, setup in found[:_COMPARED]]
+    return sorted(found, key=lambda pair: -pair[0])
 
 
 def candidates(evaluator: Evaluator) -> list[Setup]:
@@ -148,11 +170,11 @@ def candidates(evaluator: Evaluator) -> list[Setup]:
     return list({setup.index: setup for setup in [*baseline, *alike[::every]]}.values())
 
 
-def _coarse_error(evaluator: Evaluator, setup: Setup) -> float:
-    """Return the local error of a short run with a coarse step [%]; infinite if it diverges."""
+def _coarse_error(evaluator: Evaluator, setup: Setup, step: float) -> float:
+    """Return the local error [%] of a short run with about this step [s]; infinite if it diverges."""
     study, drive = evaluator.study, evaluator.study.drives[0]
     short = replace(drive, stop=min(drive.stop, study.settling + _RANKING_TIME))
-    coupling = Coupling("gauss-seidel", study.record_step / max(1, round(study.record_step / FIRST_STEP)))
+    coupling = Coupling("gauss-seidel", study.record_step / max(1, round(study.record_step / step)))
     try:
         return local_error(evaluator.run(setup, short, coupling))
     except DivergedError:

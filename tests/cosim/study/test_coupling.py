@@ -13,8 +13,9 @@ from cosim.session.verdict import Coupled
 from cosim.study import Build
 from cosim.study.running.coupling import choose_coupling
 from cosim.study.running.evaluator import Evaluator, Pilot, fit_error_model, local_errors
+from eightpost.archive import read_archive, write_archive
 from eightpost.corners import CORNERS
-from eightpost.errors import StepError
+from eightpost.errors import DivergedError, StepError, WiringError
 
 
 @pytest.fixture
@@ -139,3 +140,58 @@ def test_a_measure_without_any_error_has_gains_of_zero():
 
 def test_local_errors_are_named_by_bond_and_way():
     assert local_errors(run_with([1.0, 2.0, 3.0, 4.0]))["rf.force"] == 2.0
+
+
+# ---- FMUs that make steps of one size only ---------------------------------------------------------------------------
+
+
+@pytest.fixture
+def of_one_step(fmus, tmp_path):
+    """Return a function that makes a build of a shock which declares to make steps of one size [s] only."""
+
+    def make(size):
+        members = read_archive(fmus["lpnl2"])
+        text = members["modelDescription.xml"].decode()
+        text = text.replace('StepSize="true"', 'StepSize="false"').replace('stepSize="0.001"', f'stepSize="{size}"')
+        write_archive(tmp_path / f"{size}.fmu", members | {"modelDescription.xml": text.encode()})
+        return Build(tmp_path / f"{size}.fmu")
+
+    return make
+
+
+def test_an_fmu_with_one_step_size_is_run_at_it_only_and_the_coupling_error_is_unknown(
+    small_study, of_one_step, fmus, monkeypatch
+):
+    bank = {"fixed": of_one_step(0.001), "any": Build(fmus["lpnl2"])}
+    study = small_study(bank=bank, corners=dict.fromkeys(CORNERS, tuple(bank)), settling=0.1)
+    study = replace(study, drives=(replace(study.drives[0], stop=0.3),))
+    evaluator, steps = Evaluator(study), set()
+    run = Evaluator.run
+
+    def recorded(self, setup, drive, coupling, **options):
+        steps.add(coupling.step)
+        return run(self, setup, drive, coupling, **options)
+
+    monkeypatch.setattr(Evaluator, "run", recorded)
+    coupling = choose_coupling(evaluator)
+    assert (coupling.scheme, coupling.step, coupling.errors, steps) == ("gauss-seidel", 0.001, None, {0.001})
+    assert "the only step of an FMU (stepSize)" in coupling.notes[0]
+    row = evaluator.row(study.space.setup(0), coupling)
+    assert row["status"] == "done" and row["coupling_error_percent"] is None
+
+
+def test_fmus_with_different_step_sizes_are_refused(small_study, of_one_step):
+    bank = {"a": of_one_step(0.001), "b": of_one_step(0.004)}
+    study = small_study(bank=bank, corners=dict.fromkeys(CORNERS, tuple(bank)))
+    with pytest.raises(WiringError, match=r"001\.fmu of 1 ms and .*004\.fmu of 4 ms only \(stepSize\)"):
+        choose_coupling(Evaluator(study))
+
+
+def test_a_step_at_which_the_study_diverges_is_run_with_the_implicit_scheme(small_study, of_one_step, monkeypatch):
+    def diverges(*_, **__):
+        raise DivergedError("it diverged")
+
+    monkeypatch.setattr(Evaluator, "run", diverges)
+    bank = {"fixed": of_one_step(0.001)}
+    coupling = choose_coupling(Evaluator(small_study(bank=bank, corners=dict.fromkeys(CORNERS, tuple(bank)))))
+    assert coupling.scheme == "implicit"
