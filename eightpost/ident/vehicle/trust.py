@@ -135,7 +135,7 @@ _BAND = 5.0
 _FREQUENCIES = 200
 
 
-def residual_noise(
+def _residual_noise(
     model: StateSpace, test: TimeSeries, slopes: Mapping[str, float], combined: Array
 ) -> tuple[Array, Array]:
     """Return the expected power of noise at each line of the spectra of measured outputs (q,) and residuals (q, K).
@@ -164,7 +164,7 @@ def residual_noise(
     return measured, np.stack([np.interp(lines, coarse, row) for row in found])
 
 
-def spectral_power(rows: Array) -> Array:
+def _spectral_power(rows: Array) -> Array:
     """Return the power of the lines of the spectra of signals (p, N) without means, with a Hann window (p, K)."""
     centred = rows - rows.mean(axis=1, keepdims=True)
     return np.asarray(np.abs(np.fft.rfft(centred * np.hanning(rows.shape[1]), axis=1)) ** 2)
@@ -172,7 +172,7 @@ def spectral_power(rows: Array) -> Array:
 
 def _floor(values: Array, rate: float) -> float:
     """Return the lowest mean power of a signal's lines over bands of 5 Hz: white noise is not below it."""
-    power = spectral_power(values[None])[0]
+    power = _spectral_power(values[None])[0]
     frequency = np.fft.rfftfreq(values.size, 1.0 / rate)
     power = power[frequency <= HIGHEST * rate]
     width = min(max(1, round(_BAND / frequency[1])), power.size)
@@ -317,13 +317,13 @@ class MeasuredLevels:
         model = around_dampers(vehicle, slopes).state_space
         sums = _sums(model.output_names)
         simulated, measured = (sums @ rows for rows in self.outputs(vehicle, test))
-        own, noise = residual_noise(model, self._part(test, self.settling), slopes, sums)
+        own, noise = _residual_noise(model, self._part(test, self.settling), slopes, sums)
         frequency = np.fft.rfftfreq(measured.shape[1], 1.0 / test.sample_rate).astype(np.float64)
         kept = frequency <= HIGHEST * test.sample_rate
         white = np.repeat(own[:, None], frequency.size, axis=1)
         bands = []
         for rows, floor in ((simulated, noise - white), (measured, white)):
-            power, lost = (band_shares(lines[:, kept], frequency[kept]) for lines in (spectral_power(rows), floor))
+            power, lost = (band_shares(lines[:, kept], frequency[kept]) for lines in (_spectral_power(rows), floor))
             bands.append(np.maximum(np.maximum(power - lost, _SMALLEST * power), np.finfo(float).tiny))
         return Powers(*bands)
 
