@@ -24,6 +24,9 @@ SOURCES = {
     "assembly": FMUS / "assembly" / "interface.toml",
 }
 
+#: Names of grades on the page of verdicts.
+_SHORT = {Grade.LIMITED: "limited"}
+
 _REGION = re.compile(r"(?P<start><!-- (?P<kind>table|rules) (?P<name>[\w.]+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
 _HEADER = "| variable | reference | causality | unit | display | start | range | meaning |\n" + "|---" * 8 + "|\n"
 
@@ -40,20 +43,13 @@ def _region(kind: str, name: str) -> str:
 
 
 def rules(module: str) -> str:
-    """Return the table of the rules that a module defines, without those of a result that is in order."""
-    found = [
-        rule
-        for rule in importlib.import_module(module).RULES
-        if rule.grade != Grade.USABLE or rule.remedy not in ("", "nothing")
-    ]
-    topics = {rule.about for rule in found}
-    rows = [("reason, with its threshold", "grade")]
-    rows += [(rule.condition, rule.grade) for rule in found]
-    if len(topics) > 1:
-        rows = [(about, *row) for about, row in zip(["about", *(rule.about for rule in found)], rows, strict=True)]
-    head, *lines = ["| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |\n" for row in rows]
-    text = head + "|---" * len(rows[0]) + "|\n" + "".join(lines)
-    return text if len(topics) > 1 else f"About: {topics.pop()}.\n\n{text}"
+    """Return the rules that a module defines as lists, one for each subject, without notes and what is in order."""
+    found = [rule for rule in importlib.import_module(module).RULES if rule.grade != Grade.USABLE]
+    lists = []
+    for about in dict.fromkeys(rule.about for rule in found):
+        lines = [f"- {_SHORT.get(rule.grade, rule.grade)}: {rule.condition}" for rule in found if rule.about == about]
+        lists.append("\n".join([f"{about[0].upper()}{about[1:]}:", "", *lines, ""]))
+    return "\n".join(lists)
 
 
 def laws() -> str:

@@ -184,7 +184,7 @@ PREDICTS = RULES.add("small error", ABOUT, Grade.USABLE,
     "(docs/reference/verdict.md)",
 )  # fmt: skip
 PREDICTS_ROUGHLY = RULES.add("notable error", ABOUT, Grade.LIMITED,
-    condition=f"the same error above {GOOD:g} %",
+    condition=f"the error on left-out parts of the records, or the residual if larger, is above {GOOD:g} %",
     why="half of the other records then have errors above 5 %: smaller differences of shocks cannot be seen",
     remedy="check the record (eightpost inspect), and compare only shocks that differ by more",
 )  # fmt: skip
