@@ -10,8 +10,8 @@ import pytest
 
 from eightpost.errors import FileFormatError, InputError, MissingChannelError, ParameterError, TooShortError
 from eightpost.ident.vehicle.estimators import H1, LocalPolynomial, SameDrive, estimate_response
+from eightpost.ident.vehicle.experiment import Blocks
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse, read_response, write_response
-from eightpost.ident.vehicle.records import Blocks
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel
 

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm, t
 
@@ -181,6 +181,7 @@ def test_a_delay_of_any_channel_is_named_with_its_size(sound, name, delay, late)
 
 @pytest.mark.nightly
 @settings(max_examples=4, deadline=None)
+@example(corner="lf", delay=24.0, with_velocity=False)  # it looks like a wrong sign at most frequencies
 @given(corner=st.sampled_from(CORNERS), delay=st.floats(15.0, 60.0), with_velocity=st.booleans())
 def test_a_potentiometer_that_is_tens_of_milliseconds_late_is_named_and_nothing_else(
     sound, corner, delay, with_velocity
