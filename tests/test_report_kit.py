@@ -70,6 +70,15 @@ def test_a_ribbon_surrounds_its_line_and_leaves_the_legend_to_it():
     assert (ribbon["showlegend"], line["showlegend"]) == (False, True)
 
 
+def test_panels_fill_a_grid_row_by_row_from_above_with_gaps_between():
+    figure = grid_figure("", 300, [(Axis("v"), Axis("F"), str(k)) for k in range(3)], 2, gap=(0.2, 0.1))
+    places = [(*panel.column, *panel.row) for panel in figure.panels]
+    above, below = (0.55, 1.0), (0.0, 0.45)
+    assert places == [
+        pytest.approx((0.0, 0.4, *above)), pytest.approx((0.6, 1.0, *above)), pytest.approx((0.0, 0.4, *below)),
+    ]  # fmt: skip
+
+
 def test_the_space_above_a_figure_grows_with_its_legend():
     tops = []
     for count in (0, 2, 40):
