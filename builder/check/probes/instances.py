@@ -320,8 +320,8 @@ def _environment() -> dict[str, str]:
     variables: dict[str, str] = {}
     with suppress(ValueError, OSError):  # Windows has no such variable
         pointer = ctypes.POINTER(ctypes.c_char_p).in_dll(ctypes.CDLL(None), "environ")
-        for entry in itertools.takewhile(bool, pointer) if pointer else ():
-            name, _, value = entry.decode("utf-8", "replace").partition("=")
+        for entry in itertools.takewhile(bool, (pointer[k] for k in itertools.count())) if pointer else ():
+            name, _, value = (entry or b"").decode("utf-8", "replace").partition("=")
             variables[f"environment variable {name}"] = value[:40]
     return variables
 
