@@ -173,7 +173,7 @@ def _own_document(path: Path) -> Any:
 
 
 def _parts(path: Path) -> Any:
-    from builder.assembly.parts import read_parts  # noqa: PLC0415
+    from builder.assembly.plan import read_parts  # noqa: PLC0415
 
     return read_parts({"lf": path})
 
@@ -210,13 +210,13 @@ def _sound_result(path: Path) -> Any:
 
 
 def _selection(path: Path) -> Any:
-    from cosim.study.choice.selection import read_selection  # noqa: PLC0415
+    from cosim.study.choice.rig_day import read_selection  # noqa: PLC0415
 
     return read_selection(path, _sound_result(path))
 
 
 def _run_list(path: Path) -> Any:
-    from cosim.study.choice.rig_runs import read_run_list  # noqa: PLC0415
+    from cosim.study.choice.rig_day import read_run_list  # noqa: PLC0415
 
     return read_run_list(path, _sound_result(path).study)
 

@@ -14,7 +14,7 @@ import pyarrow.parquet
 from benchmarks.fuzz.damage import members_of, packed
 from builder.build import build
 from cosim.study.choice.compare import Comparison, write_comparisons
-from cosim.study.choice.selection import select, write_selection
+from cosim.study.choice.rig_day import select, write_selection
 from cosim.study.definition import Build, Drive, Study, Vehicle
 from cosim.study.measures import Measure
 from cosim.study.table import Provenance, StudyResult, result_table, study_schema

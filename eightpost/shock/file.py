@@ -17,10 +17,10 @@ from eightpost.errors import FileFormatError, ParameterError
 from eightpost.files import MALFORMED, atomic_path, check_schema, json_content
 from eightpost.shock.curve import KNOTS, StaticCurve
 from eightpost.shock.law import ShockLaw
-from eightpost.shock.laws import FORMER, LAWS, law_name, law_title, own_parameters, parameter_units
+from eightpost.shock.laws import FORMER, LAWS, law_name, law_title, named_law, own_parameters, parameter_units
 from eightpost.shock.settings import TEMPERATURE, Axis, Settings, is_tested, setting_of
 from eightpost.validity import ModelUncertainty, ParameterUncertainty, Validity, judged
-from eightpost.verdict import Grade, Reason, Rules, Verdict
+from eightpost.verdict import Reason, Rules, Verdict
 
 if TYPE_CHECKING:
     from eightpost.array_types import Array
@@ -56,28 +56,7 @@ ABOUT = "setting"
 #: Distance beyond the measured settings, in intervals between them, up to which the continuation can be used.
 FARTHEST = 1.0
 
-RULES = Rules()
-
-UNTESTED = RULES.add("untested combination of settings", ABOUT, Grade.UNKNOWN,
-    condition="two or more adjusters (or an adjuster and the temperature) differ from the reference, and no files were "
-    "measured in this combination",
-    why="the effects of the adjusters are added there; whether one changes the effect of another is not known",
-    remedy="measure the shock at this combination and add the file to the table",
-)  # fmt: skip
-FAR_BEYOND = RULES.add("far beyond the measured settings", ABOUT, Grade.UNKNOWN,
-    condition=f"a setting is beyond the measured ones by more than {FARTHEST:g} of the nearest interval between them",
-    why="adjusters act progressively near their stops; the continuation is a straight line",
-    remedy="measure the shock at this setting and add the file to the table",
-)  # fmt: skip
-BEYOND = RULES.add("beyond the measured settings", ABOUT, Grade.LIMITED,
-    condition="a setting is beyond the measured ones by less than that",
-    why="there is no measurement beyond; the curve is continued in a straight line over the setting",
-    remedy="measure the shock at this setting and add the file to the table",
-)  # fmt: skip
-INSIDE = RULES.add("within the measured settings", ABOUT, Grade.USABLE,
-    condition="the setting is between measured settings, in a combination that was measured",
-    why="the curve is interpolated between measured curves; its band includes the error of the interpolation",
-)  # fmt: skip
+RULES = Rules.read(Path(__file__).with_suffix(".txt"), ABOUT, farthest=FARTHEST)
 
 
 def setting_reasons(settings: Settings, setting: Sequence[float], origin: str) -> tuple[Reason, ...]:
@@ -89,15 +68,22 @@ def _reasons(settings: Settings, setting: Sequence[float], origin: str) -> Itera
     where = setting_text(settings, setting)
     outside = settings_beyond(settings, setting)
     for one in outside:
-        rule = FAR_BEYOND if one.intervals > FARTHEST else BEYOND
+        rule = "far beyond the measured settings" if one.intervals > FARTHEST else "beyond the measured settings"
         figure = (
             f"{one.axis.name} {one.value:g}; measured {one.axis.nodes[0]:g} to {one.axis.nodes[-1]:g} {one.axis.unit}"
         )
-        yield rule.reason("the setting is beyond the measured ones", figure=figure, origin=origin)
+        yield RULES.reason(rule, "the setting is beyond the measured ones", figure, origin)
     if not is_tested(settings, setting):
-        yield UNTESTED.reason("this combination of settings was not measured", figure=where, origin=origin)
+        yield RULES.reason(
+            "untested combination of settings",
+            "this combination of settings was not measured",
+            figure=where,
+            origin=origin,
+        )
     elif not outside:
-        yield INSIDE.reason("the setting is within the measured ones", figure=where, origin=origin)
+        yield RULES.reason(
+            "within the measured settings", "the setting is within the measured ones", figure=where, origin=origin
+        )
 
 
 def setting_text(settings: Settings, setting: Sequence[float]) -> str:
@@ -431,10 +417,7 @@ def _law_class(document: dict[str, Any], inputs: Sequence[Mapping[str, str]], pa
     name = document.get("law")
     if name in FORMER:
         raise ValueError(_no_longer_supported(document, inputs, path))
-    law_class = LAWS.get(str(name))
-    if law_class is None:
-        raise ValueError(f"law is {name!r}; it must be one of {', '.join(LAWS)}")
-    return law_class
+    return LAWS[named_law(name)]
 
 
 def _law_section(document: dict[str, Any]) -> dict[str, Any]:
