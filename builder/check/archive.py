@@ -303,6 +303,10 @@ def entries(subject: CheckedFmu) -> Faults:
     for entry in subject.entries:
         if reason := unsafe_reason(entry):
             yield "archive-path", f"the entry {entry.orig_filename!r} {reason}"
+    yield (
+        "archive-path",
+        some((name for name in ("binaries", "resources", "sources") if name in subject.members), "no folder: "),
+    )
     counts = Counter(entry.filename for entry in subject.entries)
     for name, count in counts.items():
         if count > 1:
@@ -329,6 +333,8 @@ def entries(subject: CheckedFmu) -> Faults:
     declared = _DECLARATION.match(subject.members.get(XML, b"").removeprefix(b"\xef\xbb\xbf"))
     if declared and declared[1].lower() not in (b"utf-8", b"utf8"):
         yield "xml-encoding", f"it declares {declared[1].decode('latin-1')}"
+    if b"<!DOCTYPE" in subject.members.get(XML, b""):
+        yield "xml-doctype", "there is one"
 
 
 #: Names that Windows reserves, characters that it forbids, and the length of an entry that leaves 60 characters of its

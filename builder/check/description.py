@@ -24,7 +24,7 @@ _VERSION_3 = re.compile(r"3\.0(\.\d+)?(-.+)?")
 _C_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _PLAIN = re.compile(r"[A-Za-z0-9{}_-]+")
 _DATE = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ")
-_ABOUT = ("description", "author", "version", "license", "generationTool")
+_ABOUT = ("modelName", "description", "author", "version", "license", "generationTool")
 _TIMES = {"startTime", "stopTime", "stepSize"}
 
 
@@ -72,6 +72,8 @@ def _invalid_values(given: Mapping[str, str]) -> Iterator[str]:
         try:
             values[name] = float(text)
         except ValueError:
+            values[name] = math.nan
+        if not math.isfinite(values[name]):
             yield f"{name} is {text!r}"
     for name in ("stepSize", "tolerance"):
         if values.get(name, 1.0) <= 0.0:
@@ -256,6 +258,8 @@ def variables(fmu: Description) -> Faults:
             yield "start-range", f"{v.name}: min {low}, start {start}, max {high}"
     for v in every:
         yield "declared-type", _fault_of_type(fmu, v)
+    for name, items in fmu.items.items():
+        yield "enumeration-values", some(doubled(items.values()), f"{name}: several items have the value ")
     times = [v.name for v in every if v.causality == "independent"]
     if len(times) > 1:
         yield "independent", f"independent variables: {listed(times)}"

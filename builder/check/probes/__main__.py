@@ -81,6 +81,8 @@ def _undeclared(bench: Bench) -> Iterator[Finding]:
     names = {category.decode("utf-8", "replace").strip()[:200] for category in bench.library.categories}
     for name in sorted(names - set(bench.description.categories)):
         yield RULES["log-undeclared"].finding(f"it uses the category {name!r}")
+    if bench.library.has_mixed:
+        yield RULES["log-environment"].finding("an instance called the logger with that of another one")
 
 
 def _watch(channel: TextIO, patience: float, budget: float) -> None:

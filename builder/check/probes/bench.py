@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import itertools
 import math
 import random
 import xml.etree.ElementTree as ET
@@ -28,7 +29,7 @@ from builder.check.probes.library import (
     library_of,
     memory_functions,
 )
-from builder.check.rules import RULES, Finding, Rule
+from builder.check.rules import RULES, Finding, Rule, listed
 from eightpost.fmi.description import Description, Variable, read_description
 
 # ==== One instance and the calls of a host; calls return their status, and only `need` and similar methods raise =====
@@ -58,7 +59,7 @@ class Birth:
     """Arguments of fmi2Instantiate; `kind` is fmi2Type."""
 
     guid: str
-    resources: str
+    resources: str | None
     logging: bool = False
     kind: int = CO_SIMULATION
 
@@ -80,6 +81,10 @@ def refused(status: int) -> bool:
     return status >= DISCARD
 
 
+#: Addresses that instances hand back to their loggers; nothing is there.
+_ENVIRONMENTS = itertools.count(0x1000, 0x10)
+
+
 class Instance:
     """An instance of an FMU; `address` is None if fmi2Instantiate returned NULL."""
 
@@ -87,15 +92,17 @@ class Instance:
         self.library = library
         self.messages: list[Message] = []
         self._logger = Logger(self._log)
-        self._callbacks = Callbacks(self._logger, *memory_functions(), None, None)
+        self._environment = next(_ENVIRONMENTS)
+        self._callbacks = Callbacks(self._logger, *memory_functions(), None, self._environment)
         function = library.function("Instantiate")
         library.begin("fmi2Instantiate")
         self.address: int | None = function(
-            b"probe", birth.kind, birth.guid.encode(), birth.resources.encode(),
+            b"probe", birth.kind, birth.guid.encode(), birth.resources and birth.resources.encode(),
             ctypes.byref(self._callbacks), 0, int(birth.logging),
         )  # fmt: skip
 
-    def _log(self, _environment: int, _name: bytes, status: int, category: bytes, text: bytes) -> None:
+    def _log(self, environment: int | None, _name: bytes, status: int, category: bytes, text: bytes) -> None:
+        self.library.has_mixed |= environment not in (None, self._environment)
         self.messages.append(Message(status, text or b""))
         self.library.categories.add(category or b"")
 
@@ -197,14 +204,15 @@ class Instance:
         state = c_void_p()
         return self.call("DeSerializeFMUstate", content, len(content), ctypes.byref(state)), state
 
-    def directional(self, unknown: Variable, known: Variable) -> tuple[int, float]:
-        """Return the status and d unknown / d known."""
-        result = (c_double * 1)()
+    def directional(self, unknown: Variable, *knowns: Variable) -> tuple[int, float]:
+        """Return the status and the sum of d unknown / d known; not a number if the FMU sets no result."""
+        count, result = len(knowns), (c_double * 1)(math.nan)
+        seed = (c_double * count)(*[2.0] * count)  # an FMU may take it for 1
         status = self.call(
-            "GetDirectionalDerivative", _references([unknown]), 1, _references([known]), 1, (c_double * 1)(1.0), result,
-            note=f" of {unknown.name} by {known.name}",
+            "GetDirectionalDerivative", _references([unknown]), 1, _references(knowns), count, seed, result,
+            note=f" of {unknown.name} by {listed([known.name for known in knowns])}",
         )  # fmt: skip
-        return status, result[0]
+        return status, 0.5 * result[0]
 
     def set_derivatives(self, variables: Sequence[Variable], slopes: Sequence[float]) -> int:
         """Set first derivatives of inputs."""

@@ -373,9 +373,27 @@ def _directional(host: Host) -> Results:
                     )
                     if fault:
                         wrong.setdefault(f"{unknown.name} by {knowns[k].name}", fault)
+        wrong |= _sums(host, instance, knowns, unknowns)
     if wrong:
         shown = [f"{pair} is {fault}" for pair, fault in wrong.items()]
         yield RULES["exchange-directional"].finding(listed(shown, most=3))
+
+
+def _sums(host: Host, instance: Instance, knowns: list[Variable], unknowns: list[Variable]) -> dict[str, str]:
+    """Compare the derivative of each unknown by all knowns at once with the sum of those by one."""
+    wrong = {}
+    knowns = [known for known in knowns if not known.is_array]
+    for unknown in unknowns:
+        others = [known for known in knowns if unknown.name not in _aliases(host, known)]
+        single = [instance.directional(unknown, known) for known in others]
+        if unknown.is_array or len(others) < 2 or any(refused(status) for status, _ in single):
+            continue
+        status, total = instance.directional(unknown, *others)
+        expected, size = sum(value for _, value in single), sum(abs(value) for _, value in single)
+        if refused(status) or not abs(total - expected) <= 1e-9 * size:
+            found = "rejected" if refused(status) else f"{total!r}, not {expected!r}"
+            wrong[f"{unknown.name} by {len(others)} variables at once"] = found
+    return wrong
 
 
 def _restored(host: Host) -> Results:
@@ -447,9 +465,9 @@ def _stepped(bench: Bench, points: range, parts: int) -> list[Values]:
 
 
 def _difference(host: Host, exchanged: list[Values], stepped: list[Values]) -> float:
-    """Return the largest difference of the outputs that describe the model, relative to their sizes."""
-    declared = _declared(host)
-    compared = [k for k, v in enumerate(host.bench.outputs) if declared.get(v.name) != set()]
+    """Return the largest difference of the outputs that depend on something or are states, relative to their sizes."""
+    declared, states = _declared(host), {state.reference for state in host.states}
+    compared = [k for k, v in enumerate(host.bench.outputs) if declared.get(v.name) != set() or v.reference in states]
     return differ(*([[row[k] for k in compared] for row in rows] for rows in (exchanged, stepped)))
 
 

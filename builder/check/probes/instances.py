@@ -8,6 +8,7 @@ import itertools
 import locale
 import os
 import random
+import signal
 import sys
 import tempfile
 import threading
@@ -32,6 +33,7 @@ from builder.check.probes.bench import (
     set_other_parameters,
     step,
 )
+from builder.check.probes.library import MissingFunctionError
 from builder.check.rules import RULES, Finding, Rule, listed
 from eightpost.workers.process import python_command, run
 
@@ -119,6 +121,8 @@ def _instance_growth(bench: Bench) -> Iterator[Finding]:
     def cycle() -> None:
         with bench.running() as instance:
             bench.run(instance, bench.held, range(1))
+            with suppress(MissingFunctionError):
+                instance.call("Reset")
 
     for _ in range(_WARM_CYCLES):
         cycle()
@@ -261,8 +265,9 @@ def probe_footprint(bench: Bench) -> Results:
             instance.need("Terminate")
         printed = _read(caught)
     now = process_state()
-    for what, before in bench.process.items():
-        if (after := now[what]) != before:
+    for what in dict.fromkeys((*bench.process, *now)) if bench.process else ():
+        before, after = (state.get(what, "none") for state in (bench.process, now))
+        if after != before:
             rule = RULES["locale" if what == "locale" else "process-state"]
             yield rule.finding(f"it changed the {what} from {before} to {after}")
     if printed:
@@ -271,10 +276,20 @@ def probe_footprint(bench: Bench) -> Results:
             f"a run of {bench.timing.count} steps printed {len(printed)} bytes, starting with {text!r}"
         )
     yield from _step_growth(bench) if sys.platform == "linux" else [Skip("memory is only measured on Linux", "memory")]
+    _unload(bench)
+
+
+def _unload(bench: Bench) -> None:
+    """Run a copy of the binary and unload it; what is wrong with that is a crash."""
+    own, bench.library = bench.library, bench.library.again()
+    with bench.running() as instance:
+        bench.run(instance, bench.held, range(1))
+    bench.library.unload()
+    bench.library = own
 
 
 def process_state() -> dict[str, str]:
-    """Return what belongs to the host: locale, working folder, signals, standard streams, arithmetic."""
+    """Return what belongs to the host: locale, folder, environment, signals, streams, arithmetic."""
     state = {"locale": locale.setlocale(locale.LC_ALL), "working folder": str(Path.cwd())}
     tiny, one = sys.float_info.min, float(len("1"))
     state["small numbers"] = "0" if tiny / 2 == 0.0 else "numbers"
@@ -285,13 +300,30 @@ def process_state() -> dict[str, str]:
             state[name] = f"file {status.st_dev}:{status.st_ino}"
         except OSError:
             state[name] = "closed"
+    state |= _environment()
     masks = {"SigIgn": "ignored signals", "SigCgt": "handled signals", "SigBlk": "blocked signals"}
     with suppress(OSError):  # Linux
         for line in Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines():
             name, _, mask = line.partition(":")
             if name in masks:
                 state[masks[name]] = listed([str(k + 1) for k in range(64) if int(mask, 16) >> k & 1]) or "none"
+            if name == "Umask":
+                state["permissions of new files"] = mask.strip()
+        state["alarm"] = "set" if signal.getitimer(signal.ITIMER_REAL)[0] else "none"
+        children = Path("/proc/self/task").glob("*/children")
+        state["number of child processes"] = str(sum(len(one.read_text(encoding="ascii").split()) for one in children))
     return state
+
+
+def _environment() -> dict[str, str]:
+    """Return the variables of the environment as C functions see them; Python keeps a copy of its own."""
+    variables: dict[str, str] = {}
+    with suppress(ValueError, OSError):  # Windows has no such variable
+        pointer = ctypes.POINTER(ctypes.c_char_p).in_dll(ctypes.CDLL(None), "environ")
+        for entry in itertools.takewhile(bool, (pointer[k] for k in itertools.count())) if pointer else ():
+            name, _, value = (entry or b"").decode("utf-8", "replace").partition("=")
+            variables[f"environment variable {name}"] = value[:40]
+    return variables
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _ctypes
 import ctypes
 import math
 import mmap
@@ -90,7 +91,8 @@ class FmuLibrary:
     """A loaded binary.
 
     `call` writes the name of the function into the file `progress` first, so that it is known after a crash.
-    `categories` are the log categories that its instances have used.
+    `categories` are the log categories that its instances have used; `has_mixed` is whether an instance has called the
+    logger of another one.
     """
 
     version = 2  #: Version of FMI.
@@ -99,6 +101,7 @@ class FmuLibrary:
     def __init__(self, path: Path, progress: Path) -> None:
         self.path, self.progress = path, progress
         self.categories: set[bytes] = set()
+        self.has_mixed = False
         with progress.open("r+b") as stream:
             stream.write(bytes(512))
             stream.flush()
@@ -115,6 +118,12 @@ class FmuLibrary:
         copy.path, copy.categories = self.path, self.categories
         shutil.rmtree(folder, ignore_errors=True)  # on systems that can remove a loaded file, at most one copy remains
         return copy
+
+    def unload(self) -> None:
+        """Unload the binary, after which nothing of it may be called."""
+        if sys.platform != "win32":
+            self.begin("unloading of the binary")
+            _ctypes.dlclose(self._library._handle)
 
     def _copied(self, path: Path) -> FmuLibrary:
         return FmuLibrary(path, self.progress)
@@ -246,6 +255,12 @@ class FmuLibrary3(FmuLibrary):
         self._natives = {int(v.reference): v.native for v in description.variables if v.is_callable}
         self._instances: dict[int, _Live] = {}
 
+    def unload(self) -> None:
+        """Unload the binary, after which nothing of it may be called."""
+        if sys.platform != "win32":
+            self.begin("unloading of the binary")
+            _ctypes.dlclose(self._library._handle)
+
     def _copied(self, path: Path) -> FmuLibrary:
         return FmuLibrary3(self._description, path, self.progress)
 
@@ -273,14 +288,14 @@ class FmuLibrary3(FmuLibrary):
     # ---- Life ------------------------------------------------------------------------------------------------------
 
     def _Instantiate(  # noqa: N802
-        self, name: bytes, kind: int, guid: bytes, resources: bytes, callbacks: Any, visible: int, logging: int
+        self, name: bytes, kind: int, guid: bytes, resources: bytes | None, callbacks: Any, visible: int, logging: int
     ) -> int | None:
         logger = callbacks._obj.logger
         live = _Live()
         log = Logger3(lambda _environment, status, category, text: logger(None, b"", status, category, text))
         update = Update(lambda *arguments: self._update(live, *arguments))
         live.callbacks = (log, update)
-        place = path_of(resources)
+        place = None if resources is None else path_of(resources)
         if kind == CO_SIMULATION:
             required = self.intermediate_inputs
             references = (c_uint * len(required))(*required)

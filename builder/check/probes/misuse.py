@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager, ExitStack, suppress
 from ctypes import c_double, c_uint
 from dataclasses import dataclass, replace
 from typing import Any
@@ -255,9 +255,12 @@ def _continues(bench: Bench, instance: Instance) -> bool:
 
 
 def probe_null(bench: Bench) -> Results:
-    """Call fmi2FreeInstance(NULL), which the standard allows; then pass NULL for each array in turn."""
+    """Call fmi2FreeInstance(NULL), which the standard allows; then NULL for a missing folder and for each array."""
     bench.library.begin(FREEING_NOTHING)
     bench.library.function("FreeInstance")(None)
+    if not (bench.folder / "resources").is_dir():
+        with suppress(CallError), bench.instance(replace(bench.birth, resources=None)):  # it may return NULL
+            pass
     accepted = []
     for name, arguments in _calls(bench):
         with bench.running() as instance:

@@ -62,7 +62,7 @@ def _undeclared(bench: Bench, library: FmuLibrary3) -> Iterator[Finding]:
 def _declared(bench: Bench, library: FmuLibrary3) -> Iterator[Finding]:
     """Instantiate with event mode and for scheduled execution, if the description declares them."""
     birth, log = bench.birth, Logger3(lambda *_: None)
-    first = (b"probe", birth.guid.encode(), path_of(birth.resources.encode()), False, False)
+    first = (b"probe", birth.guid.encode(), path_of((birth.resources or "").encode()), False, False)
     none = ctypes.cast(ctypes.c_void_p(None), Update)
     lock = ctypes.CFUNCTYPE(None)(lambda: None)
     kinds = {
