@@ -1,6 +1,6 @@
 """Lines and width of what every command prints on the shipped examples, vs an earlier version.
 
-    python -m benchmarks.desk [--against COMMIT] [--only WORD] [--json FILE]
+    python -m benchmarks.desk [--against COMMIT] [--only WORDS] [--folder FOLDER]
 
 Both versions run the same commands, each in a folder of its own with the examples, on a terminal of 80 columns. Prints
 Markdown: the counts of commands and options, then the lines and the widest line of each command. Lines that name files
@@ -156,7 +156,8 @@ def run(checkout: Path, folder: Path, command: str) -> Output:
     environment = os.environ | {"PYTHONPATH": str(checkout), "COLUMNS": str(WIDTH), "EIGHTPOST_UNITS": "file"}
     process = [sys.executable, "-P", "-m", "eightpost", *words]
     ran = subprocess.run(process, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-    (folder / "log.txt").open("a", encoding="utf-8").write(f"$ {command}\n{ran.stdout}{ran.stderr}\n")
+    with (folder / "log.txt").open("a", encoding="utf-8") as log:
+        log.write(f"$ {command}\n{ran.stdout}{ran.stderr}\n")
     return Output.of(ran.returncode, ran.stdout + ran.stderr)
 
 

@@ -1,5 +1,6 @@
 // Order of the results of a search: Sphinx ranks pages that contain all words almost alike, so the section decides.
 const SECTIONS = [
+  [/^docs\/reference\/api\//, -20], // names of Python after every page
   [/^docs\/(start|how_to)\//, 3],
   [/^docs\/(explanation|reference)\//, 2],
   [/^(README|CHANGELOG|CONTRIBUTING)|^docs\/(development|index|gallery)/, -3],
