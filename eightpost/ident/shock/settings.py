@@ -20,7 +20,7 @@ from eightpost.ident.shock.result import ShockFit, Story, result_of
 from eightpost.ident.shock.runs import Runs, prepare_runs
 from eightpost.ident.shock.settings_table import SettingsTable
 from eightpost.ident.shock.simulation import simulate
-from eightpost.ident.shock.verdict import DOUBT, error_reason
+from eightpost.ident.shock.verdict import RULES, error_reason
 from eightpost.report.console import Table, console_table, right, unbroken
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import LAWS, Axis, Settings, Shock, ShockLaw, StaticCurve, Term, fit_parameters, own_parameters
@@ -396,7 +396,8 @@ def _doubts(
     shares = [abs(level) / model.runs.deviation for level, model in zip(left, joint.model.models, strict=True)]
     if max(shares) > _OTHER_LEVEL:
         worst = int(np.argmax(shares))
-        yield DOUBT.reason(
+        yield RULES.reason(
+            "doubt of the fit",
             "the level of the force differs from file to file, but no adjuster changes the gas force",
             figure=f"{left[worst]:+.3g} N from the mean of the files, {100.0 * shares[worst]:.3g} % of the force's "
             "standard deviation: the shock has the mean",
@@ -411,7 +412,8 @@ def _doubts(
         share = min(float(velocity.max()) / knots[-1], float(velocity.min()) / knots[0])
         if share < _FAST:
             figure = f"{', '.join(group.names)}: {100.0 * share:.0f} % of the highest speed of all files on one side"
-            yield DOUBT.reason(
+            yield RULES.reason(
+                "doubt of the fit",
                 "a file is slower than others, so its curve is not known at their speeds",
                 figure=figure,
                 origin=", ".join(group.names),
@@ -432,7 +434,8 @@ def _counting(axis: Axis, settings: Settings, law: ShockLaw, origin: str) -> Ite
         setting[number] = node
         ends.append(float(np.ptp(settings.law_at(law, tuple(setting)).curve.knot_force)))
     if expected * (ends[1] - ends[0]) < 0.0:
-        yield DOUBT.reason(
+        yield RULES.reason(
+            "doubt of the fit",
             f"{axis.name} acts against its counting, {axis.counted}",
             figure=f"the force range changes from {ends[0]:.0f} N at {axis.nodes[0]:g} to {ends[1]:.0f} N at "
             f"{axis.nodes[-1]:g} clicks",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.motion import force_lag
 from eightpost.units import convert, display_unit
 from eightpost.validity import Range, Validity
-from eightpost.verdict import Grade, Reason, Rules, Verdict
+from eightpost.verdict import Reason, Rules, Verdict
 
 # ==== Parameters and verdict =========================================================================================
 
@@ -174,51 +175,7 @@ GOOD, POOR = 2.5, 15.0
 #: Share of the force that a late force turns into stiffness, from which it is reported [1].
 _TURNED = 0.1
 
-RULES = Rules()
-
-PREDICTS = RULES.add("small error", ABOUT, Grade.USABLE,
-    condition=f"error at most {GOOD:g} % of the force's standard deviation: that on parts of the records that were "
-    "left out of the fit, or the residual if this is larger or the other one is not known; over settings, also the "
-    "largest error on a setting that the other ones predict",
-    why="of 61 other records within the stated range, 58 then had errors under 5 %, the worst 7.1 % "
-    "(docs/reference/verdict.md)",
-)  # fmt: skip
-PREDICTS_ROUGHLY = RULES.add("notable error", ABOUT, Grade.LIMITED,
-    condition=f"the error on left-out parts of the records, or the residual if larger, is above {GOOD:g} %",
-    why="half of the other records then have errors above 5 %: smaller differences of shocks cannot be seen",
-    remedy="check the record (eightpost inspect), and compare only shocks that differ by more",
-)  # fmt: skip
-PREDICTS_POORLY = RULES.add("large error", ABOUT, Grade.NOT_USABLE,
-    condition=f"the same error above {POOR:g} %",
-    why="most other records have errors above 10 %: shocks would be ranked by chance",
-    remedy="check whether the records are of one shock and one setting (eightpost inspect), and fit them separately",
-)  # fmt: skip
-ONE_FREQUENCY_ONLY = RULES.add("one frequency", ABOUT, Grade.LIMITED,
-    condition=f"the strokes of all records have one frequency, within a factor of {ONE_FREQUENCY:g}",
-    why="at one frequency, lag, friction and a spring have the same effect: most records of another stroke or speed "
-    "have errors above 10 % (docs/reference/verdict.md)",
-    remedy="use the shock near this stroke and frequency only; add runs of other strokes and frequencies",
-)  # fmt: skip
-TWO_SINES_ONLY = RULES.add("two sines", ABOUT, Grade.LIMITED,
-    condition="there are two runs, each of them one sine",
-    why="a law can follow two sines of two settings as well: no third run shows whether both are of one shock",
-    remedy="repeat one of the runs, or add one of another stroke and frequency",
-)  # fmt: skip
-NOT_CONVERGED = RULES.add("fit not converged", ABOUT, Grade.LIMITED,
-    condition="the search for the parameters did not end at a minimum",
-    why="other starting values would give another shock",
-    remedy="check the record (eightpost inspect), or fit a simpler law",
-)  # fmt: skip
-NO_DYNAMICS = RULES.add("no lag known", ABOUT, Grade.LIMITED,
-    condition="the shock was fitted to a table of forces over peak velocities",
-    why="such a table contains no information on the lag of the force, which matters above about 5 Hz",
-    remedy="measure force and velocity over time, and fit a law with a lag",
-)  # fmt: skip
-DOUBT = RULES.add("doubt of the fit", ABOUT, Grade.LIMITED,
-    condition="the record or the fit is doubtful for any other reason",
-    why="it may be harmless; the text of the reason names it",
-    remedy="check it in the record (eightpost inspect), and fit again",
-)  # fmt: skip
+RULES = Rules.read(Path(__file__).with_suffix(".txt"), ABOUT, good=GOOD, poor=POOR, one_frequency=ONE_FREQUENCY)
 
 
 def shock_validity(
@@ -244,11 +201,11 @@ def shock_validity(
     tested = f"{strokes}{_temperatures(conditions)}"
     reasons = [_error(percent, held_out, origin, tested)]
     if strokes.has_one_frequency:
-        reasons.append(ONE_FREQUENCY_ONLY.reason("the test has one frequency", figure=tested, origin=origin))
+        reasons.append(RULES.reason("one frequency", "the test has one frequency", tested, origin))
     elif runs.are_two_sines:
-        reasons.append(TWO_SINES_ONLY.reason("the test has two sines only", figure=tested, origin=origin))
+        reasons.append(RULES.reason("two sines", "the test has two sines only", tested, origin))
     if trouble:
-        reasons.append(NOT_CONVERGED.reason("the fit did not converge", figure=trouble, origin=origin))
+        reasons.append(RULES.reason("fit not converged", "the fit did not converge", trouble, origin))
     reasons += [reason for test in tests for reason in _of_record(test, strokes.frequency[1])]
     return Validity(Verdict(reasons), tuple(_ranges_of(conditions)))
 
@@ -272,8 +229,8 @@ def peak_velocity_validity(
     speed = conditions["velocity_range [m/s]"][1]
     reasons = [_error(percent, None, origin, f"peak speeds up to {speed:.2g} m/s")]
     figure = f"{points} points, 0 of them with a time"
-    reasons.append(NO_DYNAMICS.reason("the shock has no lag", figure=figure, origin=origin))
-    reasons += [DOUBT.reason("the fit is doubtful", figure=doubt, origin=origin) for doubt in doubts]
+    reasons.append(RULES.reason("no lag known", "the shock has no lag", figure, origin))
+    reasons += [RULES.reason("doubt of the fit", "the fit is doubtful", doubt, origin) for doubt in doubts]
     return Validity(Verdict(reasons), tuple(_ranges_of(conditions)))
 
 
@@ -295,9 +252,11 @@ def error_reason(error: float, statement: str, *, figure: str, origin: str) -> R
         figure: Error with what it is of.
         origin: Names of the records.
     """
-    rule = PREDICTS if error <= GOOD else PREDICTS_ROUGHLY if error <= POOR else PREDICTS_POORLY
-    how = {PREDICTS.name: "well", PREDICTS_ROUGHLY.name: "roughly", PREDICTS_POORLY.name: "poorly"}[rule.name]
-    return rule.reason(f"{statement} {how}", figure=f"{figure}; limits {GOOD:g} and {POOR:g} %", origin=origin)
+    if error <= GOOD:
+        rule, how = "small error", "well"
+    else:
+        rule, how = ("notable error", "roughly") if error <= POOR else ("large error", "poorly")
+    return RULES.reason(rule, f"{statement} {how}", f"{figure}; limits {GOOD:g} and {POOR:g} %", origin)
 
 
 def _of_record(test: DynoTest, frequency: float) -> Iterator[Reason]:
@@ -310,7 +269,7 @@ def _of_record(test: DynoTest, frequency: float) -> Iterator[Reason]:
         if lag is None or 2.0 * np.pi * frequency * lag.low > _TURNED:
             yield reason
     for note in test.notes:
-        yield DOUBT.reason("the record is doubtful", figure=note, origin=test.label)
+        yield RULES.reason("doubt of the fit", "the record is doubtful", figure=note, origin=test.label)
 
 
 def _ranges_of(conditions: Mapping[str, Any]) -> Iterator[Range]:
