@@ -103,9 +103,9 @@ def welch(values: Array, rate: float, length: int) -> tuple[Array, Array]:
     window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
     blocks = np.lib.stride_tricks.sliding_window_view(values, length, axis=-1)[..., :: length - length // 2, :]
     lines = np.fft.rfft(window * (blocks - blocks.mean(axis=-1, keepdims=True)))
-    density = (np.abs(lines) ** 2).mean(axis=-2) / (rate * np.sum(window**2))
+    density: Array = (np.abs(lines) ** 2).mean(axis=-2) / (rate * np.sum(window**2))
     density[..., 1 : (length + 1) // 2] *= 2.0
-    return np.fft.rfftfreq(length, 1.0 / rate), density
+    return np.arange(length // 2 + 1) * (rate / length), density
 
 
 # ---- Decimation of time traces for a page, without loss of peaks ----------------------------------------------------
