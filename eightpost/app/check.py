@@ -17,7 +17,7 @@ from eightpost.report.console import Column, Table, console_table, unbroken
 
 if TYPE_CHECKING:
     from builder.check import CheckReport, Finding, Level, NotChecked, Scope
-    from cosim.study.machine.host_steps import HostSteps
+    from cosim.study.host_steps import HostSteps
 
 _COLOURS = {"error": "bold red", "drop-in": "yellow", "hint": "cyan"}
 
@@ -98,21 +98,32 @@ def _checked(path: Path, scope: Scope) -> CheckReport | NotChecked:
 
 def show_report(console: Console, report: CheckReport, *, with_findings: bool = True) -> None:
     """Print the findings in an FMU by level, the groups that were performed or skipped, and what no check sees."""
-    from builder.check import LIMITS
+    from builder.check import LIMITS, Level
+    from eightpost.app.show import details, is_detailed, show_notes, show_text
 
     console.print(f"{escape(str(report.path))}: {_verdict(report)}", highlight=False, soft_wrap=True)
+    more = details(console)
     if not with_findings:
         return
     if report.findings:
-        console.print(_table(report))
-    _note(console, f"performed {', '.join(report.groups) or 'nothing'}")
+        more.print(_table(report))
+    if not is_detailed():
+        findings = [_sentence(finding) for level in Level for finding in report.of(level)]
+        show_notes(console, findings, "finding", most=3)
+    show_text(more, f"performed {', '.join(report.groups) or 'nothing'}", begin="  ")
     for skipped in report.skipped:
-        _note(console, f"skipped {skipped.what}: {skipped.reason}")
-    _note(console, LIMITS)
+        show_text(more, f"skipped {skipped.what}: {skipped.reason}", begin="  ")
+    show_text(more, LIMITS, begin="  ")
+
+
+def _sentence(finding: Finding) -> str:
+    """Return a finding in a sentence: rule, what is wrong and where, what to do."""
+    rule = finding.rule
+    return f"{rule.identifier} {rule.title}{': ' if finding.message else ''}{finding.message}; {rule.advice}"
 
 
 def _host_steps(path: Path) -> HostSteps:
-    from cosim.study.machine.host_steps import host_steps
+    from cosim.study.host_steps import host_steps
     from cosim.system_file import read_case
     from eightpost.api.reading import existing_toml
 
@@ -122,7 +133,8 @@ def _host_steps(path: Path) -> HostSteps:
 
 def show_host_steps(console: Console, name: str, found: HostSteps) -> None:
     """Print the largest steps of each loop for a host that integrates the car."""
-    from cosim.study.machine.host_steps import LIMITS, LOOPS
+    from cosim.study.host_steps import LIMITS, LOOPS
+    from eightpost.app.show import show_text
 
     def milliseconds(step: float) -> str:
         return f"{1e3 * step:.3g} ms" if step else "below 0.1 ms"
@@ -134,11 +146,7 @@ def show_host_steps(console: Console, name: str, found: HostSteps) -> None:
     )
     rows = [(loop, milliseconds(found.stable[loop]), *map(milliseconds, found.steps[loop])) for loop in LOOPS]
     console.print(console_table(["loop", "stable to", *(f"{limit:g} %" for limit in LIMITS)], rows))
-    _note(console, "loops of docs/how_to/hosts.md; friction at the vehicle's ports is left out")
-
-
-def _note(console: Console, text: str) -> None:
-    console.print(f"  {escape(text)}", highlight=False, soft_wrap=True, style="dim")
+    show_text(console, "loops of docs/how_to/hosts.md; friction at the vehicle's ports is left out", begin="  ")
 
 
 def _verdict(report: CheckReport) -> str:

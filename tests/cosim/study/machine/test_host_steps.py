@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from scipy.signal import lsim
 
 from builder.build import build
-from cosim.study.machine.host_steps import LIMITS, LOOPS, HostSteps, host_steps
+from cosim.study.host_steps import LIMITS, LOOPS, HostSteps, host_steps
 from cosim.system_file import read_case
 from eightpost.app.check import check
 from eightpost.errors import InputError
@@ -171,7 +171,7 @@ def test_a_drive_that_does_not_move_the_car_is_refused(system):
 def test_the_command_prints_a_line_for_each_loop_on_at_most_twelve_lines(system, monkeypatch):
     steps = dict.fromkeys(LOOPS, (4e-3, 1e-3, 0.0))
     found = HostSteps("car", "tire force", 2.0, (DAMPING,), dict.fromkeys(LOOPS, 0.0071199), steps)
-    monkeypatch.setattr("cosim.study.machine.host_steps.host_steps", lambda case: found)
+    monkeypatch.setattr("cosim.study.host_steps.host_steps", lambda case: found)
     ran = CliRunner().invoke(check, [str(system(DRIVEN))])
     assert ran.exit_code == 0 and len(ran.output.splitlines()) <= 12
     for loop in LOOPS:
