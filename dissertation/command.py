@@ -16,8 +16,7 @@ from dissertation.page import write_reproduction
 from dissertation.reproduction import reproduce
 from dissertation.verdict import reproduction_verdict
 from eightpost import completion
-from eightpost.app.progress import each
-from eightpost.app.show import show_table
+from eightpost.app.show import each, show_table
 from eightpost.report.console import console_table
 
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias, get_args, overload
 
 from eightpost.errors import FileFormatError, InputError, missing_file, suggestion
-from eightpost.files import read_text
+from eightpost.files import toml_content
 
 if TYPE_CHECKING:
     from cosim.session.result import SavedRun
@@ -58,10 +57,7 @@ def toml_kind(path: Path) -> str:
     Raises:
         FileFormatError: It is not a TOML file.
     """
-    try:
-        content = tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
-        raise FileFormatError(f"is not a TOML file ({error})", path=path) from error
+    content = toml_content(path)
     found = (
         kind for kind, key in (("study", "bank"), ("system", "components"), ("vehicle", "model")) if key in content
     )
@@ -263,7 +259,7 @@ def _kind_of(path: Path, channel_map: ChannelMap | None) -> Kind:
         return "shock" if document_kind(path) == "shock" else "vehicle"
     if suffix == ".parquet" and _is_study_result(path):
         return "study result"
-    return record_kind(path, channel_map)
+    return _record_kind(path, channel_map)
 
 
 def _toml_kind(path: Path) -> Kind:
@@ -283,7 +279,7 @@ def _is_study_result(path: Path) -> bool:
         return False  # the reader of records reports the error
 
 
-def record_kind(path: Path, channel_map: ChannelMap | None = None) -> Kind:
+def _record_kind(path: Path, channel_map: ChannelMap | None = None) -> Kind:
     """Return the kind of a record, by the names of its channels.
 
     Args:

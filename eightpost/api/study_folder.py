@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from builder.build import build
 from cosim.study.choice.assess import Knowledge, certainty_of
 from cosim.study.choice.certainty import Certainty, read_certainty, write_certainty
-from cosim.study.choice.selection import POOL, TOTAL, TWICE
+from cosim.study.choice.rig_day import POOL, TOTAL, TWICE
 from cosim.study.choice.sources import effects_of, stated_parameters
 from cosim.study.definition import Study
 from cosim.study.running.evaluator import Coupling, Evaluator, traces
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from builder.build import Built
     from cosim.study.choice.compare import Comparison
     from cosim.study.choice.optimise import Optimum, Search
+    from cosim.study.choice.rig_day import Selection
     from cosim.study.choice.robust import LinearityCheck, Uncertain
-    from cosim.study.choice.selection import Selection
     from cosim.study.choice.sensitivity import MeasureChange, Sensitivity
     from eightpost.api.shapes import Aim, Request
 
@@ -120,6 +120,9 @@ class StudyFolder:
         Raises:
             FmuError: An FMU cannot be used.
         """
+        files = dict.fromkeys(one.function.rpartition(":")[0] for one in self.study.measures if one.function)
+        if files:
+            self.listener.say(f"running the Python code of this study's measures: {', '.join(files)}")
         return Evaluator(self.study)
 
     @cached_property
@@ -178,7 +181,7 @@ class StudyFolder:
         Raises:
             FileFormatError: The selection belongs to another study.
         """
-        from cosim.study.choice.selection import read_selection
+        from cosim.study.choice.rig_day import read_selection
 
         path = self.path / SELECTION
         return read_selection(path, self.result) if path.is_file() else None
@@ -435,8 +438,8 @@ class StudyFolder:
         pool: float = POOL,
         twice: int = TWICE,
     ) -> Selection:
-        """Select setups to confirm on the rig, and write their list; see `cosim.study.choice.selection.select`."""
-        from cosim.study.choice.selection import select, write_selection
+        """Select setups to confirm on the rig, and write their list; see `cosim.study.choice.rig_day.select`."""
+        from cosim.study.choice.rig_day import select, write_selection
 
         found = select(self.result, measures, total=total, share=share, pool=pool, certainty=self.certainty())
         write_selection(found, self.result, self.path / SELECTION, twice=twice)
@@ -466,7 +469,7 @@ class StudyFolder:
         Raises:
             InputError: The study has no certainty, or a record does not fit it.
         """
-        from cosim.study.choice.rig_runs import requested_runs, with_rig_runs
+        from cosim.study.choice.rig_day import requested_runs, with_rig_runs
 
         result, before = self.result, self.certainty()
         if before is None:
@@ -515,7 +518,7 @@ class StudyFolder:
             Comparison of each measure, the verdict, and the picture.
         """
         from cosim.study.choice.compare import comparison_verdict, write_and_plot
-        from cosim.study.choice.rig_runs import compare_with_rig
+        from cosim.study.choice.rig_day import compare_with_rig
 
         path = measured / SELECTION if measured.is_dir() else measured
         reader, certainty = self._record_reader(channel_map, units, flip), self.certainty()
@@ -591,7 +594,12 @@ class StudyFolder:
 
     def _certainty_of(self, digest: str) -> Certainty | None:
         path = self.path / CERTAINTY
-        return read_certainty(path, digest=digest) if path.is_file() else None
+        if not path.is_file():
+            return None
+        known = read_certainty(path, digest=digest)
+        if not set(known.ties) <= set(self.result.setups.tolist()):
+            raise FileFormatError(f"its best setups are not in {RESULTS}; run `eightpost study` again", path=path)
+        return known
 
     def _readable(self, read: Callable[[], Any]) -> Any:
         """Return what is read; None, and a note, if the file is damaged or belongs to another study."""

@@ -12,7 +12,7 @@ from rich.markup import escape
 
 from eightpost.api.reading import is_system
 from eightpost.app.options import FilePath, OutputFile, argument, option, verb
-from eightpost.app.progress import bar
+from eightpost.app.show import bar
 from eightpost.outputs import FMU
 from eightpost.report.console import console_table, folded
 
@@ -28,7 +28,7 @@ VERSIONS = ("2", "3", "all")
 # ---- One FMU of a system ---------------------------------------------------------------------------------------------
 
 
-def assemble_with_progress(console: Console, source: Path, output: Path, *, fmi: int = 2) -> Assembled:
+def _assemble_with_progress(console: Console, source: Path, output: Path, *, fmi: int = 2) -> Assembled:
     """Build one FMU from a system file.
 
     Args:
@@ -53,7 +53,7 @@ def assemble_with_progress(console: Console, source: Path, output: Path, *, fmi:
         return assemble(wiring, path, fmi=fmi, progress=advance)
 
 
-def show_assembled(console: Console, built: Assembled) -> None:
+def _show_assembled(console: Console, built: Assembled) -> None:
     """Print the components of the FMU, its micro step and its platforms."""
     from eightpost.report.numbers import file_size
     from eightpost.units import convert
@@ -130,7 +130,7 @@ def build(
                 f"{systems[0]} is a system, of which one FMU is built: omit other SOURCES, --confidential, "
                 "--temperature-input, --target and --fmi all"
             )
-        show_assembled(console, assemble_with_progress(console, systems[0], output, fmi=int(fmi)))
+        _show_assembled(console, _assemble_with_progress(console, systems[0], output, fmi=int(fmi)))
         return
     if output.suffix == ".fmu":
         raise click.UsageError(f"{output}: FMUs are named after their SOURCES; name a folder with -o")

@@ -203,7 +203,7 @@ def simulate(
       eightpost drivefile start track.parquet --car car.json -o lap/
       eightpost drivefile simulate lap/ --passes 8
     """
-    from eightpost.app.progress import bar
+    from eightpost.app.show import bar
     from eightpost.drivefile import IterationFolder, Status
     from eightpost.drivefile.folder import iterate
     from eightpost.virtual.program import Bench

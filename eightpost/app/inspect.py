@@ -25,9 +25,9 @@ from eightpost.app.options import (
     verb,
     warn,
 )
-from eightpost.app.progress import each
 from eightpost.app.show import (
     details,
+    each,
     is_detailed,
     show_files,
     show_notes,

@@ -242,7 +242,7 @@ def _corners(
 
 
 def _read(console: Console, files: Sequence[Path], reading: Reading) -> tuple[Entry, ...]:
-    from eightpost.app.progress import bar
+    from eightpost.app.show import bar
     from eightpost.ident.dyno_report.builds import read_entries
 
     with bar(console, "reading", len(files)) as advance:

@@ -1,10 +1,11 @@
-"""`eightpost study`."""
+"""`eightpost study` and its verbs `optimise`, `whatif`, `sensitivity` and `robust`."""
 
 from __future__ import annotations
 
 import os
 import re
 import signal
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,6 +20,7 @@ from eightpost.app.options import (
     RANK,
     WORKERS,
     FilePath,
+    OutputFile,
     OutputFolder,
     Quantity,
     argument,
@@ -28,12 +30,14 @@ from eightpost.app.options import (
     setting,
     verb,
 )
-from eightpost.app.progress import ConsoleListener
+from eightpost.app.show import ConsoleListener
 from eightpost.outputs import PAGE, TABLE
 from eightpost.report.console import Table, console_table, unbroken
 
 if TYPE_CHECKING:
     from cosim.study.choice.certainty import Certainty
+    from cosim.study.choice.optimise import Optimum
+    from cosim.study.choice.sensitivity import MeasureChange, Sensitivity
     from cosim.study.definition import Study
     from cosim.study.running.sweep import Sweep
     from cosim.study.table import StudyResult
@@ -270,3 +274,207 @@ def _show_marks(console: Console, result: StudyResult) -> None:
     for kind in ("beyond its fitted velocities", "tire off the ground", "coupling"):
         if count := result.marked(kind):
             show_text(console, f"marked {count} setups: {kind}; see column marks")
+
+
+@verb
+def optimise(
+    ctx: click.Context,
+    /,
+    study_file: Path = argument("STUDY", kind=FilePath()),
+    output: Path = option(
+        "Output folder for results.parquet, the page and the intermediate results.",
+        "-o", "--output", kind=OutputFolder(FILES), default=Path("out"),
+    ),
+    objectives: tuple[str, ...] = option(
+        "Measure to minimise; repeat it for the Pareto front of several. Default: the objective of the study.",
+        "--for", metavar="MEASURE",
+    ),
+    evaluations: int = option(
+        "Maximum number of setups to evaluate.",
+        kind=click.IntRange(min=2), default=400, metavar="N",
+    ),
+    workers: int | str | None = WORKERS,
+    seed: int = setting("Seed of the search.", kind=click.IntRange(min=0), default=0),
+) -> None:  # fmt: skip
+    """Search for the best setups of a study whose bank is too large to run them all.
+
+    STUDY is the TOML file of `eightpost study`. Setups are evaluated in generations, each setup once. The same seed
+    gives the same search. A stopped search resumes where it stopped, also with a larger number of evaluations. Needs
+    pymoo (eightpost[optimise]). The exit code is 1 if no evaluated setup meets the constraints.
+
+    \b
+    Examples:
+      eightpost study optimise examples/study.toml -o out/
+      eightpost study optimise examples/study.toml -o out/ --for "front ride height, RMS" --for "total tire force, RMS"
+    """
+    from cosim.study.choice.optimise import Search, objectives_in_words
+    from eightpost.app.show import show_files, show_table, show_text
+
+    console = Console()
+    folder, search = opened(console, study_file, output, workers), Search(objectives, evaluations, seed)
+    for name in objectives:
+        folder.study.measure(name)
+    begin(console, folder, f"at most {evaluations} to be evaluated")
+    show_text(console, f"minimised: {objectives_in_words(folder.study, search)}")
+    result, optimum = folder.optimise(search)
+    show_result(console, result, rank=objectives[0] if objectives else None)
+    if len(objectives) > 1:
+        show_table(console, front_table(result, optimum, objectives), most=2)
+    show_text(console, f"{optimum.status}; the study has {len(folder.study.space)} setups")
+    show_files(console, [folder.sweep.path, folder.write_page()])
+    ctx.exit(0 if optimum.best is not None else 1)
+
+
+def front_table(result: StudyResult, optimum: Optimum, objectives: tuple[str, ...]) -> Table:
+    """Return a table of the Pareto front, sorted by the first measure."""
+    titles = [escape(f"{name} [{result.display(name)}]") for name in objectives]
+    columns = ["setup", *unbroken(" ".join(result.study.corners)), *titles]
+    lines = []
+    for row in result.rows_of(optimum.front, objectives[0]).tolist():
+        values = [f"{result.shown(name)[row]:.4g}" for name in objectives]
+        lines.append((str(result.setups[row]), " ".join(result.setup(row).builds.values()), *values))
+    return console_table(columns, lines, title="Pareto front")
+
+
+@verb
+def whatif(
+    folder: Path = argument("STUDY", kind=FilePath()),
+    corners: tuple[str, ...] = option(
+        "Corner whose shock changes, e.g. lr; may be repeated.",
+        "--at", default=..., metavar="CORNER",
+    ),
+    rebound: int = option("Clicks of the rebound adjuster, e.g. +1; default: 0.", default=0, metavar="CLICKS"),
+    compression: int = option("Clicks of the compression adjuster, e.g. -2; default: 0.", default=0, metavar="CLICKS"),
+    setup: int | None = option("Setup to change; default: the baseline, or else the best setup.", metavar="NUMBER"),
+    share: float = setting(
+        "Change of the slope that counts as a click, for shocks without a fitted adjuster.",
+        "click", kind=Quantity("1", positive=True), default="5 %",
+    ),
+    speeds: str = setting(
+        "Speeds at which the slope changes, for shocks without a fitted adjuster; low and high overlap near 0.1 m/s.",
+        kind=("low", "high", "all"), default="low",
+    ),
+    workers: int | None = setting("Number of processes that run setups; default: 1.", kind=click.IntRange(min=1)),
+) -> None:  # fmt: skip
+    """Show what a click more or less at a corner would do to every measure of a study.
+
+    STUDY is a folder that `eightpost study` wrote. The setup is run with and without the change. A shock that was
+    fitted over its adjusters (docs/how_to/settings.md) changes its setting, counted as in its file; for others a click
+    changes the slope of the curve on that side by a stated share, and + is stiffer. Changes that are within the
+    coupling error of a run are in brackets.
+
+    \b
+    Examples:
+      eightpost study whatif out/ --at lr --rebound +1
+      eightpost study whatif out/ --at lf --at rf --compression -2 --set click='10 %' --set speeds=high
+    """
+    from eightpost.app.show import show_table
+
+    clicks = {side: count for side, count in (("rebound", rebound), ("compression", compression)) if count}
+    study = saved(console := Console(), folder, workers)
+    show_table(console, effect_table(study.what_if(corners, clicks, share=share, speeds=speeds, setup=setup)))
+
+
+def effect_table(effects: Sequence[MeasureChange]) -> Table:
+    """Return a table of effects; a change that is within the coupling error is in brackets."""
+    rows = []
+    for one in effects:
+        change = f"{one.change:+.3g}"
+        relative = "" if one.before == 0.0 else f"{100.0 * one.relative:+.2f} %"
+        shown = (change, relative) if one.is_clear else (f"({change})", f"({relative})" if relative else "")
+        name = f"{one.measure} [{one.unit}]" if one.unit else one.measure
+        rows.append((escape(name), f"{one.before:.5g}", f"{one.after:.5g}", *shown, f"{one.noise:.1g}"))
+    return console_table(["measure", "before", "after", "change", "relative", "coupling error"], rows)
+
+
+@verb
+def sensitivity(
+    folder: Path = argument("STUDY", kind=FilePath()),
+    output: Path = option(
+        "Output table of all terms (.parquet); default: sensitivity.parquet in the folder of the study.",
+        "-o", "--output", kind=OutputFile(TABLE, default=lambda given: given["folder"] / "sensitivity.parquet"),
+    ),
+) -> None:  # fmt: skip
+    """Show which corner matters for which measure of a study: main effects and first-order interactions.
+
+    STUDY is a folder that `eightpost study` wrote. The table shows shares of each measure's variance over all setups.
+    The shares are exact if every setup was run; if setups are missing, they are fitted by least squares.
+
+    \b
+    Example:
+      eightpost study sensitivity out/
+    """
+    from eightpost.app.show import show_files, show_table, show_text
+
+    console = Console()
+    study = saved(console, folder)
+    results = study.sensitivity(output)
+    show_text(console, f"{study.study.name}: {len(study.result)} setups, {results[0].method}")
+    show_table(console, share_table(results))
+    show_files(console, [output])
+
+
+def share_table(results: Sequence[Sensitivity]) -> Table:
+    """Return a table of shares of the variance [%]: corners, interactions and the rest, a row for each measure."""
+    names = [factor.name for factor in results[0].factors]
+    rows = []
+    for one in results:
+        pairs = {pair: one.share(*pair) for pair in one.pairs}
+        largest = max(pairs, key=lambda pair: pairs[pair], default=None)
+        strongest = "" if largest is None else f"{' x '.join(largest)} {_percent(pairs[largest])}"
+        shares = [_percent(one.share(name)) for name in names]
+        others = (_percent(sum(pairs.values())), strongest, _percent(one.rest_share))
+        rows.append((escape(one.measure), *shares, *others))
+    return console_table(["% of the variance", *names, "all interactions", "largest", "rest"], rows)
+
+
+def _percent(share: float) -> str:
+    from eightpost.units import convert
+
+    return f"{convert(share, '1', '%'):.1f}"
+
+
+@verb
+def robust(
+    folder: Path = argument("STUDY", kind=FilePath()),
+    uncertain: Path = argument("UNCERTAIN", kind=FilePath()),
+    rank: str | None = setting("Measure that ranks the setups, smallest first; default: the objective of the study."),
+    top: int = setting(
+        "Number of leading setups that are simulated with drawn parameters; the baseline is added.",
+        kind=click.IntRange(min=2), default=20,
+    ),
+    draws: int = setting(
+        "Number of simulated draws of the uncertain parameters, which check the linear effects; 0: no check.",
+        kind=click.IntRange(min=0), default=32,
+    ),
+    seed: int = setting("Seed of the simulated draws.", kind=click.IntRange(min=0), default=0),
+    workers: int | None = setting(
+        "Number of processes that run setups; default: one per processor.",
+        kind=click.IntRange(min=1),
+    ),
+) -> None:  # fmt: skip
+    """Compute how sure a study's choice is with an uncertainty file of your own.
+
+    STUDY is a folder that `eightpost study` wrote. UNCERTAIN is a TOML file that states what is not known exactly:
+    fitted shocks, parameters, other vehicles, and the difference between two runs on the rig
+    (docs/how_to/study_choice.md). Its entries replace what the models state. The certainty of the study is written
+    again (docs/explanation/certainty.md), and rig runs of `eightpost study confirm` stay in it. The leading setups are
+    also simulated with drawn parameters, and the largest difference from the linear effects is printed. The page of the
+    study is rewritten.
+
+    \b
+    Example:
+      eightpost study robust out/ uncertain.toml --set top=20
+    """
+    from cosim.study.verdict import study_verdict
+    from eightpost.api.study_folder import CERTAINTY, SPREADS
+    from eightpost.app.show import show_files, show_text, show_verdict
+
+    console = Console()
+    study = saved(console, folder, workers)
+    certainty, check = study.robust(uncertain, top=top, criterion=rank, draws=draws, seed=seed)
+    show_certainty(console, study.result, certainty)
+    if check is not None:
+        show_text(console, check.summary())
+    show_verdict(console, study_verdict(study.result, certainty).about("choice", "rig runs"))
+    show_files(console, [folder / CERTAINTY, folder / SPREADS, study.write_page()])

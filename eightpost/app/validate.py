@@ -161,7 +161,7 @@ class _Given:
 
     def each_record(self) -> Iterable[Path]:
         """Yield the records with a progress bar."""
-        from eightpost.app.progress import each
+        from eightpost.app.show import each
 
         return each(self.console, self.records, "reading", len(self.records))
 

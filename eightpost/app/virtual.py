@@ -10,8 +10,7 @@ from rich.console import Console
 
 from eightpost import completion
 from eightpost.app.options import OutputFile, Quantity, option, setting, verb
-from eightpost.app.progress import each
-from eightpost.app.show import show_notes, show_text
+from eightpost.app.show import each, show_notes, show_text
 from eightpost.errors import InputError
 from eightpost.outputs import RECORD
 

@@ -97,9 +97,7 @@ def test_inspect_proposes_a_map_for_a_rig_file_without_one_and_shows_it_with_one
     found = CliRunner().invoke(main, ["-v", "inspect", str(unmapped)])
     assert found.exit_code == 2
     assert '"lf.road" = { source = "WL FL Pos" }' in found.output
-    assert "it has 2 or more columns at each corner; write its" in " ".join(
-        found.output.split()
-    )
+    assert "it has 2 or more columns at each corner; write its" in " ".join(found.output.split())
     lines = ['[channels]\n"lf.road" = { source = "WL FL Pos" }\n"rf.force" = { source = "WL RL Load", gain = -1.0 }']
     (unmapped.parent / "rig_map.toml").write_text("\n".join(lines))
     shown = " ".join(CliRunner().invoke(main, ["-v", "inspect", str(unmapped)]).output.split())

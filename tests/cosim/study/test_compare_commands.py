@@ -14,8 +14,7 @@ from click.testing import CliRunner
 from cosim.study.choice.assess import Knowledge, certainty_of
 from cosim.study.choice.certainty import Effect, read_certainty, write_certainty
 from cosim.study.choice.compare import read_run_to_run
-from cosim.study.choice.rig_runs import read_run_list
-from cosim.study.choice.selection import select, write_selection
+from cosim.study.choice.rig_day import read_run_list, select, write_selection
 from cosim.study.running.sweep import run_study
 from cosim.study.table import StudyResult
 from eightpost.__main__ import main

@@ -106,6 +106,32 @@ def test_the_response_of_a_linear_car_does_not_depend_on_the_amplitude() -> None
     assert not any(effect.is_notable for effect in found.effects)
 
 
+@pytest.fixture(scope="module")
+def quarter_tests() -> tuple[RigTest, ...]:
+    """Tests of a quarter car: a large road, a load, and a small road."""
+    drives = (("road", 1, 1.0), ("aero_force", 2, 1.0), ("road", 3, 0.25))
+    return tuple(
+        record("quarter_car", seconds=25.0, active=(name,), seed=seed, size=size) for name, seed, size in drives
+    )
+
+
+def test_only_tests_of_other_amplitudes_show_an_effect_which_is_a_share_of_the_response(
+    quarter_tests: tuple[RigTest, ...],
+) -> None:
+    """The force of the small test is a fifth smaller than the response of the large one predicts."""
+    large, load, small = quarter_tests
+    weak = with_channel(small, "tire_force", 0.8 * small.series["tire_force"])
+    found = judged(large, load, weak, outputs=["tire_force"])
+    (effect,) = found.effects
+    assert (found.inputs, effect.input, effect.output) == (("road", "aero_force"), "road", "tire_force")
+    assert effect.large / effect.small == pytest.approx(4.0, rel=0.01)
+    assert effect.change == pytest.approx(0.2, abs=0.02)
+    assert effect.is_notable
+    assert {each.condition for each in found.verdicts} == {Condition.I}
+    similar = replace(weak, series=replace(weak.series, values=3.0 * weak.series.values))
+    assert judged(large, load, similar, outputs=["tire_force"]).effects == ()
+
+
 @pytest.mark.nightly
 def test_a_coherent_response_that_changes_with_the_amplitude_is_reported() -> None:
     small = single("lf.road", seed=3, size=0.25)
@@ -212,7 +238,7 @@ def test_short_records_and_invalid_thresholds_are_rejected(singles: tuple[RigTes
         Thresholds(level=3.0)
 
 
-KEY = ("--output", "tire_force")
+KEY = ("--set", "channel=tire_force")
 
 
 def quarter_files(folder: Path, **changes: float) -> list[str]:
