@@ -21,8 +21,10 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.startup import BEFORE, NOW, ROOT
 from eightpost.__main__ import SECTIONS, every_verb
+
+ROOT = Path(__file__).resolve().parents[1]
+BEFORE, NOW = "before", "now"
 
 #: Limits of a command's output: lines (of some commands others), and width.
 LINES, WIDTH = 12, 80
