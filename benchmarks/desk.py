@@ -24,8 +24,6 @@ from pathlib import Path
 from eightpost.__main__ import SECTIONS, every_verb
 
 ROOT = Path(__file__).resolve().parents[1]
-
-#: Names of the two versions in the table.
 BEFORE, NOW = "before", "now"
 
 #: Limits of a command's output: lines (of some commands others), and width.

@@ -170,9 +170,9 @@ def show_verification(console: Console, verification: cosim.Verification, result
     more = details(console)
     more.print(console_table([*unbroken("channel"), "difference", "stated error"], rows, caption=caption))
     if rows and not is_detailed():
-        channel, difference, stated_text = rows[0]
-        stated_text = stated_text or "unknown"
-        show_text(console, f"at half the step: {channel} differs most, by {difference}; stated error {stated_text}")
+        channel, largest, error = rows[0]
+        text = f"at half the step: {channel} differs most, by {largest}; stated error {error or 'unknown'}"
+        show_text(console, text)
 
 
 def _step(result: cosim.Result) -> str:
