@@ -4,11 +4,14 @@ import io
 import re
 
 import numpy as np
+import pytest
+import scipy.signal
 from markupsafe import Markup
 from rich.console import Console
 
 from eightpost.report.charts import Axis, grid_figure
 from eightpost.report.numbers import Display
+from eightpost.report.packing import welch
 from eightpost.report.page import Section, document, soft
 from eightpost.report.static import Picture, static_page
 from eightpost.report.tables import Amount, ResultTable, result_table
@@ -75,6 +78,15 @@ def test_the_space_above_a_figure_grows_with_its_legend():
             figure.line(0, np.zeros(2), np.zeros(2), name=f"a long name of a build {k}", color="#000")
         tops.append(figure.content()["layout"]["margin"]["t"])
     assert tops[0] < tops[1] < tops[2]
+
+
+@pytest.mark.parametrize("length", [16, 64, 65])
+def test_spectral_densities_are_those_of_scipy(length):
+    values = np.random.default_rng(3).normal(2.0, 1.0, (2, 300)).cumsum(axis=-1)
+    frequency, density = welch(values, 50.0, length)
+    expected = scipy.signal.welch(values, fs=50.0, nperseg=length, detrend="constant")
+    assert frequency == pytest.approx(expected[0])
+    assert density == pytest.approx(expected[1], rel=1e-9)
 
 
 def test_a_page_without_scripts_escapes_its_texts():

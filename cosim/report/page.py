@@ -1,4 +1,4 @@
-"""One run as an HTML page that needs no network."""
+"""A run as one HTML page, and its plots: time traces and spectra, each one figure in one file."""
 
 from __future__ import annotations
 
@@ -25,9 +25,10 @@ from eightpost.archive import open_archive
 from eightpost.errors import FmuError
 from eightpost.files import sha256_of
 from eightpost.report import page as html
+from eightpost.report import pictures
 from eightpost.report.charts import COLORS
 from eightpost.report.numbers import Display, figure, listed, percent
-from eightpost.report.packing import Spectra, Store, Traces, spectra, traces
+from eightpost.report.packing import Spectra, Store, Traces, spectra, traces, welch
 from eightpost.report.tables import Tile
 from eightpost.signals import Drivefile, TimeSeries
 
@@ -358,3 +359,49 @@ def _packed(result: Result, shown: Traces, densities: Spectra | None) -> tuple[d
         "settling": result.settling,
     }
     return manifest, store.text
+
+
+# ==== Picture of a run ===============================================================================================
+
+
+def plot_traces(
+    runs: Mapping[str, TimeSeries],
+    channels: Sequence[str],
+    path: str | Path,
+    *,
+    start: float,
+    stop: float,
+    title: str = "Time traces",
+) -> None:
+    """Plot channels over time between `start` and `stop` [s], one panel each, one line per run."""
+    pictures.save(pictures.traces(runs, channels, start=start, stop=stop, title=title), path)
+
+
+def plot_spectra(
+    runs: Mapping[str, TimeSeries],
+    channels: Sequence[str],
+    path: str | Path,
+    *,
+    highest: float = 30.0,
+    title: str = "Power spectral densities",
+) -> None:
+    """Plot power spectral densities (Welch, Hann, 4 s blocks) up to `highest` [Hz], one panel per channel."""
+    figure = pictures.new_figure(11, 2.4 * ((len(channels) + 1) // 2) + 0.8)
+    panels = pictures.panels_of(figure, len(channels), 2, sharex=True)
+    for panel, channel in zip(panels, channels, strict=True):
+        for (label, series), color in zip(runs.items(), pictures.COLORS, strict=False):
+            values = pictures.displayed(series, channel)
+            block = min(values.size, int(4.0 * series.sample_rate))
+            frequency, density = welch(values, series.sample_rate, block)
+            within = (frequency > 0.0) & (frequency <= highest)
+            panel.semilogy(frequency[within], density[within], lw=1.2, color=color, label=label)
+        unit = pictures.display_unit(next(iter(runs.values())), channel)
+        panel.set_title(channel, fontsize=9)
+        panel.set_ylabel(f"({unit})²/Hz")
+        panel.grid(alpha=0.3)
+    for panel in panels[-2:]:
+        panel.set_xlabel("frequency [Hz]")
+        panel.tick_params(labelbottom=True)
+    panels[0].legend(frameon=False)
+    figure.suptitle(title)
+    pictures.save(figure, path)

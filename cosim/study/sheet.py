@@ -19,7 +19,7 @@ from cosim.components.fmu_component import FmuComponent
 from cosim.report.page import Origin
 from cosim.session.run import run
 from cosim.study.choice.certainty import OBJECTIVE, TIE, Certainty, Levels
-from cosim.study.choice.selection import Selected
+from cosim.study.choice.rig_day import Selected
 from cosim.study.choice.sensitivity import Sensitivity
 from cosim.study.definition import Build, Parameters, Study
 from cosim.study.measures import Measure

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
-from rich.markup import escape
 
 from eightpost import completion
 from eightpost.app.options import (
     Assignment,
     FilePath,
+    OutputFile,
     OutputFolder,
     Quantity,
     argument,
@@ -22,8 +22,7 @@ from eightpost.app.options import (
     setting,
     verb,
 )
-from eightpost.app.progress import bar
-from eightpost.extras import MissingExtraError
+from eightpost.app.show import bar, show_files, show_notes, show_result, show_verification
 from eightpost.outputs import PICTURE, RECORD, RESULT
 
 if TYPE_CHECKING:
@@ -31,7 +30,7 @@ if TYPE_CHECKING:
     from cosim.session.run import Case
 
 #: Files that every run writes.
-FILES = {"series.parquet": RECORD, "series.csv": RECORD, "result.json": RESULT, "traces.png": PICTURE}
+FILES = {"series.parquet": RECORD, "series.csv": RECORD, "result.json": RESULT}
 
 SCHEMES = ("default", "jacobi", "gauss-seidel", "implicit", "adaptive")
 
@@ -41,7 +40,7 @@ def run(
     ctx: click.Context,
     case_file: Path = argument("SYSTEM", kind=FilePath()),
     output: Path = option(
-        "Output folder for series.parquet, series.csv, result.json and traces.png.",
+        "Output folder for series.parquet, series.csv and result.json.",
         "-o", "--output", kind=OutputFolder(FILES), default=Path("out"),
     ),
     swaps: tuple[tuple[str, str], ...] = option(
@@ -82,6 +81,10 @@ def run(
         "--compile",
     ),
     report: bool = option("Write also report.html: the run as one interactive page (docs/how_to/report.md)."),
+    plot: Path | None = option(
+        "Picture of the first 12 channels in the middle of the run; default: none.",
+        kind=OutputFile(PICTURE),
+    ),
     stop: float | None = setting(
         "Length of a package's run, e.g. '30 s'; default: stop time of the package.",
         kind=Quantity("s", bare=True),
@@ -119,22 +122,22 @@ def run(
     from cosim.ssp import Given
     from cosim.system_file import read_case
     from eightpost.api.reading import existing_toml
-    from eightpost.app.show import show_result, show_verification
 
     if report:
         from cosim.report import write_report
 
         check_report_folder(output, "run")
+    if plot is not None:
+        import eightpost.report.pictures  # noqa: F401 -- refuses a picture that cannot be drawn before the run
     existing_toml(case_file, "system")
-    folder = output.absolute()  # an FMU may change the working directory
+    folder, picture = output.absolute(), plot and plot.absolute()  # an FMU may change the working directory
     given = Given(drive, stop, record_step, dict(inputs))
     swapped = {name: Path(file) for name, file in swaps}
     case = read_case(case_file, fmus=swapped, given=given, isolate=isolate, compile_missing=compile_missing)
     check_outputs()  # the files that the system names are now known
     case = case.with_coupling(algorithm, step, tolerance)
     console = Console()
-    for note in case.notes:
-        console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
+    show_notes(console, case.notes, most=1)
     completion.begin(output)
     try:
         result = run_with_progress(console, case, compared=comparison)
@@ -144,26 +147,16 @@ def run(
     if verify and not result.partial:
         verification = cosim.verify(case.system, case.scenario, case.algorithm, result)
         show_verification(console, verification, result)
-    paths = list(result.write(folder))
-    excerpt = _draw_excerpt(result, folder / "traces.png", case.name)
-    if (folder / "traces.png").is_file():
-        paths.append(folder / "traces.png")
+    written = [output / path.name for path in result.write(folder)]
     if report:
         page = folder / "report.html"
-        paths.append(write_report(page, result, case.system, case.scenario, title=case.name, files=case.fmus))
-    console.print(f"wrote {', '.join(str(output / path.name) for path in paths)}", soft_wrap=True, highlight=False)
-    console.print(excerpt, highlight=False, markup=False, soft_wrap=True)
+        write_report(page, result, case.system, case.scenario, title=case.name, files=case.fmus)
+        written.append(output / page.name)
+    if picture is not None and plot is not None:
+        result.series.plot(title=case.name).save(picture)
+        written.append(plot)
+    show_files(console, written)
     ctx.exit(0 if result.acceptable else 1)
-
-
-def _draw_excerpt(result: cosim.Result, path: Path, title: str) -> str:
-    """Draw a picture of a run if the packages for it are installed; return a sentence about what it shows."""
-    try:
-        from cosim.report.plots import plot_excerpt
-    except MissingExtraError as error:
-        path.unlink(missing_ok=True)  # of an earlier run
-        return f"There is no picture: {error}"
-    return plot_excerpt(result.series, path, title=title)
 
 
 def run_with_progress(console: Console, case: Case, *, compared: bool = True) -> cosim.Result:

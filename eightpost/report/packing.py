@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-import scipy
 
 from eightpost.array_types import Array
 from eightpost.report.page import compressed
@@ -91,10 +90,22 @@ def spectra(series: Series) -> Spectra | None:
     length = min(len(even), round(BLOCK * rate), max(_FEWEST, 2 * CAPACITY // len(even.names)))
     if length < _FEWEST:
         return None
-    frequency, density = scipy.signal.welch(
-        even.values, fs=rate, window="hann", nperseg=length, detrend="constant", axis=-1
-    )
+    frequency, density = welch(even.values, rate, length)
     return Spectra(frequency[1:], density[:, 1:], block=length / rate, duration=even.duration)
+
+
+def welch(values: Array, rate: float, length: int) -> tuple[Array, Array]:
+    """Return frequencies (K,) [Hz] and one-sided densities (..., K) of samples (..., N), by Welch's method.
+
+    Hann blocks of `length` samples, half overlapping, each without its mean. They agree with those of scipy.signal to
+    rounding, which takes most of a second to load.
+    """
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
+    blocks = np.lib.stride_tricks.sliding_window_view(values, length, axis=-1)[..., :: length - length // 2, :]
+    lines = np.fft.rfft(window * (blocks - blocks.mean(axis=-1, keepdims=True)))
+    density = (np.abs(lines) ** 2).mean(axis=-2) / (rate * np.sum(window**2))
+    density[..., 1 : (length + 1) // 2] *= 2.0
+    return np.fft.rfftfreq(length, 1.0 / rate), density
 
 
 # ---- Decimation of time traces for a page, without loss of peaks ----------------------------------------------------

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg.lapack import dtbtrs
 
 from eightpost.array_types import Array
 
@@ -71,6 +70,8 @@ def recursion(values: Array, feedback: Sequence[float]) -> Array:
         values: Right side (..., N) with time as the last axis.
         feedback: Coefficients a_1, a_2, ...
     """
+    from scipy.linalg.lapack import dtbtrs  # noqa: PLC0415 -- slow to import, and a coupled run filters nothing
+
     count = values.shape[-1]
     band = np.repeat([[1.0], *([a] for a in feedback)], count, axis=1)
     found, _ = dtbtrs(band, values.reshape(-1, count).T, uplo="L", diag="U")

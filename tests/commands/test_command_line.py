@@ -175,6 +175,20 @@ def test_a_component_that_fails_exits_1_with_its_name(eightpost, fmus, tmp_path)
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
+def test_a_run_draws_the_named_picture_and_no_other(eightpost, fmus, tmp_path):
+    (tmp_path / "case.toml").write_text(
+        f'[components.car]\nfmu = "{fmus["quarter_car"]}"\ninputs = {{ road = 0, aero_force = 0, force = 0 }}\n'
+        "[scenario]\nstop = 0.1\n"
+    )
+    for options, drawn in (((), set()), (("--plot", tmp_path / "pictures" / "car.png"), {"car.png"})):
+        shown = eightpost("run", tmp_path / "case.toml", "-o", tmp_path / "out", "--step", "10 ms", *options)
+        assert shown.exit_code == 0, shown.output
+        assert {path.name for path in tmp_path.rglob("*.png")} == drawn
+    assert "car.png" in shown.output.splitlines()[-1]
+    assert (tmp_path / "pictures" / "car.png").read_bytes()[:4] == b"\x89PNG"
+
+
 @pytest.mark.nightly
 def test_two_runs_are_compared_and_their_fmus_and_parameters_named(eightpost, fmus, tmp_path):
     for name, shock in (("a", "lpnl2"), ("b", "lpf1")):

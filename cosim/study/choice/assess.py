@@ -43,7 +43,7 @@ from eightpost.array_types import Array, Flags, Integers
 # ---- Contributions to the uncertainty: which are included, which are not, and which are unknown ---------------------
 
 
-def contributions_of(
+def _contributions_of(
     result: StudyResult,
     sources: ErrorSources,
     effects: Sequence[Effect],
@@ -177,7 +177,7 @@ def certainty_of(
     """
     known = known or Knowledge()
     sources = error_sources(result, known.effects, known.run_to_run, known.vehicle)
-    seen = observations_of(result, sources, known.runs)
+    seen = _observations_of(result, sources, known.runs)
     surprises = surprises_of(sources, seen)
     posterior = _without_surprises(sources, seen, surprises)
     name = criterion or (OBJECTIVE if result.study.objective else result.measures[0].name)
@@ -197,7 +197,7 @@ def certainty_of(
         feasible=feasible,
         ties=tuple(int(result.setups[drawn.rows[k]]) for k in ties.tolist()),
         levels=dict(_levels(result, posterior, feasible, chosen, best, min(draws, _FEWER), seed)),
-        contributions=contributions_of(result, sources, known.effects, known.unstated, chosen, bool(known.runs)),
+        contributions=_contributions_of(result, sources, known.effects, known.unstated, chosen, bool(known.runs)),
         tests=tests_of(result, drawn, ties, float(np.sum((chosen.weights * run_to_run) ** 2)), tests),
         trade_offs=tuple(_trade_offs(result, posterior, chosen, drawn, ties, min(draws, _FEWER), seed)),
         effects=known.effects,
@@ -214,7 +214,7 @@ def certainty_of(
 def posterior_of(result: StudyResult, known: Knowledge) -> Posterior:
     """Return the errors of a study's setups, given the rig runs so far."""
     sources = error_sources(result, known.effects, known.run_to_run, known.vehicle)
-    seen = observations_of(result, sources, known.runs)
+    seen = _observations_of(result, sources, known.runs)
     return _without_surprises(sources, seen, surprises_of(sources, seen))
 
 
@@ -223,7 +223,7 @@ def _without_surprises(sources: ErrorSources, seen: Observations, surprises: Seq
     return Posterior(sources, seen.only(np.setdiff1d(np.arange(seen.rows.size), left)))
 
 
-def observations_of(result: StudyResult, sources: ErrorSources, runs: Sequence[ConfirmedRun]) -> Observations:
+def _observations_of(result: StudyResult, sources: ErrorSources, runs: Sequence[ConfirmedRun]) -> Observations:
     """Return the measured levels whose uncertainty is known; those of failed setups are left out."""
     rows = dict(zip(result.setups.tolist(), range(len(result)), strict=True))
     found = []

@@ -74,7 +74,7 @@ def port_table(fit: VehicleFit) -> ResultTable:
 
 def terminal_tables(study: VehicleValidation) -> tuple[ResultTable, ...]:
     """Return the tables for a terminal; some may be empty."""
-    return overview(study), trend_table(study), friction_table(study), mode_table(study)
+    return overview(study), _trend_table(study), friction_table(study), _mode_table(study)
 
 
 def overview(study: VehicleValidation) -> ResultTable:
@@ -99,7 +99,7 @@ def _worst(outputs: Iterable[Comparison], figure: str) -> tuple[Amount | None, s
     return (None, NONE) if worst is None else (_percent(getattr(worst, figure)), worst.name)
 
 
-def outputs_table(case: VehicleCase) -> ResultTable:
+def _outputs_table(case: VehicleCase) -> ResultTable:
     """Return the outputs of a record: RMS, level, error, correlation, and the error without friction."""
     columns = ["output", "unit", "RMS measured", "predicted", "RMS, %", "error, %", "correlation"]
     smooth = {one.name: one for one in case.without_friction or ()}
@@ -139,7 +139,7 @@ def static_table(study: VehicleValidation) -> ResultTable:
     return ResultTable.of("Static records", columns, rows)
 
 
-def trend_table(study: VehicleValidation) -> ResultTable:
+def _trend_table(study: VehicleValidation) -> ResultTable:
     """Return trends and correlation over the random records (Figs 6.27, 6.28)."""
     columns = ("output", "records", "spread measured, %", "rank correlation", "correlation", "level, %",
                "error without the common level, %")  # fmt: skip
@@ -152,7 +152,7 @@ def trend_table(study: VehicleValidation) -> ResultTable:
     return ResultTable.of("Trends of RMS over the random records", columns, rows)
 
 
-def path_table(study: VehicleValidation) -> ResultTable:
+def _path_table(study: VehicleValidation) -> ResultTable:
     """Return the differences between the model's main responses and the estimate that it was fitted to."""
     columns = ("output", "input", "misfit, %", "in the 95 % band, %", "lowest coherence", "median coherence")
     rows = []
@@ -164,7 +164,7 @@ def path_table(study: VehicleValidation) -> ResultTable:
     return ResultTable.of("Main responses", columns, rows)
 
 
-def mode_table(study: VehicleValidation) -> ResultTable:
+def _mode_table(study: VehicleValidation) -> ResultTable:
     """Return the modes around the baseline damping, with those of another car if one was given."""
     columns, rows = ["frequency, Hz .4", "damping, %"], []
     if study.compared_with:
@@ -242,7 +242,7 @@ def _vehicle_sections(study: VehicleValidation, limits: Limits) -> Iterator[Sect
     yield Section("records", "Records", [overview(study), *levels])
     if study.trends:
         drawn = [_trend_figure(study.trends), _correlation_figure(study.trends)]
-        yield Section("trends", "Setups: trends and levels", [_TRENDS, trend_table(study)])
+        yield Section("trends", "Setups: trends and levels", [_TRENDS, _trend_table(study)])
         yield Section("equality", "Setups: predicted and measured", drawn, folded=True)
     yield from _kinds(study)
     friction = friction_table(study)
@@ -253,8 +253,8 @@ def _vehicle_sections(study: VehicleValidation, limits: Limits) -> Iterator[Sect
     if static := study.of_kind("static"):
         drawn = [_static_figure(case) for case in static if case.holds]
         yield Section("static", "Static records", [_static(study), static_table(study), *drawn], folded=True)
-    yield Section("responses", "Responses", [path_table(study), *_response_figures(study.paths)], folded=True)
-    yield Section("modes", "Modes", [_MODES, mode_table(study)], folded=True)
+    yield Section("responses", "Responses", [_path_table(study), *_response_figures(study.paths)], folded=True)
+    yield Section("modes", "Modes", [_MODES, _mode_table(study)], folded=True)
     if trust := fit.trust:
         blocks: list[Block] = [" ".join(trust.flags.values())] if trust.flags else []
         if trust.outputs:
@@ -276,7 +276,7 @@ def _kinds(study: VehicleValidation) -> Iterator[Section]:
         blocks += [_time_figure(case) for case in worst]
         more = ["Plotted: the record with the largest error."] if len(cases) > 1 else []
         details: list[Block] = [_spectrum_figure(case) for case in worst if case.spectra]
-        details += [sine_table(study)] if kind == "sine" else [outputs_table(case) for case in cases]
+        details += [sine_table(study)] if kind == "sine" else [_outputs_table(case) for case in cases]
         if cases:
             yield Section(kind, heading, [*more, *blocks])
             yield Section(f"{kind}-details", f"{heading}: every output", details, folded=True)

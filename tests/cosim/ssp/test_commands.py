@@ -82,8 +82,7 @@ def test_a_run_never_replaces_the_drive_file_that_its_system_names(folder, monke
     assert list((folder / "out").iterdir()) == [drive]
 
 
-def test_the_run_command_takes_drive_inputs_and_times_that_a_package_lacks(folder, monkeypatch):
-    monkeypatch.setattr("cosim.report.plots.plot_traces", lambda *_, **__: None)
+def test_the_run_command_takes_drive_inputs_and_times_that_a_package_lacks(folder):
     (folder / "corner.ssd").write_bytes(corner(CAR_ALONE + SHOCK))
     line = ["run", str(folder / "corner.ssd"), "-o", str(folder / "out"), "--drive", str(folder / "road.csv")]
     line += ["--input", "car.aero_force=100 N", "--set", "stop=200 ms", "--set", "record-step=10 ms", "--step", "2 ms"]
@@ -104,7 +103,6 @@ def test_the_run_command_refuses_options_for_packages_with_a_system_file(folder)
 
 @pytest.mark.nightly
 def test_the_example_of_the_documentation_gives_the_documented_result(folder, monkeypatch):
-    monkeypatch.setattr("cosim.report.plots.plot_traces", lambda *_, **__: None)
     page = (Path(__file__).parents[3] / "docs" / "how_to" / "ssp.md").read_text(encoding="utf-8")
     example, command = re.search(r"```xml\n(.*?)```\n.*?\n```sh\n(.*?)```", page, re.DOTALL).groups()
     for ours, name in (("quarter_car", "car"), ("lpnl2", "shock")):

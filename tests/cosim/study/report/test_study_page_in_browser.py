@@ -8,7 +8,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from cosim.study.choice.selection import select
+from cosim.study.choice.rig_day import select
 from cosim.study.choice.sensitivity import available_sensitivities
 from cosim.study.page import page, sheet_of
 from cosim.study.sheet import Extras

@@ -13,10 +13,18 @@ import pytest
 
 from cosim.study.answer import LISTED, answer_of, chance, corner_choices, sought
 from cosim.study.choice.certainty import Certainty, Contradiction, Contribution, Status, TradeOff
-from cosim.study.choice.selection import select
+from cosim.study.choice.rig_day import select
 from cosim.study.choice.sensitivity import available_sensitivities
 from cosim.study.definition import Build, Constraint
-from cosim.study.page import dominant_corner, page, sheet_of, write_study_report
+from cosim.study.page import (
+    dominant_corner,
+    page,
+    sheet_of,
+    write_ranking,
+    write_study_report,
+    write_traces,
+    write_workbook,
+)
 from cosim.study.sheet import (
     VELOCITIES,
     AimPage,
@@ -30,7 +38,6 @@ from cosim.study.sheet import (
     tied_rows,
 )
 from cosim.study.table import StudyResult
-from cosim.study.tables import write_ranking, write_traces, write_workbook
 from cosim.study.verdict import study_verdict
 from eightpost.signals import read_record
 from eightpost.validity import Validity
