@@ -1,16 +1,15 @@
 """The standard case of the benchmarks: a car, four shocks, a drive file, and a monolithic reference solution.
 
 The model is the seven-DOF car of examples/car.toml with four LPNL2 shocks fitted to examples/data/dyno_A.csv, on the
-first part of examples/data/track.parquet. The reference is integrated by scipy (tests/monolithic.py). The damping is
-`full`: all of it is in the shocks; or `split`: the vehicle has linear dampers at its ports, with half of the rate that
-fits the shock's curve best, and the shocks supply the rest.
+first part of examples/data/track.parquet, with all damping in the shocks. The reference is integrated by scipy
+(tests/monolithic.py).
 """
 
 from __future__ import annotations
 
 import importlib.util
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -20,9 +19,9 @@ import numpy as np
 
 from builder.build import build
 from eightpost.corners import CORNERS
-from eightpost.shock import Lpnl2, Shock, ShockLaw, StaticCurve, write_shock
+from eightpost.shock import Lpnl2, Shock, ShockLaw, write_shock
 from eightpost.signals import Drivefile
-from eightpost.vehicle import IdentifiedVehicle, StructuralVehicle, add_port_damping, read_vehicle, write_vehicle
+from eightpost.vehicle import StructuralVehicle, read_vehicle
 
 ROOT = Path(__file__).resolve().parents[1]
 LOADS = ("heave_force", "roll_moment", "pitch_moment")
@@ -45,8 +44,7 @@ def monolithic() -> ModuleType:
 class Case:
     """A car, one shock law for all corners, a drive file, and the reference solution at `time`.
 
-    `port_damping` [N.s/m] is the vehicle's own damping at each port. `velocity` and `tire_force` (4, K) are changes
-    from the static state.
+    `velocity` and `tire_force` (4, K) are changes from the static state.
     """
 
     law: Lpnl2
@@ -55,26 +53,16 @@ class Case:
     time: Any
     velocity: Any
     tire_force: Any
-    port_damping: float = 0.0
 
 
-def make_case(
-    law: Lpnl2, drive: Drivefile, stop: float, *, record_step: float = 0.004, port_damping: float = 0.0
-) -> Case:
-    """Solve the reference at the recorded times, with shocks of a `law` and `port_damping` in the vehicle."""
+def make_case(law: Lpnl2, drive: Drivefile, stop: float, *, record_step: float = 0.004) -> Case:
+    """Solve the reference at the recorded times, with shocks of a `law`."""
     series = drive.series.window(0.0, stop)
     inputs = np.stack([series[name] for name in (*(f"{c}.road" for c in CORNERS), *LOADS)])
     time = np.arange(0.0, stop + record_step / 2, record_step)
-    found = _solve(law, port_damping, series.time, inputs, time)
-    return Case(law, drive, stop, time, found.shock_velocity, found.tire_force, port_damping)
-
-
-def _solve(law: Lpnl2, port_damping: float, drive_time: Any, inputs: Any, time: Any) -> Any:
-    """Integrate the car with its own dampers and the shocks between the samples of the drive file."""
     reference = monolithic()
     vehicle = read_vehicle(ROOT / "examples" / "car.toml")
     assert isinstance(vehicle, StructuralVehicle)
-    car = vehicle.parameters
     shock = reference.Shock(
         static_force=np.vectorize(law.static_force, otypes=[float]),
         weight=np.vectorize(law.lag_weight, otypes=[float]),
@@ -82,28 +70,15 @@ def _solve(law: Lpnl2, port_damping: float, drive_time: Any, inputs: Any, time: 
         gas_stiffness=law.port.gas_stiffness,
         gas_preload=law.port.gas_preload,
     )
-    if port_damping == 0.0:
-        return reference.coupled_run(car, shock, drive_time, inputs[:4], inputs[4:], at=time)
-    system = reference._Coupled(car, shock)
-    system.A[7:14, 7:14] -= port_damping * (system.S.T @ system.S) / reference.mass(car)[:, None]
-    knots = np.union1d(drive_time, time)
-    drive = np.array([np.interp(knots, drive_time, row) for row in inputs])
-    states = reference._integrate(system, knots, drive, reference.DOP853, 1e-9)
-    wanted = np.searchsorted(knots, time)
-    return system.results(time, states[:, wanted], drive[:, wanted])
+    found = reference.coupled_run(vehicle.parameters, shock, series.time, inputs[:4], inputs[4:], at=time)
+    return Case(law, drive, stop, time, found.shock_velocity, found.tire_force)
 
 
-def build_fmus(law: ShockLaw, folder: Path, *, port_damping: float = 0.0) -> None:
-    """Build car.fmu and shock.fmu; the car has linear dampers [N.s/m] at its ports."""
+def build_fmus(law: ShockLaw, folder: Path) -> None:
+    """Build car.fmu and shock.fmu."""
     folder.mkdir(parents=True, exist_ok=True)
     write_shock(Shock("shock", law), folder / "shock.json")
-    car = ROOT / "examples" / "car.toml"
-    if port_damping:
-        vehicle = read_vehicle(car)
-        damped = add_port_damping(vehicle.coupled(), dict.fromkeys(CORNERS, port_damping))
-        car = folder / "car.json"
-        write_vehicle(car, IdentifiedVehicle("car", damped, static=vehicle.static))
-    build([car, folder / "shock.json"], folder)
+    build([ROOT / "examples" / "car.toml", folder / "shock.json"], folder)
 
 
 @cache
@@ -120,25 +95,6 @@ def fitted_law() -> Lpnl2:
 def track() -> Drivefile:
     """Read the drive file of the demo: 30 s."""
     return Drivefile.read(ROOT / "examples" / "data" / "track.parquet")
-
-
-def split_law(law: Lpnl2) -> tuple[Lpnl2, float]:
-    """Return a law and a rate [N.s/m] whose sum is `law`; the rate is half of the best linear fit of its curve."""
-    v = np.linspace(-law.curve.rebound_speed, law.curve.compression_speed, 401)
-    force = np.array([law.curve.force(one) for one in v])
-    rate = 0.5 * float(force @ v / (v @ v))
-    return replace(law, curve=_less_linear(law.curve, rate)), rate
-
-
-def _less_linear(curve: StaticCurve, rate: float) -> StaticCurve:
-    """Return a curve through knots minus `rate * v`."""
-    return replace(
-        curve,
-        knot_force=tuple(f - rate * v for f, v in zip(curve.knot_force, curve.knot_velocity, strict=True)),
-        knot_slope=tuple(slope - rate for slope in curve.knot_slope),
-        compression_slope=curve.compression_slope - rate,
-        rebound_slope=curve.rebound_slope - rate,
-    )
 
 
 def errors(case: Case, time: Any, velocity: Any, tire_force: Any) -> tuple[float | None, float | None]:

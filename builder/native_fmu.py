@@ -101,7 +101,7 @@ def build_description(identifier: str, files: Iterable[str]) -> bytes:
     return bytes(ET.tostring(root, encoding="UTF-8", xml_declaration=True)) + b"\n"
 
 
-def build_members(identifier: str, files: Iterable[str], fmi: int) -> dict[str, bytes]:
+def _build_members(identifier: str, files: Iterable[str], fmi: int) -> dict[str, bytes]:
     """Return the FMI headers, their licence and the list of C files as members of the archive.
 
     Raises:
@@ -364,7 +364,7 @@ def sealed(
     named = {f"sources/{name}": content for name, content in drafted.items()}
     if disclosure is Disclosure.FULL:
         description = replace(description, source_files=tuple(n for n in sorted(drafted) if n.endswith(".c")))
-        members = {**members, **build_members(description.identifier, description.source_files, fmi)}
+        members = {**members, **_build_members(description.identifier, description.source_files, fmi)}
     guid = content_guid(model_description(description, fmi), {**members, **named})
     found = code(guid) | version
     sources = {f"sources/{name}": content for name, content in found.items()} if description.source_files else {}

@@ -39,7 +39,7 @@ _SIZES = {"m": 0.01, "m/s": 0.1, "m/s2": 5.0, "N": 500.0, "N.m": 500.0, "rad": 0
 _KEY = "<mode>"
 
 
-def with_modes(interface: Interface, model: StateSpace) -> Interface:
+def _with_modes(interface: Interface, model: StateSpace) -> Interface:
     """Return the interface of a vehicle with its modes, and the bristles of its ports, as continuous states.
 
     A model with more modes than there are value references for has none: its FMU offers co-simulation only.
@@ -191,7 +191,7 @@ BEYOND_SETTINGS = "beyond_settings"
 _REPORTED, _TEMPERATURE, _CLICKS = 290, 295, 300
 
 
-def with_settings(interface: Interface, settings: Settings, *, temperature_input: bool = False) -> Interface:
+def _with_settings(interface: Interface, settings: Settings, *, temperature_input: bool = False) -> Interface:
     """Return a shock's interface with its adjusters and temperature; force and states depend on all of them.
 
     Args:
@@ -281,7 +281,7 @@ def shock_product(shock: Shock, identifier: str, *, temperature_input: bool = Fa
     """
     interface = shock_interface(shock)
     if shock.settings is not None:
-        interface = with_settings(interface, shock.settings, temperature_input=temperature_input)
+        interface = _with_settings(interface, shock.settings, temperature_input=temperature_input)
     elif temperature_input:
         raise FmuError(f"shock {shock.name!r} has no temperature that could be an input (eightpost settings)")
     return Product(identifier, f"{interface.description}: {shock.name}", interface, shock)
@@ -303,7 +303,7 @@ def vehicle_product(vehicle: Vehicle, identifier: str) -> Product:
             "or longer tests, or without the channels that fit worst (--set output-channels)"
         )
     _refuse_direct_velocity(model)
-    interface = with_modes(vehicle_interface(model), model)
+    interface = _with_modes(vehicle_interface(model), model)
     starts = {v.offset: vehicle.static.get(v.name, 0.0) for v in interface.variables if v.offset}
     if isinstance(vehicle, IdentifiedVehicle):
         starts |= _friction_starts(vehicle.friction, interface)

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from enum import Enum
+from pathlib import Path
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from eightpost.validity import MEMBER, Range, Validity
 from eightpost.vehicle import LinearStepper, StateSpace, StructuralVehicle, Vehicle, friction
 from eightpost.vehicle.friction import PortFriction
 from eightpost.vehicle.structural import doubts
-from eightpost.verdict import Grade, Reason, Rule, Rules, Verdict
+from eightpost.verdict import Reason, Rules, Verdict
 
 # ==== Reference results of an FMU, computed by the library ===========================================================
 
@@ -260,57 +261,32 @@ def csv(names: Sequence[str], values: Array) -> bytes:
 
 # ==== resources/eightpost.json: the validity of an FMU's model, which a run of the FMU reads =========================
 
-RULES = Rules()
+RULES = Rules.read(Path(__file__).with_suffix(".txt"))
 
-SHOCK_UNKNOWN = RULES.add("fit of the shock unknown", "fit of the shock", Grade.UNKNOWN,
-    condition="the shock file contains no verdict: it is from an older version, or was not fitted",
-    why="how well it describes a shock was not recorded",
-    remedy="fit the record again (eightpost fit), and build again",
-)  # fmt: skip
-VEHICLE_UNKNOWN = RULES.add("fit of the vehicle unknown", "fit of the vehicle", Grade.UNKNOWN,
-    condition="the vehicle file contains no verdict: it is from an older version, or was not identified",
-    why="how well it describes a car was not recorded",
-    remedy="identify it again (eightpost identify), and build again",
-)  # fmt: skip
-PARAMETERS_STATED = RULES.add("vehicle of stated parameters", "fit of the vehicle", Grade.LIMITED,
-    condition="the vehicle is defined by masses, springs and dampers",
-    why="the model represents these parameters; whether they match the real car was not examined",
-    remedy="compare it with rig records (eightpost validate), or identify the car (eightpost identify)",
-)  # fmt: skip
 _WHY = "the usual ranges cover karts, sedans, GT and formula cars (eightpost/vehicle/structural.py)"
 _CHECK = "check the values and their units in the vehicle file"
-PARAMETERS_IMPLAUSIBLE = RULES.add("implausible parameters", "fit of the vehicle", Grade.LIMITED,
-    condition="a frequency, ratio, mass, stiffness or distance of the stated parameters is outside its usual range",
-    why=_WHY,
-    remedy=_CHECK,
-)  # fmt: skip
-PARAMETERS_IMPOSSIBLE = RULES.add("impossible parameters", "fit of the vehicle", Grade.NOT_USABLE,
-    condition="one of them, but not a damping ratio, is more than 1.5 times beyond it",
-    why=_WHY,
-    remedy=_CHECK,
-)  # fmt: skip
 
 
 def validity_of(source: Shock | Vehicle) -> Validity:
     """Return the validity of a shock or vehicle; that of a shock contains the uncertainty of its fit."""
     if isinstance(source, Shock):
-        known = source.validity or _unknown(SHOCK_UNKNOWN, source.name)
+        known = source.validity or _unknown("fit of the shock unknown", source.name)
         return replace(known, uncertainty=shock_uncertainty(source), judged=None)
     if isinstance(source, StructuralVehicle):
         figure = f"{len(fields(source.parameters))} parameters"
         summary = "the car's parameters were stated, not identified"
-        stated = PARAMETERS_STATED.reason(summary, figure=figure, origin=source.name)
+        stated = RULES.reason("vehicle of stated parameters", summary, figure, origin=source.name)
         return Validity(Verdict([stated, *_doubtful(source)]))
     if source.validity is not None:
         return replace(source.validity, judged=None)
-    return _unknown(VEHICLE_UNKNOWN, source.name)
+    return _unknown("fit of the vehicle unknown", source.name)
 
 
 def _doubtful(source: StructuralVehicle) -> Iterator[Reason]:
     for doubt in doubts(source.parameters):
-        rule = PARAMETERS_IMPOSSIBLE if doubt.is_gross else PARAMETERS_IMPLAUSIBLE
+        rule = "impossible parameters" if doubt.is_gross else "implausible parameters"
         statement = "the parameters are those of no car" if doubt.is_gross else "the parameters are unusual"
-        yield rule.reason(statement, figure=doubt.summary, origin=source.name, remedy=doubt.remedy)
+        yield RULES.reason(rule, statement, figure=doubt.summary, origin=source.name, remedy=doubt.remedy)
 
 
 def validity_member(source: Shock | Vehicle, identifier: str, disclosure: Disclosure) -> dict[str, bytes]:
@@ -333,7 +309,7 @@ def combined_member(
     """
     verdicts, ranges = [], list[Range]()
     for name, content in parts.items():
-        known = _read_validity(content) or _unknown(SHOCK_UNKNOWN, name)
+        known = _read_validity(content) or _unknown("fit of the shock unknown", name)
         verdicts.append(Verdict(replace(r, origin=f"{name}: {r.origin}") for r in known.verdict.reasons))
         places = [f"{name}.{covered.variable}" for covered in known.ranges]
         named = [replace(c, variable=fed.get(place, place)) for c, place in zip(known.ranges, places, strict=True)]
@@ -349,8 +325,8 @@ def _read_validity(content: bytes | None) -> Validity | None:
         return None
 
 
-def _unknown(rule: Rule, origin: str) -> Validity:
-    reason = rule.reason("how good the fit is was not recorded", figure="0 findings stated", origin=origin)
+def _unknown(rule: str, origin: str) -> Validity:
+    reason = RULES.reason(rule, "how good the fit is was not recorded", figure="0 findings stated", origin=origin)
     return Validity(Verdict([reason]))
 
 

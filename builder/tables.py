@@ -118,7 +118,7 @@ def c_number(value: float) -> str:
     return repr(float(value))
 
 
-def c_array(values: Iterable[float]) -> str:
+def _c_array(values: Iterable[float]) -> str:
     """Return a C initializer; it is never empty, because C99 does not allow that."""
     return "{" + (", ".join(map(c_number, values)) or "0.0") + "}"
 
@@ -229,9 +229,9 @@ def interface_source(plan: Layout, variables: Sequence[Variable]) -> str:
         f"const int16_t variable_of_reference[REFERENCES] = {{{', '.join(map(str, places))}}};",
         f"const int16_t real_of_reference[REFERENCES] = {{{', '.join(str(index.get(r, -1)) for r in references)}}};",
         "",
-        f"const double start_values[REALS] = {c_array(float(v.start or 0.0) for v, _ in plan.reals)};",
+        f"const double start_values[REALS] = {_c_array(float(v.start or 0.0) for v, _ in plan.reals)};",
         f"const double nominal_states[CONTINUOUS_STATES + 1] = "
-        f"{c_array([*(nominal[name] or 1.0 for name in plan.interface.states), 1.0])};",
+        f"{_c_array([*(nominal[name] or 1.0 for name in plan.interface.states), 1.0])};",
         f"const int64_t start_flags[FLAGS] = {{{', '.join(flags)}}};",
         "",
     ]
@@ -299,14 +299,14 @@ def settings_data(settings: Settings, law: ShockLaw, interface: Interface) -> st
         "",
         f"static const int node_counts[AXES] = {{{', '.join(str(len(axis.nodes)) for axis in settings.axes)}}};",
         "static const double axis_nodes[AXES][MOST_NODES] = {",
-        *(f"    {c_array(_filled(axis.nodes, most))}," for axis in settings.axes),
+        *(f"    {_c_array(_filled(axis.nodes, most))}," for axis in settings.axes),
         "};",
         f"static const TermTable terms[TERMS] = {{{', '.join(_terms(settings, names))}}};",
         f"static const double deviations[{len(rows)}][DEVIATIONS] = {{",
-        *(f"    {c_array(row)}," for row in rows),
+        *(f"    {_c_array(row)}," for row in rows),
         "};",
         "static const double tested[TESTED][AXES] = {",
-        *(f"    {c_array(row)}," for row in settings.tested),
+        *(f"    {_c_array(row)}," for row in settings.tested),
         "};",
         "",
         "static void read_setting(const Values *v, double *setting)",
@@ -440,11 +440,11 @@ def _modes(form: ModalForm, room: _Room) -> str:
         (
             "enum { " + ", ".join(f"{name} = {size}" for name, size in sizes.items()) + " };",
             f"enum {{ HAS_EQUILIBRIUM = {int(form.steady)} }};",
-            f"static const double SIGMA[MODES] = {c_array(form.sigma)}; /* 1/s */",
-            f"static const double OMEGA[MODES] = {c_array(form.omega)}; /* rad/s */",
+            f"static const double SIGMA[MODES] = {_c_array(form.sigma)}; /* 1/s */",
+            f"static const double OMEGA[MODES] = {_c_array(form.omega)}; /* rad/s */",
             f"static const double FASTEST = {c_number(fastest)}; /* 1/s */",
-            f"static const double COUPLING[COUPLED_CELLS] = {c_array(form.coupling.ravel())}; /* 1/s */",
-            f"static const double COUPLED_AT_REST[COUPLED_CELLS] = {c_array(at_rest.ravel())}; /* s */",
+            f"static const double COUPLING[COUPLED_CELLS] = {_c_array(form.coupling.ravel())}; /* 1/s */",
+            f"static const double COUPLED_AT_REST[COUPLED_CELLS] = {_c_array(at_rest.ravel())}; /* s */",
             f"static const double FASTEST_COUPLED = {c_number(np.abs(form.coupling).sum(axis=1).max(initial=0.0))};",
         )
     )
@@ -458,13 +458,13 @@ def _blocks_of_rows(name: str, values: Array) -> str:
     padded = np.zeros((count * block, columns))
     padded[:rows] = values
     stored = padded.reshape(count, block, columns).transpose(0, 2, 1)
-    lines = ",\n".join(f"    {{{', '.join(map(c_array, columns_of))}}}" for columns_of in stored)
+    lines = ",\n".join(f"    {{{', '.join(map(_c_array, columns_of))}}}" for columns_of in stored)
     sizes = f"enum {{ BLOCK = {block}, STATE_BLOCKS = {count} }};"
     return f"{sizes}\nstatic const double {name}[STATE_BLOCKS][INPUTS][BLOCK] = {{\n{lines},\n}};"
 
 
 def _rows(name: str, size: str, values: Array) -> str:
-    lines = ",\n".join(f"    {c_array(row)}" for row in values)
+    lines = ",\n".join(f"    {_c_array(row)}" for row in values)
     return f"static const double {name}[{size}][STATE_COUNT] = {{\n{lines},\n}};"
 
 
@@ -477,7 +477,7 @@ def _direct(direct: Array) -> str:
             f"enum {{ DIRECT_TERMS = {max(1, outputs.size)} }};",
             f"static const int DIRECT_BEGIN[OUTPUTS + 1] = {_integers(begins.tolist())};",
             f"static const int DIRECT_INPUT[DIRECT_TERMS] = {_integers(inputs.tolist())};",
-            f"static const double DIRECT_TERM[DIRECT_TERMS] = {c_array(direct[outputs, inputs])};",
+            f"static const double DIRECT_TERM[DIRECT_TERMS] = {_c_array(direct[outputs, inputs])};",
         )
     )
 
@@ -503,7 +503,7 @@ def _ports(model: StateSpace, interface: Interface) -> str:
             f"enum {{ PORT_COUNT = {len(names)}, PORTS = {max(1, len(names))} }};",
             f"static const int PORT_INPUT[PORTS] = {_integers([inputs.index(f'{name}force') for name in names])};",
             f"static const int PORT_OUTPUT[PORTS] = {_integers([outputs.index(f'{name}velocity') for name in names])};",
-            f"static const double MOBILITY[PORTS] = {c_array(mobility)}; /* 1/kg */",
+            f"static const double MOBILITY[PORTS] = {_c_array(mobility)}; /* 1/kg */",
             f"enum {{ SPRING_COUNT = {len(springs)}, SPRINGS = {max(1, len(springs))} }};",
             f"static const int SPRING_PORT[SPRINGS] = {_integers([names.index(name) for name in springs])};",
             f"static const int SPRING_OUTPUT[SPRINGS] = {_integers(places)};",

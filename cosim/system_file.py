@@ -117,6 +117,7 @@ class _File(_Strict):
     connection: tuple[_Connection, ...] = ()
     sums: tuple[str, ...] = ()
     scenario: _Scenario
+    units: Literal["us", "si", "file", ""] = ""
 
 
 def read_case(
@@ -151,6 +152,7 @@ def read_case(
             "contains these: change them there ([scenario], [components.NAME] inputs)"
         )
     content = parse_model(_File, read_text(path), path, SCHEMA, _WORDS)
+    units.state(content.units)
     fmus = fmus or {}
     if unknown := sorted(set(fmus) - set(content.components)):
         raise WiringError(f"{path}: no component {unknown[0]!r} to swap; there are {', '.join(content.components)}")

@@ -18,9 +18,8 @@ from dissertation.true_cars import flat_noise, measures_of, perfect_records
 from eightpost.array_types import Array
 from eightpost.ident.vehicle.boggs import CHAPTER_4, Boggs
 from eightpost.ident.vehicle.estimators import H1, SameDrive, estimate_response
-from eightpost.ident.vehicle.experiment import Experiment, experiment_of
+from eightpost.ident.vehicle.experiment import Blocks, Experiment, experiment_of
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse
-from eightpost.ident.vehicle.records import Blocks
 from eightpost.ident.vehicle.simulation import ManySetups
 from eightpost.ident.vehicle.siso_models import QUARTER_CAR, RationalFit, TransferFunction
 from eightpost.report.charts import Axis

@@ -16,7 +16,7 @@ from dissertation.page import write_reproduction
 from dissertation.reproduction import reproduce
 from dissertation.verdict import reproduction_verdict
 from eightpost import completion
-from eightpost.app.progress import each
+from eightpost.app.show import each, show_table
 from eightpost.report.console import console_table
 
 
@@ -44,7 +44,7 @@ def run(numbers: tuple[str, ...], output: Path, *, everything: bool, listing: bo
     console, items = Console(), chosen(numbers) if numbers else inventory()
     if listing:
         rows = ([item.label, escape(item.title), item.section, item.basis.value] for item in items)
-        console.print(console_table(["item", "content", "section", "based on"], rows))
+        show_table(console, console_table(["item", "content", "section", "based on"], rows), most=8)
         return 0
     return _reproduce(console, items, QUICK if quick else FULL, output)
 

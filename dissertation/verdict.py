@@ -3,47 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 
 from dissertation.findings import Outcome, State
-from eightpost.verdict import Grade, Reason, Rule, Rules, Verdict, listed
+from eightpost.verdict import Reason, Rules, Verdict, listed
 
 _ABOUT = "reproduction"
 
-RULES = Rules()
+RULES = Rules.read(Path(__file__).with_suffix(".txt"), _ABOUT)
 
-_DIFFERS = RULES.add("printed value differs", _ABOUT, Grade.NOT_USABLE,
-    condition="a value is farther from print than the tolerance in the inventory, or a judged statement does not hold",
-    why="the tolerance of a value states what the printed digits, or the stand-in, allow",
-    remedy="read the item on the page; the printed values are in dissertation/printed",
-)  # fmt: skip
-_FAILED = RULES.add("item not computed", _ABOUT, Grade.NOT_USABLE,
-    condition="the computation of an item ended with an error",
-    why="without a result there is nothing to compare",
-    remedy="read the message of the item",
-)  # fmt: skip
-_STAND_IN = RULES.add("reproduced on the stand-in", _ABOUT, Grade.LIMITED,
-    condition="an item is based on measured data that were never published; the virtual rigs replace them",
-    why="levels depend on the car and the shocks, so only orders of magnitude and trends are compared",
-    remedy="do not compare levels; trends and orders of magnitude can be compared",
-)  # fmt: skip
-_PARTLY = RULES.add("partly reproduced", _ABOUT, Grade.LIMITED,
-    condition="a statement that may depend on the car, the shock or the drive does not hold on the stand-in, or an "
-    "item has nothing to judge",
-    why="such statements are properties of the dissertation's data, not of its method",
-    remedy="read which statements hold; do not expect them of another car",
-)  # fmt: skip
-_AGREES = RULES.add("reproduced from print", _ABOUT, Grade.USABLE,
-    condition="all judged values and statements of an item agree with print",
-    why="its equations and parameters are printed",
-)  # fmt: skip
 
 _RULE_OF = {
-    State.DIFFERS: _DIFFERS,
-    State.FAILED: _FAILED,
-    State.STAND_IN: _STAND_IN,
-    State.PARTLY: _PARTLY,
-    State.SHOWN: _PARTLY,
-    State.REPRODUCED: _AGREES,
+    State.DIFFERS: "printed value differs",
+    State.FAILED: "item not computed",
+    State.STAND_IN: "reproduced on the stand-in",
+    State.PARTLY: "partly reproduced",
+    State.SHOWN: "partly reproduced",
+    State.REPRODUCED: "reproduced from print",
 }
 _STATEMENTS = {
     State.STAND_IN: "items are reproduced on the stand-in, because the measured data were never published",
@@ -59,14 +35,16 @@ def reproduction_verdict(outcomes: Iterable[Outcome]) -> Verdict:
     return Verdict(reason for state, rule in _RULE_OF.items() for reason in _reasons(found, state, rule))
 
 
-def _reasons(found: list[Outcome], state: State, rule: Rule) -> list[Reason]:
+def _reasons(found: list[Outcome], state: State, rule: str) -> list[Reason]:
     those = [one for one in found if one.state is state]
     if state in (State.DIFFERS, State.FAILED):
         return [
-            rule.reason(one.error or one.beyond[0], figure=f"{max(1, len(one.beyond))} found", origin=one.item.label)
+            RULES.reason(
+                rule, one.error or one.beyond[0], figure=f"{max(1, len(one.beyond))} found", origin=one.item.label
+            )
             for one in those
         ]
     if not those:
         return []
     names = listed([one.item.label for one in those], most=6)
-    return [rule.reason(_STATEMENTS[state], figure=f"{len(those)} of {len(found)} items", origin=names)]
+    return [RULES.reason(rule, _STATEMENTS[state], figure=f"{len(those)} of {len(found)} items", origin=names)]

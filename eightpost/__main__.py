@@ -71,27 +71,27 @@ SECTIONS: Mapping[str, Mapping[str, Entry]] = {
                 "run": Entry("Run every setup of shocks that a study allows, and rank them.", "study:study"),
                 "optimise": Entry(
                     "Search for the best setups of a study whose bank is too large to run them all.",
-                    "optimise:optimise",
+                    "study:optimise",
                 ),
                 "shapes": Entry(
                     "Find the shock curves to aim at: the best shapes for a study, also ones that nobody has built.",
-                    "shapes:shapes",
+                    "study_curves:shapes",
                 ),
                 "whatif": Entry(
-                    "Show what a click more or less at a corner would do to every measure of a study.", "whatif:whatif"
+                    "Show what a click more or less at a corner would do to every measure of a study.", "study:whatif"
                 ),
-                "sensitivity": Entry(
-                    "Show which corner matters for which measure of a study.", "sensitivity:sensitivity"
-                ),
+                "sensitivity": Entry("Show which corner matters for which measure of a study.", "study:sensitivity"),
                 "robust": Entry(
-                    "Compute how sure a study's choice is with an uncertainty file of your own.", "robust:robust"
+                    "Compute how sure a study's choice is with an uncertainty file of your own.", "study:robust"
                 ),
-                "select": Entry("Select setups of a study to confirm on the rig.", "select:select"),
+                "select": Entry("Select setups of a study to confirm on the rig.", "study_rig:select"),
                 "confirm": Entry(
-                    "Update how sure a study's choice is with rig runs of some of its setups.", "confirm:confirm"
+                    "Update how sure a study's choice is with rig runs of some of its setups.", "study_rig:confirm"
                 ),
-                "compare": Entry("Compare runs, or a study's prediction with rig measurements.", "compare:compare"),
-                "clicks": Entry("Find the clicks at which a shock comes closest to a target curve.", "clicks:clicks"),
+                "compare": Entry("Compare runs, or a study's prediction with rig measurements.", "study_rig:compare"),
+                "clicks": Entry(
+                    "Find the clicks at which a shock comes closest to a target curve.", "study_curves:clicks"
+                ),
             },
             usual="run",
         ),
@@ -179,7 +179,8 @@ class _Verbs(VerbGroup):
                 formatter.write_dl([(name, entry.text) for name, entry in entries.items()])
         formatter.write_paragraph()
         formatter.write_text(
-            "Units of results: eightpost units us|si. The dissertation's figures: eightpost reproduce."
+            "Units of results: eightpost units us|si. The dissertation's figures: eightpost reproduce. Words on the "
+            "screen: docs/reference/glossary.md."
         )
 
 

@@ -29,6 +29,28 @@ def suggestion(name: str, known: Iterable[str]) -> str:
     return f"there are: {', '.join(names[:_LISTED]) or 'none'}{more}"
 
 
+def choice_of(what: str, value: object, known: Iterable[str]) -> str:
+    """Return the known word that a value spells, in capitals or not; 3 and `3.0` are also `3`.
+
+    Args:
+        what: Name of the choice in the message.
+        value: Word or number that a user wrote.
+        known: Words, in lower case.
+
+    Raises:
+        ParameterError: It is none of them; the message names similar ones.
+
+    >>> choice_of("FMI version", "3.0", ["2", "3"])
+    '3'
+    """
+    word, words = str(value).strip().lower().removesuffix(".0"), list(known)
+    if word not in words:
+        close = suggestion(word, words)
+        near = f"; {close}" if close.startswith("did") else ""
+        raise ParameterError(f"unknown {what} {value!r}; it must be one of {', '.join(words)}{near}")
+    return word
+
+
 def missing_file(path: str | Path, advice: str = "") -> str:
     """Return what is wrong with a path that does not exist: similar names in its folder, or what to do.
 

@@ -206,8 +206,8 @@ def json_content(path: str | Path, *, advice: str = "", finite: bool = True) -> 
         finite: Whether to refuse NaN and infinities, which are not part of JSON but which some programs write.
 
     Raises:
-        FileFormatError: The file cannot be read or is not JSON, a number is outside 64 bits, or it is nested too
-            deeply.
+        FileFormatError: The file cannot be read or is not JSON, has an entry twice or a number outside 64 bits, or is
+            nested too deeply.
     """
     return parse_json(read_text(path, advice=advice), path, finite=finite)
 
@@ -230,7 +230,8 @@ def parse_json(text: str | bytes, path: str | Path, *, finite: bool = True) -> A
         raise FileFormatError(_EMPTY, path=path)
     refused = {"parse_constant": constant} if finite else {}
     try:
-        content = json.loads(text, parse_int=_integer, parse_float=real, **refused)  # type: ignore[arg-type]
+        content = json.loads(text, parse_int=_integer, object_pairs_hook=_object,
+                             parse_float=real, **refused)  # type: ignore[arg-type] # fmt: skip
         _check_tree(content)
     except json.JSONDecodeError as error:
         raise FileFormatError(f"cannot be read as JSON: {error.msg}", path=path, line=error.lineno) from error
@@ -308,6 +309,15 @@ def check_schema(
 
 _EMPTY = "is empty; write it again, or name another file"
 _TOO_DEEP = f"it is nested more than {DEEPEST} levels deep"
+
+
+def _object(entries: list[tuple[str, Any]]) -> dict[str, Any]:
+    content: dict[str, Any] = {}
+    for name, value in entries:
+        if name in content:
+            raise ValueError(f"the entry {name!r} appears twice; keep one")
+        content[name] = value
+    return content
 
 
 def _integer(digits: str) -> int:

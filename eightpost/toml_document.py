@@ -12,21 +12,10 @@ from pydantic import BaseModel, ValidationError
 
 from eightpost.errors import FileFormatError
 from eightpost.files import check_schema, parse_toml
+from eightpost.schema import WORDS
 
-#: Messages for pydantic's error types, in words of a reader of the file.
-_WORDS = {
-    "extra_forbidden": "is not an entry of this file",
-    "missing": "is missing",
-    "dict_type": "must be a table",
-    "model_type": "must be a table",
-    "string_type": "must be a text",
-    "tuple_type": "must be a list",
-    "list_type": "must be a list",
-    "float_type": "must be a number",
-    "int_type": "must be a whole number",
-    "bool_type": "must be true or false",
-    "finite_number": "must be a finite number",
-}
+#: Messages for pydantic's error types that differ in a TOML file.
+_WORDS = {**WORDS, "dict_type": "must be a table", "model_type": "must be a table"}
 
 Model = TypeVar("Model", bound=BaseModel)
 

@@ -330,6 +330,9 @@ _US, _SI = re.compile(r"\b(lb|lbf|in|inch|inches|ips|psi|ft)\b"), re.compile(r"\
 #: Systems of the files that the running command has read; None outside of a command.
 _systems_read: ContextVar[list[str] | None] = ContextVar("systems_read", default=None)
 
+#: System that the study or system file states of which results are shown; empty without one.
+_stated: ContextVar[str] = ContextVar("stated", default="")
+
 
 def choice_path() -> Path:
     """Return the path of the file with the user's choice of units."""
@@ -341,11 +344,14 @@ def choice_path() -> Path:
 def chosen_system() -> str:
     """Return the user's choice: `us`, `si` or `file`.
 
+    The environment variable counts before a study or system file, and that before the choice of `eightpost units`.
+
     Raises:
         InputError: The environment variable or the file states another one.
     """
     path = choice_path()
-    stated = os.environ.get(CHOICE) or (path.read_text(encoding="utf-8").strip() if path.is_file() else "file")
+    stated = os.environ.get(CHOICE) or _stated.get()
+    stated = stated or (path.read_text(encoding="utf-8").strip() if path.is_file() else "file")
     if stated not in SYSTEMS:
         raise InputError(f"{CHOICE} or {path} states {stated!r}; it must be one of {', '.join(SYSTEMS)}")
     return stated
@@ -360,11 +366,28 @@ def shown_system() -> str:
 @contextmanager
 def following_files() -> Iterator[None]:
     """Show results in the units of the first file that is read in the block, unless the user has chosen others."""
-    token = _systems_read.set([])
+    token, stated = _systems_read.set([]), _stated.set("")
     try:
         yield
     finally:
         _systems_read.reset(token)
+        _stated.reset(stated)
+
+
+@contextmanager
+def stated_by(system: str) -> Iterator[None]:
+    """Show results in the block in the system that a study or system file states; empty: it states none."""
+    token = _stated.set(system or _stated.get())
+    try:
+        yield
+    finally:
+        _stated.reset(token)
+
+
+def state(system: str) -> None:
+    """Show results in the system that a study or system file states, until the running command ends."""
+    if system and _systems_read.get() is not None:
+        _stated.set(system)
 
 
 def note_file(found: Iterable[str | None]) -> None:
@@ -378,6 +401,11 @@ def note_file(found: Iterable[str | None]) -> None:
 def display_unit(unit: str) -> str:
     """Return the unit in which an SI unit is shown to this user."""
     return us_customary(unit) if shown_system() == "us" else metric(unit)
+
+
+def shown_unit(unit: str, stated: str) -> str:
+    """Return the unit in which an SI unit is shown to this user; `stated` counts if the user has chosen no system."""
+    return stated or unit if chosen_system() == "file" else display_unit(unit)
 
 
 def shown(value: float, unit: str) -> tuple[float, str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from math import inf, isfinite
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar, get_args
@@ -72,10 +72,13 @@ class ModelUncertainty:
         """
         if not isinstance(document, Mapping):
             raise InputError(f"a model's uncertainty must be an object, not {type(document).__name__}")
+        from eightpost.schema import checked  # noqa: PLC0415 -- help texts do not need it
+
+        place = "uncertainty.parameters"
+        parameters = checked(tuple[ParameterUncertainty, ...], document.get("parameters", []), place=place)
+        held = checked(tuple[str, ...], document.get("held", []), place="uncertainty.held")
         try:
             measures = {str(name): _measure(entry) for name, entry in document.get("measures", {}).items()}
-            parameters = tuple(_parameter(entry) for entry in document.get("parameters", []))
-            held = tuple(str(text) for text in document.get("held", []))
             return cls(measures, parameters, held, _left_out(document))
         except MALFORMED as error:
             raise InputError(f"a model's uncertainty: {error}") from error
@@ -109,11 +112,6 @@ def _left_out(document: Mapping[str, Any]) -> LeftOutBlocks | None:
     return left_out_of(document)
 
 
-def _parameter(entry: Mapping[str, Any]) -> ParameterUncertainty:
-    numbers = {name: float(value) for name, value in entry.items() if name != "name"}
-    return ParameterUncertainty(str(entry["name"]), **numbers)
-
-
 # ---- Validity -------------------------------------------------------------------------------------------------------
 
 #: Schema version of the JSON document that is written, and the only one that is read.
@@ -138,9 +136,8 @@ class Range:
     unit: str  #: SI unit.
 
     def __post_init__(self) -> None:
-        numbers = (self.low, self.high)
-        if not all(type(n) in (int, float) and isfinite(n) for n in numbers) or self.low > self.high:
-            raise InputError(f"the range of {self.variable!r} must be two increasing numbers, not {numbers!r}")
+        if not -inf < self.low <= self.high < inf:
+            raise InputError(f"the range of {self.variable!r} must be two increasing numbers, not {self}")
         if self.kind not in get_args(Kind):
             raise InputError(
                 f"the range of {self.variable!r}: kind is {self.kind!r}, not {' or '.join(get_args(Kind))}"
@@ -211,18 +208,15 @@ class Validity:
         Raises:
             InputError: The document is not a validity, or has another schema version.
         """
+        from eightpost.schema import checked  # noqa: PLC0415 -- help texts do not need it
+
         if not isinstance(document, Mapping):
             raise InputError(f"a model's validity must be an object, not {type(document).__name__}")
         check_schema(document, SCHEMA, None, what="validity")
-        ranges = document.get("ranges", [])
-        if not isinstance(ranges, Sequence) or not all(isinstance(entry, Mapping) for entry in ranges):
-            raise InputError("a model's validity: ranges must be a list of objects")
+        ranges = checked(tuple[Range, ...], document.get("ranges", []), place="validity.ranges")
         stated, verdict = document.get("uncertainty"), Verdict.from_json(document.get("verdict"))
         uncertainty = None if stated is None else ModelUncertainty.from_json(stated)
-        try:
-            return cls(verdict, tuple(Range(**entry) for entry in ranges), uncertainty, _judged(document, verdict))
-        except TypeError as error:
-            raise InputError(f"a model's validity: {error}") from error
+        return cls(verdict, ranges, uncertainty, _judged(document, verdict))
 
 
 def _judged(document: Mapping[str, Any], verdict: Verdict) -> str | None:

@@ -91,26 +91,32 @@ class Rules(list[Rule]):
         return self[-1]
 
     @classmethod
-    def read(cls, path: Path, about: str, **limits: float) -> Rules:
-        """Read the rules of a text file: `name | grade`, then `if:`, `why:` and, unless it is nothing, `do:`.
+    def read(cls, path: Path, about: str = "", **limits: float | str) -> Rules:
+        """Read the rules of a text file: `name | subject | grade`, then `if:`, `why:` and, unless it is nothing, `do:`.
 
-        Numbers in braces, such as `{largest:g}`, stand for the `limits`. Lines that begin with # are comments.
+        Names in braces, such as `{largest:g}`, stand for the `limits`. Lines that begin with # are comments.
+
+        Args:
+            path: Text file.
+            about: Subject of all rules, if their lines do not state it.
+            **limits: Numbers and texts by name.
         """
         text = "\n".join(line for line in path.read_text(encoding="utf-8").splitlines() if not line.startswith("#"))
         rules = cls()
         for entry in re.split(r"\n\s*\n", text.strip().format(**limits)):
-            parts = re.split(r" \| | (?:if|why|do): ", " ".join(entry.split()))
-            name, grade, condition, why, *remedy = parts
-            rules.add(name, about, Grade(grade), condition=condition, why=why, remedy=" ".join(remedy) or "nothing")
+            head, condition, why, *remedy = re.split(r" (?:if|why|do): ", " ".join(entry.split()))
+            name, *subject, grade = head.split(" | ")
+            advice = " ".join(remedy) or "nothing"
+            rules.append(Rule(name, subject[0] if subject else about, Grade(grade), condition, why, advice))
         return rules
 
     def named(self, name: str) -> Rule:
         """Return the rule of a name."""
         return next(rule for rule in self if rule.name == name)
 
-    def reason(self, name: str, statement: str, figure: str, origin: str) -> Reason:
-        """Return a reason of the rule of a name, with the rule's own advice."""
-        return self.named(name).reason(statement, figure=figure, origin=origin)
+    def reason(self, name: str, statement: str, figure: str, origin: str, *, remedy: str | None = None) -> Reason:
+        """Return a reason of the rule of a name, with the rule's own advice or a more specific one."""
+        return self.named(name).reason(statement, figure=figure, origin=origin, remedy=remedy)
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,10 @@ import numpy as np
 import pytest
 from filelock import FileLock
 from hypothesis import settings
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from threadpoolctl import threadpool_limits
 
-import builder.assembly.documents
+import builder.assembly.assembled_fmu
 import builder.documents
 from builder.build import build
 from builder.toolchain import PLATFORMS, Platform, Zig, this_platform
@@ -65,6 +66,8 @@ def pytest_unconfigure() -> None:
 # A busy machine must not fail a property: no deadline per example.
 settings.register_profile("eightpost", deadline=None)
 settings.load_profile("eightpost")
+
+_PLACE = ConstrainedLayoutEngine.execute
 
 
 @pytest.fixture(scope="session")
@@ -238,10 +241,24 @@ def _pictures_drawn_once() -> Iterator[None]:
         for module, name in (
             (builder.documents, "shock_picture"),
             (builder.documents, "vehicle_picture"),
-            (builder.assembly.documents, "curves_picture"),
+            (builder.assembly.assembled_fmu, "curves_picture"),
         ):
             patch.setattr(module, name, _once(getattr(module, name)))
         yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _panels_at_rest() -> Iterator[None]:
+    """Panels of pictures stay where they are: placing them takes as long as drawing them; see `placed_panels`."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)
+        yield
+
+
+@pytest.fixture
+def placed_panels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Panels of pictures are placed as they are for users, for tests that look at the pictures."""
+    monkeypatch.setattr(ConstrainedLayoutEngine, "execute", _PLACE)
 
 
 def _once(draw: Callable[..., bytes]) -> Callable[..., bytes]:

@@ -31,6 +31,7 @@ def linear_car():
     )  # fmt: skip
 
 
+@pytest.mark.nightly
 def test_linear_car_moves_as_the_state_space_of_its_matrices():
     car = linear_car()
     n, (k_mount, c_mount), c = car.numbers(), car.mounts, 4000.0
@@ -68,6 +69,7 @@ def test_linear_car_moves_as_the_state_space_of_its_matrices():
         assert np.std(tire - tire.mean() - linear + linear.mean()) < 1e-3 * np.std(tire)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("kind", KINDS)
 def test_half_the_step_changes_no_measure_by_a_twentieth_of_a_percent(kind):
     car = draw(kind, 1)

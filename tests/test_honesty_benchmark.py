@@ -232,7 +232,7 @@ def test_counts_are_of_the_worst_decisive_channel() -> None:
     assert "seed 0, default (gauss-seidel at 1 ms): stated 0.01 %, true 6 % (a.force), accepted" in printed
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_campaign_goes_on_where_it_was_and_measures_between_recorded_points(tmp_path: Any) -> None:
     kept = tmp_path / "rows.jsonl"
     first = run_campaign([3], "all", workers=1, keep=kept, quiet=True)
@@ -245,7 +245,7 @@ def test_a_campaign_goes_on_where_it_was_and_measures_between_recorded_points(tm
     assert not summary.unsettled(first)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "systems", [FIXED[::16], pytest.param(FIXED, marks=pytest.mark.nightly)], ids=["three", "forty"]
 )

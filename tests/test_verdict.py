@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import json
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -11,6 +15,7 @@ from hypothesis import strategies as st
 from eightpost.errors import InputError
 from eightpost.verdict import ORDER, Grade, Reason, Rule, Verdict
 
+ROOT = Path(__file__).resolve().parents[1]
 TEXT = st.text(min_size=1, max_size=12).filter(str.strip)
 REASONS = st.lists(st.builds(Reason, TEXT, TEXT, st.sampled_from(ORDER), TEXT, TEXT, TEXT, TEXT), max_size=6)
 
@@ -72,6 +77,23 @@ def test_a_rule_gives_its_own_remedy_or_a_more_specific_one() -> None:
     rule = Rule("r", "coupling", Grade.LIMITED, "c", "w", "halve the step")
     assert rule.reason("s", figure="1 %", origin="o").remedy == "halve the step"
     assert rule.reason("s", figure="1 %", origin="o", remedy="look at bond lf").remedy == "look at bond lf"
+
+
+def modules_with_tables() -> Iterator[str]:
+    for package in ("builder", "cosim", "dissertation", "eightpost"):
+        for path in (ROOT / package).rglob("*.py"):
+            if "RULES = Rules.read(" in path.read_text(encoding="utf-8"):
+                yield ".".join(path.relative_to(ROOT).with_suffix("").parts)
+
+
+@pytest.mark.parametrize("module", list(modules_with_tables()))
+def test_a_module_names_every_rule_of_its_table_and_no_other(module: str) -> None:
+    rules = {rule.name for rule in import_module(module).RULES}
+    nodes = list(ast.walk(ast.parse((ROOT / module.replace(".", "/")).with_suffix(".py").read_text(encoding="utf-8"))))
+    calls = [node for node in nodes if isinstance(node, ast.Call) and ast.unparse(node.func) == "RULES.reason"]
+    named = {call.args[0].value for call in calls if isinstance(call.args[0], ast.Constant)}
+    texts = {node.value for node in nodes if isinstance(node, ast.Constant)}
+    assert named <= rules <= texts
 
 
 @pytest.mark.parametrize(

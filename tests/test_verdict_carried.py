@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from builder.build import python_fmu
 from builder.native_fmu import without_binaries
 from builder.product import shock_product, vehicle_product
-from builder.python_fmu import python_fmu
 from builder.reference import Disclosure, combined_member, validity_of
 from cosim import FmuComponent
 from cosim.session.result import SavedRun

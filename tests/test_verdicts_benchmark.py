@@ -35,7 +35,7 @@ def test_stepped_sines_have_three_cycles_each_and_no_jump():
     assert np.abs(np.diff(x)).max() < 1.01 * 0.01 * 2 * np.pi * 2.0 / RATE
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(("speed", "force"), [(0.05, 4000.0 * 0.05), (-0.05, -6000.0 * 0.05)])
 def test_the_force_of_a_laminar_valve_is_proportional_to_the_speed(speed, force):
     damper = Damper(bleed=(0.0, 0.0), blow_off=(1e5, 1e5), orifice=0.0, friction=20.0, gas=100.0, gas_stiffness=0.0)

@@ -62,7 +62,7 @@ def test_the_source_distribution_contains_the_checkout(sdist):
         names = {name.partition("/")[2] for name in archive.getnames()}
     for name in (
         "pyproject.toml", "Makefile", "LICENSE", "CHANGELOG.md", "fmus/common/shock_slave.py",
-        "examples/starter/study.toml", "tests/test_wheel.py", "benchmarks/startup.py",
+        "examples/starter/study.toml", "tests/test_wheel.py", "benchmarks/orders.py",
         "dissertation/printed/chapter_3.toml",
     ):  # fmt: skip
         assert name in names

@@ -163,8 +163,17 @@ def _check(path: Path) -> Any:
     return list(static_findings(read_subject(path)))
 
 
+def _own_document(path: Path) -> Any:
+    """Read an FMU as a run and `inspect` do: its verdict, ranges and uncertainty."""
+    from cosim.components.fmu_file import FmuFile  # noqa: PLC0415
+
+    with tempfile.TemporaryDirectory(prefix="fuzz_fmu_") as folder:
+        found = FmuFile.unpack(path, folder).validity
+        return found and (found.verdict.headline, [str(one) for one in found.ranges], found.uncertainty)
+
+
 def _parts(path: Path) -> Any:
-    from builder.assembly.parts import read_parts  # noqa: PLC0415
+    from builder.assembly.plan import read_parts  # noqa: PLC0415
 
     return read_parts({"lf": path})
 
@@ -201,13 +210,13 @@ def _sound_result(path: Path) -> Any:
 
 
 def _selection(path: Path) -> Any:
-    from cosim.study.choice.selection import read_selection  # noqa: PLC0415
+    from cosim.study.choice.rig_day import read_selection  # noqa: PLC0415
 
     return read_selection(path, _sound_result(path))
 
 
 def _run_list(path: Path) -> Any:
-    from cosim.study.choice.rig_runs import read_run_list  # noqa: PLC0415
+    from cosim.study.choice.rig_day import read_run_list  # noqa: PLC0415
 
     return read_run_list(path, _sound_result(path).study)
 
@@ -240,9 +249,29 @@ def _chunks(path: Path) -> Any:
     return folder.coupling(), folder.table()
 
 
+def _iteration(path: Path) -> Any:
+    from eightpost.drivefile import IterationFolder  # noqa: PLC0415
+
+    folder = IterationFolder.read(path.parent if path.parent.name == "lap" else path.parents[1])
+    return folder.outcome(), folder.limit_hits(1)
+
+
+def _window(path: Path) -> Any:
+    from eightpost.window.folder import Folder  # noqa: PLC0415
+
+    opened = Folder.opened(path.parent)
+    return opened.reading(path.parent / "dyno/a.csv"), opened.words([path.parent / "dyno/a.csv"])
+
+
+def _table(path: Path) -> Any:
+    from eightpost.ident.shock.settings_table import read_settings_table  # noqa: PLC0415
+
+    return read_settings_table(path)
+
+
 def readers() -> tuple[Reader, ...]:
     """Return all readers."""
-    return tuple(_records()) + tuple(_models()) + tuple(_fmus()) + tuple(_studies())
+    return tuple(_records()) + tuple(_models()) + tuple(_fmus()) + tuple(_studies()) + tuple(_states())
 
 
 def _records() -> Iterator[Reader]:
@@ -255,6 +284,9 @@ def _records() -> Iterator[Reader]:
     yield Reader("record .mat", "record.mat", _record, (*_BINARY, *(change_mat,) * 8), 2.0)
     yield Reader("record .mf4", "record.mf4", _record, (*_BINARY, overwrite_links), 1.5)
     yield Reader("record .mdf", "record.mdf", _record, (*_BINARY, overwrite_head), 0.5)
+    yield Reader("record .rsp", "record.rsp", _record, (*_BINARY, *(overwrite_head,) * 3, *_TEXT[-6:]))
+    yield Reader("record .vbo", "lap.vbo", _record, _TEXT)
+    yield Reader("record .json", "record.json", _record, _JSON)
     yield Reader("rig record", "rig.parquet", _rig, (*_BINARY, *(change_parquet,) * 5), 0.5)
     yield Reader("drivefile", "drive.parquet", _drive, (*_BINARY, *(change_parquet,) * 5), 0.5)
     yield Reader("channel map", "map.toml", _map, _TOML, neighbours=("record.csv",))
@@ -288,6 +320,23 @@ def _binaries(rng: Random, content: bytes) -> bytes:
         return rng.choice((*_BINARY, *(overwrite_head,) * 5))(rng, member)
 
     return change_member(rng, content, change, (".so", ".dll", ".dylib"))
+
+
+def _own(rng: Random, _: str, member: bytes) -> bytes:
+    return rng.choice(_JSON)(rng, member)
+
+
+def _in_own(rng: Random, content: bytes) -> bytes:
+    return change_member(rng, content, _own, ("resources/eightpost.json",))
+
+
+def _states() -> Iterator[Reader]:
+    yield Reader("FMU, own document", "fmus/shock.fmu", _own_document, (_in_own,))
+    yield Reader("state of an iteration", "lap/iteration.json", _iteration, _JSON, 1.5)
+    yield Reader("limits of an iteration", "lap/pass_01/limits.json", _iteration, _JSON, 0.5)
+    yield Reader("target of an iteration", "lap/target.parquet", _iteration, (*_BINARY, *(change_parquet,) * 5), 0.5)
+    yield Reader("state of the window", "window/window.json", _window, _JSON)
+    yield Reader("table of settings", "table.toml", _table, _TOML, neighbours=("record.csv",))
 
 
 def _studies() -> Iterator[Reader]:

@@ -14,11 +14,13 @@ import pyarrow.parquet
 from benchmarks.fuzz.damage import members_of, packed
 from builder.build import build
 from cosim.study.choice.compare import Comparison, write_comparisons
-from cosim.study.choice.selection import select, write_selection
+from cosim.study.choice.rig_day import select, write_selection
 from cosim.study.definition import Build, Drive, Study, Vehicle
 from cosim.study.measures import Measure
 from cosim.study.table import Provenance, StudyResult, result_table, study_schema
 from eightpost.corners import CORNERS
+from eightpost.drivefile import IterationFolder, Problem, Target, start_response, target_names
+from eightpost.drivefile import Settings as IterationSettings
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse, response_of, write_response
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, write_fit
 from eightpost.shock import Lpnl2, Port, Shock, StaticCurve, write_shock
@@ -37,6 +39,7 @@ def make_samples(folder: Path) -> None:
     _models(folder)
     _fmus(folder)
     _settings(folder)
+    _states(folder)
     _study(folder)
 
 
@@ -68,6 +71,7 @@ def _records(folder: Path) -> None:
     write_series(TimeSeries.from_channels(time, {"lf.road": ("m", travel)}), folder / "drive.parquet")
     if importlib.util.find_spec("asammdf"):
         _mdf(folder, time, speed)
+    _loggers(folder, series)
     run = folder / "run"
     run.mkdir(exist_ok=True)
     write_series(series, run / "series.parquet")
@@ -79,6 +83,17 @@ def _records(folder: Path) -> None:
         "parameters": {"lf": {"g": 1.0}},
     }
     (run / "result.json").write_text(json.dumps(result), encoding="utf-8")
+
+
+def _loggers(folder: Path, series: TimeSeries) -> None:
+    write_series(series, folder / "record.rsp")
+    rows = "".join(f"{k / 100:.2f} {100 + k % 30}\n" for k in range(300))
+    (folder / "lap.vbo").write_text(
+        f"File created on 1/2/2026\n\n[header]\ntime\nvelocity kmh\n\n[column names]\ntime velocity\n\n[data]\n{rows}",
+        encoding="utf-8",
+    )
+    columns = {"Time [s]": series.time.tolist(), "Force [N]": series["force"].tolist()}
+    (folder / "record.json").write_text(json.dumps(columns), encoding="utf-8")
 
 
 def _mdf(folder: Path, time: np.ndarray, speed: np.ndarray) -> None:
@@ -299,6 +314,21 @@ def _settings(folder: Path) -> None:
     texts = {"map": _MAP, "preparation": _PREPARATION, "system": _SYSTEM, "study": _STUDY, "uncertain": _UNCERTAIN}
     for name, text in texts.items():
         (folder / f"{name}.toml").write_text(text, encoding="utf-8")
+
+
+def _states(folder: Path) -> None:
+    """Write the states that commands and the window keep in their folders."""
+    car, rng = read_vehicle(shipped("quarter_car")), np.random.default_rng(1)
+    names = target_names(car.with_damper().output_names)
+    units = tuple("m/s2" if name.endswith("acceleration") else "m" for name in names)
+    series = TimeSeries(np.arange(2000) / 100.0, rng.standard_normal((len(names), 2000)), names, units)
+    target = Target(series, 10.0)
+    IterationFolder.start(folder / "lap", Problem(target, start_response(car, target), IterationSettings()))
+    (folder / "window").mkdir()
+    readings = {"dyno/a.csv": {"flip": ["force"], "map": "dyno/a.map.toml"}}
+    (folder / "window/window.json").write_text(json.dumps({"readings": readings}), encoding="utf-8")
+    files = "".join(f"[[file]]\npath = 'record.csv'\nclicks = {{ rebound = {k} }}\n" for k in (1, 2))
+    (folder / "table.toml").write_text(f"schema = 1\n[adjuster.rebound]\nlowest = 0\n{files}", encoding="utf-8")
 
 
 def study() -> Study:

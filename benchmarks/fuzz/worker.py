@@ -66,7 +66,7 @@ def in_place(samples: Path, sample: str) -> Iterator[Path]:
 
 def read_mutant(reader: Reader, path: Path) -> tuple[str, str]:
     """Read a mutant; return the outcome and the error message."""
-    names = (path.name, *reader.neighbours)
+    names = (path.name, str(path.parent), *reader.neighbours)  # the message may name a file that this one names
     try:
         with warnings.catch_warnings(), _quiet():
             warnings.simplefilter("ignore")

@@ -73,7 +73,7 @@ _MACHINES = {
 _HEAD = 4096
 
 
-def read_binary(name: str, platform: str, content: bytes) -> Binary:
+def _read_binary(name: str, platform: str, content: bytes) -> Binary:
     """Read a shared library; any error is stored in `fault`."""
     try:
         with warnings.catch_warnings(action="ignore"):  # lief warns about unknown values
@@ -235,7 +235,7 @@ class CheckedFmu:
     def binaries(self) -> tuple[Binary, ...]:
         """Shared libraries in binaries/<platform>/."""
         found = ((name, _BINARY.fullmatch(name)) for name in sorted(self.members))
-        return tuple(read_binary(name, match[1], self.members[name]) for name, match in found if match)
+        return tuple(_read_binary(name, match[1], self.members[name]) for name, match in found if match)
 
     @property
     def own_binaries(self) -> tuple[Binary, ...]:

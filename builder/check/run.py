@@ -1,32 +1,383 @@
-"""Execution of a check: first the groups that only read the file, then those that call the FMU."""
+"""Execution of a check: groups that read the file, third-party tools, and probes in processes of their own."""
 
 from __future__ import annotations
 
+import json
+import logging
+import os
+import re
+import shutil
 import tempfile
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 from builder.check.archive import CheckedFmu, read_subject
 from builder.check.description import static_findings
 from builder.check.probes.bench import REACH
-from builder.check.probes.library import binary_members, platform_folders
-from builder.check.process import Outcome, Unpacked, probed, surroundings
+from builder.check.probes.library import FREEING_NOTHING, binary_members, platform_folders
 from builder.check.rules import (
     GROUPS,
+    RULES,
     CheckReport,
     Finding,
     Level,
+    Rule,
     Scope,
     Skipped,
     finding_in_version_3,
+    listed,
     text_in_version_3,
 )
-from builder.check.tools import rebuild, tool_findings
-from eightpost.errors import FmuError
+from eightpost.errors import EightpostError, FmuError
+from eightpost.extras import needs
 from eightpost.files import sha256_of
-from eightpost.fmi.description import Description
+from eightpost.fmi.description import BUILD, Description
+from eightpost.workers import process
+
+# ==== Probes: a crash or a hang is a finding that names the last FMI call ============================================
+
+#: Longest processor time of a valid and of an invalid call, and that of all groups; time for a process [s].
+_PATIENCE, _MISUSE_PATIENCE, _BUDGET, _TIMEOUT = 6.0, 0.7, 8.0, 900.0
+_LEAST = 1.0  # s of processor time with which another process begins
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The result of a group of checks."""
+
+    findings: tuple[Finding, ...] = ()  #: Findings.
+    #: Pairs of a skipped part and the reason; an empty part stands for the whole group.
+    skipped: tuple[tuple[str, str], ...] = ()
+    completed: bool = True  #: Whether the group finished.
+    used: float = 0.0  #: Processor time of the process, if it was ended because groups take too long [s].
+    values: Mapping[str, str] = field(default_factory=dict)  #: Measured values by name.
+
+
+@dataclass(frozen=True)
+class Unpacked:
+    """An unpacked FMU, and the number of steps after which it ends the simulation itself (None if it does not)."""
+
+    folder: Path
+    reach: int | None = None
+
+
+def probed(groups: Sequence[str], unpacked: Unpacked) -> Iterator[tuple[str, Outcome]]:
+    """Run the probes of groups in a process with empty folders; yield the outcome of each that was begun.
+
+    After a crash, the groups that are left run in another process, except after a crash of `simulation`. Files left in
+    the working folder or in that of temporary files are findings.
+
+    Raises:
+        EightpostError: A process ended before it loaded the FMU.
+    """
+    remaining, budget = list(groups), _BUDGET
+    while remaining:
+        with tempfile.TemporaryDirectory(prefix="eightpost_folder_") as name:
+            folders = {"working-folder": Path(name) / "work", "temporary-files": Path(name) / "temporary"}
+            for folder in folders.values():
+                folder.mkdir()
+            temporary = dict.fromkeys(("TMPDIR", "TMP", "TEMP"), str(folders["temporary-files"]))
+            outcomes = _run(remaining, unpacked, folders["working-folder"], {**os.environ, **temporary}, budget)
+            files = {rule: sorted(str(path.relative_to(f)) for path in f.rglob("*")) for rule, f in folders.items()}
+        (last, outcome), remaining = outcomes[-1], remaining[len(outcomes) :]
+        if outcome.completed:  # after a crash, the system may write files such as core
+            stray = tuple(RULES[rule].finding(f"it left {listed(names)}") for rule, names in files.items() if names)
+            outcomes[-1] = last, replace(outcome, findings=(*outcome.findings, *stray))
+        yield from outcomes
+        budget -= outcome.used
+        if budget < _LEAST:
+            skipped = Outcome(skipped=(("", "it would take too much processor time"),))
+            yield from ((group, skipped) for group in remaining)
+            return
+        if last == "simulation" and not outcome.completed:
+            return
+
+
+def _run(
+    groups: Sequence[str],
+    unpacked: Unpacked,
+    folder: Path,
+    environment: Mapping[str, str] | None = None,
+    budget: float = _BUDGET,
+) -> list[tuple[str, Outcome]]:
+    """Run the probes of groups in a process; return the outcomes of those that were begun, of which the last may fail.
+
+    The process runs in `folder`, with the environment of this process if `environment` is None. It is not a sandbox:
+    it only protects this process from a crash.
+    """
+    with tempfile.NamedTemporaryFile(prefix="eightpost_call_") as progress:
+        patience = _MISUSE_PATIENCE if GROUPS[groups[0]].crash == "crash-misuse" else _PATIENCE
+        reach = "" if unpacked.reach is None else str(unpacked.reach)
+        words = (str(unpacked.folder), progress.name, str(patience), str(budget), reach, *groups)
+        command = process.python_command("builder.check.probes", *words)
+        ran = process.run(command, _TIMEOUT, folder=folder, environment=environment)
+        call = Path(progress.name).read_bytes().partition(b"\0")[0].decode("utf-8", "replace")
+    outcomes, hung = _read(ran.output)
+    printed = ran.errors.decode("utf-8", "replace").strip().rpartition("\n")[2]
+    if not outcomes or ((ran.code or 0) > 0 and not call):
+        raise EightpostError(
+            f"the probe {groups[0]!r} could not be started, so the FMU was not checked: {printed}; reinstall eightpost"
+        )
+    group, outcome = outcomes[-1]
+    if ran.code == 0 or outcome.completed:
+        return outcomes
+    how = f"was killed by signal {-(ran.code or 0)}" if (ran.code or 0) < 0 else f"ended with code {ran.code}"
+    if hung or ran.code is None:
+        how, printed = f"did not end within {hung or f'{_TIMEOUT:g} s'}", ""
+    message = f"{how}{f' in or after {call}' if call else ''}{f'; it printed: {printed}' if printed else ''}"
+    rule = RULES["free-null"] if FREEING_NOTHING.removeprefix("fmi2") in call else RULES[GROUPS[group].crash]
+    crash = rule.finding(f"the process of the probe {group!r} {message}")
+    return [*outcomes[:-1], (group, replace(outcome, findings=(*outcome.findings, crash)))]
+
+
+def _read(output: bytes) -> tuple[list[tuple[str, Outcome]], str]:
+    """Read the output of a process, one JSON object per line; return outcomes, and how long a call hung."""
+    groups: list[tuple[str, list[dict[str, Any]]]] = []
+    for line in output.decode("utf-8", "replace").splitlines():
+        try:
+            entry = json.loads(line)
+        except ValueError:
+            continue  # a line cut off by a crash
+        if "group" in entry:
+            groups.append((entry["group"], []))
+        else:
+            groups[-1][1].append(entry)
+    hung = next((e["hung"] for _, entries in groups for e in entries if "hung" in e), "")
+    return [(group, _outcome(entries)) for group, entries in groups], hung
+
+
+def _outcome(entries: Sequence[dict[str, Any]]) -> Outcome:
+    return Outcome(
+        tuple(RULES[e["rule"]].finding(e["message"]) for e in entries if "rule" in e),
+        tuple((e["skipped"], e["reason"]) for e in entries if "skipped" in e),
+        any(e.get("completed") for e in entries),
+        next((e["used"] for e in entries if "used" in e), 0.0),
+        {e["value"]: e["is"] for e in entries if "value" in e},
+    )
+
+
+# ---- Unusual surroundings: an empty environment, a read-only folder, an unusual path --------------------------------
+
+_ODD = "a path with spaces, ä 100% #1 + äöü"
+
+
+def trace(unpacked: Unpacked, folder: Path, environment: Mapping[str, str] | None = None) -> Outcome:
+    """Run the probe that computes a digest of the outputs, in a working folder."""
+    return _run(["surroundings"], unpacked, folder, environment)[0][1]
+
+
+def surroundings(unpacked: Unpacked, plain: Outcome) -> Outcome:
+    """Compare runs in unusual surroundings with a plain one."""
+    if not plain.completed:
+        return plain
+    with tempfile.TemporaryDirectory(prefix="eightpost_folder_") as name:
+        folder = Path(name)
+        bare = folder / "read-only"
+        bare.mkdir(mode=0o555)
+        needed = {name: os.environ[name] for name in ("SYSTEMROOT",) if name in os.environ}
+        shutil.copytree(unpacked.folder, folder / _ODD)
+        odd = replace(unpacked, folder=folder / _ODD)
+        return Outcome(
+            (
+                *differences(RULES["bare-environment"], plain, trace(unpacked, bare, needed)),
+                *differences(RULES["odd-path"], plain, trace(odd, folder)),
+            )
+        )
+
+
+def differences(rule: Rule, plain: Outcome, other: Outcome) -> Iterator[Finding]:
+    """Compare a run elsewhere with a plain one."""
+    if not other.completed or other.findings:
+        yield rule.finding("; ".join(finding.message for finding in other.findings))
+    elif other.values != plain.values:
+        yield rule.finding("it runs, but the outputs differ")
+
+
+# ==== Third-party tools ==============================================================================================
+
+# ---- Checkers -------------------------------------------------------------------------------------------------------
+
+_SUMMARY = ("This FMU does not validate", "semantic error(s)")
+
+
+def _tool_findings(subject: CheckedFmu) -> Iterator[Finding]:
+    """Apply both checkers to an FMU, and the schemas of the documents that they do not look at."""
+    for problem in _fmpy(subject):
+        yield RULES["fmpy-validate"].finding(problem)
+    for message in _fmutool(subject.path):
+        if not any(text in message for text in _SUMMARY):
+            yield RULES["fmutool-check"].finding(message)
+    for member, schema in _SCHEMAS.items():
+        if member in subject.members:
+            yield from (
+                RULES["schema"].finding(f"{member}: {fault}") for fault in _faults(subject.members[member], schema)
+            )
+
+
+#: Documents with their schemas, which are those of FMI 3.0 in both versions.
+_SCHEMAS = {"terminalsAndIcons/terminalsAndIcons.xml": "fmi3TerminalsAndIcons.xsd", BUILD: "fmi3BuildDescription.xsd"}
+
+
+def _faults(content: bytes, schema: str) -> list[str]:
+    """Return the lines of a document that do not follow a schema, at most three."""
+    with needs("check", "checking FMUs"):
+        import fmu_manipulation_toolbox  # noqa: PLC0415 - slow to import
+        from lxml import etree  # noqa: PLC0415
+
+    folder = Path(fmu_manipulation_toolbox.__file__).parent / "resources" / "fmi-3.0"
+    rules_of_schema = etree.XMLSchema(etree.parse(folder / schema))
+    try:
+        document = etree.fromstring(content, etree.XMLParser(resolve_entities=False, no_network=True))
+    except etree.XMLSyntaxError as error:
+        return [str(error)]
+    rules_of_schema.validate(document)
+    return [f"line {entry.line}: {entry.message}" for entry in rules_of_schema.error_log][:3]
+
+
+#: An identifier without quotes, as the standards define it, with indices.
+_PART = r"[A-Za-z_][A-Za-z_0-9]*(\[[0-9]+(,[0-9]+)*\])?"
+_IDENTIFIER = rf"{_PART}(\.{_PART})*"
+
+#: Structured names without quotes (FMI 2.0 section 2.2.9). FMPy accepts them, but its parser takes 3 ms for each.
+_PLAIN_NAME = re.compile(rf"{_IDENTIFIER}|der\({_IDENTIFIER}(,[0-9]+)?\)")
+
+
+def _fmpy(subject: CheckedFmu) -> list[str]:
+    """Return the problems that FMPy reports; its parser of names is only used where one is not plain."""
+    from fmpy.validation import validate_fmu  # noqa: PLC0415 - slow to import
+
+    try:
+        if _has_plain_names(subject):
+            return _fmpy_without_names(subject.path)
+        return [str(problem) for problem in validate_fmu(str(subject.path))]
+    except Exception as error:  # an exception of its parser is a finding
+        return [f"{type(error).__name__}: {error}"]
+
+
+def _has_plain_names(subject: CheckedFmu) -> bool:
+    """Return whether FMPy has nothing to say about the names of variables and members."""
+    variables = subject.description.variables if subject.description else ()
+    names = all(_PLAIN_NAME.fullmatch(variable.name) for variable in variables)
+    return bool(variables) and names and not any("\\" in entry.orig_filename for entry in subject.entries)
+
+
+def _fmpy_without_names(path: Path) -> list[str]:
+    from fmpy.model_description import ValidationError, read_model_description  # noqa: PLC0415 - slow to import
+
+    try:
+        read_model_description(str(path), validate=True, validate_model_structure=True)
+    except ValidationError as error:
+        return [str(problem) for problem in error.problems]
+    except Exception as error:  # as FMPy's own validation reports it
+        return [str(error)]
+    return []
+
+
+def _fmutool(path: Path) -> list[str]:
+    with needs("check", "checking FMUs"):
+        from fmu_manipulation_toolbox.checker import get_checkers  # noqa: PLC0415 - slow to import
+        from fmu_manipulation_toolbox.operations import FMU  # noqa: PLC0415
+
+    with _errors_logged("fmu_manipulation_toolbox") as messages:
+        try:
+            with FMU(str(path)) as fmu:
+                for checker in get_checkers():
+                    fmu.apply_operation(checker())
+        except Exception as error:  # an exception of its parser is a finding
+            messages.append(f"{type(error).__name__}: {error}")
+    return messages
+
+
+@contextmanager
+def _errors_logged(name: str) -> Iterator[list[str]]:
+    """Collect the errors that a library logs; it reports them in no other way."""
+    messages: list[str] = []
+    handler = logging.Handler(logging.ERROR)
+    handler.emit = lambda record: messages.append(record.getMessage())  # type: ignore[method-assign]
+    source = logging.getLogger(name)
+    propagate, source.propagate = source.propagate, False
+    source.addHandler(handler)
+    try:
+        yield messages
+    finally:
+        source.removeHandler(handler)
+        source.propagate = propagate
+
+
+# ---- Sources, compiled and compared with the binary -----------------------------------------------------------------
+
+_TOOL_TIMEOUT, _TRIAL_TIMEOUT = 120.0, 30.0  # s
+_OPTIONS = ("-shared", "-fPIC", "-w", "-ffp-contract=off",
+            "-DFMI2_OVERRIDE_FUNCTION_PREFIX", "-DFMI3_OVERRIDE_FUNCTION_PREFIX")  # fmt: skip
+
+
+def rebuild(subject: CheckedFmu, unpacked: Unpacked, plain: Outcome) -> Outcome:
+    """Compile the sources with the C compiler of this machine, and compare a run with that of the FMU's binary."""
+    fmu = subject.description
+    if fmu is None or not fmu.sources.files:
+        return Outcome(skipped=(("", "no sources are listed"),))
+    if any(f"sources/{name}" not in subject.members for name in fmu.sources.files):
+        return Outcome(skipped=(("", "sources are missing"),))
+    names = (
+        ("c++", "g++", "clang++") if any(not n.endswith(".c") for n in fmu.sources.files) else ("cc", "gcc", "clang")
+    )
+    compiler = next(filter(None, map(shutil.which, names)), "")
+    if not compiler:
+        return Outcome(skipped=(("", f"the sources could not be compiled here: there is no {names[0]}"),))
+    with tempfile.TemporaryDirectory(prefix="eightpost_rebuild_") as name:
+        folder = Path(name)
+        if fault := _trial(compiler):
+            return Outcome(
+                skipped=(("", f"the sources could not be compiled here: {compiler} does not work ({fault})"),)
+            )
+        copy = folder / "fmu"
+        shutil.copytree(unpacked.folder, copy, ignore=shutil.ignore_patterns("binaries"))
+        binary = copy / binary_members(fmu.identifier, fmu.fmi)[0]
+        binary.parent.mkdir(parents=True)
+        definitions = [f"-D{d.get('name', '')}={d.get('value', '1')}" for d in fmu.sources.definitions]
+        includes = ["-I.", *(f"-I{place}" for place in fmu.sources.folders), "-I", str(_headers())]
+        command = [compiler, *_OPTIONS, *definitions, *includes, *fmu.sources.files, "-o", str(binary), "-lm"]
+        if message := _compile(command, copy / "sources", _TOOL_TIMEOUT):
+            return Outcome((RULES["sources-compile"].finding(message),))
+        return Outcome(tuple(differences(RULES["rebuilt-same"], plain, trace(replace(unpacked, folder=copy), folder))))
+
+
+def _headers() -> Path:
+    """Return the folder with the headers of FMI 2.0 and 3.0."""
+    with needs("check", "checking FMUs"):
+        import fmpy  # noqa: PLC0415 - slow to import
+
+    return Path(fmpy.__file__).with_name("c-code")
+
+
+@cache
+def _trial(compiler: str) -> str:
+    """Compile a library of one function; return the reason if that fails, otherwise "".
+
+    A compiler on the PATH does not always work: on macOS, it may be a stub that asks the user to install it.
+    """
+    with tempfile.TemporaryDirectory(prefix="eightpost_trial_") as name:
+        folder = Path(name)
+        (folder / "trial.c").write_text("int eightpost_trial(void) { return 0; }\n", encoding="utf-8")
+        return _compile([compiler, "-shared", "-fPIC", "trial.c", "-o", "trial.so"], folder, _TRIAL_TIMEOUT)
+
+
+def _compile(command: list[str], folder: Path, patience: float) -> str:
+    """Run a command; return the error message, or "" if it succeeded. Its children are ended with it."""
+    ran = process.run(command, patience, folder=folder, together=True, tree=True)
+    if ran.code is None:
+        return f"it did not end within {patience:g} s"
+    lines = [line.strip() for line in ran.output.decode("utf-8", "replace").splitlines() if line.strip()]
+    faults = [line for line in lines if "error" in line.lower()] + lines[-1:]
+    return "" if ran.code == 0 else next(iter(faults), f"it ended with code {ran.code} and printed nothing")
+
+
+# ==== Check ==========================================================================================================
 
 _IDENTITY = ("fmiVersion", "modelName", "version", "author", "generationTool")
 #: Attribute of an FMU's own key by the version of FMI.
@@ -87,7 +438,7 @@ def _identity(subject: CheckedFmu) -> dict[str, str]:
 def _tools(subject: CheckedFmu) -> Outcome:
     if not subject.is_safe:
         return Outcome(skipped=(("", "the archive is not safe to unpack"),))
-    return Outcome(tuple(tool_findings(subject)))
+    return Outcome(tuple(_tool_findings(subject)))
 
 
 def _call(subject: CheckedFmu, groups: list[str], ledger: _Ledger) -> None:

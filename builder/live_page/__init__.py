@@ -11,8 +11,7 @@ from typing import Any
 
 from builder.assembly import Assembly, Part, read_parts
 from builder.assembly.assembled_fmu import assembly_sources
-from builder.assembly.parts import VEHICLE
-from builder.assembly.plan import assembly_interface
+from builder.assembly.plan import VEHICLE, assembly_interface
 from builder.build import product_of
 from builder.interface import Interface, Variable
 from builder.native_fmu import version_files, without_binaries
@@ -268,7 +267,9 @@ def write_live_page(shock: str | Path, path: str | Path, *, vehicle: str | Path)
         places=_PLACES,
         subtitle=models.title,
         vehicle=Path(vehicle).name,
-        groups=[("dynamometer", "Motion", DYNAMOMETER), ("bump", "Road", BUMP), ("shock", "Shock", controls)],
+        fold=0,
+        words={control.name: control.text for control in controls},
+        groups=[("shock", "Shock", controls), ("dynamometer", "Motion", DYNAMOMETER), ("bump", "Road", BUMP)],
         data={"models": content, "shock-module": _packed(models.shock), "car-module": _packed(models.car)},
     )
     return LivePage(html.write_page(path, text), controls, verdict)

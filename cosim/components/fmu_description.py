@@ -224,7 +224,7 @@ class Rows:
                 minimum=_limit(name, "min", written),
                 maximum=_limit(name, "max", written),
                 direct=direct.get(k, frozenset()),
-                items=items_of(description, written),
+                items=_items_of(description, written),
             )
         return elements_by_name
 
@@ -273,7 +273,7 @@ def _length(dimension: Mapping[str, str], sizes: Mapping[int | None, str | None]
     return int(text)
 
 
-def items_of(description: Description, variable: fmi.Variable) -> dict[str, int]:
+def _items_of(description: Description, variable: fmi.Variable) -> dict[str, int]:
     """Return the numbers of the items of an enumeration, by name.
 
     Raises:

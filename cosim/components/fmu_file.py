@@ -58,7 +58,7 @@ class FmuFile:
         notes = extract_archive(path, folder)
         fmu = cls(Path(path), Path(folder), read_description(Path(path), Path(folder)), notes)
         if compile_missing and not fmu.has_binary:
-            compile_sources(fmu.path, fmu.library, fmu.sources, fmu.build_options, version=fmu.version)
+            _compile_sources(fmu.path, fmu.library, fmu.sources, fmu.build_options, version=fmu.version)
         fmu._check_platform()
         return fmu
 
@@ -275,7 +275,7 @@ _KEPT_IN = "rebuilt"
 _CPP = {".cc", ".cpp", ".cxx"}
 
 
-def compile_sources(
+def _compile_sources(
     path: Path, target: Path, files: Sequence[str], options: Sequence[str] = (), *, version: int = 2
 ) -> None:
     """Compile an FMU's sources into the library for this platform, or read the library from the cache.

@@ -1,4 +1,4 @@
-"""One run as an HTML page that needs no network."""
+"""A run as one HTML page, and its plots: time traces and spectra, each one figure in one file."""
 
 from __future__ import annotations
 
@@ -25,9 +25,10 @@ from eightpost.archive import open_archive
 from eightpost.errors import FmuError
 from eightpost.files import sha256_of
 from eightpost.report import page as html
+from eightpost.report import pictures
 from eightpost.report.charts import COLORS
 from eightpost.report.numbers import Display, figure, listed, percent
-from eightpost.report.packing import Spectra, Store, Traces, spectra, traces
+from eightpost.report.packing import Spectra, Store, Traces, spectra, traces, welch
 from eightpost.report.tables import Tile
 from eightpost.signals import Drivefile, TimeSeries
 
@@ -157,7 +158,7 @@ def panels(series: TimeSeries) -> tuple[Panel, ...]:
     for row, (name, unit) in enumerate(zip(series.names, series.units, strict=True)):
         members.setdefault((name.rpartition(".")[2], unit), []).append(row)
     return tuple(
-        Panel(quantity, Display.of(unit), _lines(series, rows), opened=k < _OPEN)
+        Panel(quantity, Display.us(unit), _lines(series, rows), opened=k < _OPEN)
         for k, ((quantity, unit), rows) in enumerate(members.items())
     )
 
@@ -167,7 +168,7 @@ def statistics(series: TimeSeries, stated: Mapping[str, float]) -> tuple[Statist
     return tuple(
         Statistics(
             name,
-            Display.of(unit),
+            Display.us(unit),
             *(float(row.mean()), float(row.std()), float(row.min()), float(row.max())),
             error=stated[name] if isfinite(stated.get(name, inf)) else None,
         )
@@ -331,8 +332,8 @@ def page(
         statistics=rows,
         largest=max((row.error for row in rows if row.error is not None), default=None),
         span=f"{settled.time[0]:g} to {settled.time[-1]:g} s",
-        velocity=Display.of("m/s"),
-        force=Display.of("N"),
+        velocity=Display.us("m/s"),
+        force=Display.us("N"),
         data={"manifest": manifest, "numbers": numbers},
     )
 
@@ -343,7 +344,7 @@ def _packed(result: Result, shown: Traces, densities: Spectra | None) -> tuple[d
     channels = [
         {
             "name": name,
-            "scale": asdict(Display.of(unit)) | {"squared": Display.of(unit).squared},
+            "scale": asdict(Display.us(unit)) | {"squared": Display.us(unit).squared},
             "low": float(values.min()),
             "high": float(values.max()),
             "at": store.add_levels(values),
@@ -358,3 +359,49 @@ def _packed(result: Result, shown: Traces, densities: Spectra | None) -> tuple[d
         "settling": result.settling,
     }
     return manifest, store.text
+
+
+# ==== Picture of a run ===============================================================================================
+
+
+def plot_traces(
+    runs: Mapping[str, TimeSeries],
+    channels: Sequence[str],
+    path: str | Path,
+    *,
+    start: float,
+    stop: float,
+    title: str = "Time traces",
+) -> None:
+    """Plot channels over time between `start` and `stop` [s], one panel each, one line per run."""
+    pictures.save(pictures.traces(runs, channels, start=start, stop=stop, title=title), path)
+
+
+def plot_spectra(
+    runs: Mapping[str, TimeSeries],
+    channels: Sequence[str],
+    path: str | Path,
+    *,
+    highest: float = 30.0,
+    title: str = "Power spectral densities",
+) -> None:
+    """Plot power spectral densities (Welch, Hann, 4 s blocks) up to `highest` [Hz], one panel per channel."""
+    figure = pictures.new_figure(11, 2.4 * ((len(channels) + 1) // 2) + 0.8)
+    panels = pictures.panels_of(figure, len(channels), 2, sharex=True)
+    for panel, channel in zip(panels, channels, strict=True):
+        for (label, series), color in zip(runs.items(), pictures.COLORS, strict=False):
+            values = pictures.displayed(series, channel)
+            block = min(values.size, int(4.0 * series.sample_rate))
+            frequency, density = welch(values, series.sample_rate, block)
+            within = (frequency > 0.0) & (frequency <= highest)
+            panel.semilogy(frequency[within], density[within], lw=1.2, color=color, label=label)
+        unit = pictures.display_unit(next(iter(runs.values())), channel)
+        panel.set_title(channel, fontsize=9)
+        panel.set_ylabel(f"({unit})²/Hz")
+        panel.grid(alpha=0.3)
+    for panel in panels[-2:]:
+        panel.set_xlabel("frequency [Hz]")
+        panel.tick_params(labelbottom=True)
+    panels[0].legend(frameon=False)
+    figure.suptitle(title)
+    pictures.save(figure, path)

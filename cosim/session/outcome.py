@@ -16,7 +16,7 @@ from cosim.engine.march import Tape
 from cosim.engine.plan import ITERATIONS, LOOSE, REJECTED, STEPS, STOPPED, STUCK, Memory, Plan
 from cosim.session.planning import recorded_series
 from cosim.session.result import Result, judged_by
-from cosim.session.setup import Setup
+from cosim.session.setup import RunSetup
 from cosim.session.verdict import BondEnergy, Coupled, models_of
 from cosim.systems.algorithm import Algorithm
 from cosim.systems.system import System
@@ -48,7 +48,7 @@ class Running:
         """Make the loop stop before its next step."""
         self.memory.stop.fill(1)
 
-    def free_states(self, setup: Setup) -> None:
+    def free_states(self, setup: RunSetup) -> None:
         """Free the states that the loop saved."""
         free_states([self.tables[name] for name in setup.layout.parts], self.memory.states, self.memory.calls)
 
@@ -83,7 +83,7 @@ class _Run(NamedTuple):
 _first_runs: dict[int, dict[object, _Run]] = {}
 
 
-def check_repeat(setup: Setup, series: TimeSeries) -> None:
+def check_repeat(setup: RunSetup, series: TimeSeries) -> None:
     """Compare a run with the first one of the same system, scenario, algorithm and step, if there is one.
 
     Raises:
@@ -119,7 +119,7 @@ def _hashed(series: TimeSeries) -> _Run:
     return _Run(series.time.view(np.uint64).copy(), components)
 
 
-def _compare(setup: Setup, series: TimeSeries, first: _Run, run: _Run) -> None:
+def _compare(setup: RunSetup, series: TimeSeries, first: _Run, run: _Run) -> None:
     count = min(first.times.size, run.times.size)
     pairs = {name: (first.components[name][:count], run.components[name][:count]) for name in run.components}
     differs = {name: np.flatnonzero(a != b) for name, (a, b) in pairs.items()}
@@ -194,7 +194,7 @@ class _End(NamedTuple):
 class Outcome:
     """A run that has ended."""
 
-    setup: Setup  #: Setup of the run.
+    setup: RunSetup  #: Setup of the run.
     running: Running  #: State in which the loop left the run.
     equilibrium: Equilibrium  #: Status of the equilibrium start.
     ending: Ending  #: Ending of the loop.

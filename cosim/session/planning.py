@@ -27,7 +27,7 @@ from cosim.engine.plan import (
     Terms,
     Watch,
 )
-from cosim.session.setup import Layout, Setup
+from cosim.session.setup import Layout, RunSetup
 from cosim.systems.coupling import Coupling, Feed
 from cosim.systems.system import System
 from eightpost.errors import StepError
@@ -36,7 +36,7 @@ from eightpost.signals import TimeSeries
 # ---- Plan -----------------------------------------------------------------------------------------------------------
 
 
-def make_plan(setup: Setup, tables: Mapping[str, FunctionTable]) -> Plan:
+def make_plan(setup: RunSetup, tables: Mapping[str, FunctionTable]) -> Plan:
     """Return the loop's arrays; `tables` are the functions of each component."""
     coupling, layout, watched = setup.coupling, setup.layout, setup.limits.watched
     position = {name: k for k, name in enumerate(layout.signals)}
@@ -98,7 +98,7 @@ def _references(names: Iterable[str], tables: Mapping[str, FunctionTable]) -> ND
     return np.array([tables[part].references[variable] for part, variable in pairs], dtype=np.uint32)
 
 
-def _parts(setup: Setup, tables: Mapping[str, FunctionTable]) -> Parts:
+def _parts(setup: RunSetup, tables: Mapping[str, FunctionTable]) -> Parts:
     coupling, names, following = setup.coupling, setup.layout.parts, setup.following
     columns = ("set_real", "set_slopes", "do_step", "get_real", "save", "restore", "instance")
     moving = [_moving(coupling, name) for name in names]
@@ -137,7 +137,7 @@ def _terms(coupling: Coupling, layout: Layout, feeds: Sequence[tuple[str, Feed]]
     )
 
 
-def _direct(setup: Setup, tables: Mapping[str, FunctionTable], feeds: Sequence[tuple[str, Feed]]) -> Direct:
+def _direct(setup: RunSetup, tables: Mapping[str, FunctionTable], feeds: Sequence[tuple[str, Feed]]) -> Direct:
     """Return the recorded outputs that follow inputs whose end values are assumed, of parts that give derivatives.
 
     Only continuous variables have derivatives.
@@ -203,14 +203,14 @@ def _loops(layout: Layout, position: Mapping[str, int]) -> Loops:
 # ---- Recording: arrays of the recorded signals ----------------------------------------------------------------------
 
 
-def blank_tape(setup: Setup) -> Tape:
+def blank_tape(setup: RunSetup) -> Tape:
     """Return a tape with space for all communication points that are recorded."""
     places = {name: k for k, name in enumerate((*setup.layout.signals, *setup.layout.extras))}
     columns, rows = np.array([places[name] for name in setup.reals], dtype=np.uint32), int(setup.recorded.sum()) + 1
     return Tape(np.zeros((rows, columns.size)), np.zeros(rows), columns, np.zeros(1, np.int64))
 
 
-def recorded_series(setup: Setup, tape: Tape) -> TimeSeries:
+def recorded_series(setup: RunSetup, tape: Tape) -> TimeSeries:
     """Return the contents of a tape and the recorded discrete variables, in SI.
 
     Raises:

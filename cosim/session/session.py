@@ -25,7 +25,17 @@ from cosim.engine.plan import DONE, IMPLICIT, STOPPED, STUCK, Drive, Integers, m
 from cosim.session.outcome import Ending, Equilibrium, Outcome, Running, check_repeat
 from cosim.session.planning import blank_tape, make_plan
 from cosim.session.result import Result
-from cosim.session.setup import ROUNDING, Setup, Times, among, coupling_times, joined, merged, step_sizes, summed_steps
+from cosim.session.setup import (
+    ROUNDING,
+    RunSetup,
+    Times,
+    among,
+    coupling_times,
+    joined,
+    merged,
+    step_sizes,
+    summed_steps,
+)
 from cosim.systems.algorithm import Adaptive, Algorithm
 from cosim.systems.coupling import Coupling, Scenario
 from cosim.systems.system import System
@@ -63,7 +73,7 @@ class Session:
     """
 
     def __init__(self, system: System, scenario: Scenario, algorithm: Algorithm, step: float) -> None:
-        self._setup = Setup.of(system, scenario, algorithm, step)
+        self._setup = RunSetup.of(system, scenario, algorithm, step)
 
     def run(self, engine: str = "auto", progress: Progress | None = None) -> Result:
         """Begin, find the equilibrium start and step to the end. The components are finished in any case.
@@ -151,7 +161,7 @@ def _undoing(guarded: dict[str, FmuComponent], progress: Progress) -> Progress:
     return check
 
 
-def _prepare(setup: Setup) -> Running:
+def _prepare(setup: RunSetup) -> Running:
     """Leave initialization; return the loop's arrays for components that are at the equilibrium start."""
     now = setup.coupling.now
     for name in setup.layout.parts:
@@ -175,7 +185,7 @@ _TOLERANCE = 1e-12
 _ROUNDS = 10
 
 
-def _equilibrium_start(setup: Setup) -> Equilibrium:
+def _equilibrium_start(setup: RunSetup) -> Equilibrium:
     """Find the state in which inputs and outputs agree; discrete values, which may jump, are exchanged in between."""
     setup.discrete.exchange(0.0)
     for _ in range(_ROUNDS):
@@ -238,7 +248,7 @@ def _relative(change: NDArray[np.float64], values: NDArray[np.float64]) -> float
 _BETWEEN, _FIRST_STEPS = 0.05, 20
 
 
-def _march_fixed(setup: Setup, running: Running, bind: Bind, chunk: int, progress: Progress) -> Ending:
+def _march_fixed(setup: RunSetup, running: Running, bind: Bind, chunk: int, progress: Progress) -> Ending:
     """Step from the first communication point to the last, or until an interrupt.
 
     A call of the loop takes about the time between two reports. Discrete variables are exchanged or read between calls.
@@ -268,12 +278,12 @@ def _march_fixed(setup: Setup, running: Running, bind: Bind, chunk: int, progres
     return Ending(end, _reached(setup, running), setup.step, setup.step, began, ended_by)
 
 
-def _reached(setup: Setup, running: Running) -> float:
+def _reached(setup: RunSetup, running: Running) -> float:
     """Return the communication point at which the loop ended [s]."""
     return float(setup.times[int(running.memory.failure[3])])
 
 
-def _grid(setup: Setup) -> Grid:
+def _grid(setup: RunSetup) -> Grid:
     """Return the communication points, and the drive at these and at its own points between them."""
     scenario, times = setup.scenario, setup.times
     if scenario.drive is None:
@@ -320,7 +330,7 @@ def _line_starts(drive: Drivefile, times: Times, samples: Times, means: Times) -
 _LEAST_ERROR = {"m/s": 1e-5, "m": 1e-6, "N": 1e-2}
 
 
-def _march_adaptive(setup: Setup, running: Running, bind: Bind, chunk: int, progress: Progress) -> Ending:
+def _march_adaptive(setup: RunSetup, running: Running, bind: Bind, chunk: int, progress: Progress) -> Ending:
     """Step from one recorded time to the next, until the stop, an interrupt, or a step that is too small."""
     knots, control = _knots(setup), _control(setup)
     channels, first = knots.values.shape[1], min(max(setup.step, control.least), control.largest)
@@ -353,7 +363,7 @@ def _march_adaptive(setup: Setup, running: Running, bind: Bind, chunk: int, prog
         progress(min(1.0, time / setup.scenario.stop), 1.0)
 
 
-def _knots(setup: Setup) -> Knots:
+def _knots(setup: RunSetup) -> Knots:
     """Return the drive's own points within the run, and all times at which a step must end."""
     scenario, recorded = setup.scenario, setup.times[setup.recorded == 1][1:]
     drive = scenario.drive
@@ -366,7 +376,7 @@ def _knots(setup: Setup) -> Knots:
     return Knots(points, values, events, among(events, recorded, scenario.stop).astype(np.int64))
 
 
-def _control(setup: Setup) -> Control:
+def _control(setup: RunSetup) -> Control:
     algorithm, terms = setup.algorithm, setup.layout.terms
     assert isinstance(algorithm, Adaptive)
     coupled = sorted({source for source, _ in terms})
@@ -382,7 +392,7 @@ def _control(setup: Setup) -> Control:
     )
 
 
-def _least_error(setup: Setup, name: str) -> float:
+def _least_error(setup: RunSetup, name: str) -> float:
     """Return the default absolute error of a signal, in its own unit."""
     conversion, unit = to_si(setup.system.output(name))
     return _LEAST_ERROR.get(unit, 1e-9) / abs(conversion.factor)
@@ -403,7 +413,7 @@ _CALLS = (
 _OTHERS = {"jacobi": ", gauss-seidel, or implicit", "gauss-seidel": ", or implicit"}
 
 
-def _failure(setup: Setup, running: Running, end: int, time: float) -> BaseException:
+def _failure(setup: RunSetup, running: Running, end: int, time: float) -> BaseException:
     """Return the error for the reason `end` why the loop ended at `time` [s]; an exception that a component raised."""
     m, layout = running.memory, setup.layout
     sizes = dict(zip(layout.signals, m.now.tolist(), strict=True))
@@ -441,14 +451,14 @@ def _discards_step(running: Running) -> bool:
     return (running.memory.failure[0], running.memory.failure[2]) == (DISCARD, reasons.STEP)
 
 
-def _diverged(setup: Setup, signal: str, value: float, time: float) -> DivergedError:
+def _diverged(setup: RunSetup, signal: str, value: float, time: float) -> DivergedError:
     return DivergedError(
         f"the coupling diverged: {signal} is {value:g} after {time:g} s; "
         f"use a smaller coupling step{_OTHERS.get(setup.algorithm.name, '')} (docs/explanation/coupling.md)"
     )
 
 
-def _ended_or_failed(setup: Setup, running: Running, end: int, time: float) -> str:
+def _ended_or_failed(setup: RunSetup, running: Running, end: int, time: float) -> str:
     """Return the name of the component that ended the simulation; for arguments see `_failure`."""
     error = _failure(setup, running, end, time)
     if not isinstance(error, TerminatedError) or time <= setup.scenario.settling:
@@ -456,7 +466,7 @@ def _ended_or_failed(setup: Setup, running: Running, end: int, time: float) -> s
     return setup.layout.parts[int(running.memory.failure[1])]
 
 
-def _terminated_at(setup: Setup, running: Running, time: float, step: float) -> str:
+def _terminated_at(setup: RunSetup, running: Running, time: float, step: float) -> str:
     """Return the name of the component that ended the simulation, if the last step was discarded; else an empty string.
 
     An adaptive run restores its components to `time` [s] before it gives up, which clears their status. Therefore the

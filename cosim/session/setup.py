@@ -110,7 +110,7 @@ def among(times: Times, chosen: Times, stop: float) -> NDArray[np.bool_]:
     return equal
 
 
-def recorded_steps(scenario: Scenario, step: float, count: int) -> Integers:
+def _recorded_steps(scenario: Scenario, step: float, count: int) -> Integers:
     """Return 1 for each of the communication points 0 to `count` that is recorded: the first, the last, and every n-th.
 
     Raises:
@@ -420,7 +420,7 @@ def _levels(group: Sequence[str], takes: Mapping[str, set[str]]) -> tuple[int, .
 
 
 @dataclass(frozen=True)
-class Setup:
+class RunSetup:
     """A run before it begins."""
 
     system: System  #: Components and connections.
@@ -437,7 +437,7 @@ class Setup:
     discrete: DiscreteExchange
 
     @classmethod
-    def of(cls, system: System, scenario: Scenario, algorithm: Algorithm, step: float) -> Setup:
+    def of(cls, system: System, scenario: Scenario, algorithm: Algorithm, step: float) -> RunSetup:
         """Return the setup with everything resolved and checked; `step` in s.
 
         Raises:
@@ -451,7 +451,7 @@ class Setup:
         layout = lay_out(coupling, algorithm.order(coupling))
         grid = scenario.record_step or step if isinstance(algorithm, Adaptive) else step
         times = coupling_times(scenario.stop, grid)
-        recorded = recorded_steps(scenario, grid, times.size - 1)
+        recorded = _recorded_steps(scenario, grid, times.size - 1)
         _check_abilities(system, algorithm, times, step)
         discrete = DiscreteExchange.of(system, scenario, names)
         return cls(system, scenario, algorithm, step, names, limits, coupling, layout, times, recorded, discrete)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from math import isfinite
+from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from cosim.systems.system import System
 from eightpost.signals import TimeSeries
 from eightpost.validity import Range, Validity
-from eightpost.verdict import Grade, Reason, Rules, Verdict
+from eightpost.verdict import Reason, Rules, Verdict
 
 # ---- Rules ----------------------------------------------------------------------------------------------------------
 
@@ -45,159 +46,11 @@ LARGEST_RESIDUAL = 0.05
 #: Coupling error up to which a run without a tolerance of its own is good [% of the scale].
 GOOD_ERROR = 1.0
 
-RULES = Rules()
-
-COUPLING_ERROR = RULES.add("coupling error too large", "coupling", Grade.NOT_USABLE,
-    condition=f"stated error of a bond's velocity or force or of a tire force above {LARGEST_ERROR:g} % of its "
-    "scale (its standard deviation, with a floor)",
-    why="setups of one car differ by a few percent in these signals: a larger error ranks the scheme, not the setups",
-    remedy="give a smaller coupling step, or use the default algorithm",
-)  # fmt: skip
-COUPLING_TOLERANCE = RULES.add("coupling tolerance not met", "coupling", Grade.LIMITED,
-    condition="the same error above the tolerance (default 0.2 %); for a run at a given step above "
-    f"{GOOD_ERROR:g} %",
-    why="the error is known, but it is larger than requested",
-    remedy="compare only differences of several times this error, or give a smaller step",
-)  # fmt: skip
-COUPLING_GOOD = RULES.add("coupling error small", "coupling", Grade.USABLE,
-    condition="the same error within the tolerance",
-    why="the error is known and as small as requested",
-)  # fmt: skip
-COUPLING_UNKNOWN = RULES.add("coupling error not stated", "coupling", Grade.UNKNOWN,
-    condition="the run states no error",
-    why="a single run at one step does not show the error of the coupling",
-    remedy="leave out --set comparison=no (compared=False), or use the default algorithm; both state the error unless "
-    "a component makes steps of one size only",
-)  # fmt: skip
-COUPLING_NONE = RULES.add("nothing is coupled", "coupling", Grade.USABLE,
-    condition="no connections form a loop, and no error is stated",
-    why="components that only follow a drive, or feed each other one way, have no coupling loop",
-)  # fmt: skip
-LOCAL_ERROR = RULES.add("local error of a bond", "coupling", Grade.NOT_USABLE,
-    condition=f"the values that the ends of a bond assume of each other are wrong by more than {LARGEST_ERROR:g} % of "
-    "their scale in each step",
-    why="two runs that alternate from step to step can agree at the recorded points; the error within the steps shows "
-    "this, and therefore overrides the stated error",
-    remedy="give a smaller coupling step, or use the implicit algorithm",
-)  # fmt: skip
-CHANNEL_ERROR = RULES.add("coupling error of other channels", "coupling", Grade.LIMITED,
-    condition=f"stated error of any other recorded channel above {LARGEST_ERROR:g} %",
-    why="accelerations have higher frequencies than forces and velocities, and larger errors",
-    remedy="do not use these channels, or give a smaller coupling step",
-)  # fmt: skip
-ENERGY_RESIDUAL = RULES.add("energy residual too large", "energy", Grade.NOT_USABLE,
-    condition=f"the coupling adds or loses more than {100 * LARGEST_RESIDUAL:g} % of the energy through a bond",
-    why="the residual was about the error of the shock velocity: 0.25 % at 1 ms, 3.4 % at 4 ms "
-        "(docs/explanation/coupling.md)",
-    remedy="give a smaller coupling step",
-)  # fmt: skip
-ENERGY_DOUBTFUL = RULES.add("energy residual notable", "energy", Grade.LIMITED,
-    condition=f"the coupling adds or loses more than {100 * DOUBTFUL_RESIDUAL:g} % of the energy through a bond",
-    why="sound runs stay under 1 % (docs/explanation/coupling.md)",
-    remedy="halve the coupling step and compare",
-)  # fmt: skip
-ENERGY_GOOD = RULES.add("energy residual small", "energy", Grade.USABLE,
-    condition=f"no bond adds or loses more than {100 * DOUBTFUL_RESIDUAL:g} % of its energy",
-    why="sound runs stay under 1 % (docs/explanation/coupling.md)",
-)  # fmt: skip
-NOT_CONVERGED = RULES.add("not converged", "convergence", Grade.NOT_USABLE,
-    condition="the equilibrium start was not found, or steps did not converge",
-    why="the result starts from, or contains, values that do not satisfy the equations of the system",
-    remedy="give a smaller coupling step; the notes say which part did not converge",
-)  # fmt: skip
-ENDED_EARLY = RULES.add("ended early", "convergence", Grade.NOT_USABLE,
-    condition="the run was interrupted, or could not continue",
-    why="means, RMS values and spectra are those of a shorter part of the drive than requested",
-    remedy="run it again; if the step became too small, allow a smaller step or a larger tolerance",
-)  # fmt: skip
-CONVERGED = RULES.add("converged", "convergence", Grade.USABLE,
-    condition="the equilibrium start was found, every step converged, and the run reached its stop time",
-    why="the run is complete",
-)  # fmt: skip
-MOSTLY_BEYOND_FIT = RULES.add("mostly outside the fitted velocities", "range of the models", Grade.NOT_USABLE,
-    condition=f"a shock spends more than {100 * LARGEST_SHARE:g} % of the time outside the velocities that it was "
-    "fitted on, or dissipates that share of its energy there",
-    why="outside the record the curve is a straight continuation that no measurement supports: if the forces there are "
-    "wrong by half, a tenth of the dissipated energy is wrong, which is more than setups of one car differ by",
-    remedy="measure the shock at the velocities of this drive and fit it again",
-)  # fmt: skip
-BEYOND_FIT = RULES.add("outside the fitted velocities", "range of the models", Grade.LIMITED,
-    condition=f"the same, above {100 * NOTABLE_SHARE:g} %",
-    why="peaks depend on the continuation of the curve; below 1 %, forces that are wrong by half there change the "
-    "dissipated energy by less than 0.5 %, which is about how far two runs of one shock on a rig differ",
-    remedy="do not use peak forces; measure the shock at the velocities of this drive for more",
-)  # fmt: skip
-WITHIN_FIT = RULES.add("within the fitted velocities", "range of the models", Grade.USABLE,
-    condition=f"at most {100 * NOTABLE_SHARE:g} % of the time and of the energy is outside",
-    why="see above",
-)  # fmt: skip
-UNTESTED_SETTINGS = RULES.add("untested settings of a shock", "settings of the shocks", Grade.UNKNOWN,
-    condition="`untested_settings` of a shock is 1 at any time: two or more adjusters, or an adjuster and the "
-    "temperature, differ from the reference in a combination that was not measured",
-    why="the effects of the adjusters are added there; whether one changes the effect of another is not known",
-    remedy="measure the shock at this combination, or run it at a measured one",
-)  # fmt: skip
-FAR_BEYOND_SETTINGS = RULES.add("far beyond the settings of a shock", "settings of the shocks", Grade.UNKNOWN,
-    condition="`beyond_settings` of a shock exceeds 1 at any time: a setting is beyond the measured ones by more than "
-    "the nearest interval between them",
-    why="adjusters act progressively near their stops; the continuation is a straight line",
-    remedy="measure the shock at this setting, or run it at a measured one",
-)  # fmt: skip
-BEYOND_SETTINGS = RULES.add("beyond the settings of a shock", "settings of the shocks", Grade.LIMITED,
-    condition="the same, above 0",
-    why="there is no measurement beyond; the curve is continued in a straight line over the setting",
-    remedy="measure the shock at this setting for more",
-)  # fmt: skip
-WITHIN_SETTINGS = RULES.add("within the settings of a shock", "settings of the shocks", Grade.USABLE,
-    condition="both stay 0",
-    why="the curve is interpolated between measured curves",
-)  # fmt: skip
-MOSTLY_TIRE_OFF = RULES.add("tire mostly off the ground", "range of the models", Grade.NOT_USABLE,
-    condition=f"a tire is below zero load for more than {100 * LARGEST_SHARE:g} % of the time",
-    why="a linear car pulls on the road there: the motion of that corner is not real meanwhile",
-    remedy="use a smaller drive, or a car model whose tires can lift off",
-)  # fmt: skip
-TIRE_OFF = RULES.add("tire off the ground", "range of the models", Grade.LIMITED,
-    condition="a tire is below zero load at all",
-    why="a linear car pulls on the road there",
-    remedy="do not use tire forces and motions near these times",
-)  # fmt: skip
-STATIC_LOAD_UNKNOWN = RULES.add("static tire force not given", "range of the models", Grade.LIMITED,
-    condition="a car states no static tire force",
-    why="lift-off of a tire cannot be detected, and tire forces are changes about an unknown load",
-    remedy="give the car's static tire forces (parameter static_tire_force)",
-)  # fmt: skip
-MODEL_UNKNOWN = RULES.add("validity of a model unknown", "validity of the models", Grade.UNKNOWN,
-    condition="a component does not state the range of validity of its model: an FMU of another tool, or of an older "
-    "version of eightpost",
-    why="the amplitudes and frequencies for which it is valid, and the quality of its fit, are not known here",
-    remedy="ask its maker, and judge its range yourself; rebuild an FMU of eightpost",
-)  # fmt: skip
-MOSTLY_BEYOND = RULES.add("mostly beyond the fitted amplitudes", ABOUT, Grade.NOT_USABLE,
-    condition=f"a variable is beyond the amplitudes of its model's records by more than {100 * MARGIN:g} % for more "
-    f"than {100 * LARGEST_SHARE:g} % of the time",
-    why="the model is not supported by any measurement there",
-    remedy="test at the amplitudes of this drive and fit or identify again, or use a smaller drive",
-)  # fmt: skip
-BEYOND = RULES.add("beyond the fitted amplitudes", ABOUT, Grade.LIMITED,
-    condition=f"the same, for more than {100 * NOTABLE_SHARE:g} % of the time",
-    why="peaks depend on an extrapolation",
-    remedy="do not use peaks; test at the amplitudes of this drive for more",
-)  # fmt: skip
-BEYOND_FREQUENCY = RULES.add("beyond the fitted frequencies", ABOUT, Grade.LIMITED,
-    condition=f"more than {100 * NOTABLE_POWER:g} % of a variable's power is outside the frequencies of its model's "
-    "records",
-    why="phase and gain there depend only on the form of the model; the rest of the power is covered",
-    remedy="judge setups by measures within the covered band; test at the frequencies of this drive for more",
-)  # fmt: skip
-COVERED = RULES.add("within the fitted ranges", ABOUT, Grade.USABLE,
-    condition="the recorded variables stay within the amplitudes and frequencies of their models' records",
-    why="each share is below the limits above",
-)  # fmt: skip
-CONDITION = RULES.add("conditions of the measurement", "conditions of the models", Grade.USABLE,
-    condition="a model states the temperature or the gas pressure of its records",
-    why="the model does not depend on them: the result is valid for these conditions",
-    remedy="compare with the conditions on the track",
+RULES = Rules.read(
+    Path(__file__).with_suffix(".txt"), largest_error=LARGEST_ERROR, good_error=GOOD_ERROR,
+    largest_residual=100 * LARGEST_RESIDUAL, doubtful_residual=100 * DOUBTFUL_RESIDUAL,
+    largest_share=100 * LARGEST_SHARE, notable_share=100 * NOTABLE_SHARE, margin=100 * MARGIN,
+    notable_power=100 * NOTABLE_POWER,
 )  # fmt: skip
 
 
@@ -368,7 +221,7 @@ def _channel(name: str, fed: Mapping[str, tuple[str, float]], recorded: frozense
     return (source, gain) if source in recorded else None
 
 
-def model_reasons(models: Mapping[str, Model], series: TimeSeries) -> Iterator[Reason]:
+def _model_reasons(models: Mapping[str, Model], series: TimeSeries) -> Iterator[Reason]:
     """Yield the reasons that follow from the models themselves, and from their ranges.
 
     Args:
@@ -379,7 +232,12 @@ def model_reasons(models: Mapping[str, Model], series: TimeSeries) -> Iterator[R
     for name, model in models.items():
         if model.validity is None:
             text = "the range of validity of the component's model is not known to this program"
-            yield MODEL_UNKNOWN.reason(text, figure="0 ranges stated", origin=f"component {name} ({model.source})")
+            yield RULES.reason(
+                "validity of a model unknown",
+                text,
+                figure="0 ranges stated",
+                origin=f"component {name} ({model.source})",
+            )
             continue
         origin = f"{name} ({model.source})"
         for reason in model.validity.verdict.reasons:
@@ -394,14 +252,18 @@ def _ranges(model: Model, series: TimeSeries, origin: str) -> Iterator[Reason]:
     for covered in model.validity.ranges:
         if covered.kind == "condition":
             figure = f"{covered.variable} {covered}"
-            yield CONDITION.reason("the result is valid for the conditions of the fit", figure=figure, origin=origin)
+            yield RULES.reason(
+                "conditions of the measurement", "the result is valid for the conditions of the fit", figure, origin
+            )
         elif covered.variable in model.channels and len(series) >= _FEWEST:
             examined += 1
             channel, factor = model.channels[covered.variable]
             reasons += _left(covered, factor * series[channel], series.sample_rate, origin)
     if examined and not reasons:
         figure = f"{examined} ranges, exceeded for less than {NOTABLE_SHARE:.0%} of the time"
-        yield COVERED.reason("the run stays within the ranges of the model's records", figure=figure, origin=origin)
+        yield RULES.reason(
+            "within the fitted ranges", "the run stays within the ranges of the model's records", figure, origin
+        )
     yield from reasons
 
 
@@ -411,14 +273,16 @@ def _left(covered: Range, values: np.ndarray, rate: float, origin: str) -> Itera
         share = _power_outside(values, rate, covered)
         if share > NOTABLE_POWER:
             figure = f"{covered.variable}: {share:.0%} of the power outside {covered}; limit {NOTABLE_POWER:.0%}"
-            yield BEYOND_FREQUENCY.reason("the run leaves the frequencies of the records", figure=figure, origin=origin)
+            yield RULES.reason(
+                "beyond the fitted frequencies", "the run leaves the frequencies of the records", figure, origin
+            )
         return
     share = _time_outside(values, covered)
     if share > NOTABLE_SHARE:
-        rule = BEYOND if share <= LARGEST_SHARE else MOSTLY_BEYOND
+        rule = "beyond the fitted amplitudes" if share <= LARGEST_SHARE else "mostly beyond the fitted amplitudes"
         limits = f"limits {NOTABLE_SHARE:.0%} and {LARGEST_SHARE:.0%}"
         figure = f"{covered.variable}: {share:.1%} of the time beyond {covered} about the mean; {limits}"
-        yield rule.reason("the run leaves the amplitudes of the records", figure=figure, origin=origin)
+        yield RULES.reason(rule, "the run leaves the amplitudes of the records", figure, origin)
 
 
 def _time_outside(values: np.ndarray, covered: Range) -> float:
@@ -445,7 +309,7 @@ def _power_outside(values: np.ndarray, rate: float, covered: Range) -> float:
 # ==== Reasons from limits that are watched at every step: velocities, settings, tires off the ground =================
 
 
-def limit_reasons(run: RunData) -> Iterator[Reason]:
+def _limit_reasons(run: RunData) -> Iterator[Reason]:
     """Yield the reasons from the shares of time beyond the limits of shocks and tires."""
     yield from _fitted(run)
     yield from _settings(run)
@@ -456,10 +320,13 @@ def _fitted(run: RunData) -> Iterator[Reason]:
     for shock, time in run.share_beyond_fit.items():
         energy = _energy_beyond(run, shock)
         share = max(time, energy or 0.0)
-        beyond = BEYOND_FIT if share <= LARGEST_SHARE else MOSTLY_BEYOND_FIT
-        rule, within = (WITHIN_FIT, "stays within") if share <= NOTABLE_SHARE else (beyond, "leaves")
+        beyond = "outside the fitted velocities" if share <= LARGEST_SHARE else "mostly outside the fitted velocities"
+        rule, within = (
+            ("within the fitted velocities", "stays within") if share <= NOTABLE_SHARE else (beyond, "leaves")
+        )
         dissipated = "" if energy is None else f", {energy:.1%} of its energy"
-        yield rule.reason(
+        yield RULES.reason(
+            rule,
             f"the shock {within} the velocities that it was fitted on",
             figure=f"outside {time:.1%} of the time{dissipated}; limits {NOTABLE_SHARE:.0%} and {LARGEST_SHARE:.0%}",
             origin=f"component {shock}",
@@ -473,19 +340,24 @@ def _settings(run: RunData) -> Iterator[Reason]:
         untested = run.share_untested_settings.get(shock, 0.0)
         origin = f"component {shock}"
         if beyond > 0.0:
-            yield (FAR_BEYOND_SETTINGS if far > 0.0 else BEYOND_SETTINGS).reason(
+            rule = "far beyond the settings of a shock" if far > 0.0 else "beyond the settings of a shock"
+            yield RULES.reason(
+                rule,
                 "the shock is set beyond the settings that were measured",
                 figure=f"{beyond:.0%} of the time, by more than an interval between measured settings {far:.0%}",
                 origin=origin,
             )
         if untested > 0.0:
             figure = f"{untested:.0%} of the time"
-            yield UNTESTED_SETTINGS.reason(
-                "the shock is at a combination of settings that was not measured", figure=figure, origin=origin
+            yield RULES.reason(
+                "untested settings of a shock",
+                "the shock is at a combination of settings that was not measured",
+                figure=figure,
+                origin=origin,
             )
         if not beyond and not untested:
             figure = "0 % of the time beyond or at an untested combination"
-            yield WITHIN_SETTINGS.reason("the shock is at measured settings", figure=figure, origin=origin)
+            yield RULES.reason("within the settings of a shock", "the shock is at measured settings", figure, origin)
 
 
 def _energy_beyond(run: RunData, shock: str) -> float | None:
@@ -502,13 +374,16 @@ def _energy_beyond(run: RunData, shock: str) -> float | None:
 def _tires(run: RunData) -> Iterator[Reason]:
     for tire, off in run.share_tire_off.items():
         if off is None:
-            yield STATIC_LOAD_UNKNOWN.reason(
-                "lift-off of tires cannot be detected: no static tire force is given", figure="0 N", origin=tire
+            yield RULES.reason(
+                "static tire force not given",
+                "lift-off of tires cannot be detected: no static tire force is given",
+                figure="0 N",
+                origin=tire,
             )
         elif off > 0.0:
-            rule = TIRE_OFF if off <= LARGEST_SHARE else MOSTLY_TIRE_OFF
+            rule = "tire off the ground" if off <= LARGEST_SHARE else "tire mostly off the ground"
             figure = f"{off:.1%} of the time; limit {LARGEST_SHARE:.0%}"
-            yield rule.reason("a tire is off the ground", figure=figure, origin=tire)
+            yield RULES.reason(rule, "a tire is off the ground", figure, origin=tire)
 
 
 # ==== Verdict: coupling error, energy, convergence, and the limits of the models =====================================
@@ -521,8 +396,8 @@ def verdict_of(run: RunData) -> Verdict:
             *_coupling(run),
             *_energy(run),
             *_convergence(run),
-            *limit_reasons(run),
-            *model_reasons(run.models, run.settled()),
+            *_limit_reasons(run),
+            *_model_reasons(run.models, run.settled()),
         )
     )
 
@@ -538,7 +413,8 @@ def _coupling(run: RunData) -> Iterator[Reason]:
     others = {name: e for name, e in errors.items() if name not in decisive and e > LARGEST_ERROR}
     if others:
         name = max(others, key=lambda each: others[each])
-        yield CHANNEL_ERROR.reason(
+        yield RULES.reason(
+            "coupling error of other channels",
             f"the coupling error of {len(others)} other channel{'' if len(others) == 1 else 's'} is too large; "
             f"largest: {name}",
             figure=f"{_percent(others[name])}; limit {LARGEST_ERROR:g} %",
@@ -549,7 +425,8 @@ def _coupling(run: RunData) -> Iterator[Reason]:
 def _local(run: RunData) -> Iterator[Reason]:
     for bond, coupled in run.coupled.items():
         if not coupled.percent <= LARGEST_ERROR:
-            yield LOCAL_ERROR.reason(
+            yield RULES.reason(
+                "local error of a bond",
                 "the values that the ends of a bond assume of each other are wrong in every step",
                 figure=f"{_percent(coupled.percent)} of the scale; limit {LARGEST_ERROR:g} %",
                 origin=f"bond {bond}",
@@ -558,8 +435,9 @@ def _local(run: RunData) -> Iterator[Reason]:
 
 def _not_stated(run: RunData) -> Reason:
     if not (run.energy or run.coupled or run.has_loop):
-        return COUPLING_NONE.reason("there is no coupling loop", figure="0 bonds", origin="the system")
-    return COUPLING_UNKNOWN.reason(
+        return RULES.reason("nothing is coupled", "there is no coupling loop", figure="0 bonds", origin="the system")
+    return RULES.reason(
+        "coupling error not stated",
         "the coupling error is not stated",
         figure=f"known for 0 of {len(run.series.names)} channels",
         origin=f"{run.algorithm} at {1e3 * run.step:g} ms",
@@ -571,27 +449,29 @@ def _stated(run: RunData, name: str, error: float) -> Reason:
     origin = f"channel {name}, {run.scheme or run.algorithm} at {1e3 * run.step:g} ms"
     if error > LARGEST_ERROR:
         figure = f"{_percent(error)} of the scale; limit {LARGEST_ERROR:g} %"
-        return COUPLING_ERROR.reason("the coupling error is too large", figure=figure, origin=origin)
+        return RULES.reason("coupling error too large", "the coupling error is too large", figure, origin)
     named = "tolerance" if run.tolerance else "good up to"
     figure = f"{_percent(error)} of the scale; {named} {limit:g} %"
     if error > limit:
-        return COUPLING_TOLERANCE.reason("the coupling error is larger than requested", figure=figure, origin=origin)
-    return COUPLING_GOOD.reason("the coupling error is small", figure=figure, origin=origin)
+        return RULES.reason("coupling tolerance not met", "the coupling error is larger than requested", figure, origin)
+    return RULES.reason("coupling error small", "the coupling error is small", figure, origin)
 
 
 def _energy(run: RunData) -> Iterator[Reason]:
     shares = {bond: abs(energy.relative) for bond, energy in run.energy.items()}
     bad = {bond: share for bond, share in shares.items() if not share <= DOUBTFUL_RESIDUAL}
     for bond, share in bad.items():
-        rule = ENERGY_DOUBTFUL if share <= LARGEST_RESIDUAL else ENERGY_RESIDUAL
-        yield rule.reason(
+        rule = "energy residual notable" if share <= LARGEST_RESIDUAL else "energy residual too large"
+        yield RULES.reason(
+            rule,
             "the coupling adds or loses energy",
             figure=f"{share:.2%} of the energy transferred; limit {LARGEST_RESIDUAL:.0%}",
             origin=f"bond {bond}",
         )
     if shares and not bad:
         worst = max(shares, key=lambda bond: shares[bond])
-        yield ENERGY_GOOD.reason(
+        yield RULES.reason(
+            "energy residual small",
             "the coupling conserves energy",
             figure=f"{shares[worst]:.2%}; limit {LARGEST_RESIDUAL:.0%}",
             origin=f"bond {worst}",
@@ -601,13 +481,13 @@ def _energy(run: RunData) -> Iterator[Reason]:
 def _convergence(run: RunData) -> Iterator[Reason]:
     end = f"{float(run.series.time[-1]):g} s" if len(run.series) else "0 s"
     if run.partial:
-        yield ENDED_EARLY.reason("the run ended early", figure=f"at {end}", origin=run.algorithm)
+        yield RULES.reason("ended early", "the run ended early", figure=f"at {end}", origin=run.algorithm)
     if not run.converged:
         notes = run.notes[0] if run.notes else "no note"
-        yield NOT_CONVERGED.reason("the run did not converge", figure=notes, origin=run.algorithm)
+        yield RULES.reason("not converged", "the run did not converge", figure=notes, origin=run.algorithm)
     if run.converged and not run.partial:
         figure = f"{run.steps} steps, {end}"
-        yield CONVERGED.reason("the run reached its stop time", figure=figure, origin="the run")
+        yield RULES.reason("converged", "the run reached its stop time", figure, origin="the run")
 
 
 def _percent(value: float) -> str:

@@ -43,7 +43,7 @@ class Values:
     notes: tuple[str, ...] = ()
 
 
-def read_values(network: Network) -> Values:
+def _read_values(network: Network) -> Values:
     """Return the values that parameter sets give to variables.
 
     A set bound at a higher level takes precedence over one at a lower level; of two at one level the later one does. A
@@ -378,7 +378,7 @@ def _case(
     names = flatten.flat_names(tuple(elements))
     components, files = _load(elements, names, swaps, load)
     network = flatten.Network(structure.system, {path: components[names[path]].variables for path in elements})
-    values, inputs = read_values(network), OpenInputs(network, names)
+    values, inputs = _read_values(network), OpenInputs(network, names)
     drive = None if given.drive is None else inputs.drive(Drivefile.read(given.drive))
     fixed = inputs.fixed(values.inputs, given.inputs, () if drive is None else drive.names)
     idle = inputs.idle((*fixed, *(() if drive is None else drive.names)))

@@ -305,6 +305,7 @@ class Study:
     settling: float = 2.0  #: Time at the start of every run that measures exclude [s].
     accuracy: float = 0.2  #: Target coupling error, in percent of each signal's standard deviation.
     record_step: float = 4e-3  #: Sampling interval of the signals from which measures are computed [s].
+    units: str = ""  #: Units of the results, `us`, `si` or `file`; empty: those that the user has chosen.
 
     # An open limit is infinite, which JSON cannot represent as a number: it is written as the string "Infinity".
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(ser_json_inf_nan="strings")

@@ -1,17 +1,21 @@
-"""HTML page of a study, and its data, packed for its script."""
+"""Page and tables of a study: HTML with traces, CSV files in the layout of data-logging tools, and a workbook."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import csv
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
+from itertools import islice
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from cosim.report.page import versions
+from cosim.study.answer import answer_of, chance, corner_choices, sought, tied
 from cosim.study.choice.certainty import Certainty
-from cosim.study.choice.selection import Selected, Selection
+from cosim.study.choice.rig_day import Selected, Selection
 from cosim.study.choice.sensitivity import Sensitivity, available_sensitivities
 from cosim.study.sheet import (
     AimPage,
@@ -21,22 +25,188 @@ from cosim.study.sheet import (
     Sheet,
     ShockCurve,
     Uncertainty,
-    answer_of,
     build_colors,
-    chance,
     sheet_of,
     shown_columns,
-    tied,
 )
 from cosim.study.table import StudyResult
-from cosim.study.tables import write_ranking, write_traces, write_workbook
 from eightpost.array_types import Array, Integers
+from eightpost.errors import OutputError
+from eightpost.extras import needs
+from eightpost.files import atomic_path, safe_cell
 from eightpost.report import page as html
-from eightpost.report.numbers import Display, fixed, percent
 from eightpost.report.packing import TRACES_CAPACITY, Store, spectra, traces
 from eightpost.report.page import write_page
-from eightpost.report.tables import Tile
 from eightpost.signals import TimeSeries
+
+with needs("report", "writing workbooks"):
+    import xlsxwriter
+    import xlsxwriter.exceptions
+
+# ---- CSV tables in the layout of data-logging tools -----------------------------------------------------------------
+
+Cell = str | int | float
+
+
+def write_ranking(sheet: Sheet, path: Path) -> Path:
+    """Write all setups, best first, in the display units of the measures; failed setups have empty cells."""
+    columns = shown_columns(sheet)
+    names = ["rank", "setup", *sheet.corners, *(column.name for column in columns), "coupling error", "remark"]
+    units = ["", "", *("" for _ in sheet.corners), *(column.scale.us.unit for column in columns), "%", ""]
+    source = sheet.background
+    settings = [
+        ("Format", "eightpost setup study"),
+        ("Study", source.title),
+        ("Ranked by", source.objective or sheet.ranked_by.name),
+        ("Constraints", "; ".join(map(str, source.constraints)) or "none"),
+        *source.facts,
+    ]
+    return _write(path, settings, names, units, _ranking_rows(sheet))
+
+
+def _ranking_rows(sheet: Sheet) -> Iterator[list[Cell]]:
+    """Yield one row per setup, best first: rank, number, builds, values in display units, coupling error, remark."""
+    columns, done = shown_columns(sheet), sheet.done
+    for place, row in enumerate(sheet.order.tolist(), start=1):
+        yield [
+            place if done[row] else "",
+            int(sheet.numbers[row]),
+            *(sheet.builds[build] for build in sheet.placed[row]),
+            *(_cell(column.scale.us(float(column.values[row]))) for column in columns),
+            _cell(float(sheet.coupling_error[row])),
+            sheet.remark(row),
+        ]
+
+
+def write_traces(sheet: Sheet, number: int, series: TimeSeries, path: Path) -> Path:
+    """Write the traces of one setup in SI, in the layout of MoTeC i2's CSV export."""
+    row = sheet.row(number)
+    settings = [
+        ("Format", "MoTeC CSV File"),
+        ("Vehicle", sheet.background.title),
+        ("Comment", f"setup {number}" + ("" if row is None else f": {sheet.fitted(row)}")),
+        ("Sample Rate", f"{series.sample_rate:.9g}", "Hz"),
+        ("Duration", f"{series.duration:.9g}", "s"),
+    ]
+    rows = np.column_stack([series.time, series.values.T]).tolist()
+    return _write(path, settings, ["Time", *series.names], ["s", *series.units], rows)
+
+
+def _cell(value: float) -> Cell:
+    return value if np.isfinite(value) else ""
+
+
+def _write(
+    path: Path,
+    settings: Iterable[Sequence[str]],
+    names: Sequence[str],
+    units: Sequence[str],
+    rows: Iterable[Sequence[Cell]],
+) -> Path:
+    """Write text in quotes and numbers without; lines end with CR LF (RFC 4180)."""
+    with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, quoting=csv.QUOTE_NONNUMERIC)
+        writer.writerows(_safe(row) for row in (*settings, (), names, units))
+        writer.writerows(map(_safe, rows))
+    return path
+
+
+def _safe(row: Sequence[Cell]) -> list[Cell]:
+    return [safe_cell(cell) if isinstance(cell, str) else cell for cell in row]
+
+
+# ---- Workbook of the ranking, with sheets for the ranking, the units and the provenance -----------------------------
+
+
+#: Largest number of setups in the workbook; the CSV file has all of them.
+MOST_ROWS = 20_000
+
+
+def write_workbook(sheet: Sheet, path: Path) -> Path:
+    """Write the workbook; text is never interpreted as a formula.
+
+    Raises:
+        OutputError: The file cannot be written.
+    """
+    # Rows are written to disk at once, so that the memory does not grow with their number.
+    options = {"strings_to_formulas": False, "strings_to_urls": False, "constant_memory": True}
+    try:
+        with atomic_path(path) as temporary, xlsxwriter.Workbook(temporary, options) as workbook:
+            _ranking(workbook, sheet)
+            _units(workbook, sheet)
+            _provenance(workbook, sheet)
+    except xlsxwriter.exceptions.XlsxWriterException as error:  # wraps the operating system's error
+        raise OutputError(f"{path}: cannot be written ({error}); free disk space, or choose another folder") from error
+    return path
+
+
+def _ranking(workbook: Any, sheet: Sheet) -> None:
+    """Write one row per setup below a frozen header row, with filters and shading by level (white: the minimum)."""
+    columns, count = shown_columns(sheet), min(sheet.numbers.size, MOST_ROWS)
+    heads = [f"{column.name} [{column.scale.us.unit}]" for column in columns]
+    names = ["rank", "setup", *(corner.upper() for corner in sheet.corners), *heads, "coupling error [%]", "remark"]
+    page = workbook.add_worksheet("Ranking")
+    first = 2 + len(sheet.corners)
+    digits = {k: _digits(column.scale.us(column.extremes[1])) for k, column in enumerate(columns, start=first)}
+    _table(workbook, page, names, islice(_ranking_rows(sheet), count), digits)
+    for k in digits:
+        shades = {"type": "2_color_scale", "min_color": "#FFFFFF", "max_color": "#9CC3E6"}
+        page.conditional_format(1, k, max(1, count), k, shades)
+    page.freeze_panes(1, first)
+    page.autofilter(0, 0, max(1, count), len(names) - 1)
+    page.set_column(len(names) - 1, len(names) - 1, 40)
+
+
+def _digits(value: float) -> str:
+    """Return the number format that shows about four digits of values of this size."""
+    size = abs(value)
+    return "0" if size >= 1000.0 else "0.0" if size >= 100.0 else "0.00" if size >= 10.0 else "0.0000"
+
+
+def _units(workbook: Any, sheet: Sheet) -> None:
+    heads = ["measure", "unit here", "SI unit", "here = factor * SI + offset: factor", "offset", "least", "greatest"]
+    rows: list[list[Cell]] = []
+    for column in shown_columns(sheet):
+        us, (least, greatest) = column.scale.us, column.extremes
+        rows.append([column.name, us.unit, us.si, us.factor, us.offset, us(least), us(greatest)])
+    _table(workbook, workbook.add_worksheet("Units"), heads, rows)
+
+
+def _provenance(workbook: Any, sheet: Sheet) -> None:
+    source = sheet.background
+    words = [("Study", source.title), ("Objective", source.objective or "none"), *source.facts]
+    words += [("Constraint", str(bound)) for bound in source.constraints] + [("Note", text) for text in source.notes]
+    if sheet.numbers.size > MOST_ROWS:
+        text = f"the ranking has the best {MOST_ROWS} of {sheet.numbers.size} setups; all of them are in ranking.csv"
+        words.append(("Note", text))
+    files = [(o.name, o.file, o.identity, o.digest, ", ".join(o.parameters)) for o in source.origins]
+    page = workbook.add_worksheet("Provenance")
+    _table(workbook, page, ["what", "value or file", "GUID", "SHA-256", "parameters set"], [*words, *files])
+    page.set_column(1, 1, 60)
+    page.set_column(2, 3, 68)
+
+
+def _table(
+    workbook: Any,
+    page: Any,
+    heads: Sequence[str],
+    rows: Iterable[Sequence[Cell]],
+    digits: Mapping[int, str] = MappingProxyType({}),
+) -> None:
+    """Write a table; `digits` has number formats by column, which must be known before the rows are written."""
+    bold = workbook.add_format({"bold": True, "text_wrap": True, "valign": "top", "bottom": 1})
+    page.write_row(0, 0, heads, bold)
+    page.set_column(0, len(heads) - 1, 14)
+    for k, form in digits.items():
+        page.set_column(k, k, 14, workbook.add_format({"num_format": form}))
+    for k, row in enumerate(rows, start=1):
+        for column, cell in enumerate(row):
+            if cell != "":
+                write = page.write_string if isinstance(cell, str) else page.write_number
+                write(k, column, cell)
+
+
+# ==== Page ===========================================================================================================
 
 # ---- Data of the page's script --------------------------------------------------------------------------------------
 
@@ -207,7 +377,7 @@ def _between(placed: Integers, levels: Array) -> float:
     return float(np.average((means - levels[known].mean()) ** 2, weights=counts[counts > 0]))
 
 
-# ---- Texts and figures at the top of the page, and its tables of extremes and sensitivities -------------------------
+# ---- Tables of extremes and sensitivities ---------------------------------------------------------------------------
 
 #: Share of a measure's variance [1] above which a corner is highlighted.
 MATTERS = 0.05
@@ -221,45 +391,6 @@ class Share(NamedTuple):
     totals: tuple[float, ...]
     interactions: float
     method: str
-
-
-def headline(sheet: Sheet) -> str:
-    """Return a summary: how many setups ran, failed and are marked, which one is best, and remarks on it."""
-    failed, marked, done = len(sheet.failures), len(sheet.marks), int(sheet.done.sum())
-    counts = f"{done} setups ran{f', {failed} failed' if failed else ''}, {marked} marked."
-    feasible = int(np.sum(sheet.allowed & sheet.done))
-    if not feasible:
-        return counts
-    best = int(sheet.order[0])
-    words = [counts, f"Best prediction: setup {sheet.numbers[best]} ({sheet.fitted(best)})."]
-    words += [f"{feasible} setups meet all constraints."] if sheet.background.constraints else []
-    words += [f"This setup is marked: {sheet.marks[best]}."] if best in sheet.marks else []
-    return " ".join(words)
-
-
-def tiles(sheet: Sheet) -> Iterator[Tile]:
-    """Yield the figures at the top of the page; none if no setup ran."""
-    if not sheet.done.any():
-        return
-    column, best = sheet.ranked_by, int(sheet.order[0])
-    us, metric = (_with_unit(one, float(column.values[best])) for one in column.scale)
-    yield Tile(f"best {column.name}", us, f"setup {sheet.numbers[best]}", metric)
-    if sheet.baseline is not None and sheet.done[sheet.baseline]:
-        base = float(column.values[sheet.baseline])
-        gain = percent(100.0 * (float(column.values[best]) - base) / abs(base)) if base else "not defined"
-        yield Tile("best compared with baseline", gain, f"baseline: setup {sheet.numbers[sheet.baseline]}")
-        place = str(int(np.flatnonzero(sheet.order == sheet.baseline)[0]) + 1)
-        yield Tile("rank of the baseline", place, sheet.fitted(sheet.baseline))
-    known = sheet.coupling_error[np.isfinite(sheet.coupling_error)]
-    if known.size:
-        worst = percent(float(known.max()))
-        yield Tile("largest coupling error", worst, f"median {percent(float(np.median(known)))}")
-    ran = f"{int(sheet.done.sum())}"
-    yield Tile("setups", ran, f"{len(sheet.failures)} failed, {len(sheet.marks)} marked")
-
-
-def _with_unit(shown: Display, value: float) -> str:
-    return fixed(shown(value)) if shown.unit == "1" else f"{fixed(shown(value))} {shown.unit}"
 
 
 def extremes(columns: Sequence[Column]) -> tuple[tuple[Column, int, int], ...]:
@@ -294,8 +425,8 @@ _TRADES = 6
 #: Number of columns of the ranking when the page opens, including the objective; the others can be added.
 _TABLED = 7
 
-#: Number of findings of the verdict that are shown at once: the answer and the ranking stay on the first screen.
-_FOLDED = 2
+#: Number of findings of the verdict that are shown at once: the answer says what must be done.
+_FOLDED = 0
 
 #: Largest number of setups in the list of failed and marked setups; the ranking contains all of them.
 _LISTED = 200
@@ -307,6 +438,7 @@ def page(sheet: Sheet, extras: Extras) -> str:
     picked = sorted({row for _, rows in groups for row in rows})
     manifest, numbers = packed(sheet, extras, picked)
     problems = sorted(sheet.failures.items()) + sorted(sheet.marks.items())
+    answer = answer_of(sheet)
     context = _choices(sheet) | _effects(sheet, extras.sensitivities)
     return html.page(
         "cosim.study",
@@ -314,8 +446,6 @@ def page(sheet: Sheet, extras: Extras) -> str:
         **context,
         verdict=sheet.background.verdict,
         fold=_FOLDED,
-        headline=headline(sheet),
-        tiles=tuple(tiles(sheet)),
         problems=problems[:_LISTED],
         more_problems=max(0, len(problems) - _LISTED),
         versions=versions(),
@@ -323,7 +453,10 @@ def page(sheet: Sheet, extras: Extras) -> str:
         places=_places(sheet, groups),
         sheet=sheet,
         background=sheet.background,
-        answer=answer_of(sheet),
+        answer=answer,
+        choices=corner_choices(sheet, answer.row, extras.curves) if answer else [],
+        chance=chance(sheet.certainty) if sheet.certainty else "",
+        sought=sought(sheet),
         groups=groups,
         shock_pages=extras.shock_pages,
         aim=extras.aim,

@@ -114,6 +114,7 @@ class _File(_Strict):
     settling: Value = 2.0
     accuracy: float = Field(default=0.2, gt=0.0)
     record_step: Value = 4e-3
+    units: Literal["us", "si", "file", ""] = ""
 
 
 def read_study(path: str | Path, fmu: Sources = lambda path: path) -> Study:
@@ -199,6 +200,7 @@ class _Reader:
             settling=_si(content.settling, "settling", "s"),
             accuracy=content.accuracy,
             record_step=_si(content.record_step, "record_step", "s"),
+            units=content.units,
         )
 
     def _check_shocks(

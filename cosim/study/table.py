@@ -96,7 +96,7 @@ def open_table(path: Path, *, advice: str = "name the results.parquet of a study
     return StoredTable(path, schema, rows, size)
 
 
-def write_tables(path: Path, schema: pa.Schema, tables: Iterable[pa.Table]) -> None:
+def _write_tables(path: Path, schema: pa.Schema, tables: Iterable[pa.Table]) -> None:
     """Write tables as row groups of one file, one after the other; an existing file is replaced when it is complete.
 
     Raises:
@@ -169,7 +169,7 @@ def _words(measure: Measure, unit: str) -> dict[str, str]:
     return {"unit": unit, "display": measure.display or unit, "label": measure.name}
 
 
-def check_columns(table: pa.Table | StoredTable, schema: pa.Schema) -> None:
+def _check_columns(table: pa.Table | StoredTable, schema: pa.Schema) -> None:
     """Check that a table has the columns of a schema, and that every row has a setup number.
 
     Raises:
@@ -221,7 +221,7 @@ class Provenance:
 _PROVENANCE: TypeAdapter[Provenance] = TypeAdapter(Provenance)
 
 
-def header_of(study: Study, provenance: Provenance, *, partial: bool) -> dict[bytes, str]:
+def _header_of(study: Study, provenance: Provenance, *, partial: bool) -> dict[bytes, str]:
     """Return the header of a result's file: provenance and definition of the study."""
     header = {
         "schema": "eightpost.study",
@@ -233,7 +233,7 @@ def header_of(study: Study, provenance: Provenance, *, partial: bool) -> dict[by
     return {_KEY: json.dumps(header)}
 
 
-def header_in(path: Path, table: pa.Table | StoredTable) -> dict[str, Any]:
+def _header_in(path: Path, table: pa.Table | StoredTable) -> dict[str, Any]:
     """Return the header of a file.
 
     Raises:
@@ -250,7 +250,7 @@ def header_in(path: Path, table: pa.Table | StoredTable) -> dict[str, Any]:
     return header
 
 
-def with_found_files(header: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+def _with_found_files(header: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Return a header whose relative paths lead to files from the current folder.
 
     The paths are relative to the folder in which the study was run. A file that the current folder does not have is
@@ -365,8 +365,8 @@ class StudyResult(Summarized):
         return self.provenance.measure_units[measure]
 
     def display(self, measure: str) -> str:
-        """Return a measure's display unit."""
-        return self.study.measure(measure).display or self.unit(measure)
+        """Return the unit in which a measure is shown to this user."""
+        return units.shown_unit(self.unit(measure), self.study.measure(measure).display)
 
     def values(self, measure: str) -> Array:
         """Return a measure of every row (R,) in SI; NaN if the setup failed.
@@ -519,7 +519,7 @@ class StudyResult(Summarized):
     def save(self, path: str | Path) -> None:
         """Write a Parquet file; an existing file is replaced only after the new one is complete."""
         whole = self.table.read() if isinstance(self.table, StoredTable) else self.table
-        table = whole.replace_schema_metadata(header_of(self.study, self.provenance, partial=self.partial))
+        table = whole.replace_schema_metadata(_header_of(self.study, self.provenance, partial=self.partial))
         with atomic_path(path) as temporary:
             pyarrow.parquet.write_table(table, temporary, compression="zstd")
 
@@ -536,7 +536,7 @@ class StudyResult(Summarized):
             InputError: Two rows have the same setup number.
         """
         schema = study_schema(study, provenance.measure_units)
-        write_tables(path, schema.with_metadata(header_of(study, provenance, partial=partial)), tables)
+        _write_tables(path, schema.with_metadata(_header_of(study, provenance, partial=partial)), tables)
         return cls(study, open_table(path), provenance, partial)
 
     @classmethod
@@ -544,7 +544,7 @@ class StudyResult(Summarized):
         """Read a result that `save` wrote.
 
         Files of the study with relative paths are also found if the current folder is not that in which it was run
-        (`with_found_files`).
+        (`_with_found_files`).
 
         Raises:
             FileFormatError: The file does not exist, is not a study's result, or was written by a newer version.
@@ -552,12 +552,12 @@ class StudyResult(Summarized):
         path = Path(path)
         warn_of_earlier_results(path.parent)
         table = open_table(path)
-        stated = header_in(path, table)
+        stated = _header_in(path, table)
         try:
-            header = with_found_files(stated, path.parent)
+            header = _with_found_files(stated, path.parent)
             study = Study.from_json(json.dumps(header["study"]))
             made_by = Provenance.of_header(header)
-            check_columns(table, study_schema(study, made_by.measure_units))
+            _check_columns(table, study_schema(study, made_by.measure_units))
             return cls(study, table, made_by, bool(header["partial"]))
         except (pa.ArrowException, *MALFORMED) as error:
             what = f"is not a study result that this version can read ({error})"

@@ -89,7 +89,7 @@ _KINDS: Mapping[str, tuple[type, ...]] = {
 }
 
 
-def check_value(name: str, variable: Variable, value: object) -> None:
+def _check_value(name: str, variable: Variable, value: object) -> None:
     """Refuse a value of the wrong type or outside the range that the component declares.
 
     Raises:
@@ -451,9 +451,9 @@ class System(Summarized):
                 variable = find_variable(self.components, f"{component}.{name}")
                 if not can_be_set(variable):
                     raise WiringError(f"{component}.{name} is an {variable.causality}, not a parameter")
-                check_value(f"{component}.{name}", variable, value)
+                _check_value(f"{component}.{name}", variable, value)
         for name, constant in self.constants.items():
-            check_value(name, find_variable(self.components, name), constant)
+            _check_value(name, find_variable(self.components, name), constant)
 
     def _check_gas_springs(self) -> None:
         """Refuse a gas spring whose displacement is constant: its force would be wrong (docs/reference/ports.md)."""

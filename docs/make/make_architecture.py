@@ -55,6 +55,18 @@ _RECIPES = (
     ),
 )
 
+#: Steps of a study in their order, each with its module.
+_STUDY = (
+    ("one method for each verb, for commands and notebooks", "eightpost/api/study_folder.py"),
+    ("the study file: builds, corners, drives, measures, objective", "cosim/study/study_file.py"),
+    ("all setups in chunks, with their cached results", "cosim/study/running/sweep.py"),
+    ("setups in the lanes of the machine, the others through their FMUs", "cosim/study/running/evaluator.py"),
+    ("the table of results", "cosim/study/table.py"),
+    ("how sure the choice is", "cosim/study/choice/assess.py"),
+    ("setups for the rig, and what their records change", "cosim/study/choice/rig_day.py"),
+    ("verdict; page, ranking and workbook", "cosim/study/page.py"),
+)
+
 _INTRODUCTION = """# Architecture
 
 This page is generated from the code: `python docs/make/make_architecture.py` writes it.
@@ -167,10 +179,10 @@ def _places(below: Mapping[str, set[str]]) -> dict[str, tuple[float, float]]:
 
 @dataclass
 class Trace:
-    """First call into each module of a run, and the deepest stack of own functions.
+    """First call into each folder of a run, and the deepest stack of own functions.
 
     Attributes:
-        calls: Depth, module and function of the first call into each module, in order.
+        calls: Depth, module and function of the first call into each folder, in order.
         deepest: Largest number of own functions that were active at once.
     """
 
@@ -195,8 +207,8 @@ class Trace:
             return
         self._depth += 1
         self.deepest = max(self.deepest, self._depth)
-        if module not in self._seen:
-            self._seen.add(module)
+        if folder_of(module) not in self._seen:
+            self._seen.add(folder_of(module))
             self.calls.append((self._depth, module, code.co_name))
 
 
@@ -245,7 +257,7 @@ def _quarter_car(folder: Path) -> Path:
 
 def page(files: list[Source], trace: Trace) -> str:
     """Return the text of the page."""
-    return _INTRODUCTION + _folder_table(files) + _run_section(trace) + _recipes()
+    return _INTRODUCTION + _folder_table(files) + _run_section(trace) + _study_section() + _recipes()
 
 
 def _folder_table(files: list[Source]) -> str:
@@ -267,13 +279,22 @@ def _run_section(trace: Trace) -> str:
     lines = [
         "## One run, from the command to C and back",
         "",
-        "The first call into each module while `eightpost run` runs the quarter car, indented by the number of own",
+        "The first call into each folder while `eightpost run` runs the quarter car, indented by the number of own",
         f"functions that are active; at most {trace.deepest} are. A session hands arrays and the addresses of C",
         "functions of the FMUs to the compiled loop over coupling steps, which returns at the end of the run.",
         "",
     ]
     calls = [f"{'  ' * (depth - 1)}{module}: {function}()" for depth, module, function in trace.calls]
     return "\n".join([*lines, "```text", *calls, "```"]) + "\n\n"
+
+
+def _study_section() -> str:
+    rows = ["## One study, from the file to the page", "", "| what | module |", "|---|---|"]
+    for what, path in _STUDY:
+        if not (ROOT / path).is_file():
+            raise FileNotFoundError(f"{path}: the steps of a study name it, but there is no such file")
+        rows.append(f"| {what} | `{path}` |")
+    return "\n".join(rows) + "\n\n"
 
 
 def _recipes() -> str:

@@ -1,6 +1,7 @@
 """Write docs/reference/commands.md from the commands themselves: `python docs/make/make_commands.py`.
 
 The page has a section for each verb, with the help text and the table of options that `eightpost VERB --help` prints.
+An option of several verbs is described at the first of them.
 """
 
 import inspect
@@ -16,6 +17,9 @@ from eightpost.app.options import Verb
 PAGE = Path(__file__).resolve().parents[1] / "reference" / "commands.md"
 
 _WIDTH = 120
+
+#: Number of words of a meaning that is repeated.
+_SHORT = 8
 
 _INTRODUCTION = """# Commands
 
@@ -37,7 +41,21 @@ def page() -> str:
     context = click.Context(main, info_name="eightpost")
     commands = [main.get_command(context, verb) for verb in VERBS]
     sections = [_section(command, click.Context(command, context, command.name)) for command in commands]
-    return _INTRODUCTION + _table(main, context) + "".join(sections)
+    return _once(_INTRODUCTION + _table(main, context) + "".join(sections))
+
+
+def _once(text: str) -> str:
+    """Return the page with every row of a table that is also in an earlier one as a link to the section of that."""
+    lines, section, first = [], "", dict[str, str]()
+    for line in text.splitlines(keepends=True):
+        if line.startswith("#"):
+            section = line.strip("# \n")
+        name, _, meaning = line.partition(" | ")
+        if len(meaning.split()) > _SHORT and first.setdefault(line, section) != section:
+            lines.append(f"{name} | As for [{first[line]}](#{first[line].replace(' ', '-')}). |\n")
+        else:
+            lines.append(line)
+    return "".join(lines)
 
 
 def _section(command: click.Command, context: click.Context, level: str = "##") -> str:
@@ -68,7 +86,7 @@ def _text(help_text: str) -> str:
 def _table(command: click.Command, context: click.Context) -> str:
     """Return the table of a command's options."""
     options = [option for option in command.params if isinstance(option, click.Option)]
-    rows = [option.get_help_record(context) for option in options]
+    rows = [option.get_help_record(context) for option in options if option.opts != ["--set"]]
     if isinstance(command, Verb):
         rows += [(f"--set {name}", entry.title) for name, entry in command.settings.items()]
     cells = [(f"`{name}`", _linked(" ".join(text.split()))) for name, text in rows]

@@ -63,6 +63,8 @@ def picture(page: Path, name: str, target: Path) -> None:
         browser.call("Page.navigate", url=page.resolve().as_uri())
         browser.until(_READY)
         browser.call("Emulation.setEmulatedMedia", media=medium, features=features)
+        if medium == "print":
+            browser.evaluate("window.dispatchEvent(new Event('beforeprint'))")
         taken = browser.call("Page.captureScreenshot", format="png")["data"]
         browser.close()
     image = Image.open(BytesIO(base64.b64decode(taken))).convert("P", palette=Image.Palette.ADAPTIVE, colors=128)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias, cast, overload
+from typing import TYPE_CHECKING, Any, TypeAlias, cast, overload
 
-from eightpost.api.reading import a, channel_map_of, existing, existing_toml
+from eightpost.api.reading import a, channel_map_of, check_options, existing, existing_toml
 from eightpost.errors import InputError, check_number
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from builder.build import Built
     from eightpost.ident import ShockFit
     from eightpost.ident.preparation import Preparation
@@ -23,7 +25,9 @@ if TYPE_CHECKING:
     from eightpost.signals import ChannelMap, TimeSeries
     from eightpost.vehicle import IdentifiedVehicle
 
-    Tests: TypeAlias = str | Path | DynoTest | Sequence[str | Path | DynoTest]
+    Columns: TypeAlias = Mapping[str, Any] | pd.DataFrame
+    Test: TypeAlias = str | Path | DynoTest | Columns
+    Tests: TypeAlias = Test | Sequence[Test]
     Source: TypeAlias = str | Path | Shock | ShockFit | VehicleFit | IdentifiedVehicle
 
 
@@ -35,6 +39,9 @@ def fit(
     law: LawName | None = None,
     *,
     gas: GasTreatment = "estimate",
+    channel_map: ChannelMap | Mapping[str, str] | str | Path | None = None,
+    units: Mapping[str, str] | None = None,
+    flip: Iterable[str] = (),
     name: str | None = None,
     recipe: RecipeName = "joint",
     robust: Robust = "auto",
@@ -45,9 +52,14 @@ def fit(
     """Fit a shock law to dynamometer tests.
 
     Args:
-        tests: A test or its file, or several of one shock, which are fitted together.
+        tests: A test, its file, or its columns as a pandas DataFrame or a mapping, with units in their names such as
+            "Force [lbf]"; or several of one shock, which are fitted together.
         law: Name of the law; default `hysteresis`, with `boggs` `lpnl2`.
         gas: Treatment of the gas force: `estimate`, `included` (the static load of the car counts it) or `subtracted`.
+        channel_map: Columns by channel for files and columns with other names, as in `read`; {"bridge": "20"} replaces
+            up to 20 samples in a row that are NaN or empty by a straight line.
+        units: Units by channel or column, for columns without a unit in their name.
+        flip: Channels whose sign is changed.
         name: Name of the shock; default: the build, else the name of the file.
         recipe: `joint` or `boggs`.
         robust: Weighting of outliers: `auto`, `none`, `huber` or `tukey`.
@@ -56,7 +68,8 @@ def fit(
         progress: Callback that receives the amount of work done and the total.
 
     Returns:
-        The fit: `.shock`, `.verdict`, `.parameter(name)`, `.to_pandas()` (parameters), `.plot()`, `.write(path)`.
+        The fit: `.shock`, `.verdict`, `.predict(record)`, `.score(record)`, `.parameter(name)`, `.to_pandas()`
+        (parameters), `.plot()`, `.write(path)`.
 
     Raises:
         ParameterError: The law or an option is unknown, or does not suit the record.
@@ -67,18 +80,23 @@ def fit(
         >>> fit = ep.fit("dyno.csv", "lpf1", gas="included")
         >>> fit.plot()
         >>> fit.write("shock.json")
+        >>> ep.fit(pd.DataFrame({"time [s]": t, "velocity [mm/s]": v, "force [N]": force}))
     """
     from eightpost.ident import fit_shock
     from eightpost.progress import reported_to
+    from eightpost.shock.laws import named_law
 
     check_number("cutoff", cutoff, "Hz")
     _check_segment(segment)
+    check_options(units, flip)
+    law = None if law is None else named_law(law)
     given = tests if isinstance(tests, Sequence) and not isinstance(tests, str) else [tests]
     if not given:
         raise InputError("fit needs at least one dynamometer test; the list is empty")
+    reading = {"channel_map": channel_map_of(channel_map), "units": units, "flip": flip}
     with reported_to(progress):
         return fit_shock(
-            [test for one in given for test in _tests(one)],
+            [test for one in given for test in _tests(one, reading)],
             law,
             recipe=recipe,
             gas=gas,
@@ -98,13 +116,17 @@ def _check_segment(segment: object) -> None:
         check_number(f"the {name} of segment", time, "s")
 
 
-def _tests(given: str | Path | DynoTest) -> Sequence[DynoTest]:
-    from eightpost.rig import DynoTest, read_dyno_tests
+def _tests(given: Test, reading: Mapping[str, Any]) -> Sequence[DynoTest]:
+    from eightpost.rig import DynoTest, dyno_test_of, read_dyno_tests
 
     if isinstance(given, DynoTest):
         return (given,)
     if isinstance(given, str | Path):
-        return read_dyno_tests(existing(given))
+        return read_dyno_tests(existing(given), **reading)
+    if isinstance(given, Mapping):
+        return (dyno_test_of(given, **reading),)
+    if hasattr(given, "columns"):
+        return (dyno_test_of({str(name): given[name] for name in given.columns}, **reading),)
     raise InputError(f"fit takes dynamometer tests and their files, not {a(given)}")
 
 

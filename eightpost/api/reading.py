@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias, get_args, overload
 
 from eightpost.errors import FileFormatError, InputError, missing_file, suggestion
-from eightpost.files import read_text
+from eightpost.files import toml_content
 
 if TYPE_CHECKING:
     from cosim.session.result import SavedRun
@@ -58,10 +57,7 @@ def toml_kind(path: Path) -> str:
     Raises:
         FileFormatError: It is not a TOML file.
     """
-    try:
-        content = tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
-        raise FileFormatError(f"is not a TOML file ({error})", path=path) from error
+    content = toml_content(path)
     found = (
         kind for kind, key in (("study", "bank"), ("system", "components"), ("vehicle", "model")) if key in content
     )
@@ -98,7 +94,8 @@ def channel_map_of(given: ChannelMap | Mapping[str, str] | str | Path | None) ->
         InputError: It is something else.
         FileFormatError: The file cannot be read.
     """
-    from eightpost.signals import ChannelMap, MappedChannel
+    from eightpost.rig.columns import with_channels
+    from eightpost.signals import ChannelMap
 
     if given is None or isinstance(given, ChannelMap):
         return given
@@ -108,7 +105,7 @@ def channel_map_of(given: ChannelMap | Mapping[str, str] | str | Path | None) ->
         raise InputError(
             f"channel_map is {given!r}; give a file, a ChannelMap, or columns by channel: {{'force': 'Load cell 2'}}"
         )
-    return ChannelMap({name: MappedChannel(column) for name, column in given.items()})
+    return with_channels(None, given)
 
 
 def a(value: object) -> str:
@@ -225,7 +222,7 @@ def read(
         >>> test.plot()
     """
     path = existing(path)
-    _check_options(units, flip)
+    check_options(units, flip)
     if kind is not None and kind not in KINDS:
         raise InputError(f"kind is {kind!r}; {suggestion(str(kind), KINDS)}")
     found = kind or _kind_of(path, channel_map_of(channel_map))
@@ -236,7 +233,12 @@ def read(
     return _record(path, found, channel_map_of(channel_map), dict(units or {}), tuple(flip))
 
 
-def _check_options(units: object, flip: object) -> None:
+def check_options(units: object, flip: object) -> None:
+    """Check that units and flip name channels.
+
+    Raises:
+        InputError: One of them is a text.
+    """
     if isinstance(units, str):
         raise InputError(f"units is {units!r}; give units by channel: {{'force': 'lbf'}}")
     if isinstance(flip, str):
@@ -257,7 +259,7 @@ def _kind_of(path: Path, channel_map: ChannelMap | None) -> Kind:
         return "shock" if document_kind(path) == "shock" else "vehicle"
     if suffix == ".parquet" and _is_study_result(path):
         return "study result"
-    return record_kind(path, channel_map)
+    return _record_kind(path, channel_map)
 
 
 def _toml_kind(path: Path) -> Kind:
@@ -277,7 +279,7 @@ def _is_study_result(path: Path) -> bool:
         return False  # the reader of records reports the error
 
 
-def record_kind(path: Path, channel_map: ChannelMap | None = None) -> Kind:
+def _record_kind(path: Path, channel_map: ChannelMap | None = None) -> Kind:
     """Return the kind of a record, by the names of its channels.
 
     Args:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from eightpost.api.reading import a, existing_toml
-from eightpost.errors import InputError, check_number, suggestion
+from eightpost.errors import InputError, check_number, choice_of
 
 if TYPE_CHECKING:
     from cosim import Algorithm, Automatic, Result, Scenario, System
@@ -197,9 +197,7 @@ def _case(
     else:
         raise InputError(f"run takes a System or a system file, not {a(system)}")
     if isinstance(algorithm, str):
-        if algorithm not in SCHEMES:
-            raise InputError(f"there is no algorithm {algorithm!r}; {suggestion(algorithm, SCHEMES)}")
-        return case.with_coupling(algorithm, step, tolerance)
+        return case.with_coupling(choice_of("algorithm", algorithm, SCHEMES), step, tolerance)
     if algorithm is not None:
         case = replace(case, algorithm=algorithm)
     return case.with_coupling(None, step, tolerance)

@@ -18,7 +18,7 @@ from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, grid_figure
 from eightpost.report.page import Block, Section, document, write_page
 from eightpost.report.tables import Amount, Cell, ResultTable
 from eightpost.shock.shape import unit_of
-from eightpost.verdict import Grade, Reason, Rules, Verdict, sealed
+from eightpost.verdict import Reason, Rules, Verdict, sealed
 
 SCHEMA = 1
 
@@ -29,43 +29,7 @@ ABOUT = "targets"
 #: Largest difference between the optimiser's objective and that of the verifying run, as a share of the objective [1].
 AGREEMENT = 1e-3
 
-RULES = Rules()
-
-GAIN = RULES.add("targets better than the bank", ABOUT, Grade.LIMITED,
-    condition="the runs of the targets' own FMUs are better than the best setup of the bank",
-    why="the gain is that of laws on the model: errors of the form of the law are not in it",
-    remedy="build the nearest valving, test it (on a dynamometer, or virtual dyno), fit it, run it in a study",
-)  # fmt: skip
-DOUBTFUL = RULES.add("gain in doubt", ABOUT, Grade.LIMITED,
-    condition="with the errors that the vehicle states, the targets are better with a probability below 95 %",
-    why="the gain is not larger than what the vehicle is uncertain by",
-    remedy="test the best of the bank and builds near the targets on the rig (study confirm), then search again",
-)  # fmt: skip
-UNSTATED = RULES.add("uncertainty of the gain unknown", ABOUT, Grade.LIMITED,
-    condition="the vehicle states no uncertainty for a measure of the objective",
-    why="errors of the car are not in the gain and its band",
-    remedy="identify the vehicle (eightpost identify), which states its uncertainty",
-)  # fmt: skip
-SWITCHED_OFF = RULES.add("uncertainty of the gain not computed", ABOUT, Grade.LIMITED,
-    condition="the errors of the vehicle are left out on request (--set certainty=no)",
-    why="the gain and its band are those of the model; the true car may have none",
-    remedy="run it again without --set certainty=no",
-)  # fmt: skip
-NO_GAIN = RULES.add("no gain over the bank", ABOUT, Grade.NOT_USABLE,
-    condition="the runs of the targets' own FMUs are not better than the best setup of the bank",
-    why="the search found nothing better within the ranges of the numbers",
-    remedy="widen the ranges (--limit), vary more numbers (--vary), or use more starts (--set starts)",
-)  # fmt: skip
-FORM = RULES.add("gain within the error of the shapes", ABOUT, Grade.LIMITED,
-    condition="the best setup of the bank with its own laws and as shapes differ by more than half the gain",
-    why="shapes have the curve of a law, but not all of its dynamics; part of the gain may be this difference",
-    remedy="fit the bank with the law LPNL2 (eightpost fit --law lpnl2), or build the target and compare it on the rig",
-)  # fmt: skip
-DIFFERS = RULES.add("verification differs", ABOUT, Grade.NOT_USABLE,
-    condition=f"the objective of the verifying run differs by more than {100.0 * AGREEMENT:g} %",
-    why="the FMU that the search used does not behave as the FMU that was built from the target",
-    remedy="report this with the files in the folder shapes/",
-)  # fmt: skip
+RULES = Rules.read(Path(__file__).with_suffix(".txt"), ABOUT, agreement=100.0 * AGREEMENT)
 
 
 def aim_verdict(found: Aim) -> Verdict:
@@ -73,23 +37,33 @@ def aim_verdict(found: Aim) -> Verdict:
     best, targets = found.verified_objective(0), found.verified_objective(1)
     origin = f"{found.runs} trials; verified by runs of their own FMUs"
     gain = f"{best:.5g} with the best of the bank, {targets:.5g} with the targets"
-    reasons = [(GAIN if targets < best else NO_GAIN).reason("the objective", figure=gain, origin=origin)]
+    rule = "targets better than the bank" if targets < best else "no gain over the bank"
+    reasons = [RULES.reason(rule, "the objective", figure=gain, origin=origin)]
     reasons += _of_the_car(found)
     as_shape = float(found.curves.reference.nominal[0])
     if targets < best and abs(best - as_shape) > 0.5 * (best - targets):
         text = f"{best:.6g} with its own laws, {as_shape:.6g} as shapes; gain {best - targets:.3g}"
-        reasons.append(FORM.reason("the best of the bank", figure=text, origin=origin))
+        reasons.append(
+            RULES.reason("gain within the error of the shapes", "the best of the bank", figure=text, origin=origin)
+        )
     apart = targets - found.curves.optimum.nominal
     if abs(apart) > AGREEMENT * abs(targets):
         text = f"{found.curves.optimum.nominal:.6g} in the search, {targets:.6g} in the run"
-        reasons.append(DIFFERS.reason("search and verifying run disagree", figure=text, origin=origin))
+        reasons.append(
+            RULES.reason("verification differs", "search and verifying run disagree", figure=text, origin=origin)
+        )
     return Verdict(reasons)
 
 
 def _of_the_car(found: Aim) -> Iterator[Reason]:
     """Yield what the stated uncertainty of the vehicle means for the gain."""
     if not found.request.uncertain:
-        yield SWITCHED_OFF.reason("uncertainty of the vehicle", figure="not computed", origin="--set certainty=no")
+        yield RULES.reason(
+            "uncertainty of the gain not computed",
+            "uncertainty of the vehicle",
+            figure="not computed",
+            origin="--set certainty=no",
+        )
     elif found.curves.car is None or not found.curves.car.is_known:
         missing = (
             "no measure"
@@ -97,11 +71,19 @@ def _of_the_car(found: Aim) -> Iterator[Reason]:
             else ", ".join(found.curves.car.unknown(found.curves.car.criterion.measures))
         )
         known = "stated for" if found.curves.car is None else "not stated for"
-        yield UNSTATED.reason("uncertainty of the vehicle", figure=f"{known} {missing}", origin="the vehicle's FMU")
+        yield RULES.reason(
+            "uncertainty of the gain unknown",
+            "uncertainty of the vehicle",
+            figure=f"{known} {missing}",
+            origin="the vehicle's FMU",
+        )
     elif found.curves.chance < ASSURED:
         figure = f"{100.0 * found.curves.chance:.3g} %; limit {100.0 * ASSURED:g} %"
-        yield DOUBTFUL.reason(
-            "probability of a gain", figure=figure, origin=f"{found.curves.gains.size} draws of cars and shocks"
+        yield RULES.reason(
+            "gain in doubt",
+            "probability of a gain",
+            figure=figure,
+            origin=f"{found.curves.gains.size} draws of cars and shocks",
         )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from builder.build import build
 from cosim.study.choice.assess import Knowledge, certainty_of
 from cosim.study.choice.certainty import Certainty, read_certainty, write_certainty
-from cosim.study.choice.selection import POOL, TOTAL, TWICE
+from cosim.study.choice.rig_day import POOL, TOTAL, TWICE
 from cosim.study.choice.sources import effects_of, stated_parameters
 from cosim.study.definition import Study
 from cosim.study.running.evaluator import Coupling, Evaluator, traces
@@ -29,6 +29,7 @@ from eightpost.files import atomic_path
 from eightpost.outputs import replacing
 from eightpost.progress import Listener, advance, portion
 from eightpost.signals import ChannelMap, TimeSeries, write_series
+from eightpost.units import stated_by
 from eightpost.verdict import Verdict
 from eightpost.workers.process import usable_processors
 
@@ -36,8 +37,8 @@ if TYPE_CHECKING:
     from builder.build import Built
     from cosim.study.choice.compare import Comparison
     from cosim.study.choice.optimise import Optimum, Search
+    from cosim.study.choice.rig_day import Selection
     from cosim.study.choice.robust import LinearityCheck, Uncertain
-    from cosim.study.choice.selection import Selection
     from cosim.study.choice.sensitivity import MeasureChange, Sensitivity
     from eightpost.api.shapes import Aim, Request
 
@@ -119,6 +120,9 @@ class StudyFolder:
         Raises:
             FmuError: An FMU cannot be used.
         """
+        files = dict.fromkeys(one.function.rpartition(":")[0] for one in self.study.measures if one.function)
+        if files:
+            self.listener.say(f"running the Python code of this study's measures: {', '.join(files)}")
         return Evaluator(self.study)
 
     @cached_property
@@ -177,7 +181,7 @@ class StudyFolder:
         Raises:
             FileFormatError: The selection belongs to another study.
         """
-        from cosim.study.choice.selection import read_selection
+        from cosim.study.choice.rig_day import read_selection
 
         path = self.path / SELECTION
         return read_selection(path, self.result) if path.is_file() else None
@@ -434,15 +438,21 @@ class StudyFolder:
         pool: float = POOL,
         twice: int = TWICE,
     ) -> Selection:
-        """Select setups to confirm on the rig, and write their list; see `cosim.study.choice.selection.select`."""
-        from cosim.study.choice.selection import select, write_selection
+        """Select setups to confirm on the rig, and write their list; see `cosim.study.choice.rig_day.select`."""
+        from cosim.study.choice.rig_day import select, write_selection
 
         found = select(self.result, measures, total=total, share=share, pool=pool, certainty=self.certainty())
         write_selection(found, self.result, self.path / SELECTION, twice=twice)
         return found
 
     def confirm(
-        self, records: Sequence[str], *, measures: Sequence[str] = (), channel_map: ChannelMap | None = None
+        self,
+        records: Sequence[str],
+        *,
+        measures: Sequence[str] = (),
+        channel_map: ChannelMap | None = None,
+        units: Mapping[str, str] | None = None,
+        flip: Mapping[str, Iterable[str]] | None = None,
     ) -> tuple[Certainty, Certainty]:
         """Update the certainty with rig runs, and keep the previous one.
 
@@ -450,6 +460,8 @@ class StudyFolder:
             records: List of rig runs, or one or more SETUP=FILE.
             measures: Measures to take into account; empty: all that do not depend on a mean.
             channel_map: Channel map of the records.
+            units: Units by channel, for columns without a unit in the header.
+            flip: Channels whose sign is changed, by name of a record; those of an empty name are of all records.
 
         Returns:
             The certainty before and after.
@@ -457,7 +469,7 @@ class StudyFolder:
         Raises:
             InputError: The study has no certainty, or a record does not fit it.
         """
-        from cosim.study.choice.rig_runs import requested_runs, with_rig_runs
+        from cosim.study.choice.rig_day import requested_runs, with_rig_runs
 
         result, before = self.result, self.certainty()
         if before is None:
@@ -468,7 +480,9 @@ class StudyFolder:
         runs, notes = requested_runs(result, records)
         known = Knowledge.of(before)
         known = replace(known, run_to_run={**self._measured_noise(), **known.run_to_run})
-        known, others = with_rig_runs(result, known, runs, self._record_reader(channel_map), measures=measures)
+        known, others = with_rig_runs(
+            result, known, runs, self._record_reader(channel_map, units, flip), measures=measures
+        )
         for note in (*notes, *others):
             self.listener.note(note)
         after = certainty_of(result, known, criterion=before.criterion, top=before.top)
@@ -483,6 +497,8 @@ class StudyFolder:
         *,
         measures: Sequence[str] = (),
         channel_map: ChannelMap | None = None,
+        units: Mapping[str, str] | None = None,
+        flip: Mapping[str, Iterable[str]] | None = None,
         rank: float = 0.8,
         level: float | None = None,
     ) -> tuple[tuple[Comparison, ...], Verdict, Path]:
@@ -492,7 +508,9 @@ class StudyFolder:
             measured: List of rig runs, or its folder.
             output: Folder of the comparison; None: compared/ in the folder of the study.
             measures: Measures to compare; empty: all that do not depend on a mean.
-            channel_map: Channel map of the records.
+            channel_map: Channel map of the records; see `confirm` for this, `units` and `flip`.
+            units: Units by channel.
+            flip: Channels whose sign is changed.
             rank: Minimum acceptable rank correlation (Spearman).
             level: Maximum acceptable RMS error of the levels [%]; None: no limit.
 
@@ -500,10 +518,10 @@ class StudyFolder:
             Comparison of each measure, the verdict, and the picture.
         """
         from cosim.study.choice.compare import comparison_verdict, write_and_plot
-        from cosim.study.choice.rig_runs import compare_with_rig
+        from cosim.study.choice.rig_day import compare_with_rig
 
         path = measured / SELECTION if measured.is_dir() else measured
-        reader, certainty = self._record_reader(channel_map), self.certainty()
+        reader, certainty = self._record_reader(channel_map, units, flip), self.certainty()
         runs, found, notes = compare_with_rig(self.result, path, reader, measures=measures, certainty=certainty)
         for note in notes:
             self.listener.note(note)
@@ -513,12 +531,18 @@ class StudyFolder:
         picture = write_and_plot(found, self.result, folder, verdict, selection.setups if selection else {})
         return found, verdict, picture
 
-    def _record_reader(self, channel_map: ChannelMap | None) -> Callable[[Path], TimeSeries]:
+    def _record_reader(
+        self,
+        channel_map: ChannelMap | None,
+        units: Mapping[str, str] | None,
+        flip: Mapping[str, Iterable[str]] | None,
+    ) -> Callable[[Path], TimeSeries]:
         """Return a function that reads and checks the channels of a rig record, whichever it has."""
+        from eightpost.rig.columns import flips_of
         from eightpost.rig.rig_test import read_rig_test
 
         def read(file: Path) -> TimeSeries:
-            test = read_rig_test(file, channel_map=channel_map, needs=())
+            test = read_rig_test(file, channel_map=channel_map, units=units, flip=flips_of(file, flip or {}), needs=())
             if test.unchecked:
                 self.listener.note(
                     f"{file}: sign and corner of {some(test.unchecked)} were not checked, because the record lacks the "
@@ -555,21 +579,27 @@ class StudyFolder:
         traced = [*ranked[:1], *ranked[-1:], *([] if baseline is None else [baseline.index])]
         traced += [selected.setup.index for selected in selection.chosen] if selection else []
         done = set(result.setups[result.done].tolist())
-        return write_study_report(
-            result,
-            self.path,
-            traces=traces(result, dict.fromkeys(index for index in traced if index in done), self.evaluator),
-            selection=selection,
-            certainty=certainty,
-            curves=shock_curves(study),
-            shock_pages=copy_shock_pages(study, self.path),
-            aim=AimPage.of(self.path, result.provenance.digest),
-            trace_command=trace_command,
-        )
+        with stated_by(study.units):
+            return write_study_report(
+                result,
+                self.path,
+                traces=traces(result, dict.fromkeys(index for index in traced if index in done), self.evaluator),
+                selection=selection,
+                certainty=certainty,
+                curves=shock_curves(study),
+                shock_pages=copy_shock_pages(study, self.path),
+                aim=AimPage.of(self.path, result.provenance.digest),
+                trace_command=trace_command,
+            )
 
     def _certainty_of(self, digest: str) -> Certainty | None:
         path = self.path / CERTAINTY
-        return read_certainty(path, digest=digest) if path.is_file() else None
+        if not path.is_file():
+            return None
+        known = read_certainty(path, digest=digest)
+        if not set(known.ties) <= set(self.result.setups.tolist()):
+            raise FileFormatError(f"its best setups are not in {RESULTS}; run `eightpost study` again", path=path)
+        return known
 
     def _readable(self, read: Callable[[], Any]) -> Any:
         """Return what is read; None, and a note, if the file is damaged or belongs to another study."""

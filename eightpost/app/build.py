@@ -12,7 +12,7 @@ from rich.markup import escape
 
 from eightpost.api.reading import is_system
 from eightpost.app.options import FilePath, OutputFile, argument, option, verb
-from eightpost.app.progress import bar
+from eightpost.app.show import bar
 from eightpost.outputs import FMU
 from eightpost.report.console import console_table, folded
 
@@ -28,7 +28,7 @@ VERSIONS = ("2", "3", "all")
 # ---- One FMU of a system ---------------------------------------------------------------------------------------------
 
 
-def assemble_with_progress(console: Console, source: Path, output: Path, *, fmi: int = 2) -> Assembled:
+def _assemble_with_progress(console: Console, source: Path, output: Path, *, fmi: int = 2) -> Assembled:
     """Build one FMU from a system file.
 
     Args:
@@ -53,7 +53,7 @@ def assemble_with_progress(console: Console, source: Path, output: Path, *, fmi:
         return assemble(wiring, path, fmi=fmi, progress=advance)
 
 
-def show_assembled(console: Console, built: Assembled) -> None:
+def _show_assembled(console: Console, built: Assembled) -> None:
     """Print the components of the FMU, its micro step and its platforms."""
     from eightpost.report.numbers import file_size
     from eightpost.units import convert
@@ -130,7 +130,7 @@ def build(
                 f"{systems[0]} is a system, of which one FMU is built: omit other SOURCES, --confidential, "
                 "--temperature-input, --target and --fmi all"
             )
-        show_assembled(console, assemble_with_progress(console, systems[0], output, fmi=int(fmi)))
+        _show_assembled(console, _assemble_with_progress(console, systems[0], output, fmi=int(fmi)))
         return
     if output.suffix == ".fmu":
         raise click.UsageError(f"{output}: FMUs are named after their SOURCES; name a folder with -o")
@@ -176,17 +176,13 @@ def build_with_progress(
 def show_built(console: Console, built: list[Built]) -> Verdict:
     """Print the FMUs and the verdict that they carry; return the verdict."""
     from builder.build import verdict_on
-    from eightpost.app.show import details, show_verdict
+    from eightpost.app.show import show_notes, show_verdict
     from eightpost.report.numbers import file_size
 
-    for item in built:
-        interface = item.interface
-        counts = ", ".join(f"{len(interface.names(kind))} {kind}s" for kind in ("input", "output", "parameter"))
-        text = f"{interface.kind} {interface.version}, FMI {item.fmi}.0, {item.target}, {file_size(item.path)}"
-        console.print(f"{escape(str(item.path))}: {text}", highlight=False, soft_wrap=True)
-        details(console).print(f"  {counts}", highlight=False)
-    for limits in dict.fromkeys(item.limits for item in built if item.limits):
-        console.print(f"[yellow]note[/] {escape(limits)}")
+    files = [f"{item.path}: {item.interface.kind} {item.interface.version}, FMI {item.fmi}.0, {item.target}, "
+             f"{file_size(item.path)}" for item in built]  # fmt: skip
+    show_notes(console, files, "wrote", most=5)
+    show_notes(console, dict.fromkeys(item.limits for item in built if item.limits), most=1)
     verdict = verdict_on(built)
     show_verdict(console, verdict)
     return verdict

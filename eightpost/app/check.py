@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ from eightpost.report.console import Column, Table, console_table, unbroken
 
 if TYPE_CHECKING:
     from builder.check import CheckReport, Finding, Level, NotChecked, Scope
+    from cosim.study.host_steps import HostSteps
 
 _COLOURS = {"error": "bold red", "drop-in": "yellow", "hint": "cyan"}
 
@@ -23,11 +25,14 @@ _COLOURS = {"error": "bold red", "drop-in": "yellow", "hint": "cyan"}
 @verb
 def check(
     ctx: click.Context,
-    fmus: tuple[Path, ...] = argument("FMU...", kind=FilePath()),
+    files: tuple[Path, ...] = argument("FILE...", kind=FilePath()),
     standard: bool = option("Report only violations of the FMI standard; default: all findings."),
     as_json: bool = option("Print one JSON document instead of tables (docs/reference/check.md).", "--json"),
 ) -> None:  # fmt: skip
     """Check FMUs of any maker: the rules of the FMI standard, and known causes of failed imports.
+
+    A FILE may also be a system file (.toml) with one vehicle and its shocks: then the result is the largest steps of a
+    simulator that integrates the vehicle and imports the shocks, for each loop of docs/how_to/hosts.md.
 
     The check runs fmpy validate, fmutool -check, more than a hundred rules of its own, and the FMU itself. Findings are
     errors (violations of the FMI standard), drop-in rules (known causes of failed imports into tools) or hints.
@@ -39,10 +44,13 @@ def check(
     \b
     Examples:
       eightpost check dist/*.fmu
+      eightpost check examples/seven_dof.toml
       eightpost check --standard --json supplier.fmu > supplier.json
     """
     from builder.check import CheckReport, NotChecked, Scope, json_document
 
+    fmus = [path for path in files if path.suffix != ".toml"]
+    systems = {str(path): _host_steps(path) for path in files if path.suffix == ".toml"}
     scope = Scope.STANDARD if standard else Scope.ALL
     reports: list[CheckReport | NotChecked] = []
     with Console(stderr=True).status("") as status:
@@ -52,12 +60,17 @@ def check(
     _warn(reports)
     refused = [report for report in reports if isinstance(report, NotChecked)]
     if as_json:
-        click.echo(json.dumps(json_document(reports), indent=1))  # ASCII, because a terminal may support nothing else
+        document = json_document(reports)
+        if systems:
+            document["host_steps"] = {path: asdict(steps) for path, steps in systems.items()}
+        click.echo(json.dumps(document, indent=1))  # ASCII, because a terminal may support nothing else
     else:
         console = Console()
         for report in reports:
             if isinstance(report, CheckReport):
                 show_report(console, report)
+        for name, steps in systems.items():
+            show_host_steps(console, name, steps)
     for report in refused:
         Console(stderr=True, soft_wrap=True).print(f"[bold red]error:[/] {escape(report.error)}", highlight=False)
     ctx.exit(2 if refused else int(not all(report.acceptable for report in reports)))
@@ -85,21 +98,55 @@ def _checked(path: Path, scope: Scope) -> CheckReport | NotChecked:
 
 def show_report(console: Console, report: CheckReport, *, with_findings: bool = True) -> None:
     """Print the findings in an FMU by level, the groups that were performed or skipped, and what no check sees."""
-    from builder.check import LIMITS
+    from builder.check import LIMITS, Level
+    from eightpost.app.show import details, is_detailed, show_notes, show_text
 
     console.print(f"{escape(str(report.path))}: {_verdict(report)}", highlight=False, soft_wrap=True)
+    more = details(console)
     if not with_findings:
         return
     if report.findings:
-        console.print(_table(report))
-    _note(console, f"performed {', '.join(report.groups) or 'nothing'}")
+        more.print(_table(report))
+    if not is_detailed():
+        findings = [_sentence(finding) for level in Level for finding in report.of(level)]
+        show_notes(console, findings, "finding", most=3)
+    show_text(more, f"performed {', '.join(report.groups) or 'nothing'}", begin="  ")
     for skipped in report.skipped:
-        _note(console, f"skipped {skipped.what}: {skipped.reason}")
-    _note(console, LIMITS)
+        show_text(more, f"skipped {skipped.what}: {skipped.reason}", begin="  ")
+    show_text(more, LIMITS, begin="  ")
 
 
-def _note(console: Console, text: str) -> None:
-    console.print(f"  {escape(text)}", highlight=False, soft_wrap=True, style="dim")
+def _sentence(finding: Finding) -> str:
+    """Return a finding in a sentence: rule, what is wrong and where, what to do."""
+    rule = finding.rule
+    return f"{rule.identifier} {rule.title}{': ' if finding.message else ''}{finding.message}; {rule.advice}"
+
+
+def _host_steps(path: Path) -> HostSteps:
+    from cosim.study.host_steps import host_steps
+    from cosim.system_file import read_case
+    from eightpost.api.reading import existing_toml
+
+    with Console(stderr=True).status(f"finding the steps for {escape(str(path))}"):
+        return host_steps(read_case(existing_toml(path, "system")))
+
+
+def show_host_steps(console: Console, name: str, found: HostSteps) -> None:
+    """Print the largest steps of each loop for a host that integrates the car."""
+    from cosim.study.host_steps import LIMITS, LOOPS
+    from eightpost.app.show import show_text
+
+    def milliseconds(step: float) -> str:
+        return f"{1e3 * step:.3g} ms" if step else "below 0.1 ms"
+
+    console.print(
+        f"{escape(name)}: largest steps of a host that integrates {escape(found.car)} with Runge-Kutta, for errors of "
+        f"the {found.quantity} in {found.seconds:g} s of the drive",
+        highlight=False,
+    )
+    rows = [(loop, milliseconds(found.stable[loop]), *map(milliseconds, found.steps[loop])) for loop in LOOPS]
+    console.print(console_table(["loop", "stable to", *(f"{limit:g} %" for limit in LIMITS)], rows))
+    show_text(console, "loops of docs/how_to/hosts.md; friction at the vehicle's ports is left out", begin="  ")
 
 
 def _verdict(report: CheckReport) -> str:

@@ -11,14 +11,13 @@ from rich.console import Console
 from eightpost import completion
 from eightpost.app.build import build_with_progress, show_built
 from eightpost.app.check import show_report
-from eightpost.app.compare import measure_table
 from eightpost.app.fit import show_fit, show_test
 from eightpost.app.options import OutputFolder, option, verb
-from eightpost.app.progress import ConsoleListener
 from eightpost.app.run import run_with_progress
-from eightpost.app.show import details, is_detailed
+from eightpost.app.show import ConsoleListener, details, is_detailed
 from eightpost.app.study import show_result as show_study_result
 from eightpost.app.study import show_study
+from eightpost.app.study_rig import measure_table
 from eightpost.corners import CORNERS
 from eightpost.examples_folder import examples_folder
 
@@ -123,7 +122,7 @@ def _couple_and_swap(console: Console, examples: Path, output: Path) -> dict[str
 
 
 def _measure(console: Console, results: dict[str, cosim.Result], output: Path) -> None:
-    from cosim.report.plots import plot_spectra, plot_traces
+    from cosim.report.page import plot_spectra, plot_traces
     from cosim.study.choice.compare import compare_runs, plot_measures
 
     console.rule("4. Response measures")

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
-from rich.markup import escape
 
 from eightpost.app.options import (
     CHANNELS,
@@ -135,7 +134,7 @@ def start(
     )
     sources = {path.name: sha256_of(path) for path in (track, car_file)}
     folder = IterationFolder.start(output, Problem(target, begin, settings), sources=sources, suffix=suffix)
-    console = Console(soft_wrap=True, highlight=False)
+    console = Console(highlight=False)
     _show_notes(console, begin.notes)
     _show_state(console, folder)
 
@@ -161,7 +160,7 @@ def next_drive(
     """
     from eightpost.drivefile import IterationFolder
 
-    console = Console(soft_wrap=True, highlight=False)
+    console = Console(highlight=False)
     iteration = IterationFolder.read(folder)
     if record is not None:
         _show_notes(console, iteration.add_record(record, **channels.options))
@@ -204,12 +203,12 @@ def simulate(
       eightpost drivefile start track.parquet --car car.json -o lap/
       eightpost drivefile simulate lap/ --passes 8
     """
-    from eightpost.app.progress import bar
+    from eightpost.app.show import bar
     from eightpost.drivefile import IterationFolder, Status
     from eightpost.drivefile.folder import iterate
     from eightpost.virtual.program import Bench
 
-    console = Console(soft_wrap=True, highlight=False)
+    console = Console(highlight=False)
     iteration = IterationFolder.read(folder)
     bench = Bench.of(truth, car_seed=car_seed, friction=friction == "on", noise=noise == "rig", run=seed)
     with bar(console, "passes", passes) as proceed:
@@ -234,28 +233,28 @@ def _car(path: Path) -> tuple[Vehicle, FrequencyResponse | None]:
 
 
 def _show_notes(console: Console, notes: tuple[str, ...]) -> None:
-    for note in notes:
-        console.print(f"[yellow]note[/] {escape(note)}")
+    from eightpost.app.show import show_notes
+
+    show_notes(console, notes, most=1)
 
 
 def _show_state(console: Console, folder: IterationFolder) -> bool:
     """Print errors, verdict and files, write the page, and return whether the verdict is acceptable."""
-    from eightpost.app.show import show_verdict
+    from eightpost.app.show import show_files, show_notes, show_table, show_verdict
     from eightpost.drivefile.page import error_table, verdict_of, write_iteration_page
     from eightpost.report.tables import result_table
 
     outcome: Outcome = folder.outcome()
     verdict = verdict_of(folder)
     if outcome.errors:
-        console.print(result_table(error_table(folder.problem, outcome)))
+        show_table(console, result_table(error_table(folder.problem, outcome)), most=3)
         show_verdict(console, verdict)
     else:
-        for hit in outcome.hits:
-            console.print(f"[yellow]note[/] {escape(str(hit))}")
+        show_notes(console, map(str, outcome.hits))
     written = [write_iteration_page(folder)]
     if folder.waiting is not None:
         written.insert(0, folder.drive_path(folder.waiting))
     if outcome.best >= 0:
         written.append(folder.path / f"best_drive.{folder.suffix}")
-    console.print(f"wrote {', '.join(escape(str(path)) for path in written)}")
+    show_files(console, written)
     return verdict.is_acceptable

@@ -11,6 +11,7 @@ from rich.console import Console
 
 from eightpost.api.reading import is_system
 from eightpost.app.options import STATED, FilePath, OutputFile, Quantity, argument, option, setting, verb
+from eightpost.app.show import show_notes, show_text
 from eightpost.outputs import EXPORT, PACKAGE, check_file
 
 #: Settings of a vehicle or a response, and options and settings of shocks.
@@ -110,12 +111,10 @@ def export(
         summary, *remarks = export_shocks(
             sources, output, name=table_format, over=over, error=error / 100.0, speed=speed
         )
-        for remark in remarks:
-            console.print(remark, markup=False)
+        show_notes(console, remarks)
     else:
         summary = write(sources[0], output, ports=ports, high=high, step=step)
-    read = ", ".join(str(path) for path in sources)
-    console.print(f"read {read}; wrote {output}: {summary}", markup=False)
+    show_text(console, f"read {', '.join(map(str, sources))}; wrote {output}: {summary}")
 
 
 def _export_system(console: Console, system: Path, output: Path) -> None:
@@ -126,9 +125,9 @@ def _export_system(console: Console, system: Path, output: Path) -> None:
     case = read_case(system)
     open_inputs = write_ssp(output, case.wiring)
     count = len(case.system.components)
-    console.print(f"wrote {output}: {count} components, {len(case.system.all_connections)} connections, SSP 1.0")
+    show_text(console, f"wrote {output}: {count} components, {len(case.system.all_connections)} connections, SSP 1.0")
     if open_inputs:
-        console.print(f"  open inputs, 0 unless driven: {', '.join(open_inputs)}")
+        show_text(console, f"open inputs, 0 unless driven: {', '.join(open_inputs)}", begin="  ")
 
 
 def _refuse(names: Collection[str], kind: str) -> None:

@@ -23,7 +23,16 @@ from eightpost.app.options import (
     setting,
     verb,
 )
-from eightpost.app.show import details, is_detailed, show_files, show_summary, show_verdict
+from eightpost.app.show import (
+    details,
+    is_detailed,
+    show_files,
+    show_notes,
+    show_summary,
+    show_table,
+    show_text,
+    show_verdict,
+)
 from eightpost.errors import InputError
 from eightpost.outputs import PICTURE, SHOCK
 from eightpost.verdict import Verdict
@@ -198,9 +207,9 @@ def _fit_settings(
     from eightpost.shock import write_shock
 
     for note in table.notes:
-        console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
+        show_text(details(console), f"note {note}")
     shock_fit = fit_settings(table, law=law, segment=segment, cutoff=cutoff)
-    console.print(settings_table(shock_fit))
+    show_table(console, settings_table(shock_fit), most=5)
     for change in shock_fit.shock.fit["changes"]:
         details(console).print(f"[yellow]changed[/] {escape(change)}", highlight=False, soft_wrap=True)
     show_verdict(console, shock_fit.verdict)
@@ -255,16 +264,17 @@ def _read_tests(
     tests: list[DynoTest] = []
     for file in files:
         stated = replace(conditions, build=builds[file]) if file in builds else conditions
-        records = read_dyno_tests(file, **channels.options, conditions=stated, cutoff=cutoff)
+        records = read_dyno_tests(file, **channels.of(file), conditions=stated, cutoff=cutoff)
         if twin := next((test.source for test in tests if test.sha256 == records[0].sha256), None):
             raise InputError(f"{file} has the content of {twin}: a record would predict itself; give it once")
         tests += records
     if split:
         tests = [run for test in tests for run in split_runs(test)]
     for test in tests:
-        show_test(console, test)
+        show_test(console if len(tests) == 1 else details(console), test)
     if len(tests) > 1:
-        console.print(f"{len(tests)} runs are fitted together, with one curve and one law", highlight=False)
+        seconds = sum(test.series.duration for test in tests)
+        show_text(console, f"{len(tests)} runs are fitted together, {seconds:.0f} s, with one curve and one law")
     return tests
 
 
@@ -282,7 +292,7 @@ def _fit_builds(
 
     shock, spread = fit_builds(tables, name=name, gas=gas)
     write_shock(shock, output)
-    console.print(f"{escape(spread.summary())}.", highlight=False, soft_wrap=True)
+    show_text(console, f"{spread.summary()}.")
     assert shock.validity is not None
     show_verdict(console, shock.validity.verdict)
     show_files(console, [output])
@@ -303,12 +313,11 @@ def _fit_tables(
     from eightpost.ident.shock.peak_velocity import fit_tables
 
     fitted = fit_tables(tables, output, name=name, build=build, gas=gas)
-    for one in fitted:
-        console.print(escape(str(one)), soft_wrap=True, highlight=False)
-        for change in one.shock.fit["changes"]:
-            details(console).print(f"[yellow]changed[/] {escape(change)}", highlight=False)
-        if one.shock.validity:
-            show_verdict(console, one.shock.validity.verdict)
+    show_notes(console, map(str, fitted), "fitted", most=3)
+    for one in fitted if is_detailed() else ():
+        show_notes(console, one.shock.fit["changes"], "changed")
+    verdict = Verdict.combined(one.shock.validity.verdict for one in fitted if one.shock.validity)
+    show_verdict(console, verdict)
     written = [one.path for one in fitted]
     if plot is not None:
         from eightpost.ident import plot_peak_velocity
@@ -316,7 +325,7 @@ def _fit_tables(
         plot_peak_velocity([(one.table, one.shock) for one in fitted], plot)
         written.append(plot)
     show_files(console, written)
-    return Verdict.combined(one.shock.validity.verdict for one in fitted if one.shock.validity)
+    return verdict
 
 
 def show_test(console: Console, test: DynoTest) -> None:
@@ -324,9 +333,8 @@ def show_test(console: Console, test: DynoTest) -> None:
     from eightpost.rig.motion import lag_statement
 
     series, more = test.series, details(console)
-    show_summary(
-        console, f"{test.source}: {series.duration:.1f} s at {series.sample_rate:.0f} Hz; {', '.join(series.names)}"
-    )
+    show_text(console, f"{test.source}: {series.duration:.1f} s at {series.sample_rate:.0f} Hz", lines=1)
+    show_text(more, ", ".join(series.names), begin="  ")
     more.print(f"  {escape(lag_statement(series))}", soft_wrap=True, highlight=False)
     for note in (*test.derived, *test.remarks):
         more.print(f"[yellow]note[/] {escape(note)}", highlight=False)

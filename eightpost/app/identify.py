@@ -11,8 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.options import CHANNELS, Channels, FilePath, OutputFile, Quantity, argument, option, setting, verb
-from eightpost.app.progress import bar
-from eightpost.app.show import details, show_files, show_summary, show_verdict
+from eightpost.app.show import bar, details, show_files, show_summary, show_verdict
 from eightpost.errors import FileFormatError, InputError, missing_file
 from eightpost.outputs import VEHICLE
 from eightpost.progress import advance, portion, reported_to

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import click
 from rich.box import SIMPLE
@@ -25,18 +25,34 @@ from eightpost.app.options import (
     verb,
     warn,
 )
-from eightpost.app.progress import each
+from eightpost.app.show import (
+    details,
+    each,
+    is_detailed,
+    show_files,
+    show_notes,
+    show_summary,
+    show_table,
+    show_text,
+    show_verdict,
+)
 from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table, unbroken
 
 if TYPE_CHECKING:
     from eightpost.checks import Fault
+    from eightpost.display import Summary
     from eightpost.ident.linearity import Linearity
     from eightpost.ident.vehicle.frequency_response import FrequencyResponse
     from eightpost.rig import DynoTest, PeakVelocityTable, RigTest
+    from eightpost.rig.columns import ProposedMap
     from eightpost.signals import ChannelMap, TimeSeries
     from eightpost.signals.raw_record import RawRecord
     from eightpost.vehicle import Mode
+
+
+#: Number of columns that are listed without -v, and the share of energy above which a path is reported.
+_FEW, _LOST = 8, 0.01
 
 
 @verb
@@ -44,8 +60,8 @@ def inspect(
     ctx: click.Context,
     files: tuple[Path, ...] = argument("FILE...", kind=FilePath()),
     folder: Path | None = option(
-        "Output folder for pictures and tables of a vehicle, or of the linearity of rig tests; default: none are "
-        "written.",
+        "Output folder for pictures and tables of a vehicle, for those of the linearity of rig tests, or for the "
+        "proposed channel map of a rig file; default: none are written.",
         "-o", "--output", kind=OutputFolder(),
     ),
     channels: Channels = CHANNELS,
@@ -107,7 +123,7 @@ def inspect(
       eightpost inspect car.toml --vary damping=0.5,1,2,3 -o responses/
       eightpost inspect dist/shock.fmu
     """
-    console = Console(soft_wrap=True, highlight=False)
+    console = Console(highlight=False)
     if len(files) > 1:
         ctx.exit(
             _show_linearity(
@@ -125,7 +141,9 @@ def inspect(
     if kind:
         _show_document(console, path, kind)
         return
-    ctx.exit(int(_show_record_file(console, path, channels, mass)))
+    found = _show_record_file(console, path, channels, mass, folder)
+    show_text(console, "Suspicious; see above." if found else "Nothing is suspicious.", style="bold")
+    ctx.exit(int(found))
 
 
 def _kind_of(path: Path) -> str:
@@ -145,18 +163,19 @@ def _kind_of(path: Path) -> str:
 def _show_document(console: Console, path: Path, kind: str) -> None:
     """Print the summary of a file that has no channels."""
     from eightpost.api.reading import read
-    from eightpost.app.show import show_verdict
 
     if kind == "fmu":
-        console.print(escape(_fmu_summary(path)))
+        show_summary(console, *_fmu_summary(path))
         return
     document = read(path / "results.parquet" if kind == "study" else path)
-    console.print(escape(repr(document)))
-    if kind == "shock" and (validity := getattr(document, "validity", None)):
+    validity = getattr(document, "validity", None) if kind == "shock" else None
+    title, rows = document._summary()
+    show_summary(console, title, [row for row in rows if validity is None or row[0] not in ("verdict", "reason")])
+    if validity:
         show_verdict(console, validity.verdict)
 
 
-def _fmu_summary(path: Path) -> str:
+def _fmu_summary(path: Path) -> Summary:
     """Return version, interface and variables of an FMU of any maker."""
     from xml.etree import ElementTree
 
@@ -172,19 +191,20 @@ def _fmu_summary(path: Path) -> str:
         for causality in ("input", "output", "parameter")
     }
     platforms = sorted({name.split("/")[1] for name in content if name.startswith("binaries/") and name.count("/") > 1})
-    summary = Summary.of(
+    return Summary.of(
         f"{root.get('modelName')}: FMI {root.get('fmiVersion')}",
         ("made by", root.get("generationTool", "")),
         *((f"{causality}s", text) for causality, text in names.items()),
         ("platforms", ", ".join(platforms)),
     )
-    return summary.text()
 
 
 # ---- Records --------------------------------------------------------------------------------------------------------
 
 
-def _show_record_file(console: Console, path: Path, channels: Channels, mass: float | None) -> bool:
+def _show_record_file(
+    console: Console, path: Path, channels: Channels, mass: float | None, folder: Path | None
+) -> bool:
     """Print a dynamometer file, a rig file or a table of peak velocities; return whether something is suspicious."""
     from eightpost.rig import read_dyno_tests, read_rig_test, split_runs
     from eightpost.rig.columns import propose_map
@@ -198,56 +218,88 @@ def _show_record_file(console: Console, path: Path, channels: Channels, mass: fl
     for record in records:
         show_record(console, record)
     if _is_rig(records[0], channel_map):
-        _show_map(console, records[0], rig_map(records[0], channel_map).flipped(channels.flip))
-        return _show_rig_test(console, read_rig_test(path, **channels.options), mass)
+        _show_map(console, records[0], rig_map(records[0], channel_map).flipped(channels.of(path)["flip"]))
+        return _show_rig_test(console, read_rig_test(path, **channels.of(path)), mass)
     if proposed := propose_map(records[0]):
-        console.print("proposed channel map; check its columns, and the signs (docs/reference/signs_and_units.md):")
-        console.print(f"\n{escape(proposed.toml())}\n")
-        raise InputError(f"{path} {proposed.finding}; save its channel map as rig_map.toml in its folder, or pass the "
-                         "map by --channel")  # fmt: skip
+        _show_proposed(console, path, proposed, folder)
     if mass is not None:
         raise InputError(f"{path} is not a rig file, and mass is a setting of rig files; omit it")
     if holds_peak_velocities(records, channel_map):
         tables = read_peak_velocity(path, units=channels.units, channel_map=channel_map)
         for table in tables:
-            show_table(console, table)
+            _show_peaks(console, table)
         return any(table.gas_force for table in tables)
-    tests = read_dyno_tests(path, **channels.options)
+    tests = read_dyno_tests(path, **channels.of(path))
     for test in tests:
         show_test(console, test)
     show_runs(console, [run for test in tests for run in split_runs(test)])
     return any(test.warnings for test in tests)
 
 
+def _show_proposed(console: Console, path: Path, proposed: ProposedMap, folder: Path | None) -> NoReturn:
+    """Write a proposed channel map if there is a folder for it, otherwise show it; the file needs one.
+
+    Raises:
+        InputError: Always.
+    """
+    channels = proposed.toml()
+    more = details(console)
+    more.print("proposed channel map; check its columns, and the signs (docs/reference/signs_and_units.md):")
+    more.print(f"\n{escape(channels)}\n")
+    if folder is None:
+        where = "write its channel map into its folder with -o FOLDER (-v shows it), and check columns and signs"
+        raise InputError(f"{path} {proposed.finding}; {where}")
+    from eightpost.files import atomic_path
+    from eightpost.signals.raw_record import MAP_BESIDE
+
+    target = folder / MAP_BESIDE
+    if target.exists():
+        raise InputError(f"{path} {proposed.finding}; {target} exists and is not replaced: correct it, or name it with "
+                         "--channel")  # fmt: skip
+    folder.mkdir(parents=True, exist_ok=True)
+    with atomic_path(target) as temporary:
+        temporary.write_text(channels, encoding="utf-8")
+    show_files(console, [target])
+    raise InputError(f"{path} {proposed.finding}; check columns and signs of {target}, and inspect again")
+
+
 def show_record(console: Console, record: RawRecord) -> None:
-    """Print the columns and the preamble of a table as they are in the file."""
+    """Print the columns of a table as they are in the file; with -v, also its preamble."""
     line = f", header in line {record.origin.header_line}" if record.origin.header_line else ""
-    console.print(f"[bold]{escape(str(record.origin.path))}[/]{line}: {record.columns[0].size} samples")
+    columns = [f"{name} [{unit}]" if unit else f"{name} (no unit)"
+               for name, unit in zip(record.names, record.units, strict=True)]  # fmt: skip
+    show_summary(
+        console, f"{record.origin.path}{line}: {record.columns[0].size} samples",
+        [("columns", ", ".join(columns) if len(columns) <= _FEW or is_detailed() else f"{len(columns)}")],
+    )  # fmt: skip
     for cells in record.preamble:
-        console.print(f"  {escape(' | '.join(cells))}", style="dim")
-    columns = [f"{name} \\[{unit}]" if unit else f"{name} (no unit)" for name, unit in _named(record)]
-    console.print(f"columns: {', '.join(columns)}")
-
-
-def _named(record: RawRecord) -> list[tuple[str, str | None]]:
-    return [
-        (escape(name), escape(unit) if unit else None) for name, unit in zip(record.names, record.units, strict=True)
-    ]
+        details(console).print(f"  {escape(' | '.join(cells))}", style="dim")
 
 
 def show_test(console: Console, test: DynoTest) -> None:
-    """Print the channels of a test with their ranges, its scale and lag, its conditions and its notes."""
+    """Print the ranges of a test, its lag, its conditions and its notes."""
     from eightpost.rig.motion import lag_statement
 
     series = test.series
-    console.print(f"{series.duration:.4g} s at {series.sample_rate:.6g} Hz")
-    console.print(_channel_table(series, ("minimum", "maximum", "mean")))
-    for statement in (lag_statement(series), *_conditions(test)):
-        console.print(escape(statement))
-    for note in (*test.derived, *test.remarks):
-        console.print(f"[yellow]note[/] {escape(note)}")
-    for warning in test.warnings:
-        console.print(f"[red]warning[/] {escape(warning)}")
+    show_text(console, f"{series.duration:.4g} s at {series.sample_rate:.6g} Hz")
+    if is_detailed():
+        console.print(_channel_table(series, ("minimum", "maximum", "mean")))
+    rows = [("ranges", "" if is_detailed() else _ranges(series)), ("stated", "; ".join(_conditions(test)))]
+    show_summary(console, "", rows)
+    show_text(console, lag_statement(series), lines=1)
+    show_notes(console, (*test.derived, *test.remarks), most=1)
+    show_notes(console, test.warnings, "warning")
+
+
+def _ranges(series: TimeSeries) -> str:
+    """Return the range of each channel in a sentence."""
+    from eightpost.units import shown
+
+    parts = []
+    for name, si, values in zip(series.names, series.units, series.values, strict=True):
+        (low, unit), (high, _) = (shown(float(end), si) for end in (values.min(), values.max()))
+        parts.append(f"{name} {low:.4g} to {high:.4g} {unit}")
+    return ", ".join(parts)
 
 
 def _conditions(test: DynoTest) -> list[str]:
@@ -285,30 +337,32 @@ def show_runs(console: Console, runs: list[DynoTest]) -> None:
     units = {"from": "s", "to": "s", "stroke": display_unit("m"), "peak velocity": display_unit("m/s"),
              "peak force": display_unit("N"), "drift": "K"}  # fmt: skip
     columns = ["run", *(escape(f"{name} [{unit}]") for name, unit in units.items())]
-    console.print(console_table(columns, rows))
+    if len(runs) > 1 or is_detailed():
+        show_table(console, console_table(columns, rows), most=2)
     effect = temperature_effect(runs)
     if effect:
-        console.print(escape(str(effect)))
+        show_text(console, str(effect))
 
 
-def show_table(console: Console, table: PeakVelocityTable) -> None:
+def _show_peaks(console: Console, table: PeakVelocityTable) -> None:
     """Print a peak-velocity table's setting and ranges."""
     from eightpost.units import shown
 
     name = " ".join(("peak-velocity table", table.clicks or "")).strip()
     (low, speed), (high, _) = (shown(float(table.speed[end]), "m/s") for end in (0, -1))
     (most, force), (least, _) = (shown(float(end), "N") for end in (table.compression.max(), table.rebound.min()))
-    console.print(
-        f"{escape(name)}: {len(table)} speeds, {low:.4g} to {high:.4g} {speed}; compression to {most:.4g} {force}, "
-        f"rebound to {least:.4g} {force}"
-    )
-    for note in table.notes:
-        console.print(f"[yellow]note[/] {escape(note)}")
+    show_text(
+        console, f"{name}: {len(table)} speeds, {low:.4g} to {high:.4g} {speed}; compression to {most:.4g} {force}, "
+        f"rebound to {least:.4g} {force}",
+    )  # fmt: skip
+    show_notes(console, table.notes)
     if table.gas_force:
-        console.print(
-            f"[red]warning[/] gas force {table.gas_force:.4g} N in the table, found from {escape(table.gas_source)}; "
+        gas, _ = shown(table.gas_force, "N")
+        text = (
+            f"gas force {gas:.4g} {force} in the table, found from {table.gas_source}; "
             "it is subtracted from both strokes and becomes the gas preload of the shock"
         )
+        show_notes(console, [text], "warning")
 
 
 def _is_rig(record: RawRecord, channel_map: ChannelMap | None) -> bool:
@@ -326,10 +380,10 @@ def _show_map(console: Console, record: RawRecord, mapping: ChannelMap) -> None:
     named = [f"{name} {'-' * (pick.gain < 0.0)}{pick.source}" for name, pick in picks.items() if name != pick.source]
     if named:
         path = f" ({mapping.path})" if mapping.path else ""
-        console.print(f"channel map{escape(path)}: {escape(', '.join(named))}")
+        show_text(console, f"channel map{path}: {', '.join(named)}")
     read = {pick.source for pick in picks.values()} | {mapping.time.source if mapping.time else ""}
     if left := [name for name in record.names if name not in read]:
-        console.print(f"columns that are not read: {escape(', '.join(left))}")
+        show_text(console, f"columns that are not read: {', '.join(left)}", lines=1)
 
 
 def _show_rig_test(console: Console, test: RigTest, mass: float | None) -> bool:
@@ -343,19 +397,22 @@ def _show_rig_test(console: Console, test: RigTest, mass: float | None) -> bool:
 
     series = test.series
     check_lost_channels(series, test.corners, path=test.source)
-    console.print(f"{series.duration:.4g} s at {series.sample_rate:.6g} Hz, corners {' '.join(test.corners) or 'one'}")
-    console.print(_channel_table(series, ("minimum", "maximum", "mean", "std")))
+    show_text(
+        console, f"{series.duration:.4g} s at {series.sample_rate:.6g} Hz, corners {' '.join(test.corners) or 'one'}, "
+        f"{len(series.names)} channels",
+    )  # fmt: skip
+    more = details(console)
+    more.print(_channel_table(series, ("minimum", "maximum", "mean", "std")))
     known = test.conditions
-    for line in (known.synthetic, known.truth, known.drivefile, ", ".join(known.shocks)):
-        if line:
-            console.print(escape(line))
-    for note in (*test.notes, *test.derived):
-        console.print(f"[yellow]note[/] {escape(note)}")
+    show_text(console, known.synthetic, lines=1)
+    for line in (known.truth, known.drivefile, ", ".join(known.shocks)):
+        show_text(more, line)
+    show_notes(console, (*test.notes, *test.derived), most=1)
     findings = record_findings(series, test.corners, mass=mass)
-    is_late = _show_lags(console, test, findings)
-    for finding in findings:
-        console.print(f"[red]warning[/] {escape(str(finding))}")
-    return bool(findings) or is_late
+    late = _show_lags(more, test, findings)
+    warnings = [*map(str, findings), *late]
+    show_notes(console, warnings, "warning")
+    return bool(warnings)
 
 
 def _channel_table(series: TimeSeries, statistics: Sequence[str]) -> Table:
@@ -371,21 +428,17 @@ def _channel_table(series: TimeSeries, statistics: Sequence[str]) -> Table:
     return console_table(["channel", "unit", *statistics], rows)
 
 
-def _show_lags(console: Console, test: RigTest, findings: Sequence[Fault]) -> bool:
-    """Print the lags, with a warning if a channel is late and no finding says so; return whether there is a warning."""
+def _show_lags(console: Console, test: RigTest, findings: Sequence[Fault]) -> list[str]:
+    """Print the lags; return a warning for each late or drifting channel that no finding explains."""
     from eightpost.ident.preparation import drifts, record_lags
     from eightpost.ident.preparation.preparation import unexplained_lags
 
     lags, changes = record_lags(test.series, test.corners), drifts(test.series, test.corners)
     late = unexplained_lags(lags, findings)
     for lag in lags:
-        word = "[red]warning[/] " if lag in late else ""
-        console.print(f"{word}{escape(str(lag))}")
-    if late:
-        console.print("shift the channels of a late logger with delays (docs/how_to/rig_data.md)")
-    for drift in changes:
-        console.print(f"[red]warning[/] from start to end {escape(drift.drift_text)}")
-    return bool(late or changes)
+        show_text(console, str(lag))
+    advice = "; shift the channels of a late logger with delays (docs/how_to/rig_data.md)"
+    return [*(f"{lag}{advice}" for lag in late), *(f"from start to end {drift.drift_text}" for drift in changes)]
 
 
 # ---- Vehicles -------------------------------------------------------------------------------------------------------
@@ -403,20 +456,20 @@ def _show_vehicle(
     frequency = frequencies_to(high)
     parameter, factors = _varied(vary)
     car = read_vehicle(path)
-    console.print(f"read {path}: {car.name} ({car.model}), with its dampers")
+    show_text(console, f"read {path}: {car.name} ({car.model}), with its dampers")
     for doubt in doubts(car.parameters) if isinstance(car, StructuralVehicle) else ():
         warn(f"{doubt.summary}; {doubt.remedy}")
     variants = variants_of(car, parameter, factors, frequency)
     responses = {label: variant.response for label, variant in variants.items()}
     chosen = _outputs(next(iter(responses.values())), names)
-    console.print(_mode_table({label: variant.modes for label, variant in variants.items()}))
+    show_table(console, _mode_table({label: variant.modes for label, variant in variants.items()}), most=7)
     if folder is None:
         return
     completion.begin(folder)
     for name in chosen:
         plot_magnitudes(responses, name, folder / f"{name}.png")
     write_response(folder / "response.npz", response_of(car.with_damper(), frequency))
-    console.print(f"wrote response.npz and {len(chosen)} pictures in {folder}")
+    show_files(console, [folder / "response.npz"], f" and {len(chosen)} pictures")
 
 
 def _mode_table(modes: Mapping[str, tuple[Mode, ...]]) -> Table:
@@ -465,14 +518,14 @@ def _show_linearity(
 
     prepared = prepare(_tests(files, channels), read_preparation(how) if how else None)
     for line in prepared.summary():
-        console.print(line, markup=False)
+        show_text(details(console), line)
     recipe = LocalPolynomial.of_width(width, high)
     assessment = judge_linearity(prepared, outputs=outputs, recipe=recipe, thresholds=Thresholds(*limits))
     _show_conditions(console, assessment)
     if folder is not None:
         completion.begin(folder)
         _write_linearity(folder, assessment, prepared.sources)
-        console.print(f"wrote paths.csv, amplitude.csv and pictures in {folder}")
+        show_files(console, [folder / "paths.csv", folder / "amplitude.csv"], " and pictures")
     lost = any(verdict.condition is Condition.III for verdict in assessment.verdicts)
     return int(lost or any(effect.is_notable for effect in assessment.effects))
 
@@ -492,30 +545,28 @@ def _tests(files: Sequence[Path], channels: Channels) -> Iterator[RigTest]:
     from eightpost.rig import read_rig_test
 
     for path in each(Console(stderr=True), files, "reading", len(files)):
-        yield read_rig_test(path, **channels.options)
+        yield read_rig_test(path, **channels.of(path))
 
 
 def _show_conditions(console: Console, assessment: Linearity) -> None:
     from eightpost.ident.linearity import Condition
     from eightpost.units import convert
 
-    console.print(_condition_table(assessment))
+    details(console).print(_condition_table(assessment))
     for kind in Condition:
-        console.print(f"{kind.name}: {kind.meaning}", markup=False)
-    for output in assessment.outputs:
-        lost = max(
-            (each for each in assessment.verdicts if each.output == output), key=lambda v: v.shares[Condition.III]
-        )
-        share = convert(lost.shares[Condition.III], "1", "%")
-        if share >= 1.0:
-            console.print(
-                f"{output}: {share:.1f} % of its energy from {lost.input} is not predictable (III)", markup=False
-            )
-    for effect in assessment.effects:
-        if effect.is_notable:
-            console.print(str(effect), markup=False)
-    for note in assessment.notes:
-        console.print(f"note: {note}", markup=False)
+        count = sum(verdict.condition is kind for verdict in assessment.verdicts)
+        show_text(console, f"{kind.name}: {count} of {len(assessment.verdicts)} paths, {kind.meaning}", lines=1)
+    lost = [each for each in assessment.verdicts if each.shares[Condition.III] >= _LOST]
+    lost.sort(key=lambda verdict: -verdict.shares[Condition.III])
+    worst = {each.output: each for each in reversed(lost)}.values()
+    texts = [
+        f"{each.output}: {convert(each.shares[Condition.III], '1', '%'):.1f} % of its energy from {each.input} is not "
+        "predictable (III)"
+        for each in sorted(worst, key=lambda verdict: -verdict.shares[Condition.III])
+    ]
+    show_notes(console, texts, "warning")
+    show_notes(console, (str(effect) for effect in assessment.effects if effect.is_notable), "warning", most=1)
+    show_notes(console, assessment.notes, most=1)
 
 
 def _condition_table(assessment: Linearity) -> Table:

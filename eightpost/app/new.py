@@ -15,10 +15,10 @@ from eightpost.files import atomic_path
 FILES = {
     "README.md": "starter/README.md",
     "Makefile": "starter/Makefile",
-    "car.toml": "car.toml",
+    "car.json": "identified/car.json",
     "system.toml": "starter/system.toml",
     "study.toml": "starter/study.toml",
-    "track.parquet": "data/track.parquet",
+    "track.parquet": "identified/lap.parquet",
     "shocks/dyno_A.csv": "data/dyno_A.csv",
     "shocks/dyno_B.csv": "data/dyno_B.csv",
 }

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from eightpost.app.former import former_option
-from eightpost.errors import InputError, ParameterError, suggestion
+from eightpost.errors import InputError, ParameterError, choice_of, suggestion
 from eightpost.outputs import Kind, check_file, check_folder, is_input, recorded
 
 if TYPE_CHECKING:
@@ -348,15 +348,14 @@ class Choice(click.Choice):  # type: ignore[type-arg]
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the word."""
-        word = str(value).lower().removesuffix(".0")
-        if word not in self.choices:
-            self.fail(f"{value!r} is not one of {', '.join(self.choices)}{_near(word, self.choices)}", param, ctx)
-        return word
+        try:
+            return self.word(value)
+        except ParameterError as error:
+            self.fail(str(error), param, ctx)
 
-
-def _near(word: str, choices: Sequence[str]) -> str:
-    text = suggestion(word, choices)
-    return f"; {text}" if text.startswith("did") else ""
+    def word(self, value: object) -> str:
+        """Return the word of a value."""
+        return choice_of("word", value, self.choices)
 
 
 class LawName(Choice):
@@ -367,16 +366,11 @@ class LawName(Choice):
 
         super().__init__(list(LAWS))
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def word(self, value: object) -> str:
         """Return the name; laws and the choice of earlier versions are refused as such."""
-        from eightpost.shock.laws import FORMER, law_title
+        from eightpost.shock.laws import named_law
 
-        names = ", ".join(self.choices)
-        if value == "auto":
-            self.fail(f"the choice among laws was removed; omit --law, or choose from {names}", param, ctx)
-        if value in FORMER:
-            self.fail(f"the law {law_title(value)} is no longer supported; choose from {names}", param, ctx)
-        return super().convert(value, param, ctx)
+        return named_law(value)
 
 
 class OutputFile(FilePath):
@@ -536,18 +530,24 @@ class Channels:
 
     @property
     def options(self) -> dict[str, Any]:
-        """Return the arguments of the functions that read records."""
+        """Return the arguments of the functions that read records; the signs of single files are in `flips`."""
         return {"channel_map": self.channel_map, "units": dict(self.units), "flip": self.flip}
 
-    def only_map(self) -> ChannelMap | None:
-        """Return the channel map of records whose units and signs are those of their files.
+    @property
+    def flips(self) -> dict[str, tuple[str, ...]]:
+        """Return the channels to reverse by name of a file; those of all other files have an empty name."""
+        return {**self.of_files, **({"": self.flip} if self.flip else {})}
 
-        Raises:
-            InputError: A unit or a sign is stated.
-        """
-        if self.units or self.flip or self.of_files:
-            raise InputError("state units and signs of these records in a channel map: --channel MAP.TOML")
-        return self.channel_map
+    @property
+    def record_options(self) -> dict[str, Any]:
+        """Return the arguments of the functions that read several records, each with its own signs."""
+        return {**self.options, "flip": self.flips}
+
+    def of(self, file: Path) -> dict[str, Any]:
+        """Return the arguments of the functions that read a file."""
+        from eightpost.rig.columns import flips_of
+
+        return {**self.options, "flip": flips_of(file, self.flips)}
 
     @property
     def is_stated(self) -> bool:

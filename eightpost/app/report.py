@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
-from rich.markup import escape
 
 from eightpost.app.options import (
     CHANNELS,
@@ -135,34 +134,35 @@ def report(
     if is_study(files[0]):
         _study_page(console, files[0])
         return
-    from eightpost.app.show import show_verdict
+    from eightpost.app.show import show_files, show_notes, show_text, show_verdict
     from eightpost.ident.dyno_report.builds import Reading, dyno_report, read_limits
     from eightpost.ident.dyno_report.page import report_verdict, write_report
 
     corners = _corners(car, corner_mass, wheel_rate, motion_ratio)
-    flips = {**channels.of_files, **({"": channels.flip} if channels.flip else {})}
     options = {"channel_map": channels.channel_map, "units": dict(channels.units)}
-    reading = Reading(options, flips, dict(builds), dict(clicks), split, _cycle(cycle))
+    reading = Reading(options, channels.flips, dict(builds), dict(clicks), split, _cycle(cycle))
     reading.check(files)
     wanted = _tolerances(tolerances, limits)
-    master = None if limits is None else read_limits(limits, Reading(options, flips), wanted)
+    master = None if limits is None else read_limits(limits, Reading(options, channels.flips), wanted)
     entries = _read(console, files, reading)
     made = dyno_report(entries, speeds=speeds, corners=corners, fitted_to=dict(at), limits=master, track=_tracks(track))
     with console.status("drawing"):
         write_report(output, made, title=title)
-    for variant in made.variants:
-        names = ", ".join(f"{entry.name} ({entry.kind})" for entry in variant.entries)
-        console.print(f"{escape(variant.label)}: {escape(names)}")
+    variants = [f"{variant.label}: {', '.join(f'{entry.name} ({entry.kind})' for entry in variant.entries)}"
+                for variant in made.variants]  # fmt: skip
+    show_notes(console, variants, "build")
     verdict = report_verdict(made.entries)
     show_verdict(console, verdict)
     failed = [one for one in made.judgements if not one.passed]
-    for one in failed:
-        console.print(f"FAIL: {escape(one.entry.name)}, {one.stroke}: {one.text}")
-    for name in made.unjudged:
-        console.print(f"not judged: {escape(name)}, which has no measured curve at a speed of the limits (--set speed)")
+    show_notes(console, (f"{one.entry.name}, {one.stroke}: {one.text}" for one in failed), "FAIL:")
+    show_notes(
+        console,
+        (f"{name}, which has no measured curve at a speed of the limits (--set speed)" for name in made.unjudged),
+        "not judged:", most=1,
+    )  # fmt: skip
     if made.judgements and not failed:
-        console.print(f"pass: all judged curves are within the limits of {escape(str(limits))}")
-    console.print(f"wrote {escape(str(output))}")
+        show_text(console, f"pass: all judged curves are within the limits of {limits}")
+    show_files(console, [output])
     is_within = not failed and (limits is None or bool(made.judgements))
     ctx.exit(0 if verdict.is_acceptable and is_within else 1)
 
@@ -170,7 +170,7 @@ def report(
 def _live_page(console: Console, files: Sequence[Path], output: Path, car: Path | None) -> Verdict:
     """Write the page on which a shock runs live; return the verdict on the shock."""
     from builder.live_page import write_live_page
-    from eightpost.app.show import show_verdict
+    from eightpost.app.show import show_files, show_verdict
     from eightpost.examples_folder import examples_folder
 
     if len(files) > 1:
@@ -179,7 +179,7 @@ def _live_page(console: Console, files: Sequence[Path], output: Path, car: Path 
         written = write_live_page(files[0], output, vehicle=car or examples_folder() / "corner.toml")
     show_verdict(console, written.verdict)
     size = written.path.stat().st_size
-    console.print(f"wrote {escape(str(written.path))}: {len(written.controls)} parameters to turn, {size / 1e6:.1f} MB")
+    show_files(console, [written.path], f": {len(written.controls)} parameters to turn, {size / 1e6:.1f} MB")
     return written.verdict
 
 
@@ -189,9 +189,10 @@ def is_study(path: Path) -> bool:
 
 
 def _study_page(console: Console, folder: Path) -> None:
-    from eightpost.app.study import saved, show_page
+    from eightpost.app.show import show_files
+    from eightpost.app.study import saved
 
-    show_page(console, saved(console, folder))
+    show_files(console, [saved(console, folder).write_page()])
 
 
 def _cycle(text: str) -> str | int:
@@ -241,7 +242,7 @@ def _corners(
 
 
 def _read(console: Console, files: Sequence[Path], reading: Reading) -> tuple[Entry, ...]:
-    from eightpost.app.progress import bar
+    from eightpost.app.show import bar
     from eightpost.ident.dyno_report.builds import read_entries
 
     with bar(console, "reading", len(files)) as advance:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
-from rich.markup import escape
 
 from eightpost import completion
 from eightpost.app.options import (
@@ -23,7 +22,7 @@ from eightpost.app.options import (
     setting,
     verb,
 )
-from eightpost.app.progress import bar
+from eightpost.app.show import bar, show_files, show_notes, show_result, show_verification
 from eightpost.outputs import PICTURE, RECORD, RESULT
 
 if TYPE_CHECKING:
@@ -123,7 +122,6 @@ def run(
     from cosim.ssp import Given
     from cosim.system_file import read_case
     from eightpost.api.reading import existing_toml
-    from eightpost.app.show import show_files, show_result, show_verification
 
     if report:
         from cosim.report import write_report
@@ -139,8 +137,7 @@ def run(
     check_outputs()  # the files that the system names are now known
     case = case.with_coupling(algorithm, step, tolerance)
     console = Console()
-    for note in case.notes:
-        console.print(f"[yellow]note[/] {escape(note)}", highlight=False)
+    show_notes(console, case.notes, most=1)
     completion.begin(output)
     try:
         result = run_with_progress(console, case, compared=comparison)

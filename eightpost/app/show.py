@@ -1,17 +1,30 @@
-"""Output of commands: what was done, the result, and the verdict in at most 12 lines of 80 columns; details with -v."""
+"""Output of commands: progress, what was done, the result, and one verdict, at most 12 lines; details with -v."""
 
 from __future__ import annotations
 
+import os
 import textwrap
-from collections.abc import Iterable, Mapping
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 from rich.console import Console
 from rich.markup import escape
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
-from eightpost.report.console import Table, console_table, unbroken
+from eightpost.progress import Listener
+from eightpost.report.console import Table, brief, console_table, unbroken
 from eightpost.verdict import Grade, Reason, Verdict
 
 if TYPE_CHECKING:
@@ -19,8 +32,8 @@ if TYPE_CHECKING:
 
 # ---- Summary and verdict, the same for every command ----------------------------------------------------------------
 
-#: Largest width of a line, and numbers of lines of a text and of reasons; all of them are shown with -v.
-_WIDTH, _LINES, _REASONS = 80, 2, 3
+#: Largest width of a line, and numbers of lines of a text, of rows and of notes; all of them are shown with -v.
+_WIDTH, _LINES, _ROWS, _NOTES = 80, 2, 4, 2
 
 _COLORS: Mapping[Grade, str] = {
     Grade.USABLE: "green",
@@ -43,21 +56,41 @@ def details(console: Console) -> Console:
 
 def show_summary(console: Console, title: str, rows: Iterable[tuple[str, str]] = ()) -> None:
     """Print a title and labelled texts, each of at most two lines; rows without a text are left out."""
-    _show(console, title)
+    if title:
+        show_text(console, title)
     shown = [row for row in rows if row[1]]
     width = max((len(label) for label, _ in shown), default=0) + 4
     for label, text in shown:
-        _show(console, text, begin=f"  {label}".ljust(width), hanging=" " * width)
+        show_text(console, text, begin=f"  {label}".ljust(width), hanging=" " * width)
 
 
-def show_files(console: Console, files: Iterable[Path]) -> None:
+def show_table(console: Console, table: Table, *, most: int = _ROWS) -> None:
+    """Print the first rows of a table, and how many more there are; with -v, the whole table."""
+    if is_detailed():
+        console.print(table)
+        return
+    console.print(brief(table, most))
+    if table.row_count > most:
+        show_text(console, f"{most} of {table.row_count} rows; -v shows all", begin="  ")
+
+
+def show_notes(console: Console, notes: Iterable[str], word: str = "note", *, most: int = _NOTES) -> None:
+    """Print the first notes, each of at most two lines, and how many more there are; with -v, all of them."""
+    every = list(notes)
+    for text in every if is_detailed() else every[:most]:
+        show_text(console, f"{word} {text}", hanging="  ", style="red" if word == "warning" else "")
+    if len(every) > most and not is_detailed():
+        show_text(console, f"and {len(every) - most} more; -v shows all", begin="  ")
+
+
+def show_files(console: Console, files: Iterable[Path], remark: str = "") -> None:
     """Print the names of the files that a command wrote."""
     if names := ", ".join(map(str, files)):
-        console.print(f"wrote {escape(names)}", soft_wrap=True, highlight=False)
+        console.print(f"wrote {escape(names)}{remark}", soft_wrap=True, highlight=False)
 
 
 def show_verdict(console: Console, verdict: Verdict) -> None:
-    """Print a verdict in one line, and the reasons for which something must be done; with -v, every reason."""
+    """Print a verdict in one line, and what must be done if it is not usable as it is; with -v, every reason."""
     color = _COLORS[verdict.grade]
     if is_detailed():
         console.print(
@@ -67,24 +100,24 @@ def show_verdict(console: Console, verdict: Verdict) -> None:
             console.print(f"  {_line(reason)}", highlight=False, soft_wrap=True)
         return
     first = verdict.decisive[0].statement if verdict.reasons else "nothing was examined"
-    _show(console, f"{verdict.headline}: {first}.", style=f"bold {color}")
     urgent = [reason for reason in verdict.reasons if reason.grade is not Grade.USABLE]
-    for reason in urgent[:_REASONS]:
-        other = "" if reason is verdict.reasons[0] else f"{reason.grade.value}: {reason.statement}: "
-        _show(console, f"{other}{reason.figure}", begin="  ", hanging="  ")
+    show_text(console, f"{verdict.headline}: {first}.", style=f"bold {color}", lines=1)
+    more = f"1 of {len(urgent)} reasons (-v): " if len(urgent) > 1 else ""
+    for reason in urgent[:1]:
+        show_text(console, f"{more}{reason.figure}", begin="  ", lines=1)
         if not reason.remedy.startswith("nothing"):
-            _show(console, f"to do: {reason.remedy}", begin="    ", hanging="    ")
-    if len(urgent) > _REASONS:
-        _show(console, f"and {len(urgent) - _REASONS} more reasons; -v shows all", begin="  ")
+            show_text(console, f"to do: {reason.remedy}", begin="  ", hanging="    ")
 
 
-def _show(console: Console, text: str, *, begin: str = "", hanging: str = "", style: str = "") -> None:
-    """Print a text of at most two lines, or all of it with -v."""
-    lines = textwrap.wrap(
+def show_text(
+    console: Console, text: str, *, begin: str = "", hanging: str = "", style: str = "", lines: int = _LINES
+) -> None:
+    """Print the first lines of a text, or all of it with -v."""
+    wrapped = textwrap.wrap(
         text, min(console.width, _WIDTH), initial_indent=begin, subsequent_indent=hanging, break_long_words=False,
-        break_on_hyphens=False, max_lines=None if is_detailed() else _LINES, placeholder=" ...",
+        break_on_hyphens=False, max_lines=None if is_detailed() else lines, placeholder=" ...",
     )  # fmt: skip
-    console.print("\n".join(lines), style=style or None, markup=False, highlight=False, soft_wrap=True)
+    console.print("\n".join(wrapped), style=style or None, markup=False, highlight=False, soft_wrap=True, emoji=False)
 
 
 def _line(reason: Reason) -> str:
@@ -134,7 +167,12 @@ def show_verification(console: Console, verification: cosim.Verification, result
         stated = result.stated_error.get(name)
         rows.append((name, f"{difference:.2g} %", "" if stated is None else f"{stated:.2g} %"))
     caption = f"RMS in % of the standard deviation: steps of {_step(result)} and of {_step(verification.finer)}"
-    console.print(console_table([*unbroken("channel"), "difference", "stated error"], rows, caption=caption))
+    more = details(console)
+    more.print(console_table([*unbroken("channel"), "difference", "stated error"], rows, caption=caption))
+    if rows and not is_detailed():
+        channel, difference, stated_text = rows[0]
+        stated_text = stated_text or "unknown"
+        show_text(console, f"at half the step: {channel} differs most, by {difference}; stated error {stated_text}")
 
 
 def _step(result: cosim.Result) -> str:
@@ -164,3 +202,124 @@ def _statistics(result: cosim.Result) -> Table:
         rows.append((channel, unit, *(f"{number:.4g}" for number in numbers)))
     columns = [*unbroken("channel"), "unit", "mean", "RMS", "minimum", "maximum"]
     return console_table(columns, rows, caption="RMS about the mean")
+
+
+# ==== Progress bars of all verbs =====================================================================================
+
+Item = TypeVar("Item")
+
+#: Callback that receives the amount done, and the total if it is known only now.
+Advance = Callable[..., None]
+
+
+@contextmanager
+def bar(console: Console, text: str, total: float | None = None) -> Iterator[Advance]:
+    """Show a progress bar until the block ends.
+
+    Args:
+        console: Console of the bar; if it is not a terminal, lines are printed from time to time instead.
+        text: Name of the work.
+        total: Total amount: a number of items (int), a share (1.0), or None if the work states it itself.
+
+    Yields:
+        Callback for the amount done and, optionally, the total.
+    """
+    if not console.is_terminal:
+        yield _Lines(console, text, total)
+        return
+    amount = TaskProgressColumn() if isinstance(total, float) else MofNCompleteColumn()
+    columns = (TextColumn("{task.description}"), BarColumn(), amount, TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task(text, total=total)
+
+        def advance(done: float, out_of: float | None = None) -> None:
+            progress.update(task, completed=done, total=out_of)
+
+        yield advance
+
+
+#: Interval of the lines about the progress in a log file [s]; a program that shows them asks for a shorter one.
+INTERVAL = float(os.environ.get("EIGHTPOST_PROGRESS", "30"))
+
+
+class _Lines:
+    """Progress as lines with the time that is left, for output that is not a terminal, such as the log of a job.
+
+    Args:
+        console: Console of the lines.
+        text: Name of the work.
+        total: Total amount, as of `bar`.
+    """
+
+    def __init__(self, console: Console, text: str, total: float | None) -> None:
+        self._console, self._text, self._total = console, text, total
+        self._began = self._printed = time.monotonic()
+        self._first: float | None = None
+
+    def __call__(self, done: float, out_of: float | None = None) -> None:
+        """Print a line if the last one is older than INTERVAL."""
+        now = time.monotonic()
+        total = self._total if out_of is None else out_of
+        if self._first is None:  # what an earlier run completed says nothing about the speed
+            self._first, self._began = done, now
+        if now - self._printed < INTERVAL or not total:
+            return
+        self._printed = now
+        rate = (done - self._first) / (now - self._began) if now > self._began else 0.0
+        left = f", about {_clock((total - done) / rate)} left" if rate > 0.0 else ""
+        amount = "" if isinstance(total, float) else f"{done:g} of {total:g}, "
+        self._console.print(f"{self._text}: {amount}{done / total:.0%}{left}", highlight=False, soft_wrap=True)
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}"
+
+
+def each(console: Console, items: Iterable[Item], text: str, total: int) -> Iterator[Item]:
+    """Yield the items with a progress bar.
+
+    Args:
+        console: Console of the bar.
+        items: Items, which may be computed one by one.
+        text: Name of the work.
+        total: Number of items.
+    """
+    with bar(console, text, total) as advance:
+        for done, item in enumerate(items, start=1):
+            yield item
+            advance(done)
+
+
+class ConsoleListener(Listener):
+    """Listener that prints notes and sentences, with a progress bar for each work.
+
+    Args:
+        console: Console.
+    """
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+
+    def note(self, text: str) -> None:
+        """Print a note."""
+        show_text(self._console, f"note {text}", hanging="  ")
+
+    def say(self, text: str) -> None:
+        """Print a sentence."""
+        show_text(details(self._console), text)
+
+    def report(self, text: str) -> None:
+        """Print a note on standard error."""
+        show_text(Console(stderr=True), f"note {text}", hanging="  ")
+
+    @contextmanager
+    def work(self, text: str, total: float | None = None) -> Iterator[Advance]:
+        """Show a progress bar, or the name of work without a total."""
+        if total is not None:
+            with bar(self._console, text, total) as advance:
+                yield advance
+            return
+        with self._console.status(text) as status:
+            yield lambda done, _all=0.0: status.update(f"{done:g} {text}")

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
-from rich.markup import escape
 
 from eightpost.app.options import (
     CHANNELS,
@@ -24,7 +23,7 @@ from eightpost.app.options import (
     setting,
     verb,
 )
-from eightpost.app.show import details, show_verdict
+from eightpost.app.show import details, show_files, show_notes, show_table, show_text, show_verdict
 from eightpost.errors import InputError
 from eightpost.outputs import PAGE
 
@@ -114,7 +113,7 @@ def validate(
     models, records = models_and_records(paths)
     if settling is not None and settling < 0.0:
         raise InputError(f"--set settling must be 0 or more, not {settling:g} s")
-    given = _Given(console, records, kinds, channels.options, report, keep)
+    given = _Given(console, records, kinds, channels.of, report, keep)
     if is_vehicle(models):
         _refuse("vehicle", {"cutoff": cutoff, "segment": segment})
         settled = SETTLING if settling is None else settling
@@ -139,7 +138,7 @@ class _Given:
     console: Console  #: Console of the output.
     records: list[Path]  #: Files of the records.
     kinds: tuple[str, ...]  #: Kinds of records, each `KIND` or `FILE=KIND`.
-    reading: dict[str, Any]  #: Options of reading a record: channel map, units and reversed channels.
+    reading: Callable[[Path], dict[str, Any]]  #: Options of reading a file: channel map, units, reversed channels.
     report: Path | None  #: Page to write.
     keep: bool  #: Whether to write the verdict into the files of the models.
 
@@ -162,7 +161,7 @@ class _Given:
 
     def each_record(self) -> Iterable[Path]:
         """Yield the records with a progress bar."""
-        from eightpost.app.progress import each
+        from eightpost.app.show import each
 
         return each(self.console, self.records, "reading", len(self.records))
 
@@ -172,21 +171,14 @@ class _Given:
 
         more = details(self.console)
         for record in records:
-            more.print(
-                f"{escape(record.name)}: {record.kind}, {escape(record.reason)}", soft_wrap=True, highlight=False
-            )
+            show_text(more, f"{record.name}: {record.kind}, {record.reason}")
         for number, table in enumerate(table for table in tables if table.rows):
-            (more if number else self.console).print(result_table(table))
+            show_table(more if number else self.console, result_table(table), most=3)
 
     def show_verdict(self, notes: Iterable[str], verdict: Verdict) -> None:
         """Print the verdict; with -v, also the notes."""
-        for note in notes:
-            details(self.console).print(f"[yellow]note[/] {escape(note)}", soft_wrap=True, highlight=False)
+        show_notes(details(self.console), notes)
         show_verdict(self.console, verdict)
-
-    def show_line(self, text: str) -> None:
-        """Print a line of any length."""
-        self.console.print(text, soft_wrap=True, highlight=False)
 
 
 def _validate_shocks(
@@ -211,7 +203,7 @@ def _validate_shocks(
     kind_of = given.kind_of(KINDS)
     shocks = [read_shock(path) for path in paths]
     records = [
-        dyno_record(read_dyno_test(path, cutoff=cutoff, **given.reading), kind=kind_of.get(path))
+        dyno_record(read_dyno_test(path, cutoff=cutoff, **given.reading(path)), kind=kind_of.get(path))
         for path in given.each_record()
     ]
     study = validate_shocks(shocks, records, cutoff=cutoff, segment=segment)
@@ -222,9 +214,9 @@ def _validate_shocks(
         from eightpost.ident.validation.shock_page import write_shock_page
 
         title = f"Validation of {', '.join(dict.fromkeys(shock.name for shock in shocks))}"
-        given.show_line(f"wrote {write_shock_page(given.report, study, limit=limit, title=title)}")
-    for path in keep_verdicts(study, paths, limit) if given.keep else ():
-        given.show_line(f"wrote the verdict into {path}")
+        show_files(given.console, [write_shock_page(given.report, study, limit=limit, title=title)])
+    if given.keep:
+        show_files(given.console, keep_verdicts(study, paths, limit), " with the verdict")
     return verdict
 
 
@@ -247,7 +239,8 @@ def _validate_vehicle(
     other = read_vehicle(against) if against else None
     model = fit.vehicle.state_space
     records = [
-        rig_record(read_rig_test(one, **given.reading), model, kind=kind_of.get(one)) for one in given.each_record()
+        rig_record(read_rig_test(one, **given.reading(one)), model, kind=kind_of.get(one))
+        for one in given.each_record()
     ]
     with given.console.status("predicting"):
         study = validate_vehicle(fit, records, shocks=laws, against=other, settling=settling)
@@ -261,13 +254,13 @@ def _validate_vehicle(
     if fit.trust is not None and fit.trust.friction:
         more.print(friction_table(fit, fit.trust))
     given.show_verdict(study.notes, verdict)
-    given.show_line(limits.summary())
+    show_text(given.console, limits.summary())
     if given.report:
         from eightpost.ident.validation.vehicle_page import write_vehicle_page
 
         title = f"Validation of {fit.vehicle.name}"
-        given.show_line(f"wrote {write_vehicle_page(given.report, study, limits=limits, title=title)}")
+        show_files(given.console, [write_vehicle_page(given.report, study, limits=limits, title=title)])
     if given.keep:
         keep_verdict(path, study, verdict)
-        given.show_line(f"wrote the verdict, and how far the levels of independent records are off, into {path}")
+        show_files(given.console, [path], " with the verdict, and how far levels of independent records are off")
     return verdict

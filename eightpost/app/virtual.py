@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
-from rich.markup import escape
 
 from eightpost import completion
 from eightpost.app.options import OutputFile, Quantity, option, setting, verb
-from eightpost.app.progress import each
+from eightpost.app.show import each, show_notes, show_text
 from eightpost.errors import InputError
 from eightpost.outputs import RECORD
 
@@ -100,15 +99,14 @@ def dyno(
         specimen = Specimen.configured(number)
     else:
         raise InputError("give one shock: --configuration 1 to 12 (Table 3.1), or --build, e.g. C/B")
-    console.print(f"shock: {escape(specimen.title)}", highlight=False, soft_wrap=True)
+    show_text(console, f"shock: {specimen.title}")
     if test_name == "all":
         completion.begin(output)
         tests = {name: (drive, output / f"{name}.parquet") for name, drive in program(seed=seed).items()}
     else:
         drive = drivefile_of(test_name, seed, amplitude=amplitude, speed=speed, duration=duration)
         tests = {test_name: (drive, output)}
-    for name, (drive, path) in tests.items():
-        console.print(specimen.test(drive, name, seed, path), highlight=False, soft_wrap=True)
+    show_notes(console, (specimen.test(drive, name, seed, path) for name, (drive, path) in tests.items()), "wrote")
 
 
 def _check_options(test_name: str, *, amplitude: float | None, speed: float | None, duration: float | None) -> None:
@@ -199,20 +197,21 @@ def rig(
     shocks_named((*names, alternate))  # an unknown shock is an error before the first test
     console = Console()
 
-    def finish(test: RigTest, path: Path) -> None:
+    def finish(test: RigTest, path: Path) -> str:
         test.write(path)
-        text = f"{bench.summary(test)}; wrote {path}"
-        # ':A:' in the names of shocks is not an emoji
-        console.print(text, highlight=False, soft_wrap=True, markup=False, emoji=False)
+        return f"{path}: {bench.summary(test)}"
 
     if program_name is None:
         drivefile = bench.drivefile(
             test_name, seed, duration=duration, only=only or "", mode=mode, frequency=frequency, amplitude=amplitude
         )
-        finish(bench.record(drivefile, names, test_name), output)
+        show_notes(console, [finish(bench.record(drivefile, names, test_name), output)], "wrote")
         return
     planned = program(program_name, bench.car, seed, duration=duration, draws=draws)
     completion.begin(output)
     # Each record is written when it is done and freed before the next test, because 800 s are large.
-    for number, test in each(console, enumerate(planned), "tests", len(planned)):
+    written = [
         finish(bench.record_planned(test, number, names, alternate), output / f"{test.name}.{suffix}")
+        for number, test in each(console, enumerate(planned), "tests", len(planned))
+    ]
+    show_notes(console, written, "wrote", most=4)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from scipy.signal import correlate, correlation_lags
@@ -15,11 +15,12 @@ from scipy.signal import correlate, correlation_lags
 import eightpost
 from eightpost.array_types import Array, Complex
 from eightpost.drivefile.iteration import Outcome, Pass, Problem, Settings, StartResponse, Status, advance
-from eightpost.drivefile.target import LimitHit, Limits, Target, at_rate, read_channels
+from eightpost.drivefile.target import LimitHit, Target, at_rate, read_channels
 from eightpost.errors import DataError, FileFormatError, InputError, TooShortError, WrongSignError
-from eightpost.files import MALFORMED, atomic_path, check_schema, json_content, sha256_of
+from eightpost.files import atomic_path, check_schema, json_content, sha256_of
 from eightpost.ident.vehicle.frequency_response import read_response, write_response
 from eightpost.outputs import check_folder
+from eightpost.schema import checked
 from eightpost.signals import ChannelMap, Drivefile, TimeSeries
 from eightpost.signals.formats import read_series, write_series
 from eightpost.verdict import Verdict, edited, is_intact, sealed
@@ -132,10 +133,31 @@ def _check_signs(problem: Problem, H: Complex, drive: Array, rows: Array, path: 
 #: Newest schema of iteration.json that can be read; it is also the one that is written.
 SCHEMA = 1
 
-#: File formats in which drive files are written beside Parquet.
-FORMATS = ("parquet", "csv", "mat", "drv")
+Format = Literal["parquet", "csv", "mat", "drv"]
+
+#: File formats in which drive files are written.
+FORMATS = get_args(Format)
 
 _STATE = "iteration.json"
+
+#: Largest change of a channel per steady input [SI]; an edited file may have any.
+_LARGEST = 1e12
+
+
+@dataclass(frozen=True)
+class _State:
+    """Entries of iteration.json that are read, as `IterationFolder.start` writes them."""
+
+    high: float
+    settings: Settings
+    static: tuple[tuple[float, ...], ...]
+    notes: tuple[str, ...]
+    sources: dict[str, str]
+    format: Format
+
+
+_AGAIN = "start the iteration again"
+_ENTRIES = tuple(entry.name for entry in fields(_State))
 
 
 @dataclass(frozen=True)
@@ -188,18 +210,18 @@ class IterationFolder:
         if not isinstance(content, dict) or content.get("kind") != "drivefile_iteration":
             raise FileFormatError("is not the state of a drive file iteration", path=path / _STATE)
         check_schema(content, SCHEMA, path / _STATE)
-        try:
-            settings = Settings(**{**content["settings"], "limits": Limits(**content["settings"]["limits"])})
-            static, notes = np.asarray(content["static"], dtype=np.float64), tuple(content["notes"])
-            start = StartResponse(read_response(path / "response.npz"), static, notes)
-            target = Target(read_series(path / "target.parquet"), float(content["high"]))
-            edits = Verdict() if is_intact(content) else edited(_STATE)
-            return cls(path, Problem(target, start, settings), dict(content["sources"]), str(content["format"]), edits)
-        except InputError:
-            raise
-        except MALFORMED as error:
-            what = f"does not contain the state of an iteration in the format of this version ({error})"
-            raise FileFormatError(what, path=path / _STATE) from error
+        state = checked(_State, {name: content[name] for name in _ENTRIES if name in content}, path=path / _STATE)
+        target = Target(read_series(path / "target.parquet"), state.high)
+        response, static = read_response(path / "response.npz"), _matrix(state.static)
+        if response.output_names != target.names or not np.array_equal(response.frequency, target.lines.frequency):
+            what = f"does not belong to {_STATE} and target.parquet"
+            raise FileFormatError(f"{what}: {_AGAIN}", path=path / "response.npz")
+        p, m = response.H.shape[:2]
+        if static.shape != (p, m) or not np.abs(static).max() < _LARGEST:
+            what = f"static must be {p} rows of {m} numbers below {_LARGEST:g}"
+            raise FileFormatError(f"{what}: {_AGAIN}", path=path / _STATE)
+        problem = Problem(target, StartResponse(response, static, state.notes), state.settings)
+        return cls(path, problem, state.sources, state.format, Verdict() if is_intact(content) else edited(_STATE))
 
     def pass_path(self, number: int) -> Path:
         """Return the folder of a pass, counted from 1."""
@@ -321,10 +343,12 @@ class IterationFolder:
         path = self.pass_path(number) / "limits.json"
         if not path.is_file():
             return ()
-        try:
-            return tuple(str(LimitHit(**hit)) for hit in json_content(path))
-        except MALFORMED as error:
-            raise FileFormatError(f"does not contain limits of a drive file ({error})", path=path) from error
+        return tuple(map(str, checked(list[LimitHit], json_content(path), path=path)))
+
+
+def _matrix(rows: Sequence[Sequence[float]]) -> Array:
+    """Return rows as an array (p, m); an empty one if they differ in length."""
+    return np.array(rows) if len({len(row) for row in rows}) == 1 else np.zeros((0, 0))
 
 
 def _write_json(path: Path, content: Any) -> None:

@@ -173,7 +173,7 @@ class Inverse:
         return np.asarray(self.kept.sum(axis=1))
 
 
-def output_scale(lines: Lines, target: Complex, width: float) -> Array:
+def _output_scale(lines: Lines, target: Complex, width: float) -> Array:
     """Return the amplitude of each target channel in the band around each line (K, p), for target lines (K, p)."""
     amplitude = np.sqrt(lines.band_mean(np.abs(target) ** 2, width))
     return np.asarray(np.maximum(amplitude, _FLOOR * amplitude.max(axis=0)))
@@ -424,7 +424,7 @@ def advance(problem: Problem, passes: Sequence[Pass]) -> Outcome:
                    for one, rows in zip(passes, moving, strict=True)]  # fmt: skip
         corrected = correction(H, spectra, lines, settings.width)
         H, gain = H * corrected.factor[:, :, None], gains(corrected.coherence, settings.gain)
-    scale = output_scale(lines, problem.wanted, settings.width)
+    scale = _output_scale(lines, problem.wanted, settings.width)
     inverse = regularised_inverse(H, scale, problem.units, settings.regularisation)
     gain = gain * 0.5**rejections
     before, error, base = np.zeros((len(problem.units), lines.samples)), problem.wanted, None

@@ -14,7 +14,7 @@ from eightpost.drivefile.target import EDGES, PassErrors
 from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, grid_figure
 from eightpost.report.page import Block, Section, digest, document, write_page
 from eightpost.report.tables import Cell, ResultTable
-from eightpost.verdict import Grade, Reason, Rules, Verdict
+from eightpost.verdict import Reason, Rules, Verdict
 
 # ==== Verdict ========================================================================================================
 
@@ -23,55 +23,18 @@ ABOUT = "drive file"
 #: Error of a mean displacement, relative to the RMS of the displacement, above which it is reported [1].
 _MEAN = 0.5
 
-RULES = Rules()
-
-REPRODUCED = RULES.add("target reproduced", ABOUT, Grade.USABLE,
-    condition="the best pass has errors within the accepted ones (default: accelerations 2.5 %, displacements 1 % of "
-    "their RMS)",
-    why="two runs of the same drive file on the virtual rig differ by about 1 %, because friction drifts",
-    remedy="use best_drive for all setups; repeat it once to see how far two runs of it differ",
-)  # fmt: skip
-RUNNING = RULES.add("not finished", ABOUT, Grade.UNKNOWN,
-    condition="the best pass has larger errors than the accepted ones, and the last passes reduced the error",
-    why="the error still decreases from pass to pass",
-    remedy="play the next drive file and give its record (eightpost drivefile next --record)",
-)  # fmt: skip
-STALLED = RULES.add("no progress", ABOUT, Grade.NOT_USABLE,
-    condition="the last three passes reduced the smallest error by less than 5 %, and it is above the accepted one",
-    why="further passes will not help: a limit, noise, drift or an unreachable channel determines the error",
-    remedy="see the bands with the largest errors; remove unreachable channels (--set channels), lower --set high, or "
-    "accept a larger error",
-)  # fmt: skip
-DIVERGED = RULES.add("divergence", ABOUT, Grade.NOT_USABLE,
-    condition=f"{PATIENCE} passes in a row have more than {REJECTED:g} times the smallest error, although the gain was "
-    "halved after each",
-    why="the response of the car differs too much from the model for any gain",
-    remedy="check sensors, signs and channel map; identify the car on this rig with these shocks; start with a lower "
-    "--set gain",
-)  # fmt: skip
-AT_LIMIT = RULES.add("limit of an actuator", ABOUT, Grade.LIMITED,
-    condition="a limit of stroke, velocity or force changed the drive of the best pass or the next drive",
-    why="the target is not reachable at these times",
-    remedy="check the limits (--set stroke, --set velocity, --set force), slow trends of the track record, and "
-    "--set high",
-)  # fmt: skip
-MEANS = RULES.add("mean displacement", ABOUT, Grade.LIMITED,
-    condition=f"a mean displacement of the best pass differs from the target by more than {100.0 * _MEAN:g} % of the "
-    "RMS displacement",
-    why="progressive springs and stops respond differently about another mean",
-    remedy="set the potentiometers on the rig to zero in the same state of the car as on the track",
-)  # fmt: skip
+RULES = Rules.read(Path(__file__).with_suffix(".txt"), ABOUT, patience=PATIENCE, rejected=REJECTED, mean=100.0 * _MEAN)
 
 
 _OF_STATUS = {
-    Status.CONVERGED: (REPRODUCED, "the rig reproduces the target"),
-    Status.RUNNING: (RUNNING, "the target is not reproduced yet"),
-    Status.STALLED: (STALLED, "the target is not reproduced, and the error no longer decreases"),
-    Status.DIVERGED: (DIVERGED, "the iteration diverged"),
+    Status.CONVERGED: ("target reproduced", "the rig reproduces the target"),
+    Status.RUNNING: ("not finished", "the target is not reproduced yet"),
+    Status.STALLED: ("no progress", "the target is not reproduced, and the error no longer decreases"),
+    Status.DIVERGED: ("divergence", "the iteration diverged"),
 }
 
 
-def iteration_verdict(problem: Problem, outcome: Outcome, hits: Sequence[str] = ()) -> Verdict:
+def _iteration_verdict(problem: Problem, outcome: Outcome, hits: Sequence[str] = ()) -> Verdict:
     """Return the verdict on an iteration; `hits` are sentences on limits that changed the drive of the best pass."""
     return Verdict(_reasons(problem, outcome, hits))
 
@@ -79,19 +42,19 @@ def iteration_verdict(problem: Problem, outcome: Outcome, hits: Sequence[str] = 
 def _reasons(problem: Problem, outcome: Outcome, hits: Sequence[str]) -> Iterator[Reason]:
     (rule, statement), number = _OF_STATUS[outcome.status], outcome.best + 1
     place = f"best pass {number} of {len(outcome.errors)}" if number else f"{len(outcome.errors)} passes"
-    figure = error_summary(outcome.errors[outcome.best]) if number else "no pass is better than a rig at rest"
-    yield rule.reason(statement, figure=figure, origin=place)
+    figure = _error_summary(outcome.errors[outcome.best]) if number else "no pass is better than a rig at rest"
+    yield RULES.reason(rule, statement, figure, origin=place)
     for hit in dict.fromkeys((*hits, *map(str, outcome.hits))):
-        yield AT_LIMIT.reason("the drive is limited", figure=hit, origin="drive file")
+        yield RULES.reason("limit of an actuator", "the drive is limited", figure=hit, origin="drive file")
     if number and problem.settings.has_means:
         means = outcome.errors[outcome.best].means
         for name, unit in zip(problem.target.names, problem.target.units, strict=True):
             if unit == "m" and abs(means[name]) > _MEAN:
                 figure = f"{name} {100.0 * means[name]:+.0f} % of its RMS; limit {100.0 * _MEAN:g} %"
-                yield MEANS.reason("a mean displacement is not reproduced", figure=figure, origin=place)
+                yield RULES.reason("mean displacement", "a mean displacement is not reproduced", figure, origin=place)
 
 
-def error_summary(errors: PassErrors) -> str:
+def _error_summary(errors: PassErrors) -> str:
     """Return the error of each quantity and the worst channel as a phrase."""
     quantities = dict.fromkeys(name.rpartition(".")[2] for name in errors.channels)
     parts = [f"{q.replace('_', ' ')} {100.0 * (errors.of_quantity(q) or 0.0):.2f} %" for q in quantities]
@@ -127,7 +90,7 @@ def write_iteration_page(folder: IterationFolder) -> Path:
 def verdict_of(folder: IterationFolder) -> Verdict:
     """Return the verdict on the iteration in a folder, with the limits that changed its best drive."""
     outcome = folder.outcome()
-    own = iteration_verdict(folder.problem, outcome, folder.limit_hits(outcome.best + 1))
+    own = _iteration_verdict(folder.problem, outcome, folder.limit_hits(outcome.best + 1))
     return Verdict.combined([own, folder.edits])
 
 
@@ -142,13 +105,13 @@ def _sections(folder: IterationFolder, outcome: Outcome) -> Iterator[Section]:
         yield Section("spectra", "Errors by frequency", [_band_table(problem, outcome),
                                                          _spectrum_figure(problem, passes, shown)])  # fmt: skip
         yield Section("time", "Time signals", [_time_figure(problem, outcome, passes)])
-    yield Section("response", "Response and gains", [_CONDITION, _response_figure(problem, outcome),
-                                                     _reach_table(problem, outcome)])  # fmt: skip
+    response: list[Block] = [_CONDITION, _response_figure(problem, outcome), _reach_table(problem, outcome)]
+    yield Section("response", "Response and gains", response, folded=True)
     number = outcome.best + 1 if outcome.best >= 0 else folder.waiting
-    yield Section("drive", "Drive", _drive_blocks(folder, number, outcome))
+    yield Section("drive", "Drive", _drive_blocks(folder, number, outcome), folded=True)
     sources = [(name, digest(one)) for name, one in folder.sources.items()]
-    yield Section("sources", "Sources", [ResultTable.of("", ("file", "SHA-256"), sources),
-                                         tuple(problem.start.notes)])  # fmt: skip
+    files: list[Block] = [ResultTable.of("", ("file", "SHA-256"), sources), tuple(problem.start.notes)]
+    yield Section("sources", "Sources", files, folded=True)
 
 
 # ---- Tables ---------------------------------------------------------------------------------------------------------

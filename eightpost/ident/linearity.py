@@ -15,7 +15,7 @@ from eightpost.corners import channel
 from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.ident.preparation import Prepared
 from eightpost.ident.vehicle.estimators import LocalPolynomial
-from eightpost.ident.vehicle.records import Record, Records
+from eightpost.ident.vehicle.experiment import Record, Records
 from eightpost.signals import TimeSeries
 from eightpost.vehicle.statespace import Channel
 

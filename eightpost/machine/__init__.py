@@ -4,12 +4,8 @@ A `Run` is a `LinearCar` on a `Drive`, and what is recorded; a `Batch` runs it w
 of the processor. The laws are the C sources of the shocks' FMUs; docs/explanation/machine.md describes the method.
 """
 
-from eightpost.machine.batch import Batch, BatchResult, joined
-from eightpost.machine.linear import Drive, LinearCar
-from eightpost.machine.reasons import NotInBatchError, UnstableCarError
-from eightpost.machine.run import SIGNALS, Limit, Quantity, Run
-from eightpost.machine.shocks import LAWS, ShockData
-from eightpost.machine.vehicle import Port, Vehicle
+from eightpost.machine.car import LAWS, Drive, LinearCar, NotInBatchError, Port, ShockData, UnstableCarError, Vehicle
+from eightpost.machine.run import SIGNALS, Batch, BatchResult, Limit, Quantity, Run, joined
 
 __all__ = [
     "LAWS",

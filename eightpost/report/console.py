@@ -10,7 +10,7 @@ from typing import Any
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Column, Table
 
-__all__ = ["Column", "Table", "console_table", "folded", "right", "unbroken"]
+__all__ = ["Column", "Table", "brief", "console_table", "folded", "right", "unbroken"]
 
 
 def console_table(columns: Iterable[Column | str], *groups: Iterable[Sequence[str]], **options: Any) -> Table:
@@ -42,6 +42,15 @@ def unbroken(*headings: str) -> list[Column | str]:
 def folded(*headings: str) -> list[Column | str]:
     """Return columns whose long texts are broken at any letter."""
     return [Column(heading, overflow="fold") for heading in headings]
+
+
+def brief(table: Table, most: int) -> Table:
+    """Return the first rows of a table without lines between its cells."""
+    shown = copy(table)
+    shown.columns = [replace(column, _cells=column._cells[:most]) for column in table.columns]
+    shown.rows = [*map(copy, table.rows[:most])]
+    shown.box, shown.pad_edge, shown.collapse_padding, shown.caption = None, False, True, None
+    return shown
 
 
 #: Least number of letters that a column which may be broken needs, unless all its words are shorter.

@@ -95,6 +95,11 @@ class Display:
         known = si == unit or not units.is_unit(si)
         return cls(si, si, 1.0, 0.0) if known else cls(si, unit, *units.conversion(si, unit))
 
+    @classmethod
+    def us(cls, si: str) -> Display:
+        """Return the conversion from an SI unit to US customary units, the first of the two systems of a page."""
+        return cls.of(si, units.us_customary(si.removesuffix("2/Hz")))
+
     @property
     def squared(self) -> tuple[str, str]:
         """Squares of the display unit and of the SI unit, for power spectral densities."""

@@ -18,8 +18,10 @@ from eightpost.extras import needs
 from eightpost.files import atomic_path
 from eightpost.report import numbers, tables
 from eightpost.report.charts import Figure
+from eightpost.report.glossary import explained
 from eightpost.report.numbers import Display
 from eightpost.report.tables import ResultTable
+from eightpost.units import shown_system
 from eightpost.verdict import Verdict
 
 with needs("report", "writing pages"):
@@ -30,6 +32,9 @@ with needs("report", "writing pages"):
 # ---- The page shell -------------------------------------------------------------------------------------------------
 
 _KIT = "eightpost.report"
+
+#: Place of the glossary in shell.html.
+_WORDS = "<!-- words -->"
 
 _FILTERS = {
     "figure": numbers.figure,
@@ -50,7 +55,8 @@ def page(package: str, scripts: Sequence[str], /, name: str = "page", **context:
         scripts: Script files of the package in the order of their dependencies; they follow the kit's shell.js.
         name: Path of the template and of its style, which follows the kit's shell.css, without the suffix.
         context: Values of the template: at least `title`, `verdict`, `places` (identifier and heading of each section)
-            and `data` (identifier and text of each script element with data). An undefined name is an error.
+            and `data` (identifier and text of each script element with data). An undefined name is an error. `words`
+            are definitions in addition to those of the glossary.
     """
     loaders = [jinja2.PackageLoader(package, "."), jinja2.PackageLoader(_KIT, "templates")]
     environment = jinja2.Environment(
@@ -62,16 +68,19 @@ def page(package: str, scripts: Sequence[str], /, name: str = "page", **context:
     )
     environment.filters |= _FILTERS
     own = [_file(package, script) for script in scripts]
-    return environment.get_template(f"{name}.html").render(
+    html = environment.get_template(f"{name}.html").render(
         {
             "style": _file(_KIT, "templates/shell.css") + _file(package, f"{name}.css"),
             "script": Markup("\n").join([_file(_KIT, "templates/shell.js"), *own]),
             "plotly": _plotly(),
             "version": __version__,
+            "is_metric": shown_system() == "si",
             "written": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         }
         | context
     )
+    words = explained(html.partition("<script")[0]) | context.get("words", {})
+    return html.replace(_WORDS, environment.get_template("words.html").render(words=words), 1)
 
 
 def write_page(path: str | Path, content: str) -> Path:
@@ -110,6 +119,7 @@ class Section:
     name: str  #: Identifier of the section on the page.
     heading: str  #: Heading of the section, which is also its link at the top of the page.
     blocks: Sequence[Block]  #: Contents in their order.
+    folded: bool = False  #: Whether a reader unfolds it first; it is not printed unless it is unfolded.
 
 
 def document(
@@ -133,7 +143,7 @@ def document(
         links: Names of other pages by their paths relative to this one.
     """
     figures = [block for section in sections for block in section.blocks if isinstance(block, Figure)]
-    shown = {unit: Display.of(unit) for figure in figures for unit in sorted(figure.units)}
+    shown = {unit: Display.us(unit) for figure in figures for unit in sorted(figure.units)}
     content = {
         "figures": [figure.content() for figure in figures],
         "units": {unit: [scale.factor, scale.unit] for unit, scale in shown.items()},
@@ -146,9 +156,9 @@ def document(
         verdict=verdict,
         lead=lead,
         fold=fold,
-        places=[(section.name, section.heading) for section in sections],
+        places=[(section.name, section.heading) for section in sections if section.blocks],
         links=links or {},
-        sections=sections,
+        sections=[section for section in sections if section.blocks],
         data={"figures": compressed(json.dumps(content, allow_nan=False, separators=(",", ":")).encode())},
     )
 

@@ -59,6 +59,13 @@ class ResultTable:
         return cls(title, tuple((text, unit) for text, unit, _ in formats), made)
 
     @property
+    def filled(self) -> ResultTable:
+        """The same table without the columns in which no row has a value."""
+        kept = [k for k in range(len(self.heads)) if any(row[k] not in (NONE, "") for row in self.rows)]
+        rows = tuple(tuple(row[k] for k in kept) for row in self.rows)
+        return ResultTable(self.title, tuple(self.heads[k] for k in kept), rows) if self.rows else self
+
+    @property
     def numeric(self) -> tuple[bool, ...]:
         """Whether each column contains amounts."""
         return tuple(any(isinstance(row[k], Amount) for row in self.rows) for k in range(len(self.heads)))
@@ -120,13 +127,13 @@ def cell_html(cell: Cell) -> Markup:
     """Return the HTML of a cell: a text, or an amount in both unit systems."""
     if not isinstance(cell, Amount):
         return escape(cell)
-    shown = (plain(value, cell.digits) for value in (Display.of(cell.unit).factor * cell.value, cell.value))
+    shown = (plain(value, cell.digits) for value in (Display.us(cell.unit).factor * cell.value, cell.value))
     return _in_both_units(*(text.replace("-", "−") for text in shown))
 
 
 def unit_html(si: str) -> Markup:
     """Return a unit in both systems."""
-    return _in_both_units(Display.of(si).unit, si)
+    return _in_both_units(Display.us(si).unit, si)
 
 
 def caption_html(text: str) -> Markup:

@@ -4,6 +4,7 @@ from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.rig.dyno_test import (
     DynoTest,
     TemperatureEffect,
+    dyno_test_of,
     read_dyno_test,
     read_dyno_tests,
     split_runs,
@@ -24,6 +25,7 @@ __all__ = [
     "RigTest",
     "SwappedCornersError",
     "TemperatureEffect",
+    "dyno_test_of",
     "read_dyno_test",
     "read_dyno_tests",
     "read_peak_velocity",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -20,11 +20,13 @@ from eightpost.checks.dyno import fault
 from eightpost.checks.fault import Fault
 from eightpost.corners import CORNERS
 from eightpost.errors import DataError, FileFormatError, UnknownUnitError
-from eightpost.signals.raw_record import TIME_NAMES, ChannelMap, MappedChannel
+from eightpost.signals.raw_record import TIME_NAMES, ChannelMap, MappedChannel, bridge_of
 from eightpost.signals.table_text import is_number, letters_of
 from eightpost.units import compatible, convert, is_unit
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from eightpost.signals.raw_record import RawRecord
     from eightpost.signals.timeseries import TimeSeries
 
@@ -128,13 +130,22 @@ def length_note(mapping: ChannelMap) -> tuple[str, ...]:
 
 
 def with_channels(channel_map: ChannelMap | None, columns: Mapping[str, str]) -> ChannelMap | None:
-    """Return a channel map in which some channels are read from given columns, by channel name."""
+    """Return a channel map in which some channels are read from given columns, by channel name.
+
+    The entries `time` and `bridge` stand for the column of the time and for `ChannelMap.bridge`.
+    """
     if not columns:
         return channel_map
     given = channel_map or ChannelMap()
-    picks = {name: MappedChannel(source) for name, source in columns.items()}
-    time = picks.pop("time", given.time)
-    return ChannelMap({**given.channels, **picks}, time, given.path)
+    picks = {name: MappedChannel(source) for name, source in columns.items() if name != "bridge"}
+    time, bridge = picks.pop("time", given.time), bridge_of(columns.get("bridge", given.bridge))
+    return ChannelMap({**given.channels, **picks}, time, given.path, bridge)
+
+
+def flips_of(path: Path, flips: Mapping[str, Iterable[str]]) -> tuple[str, ...]:
+    """Return the channels to reverse in a file, by the name of a file; those of an empty name are of all files."""
+    named = (name for key in ("", str(path), path.name, path.stem) for name in flips.get(key, ()))
+    return tuple(dict.fromkeys(named))
 
 
 def choice_faults(record: RawRecord, mapping: ChannelMap, given: ChannelMap | None) -> Iterator[Fault]:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
@@ -40,7 +40,7 @@ from eightpost.signals import faults
 from eightpost.signals.faults import Origin
 from eightpost.signals.filters import velocity_from_displacement
 from eightpost.signals.formats import read_record, read_records
-from eightpost.signals.raw_record import ChannelMap, mapped_series, spread_evenly
+from eightpost.signals.raw_record import ChannelMap, RawRecord, mapped_series, spread_evenly
 from eightpost.signals.timeseries import Recording
 from eightpost.verdict import Grade, Reason
 
@@ -48,7 +48,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from eightpost.report.pictures import Picture
-    from eightpost.signals.raw_record import RawRecord
     from eightpost.signals.timeseries import TimeSeries
 
 
@@ -191,6 +190,32 @@ def read_dyno_test(
     return reading.test(record, conditions or DynoConditions())
 
 
+def dyno_test_of(
+    columns: Mapping[str, Any],
+    *,
+    channel_map: ChannelMap | None = None,
+    units: Mapping[str, str] | None = None,
+    flip: Iterable[str] = (),
+    conditions: DynoConditions | None = None,
+    cutoff: float | None = None,
+) -> DynoTest:
+    """Return the checked test of columns in memory, as `read_dyno_test` does of those of a file.
+
+    Args:
+        columns: Vectors (N,) by column, with the unit in the name (`Force [lbf]`) or in `units`.
+        channel_map: Columns by channel; see `read_dyno_test` for this and the other arguments and for the errors.
+        units: Units by channel or column.
+        flip: Names of the channels whose sign is changed.
+        conditions: Known conditions of the test.
+        cutoff: Low-pass cut-off for a derived velocity [Hz].
+
+    Raises:
+        InputError: The columns differ in length.
+    """
+    reading = _Reading(None, channel_map, dict(units or {}), tuple(flip), cutoff)
+    return reading.test(RawRecord.in_memory(columns), conditions or DynoConditions())
+
+
 def read_dyno_tests(
     path: str | Path,
     *,
@@ -224,7 +249,7 @@ def _sentences(reasons: Iterable[Reason]) -> tuple[str, ...]:
 class _Reading:
     """Options for reading the tables of a file."""
 
-    path: Path
+    path: Path | None  #: Path of the file; None for columns in memory.
     channel_map: ChannelMap | None
     units: Mapping[str, str]
     flip: tuple[str, ...]
@@ -233,6 +258,7 @@ class _Reading:
     def test(self, record: RawRecord, conditions: DynoConditions) -> DynoTest:
         """Return the checked test of a table."""
         units = {**stated_units(record.preamble), **self.units}
+        record = record.bridged(self.channel_map.bridge if self.channel_map else 0)
         record, mapping, left_out = with_readable_columns(record, self.channel_map, units)
         stated, outward = self._stated_signs(record, mapping)
         mapping = mapping.flipped(self.flip or outward)
@@ -252,11 +278,12 @@ class _Reading:
         _check_force(series, origin, derived, stated)
         written, notes = conditions_from(record.preamble)
         known = conditions.over(written)
-        of_name, named = conditions_in(self.path)
+        of_name, named = conditions_in(self.path) if self.path else (DynoConditions(), ())
         named = named if known.over(of_name) != known else ()
         signs = [f"the signs of {', '.join(outward)} were reversed, because the file states {stated!r}"] * bool(outward)
         steps = (*record.steps, *signs, *length_note(mapping), *derived, *named)
-        test = DynoTest(series, known.over(of_name), self.path, sha256_of(self.path), steps, (*record.notes, *notes))
+        digest = sha256_of(self.path) if self.path else ""
+        test = DynoTest(series, known.over(of_name), self.path, digest, steps, (*record.notes, *notes))
         found = (
             *left_out,
             *record_faults(series, measured=measured, conditions=test.conditions),

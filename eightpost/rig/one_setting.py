@@ -69,7 +69,7 @@ FEWEST_SHARE = 0.15
 def setting_faults(series: TimeSeries) -> Iterator[Fault]:
     """Yield a fault for each stroke in which the force at the same velocity steps during the record."""
     velocity, force = series["velocity"], series["force"]
-    block = cycle_blocks(velocity)
+    block = _cycle_blocks(velocity)
     count = int(block.max()) + 1
     rest = rest_force(velocity, force)
     if count < FEWEST_BLOCKS or rest is None:
@@ -114,7 +114,7 @@ def _has_one_motion(phase: Array, velocity: Array, block: NDArray[np.intp], firs
     return bool((np.abs(np.log(sizes[0] / sizes[1])) <= 2.0 * np.log(MOTION)).all())
 
 
-def cycle_blocks(velocity: Array) -> NDArray[np.intp]:
+def _cycle_blocks(velocity: Array) -> NDArray[np.intp]:
     """Return the number of the block (N,) that each sample belongs to; a block is one or more whole cycles."""
     fast = np.flatnonzero(np.abs(velocity) > MOVING * float(np.abs(velocity).max()))
     signs = velocity[fast] > 0.0
@@ -246,7 +246,7 @@ def drift_faults(series: TimeSeries, measured: tuple[str, ...]) -> Iterator[Faul
     """Yield a fault if the force drifts at the same motion, or the displacement beside the velocity."""
     force, model = series["force"], explained(series).force
     span = float(np.ptp(model))
-    parts = _parts(cycle_blocks(series["velocity"]), series["velocity"])
+    parts = _parts(_cycle_blocks(series["velocity"]), series["velocity"])
     if len(parts) < DRIFT_BLOCKS:
         return
     motion = [series["velocity"], np.gradient(series["velocity"], series.time)]

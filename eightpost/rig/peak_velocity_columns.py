@@ -38,7 +38,7 @@ STROKE_WORDS = {
 _SPEED = re.compile(r"\s*([-+]?\d+(?:[.,]\d+)?)\s*([^\d\s].*)")
 
 
-def is_kind(name: str, kind: str) -> bool:
+def _is_kind(name: str, kind: str) -> bool:
     """Return whether a column's name is a usual one of `speed`, `force` or `side`."""
     if kind == "side":
         return letters_of(name) in _SIDE
@@ -46,7 +46,7 @@ def is_kind(name: str, kind: str) -> bool:
     return is_named(bare, channel) and not is_command(bare, channel)
 
 
-def stroke_of(cell: str) -> str:
+def _stroke_of(cell: str) -> str:
     """Return the stroke that a cell names (`Comp`, `Rebound stroke`); empty for other cells."""
     text = cell.strip().lower().rstrip(":").removesuffix(" stroke")
     return next((stroke for stroke, words in STROKE_WORDS.items() if text in words), "")
@@ -74,7 +74,7 @@ def _with_names(record: RawRecord, picks: Mapping[str, MappedChannel]) -> RawRec
     kept = [
         i
         for i, name in enumerate(record.names)
-        if i in found or not any(is_kind(name, kind) for kind in kinds & {"speed", "force"})
+        if i in found or not any(_is_kind(name, kind) for kind in kinds & {"speed", "force"})
     ]
     names, units, columns = list(record.names), list(record.units), list(record.columns)
     for i, (name, pick) in found.items():
@@ -97,7 +97,7 @@ def _of_speeds(record: RawRecord) -> RawRecord:
     others = [i for i in range(len(record.names)) if i not in speeds]
     places = np.repeat(np.arange(record.columns[0].size), len(speeds))
     sides = [
-        i for i in others if record.columns[i].dtype == object and all(map(stroke_of, map(str, record.columns[i])))
+        i for i in others if record.columns[i].dtype == object and all(map(_stroke_of, map(str, record.columns[i])))
     ]
     columns = [("side" if i in sides else record.names[i], record.units[i], record.columns[i][places]) for i in others]
     forces = np.array([record.numbers(i, channel=record.names[i]) for i in speeds])
@@ -134,7 +134,7 @@ def _of_rates(record: RawRecord) -> RawRecord:
         for test, what in (
             (lambda name: letters_of(name).startswith(("low", "ls")), "low [N.s/m]"),
             (lambda name: letters_of(name).startswith(("high", "hs")), "high [N.s/m]"),
-            (lambda name: is_kind(name, "side"), "side"),
+            (lambda name: _is_kind(name, "side"), "side"),
         )
     )
     knees, below, above = (record.si(i, unit) for i, unit in ((knee, "m/s"), (low, "N.s/m"), (high, "N.s/m")))
@@ -159,13 +159,13 @@ def _place(record: RawRecord, test: Callable[[str], bool], what: str) -> int:
     raise record.origin.header_fault(MissingChannelError, f"there is no column {what!r}; {advice}", channel="force")
 
 
-def is_setting(name: str) -> bool:
+def _is_setting(name: str) -> bool:
     """Return whether a column contains the setting of each line; a column `0 clicks` contains forces instead."""
     words = {"setting", "settings", "clicks", "click", "adjuster", "current"}
     return letters_of(name) in words and not re.search(r"\d", name)
 
 
-def is_numeric(column: NDArray[np.generic]) -> bool:
+def _is_numeric(column: NDArray[np.generic]) -> bool:
     """Return whether all cells of a column are numbers."""
     return column.dtype != object or all(is_number(str(cell)) for cell in column)
 
@@ -216,7 +216,7 @@ class StrokeColumn(NamedTuple):
 
 def stroke_above(record: RawRecord) -> str | None:
     """Return the stroke that the lines above a table name: a line `Rebound` on its own."""
-    return next((stroke for cells in reversed(record.preamble) if (stroke := stroke_of(" ".join(cells)))), None)
+    return next((stroke for cells in reversed(record.preamble) if (stroke := _stroke_of(" ".join(cells)))), None)
 
 
 def is_peak_velocity(record: RawRecord, channel_map: ChannelMap | None = None) -> bool:
@@ -224,10 +224,10 @@ def is_peak_velocity(record: RawRecord, channel_map: ChannelMap | None = None) -
     record = in_columns(record, channel_map)
     names = record.names
     is_timed = {"t", "time", "timestamp", "times", "elapsedtime"} & set(map(letters_of, names))
-    if is_timed or not any(is_kind(name, "speed") or _speed_of(name) for name in names):
+    if is_timed or not any(_is_kind(name, "speed") or _speed_of(name) for name in names):
         return False
     strokes = {stroke for name in names if (stroke := _split(name)[0])}
-    has_force = any(is_kind(name, kind) for name in names for kind in ("force", "side"))
+    has_force = any(_is_kind(name, kind) for name in names for kind in ("force", "side"))
     return strokes == set(STROKES) or has_force or record.columns[0].size < MOST_PEAKS
 
 
@@ -249,7 +249,7 @@ def _split(name: str) -> tuple[str, str]:
 def _speed_of(name: str) -> str:
     """Return the stroke to which a column of speeds belongs: `Comp Vel`; empty for other columns."""
     stroke, rest = _split(name)
-    return stroke if rest and is_kind(rest, "speed") else ""
+    return stroke if rest and _is_kind(rest, "speed") else ""
 
 
 # ---- Points of a table ----------------------------------------------------------------------------------------------
@@ -271,7 +271,7 @@ class Columns:
         Raises:
             DataError: The table has a fault; see read_peak_velocity.
         """
-        sides = next((i for i in self._all("side") if not is_numeric(self.record.columns[i])), None)
+        sides = next((i for i in self._all("side") if not _is_numeric(self.record.columns[i])), None)
         if sides is not None:
             yield from self._by_side(self.record.columns[sides])
         elif self._strokes:
@@ -312,7 +312,7 @@ class Columns:
                     "`side`, and no speed is negative"
                 )
                 raise self.record.origin.header_fault(MissingChannelError, what, channel="rebound")
-            points = loop_means(speed, force) if is_loop(speed) else (speed, force)
+            points = _loop_means(speed, force) if _is_loop(speed) else (speed, force)
             for row, v, f in zip(rows.tolist(), *points, strict=False):
                 stroke = positive if v > 0.0 else negative
                 yield Point(" ".join(filter(None, (settings[row], name))), stroke, abs(float(v)), float(f))
@@ -329,7 +329,7 @@ class Columns:
         named = [StrokeColumn(i, *_split(name)) for i, name in enumerate(self.record.names)]
         if above:
             named = [one._replace(clicks=above[one.place]) if _is_plain(one) else one for one in named]
-        named = [one for one in named if one.stroke and not (one.clicks and is_kind(one.clicks, "speed"))]
+        named = [one for one in named if one.stroke and not (one.clicks and _is_kind(one.clicks, "speed"))]
         known = [one for one in named if not _words(one) & _STATISTICS]
         plain = [one for one in known if self._has_unit(one.place, "N")]
         plain = plain or [one for one in known if self._has_unit(one.place, _COEFFICIENT)]
@@ -376,12 +376,12 @@ class Columns:
 
     def _is_force(self, i: int) -> bool:
         name = self.record.names[i]
-        taken = is_setting(name) or is_kind(name, "speed") or is_kind(name, "side")
+        taken = _is_setting(name) or _is_kind(name, "speed") or _is_kind(name, "side")
         return (self._has_unit(i, "N") or self._has_unit(i, _COEFFICIENT)) and not taken
 
     def _settings(self) -> list[str]:
         """Return the setting of each line, from the column of settings; empty without this column."""
-        i = next((i for i in range(len(self.record.names)) if is_setting(self.record.names[i])), None)
+        i = next((i for i in range(len(self.record.names)) if _is_setting(self.record.names[i])), None)
         count = self.record.columns[0].size
         if i is None:
             return [""] * count
@@ -390,13 +390,13 @@ class Columns:
         return [f"{name} {float(cell):g}" if is_number(str(cell)) else str(cell) for cell in cells]
 
     def _side(self, cell: str, row: int) -> str:
-        if stroke := stroke_of(cell):
+        if stroke := _stroke_of(cell):
             return stroke
         what = f"{cell!r} is neither compression nor rebound; write comp or reb"
         raise self.record.origin.fault(DataError, what, channel="side", sample=row)
 
     def _all(self, kind: str) -> list[int]:
-        return [i for i, name in enumerate(self.record.names) if is_kind(name, kind)]
+        return [i for i, name in enumerate(self.record.names) if _is_kind(name, kind)]
 
     def _need(self, kind: str) -> int:
         found = self._all(kind)
@@ -470,13 +470,13 @@ CLASSES = 25
 MOST_PEAKS = 200
 
 
-def is_loop(velocity: Array) -> bool:
+def _is_loop(velocity: Array) -> bool:
     """Return whether velocities (N,) are samples around a loop, not peaks from the lowest to the highest."""
     signs = np.sign(np.diff(velocity))
     return velocity.size > MOST_PEAKS and bool(np.diff(signs[signs != 0.0]).any())
 
 
-def loop_means(velocity: Array, force: Array) -> tuple[Array, Array]:
+def _loop_means(velocity: Array, force: Array) -> tuple[Array, Array]:
     """Return mean velocities (K,) and mean forces (K,) in classes of velocity, in which both branches count equally.
 
     The difference between the branches, which is caused by lag and gas stiffness, is not used: without time it does not

@@ -76,7 +76,7 @@ def record_faults(
 
 def part_faults(series: TimeSeries, *, measured: tuple[str, ...], until: float = SEGMENT[1]) -> Iterator[Fault]:
     """Yield what is wrong in the samples of a record or a run of it, and what changed during it."""
-    yield from sample_faults(series, measured)
+    yield from _sample_faults(series, measured)
     stop = run_down(series.time, path_of(series), series["velocity"])
     steady = series if stop is None else series.window(float(series.time[0]), stop)
     if not rectified_force(series):
@@ -201,7 +201,7 @@ REPEATED_SHARE = 0.02
 FORCE_MOVES = 0.2
 
 
-def sample_faults(series: TimeSeries, measured: tuple[str, ...]) -> Iterator[Fault]:
+def _sample_faults(series: TimeSeries, measured: tuple[str, ...]) -> Iterator[Fault]:
     """Yield the faults in the samples of a record or a run."""
     moving = tuple(name for name in ("velocity", "displacement", "force") if name in measured)
     for name in moving:

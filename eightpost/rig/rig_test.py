@@ -220,6 +220,7 @@ def read_rig_test(
     """
     path = Path(path)
     record = read_record(path)
+    record = record.bridged((channel_map or map_beside(record) or ChannelMap()).bridge)
     mapping = rig_map(record, channel_map).flipped(flip)
     for name, pick in mapping.channels.items():
         record.check_unique(pick.source, channel=name)

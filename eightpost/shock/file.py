@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from math import inf, sqrt
 from pathlib import Path
 from statistics import NormalDist
-from typing import TYPE_CHECKING, Any, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any
 
 from eightpost import __version__
 from eightpost.display import Summarized, Summary, some
@@ -17,10 +17,10 @@ from eightpost.errors import FileFormatError, ParameterError
 from eightpost.files import MALFORMED, atomic_path, check_schema, json_content
 from eightpost.shock.curve import KNOTS, StaticCurve
 from eightpost.shock.law import ShockLaw
-from eightpost.shock.laws import FORMER, LAWS, law_name, law_title, own_parameters, parameter_units
+from eightpost.shock.laws import FORMER, LAWS, law_name, law_title, named_law, own_parameters, parameter_units
 from eightpost.shock.settings import TEMPERATURE, Axis, Settings, is_tested, setting_of
 from eightpost.validity import ModelUncertainty, ParameterUncertainty, Validity, judged
-from eightpost.verdict import Grade, Reason, Rules, Verdict
+from eightpost.verdict import Reason, Rules, Verdict
 
 if TYPE_CHECKING:
     from eightpost.array_types import Array
@@ -56,28 +56,7 @@ ABOUT = "setting"
 #: Distance beyond the measured settings, in intervals between them, up to which the continuation can be used.
 FARTHEST = 1.0
 
-RULES = Rules()
-
-UNTESTED = RULES.add("untested combination of settings", ABOUT, Grade.UNKNOWN,
-    condition="two or more adjusters (or an adjuster and the temperature) differ from the reference, and no files were "
-    "measured in this combination",
-    why="the effects of the adjusters are added there; whether one changes the effect of another is not known",
-    remedy="measure the shock at this combination and add the file to the table",
-)  # fmt: skip
-FAR_BEYOND = RULES.add("far beyond the measured settings", ABOUT, Grade.UNKNOWN,
-    condition=f"a setting is beyond the measured ones by more than {FARTHEST:g} of the nearest interval between them",
-    why="adjusters act progressively near their stops; the continuation is a straight line",
-    remedy="measure the shock at this setting and add the file to the table",
-)  # fmt: skip
-BEYOND = RULES.add("beyond the measured settings", ABOUT, Grade.LIMITED,
-    condition="a setting is beyond the measured ones by less than that",
-    why="there is no measurement beyond; the curve is continued in a straight line over the setting",
-    remedy="measure the shock at this setting and add the file to the table",
-)  # fmt: skip
-INSIDE = RULES.add("within the measured settings", ABOUT, Grade.USABLE,
-    condition="the setting is between measured settings, in a combination that was measured",
-    why="the curve is interpolated between measured curves; its band includes the error of the interpolation",
-)  # fmt: skip
+RULES = Rules.read(Path(__file__).with_suffix(".txt"), ABOUT, farthest=FARTHEST)
 
 
 def setting_reasons(settings: Settings, setting: Sequence[float], origin: str) -> tuple[Reason, ...]:
@@ -89,15 +68,22 @@ def _reasons(settings: Settings, setting: Sequence[float], origin: str) -> Itera
     where = setting_text(settings, setting)
     outside = settings_beyond(settings, setting)
     for one in outside:
-        rule = FAR_BEYOND if one.intervals > FARTHEST else BEYOND
+        rule = "far beyond the measured settings" if one.intervals > FARTHEST else "beyond the measured settings"
         figure = (
             f"{one.axis.name} {one.value:g}; measured {one.axis.nodes[0]:g} to {one.axis.nodes[-1]:g} {one.axis.unit}"
         )
-        yield rule.reason("the setting is beyond the measured ones", figure=figure, origin=origin)
+        yield RULES.reason(rule, "the setting is beyond the measured ones", figure, origin)
     if not is_tested(settings, setting):
-        yield UNTESTED.reason("this combination of settings was not measured", figure=where, origin=origin)
+        yield RULES.reason(
+            "untested combination of settings",
+            "this combination of settings was not measured",
+            figure=where,
+            origin=origin,
+        )
     elif not outside:
-        yield INSIDE.reason("the setting is within the measured ones", figure=where, origin=origin)
+        yield RULES.reason(
+            "within the measured settings", "the setting is within the measured ones", figure=where, origin=origin
+        )
 
 
 def setting_text(settings: Settings, setting: Sequence[float]) -> str:
@@ -222,6 +208,9 @@ def band_section(law: ShockLaw, half_width: Sequence[float], level: float) -> di
 
 
 SCHEMA = 1
+
+#: Sections of a shock file that `Shock` has as they are.
+_SECTIONS = ("conditions", "fit", "inputs")
 
 
 @dataclass(frozen=True, repr=False)
@@ -392,44 +381,61 @@ def read_shock(path: str | Path) -> Shock:
         ParameterError: A parameter is missing, unknown or out of range, or the law is a former one; the message names
             file and parameter.
     """
+    from eightpost.schema import checked  # noqa: PLC0415 -- help texts do not need it
+
     path = Path(path)
     document = _read_document(path)
-    if document.get("law") in FORMER:
-        raise ParameterError(_no_longer_supported(document, path))
-    law_class = LAWS.get(str(document.get("law")))
-    if law_class is None:
-        raise ParameterError(f"{path}: law is {document.get('law')!r}; it must be one of {', '.join(LAWS)}")
     try:
-        curve, port = ({name: _object(document, name)} for name in ("curve", "port"))
-        law = _construct(law_class, "parameters", _object(document, "parameters") | curve | port)
-        validity = Validity.from_json(document["validity"]) if "validity" in document else None
-        settings = _construct(Settings, "settings", document["settings"]) if "settings" in document else None
+        conditions, fit, inputs = _sections(document)
+        law_class = _law_class(document, inputs, path)
+        law = checked(law_class, _law_section(document))
+        settings = checked(Settings, document["settings"], place="settings") if "settings" in document else None
         if settings is not None:
             settings.law_at(law, settings.reference)
-        conditions, fit, inputs = _object(document, "conditions"), _object(document, "fit"), _inputs(document)
+        validity = Validity.from_json(document["validity"]) if "validity" in document else None
     except MALFORMED as error:
         raise ParameterError(f"{path}: {error}") from error
     shock = Shock(str(document.get("name") or path.stem), law, conditions, fit, inputs, settings=settings)
     return shock if validity is None else replace(shock, validity=validity.checked(shock.numbers, path.name))
 
 
-def _no_longer_supported(document: dict[str, Any], path: Path) -> str:
+def _sections(document: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any], tuple[Mapping[str, str], ...]]:
+    """Return conditions, report of the fit and records, whose entries have the types that other modules expect."""
+    from eightpost.schema import checked  # noqa: PLC0415 -- help texts do not need it
+    from eightpost.shock.sections import Sections  # noqa: PLC0415
+    from eightpost.uncertainty import left_out_of  # noqa: PLC0415
+
+    checked(Sections, {name: document[name] for name in _SECTIONS if name in document})
+    conditions, fit, inputs = document.get("conditions", {}), document.get("fit", {}), document.get("inputs", [])
+    if len({len(column) for name, column in fit.get("curve_band", {}).items() if name.endswith("]")}) > 1:
+        raise ValueError("fit.curve_band: its lists must have one length")
+    left_out_of(fit)
+    return conditions, fit, tuple(inputs)
+
+
+def _law_class(document: dict[str, Any], inputs: Sequence[Mapping[str, str]], path: Path) -> type[ShockLaw]:
+    name = document.get("law")
+    if name in FORMER:
+        raise ValueError(_no_longer_supported(document, inputs, path))
+    return LAWS[named_law(name)]
+
+
+def _law_section(document: dict[str, Any]) -> dict[str, Any]:
+    """Return the law's fields: its own parameters, curve and port."""
+    own = document.get("parameters", {})
+    if not isinstance(own, dict):
+        raise ValueError(f"parameters must be an object, not {own!r}")
+    return {**own, "curve": document.get("curve", {}), "port": document.get("port", {})}
+
+
+def _no_longer_supported(document: dict[str, Any], inputs: Sequence[Mapping[str, str]], path: Path) -> str:
     """Return what is wrong with a file of a former law, and the command that fits its records again."""
-    records = " ".join(entry["name"] for entry in _inputs(document) if "name" in entry) or "RECORD"
+    records = " ".join(entry["name"] for entry in inputs if "name" in entry) or "RECORD"
     command = "fit TABLE" if "settings" in document else f"fit {records}"
     return (
-        f"{path}: the law {law_title(document['law'])} is no longer supported; fit the record again: "
+        f"the law {law_title(document['law'])} is no longer supported; fit the record again: "
         f"eightpost {command} -o {path}"
     )
-
-
-def _inputs(document: dict[str, Any]) -> tuple[Mapping[str, str], ...]:
-    inputs = document.get("inputs", [])
-    if not isinstance(inputs, list) or not all(
-        isinstance(entry, dict) and all(isinstance(text, str) for text in entry.values()) for entry in inputs
-    ):
-        raise ValueError("inputs must be a list of objects with text values: the files that the shock was made from")
-    return tuple(inputs)
 
 
 def _read_document(path: Path) -> dict[str, Any]:
@@ -438,43 +444,6 @@ def _read_document(path: Path) -> dict[str, Any]:
         raise FileFormatError("is not a shock file (kind is not 'shock'); make one with `eightpost fit`", path=path)
     check_schema(document, SCHEMA, path)
     return document
-
-
-def _object(document: dict[str, Any], name: str) -> dict[str, Any]:
-    section = document.get(name, {})
-    if not isinstance(section, dict):
-        raise ValueError(f"{name} must be an object, not {section!r}")
-    return section
-
-
-def _construct(kind: type[Any], section: str, values: Any) -> Any:
-    """Return a record of JSON values; ValueError if one is missing, unknown or of another type than its field."""
-    if not isinstance(values, dict):
-        raise ValueError(f"{section} must be an object, not {values!r}")
-    fields = dataclasses.fields(kind)
-    known = {f.name for f in fields}
-    needed = {f.name for f in fields if f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING}
-    if unknown := sorted(set(values) - known):
-        raise ValueError(f"{section}: unknown {', '.join(unknown)}; known are {', '.join(sorted(known))}")
-    if missing := sorted(needed - set(values)):
-        raise ValueError(f"{section}: {', '.join(missing)} missing")
-    hints = get_type_hints(kind)
-    return kind(**{name: _value(hints[name], section, name, value) for name, value in values.items()})
-
-
-def _value(kind: Any, section: str, name: str, value: Any) -> Any:
-    """Return a JSON value as the type of a field; ValueError if it is of another type."""
-    if get_origin(kind) is tuple:
-        if not isinstance(value, list):
-            raise ValueError(f"{section}: {name} must be a list, not {value!r}")
-        return tuple(_value(get_args(kind)[0], section, name, item) for item in value)
-    if dataclasses.is_dataclass(kind):
-        return _construct(kind, name, value)  # type: ignore[arg-type]
-    if kind is str and not isinstance(value, str):
-        raise ValueError(f"{section}: {name} must be a text, not {value!r}")
-    if kind is not str and not (value is None and kind is not float) and type(value) not in (int, float):
-        raise ValueError(f"{section}: {name} must be a number, not {value!r}")
-    return value
 
 
 @dataclass(frozen=True, slots=True, eq=False)

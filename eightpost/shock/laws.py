@@ -10,10 +10,11 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
+from eightpost.errors import ParameterError, choice_of
 from eightpost.shock.law import FitParameter, ShockLaw
 
 #: Files that are not laws, among them all files that import this one.
-_OTHERS = ("compiled", "curve", "file", "law", "laws", "settings", "shape")
+_OTHERS = ("compiled", "curve", "file", "law", "laws", "sections", "settings", "shape")
 
 
 def own_parameters(law: type[ShockLaw]) -> tuple[str, ...]:
@@ -42,6 +43,22 @@ def state_names(law: type[ShockLaw]) -> tuple[str, ...]:
 def law_name(law: type[ShockLaw]) -> str:
     """Return the name of a law in files and on the command line."""
     return next(name for name, known in LAWS.items() if known is law)
+
+
+def named_law(name: object) -> str:
+    """Return the name of the law that a file or a user names, by its title or its identifier.
+
+    Raises:
+        ParameterError: There is no such law, or no longer; the message names similar ones.
+
+    >>> named_law("LPNL2")
+    'lpnl2'
+    """
+    if name == "auto":
+        raise ParameterError(f"the choice among laws was removed; omit the law, or choose from {', '.join(LAWS)}")
+    if name in FORMER:
+        raise ParameterError(f"the law {law_title(str(name))} is no longer supported; choose from {', '.join(LAWS)}")
+    return choice_of("law", name, LAWS)
 
 
 def law_title(law: str) -> str:

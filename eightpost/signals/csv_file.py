@@ -8,6 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -87,14 +88,14 @@ def text_records(lines: list[str], path: Path, *, may_be_cut: bool = False) -> t
         FileFormatError: A table cannot be read; see read_delimited.
     """
     lines, signs = with_minus_signs(lines)
-    plain, comments = without_comments(lines, cells_of)
-    notes = (comment_note(lines, comments),) if comments else ()
+    plain, comments = _without_comments(lines, _cells_of)
+    notes = (_comment_note(lines, comments),) if comments else ()
     if (first := first_row_of_channels(plain)) is not None:
-        (block,) = find_blocks(upright := with_upright_table(plain, first))
+        (block,) = _find_blocks(upright := _with_upright_table(plain, first))
         record = _record(upright, block, path, notes=notes, steps=signs, may_be_cut=False)
         rows = np.full(record.columns[0].size, first + 1)
         return (replace(record, origin=Origin(path, rows, first + 1)),)
-    blocks = find_blocks(plain)
+    blocks = _find_blocks(plain)
     return tuple(
         _record(plain, block, path, notes=notes, steps=signs, may_be_cut=may_be_cut and block is blocks[-1])
         for block in blocks
@@ -105,16 +106,16 @@ def _record(
     lines: list[str], block: Block, path: Path, *, notes: tuple[str, ...], steps: tuple[str, ...], may_be_cut: bool
 ) -> RawRecord:
     """Parse one block of the file's lines."""
-    layout = find_layout(lines[block.start : block.stop], path, offset=block.start)
+    layout = _find_layout(lines[block.start : block.stop], path, offset=block.start)
     first = layout.first_line
     stop = (
         first
         - 1
-        + without_footer(lines[first - 1 : block.stop], lambda line: split_cells(line, layout.delimiter) or [""])
+        + without_footer(lines[first - 1 : block.stop], lambda line: _split_cells(line, layout.delimiter) or [""])
     )
     numbers = np.array([i for i, line in enumerate(lines[first - 1 : stop], first) if line.strip()])
     if may_be_cut and numbers.size:
-        ends = [split_cells(lines[i - 1], layout.delimiter)[-1] for i in numbers]
+        ends = [_split_cells(lines[i - 1], layout.delimiter)[-1] for i in numbers]
         if is_cut_off(ends, has_end=int(numbers[-1]) < len(lines)):
             notes = (*notes, CUT_NOTE.format(line=numbers[-1], cell=ends[-1]))
             numbers = numbers[:-1]
@@ -177,7 +178,7 @@ def _ragged(body: str, layout: Layout, numbers: NDArray[np.int64], path: Path) -
     """Return an error for the first line with a wrong number of cells; slow, so used only after a failure."""
     width = len(layout.names) + layout.padding
     for line, number in zip(body.split("\n"), numbers, strict=True):
-        count = len(split_cells(line, layout.delimiter))
+        count = len(_split_cells(line, layout.delimiter))
         if count != width:
             what = f"the line has {count} columns instead of {width}; check whether the file was truncated"
             return FileFormatError(what, path=path, line=int(number))
@@ -248,12 +249,12 @@ class Layout:
 
     def filled(self, line: str) -> str:
         """Return a line with empty cells for the last columns if it has none."""
-        if not self.short or len(split_cells(line, self.delimiter)) != self.short:
+        if not self.short or len(_split_cells(line, self.delimiter)) != self.short:
             return line
         return line + self.delimiter * (len(self.names) - self.short)
 
 
-def find_layout(lines: list[str], path: Path, *, offset: int = 0) -> Layout:
+def _find_layout(lines: list[str], path: Path, *, offset: int = 0) -> Layout:
     """Return the layout, found from the first lines of a file or of a block of it.
 
     The table is the last part of these lines in which every line has a number. The header is the last line before the
@@ -271,16 +272,16 @@ def find_layout(lines: list[str], path: Path, *, offset: int = 0) -> Layout:
     top = first
     first = _without_column_numbers(lines, first, delimiter)
     above = [i for i in range(top - 1, -1, -1) if lines[i].strip()]
-    width = Counter(len(split_cells(lines[i], delimiter)) for i in rows if i >= first).most_common(1)[0][0]
-    if not above or all(len(cells_of(lines[i])) < 2 for i in above):
+    width = Counter(len(_split_cells(lines[i], delimiter)) for i in rows if i >= first).most_common(1)[0][0]
+    if not above or all(len(_cells_of(lines[i])) < 2 for i in above):
         numbers = tuple(map(str, range(1, width + 1)))
         return Layout(delimiter, numbers, (None,) * width, None, None, offset + first + 1, 0)
     header, unit_row, units = above[0], above[0], None
-    if len(above) > 1 and len(split_cells(lines[above[1]], delimiter)) == width:
-        units = units_row(split_cells(lines[header], delimiter))
+    if len(above) > 1 and len(_split_cells(lines[above[1]], delimiter)) == width:
+        units = units_row(_split_cells(lines[header], delimiter))
         header = above[1] if units else header
-    full = len(split_cells(lines[header], delimiter))
-    last = [cell for i in rows if i >= first and len(row := split_cells(lines[i], delimiter)) == full
+    full = len(_split_cells(lines[header], delimiter))
+    last = [cell for i in rows if i >= first and len(row := _split_cells(lines[i], delimiter)) == full
             for cell in row[width:]]  # fmt: skip
     short = width if last and not any(map(is_number, last)) else 0  # marks of events in some lines only
     width = full if short else width
@@ -304,7 +305,7 @@ def _without_column_numbers(lines: list[str], first: int, delimiter: str) -> int
     start = first
     while start < len(lines) and not lines[start].strip():
         start += 1
-    cells = split_cells(lines[start], delimiter) if start < len(lines) else []
+    cells = _split_cells(lines[start], delimiter) if start < len(lines) else []
     below = next((line for line in lines[start + 1 :] if line.strip()), "")
     is_count = len(cells) > 2 and cells == [str(number) for number in range(1, len(cells) + 1)]
     return start + 1 if is_count and _numbers_in(below, delimiter) else first
@@ -312,7 +313,7 @@ def _without_column_numbers(lines: list[str], first: int, delimiter: str) -> int
 
 def _header_cells(text: str, delimiter: str, width: int, line: int, path: Path) -> list[str]:
     """Return the column names of a header line, at most `width`, without empty cells at the end."""
-    cells = [plain_cell(cell) for cell in split_cells(text, delimiter)]
+    cells = [plain_cell(cell) for cell in _split_cells(text, delimiter)]
     while cells and not cells[-1]:
         cells.pop()
     if not 1 < len(cells) <= width:
@@ -338,7 +339,7 @@ def _delimiter(lines: list[str], path: Path) -> tuple[str, list[int]]:
 _SHORT, _SPECIAL = 2**16, re.compile(r'["\r\n]')
 
 
-def split_cells(line: str, delimiter: str) -> list[str]:
+def _split_cells(line: str, delimiter: str) -> list[str]:
     """Split a line into stripped cells, taking quotes into account; a line that is not valid CSV is one cell."""
     if line and len(line) < _SHORT and not _SPECIAL.search(line):
         return [cell.strip() for cell in line.split(delimiter)]  # the same, in a third of the time
@@ -348,14 +349,14 @@ def split_cells(line: str, delimiter: str) -> list[str]:
         return [line.strip()]
 
 
-def cells_of(line: str) -> list[str]:
+def _cells_of(line: str) -> list[str]:
     """Split a line at the delimiter that gives the most cells."""
-    return max((split_cells(line, delimiter) for delimiter in _DELIMITERS), key=len)
+    return max((_split_cells(line, delimiter) for delimiter in _DELIMITERS), key=len)
 
 
 def _numbers_in(line: str, delimiter: str) -> int:
     """Return the number of cells in a line that are numbers."""
-    return sum(is_number(cell) for cell in split_cells(line, delimiter))
+    return sum(is_number(cell) for cell in _split_cells(line, delimiter))
 
 
 # ---- Tables whose rows are channels ---------------------------------------------------------------------------------
@@ -367,22 +368,21 @@ _MOST_CHANNELS = 60
 def first_row_of_channels(lines: list[str]) -> int | None:
     """Return the index of the first line of a table whose rows are channels (`Velocity (mm/s),25,50`), or None.
 
-    Every line with numbers begins with a name, and all its other cells are numbers. Long files have no such table.
+    Every line with numbers begins with a name, and all its other cells are numbers.
     """
-    if len(lines) > _LAYOUT_LINES:
-        return None
-    rows = [i for i, line in enumerate(lines) if sum(map(is_number, cells_of(line))) > 1]
+    numbered = (i for i, line in enumerate(lines[:_LAYOUT_LINES]) if sum(map(is_number, _cells_of(line))) > 1)
+    rows = list(islice(numbered, _MOST_CHANNELS + 1))
     if not 2 <= len(rows) <= _MOST_CHANNELS or rows[-1] - rows[0] >= len(rows):
         return None
-    table = [cells_of(lines[i]) for i in rows]
+    table = [_cells_of(lines[i]) for i in rows]
     named = all(not is_number(name) and name and all(map(is_number, cells)) for name, *cells in table)
-    has_header = rows[0] > 0 and len(cells_of(lines[rows[0] - 1])) == len(table[0])
+    has_header = rows[0] > 0 and len(_cells_of(lines[rows[0] - 1])) == len(table[0])
     return rows[0] if named and not has_header and len({len(cells) for cells in table}) == 1 else None
 
 
-def with_upright_table(lines: list[str], first: int) -> list[str]:
+def _with_upright_table(lines: list[str], first: int) -> list[str]:
     """Return lines in which the channels of the table from the line `first` on are columns, separated by tabs."""
-    table = [cells_of(line) for line in lines[first:] if len(cells_of(line)) > 1]
+    table = [_cells_of(line) for line in lines[first:] if len(_cells_of(line)) > 1]
     return [*lines[:first], *("\t".join(column) for column in zip(*table, strict=False))]
 
 
@@ -403,7 +403,7 @@ class Block:
     preamble: tuple[tuple[str, ...], ...]  #: Lines above the header, one tuple of cells for each.
 
 
-def find_blocks(lines: list[str]) -> tuple[Block, ...]:
+def _find_blocks(lines: list[str]) -> tuple[Block, ...]:
     """Return the blocks of a text file; a second header below a table begins a new block.
 
     A header is a line of names above numbers, possibly with a row of units in between. Further headers share at least
@@ -452,7 +452,7 @@ def _names_above_numbers(lines: list[str], row: int) -> set[str]:
 
 
 def _first_cell(line: str) -> str:
-    cells = [split_cells(line, delimiter) for delimiter in _DELIMITERS if delimiter in line]
+    cells = [_split_cells(line, delimiter) for delimiter in _DELIMITERS if delimiter in line]
     numbers = [row[0] for row in cells if row and is_number(row[0])]
     return numbers[0] if numbers else line
 
@@ -467,7 +467,7 @@ def _preamble(lines: list[str]) -> tuple[tuple[str, ...], ...]:
 
 def _cells(line: str, delimiter: str) -> list[str]:
     """Split a line into cells, without empty cells at the end."""
-    cells = split_cells(line, delimiter)
+    cells = _split_cells(line, delimiter)
     while cells and not cells[-1]:
         cells.pop()
     return cells
@@ -483,7 +483,7 @@ _COMMENT = re.compile(r"\s*(?:#|%|//)")
 _SHOWN = 60
 
 
-def without_comments(lines: Sequence[str], split: Callable[[str], list[str]]) -> tuple[list[str], list[int]]:
+def _without_comments(lines: Sequence[str], split: Callable[[str], list[str]]) -> tuple[list[str], list[int]]:
     """Return lines in which comments between two lines of numbers are empty, and the indices of these comments.
 
     A comment with as many cells as the numbers around it may be a header, and is kept.
@@ -509,7 +509,7 @@ def _neighbour(lines: Sequence[str], start: int, step: int) -> str:
     return lines[place] if 0 <= place < len(lines) else ""
 
 
-def comment_note(lines: Sequence[str], places: Sequence[int]) -> str:
+def _comment_note(lines: Sequence[str], places: Sequence[int]) -> str:
     """Return a note on comments at the indices `places` of a file's lines."""
     first = lines[places[0]].strip()
     shown = first if len(first) <= _SHOWN else f"{first[:_SHOWN]}..."

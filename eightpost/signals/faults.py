@@ -82,7 +82,8 @@ def check_finite(values: Array, *, channel: str, origin: Origin = IN_MEMORY) -> 
         what = "NaN, or the cell is empty" if np.isnan(value) else str(value)
         raise origin.fault(
             NotANumberError,
-            f"the value is {what} ({bad.size} of {values.size} samples); repair the record or cut these samples out",
+            f"the value is {what} ({bad.size} of {values.size} samples); repair the record, cut "
+            "these samples out, or bridge short gaps by straight lines: --channel bridge=20 (samples in a row)",
             channel=channel,
             sample=int(bad[0]),
         )

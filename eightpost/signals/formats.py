@@ -11,12 +11,11 @@ from eightpost.errors import FileFormatError
 from eightpost.files import reading, sha256_of
 from eightpost.signals.confined_files import read_mdf, read_spreadsheet, read_tdms
 from eightpost.signals.csv_file import read_delimited, write_csv
-from eightpost.signals.logger_files import read_ld, read_vbo
+from eightpost.signals.logger_files import read_ld, read_rpc, read_vbo, write_rpc
 from eightpost.signals.lvm_file import read_lvm
 from eightpost.signals.mat_file import read_json, read_mat, read_script, write_mat
 from eightpost.signals.parquet_file import read_parquet, write_parquet
 from eightpost.signals.raw_record import RawRecord, find_time, identity_map, mapped_series
-from eightpost.signals.rpc_file import read_rpc, write_rpc
 from eightpost.units import note_file
 
 if TYPE_CHECKING:
@@ -118,7 +117,7 @@ def read_series(
         FileFormatError: The file cannot be read.
         DataError: The record has a fault; the subclass and the message say which fault and where.
     """
-    record = read_record(path)
+    record = read_record(path).bridged(channel_map.bridge if channel_map else 0)
     if channel_map is None:
         channel_map = identity_map(record, find_time(record))
     return mapped_series(record, channel_map, units=units)

@@ -68,9 +68,9 @@ def read_lvm(path: str | Path) -> tuple[RawRecord, ...]:
         return read_delimited(path)
     if not is_installed("lvm_read"):
         raise FileFormatError(requirement("reading LabVIEW measurements (.lvm)", "lvm_read", "files"), path=path)
-    clean, notes = readable_lines(lines, path)
+    clean, notes = _readable_lines(lines, path)
     kind = "a LabVIEW measurement (.lvm)"
-    tags, found = read_confined("eightpost.confined.readers:load_lvm", path, clean, separator_of(lines), kind=kind)
+    tags, found = read_confined("eightpost.confined.readers:load_lvm", path, clean, _separator_of(lines), kind=kind)
     segments = [_segment(one, tags.get("X_Columns", "One").strip(), path) for one in found]
     segments = [one for one in segments if one.signals]
     if not segments:
@@ -293,12 +293,12 @@ def has_header(lines: Sequence[str]) -> bool:
     return any(line.startswith(_END_OF_HEADER) for line in lines[:200])
 
 
-def separator_of(lines: Sequence[str]) -> str:
+def _separator_of(lines: Sequence[str]) -> str:
     """Return the character between columns that the header states; default a tab."""
     return next((line[9:10] for line in lines[:40] if line.startswith("Separator")), "") or "\t"
 
 
-def readable_lines(lines: Sequence[str], path: Path) -> tuple[list[str], tuple[str, ...]]:
+def _readable_lines(lines: Sequence[str], path: Path) -> tuple[list[str], tuple[str, ...]]:
     """Return the lines of a file in the form that lvm_read expects, and notes on what was left out.
 
     A last sample without a line end is left out. Special blocks and repeated empty lines are removed, empty lines
@@ -309,7 +309,7 @@ def readable_lines(lines: Sequence[str], path: Path) -> tuple[list[str], tuple[s
         FileFormatError: A table without X values is interrupted, so that the times behind the gap are unknown, or a
             segment has no names of channels.
     """
-    separator = separator_of(lines)
+    separator = _separator_of(lines)
     kept, notes = list(lines), []
     if kept and kept.pop().strip():
         notes.append(_CUT.format(line=len(lines)))

@@ -41,7 +41,7 @@ def read_mat(path: str | Path) -> tuple[RawRecord, ...]:
     """
     path = Path(path)
     content: dict[str, Any] = read_confined("eightpost.confined.readers:load_matlab", path, True, kind="a MATLAB file")
-    return tuple(_record(dict(run), path) for run in runs_in(content))
+    return tuple(_record(dict(run), path) for run in _runs_in(content))
 
 
 def read_json(path: str | Path) -> tuple[RawRecord, ...]:
@@ -337,7 +337,7 @@ def _has_vector(struct: Mapping[str, Any]) -> bool:
     return any(_is_vector(one) or (isinstance(one, Mapping) and _has_vector(one)) for one in inner)
 
 
-def runs_in(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+def _runs_in(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Return the structs of the only array of structs if each is a recording, as in CTW's files; else the variables."""
     arrays = [rows for value in content.values() if len(rows := _rows(value)) > 1]
     if len(arrays) != 1 or any(_is_vector(_field(row, _SAMPLES)) or not _has_vector(row) for row in arrays[0]):

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from eightpost.errors import (
     FileFormatError,
+    InputError,
     MissingChannelError,
     MissingUnitError,
     NotANumberError,
@@ -23,16 +24,16 @@ from eightpost.errors import (
     UnknownUnitError,
 )
 from eightpost.files import toml_content
-from eightpost.signals.faults import check_finite, check_time
+from eightpost.signals.faults import Origin, check_finite, check_time, runs
 from eightpost.signals.table_text import is_number, seconds_of, split_header, times_of
 from eightpost.signals.timeseries import TimeSeries
-from eightpost.units import SI_UNITS, compatible, conversion, convert, is_unit, si_unit
+from eightpost.units import SI_UNITS, compatible, conversion, convert, is_unit, note_file, si_unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from eightpost.array_types import Array
     from eightpost.confined.readers import Signal
-    from eightpost.signals.faults import Origin
 
 
 # ==== Channel maps: assignment of columns to channels, with unit and sign ============================================
@@ -73,11 +74,15 @@ class ChannelMap:
         unit = "lbf"
         gain = -1.0
         offset = 12.5
+
+    With `bridge = 20` above the tables, at most 20 samples in a row that are NaN or empty become a straight line.
     """
 
     channels: Mapping[str, MappedChannel] = field(default_factory=dict)  #: Column of each channel, by channel name.
     time: MappedChannel | None = None  #: Time column; None to use the column with a usual name (`TIME_NAMES`).
     path: Path | None = None  #: Path of the file that the map was read from.
+    #: Largest number of samples in a row that are NaN or empty and are replaced by a straight line.
+    bridge: int = 0
 
     @classmethod
     def read(cls, path: str | Path) -> ChannelMap:
@@ -88,13 +93,13 @@ class ChannelMap:
         """
         path = Path(path)
         tables = toml_content(path)
-        _check_keys(tables, ("channels", "time"), "", path)
+        _check_keys(tables, ("channels", "time", "bridge"), "", path)
         channels = _table(tables.get("channels", {}), "channels", path)
         if "time" in channels:
             raise FileFormatError("'channels.time' must be the table 'time'", path=path)
         mapped = {name: _mapped(entry, f"channels.{name}", path) for name, entry in channels.items()}
         time = _mapped(tables["time"], "time", path) if "time" in tables else None
-        return cls(mapped, time, path)
+        return cls(mapped, time, path, bridge_of(tables.get("bridge", 0), path))
 
     def flipped(self, names: Iterable[str]) -> ChannelMap:
         """Return the map with the opposite sign for the channels `names`; the name `none` stands for no channel.
@@ -113,6 +118,13 @@ class ChannelMap:
             old = channels[name]
             channels[name] = replace(old, gain=-old.gain, offset=-old.offset)
         return replace(self, channels=channels)
+
+
+def bridge_of(value: object, path: Path | None = None) -> int:
+    """Return the number of samples in a row to bridge."""
+    if not str(value).isdecimal():
+        raise FileFormatError(f"'bridge' must be a number of samples, such as 20, not {value!r}", path=path)
+    return int(str(value))
 
 
 def _check_keys(table: Mapping[str, Any], known: tuple[str, ...], where: str, path: Path) -> None:
@@ -173,6 +185,45 @@ class RawRecord:
             counts[name] += 1
             names.append(name if counts[name] == 1 else f"{name} ({counts[name]})")
         object.__setattr__(self, "names", tuple(names))
+
+    @classmethod
+    def in_memory(cls, columns: Mapping[str, Any]) -> RawRecord:
+        """Return a record of columns, such as those of a pandas DataFrame, whose names may have units: `force [lbf]`.
+
+        Raises:
+            InputError: There is no column, or the columns differ in length.
+        """
+        vectors = [np.asarray(values) for values in columns.values()]
+        if len({vector.shape for vector in vectors}) != 1 or vectors[0].ndim != 1:
+            shapes = ", ".join(f"{name} {vector.shape}" for name, vector in zip(columns, vectors, strict=True))
+            raise InputError(f"the columns must be vectors of one length; they are {shapes or 'missing'}")
+        named = [split_header(str(name)) for name in columns]
+        numbers = tuple(v if v.dtype == object else v.astype(np.float64) for v in vectors)
+        note_file(unit for _, unit in named)
+        return cls(Origin(), tuple(name for name, _ in named), tuple(unit for _, unit in named), numbers)
+
+    def bridged(self, longest: int) -> RawRecord:
+        """Return the record with straight lines over at most `longest` samples in a row that are NaN or empty.
+
+        A step of the record says how many samples were replaced. Samples at the ends stay as they are.
+        """
+        if not longest:
+            return self
+        columns, steps = [], []
+        for name, column in zip(self.names, self.columns, strict=True):
+            values = _with_nan(column)
+            gaps = [] if values is None else runs(np.isnan(values))
+            inner = [(start, stop) for start, stop in gaps if start > 0 and stop < column.size]
+            short = [np.arange(start, stop) for start, stop in inner if stop - start <= longest]
+            if not short or values is None:
+                columns.append(column)
+                continue
+            missing, known = np.concatenate(short), np.flatnonzero(~np.isnan(values))
+            values[missing] = np.interp(missing, known, values[known])
+            columns.append(values)
+            steps.append(f"{missing.size} of {column.size} samples of {name!r} are NaN or empty, at most "
+                         f"{max(map(len, short))} in a row; they were bridged by straight lines")  # fmt: skip
+        return replace(self, columns=tuple(columns), steps=(*self.steps, *steps)) if steps else self
 
     def log_notes(self) -> None:
         """Log what was left out, for readers whose result has no notes."""
@@ -273,6 +324,16 @@ class RawRecord:
             what = "the cell is empty" if cell == "" else f"{cell!r} is not a number"
             advice = "correct the cell or delete these lines"
             raise self.origin.fault(NotANumberError, f"{what}; {advice}", channel=channel, sample=row) from None
+
+
+def _with_nan(column: NDArray[Any]) -> Array | None:
+    """Return a copy of a column (N,) with NaN for empty cells; None if another cell is not a number."""
+    if column.dtype != object:
+        return column.astype(np.float64)
+    try:
+        return np.array([float(str(cell).strip().replace(",", ".") or "nan") for cell in column])
+    except ValueError:
+        return None
 
 
 def _is_same(unit: str, other: str) -> bool:

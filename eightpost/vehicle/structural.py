@@ -53,7 +53,7 @@ def anywhere(unit: str, *, default: Any = MISSING) -> Any:
     return field(default=default, metadata={"unit": unit})
 
 
-def check_ranges(parameters: Any) -> None:
+def _check_ranges(parameters: Any) -> None:
     """Raise ParameterError if a declared parameter of a dataclass is not finite or outside its range."""
     for declared in fields(parameters):
         value, limits = getattr(parameters, declared.name), declared.metadata
@@ -133,7 +133,7 @@ class QuarterCar:
     damping: float = not_negative("N.s/m", default=0.0)
 
     def __post_init__(self) -> None:
-        check_ranges(self)
+        _check_ranges(self)
 
     def coupled(self) -> StateSpace:
         """Return the car for coupling to a shock, without its own damper (Eq 4.1 with c = 0)."""
@@ -223,7 +223,7 @@ class SevenDof:
     driver_left_of_centreline: float | None = anywhere("m", default=None)
 
     def __post_init__(self) -> None:
-        check_ranges(self)
+        _check_ranges(self)
         if (self.driver_ahead_of_cg is None) != (self.driver_left_of_centreline is None):
             raise ParameterError(
                 "the driver's position has only one coordinate; give both driver_ahead_of_cg and "

@@ -264,7 +264,7 @@ def configuration(number: int) -> PhysicalDamper:
         raise ParameterError(f"there is no configuration {number!r}; Table 3.1 has 1 to {len(CONFIGURATIONS)}")
     setting = CONFIGURATIONS[number]
     shims, clicks, gas_pressure = SHIMS_OF_BUILD[setting.build], setting.clicks, setting.gas_pressure
-    return shimmed_shock(shims, clicks=clicks, gas_pressure=gas_pressure, dish=0.635e-3, jet_area=2.7 * _MM2)
+    return _shimmed_shock(shims, clicks=clicks, gas_pressure=gas_pressure, dish=0.635e-3, jet_area=2.7 * _MM2)
 
 
 def shim_build(name: str, *, clicks: int = 1, gas_pressure: float = 150.0 * PSI) -> PhysicalDamper:
@@ -282,10 +282,10 @@ def shim_build(name: str, *, clicks: int = 1, gas_pressure: float = 150.0 * PSI)
     if not slash:
         raise ParameterError(f"{name!r} is not a build; write it as COMPRESSION/REBOUND, such as {BUILDS[5]}")
     shims = Shims(compression, rebound)
-    return shimmed_shock(shims, clicks=clicks, gas_pressure=gas_pressure, dish=0.0, jet_area=0.3 * _MM2)
+    return _shimmed_shock(shims, clicks=clicks, gas_pressure=gas_pressure, dish=0.0, jet_area=0.3 * _MM2)
 
 
-def shimmed_shock(shims: Shims, *, clicks: int, gas_pressure: float, dish: float, jet_area: float) -> PhysicalDamper:
+def _shimmed_shock(shims: Shims, *, clicks: int, gas_pressure: float, dish: float, jet_area: float) -> PhysicalDamper:
     """Return a shock with shims, a piston with a dish [m] (0: flat) and a bleed jet [m2].
 
     Raises:
@@ -349,7 +349,7 @@ class Valving:
         Raises:
             ParameterError: A code does not exist, or clicks or pressure are out of range.
         """
-        return shimmed_shock(
+        return _shimmed_shock(
             Shims(self.compression, self.rebound, self.head),
             clicks=self.clicks,
             gas_pressure=self.gas_pressure,

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from eightpost.errors import InputError
 from eightpost.files import atomic_path, document_kind, json_content
+from eightpost.schema import checked
 
 #: Folders of the files that people drop, by their kind.
 DROPPED = ("dyno", "rig", "tracks")
@@ -23,6 +23,21 @@ RECORDS = (
     ".csv", ".txt", ".dat", ".tsv", ".xlsx", ".xls", ".ods", ".parquet", ".mat", ".mf4", ".tdms", ".lvm", ".json",
     ".rsp", ".drv", ".tim", ".ld", ".vbo",
 )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """How a record is read."""
+
+    flip: tuple[str, ...] = ()
+    map: str = ""
+
+
+@dataclass(frozen=True)
+class _State:
+    """Entries of window.json."""
+
+    readings: dict[str, _Reading] = field(default_factory=dict)
 
 
 @dataclass
@@ -47,8 +62,8 @@ class Folder:
             (path / name).mkdir(parents=True, exist_ok=True)
         state = path / "window.json"
         content = json_content(state, advice="delete it") if state.is_file() else {}
-        readings = content.get("readings", {}) if isinstance(content, dict) else {}
-        return cls(path.resolve(), dict(readings) if isinstance(readings, Mapping) else {})
+        checked(_State, content, path=state)
+        return cls(path.resolve(), content.get("readings", {}))
 
     def place(self, kind: str, name: str) -> Path:
         """Return the path for a dropped file; an existing one with another content keeps its place."""

@@ -194,7 +194,7 @@ def kill(process: subprocess.Popen[bytes], *, tree: bool) -> None:
     process.wait()
 
 
-def signal_name(code: int) -> str:
+def _signal_name(code: int) -> str:
     """Return the name of the signal that ended a process with a negative exit code."""
     try:
         return signal.Signals(-code).name
@@ -302,7 +302,7 @@ class Child:
         if code is None:
             how = "it closed its channel"
         else:
-            how = f"its process ended with code {code}" if code >= 0 else signal_name(code)
+            how = f"its process ended with code {code}" if code >= 0 else _signal_name(code)
         return EndedError(f"crashed ({how})", code, hung=False)
 
 

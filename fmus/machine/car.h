@@ -1,5 +1,5 @@
 /* The vehicle of a machine: linear around a damper at each port, in coordinates in which it is a set of independent pairs of states.
- * Python fills it (eightpost/machine/linear.py). */
+ * Python fills it (eightpost/machine/car.py). */
 #ifndef EIGHTPOST_CAR_H
 #define EIGHTPOST_CAR_H
 

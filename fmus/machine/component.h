@@ -1,4 +1,4 @@
-/* In place of common/component.h: the parameters of a shock with any law, which Python fills (eightpost/machine/shocks.py). */
+/* In place of common/component.h: the parameters of a shock with any law, which Python fills (eightpost/machine/car.py). */
 #ifndef EIGHTPOST_COMPONENT_H
 #define EIGHTPOST_COMPONENT_H
 

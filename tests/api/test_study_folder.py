@@ -62,6 +62,15 @@ def test_a_study_states_how_sure_its_choice_is_and_keeps_it(few, here, tmp_path)
     assert again.certainty is None and len(here) == 4
 
 
+def test_a_certainty_of_setups_that_the_table_lacks_is_refused(few, here, tmp_path):
+    result = ep.study(few, tmp_path)
+    opened, digest, best = StudyFolder(tmp_path), result.provenance.digest, result.certainty.ties[0]
+    assert opened._certainty_of(digest).ties == result.certainty.ties
+    opened.result = SimpleNamespace(setups=result.setups[result.setups != best])
+    with pytest.raises(FileFormatError, match=r"certainty.parquet: its best setups are not in results.parquet"):
+        opened._certainty_of(digest)
+
+
 def test_ctrl_c_while_the_certainty_is_computed_keeps_the_table(few, here, told, tmp_path, monkeypatch):
     def interrupted(*_given):
         raise KeyboardInterrupt
@@ -99,6 +108,16 @@ parameters = { "lf.friction_force" = { value = 0.0, deviation = 20.0, lowest = 0
     assert loaded == ["car", *few.corners]
     assert [one.part for one in certainty.effects] == ["stiff", "car"] and check.draws == 2
     assert len(here) > before and StudyFolder(tmp_path).certainty().effects == certainty.effects
+
+
+def test_code_of_the_user_is_named_before_it_runs(few, told, tmp_path):
+    code = tmp_path / "mine.py"
+    code.write_text("raise RuntimeError('it ran')\n")
+    told.say = told.note
+    own = replace(few.measures[0], name="own", function=f"{code}:crest")
+    with pytest.raises(InputError, match="it ran"):
+        _ = StudyFolder(tmp_path, replace(few, measures=(*few.measures, own)), listener=told).sweep
+    assert told.notes == [f"running the Python code of this study's measures: {code}"]
 
 
 def test_a_folder_without_results_or_without_a_file_says_what_is_missing(tmp_path):

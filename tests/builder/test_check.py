@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from builder.check import CATALOGUE, GROUPS, Level, Scope, check, process, tools
+from builder.check import CATALOGUE, GROUPS, Level, Scope, check, run
 from builder.check.archive import read_subject
 from builder.check.description import _integers, units_of
 from builder.check.rules import findings
@@ -130,7 +130,7 @@ def container(tmp_path_factory, fmus):
 def container_report(container):
     """Return the full report on the container, one of whose calls hangs."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(process, "_MISUSE_PATIENCE", 5.0)
+        patch.setattr(run, "_MISUSE_PATIENCE", 5.0)
         return check(container)
 
 
@@ -294,14 +294,16 @@ def test_later_checks_are_skipped_if_an_fmu_cannot_be_simulated(python_fmus, tmp
 
 
 def test_a_probe_that_cannot_be_started_is_an_error_and_not_a_finding(fmus, monkeypatch):
-    monkeypatch.setattr(process, "python_command", lambda *_: [sys.executable, "-c", "raise ImportError('no probes')"])
+    monkeypatch.setattr(
+        run.process, "python_command", lambda *_: [sys.executable, "-c", "raise ImportError('no probes')"]
+    )
     with pytest.raises(EightpostError, match=r"could not be started.*no probes"):
         check(fmus["lpnl2"], groups=("simulation",))
 
 
 @pytest.mark.slow
 def test_a_hang_is_a_finding(python_fmus, tmp_path, monkeypatch):
-    monkeypatch.setattr(process, "_PATIENCE", 1.0)
+    monkeypatch.setattr(run, "_PATIENCE", 1.0)
     hang = in_slave(b"def advance(self, step):", b"def advance(self, step):\n        while True: pass")
     report = check(altered(python_fmus["lpnl2"], tmp_path / "lpnl2.fmu", hang), groups=("simulation",))
     assert ["did not end within 1 s of processor time" in finding.message for finding in report.findings] == [True]
@@ -309,7 +311,7 @@ def test_a_hang_is_a_finding(python_fmus, tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_an_fmu_that_is_slow_is_skipped_from_there_on_without_a_finding(python_fmus, tmp_path, monkeypatch):
-    monkeypatch.setattr(process, "_BUDGET", 1.6)
+    monkeypatch.setattr(run, "_BUDGET", 1.6)
     slow = in_slave(b"def advance(self, step):", b"def advance(self, step):\n        sum(range(300000))")
     path = altered(python_fmus["lpnl2"], tmp_path / "lpnl2.fmu", slow)
     report = check(path, groups=("simulation", "reset", "steps", "instances"))
@@ -407,7 +409,7 @@ def test_with_a_stub_compiler_the_rebuild_is_skipped_without_a_finding(fmus, com
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows cannot execute a shell script")
 def test_a_hanging_compiler_is_killed_without_a_finding(fmus, compilers, monkeypatch):
-    monkeypatch.setattr(tools, "_TRIAL_TIMEOUT", 2.0)
+    monkeypatch.setattr(run, "_TRIAL_TIMEOUT", 2.0)
     compilers("sleep 600")
     started = time.monotonic()
     report = check(fmus["lpnl2"], groups=("rebuild",))

@@ -10,7 +10,7 @@ from fmpy.validation import validate_fmu
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from builder.check import tools
+from builder.check import run
 from builder.check.archive import read_subject
 from eightpost.archive import read_archive, write_archive
 
@@ -24,7 +24,7 @@ def found_by_fmpy(names):
 
 @pytest.mark.nightly
 @settings(max_examples=8)
-@given(st.lists(st.from_regex(tools._PLAIN_NAME, fullmatch=True).filter(lambda name: len(name) < 30), max_size=4))
+@given(st.lists(st.from_regex(run._PLAIN_NAME, fullmatch=True).filter(lambda name: len(name) < 30), max_size=4))
 def test_fmpy_accepts_every_plain_name(names):
     assert found_by_fmpy(names) == []
 
@@ -35,7 +35,7 @@ def test_fmpy_accepts_every_plain_name(names):
 )
 def test_a_name_that_fmpy_refuses_is_not_plain(name):
     assert found_by_fmpy([name])
-    assert not tools._PLAIN_NAME.fullmatch(name)
+    assert not run._PLAIN_NAME.fullmatch(name)
 
 
 #: Changes of a description, and a word of the problem that FMPy reports.
@@ -54,11 +54,11 @@ def test_the_findings_are_those_of_fmpy(fmus, tmp_path, change):
     members = read_archive(fmus["lpf1"])
     assert old in members[XML]
     write_archive(tmp_path / "lpf1.fmu", members | {XML: members[XML].replace(old, new, 1)})
-    found = tools._fmpy(read_subject(tmp_path / "lpf1.fmu"))
+    found = run._fmpy(read_subject(tmp_path / "lpf1.fmu"))
     assert found == [str(problem) for problem in validate_fmu(str(tmp_path / "lpf1.fmu"))]
     assert any(word in problem for problem in found) if word else found == []
 
 
 def test_the_parser_of_names_is_left_out_for_plain_names(fmus, monkeypatch):
     monkeypatch.setattr("fmpy.validation._validate_variable_names", lambda _: pytest.fail("it takes long"))
-    assert tools._fmpy(read_subject(fmus["seven_dof"])) == []
+    assert run._fmpy(read_subject(fmus["seven_dof"])) == []

@@ -11,7 +11,7 @@ import pytest
 
 import cosim
 from builder.build import TARGETS
-from cosim.study.choice import selection
+from cosim.study.choice import rig_day
 from cosim.study.running import workers
 from eightpost.__main__ import every_verb
 from eightpost.app.options import Setting
@@ -72,8 +72,8 @@ def test_an_option_offers_the_choices_of_the_library(verb: str, name: str, taken
 @pytest.mark.parametrize(
     ("verb", "name", "default"),
     [
-        ("study select", "--total", selection.TOTAL),
-        ("study select", "pool", selection.POOL),
+        ("study select", "--total", rig_day.TOTAL),
+        ("study select", "pool", rig_day.POOL),
         ("study run", "patience", f"{workers.PATIENCE:g} s"),
     ],
 )

@@ -61,7 +61,7 @@ def test_the_five_commands_of_the_readme_succeed(folder, monkeypatch):
 def test_the_makefile_has_the_same_commands(folder):
     recipes = [line[1:] for line in (folder / "Makefile").read_text(encoding="utf-8").splitlines() if line[:1] == "\t"]
     fits = [recipes[0].replace("$<", f"shocks/dyno_{x}.csv").replace("$@", f"shocks/dyno_{x}.json") for x in "AB"]
-    build = recipes[1].replace("$^", "shocks/dyno_A.json shocks/dyno_B.json car.toml")
+    build = recipes[1].replace("$^", "shocks/dyno_A.json shocks/dyno_B.json car.json")
     assert [*fits, build, *recipes[2:4]] == commands((folder / "README.md").read_text(encoding="utf-8"))
 
 
@@ -73,12 +73,12 @@ def test_every_file_that_the_readme_names_is_there(folder):
 
 
 def test_a_folder_with_one_of_the_files_is_left_alone(tmp_path):
-    (tmp_path / "car.toml").write_text("my car")
+    (tmp_path / "car.json").write_text("my car")
     code, text = call("new", tmp_path)
     assert code == 2
-    assert "car.toml would be overwritten" in text
-    assert [path.name for path in tmp_path.iterdir()] == ["car.toml"]
-    assert (tmp_path / "car.toml").read_text() == "my car"
+    assert "car.json would be overwritten" in text
+    assert [path.name for path in tmp_path.iterdir()] == ["car.json"]
+    assert (tmp_path / "car.json").read_text() == "my car"
 
 
 def test_a_folder_with_other_files_gets_the_starter(tmp_path):

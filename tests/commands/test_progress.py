@@ -4,15 +4,15 @@ import io
 
 from rich.console import Console
 
-from eightpost.app import progress
+from eightpost.app import show
 
 
 def lines(monkeypatch, calls, total=1000):
     """Return the lines that are printed for pairs of time [s] and amount."""
     now = iter([0.0, *(time for time, _ in calls)])
-    monkeypatch.setattr(progress.time, "monotonic", lambda: next(now))
+    monkeypatch.setattr(show.time, "monotonic", lambda: next(now))
     stream = io.StringIO()
-    with progress.bar(Console(file=stream, width=200), "setups", total) as advance:
+    with show.bar(Console(file=stream, width=200), "setups", total) as advance:
         for _, amount in calls:
             advance(amount)
     return stream.getvalue().splitlines()

@@ -16,9 +16,8 @@ from cosim.study.measures import Measure
 from eightpost.api.shape_page import number_table
 from eightpost.api.shapes import bank_plan
 from eightpost.app.check import _table as findings_table
-from eightpost.app.compare import measure_table
-from eightpost.app.optimise import front_table
-from eightpost.app.study import show_study
+from eightpost.app.study import front_table, show_study
+from eightpost.app.study_rig import measure_table
 from eightpost.corners import CORNERS
 from eightpost.report.tables import ResultTable, result_table
 from eightpost.shock.shape import CURVE_NUMBERS, Shape, Side
@@ -91,7 +90,7 @@ def test_shapes_says_how_many_setups_of_the_bank_it_runs_first(setups, left, pla
     requested = SimpleNamespace(study=study, left=left)
     console = Console(file=io.StringIO(), width=80)
     show_study(console, requested, bank_plan(requested))
-    assert f"a study: {plan}\n" in console.file.getvalue()
+    assert f"{plan}: a study\n" in console.file.getvalue()
 
 
 def test_the_front_of_optimise_has_the_builds_of_a_setup_in_one_cell():

@@ -83,6 +83,7 @@ WRONG = {
 def starter(tmp_path_factory):
     folder = tmp_path_factory.mktemp("Prüfstand 7") / "Dämpfer (neu)"
     assert CliRunner().invoke(main, ["new", str(folder)]).exit_code == 0
+    shutil.copy(examples_folder() / "car.toml", folder)
     shutil.copy(examples_folder() / "bank" / "B_B.json", folder)
     record = (folder / "shocks" / "dyno_A.csv").read_text(encoding="utf-8")
     (folder / "no_unit.csv").write_text(record.replace("Force [lbf]", "Force"), encoding="utf-8")

@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from eightpost.__main__ import main
 from eightpost.drivefile import IterationFolder
 from eightpost.drivefile.page import verdict_of
+from eightpost.errors import FileFormatError
 from eightpost.signals import Drivefile, TimeSeries, read_series
 from eightpost.signals.formats import write_series
 from eightpost.units import convert
@@ -157,7 +158,24 @@ def test_a_second_record_of_a_pass_and_a_second_start_are_refused(iteration, tra
     assert "contains an iteration" in eightpost(*again, code=2)
     assert "start an iteration" in eightpost("drivefile", "next", tmp_path, code=2)
     (copy / "iteration.json").write_text('{"kind": "drivefile_iteration", "schema": 1}')
-    assert "does not contain the state" in eightpost("drivefile", "next", copy, code=2)
+    assert "high: is missing" in eightpost("drivefile", "next", copy, code=2)
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    (lambda s: s["static"].append(s["static"][0]), r"static must be \d rows of \d numbers below 1e\+12"),
+    (lambda s: s["static"].__setitem__(0, [0.0]), "iteration.json: static must be"),
+    (lambda s: s["static"][0].__setitem__(0, -1e12), "iteration.json: static must be"),
+    (lambda s: s.update(high=0.5 * s["high"]), "response.npz: does not belong to iteration.json and target.parquet"),
+    (lambda s: s.update(format="exe"), "iteration.json: format: Input should be 'parquet', 'csv', 'mat' or 'drv'"),
+    (lambda s: s["settings"].update(gain="most"), "settings.gain: must be a number, not 'most'"),
+])  # fmt: skip
+def test_a_state_that_does_not_fit_its_files_is_refused(iteration, tmp_path, change, message):
+    copy = copy_of(iteration, tmp_path / "copy", 3)
+    state = json.loads((copy / "iteration.json").read_text())
+    change(state)
+    (copy / "iteration.json").write_text(json.dumps(state))
+    with pytest.raises(FileFormatError, match=message):
+        IterationFolder.read(copy)
 
 
 def test_an_iteration_whose_state_was_edited_is_unknown(iteration, tmp_path):

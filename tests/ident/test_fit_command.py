@@ -91,7 +91,7 @@ def test_the_removed_choice_is_named_with_the_way_out(tmp_path, record):
     (tmp_path / "dyno.csv").write_text(table(record, duration=3.0))
     shown = CliRunner().invoke(main, ["fit", str(tmp_path / "dyno.csv"), "--law", "auto"])
     assert shown.exit_code == 2
-    assert "the choice among laws was removed; omit --law, or choose from polylinear" in shown.output
+    assert "the choice among laws was removed; omit the law, or choose from polylinear" in shown.output
 
 
 def text(table):

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from eightpost.corners import CORNERS
 from eightpost.errors import FileFormatError, InputError, ParameterError
-from eightpost.ident.vehicle.boggs import CHAPTER_4, CHAPTER_5, CHAPTER_6, Boggs, chapter_of
+from eightpost.ident.vehicle.boggs import CHAPTER_4, CHAPTER_5, CHAPTER_6, Boggs, _doubts, chapter_of
 from eightpost.ident.vehicle.experiment import Experiment, experiment_of, find_baseline
-from eightpost.ident.vehicle.frequency_response import contribution_error, response_of
+from eightpost.ident.vehicle.frequency_response import FrequencyResponse, contribution_error, response_of
 from eightpost.ident.vehicle.plan import recipe
 from eightpost.ident.vehicle.stability import closed_loop_stability
 from eightpost.ident.vehicle.trust import NOT_SIMULATED, UNUSABLE, MeasuredLevels, Trust
@@ -24,7 +25,7 @@ from eightpost.ident.vehicle.vehicle_fit import (
     write_fit,
 )
 from eightpost.progress import reported_to
-from eightpost.vehicle import IdentifiedVehicle
+from eightpost.vehicle import Channel, IdentifiedVehicle
 from eightpost.verdict import Grade, Reason, sealed
 
 from .rig_tests import BASELINE
@@ -37,6 +38,18 @@ def _experiment(rig):
 @pytest.fixture(scope="module")
 def fit(quarter_car):
     return recipe("boggs").identify(quarter_car.records, _experiment(quarter_car))
+
+
+def test_poor_fits_are_named_with_their_error_if_their_output_depends_on_them():
+    H = np.array([[[1.0], [1.0], [0.01]]])
+    channels = [Channel(name, "m") for name in ("y", "u", "v", "w")]
+    response = FrequencyResponse(np.array([1.0]), H, tuple(channels[1:]), tuple(channels[:1]))
+    fits = SimpleNamespace(
+        paths={("y", one): SimpleNamespace(error=error) for one, error in {"u": 0.2, "v": 0.8, "w": 0.9}.items()}
+    )
+    (note,) = _doubts(fits, response, np.ones(1))
+    assert note == "poor fits of paths that contribute to their outputs: y / v (80 %)"
+    assert _doubts(SimpleNamespace(paths={("y", "u"): fits.paths["y", "u"]}), response, np.ones(1)) == ()
 
 
 def test_the_chain_identifies_the_quarter_car_within_leakage_errors(quarter_car, fit):

@@ -7,8 +7,8 @@ import pytest
 
 from eightpost.errors import InputError
 from eightpost.ident.vehicle.estimators import H1, LocalPolynomial, SameDrive, estimate_response
+from eightpost.ident.vehicle.experiment import Blocks
 from eightpost.ident.vehicle.frequency_response import contribution_error, response_of
-from eightpost.ident.vehicle.records import Blocks
 
 
 def _estimate(rig, recipe):

@@ -36,7 +36,7 @@ def _identify(*words):
 def done(files, tmp_path_factory):
     car = tmp_path_factory.mktemp("out") / "corner.json"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("eightpost.app.progress.INTERVAL", 0.0)
+        patch.setattr("eightpost.app.show.INTERVAL", 0.0)
         return _identify(*files, "-o", car, "--plot", "main", "-v"), car
 
 

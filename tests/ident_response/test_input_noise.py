@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eightpost.ident.vehicle.estimators import H1, LocalPolynomial, input_noise
-from eightpost.ident.vehicle.records import Record, Records
+from eightpost.ident.vehicle.experiment import Record, Records
 from eightpost.vehicle import Channel
 
 RATE, COUNT = 125.0, 50_000

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eightpost.ident.vehicle.estimators import H1, LocalPolynomial, estimate_response
-from eightpost.ident.vehicle.records import Blocks
+from eightpost.ident.vehicle.experiment import Blocks
 from eightpost.signals import TimeSeries
 
 RATE, SAMPLES, GAIN = 100.0, 100_000, 3.0

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
+import zipfile
 
 import numpy as np
 import pytest
 
 from eightpost.errors import FileFormatError, InputError, MissingChannelError, ParameterError, TooShortError
 from eightpost.ident.vehicle.estimators import H1, LocalPolynomial, SameDrive, estimate_response
+from eightpost.ident.vehicle.experiment import Blocks
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse, read_response, write_response
-from eightpost.ident.vehicle.records import Blocks
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel
 
@@ -48,6 +49,13 @@ def test_a_file_of_a_newer_schema_is_rejected(tmp_path):
     header = json.loads(str(members["header"])) | {"schema": 99}
     np.savez(tmp_path / "h.npz", **(members | {"header": np.array(json.dumps(header))}))
     with pytest.raises(FileFormatError, match="schema 99"):
+        read_response(tmp_path / "h.npz")
+
+
+def test_an_array_whose_header_numpy_writes_in_another_format_is_rejected(tmp_path):
+    with zipfile.ZipFile(tmp_path / "h.npz", "w") as archive, archive.open("H.npy", "w") as member:
+        np.lib.format.write_array(member, np.zeros(3), version=(2, 0))
+    with pytest.raises(FileFormatError, match=r"an array has another format than 1\.0"):
         read_response(tmp_path / "h.npz")
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cosim import FmuComponent
-from cosim.study.machine.shocks import read_shock
+from cosim.study.running.machine import read_shock
 from eightpost.machine import ShockData
 from eightpost.shock import LAWS, law_name
 

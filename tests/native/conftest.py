@@ -22,7 +22,7 @@ from builder.product import shock_product, vehicle_product
 from builder.toolchain import find_toolchain, fmi_headers
 from eightpost.archive import extract_archive, write_archive
 from eightpost.shock import Shock
-from eightpost.vehicle import read_vehicle, shipped
+from eightpost.vehicle import CORNERS, Bristle, Friction, IdentifiedVehicle, read_vehicle, shipped
 from eightpost.wiring import Wire
 from tests.double_modes import car_with_seat
 
@@ -47,12 +47,20 @@ def source_folders_3(
     return _source_folders(tmp_path_factory, shocks, assembly, 3)
 
 
+def car_with_friction() -> IdentifiedVehicle:
+    """Return the seven-DOF car with friction of all kinds and springs at its ports."""
+    friction = Friction(30.0, 0.01, Bristle(120.0, 1e-4, 1.2, 0.01), spring=2e5)
+    model = read_vehicle(shipped("seven_dof")).coupled()
+    return IdentifiedVehicle("car", model, friction=dict.fromkeys(CORNERS, friction))
+
+
 def _source_folders(
     factory: pytest.TempPathFactory, shocks: dict[str, Shock], assembly: Assembly, fmi: int
 ) -> dict[str, Path]:
     products = [shock_product(shock, name) for name, shock in shocks.items()]
     products += [vehicle_product(read_vehicle(shipped(name)), name) for name in ("seven_dof", "quarter_car")]
     products.append(vehicle_product(car_with_seat(), "car_with_seat"))
+    products.append(vehicle_product(car_with_friction(), "car_with_friction"))
     found = {product.identifier: c_sources(product, product.interface, "0") for product in products}
     found["assembly"] = assembly_sources(assembly, assembly_interface(assembly), "0")
     folders = {}
@@ -94,7 +102,7 @@ def compiler(headers: Path) -> Callable[..., Path]:
         pytest.skip("no C compiler (gcc, clang or cc) on this machine")
 
     def run(folder: Path, options: Sequence[str], output: Path) -> Path:
-        line = [command, *STRICT, *PLAIN, f"-I{headers}", f"-I{folder}", *options, "-o", str(output), "-lm"]
+        line = [command, *STRICT, *PLAIN, f"-I{headers}", f"-I{folder}", *options, "-o", str(output), "-lm", "-pthread"]
         ran = subprocess.run(line, capture_output=True, text=True, check=False)
         assert ran.returncode == 0, ran.stderr[:2000]
         return output

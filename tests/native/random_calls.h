@@ -1,8 +1,9 @@
-/* Random arguments and a count of calls, for the random call sequences of both FMI versions. */
+/* Random arguments and a count of calls, for the random call sequences of both FMI versions. Every thread has its own. */
 #ifndef EIGHTPOST_RANDOM_CALLS_H
 #define EIGHTPOST_RANDOM_CALLS_H
 
 #include <math.h>
+#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,15 +15,15 @@
 #define LONGEST_STEP HUGE_VAL
 #endif
 
-enum { NAMES = 64 };
+enum { NAMES = 64, MOST_THREADS = 64 };
 
 typedef struct {
     const char *name;
     long called, accepted;
 } Count;
 
-static uint64_t random_state;
-static Count counts[NAMES];
+static __thread uint64_t random_state;
+static __thread Count counts[NAMES];
 
 static uint64_t random_bits(void)
 {
@@ -59,9 +60,9 @@ static void fail(const char *function, const char *what)
     exit(1);
 }
 
-static void begin_randomly(int argc, char *argv[])
+static void begin_randomly(uint64_t seed)
 {
-    random_state = UINT64_C(88172645463325252) ^ (argc > 2 ? (uint64_t)atoll(argv[2]) * UINT64_C(0x9e3779b97f4a7c15) : 0);
+    random_state = UINT64_C(88172645463325252) ^ (seed * UINT64_C(0x9e3779b97f4a7c15));
 }
 
 static void count(const char *name, int is_accepted)
@@ -89,6 +90,15 @@ static fmi2ValueReference any_reference(void)
     const int reference = below(REFERENCES + 2);
     return one_in(30) ? (fmi2ValueReference)random_bits() : one_in(3) ? (fmi2ValueReference)below(INPUTS)
                                                                        : (fmi2ValueReference)reference;
+}
+
+static fmi2ValueReference an_output(void)
+{
+    fmi2ValueReference reference = 0;
+    while (variable_of_reference[reference] < 0 || !variables[variable_of_reference[reference]].is_output) {
+        reference++;
+    }
+    return reference;
 }
 
 /* Whether a value must fit to others, so that almost any other one makes the next calls fail: a curve through knots. */
@@ -141,6 +151,35 @@ static size_t any_count(size_t right)
     return one_in(12) ? (size_t)below(4) : right;
 }
 
+/* ---- Threads ---------------------------------------------------------------------------------------------------------- */
+
+typedef struct {
+    long calls;
+    uint64_t seed;
+} Play;
+
+/* Makes the calls of one thread, on instances of its own (a program defines it). */
+static void *play(void *given);
+
+/* Reads <calls> <seed> <threads>, and plays in as many threads. */
+static int play_all(int argc, char *argv[])
+{
+    pthread_t threads[MOST_THREADS];
+    Play plays[MOST_THREADS];
+    const int count = argc > 3 ? atoi(argv[3]) : 1;
+    for (int k = 0; k < count && k < MOST_THREADS; k++) {
+        plays[k].calls = argc > 1 ? atol(argv[1]) : 10000;
+        plays[k].seed = (uint64_t)(argc > 2 ? atoll(argv[2]) : 0) + (uint64_t)k;
+        if (pthread_create(&threads[k], NULL, play, &plays[k]) != 0) {
+            fail("pthread_create", "refused");
+        }
+    }
+    for (int k = 0; k < count && k < MOST_THREADS; k++) {
+        pthread_join(threads[k], NULL);
+    }
+    return 0;
+}
+
 /* ---- States that another program made --------------------------------------------------------------------------------- */
 
 enum { HEADER = 40 }; /* bytes: tag, format, digest of the GUID, size, checksum */
@@ -174,12 +213,32 @@ static void forge(fmi2Byte *bytes, size_t size)
     for (int changes = 1 + below(3); changes > 0; changes--) {
         fmi2Byte *word = bytes + HEADER + 8 * (size_t)below((int)((size - HEADER) / 8));
         if (one_in(3)) {
-            word[below(8)] ^= (fmi2Byte)(1 << below(7));
+            word[below(8)] ^= (fmi2Byte)(1 << below(8));
         } else {
             put(word, any_word());
         }
     }
     sign(bytes, size);
+}
+
+/* A state that this FMU must refuse, in memory of exactly its size: of another version, FMU or length, or any bytes. */
+static fmi2Byte *foreign(const fmi2Byte *bytes, size_t *size)
+{
+    const size_t length = one_in(2) ? *size : (size_t)below(2 * (int)*size);
+    const size_t shared = length < *size ? length : *size;
+    const int header_word = below(5);
+    fmi2Byte *state = malloc(length + (length == 0));
+    for (size_t k = 0; k < length; k++) {
+        state[k] = (fmi2Byte)random_bits();
+    }
+    if (!one_in(4)) {
+        memcpy(state, bytes, shared);
+        if (length == *size) {
+            state[8 * header_word + below(8)] ^= (fmi2Byte)(1 << below(8));
+        }
+    }
+    *size = length;
+    return state;
 }
 
 #endif

@@ -98,7 +98,7 @@ def test_there_is_no_writable_global_and_only_instantiation_allocates_memory(obj
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("model", ALL)
+@pytest.mark.parametrize("model", (*ALL, "car_with_friction"))
 def test_random_call_sequences_cause_no_sanitizer_finding(model, source_folders_3, compiler, tmp_path):
     """A short run; `make nightly` makes a million calls per FMU."""
     folder = source_folders_3[model]
@@ -117,6 +117,7 @@ def test_random_call_sequences_cause_no_sanitizer_finding(model, source_folders_
     assert counted["update: an input"][1] > 500
     assert counted["update: fmi3SetFloat64"][1] < counted["update: fmi3SetFloat64"][0]
     assert 100 < counted["forged state"][1] < counted["forged state"][0] - 100
+    assert counted["foreign state"][0] > 500 and counted["foreign state"][1] == 0
     nested = {name: calls for name, calls in counted.items() if name.startswith("nested")}
     assert len(nested) == 8 and all(calls[0] > 20 and calls[1] == 0 for calls in nested.values())
 

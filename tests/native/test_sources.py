@@ -14,11 +14,11 @@ import pytest
 from builder.native_fmu import COMMON
 from eightpost.shock import LAWS
 
-MODELS = (*LAWS, "seven_dof", "quarter_car", "car_with_seat", "assembly")
+MODELS = (*LAWS, "seven_dof", "quarter_car", "car_with_seat", "car_with_friction", "assembly")
 
 #: Models that run with sanitizers alone every day. The assembly contains the car and all laws; it takes more
 #: memory than all others together, so that only its call sequences are tried every day.
-ALONE = ("lpf1", "hysteresis", "quarter_car")
+ALONE = ("lpf1", "hysteresis", "car_with_friction")
 HERE = Path(__file__).parent
 
 #: Functions of the C library that a step may call.
@@ -187,3 +187,20 @@ def test_random_call_sequences_cause_no_sanitizer_finding(model, sanitized):
     assert exchanged is not None and int(exchanged[2]) > 500
     forged = re.search(r"forged state +(\d+) called +(\d+) accepted", ran.stdout)
     assert forged is not None and 100 < int(forged[2]) < int(forged[1]) - 100
+    foreign = re.search(r"foreign state +(\d+) called +0 accepted", ran.stdout)
+    assert foreign is not None and int(foreign[1]) > 500
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("model", ["hysteresis", "car_with_friction", "assembly"])
+def test_random_call_sequences_of_eight_threads_on_their_own_instances_cause_no_race(
+    model, source_folders, compiler, tmp_path
+):
+    options = ["-DLONGEST_STEP=1.0"] if model == "assembly" else []
+    files = [str(HERE / "call_sequences.c"), *map(str, source_folders[model].glob("*.c"))]
+    options += ["-g", "-O1", "-fsanitize=thread", "-Wno-conversion", *files]
+    program = compiler(source_folders[model], options, tmp_path / "call_sequences")
+    calls = int(os.environ.get("EIGHTPOST_CALLS", "100000")) // 8
+    ran = subprocess.run([program, str(calls), "1", "8"], capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr[:2000]
+    assert len(re.findall(r"fmi2DoStep +\d+ called", ran.stdout)) == 8

@@ -94,15 +94,27 @@ def unmapped(tmp_path):
 
 
 def test_inspect_proposes_a_map_for_a_rig_file_without_one_and_shows_it_with_one(unmapped):
-    found = CliRunner().invoke(main, ["inspect", str(unmapped)])
+    found = CliRunner().invoke(main, ["-v", "inspect", str(unmapped)])
     assert found.exit_code == 2
     assert '"lf.road" = { source = "WL FL Pos" }' in found.output
-    assert "looks like a rig record: it has 2 or more columns at each corner; save" in " ".join(found.output.split())
+    assert "it has 2 or more columns at each corner; write its" in " ".join(found.output.split())
     lines = ['[channels]\n"lf.road" = { source = "WL FL Pos" }\n"rf.force" = { source = "WL RL Load", gain = -1.0 }']
     (unmapped.parent / "rig_map.toml").write_text("\n".join(lines))
-    shown = CliRunner().invoke(main, ["inspect", str(unmapped)]).output.replace("\n", "")
+    shown = " ".join(CliRunner().invoke(main, ["-v", "inspect", str(unmapped)]).output.split())
     assert "rig_map.toml): lf.road WL FL Pos, rf.force -WL RL Load" in shown
     assert "columns that are not read: WL FR Pos, WL RL Pos, WL RR Pos, WL FL Load, WL FR Load, WL RR Load" in shown
+
+
+def test_inspect_writes_the_proposed_map_and_replaces_none(unmapped):
+    words = ["inspect", str(unmapped), "-o", str(unmapped.parent)]
+    found = CliRunner().invoke(main, words)
+    assert found.exit_code == 2 and "and inspect again" in " ".join(found.output.split())
+    path = unmapped.parent / "rig_map.toml"
+    assert ChannelMap.read(path).channels["lf.road"].source == "WL FL Pos"
+    path.write_text("# edited\n")
+    again = CliRunner().invoke(main, words)
+    assert again.exit_code == 2 and "rig_map.toml exists and is not replaced" in " ".join(again.output.split())
+    assert path.read_text() == "# edited\n"
 
 
 def test_a_rig_file_without_a_map_is_named_as_such_by_other_readers(unmapped):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -19,7 +21,7 @@ from eightpost.errors import (
 )
 from eightpost.files import sha256_of
 from eightpost.rig import MismatchedRateError, RigConditions, RigTest, SwappedCornersError, read_rig_test
-from eightpost.rig.rig_faults import check_rig_record
+from eightpost.rig.rig_faults import _refuse_rival, _Rival, check_rig_record
 from eightpost.signals import ChannelMap, TimeSeries
 from eightpost.virtual import NO_DRIFT, LinearDamper, RigSensors, random_drive, run_test, stand_in_truth
 
@@ -258,3 +260,17 @@ def test_noise_of_a_car_at_rest_is_not_a_wrong_sign():
 def test_a_short_record_is_refused(record, tmp_path):
     with pytest.raises(TooShortError, match=r"over 1\.6 s"):
         read_rig_test(changed(record, tmp_path, {}, keep=slice(0, 2001)))
+
+
+def test_a_better_explanation_of_a_hub_is_stated_with_both_shares():
+    causes = []
+    record = SimpleNamespace(
+        name=lambda place, quantity: f"{CORNERS[place]}.{quantity}",
+        refuse_swapped=lambda *cause: causes.append(cause),
+        refuse_reversed=lambda *cause: causes.append(cause),
+    )
+    _refuse_rival(record, 0, 0.2, _Rival(0.8, "road", 1))
+    (name, others, why), _ = causes
+    shares = "road and tire force explain 20 % of the hub's acceleration with the channels as given and 80 %"
+    assert (name, why) == ("lf.road", f"({shares} with this exchange)")
+    assert set(others.split(" and ")) == {"rf.hub_acceleration", "rf.tire_force"}

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from builder.python_fmu import imported_files
+from builder.build import imported_files
 from eightpost.shock import LAWS
 
 ROOT = Path(__file__).parents[2]

@@ -54,6 +54,9 @@ def test_a_shock_survives_its_file_to_the_last_bit(law, tmp_path_factory):
     assert read_shock(path) == shock
 
 
+BAND = {"level": 0.9, "velocity [m/s]": [-1.0, 1.0], "force [N]": [-1.0, 1.0], "half_width [N]": [0.1, 0.1]}
+
+
 @pytest.fixture
 def document(tmp_path):
     curve = StaticCurve((1.0,) * 15, (1.0,) * 4, (1.0,) * 4, 0.4, 0.01, 1.0, 1.0, 0.0, 0.0)
@@ -67,12 +70,29 @@ def document(tmp_path):
         ({"kind": "vehicle"}, FileFormatError, "not a shock file"),
         ({"schema": 99}, FileFormatError, "schema 99"),
         ({"law": "magic"}, ParameterError, "magic"),
-        ({"parameters": {}}, ParameterError, "time_constant missing"),
-        ({"parameters": {"time_constant": "fast"}}, ParameterError, "time_constant must be a number"),
-        ({"parameters": {"time_constant": 1e-3, "spin": 1.0}}, ParameterError, "unknown spin"),
+        ({"parameters": {}}, ParameterError, "time_constant: is missing"),
+        ({"parameters": {"time_constant": "fast"}}, ParameterError, "time_constant: must be a number, not 'fast'"),
+        ({"parameters": {"time_constant": 1e-3, "spin": 1.0}}, ParameterError, "spin: is not an entry"),
         ({"parameters": {"time_constant": -1.0}}, ParameterError, "time_constant must be positive"),
         ({"port": {"motion_ratio": -1.0}}, ParameterError, "motion_ratio"),
-        ({"curve": {}}, ParameterError, "missing"),
+        ({"curve": {}}, ParameterError, "curve.inner: is missing; .*; and 6 more$"),
+        ({"port": []}, ParameterError, r"port: must be an object, not \[\]"),
+        ({"parameters": 1}, ParameterError, "parameters must be an object, not 1"),
+        (
+            {"conditions": {"gas_pressure [Pa]": "high"}},
+            ParameterError,
+            r"conditions.gas_pressure \[Pa\]: must be a number",
+        ),
+        ({"fit": {"changes": "none"}}, ParameterError, "fit.changes: must be a list, not 'none'"),
+        (
+            {"fit": {"parameters": {"tau": {"value": 1.0}}}},
+            ParameterError,
+            "fit.parameters.tau.standard_error: is missing",
+        ),
+        ({"fit": {"curve_band": BAND | {"level": 1}}}, ParameterError, "fit.curve_band.level"),
+        ({"fit": {"curve_band": BAND | {"force [N]": [0.0]}}}, ParameterError, "its lists must have one length"),
+        ({"fit": {"left_out_blocks": []}}, ParameterError, "left-out blocks"),
+        ({"inputs": [{"name": 1}]}, ParameterError, "inputs.0.name: must be a text, not 1"),
     ],
 )
 def test_a_bad_shock_file_is_refused_with_the_reason(document, tmp_path, change, error, named):

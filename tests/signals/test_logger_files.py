@@ -8,7 +8,7 @@ import pytest
 
 from eightpost.errors import FileFormatError
 from eightpost.signals import TimeSeries, read_record, read_records, read_series, write_series
-from eightpost.signals.rpc_file import write_rpc
+from eightpost.signals.logger_files import write_rpc
 
 COUNT, RATE = 1000, 200.0
 TIME = np.arange(COUNT) / RATE

@@ -7,6 +7,8 @@ from eightpost.errors import InputError
 from eightpost.report.pictures import Cloud, cloud
 from eightpost.signals import TimeSeries
 
+pytestmark = pytest.mark.usefixtures("placed_panels")
+
 TIME = np.arange(100) / 100.0
 LARGEST = np.finfo(np.float64).max
 

@@ -12,7 +12,7 @@ from eightpost.rig import read_rig_test
 
 
 def rig(*arguments):
-    return CliRunner().invoke(main, ["virtual", "rig", *arguments])
+    return CliRunner().invoke(main, ["-v", "virtual", "rig", *arguments])
 
 
 def test_a_test_is_written_and_marked_as_synthetic(tmp_path, monkeypatch):
@@ -23,7 +23,7 @@ def test_a_test_is_written_and_marked_as_synthetic(tmp_path, monkeypatch):
         "--car", "quarter_car", "--test", "bump", "--duration", "4.2 s", "--shock", "20 lbf.s/in", "-o", str(path)
     )
     assert result.exit_code == 0, result.output
-    assert "11 channels" in result.output
+    assert "11 channels" in " ".join(result.output.split())
     conditions = read_rig_test(path).conditions
     assert conditions.shocks == ("20 lbf.s/in",)
     assert "SYNTHETIC" in conditions.synthetic

@@ -49,6 +49,17 @@ def test_the_reading_of_a_record_is_kept_for_the_next_window(folder):
     assert again.words([record]) == ["--channel", "force=-", "--channel", "dyno/a.map.toml"]
 
 
+@pytest.mark.parametrize(("content", "message"), [
+    ("[]", r"window.json: it must be an object, not \[\]"),
+    ('{"readings": {"a.csv": {"map": ["x"]}}}', "a.csv.map: must be"),
+    ('{"readings": {"a.csv": {"flip": "force"}}}', "readings.a.csv.flip: must be a list, not 'force'"),
+])  # fmt: skip
+def test_a_damaged_state_of_the_window_is_refused(folder, content, message):
+    (folder.path / "window.json").write_text(content)
+    with pytest.raises(InputError, match=message):
+        Folder.opened(folder.path)
+
+
 def test_records_that_are_read_in_different_ways_are_not_given_to_one_command(folder):
     records = [folder.path / "dyno" / name for name in ("a.csv", "b.csv")]
     folder.read_as(records[0], flip=["force"])

@@ -5,8 +5,8 @@ import time
 
 import pytest
 
-from eightpost.window import job as module
-from eightpost.window.job import Job
+from eightpost.window import parts as module
+from eightpost.window.parts import Job
 
 Window = pytest.importorskip("eightpost.window.parts").Window
 

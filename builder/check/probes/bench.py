@@ -28,7 +28,7 @@ from builder.check.probes.library import (
     library_of,
     memory_functions,
 )
-from builder.check.rules import Finding, Rule
+from builder.check.rules import RULES, Finding, Rule
 from eightpost.fmi.description import Description, Variable, read_description
 
 # ==== One instance and the calls of a host; calls return their status, and only `need` and similar methods raise =====
@@ -501,6 +501,14 @@ def differ(first: Sequence[Values], second: Sequence[Values]) -> float:
             if a != b and not (math.isnan(a) and math.isnan(b)):
                 worst = max(worst, abs(a - b) / (size or 1.0) if math.isfinite(a - b) else math.inf)
     return worst
+
+
+def wrong_times(bench: Bench, instance: Instance, now: float) -> Iterator[Finding]:
+    """Compare the time variables with the time [s] that the host has set."""
+    for time in bench.description.of("independent"):
+        (found,) = instance.reals([time])
+        if abs(found - now) > _TOLERANCE * max(1.0, abs(now)):
+            yield RULES["time-variable"].finding(f"{time.name} is {found!r} s where the host is at {now!r} s")
 
 
 def compare(pair: tuple[Rule, Rule], what: str, first: Sequence[Values], again: Sequence[Values]) -> Iterator[Finding]:

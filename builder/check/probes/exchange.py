@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from ctypes import c_double, c_int
 from dataclasses import replace
@@ -20,6 +20,7 @@ from builder.check.probes.bench import (
     differ,
     refused,
     step,
+    wrong_times,
 )
 from builder.check.probes.dependencies import declared_pairs, judged
 from builder.check.probes.library import MODEL_EXCHANGE, EventInfo, MissingFunctionError, binary_path, library_of
@@ -49,7 +50,7 @@ class Host:
     def vector(self, instance: Instance, name: str, count: int | None = None) -> Values:
         """Return the array that a function fills; nothing is called for an empty one."""
         size = self.count if count is None else count
-        buffer = (c_double * size)()
+        buffer = (c_double * size)(*[math.nan] * size)  # what the FMU does not set is not finite
         if size:
             instance.need(name, buffer, size)
         return list(buffer)
@@ -70,7 +71,7 @@ class Host:
         """Provide an instance in continuous-time mode; None if the FMU ends the simulation at once."""
         with self.instance() as created:
             self.bench.initialize(created)
-            if iterate_events(created):
+            if iterate_events(created).terminateSimulation:
                 yield None
                 return
             created.need("EnterContinuousTimeMode")
@@ -103,8 +104,8 @@ def _is_state(variable: Variable) -> bool:
     return variable.type == "Real" and (variable.is_callable or variable.is_array)
 
 
-def iterate_events(instance: Instance) -> bool:
-    """Do the event iteration after initialization; return whether the FMU ends the simulation there.
+def iterate_events(instance: Instance) -> EventInfo:
+    """Do an event iteration; return what the FMU asks for at its end, or when it ends the simulation.
 
     Raises:
         CallError: A call was rejected, or the iteration does not end.
@@ -112,10 +113,8 @@ def iterate_events(instance: Instance) -> bool:
     for _ in range(_MOST_ITERATIONS):
         info = EventInfo()
         instance.need("NewDiscreteStates", ctypes.byref(info))
-        if info.terminateSimulation:
-            return True
-        if not info.newDiscreteStatesNeeded:
-            return False
+        if info.terminateSimulation or not info.newDiscreteStatesNeeded:
+            return info
     raise CallError(f"fmi2NewDiscreteStates still needs new discrete states after {_MOST_ITERATIONS} iterations")
 
 
@@ -170,28 +169,55 @@ def _integrated(host: Host) -> Iterator[Finding]:
                  if text is not None and not math.isclose(own, text, rel_tol=1e-6)]  # fmt: skip
         if wrong:
             yield RULES["nominals-agree"].finding(f"different from the description for {listed(wrong)}")
-        states = host.vector(instance, "GetContinuousStates")
-        for point in range(1, _STEPS + 1):
-            slopes = host.vector(instance, "GetDerivatives")
-            if not all(map(math.isfinite, slopes)):
-                yield RULES["derivatives-finite"].finding(f"at the start: {slopes[:6]}")
-                return
-            instance.need("SetTime", host.bench.timing.start + point * _H)
-            states = [x + _H * slope for x, slope in zip(states, slopes, strict=True)]
-            host.set_states(instance, states)
-            enter, end = c_int(), c_int()
-            instance.need("CompletedIntegratorStep", 1, ctypes.byref(enter), ctypes.byref(end))
-            host.vector(instance, "GetEventIndicators", host.indicators)
-            if enter.value or end.value:
-                return  # an early event of the FMU is not a defect
+        now = yield from _small_steps(host, instance)
+        if now is None:
+            return
         instance.need("EnterEventMode")
-        iterate_events(instance)
+        info = iterate_events(instance)
+        if info.nextEventTimeDefined and not info.nextEventTime >= now:
+            yield RULES["event-requests"].finding(f"at {now!r} s, the next event is at {info.nextEventTime!r} s")
         tunable = [v for v in host.bench.description.of("parameter") if v.variability == "tunable"]
         locked = [v.name for v in tunable if refused(instance.set(v, v.number("start") or 0.0))]
         if locked:
             yield RULES["exchange-inputs"].finding(f"rejected in event mode: {listed(locked)}")
+        before = host.vector(instance, "GetContinuousStates")
         instance.need("EnterContinuousTimeMode")
+        if host.vector(instance, "GetContinuousStates") != before:
+            yield RULES["states-set"].finding("the values change when continuous-time mode is entered")
         instance.need("Terminate")
+
+
+def _small_steps(host: Host, instance: Instance) -> Generator[Finding, None, float | None]:
+    """Do the steps, with an event wherever the FMU asks for one; return the time [s], or None after a finding."""
+    states, requests, now = host.vector(instance, "GetContinuousStates"), 0, host.bench.timing.start
+    for point in range(1, _STEPS + 1):
+        slopes = host.vector(instance, "GetDerivatives")
+        if not all(map(math.isfinite, slopes)):
+            yield RULES["derivatives-finite"].finding(f"at the start: {slopes[:6]}")
+            return None
+        now = host.bench.timing.start + point * _H
+        instance.need("SetTime", now)
+        yield from wrong_times(host.bench, instance, now)
+        states = [x + _H * slope for x, slope in zip(states, slopes, strict=True)]
+        host.set_states(instance, states)
+        enter, end = c_int(), c_int()
+        instance.need("CompletedIntegratorStep", 1, ctypes.byref(enter), ctypes.byref(end))
+        if not all(map(math.isfinite, host.vector(instance, "GetEventIndicators", host.indicators))):
+            yield RULES["derivatives-finite"].finding("an event indicator is not finite near the start")
+            return None
+        if end.value:
+            yield RULES["event-requests"].finding(f"the simulation is ended {point * _H:g} s after its start")
+            return None
+        if enter.value:
+            requests += 1
+            instance.need("EnterEventMode")
+            iterate_events(instance)
+            instance.need("EnterContinuousTimeMode")
+            states = host.vector(instance, "GetContinuousStates")
+    if requests == _STEPS:
+        yield RULES["event-requests"].finding(f"after each of {_STEPS} steps of {_H:g} s")
+        return None
+    return now
 
 
 def _modes(host: Host) -> Iterator[Finding]:

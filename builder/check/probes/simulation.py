@@ -33,6 +33,7 @@ from builder.check.probes.bench import (
     refused,
     status_name,
     step,
+    wrong_times,
 )
 from builder.check.probes.library import DISCARD, ERROR
 from builder.check.rules import RULES, Finding, listed
@@ -43,6 +44,7 @@ from eightpost.fmi.description import Variable
 # ---- Runs with constant and with varying inputs ---------------------------------------------------------------------
 
 _WHOLE = re.compile(r"[+-]?[0-9]{1,20}")
+_MOST_READ = 500  # variables
 _MOST_LATE = 1000  # communication steps within one internal step of an FMU
 _CONVERSION = re.compile(rb"%[-+ #0]*\d*(\.\d+)?(l|ll|h|z)?[diufFeEgGxXsScp]")
 
@@ -63,6 +65,7 @@ def probe_simulation(bench: Bench) -> Results:
         yield Measured(REACH, str(reached))
         bench.timing = replace(bench.timing, count=reached)
     yield from _start_values(bench)
+    yield from _reads(bench)
     try:
         runs = [_recorded(bench, logging) for logging in (True, False)]
     except CallError as error:
@@ -72,7 +75,18 @@ def probe_simulation(bench: Bench) -> Results:
     yield from _finite(bench, first)
     if first and differ(first, second):
         yield RULES["deterministic"].finding("a second run in the same process gave different outputs")
+    else:
+        yield from _last_step(bench, first)
     yield from _messages(messages)
+
+
+def _last_step(bench: Bench, rows: list[Values]) -> Iterator[Finding]:
+    """Compare a run that ends at a stop time with one that has none, whose outputs are given; it differs only there."""
+    last = bench.timing.count - 1
+    with suppress(CallError):  # other probes report this
+        limited, _ = _recorded(bench, False, stop=bench.timing.at(last) + bench.timing.step)
+        if not differ(rows[:-1], limited[:-1]) and differ(rows[-1:], limited[-1:]):
+            yield RULES["last-step"].finding("outputs at the stop time differ from those of a run without one")
 
 
 def _versions(bench: Bench) -> Iterator[Finding]:
@@ -99,9 +113,10 @@ def _count_steps(bench: Bench, instance: Instance, signal: Callable[[float], Val
     return bench.timing.count
 
 
-def _recorded(bench: Bench, logging: bool) -> tuple[list[Values], list[Message]]:
+def _recorded(bench: Bench, logging: bool, stop: float | None = None) -> tuple[list[Values], list[Message]]:
     with bench.instance(replace(bench.birth, logging=logging)) as instance:
-        bench.initialize(instance)
+        bench.enter(instance, stop=stop)
+        instance.need("ExitInitializationMode")
         rows = [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, bench.all_points())]
         instance.need("Terminate")
         return rows, instance.messages
@@ -127,6 +142,18 @@ def _lateness(bench: Bench, instance: Instance, time: Variable, point: int) -> f
     """Return the difference [s] between the time of a point and the time variable; 0 if it is only rounding."""
     (found,), there = instance.reals([time]), bench.timing.at(point)
     return 0.0 if abs(found - there) <= 1e-9 * max(1.0, abs(there)) else there - found
+
+
+def _reads(bench: Bench) -> Iterator[Finding]:
+    """Read variables twice after some steps, the second time in reverse order."""
+    variables = [v for v in bench.description.variables if v.is_callable][:_MOST_READ]
+    with bench.running() as instance, suppress(CallError):  # other probes report this
+        bench.run(instance, bench.held, range(min(_FEW, bench.timing.count)))
+        first = [instance.get(variable) for variable in variables]
+        again = [instance.get(variable) for variable in reversed(variables)][::-1]
+        changed = [v.name for v, one, other in zip(variables, first, again, strict=True) if repr(one) != repr(other)]
+        if changed:
+            yield RULES["reads-repeatable"].finding(f"different when they are read again: {listed(changed)}")
 
 
 def _start_values(bench: Bench) -> Iterator[Finding]:
@@ -279,6 +306,7 @@ def probe_steps(bench: Bench) -> Results:
         with bench.instance() as instance:
             bench.enter(instance, start=start)
             instance.need("ExitInitializationMode")
+            yield from wrong_times(bench, instance, start)
             yield from _walk(bench, instance, start)
 
 

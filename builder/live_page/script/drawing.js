@@ -24,7 +24,7 @@ function drawDynamometer(now, before, trail) {
   draw("velocity-plot", [
     line("as built", at(before, "velocity", "m/s"), at(before, "force", "N"), GREY),
     line("now", at(now, "velocity", "m/s"), at(now, "force", "N"), BLUE),
-    line("static curve", at(now, "velocity", "m/s"), at(now, "static_force", "N"), BLUE, { width: 1, dash: "dot" }),
+    line("static curve", at(now.curve, "velocity", "m/s"), at(now.curve, "force", "N"), BLUE, { width: 1, dash: "dot" }),
     line("by hand", hand(0, "m/s"), hand(1, "N"), RED, { width: 1 }),
   ], axisOf("velocity, positive in compression", "m/s"), axisOf("force", "N"));
   draw("travel-plot", [

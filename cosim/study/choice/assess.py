@@ -38,12 +38,12 @@ from cosim.study.choice.posterior import (
 )
 from cosim.study.choice.sources import FILE, OUTPUT, UNKNOWN, ErrorSources, error_sources
 from cosim.study.table import StudyResult, error_column
-from eightpost.array_types import Array, Integers
+from eightpost.array_types import Array, Flags, Integers
 
 # ---- Contributions to the uncertainty: which are included, which are not, and which are unknown ---------------------
 
 
-def contributions_of(
+def _contributions_of(
     result: StudyResult,
     sources: ErrorSources,
     effects: Sequence[Effect],
@@ -177,7 +177,7 @@ def certainty_of(
     """
     known = known or Knowledge()
     sources = error_sources(result, known.effects, known.run_to_run, known.vehicle)
-    seen = observations_of(result, sources, known.runs)
+    seen = _observations_of(result, sources, known.runs)
     surprises = surprises_of(sources, seen)
     posterior = _without_surprises(sources, seen, surprises)
     name = criterion or (OBJECTIVE if result.study.objective else result.measures[0].name)
@@ -197,7 +197,7 @@ def certainty_of(
         feasible=feasible,
         ties=tuple(int(result.setups[drawn.rows[k]]) for k in ties.tolist()),
         levels=dict(_levels(result, posterior, feasible, chosen, best, min(draws, _FEWER), seed)),
-        contributions=contributions_of(result, sources, known.effects, known.unstated, chosen, bool(known.runs)),
+        contributions=_contributions_of(result, sources, known.effects, known.unstated, chosen, bool(known.runs)),
         tests=tests_of(result, drawn, ties, float(np.sum((chosen.weights * run_to_run) ** 2)), tests),
         trade_offs=tuple(_trade_offs(result, posterior, chosen, drawn, ties, min(draws, _FEWER), seed)),
         effects=known.effects,
@@ -214,7 +214,7 @@ def certainty_of(
 def posterior_of(result: StudyResult, known: Knowledge) -> Posterior:
     """Return the errors of a study's setups, given the rig runs so far."""
     sources = error_sources(result, known.effects, known.run_to_run, known.vehicle)
-    seen = observations_of(result, sources, known.runs)
+    seen = _observations_of(result, sources, known.runs)
     return _without_surprises(sources, seen, surprises_of(sources, seen))
 
 
@@ -223,7 +223,7 @@ def _without_surprises(sources: ErrorSources, seen: Observations, surprises: Seq
     return Posterior(sources, seen.only(np.setdiff1d(np.arange(seen.rows.size), left)))
 
 
-def observations_of(result: StudyResult, sources: ErrorSources, runs: Sequence[ConfirmedRun]) -> Observations:
+def _observations_of(result: StudyResult, sources: ErrorSources, runs: Sequence[ConfirmedRun]) -> Observations:
     """Return the measured levels whose uncertainty is known; those of failed setups are left out."""
     rows = dict(zip(result.setups.tolist(), range(len(result)), strict=True))
     found = []
@@ -304,7 +304,7 @@ def _objective_levels(result: StudyResult, posterior: Posterior, criterion: Crit
 def _trade_offs(
     result: StudyResult, posterior: Posterior, chosen: Criterion, drawn: Drawn, ties: Integers, draws: int, seed: int
 ) -> Iterator[TradeOff]:
-    """Yield the levels of the other measures of the leading setup relative to the baseline, unless it leads itself."""
+    """Yield the levels of the leading setup relative to the baseline, unless it leads itself; the objective is last."""
     sources = posterior.sources
     reference = _reference(result, chosen, sources)
     if reference is None or not ties.size or drawn.rows[ties[0]] == reference:
@@ -313,13 +313,24 @@ def _trade_offs(
     generator = np.random.default_rng(seed + 1)
     groups = [(posterior.draw(s, max(draws // 64, 2), generator)) for s in posterior.scales.groups(64, generator)]
     feasible = result.feasible if result.feasible.any() else result.done
+    known: dict[int, Array] = {}
     for m, name in enumerate(sources.names):
         if sources.bases[m] == UNKNOWN:
             continue
         levels = np.concatenate([drawn_levels(posterior, g, rows, m, generator) for g in groups])
-        low, change, high = np.quantile(levels[:, 0] / levels[:, 1], [0.025, 0.5, 0.975]) - 1.0
-        lowest = float(sources.predicted[rows[0], m] / np.nanmin(sources.predicted[feasible, m]) - 1.0)
-        yield TradeOff(name, float(change), float(low), float(high), lowest)
+        known[m] = levels
+        yield _trade_off(name, levels, rows[0], sources.predicted[:, m], feasible)
+    if chosen.name == OBJECTIVE and known.keys() >= set(chosen.measures.tolist()):
+        terms = zip(chosen.weights.tolist(), chosen.measures.tolist(), strict=True)
+        whole = chosen.offset + sum(weight * known[m] for weight, m in terms)
+        yield _trade_off(OBJECTIVE, whole, rows[0], chosen.values(sources.predicted), feasible)
+
+
+def _trade_off(name: str, levels: Array, row: int, predicted: Array, feasible: Flags) -> TradeOff:
+    """Return the change of drawn levels (D, 2) from the second setup to the first, which has a row."""
+    low, change, high = np.quantile(levels[:, 0] / levels[:, 1], [0.025, 0.5, 0.975]) - 1.0
+    lowest = float(predicted[row] / np.nanmin(predicted[feasible]) - 1.0)
+    return TradeOff(name, float(change), float(low), float(high), lowest)
 
 
 def _reference(result: StudyResult, chosen: Criterion, sources: ErrorSources) -> int | None:

@@ -18,7 +18,7 @@ from cosim.study.table import StoredTable, StudyResult, open_table
 from eightpost.array_types import Array, Flags, Integers
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json
-from eightpost.verdict import Grade, Reason, Rules, listed
+from eightpost.verdict import Reason, Rules, listed
 
 # ---- Content --------------------------------------------------------------------------------------------------------
 
@@ -312,70 +312,45 @@ def _trade_offs(certainty: Certainty) -> Iterator[str]:
 
 ABOUT = "choice"
 
-RULES = Rules()
-
-ONE_BEST = RULES.add("one setup is the best", ABOUT, Grade.USABLE,
-    condition=f"one setup is the best with a probability of {100 * TIE:g} % or more, and no contribution to the "
-    "uncertainty is unknown or not included",
-    why="the probability contains the choice among all setups of the study",
-    remedy="nothing; confirm it on the rig (eightpost study confirm)",
-)  # fmt: skip
-BEST_BY_PART = RULES.add("one setup is the best by a part of the uncertainty", ABOUT, Grade.LIMITED,
-    condition=f"one setup is the best with a probability of {100 * TIE:g} % or more, but a contribution to the "
-    "uncertainty is not included",
-    why="with the missing contribution, other setups may be as good",
-    remedy="state it, e.g. fit several builds of a shock together (eightpost fit), or confirm the setup on the rig",
-)  # fmt: skip
-TIED = RULES.add("setups tied", ABOUT, Grade.LIMITED,
-    condition=f"no single setup is the best with a probability of {100 * TIE:g} %",
-    why="the study does not tell which of the tied setups is the best",
-    remedy="choose among the ties by other measures, or test the proposed setups (eightpost study confirm)",
-)  # fmt: skip
-UNKNOWN = RULES.add("uncertainty of the choice unknown", ABOUT, Grade.UNKNOWN,
-    condition="a contribution to the uncertainty is unknown: of the vehicle, of a shock, or of rig runs",
-    why="stated probabilities contain the known contributions only, so that they are too extreme",
-    remedy="see the contributions: identify the car, fit the shocks, or state the uncertainty (eightpost study robust)",
-)  # fmt: skip
-NOT_ASSESSED = RULES.add("certainty not computed", ABOUT, Grade.UNKNOWN,
-    condition="the study has no certainty: it was switched off, or the study is of an older version",
-    why="differences between the best setups may be smaller than their uncertainty",
-    remedy="run `eightpost study` with the same folder, without --set certainty=no; completed runs are not repeated",
-)  # fmt: skip
-CONTRADICTED = RULES.add("rig runs contradict the prediction", "rig runs", Grade.LIMITED,
-    condition="a measured level is improbable, given the prediction, its uncertainty and the other rig runs",
-    why="the record, or the model, has an error that the stated uncertainty does not contain",
-    remedy="check the record (setup, shocks, drive file, units); if it is right, identify the car again",
-)  # fmt: skip
+RULES = Rules.read(Path(__file__).with_suffix(".txt"), tie=100 * TIE)
 
 
 def certainty_reasons(certainty: Certainty | None) -> Iterator[Reason]:
     """Yield the reasons of a certainty; None if it was not computed."""
     if certainty is None:
-        yield NOT_ASSESSED.reason("it is not known how sure the choice is", figure="0 draws", origin="the folder")
+        yield RULES.reason(
+            "certainty not computed", "it is not known how sure the choice is", figure="0 draws", origin="the folder"
+        )
         return
     if certainty.leader is None:
         return  # no setup is feasible, which is a reason of its own
     chance = certainty.probability(certainty.leader)
-    figure = f"setup {certainty.leader} {chance:.0%}; limit {TIE:.0%}; {len(certainty.ties)} setups tied"
+    figure = f"probability of setup {certainty.leader}: {chance_text(chance)}"
     origin = f"{certainty.criterion}; {certainty.draws} draws"
     if len(certainty.ties) > 1:
-        yield TIED.reason("several setups may be the best", figure=figure, origin=origin)
+        figure = f"{len(certainty.ties)} setups; {figure}, less than {100 * TIE:g} %"
+        yield RULES.reason("setups tied", "several setups may be the best", figure, origin)
     elif certainty.is_known and certainty.left_out:
         names = listed(one.name for one in certainty.left_out)
-        figure = f"{figure}; not included: {names}"
-        yield BEST_BY_PART.reason("one setup is the best by the included contributions", figure=figure, origin=origin)
+        figure = f"not included: {names}; without it, {figure}"
+        rule = "one setup is the best by a part of the uncertainty"
+        yield RULES.reason(rule, "one setup is the best by the included contributions", figure, origin)
     elif certainty.is_known:
-        yield ONE_BEST.reason("one setup is the best", figure=figure, origin=origin)
+        yield RULES.reason("one setup is the best", "one setup is the best", figure, origin)
     for one in certainty.contributions:
         if one.status is Status.UNKNOWN:
             figure = f"{one.name}: {one.text}"
-            yield UNKNOWN.reason("a contribution to the uncertainty is unknown", figure=figure, origin=origin)
+            yield RULES.reason(
+                "uncertainty of the choice unknown", "a contribution to the uncertainty is unknown", figure, origin
+            )
     if certainty.contradictions:
         worst = min(certainty.contradictions, key=lambda one: one.probability)
         change = 100.0 * (worst.measured / worst.predicted - 1.0)
         figure = f"{worst.measure} {change:+.2g} % from the prediction, probability {chance_text(worst.probability)}"
         names = listed(one.file for one in certainty.contradictions)
-        yield CONTRADICTED.reason("a record contradicts the prediction", figure=figure, origin=names)
+        yield RULES.reason(
+            "rig runs contradict the prediction", "a record contradicts the prediction", figure, origin=names
+        )
 
 
 # ---- The file certainty.parquet: one row per setup, and a header (docs/explanation/certainty.md) --------------------
@@ -413,17 +388,17 @@ _ENTRIES = {
 _Header = create_model("_Header", measures=(tuple[_Measure, ...], ...), **cast("dict[str, Any]", _ENTRIES))
 
 
-def expected_column(measure: str) -> str:
+def _expected_column(measure: str) -> str:
     """Return the name of the column with the expected levels of a measure."""
     return f"expected {measure}"
 
 
-def best_column(measure: str) -> str:
+def _best_column(measure: str) -> str:
     """Return the name of the column with the probabilities of being best by a measure."""
     return f"best by {measure}"
 
 
-def half_width_column(measure: str, probability: float) -> str:
+def _half_width_column(measure: str, probability: float) -> str:
     """Return the name of the column with the half-widths of the intervals of a probability of a measure."""
     return f"half width {100.0 * probability:g} % of {measure}"
 
@@ -434,10 +409,10 @@ def write_certainty(certainty: Certainty, path: str | Path) -> None:
     columns |= {name: _column(getattr(certainty, name)) for name in _OWN}
     columns["tie"] = pa.array(certainty.tie)
     for name, levels in certainty.levels.items():
-        columns[expected_column(name)] = _column(levels.expected, pa.float64())
+        columns[_expected_column(name)] = _column(levels.expected, pa.float64())
         for probability, half in zip(PROBABILITIES, levels.half_widths, strict=True):
-            columns[half_width_column(name, probability)] = _column(half)
-        columns[best_column(name)] = _column(levels.best)
+            columns[_half_width_column(name, probability)] = _column(half)
+        columns[_best_column(name)] = _column(levels.best)
     measures = tuple(
         _Measure(name, one.relative, one.basis, one.run_to_run if np.isfinite(one.run_to_run) else None)
         for name, one in certainty.levels.items()
@@ -500,9 +475,9 @@ def _values(table: pa.Table | StoredTable, name: str) -> Array:
 
 def _levels(table: pa.Table | StoredTable, measure: _Measure) -> Levels:
     return Levels(
-        _values(table, expected_column(measure.name)),
-        np.stack([_values(table, half_width_column(measure.name, p)) for p in PROBABILITIES]),
-        _values(table, best_column(measure.name)),
+        _values(table, _expected_column(measure.name)),
+        np.stack([_values(table, _half_width_column(measure.name, p)) for p in PROBABILITIES]),
+        _values(table, _best_column(measure.name)),
         measure.relative,
         measure.basis,
         np.nan if measure.run_to_run is None else measure.run_to_run,

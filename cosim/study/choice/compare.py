@@ -23,7 +23,7 @@ from eightpost.errors import FileFormatError, InputError
 from eightpost.files import MALFORMED, atomic_path, json_content
 from eightpost.labelled import data_frame
 from eightpost.signals import TimeSeries
-from eightpost.verdict import Grade, Reason, Rules, Verdict, is_intact, sealed
+from eightpost.verdict import Reason, Rules, Verdict, is_intact, sealed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -205,27 +205,7 @@ def _standard(ranks: Array) -> Array:
 
 ABOUT = "prediction of the rig"
 
-RULES = Rules()
-
-WRONG_RANK = RULES.add("setups ranked otherwise than measured", ABOUT, Grade.NOT_USABLE,
-    condition="rank correlation (Spearman) of a measure below the setting rank",
-    why="a study is run to rank setups",
-    remedy="do not choose by this measure; validate the car and the shocks on rig records (eightpost validate)",
-)  # fmt: skip
-WRONG_LEVEL = RULES.add("levels otherwise than measured", ABOUT, Grade.NOT_USABLE,
-    condition="RMS error of a measure's levels above the setting level",
-    why="the limits are set by the user",
-    remedy="use the measure only to rank setups, or validate the car on rig records",
-)  # fmt: skip
-PREDICTED = RULES.add("ranked as measured", ABOUT, Grade.USABLE,
-    condition="every measure is within the settings rank and level",
-    why="the limits are set by the user",
-)  # fmt: skip
-OLD_RUN = RULES.add("run without a verdict", "run", Grade.UNKNOWN,
-    condition="the result.json of a compared run contains no verdict, because an older version wrote it",
-    why="whether the run can be used was not recorded",
-    remedy="run it again",
-)  # fmt: skip
+RULES = Rules.read(Path(__file__).with_suffix(".txt"))
 
 
 def comparison_verdict(comparisons: Sequence[Comparison], *, rank: float, level: float | None) -> Verdict:
@@ -240,7 +220,9 @@ def comparison_verdict(comparisons: Sequence[Comparison], *, rank: float, level:
         worst = min(comparisons, key=lambda one: one.spearman)
         levels = "" if level is None else f"; level errors up to {max(one.level_error for one in comparisons):.1f} %"
         figure = f"rank correlation {worst.spearman:.3f} or more; limit {rank:g}{levels}"
-        reasons = [PREDICTED.reason("the study ranks setups as the rig does", figure=figure, origin=worst.measure)]
+        reasons = [
+            RULES.reason("ranked as measured", "the study ranks setups as the rig does", figure, origin=worst.measure)
+        ]
     return Verdict(reasons)
 
 
@@ -248,10 +230,20 @@ def _faults(one: Comparison, rank: float, level: float | None) -> Iterator[Reaso
     if not one.spearman >= rank:
         noise = "; run-to-run noise alone can explain this" if one.spearman >= one.attainable else ""
         figure = f"rank correlation {one.spearman:.3f}; limit {rank:g}{noise}"
-        yield WRONG_RANK.reason("the study ranks setups differently than the rig", figure=figure, origin=one.measure)
+        yield RULES.reason(
+            "setups ranked otherwise than measured",
+            "the study ranks setups differently than the rig",
+            figure,
+            origin=one.measure,
+        )
     if level is not None and not one.level_error <= level:
         figure = f"level error {one.level_error:.1f} %; limit {level:g} %"
-        yield WRONG_LEVEL.reason("the study's levels differ from those of the rig", figure=figure, origin=one.measure)
+        yield RULES.reason(
+            "levels otherwise than measured",
+            "the study's levels differ from those of the rig",
+            figure,
+            origin=one.measure,
+        )
 
 
 def _of_run(label: str, run: Result | SavedRun) -> Iterator[Reason]:
@@ -259,7 +251,13 @@ def _of_run(label: str, run: Result | SavedRun) -> Iterator[Reason]:
     try:
         verdict = run.verdict if isinstance(run, Result) else Verdict.from_json(run.document.get("verdict"))
     except InputError:
-        verdict = Verdict([OLD_RUN.reason("the run has no verdict", figure="0 reasons stated", origin="result.json")])
+        verdict = Verdict(
+            [
+                RULES.reason(
+                    "run without a verdict", "the run has no verdict", figure="0 reasons stated", origin="result.json"
+                )
+            ]
+        )
     yield from (replace(reason, origin=f"{label}: {reason.origin}") for reason in verdict.reasons)
 
 
@@ -276,7 +274,11 @@ class RunComparison(Summarized):
 
     def values(self, measure: Measure) -> list[float]:
         """Return a measure of every run in its display unit."""
-        return [units.convert(measure.of(one), measure.unit(one), measure.display) for one in self.runs.values()]
+        return [units.convert(measure.of(one), measure.unit(one), self.display(measure)) for one in self.runs.values()]
+
+    def display(self, measure: Measure) -> str:
+        """Return the unit in which a measure is shown to this user."""
+        return units.shown_unit(measure.unit(next(iter(self.runs.values()))), measure.display)
 
     def change(self, measure: Measure) -> float | None:
         """Return the change of a measure from the first run to the last [%]; None if it is 0 in the first run."""
@@ -301,7 +303,7 @@ class RunComparison(Summarized):
             MissingExtraError: pandas is not installed.
         """
         rows = [self.values(measure) for measure in self.measures]
-        columns: dict[str, Any] = {"unit": [measure.display for measure in self.measures]}
+        columns: dict[str, Any] = {"unit": [self.display(measure) for measure in self.measures]}
         columns |= {label: [row[k] for row in rows] for k, label in enumerate(self.runs)}
         columns["change"] = [self.change(measure) for measure in self.measures]
         return data_frame(columns, [measure.name for measure in self.measures], "measure", {"change": "%"})

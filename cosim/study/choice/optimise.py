@@ -42,7 +42,7 @@ class Scores(NamedTuple):
     violations: Array
 
 
-def evolve(
+def _evolve(
     run: Callable[[Integers], Scores], counts: tuple[int, ...], first: Integers, *, evaluations: int, seed: int
 ) -> str:
     """Generate and evaluate setups, generation by generation.
@@ -234,7 +234,7 @@ def optimise(
         run(np.stack(np.unravel_index(np.arange(prod(counts)), counts), axis=-1))
     else:
         first = _first_generation(counts, population, levels_of(space, np.array(start, dtype=np.int64)), seed)
-        status = evolve(run, counts, first, evaluations=evaluations, seed=seed)
+        status = _evolve(run, counts, first, evaluations=evaluations, seed=seed)
     objectives, violations = (np.concatenate(part) for part in zip(*scores, strict=True))
     return Optimum(np.concatenate(indices), objectives, violations, seed, status)
 

@@ -44,7 +44,7 @@ _SUMMED = "tire_force"
 STATED, OUTPUT, FILE, UNKNOWN = "stated", "output", "file", "unknown"
 
 
-def stated_uncertainty(result: StudyResult, fmu: object) -> ModelUncertainty | None:
+def _stated_uncertainty(result: StudyResult, fmu: object) -> ModelUncertainty | None:
     """Return the uncertainty that an FMU of a study states; None if it states none, or it cannot be read."""
     document = result.provenance.models.get(str(fmu))
     try:
@@ -53,20 +53,20 @@ def stated_uncertainty(result: StudyResult, fmu: object) -> ModelUncertainty | N
         return None
 
 
-def vehicle_uncertainties(result: StudyResult) -> dict[str, tuple[MeasureUncertainty | None, str]]:
+def _vehicle_uncertainties(result: StudyResult) -> dict[str, tuple[MeasureUncertainty | None, str]]:
     """Return the uncertainty of each measure due to the vehicle, and its origin: stated, output or unknown.
 
     The vehicle states the uncertainty of the RMS of its outputs and of the total tire force. That of a measure in a
     band, in a section or of another statistic of the same size (peak, range) is approximated by that of its output, and
     that of several outputs by the largest one. Means, shares, percentiles, work and user-defined measures are unknown.
     """
-    found = stated_uncertainty(result, result.study.vehicle.fmu)
+    found = _stated_uncertainty(result, result.study.vehicle.fmu)
     stated = {} if found is None else found.measures
     spectra = result.provenance.above_band
     return {one.name: _of(one, stated, result.study.vehicle.name, spectra.get(one.name)) for one in result.measures}
 
 
-def plain_output(measure: Measure, vehicle: str, outputs: Mapping[str, MeasureUncertainty]) -> str | None:
+def _plain_output(measure: Measure, vehicle: str, outputs: Mapping[str, MeasureUncertainty]) -> str | None:
     """Return the output whose RMS a measure is, or the total tire force; None if it is neither."""
     names = [channel.removeprefix(f"{vehicle}.") for channel in measure.channels]
     whole = measure.statistic == "rms" and not measure.function and measure.band is None and measure.section is None
@@ -82,7 +82,7 @@ def _of(
     measure: Measure, stated: Mapping[str, MeasureUncertainty], vehicle: str, spectrum: AboveBand | None
 ) -> tuple[MeasureUncertainty | None, str]:
     shares = () if spectrum is None else spectrum.bands
-    name = plain_output(measure, vehicle, stated)
+    name = _plain_output(measure, vehicle, stated)
     if name is not None:
         return stated[name].on_drive(shares), STATED
     names = [channel.removeprefix(f"{vehicle}.") for channel in measure.channels]
@@ -113,11 +113,11 @@ class Axes:
     @classmethod
     def of(cls, result: StudyResult) -> Axes:
         """Return the axes of a study."""
-        study, predicted = result.study, predicted_levels(result)[result.done]
+        study, predicted = result.study, _predicted_levels(result)[result.done]
         positive = np.asarray(np.all(predicted > 0.0, axis=0), dtype=np.bool_)
-        found = stated_uncertainty(result, study.vehicle.fmu)
+        found = _stated_uncertainty(result, study.vehicle.fmu)
         names = {} if found is None else found.measures
-        plain = {plain_output(m, study.vehicle.name, names): k for k, m in enumerate(study.measures) if positive[k]}
+        plain = {_plain_output(m, study.vehicle.name, names): k for k, m in enumerate(study.measures) if positive[k]}
         kept = [k for output, k in plain.items() if output is not None]
         if not kept:
             distances = [m.statistic in _DISTANCE and not m.function for m in study.measures]
@@ -139,7 +139,7 @@ class Axes:
         return np.hstack([own[:, self.outputs] / np.sqrt(max(self.outputs.size, 1)), own])
 
 
-def predicted_levels(result: StudyResult) -> Array:
+def _predicted_levels(result: StudyResult) -> Array:
     """Return the predicted levels of the measures of all setups (R, M), SI."""
     return np.stack([result.values(measure.name) for measure in result.measures], axis=1)
 
@@ -288,10 +288,10 @@ def error_sources(
     The relative error of a measure that is zero or negative for a setup is not known.
     """
     names = tuple(measure.name for measure in result.measures)
-    predicted, axes = predicted_levels(result), Axes.of(result)
+    predicted, axes = _predicted_levels(result), Axes.of(result)
     positive = axes.positive
     done = result.done[:, None]
-    stated = vehicle_uncertainties(result)
+    stated = _vehicle_uncertainties(result)
     found = [stated[name][0] if positive[m] else None for m, name in enumerate(names)]
     bases = [UNKNOWN if one is None else stated[n][1] for n, one in zip(names, found, strict=True)]
     if vehicle is VehicleSource.REPLACED:
@@ -391,7 +391,7 @@ def stated_parameters(result: StudyResult) -> tuple[tuple[UncertainParameter, ..
     found, unknown, notes = list[UncertainParameter](), list[str](), dict[str, list[str]]()
     allowed = {build for builds in result.study.corners.values() for build in builds}
     for build, made in result.study.bank.items():
-        stated = stated_uncertainty(result, made.fmu) if build in allowed else ModelUncertainty()
+        stated = _stated_uncertainty(result, made.fmu) if build in allowed else ModelUncertainty()
         if stated is None:
             unknown.append(build)
             continue

@@ -15,15 +15,11 @@ import numpy as np
 from cosim.components.component import to_si
 from cosim.components.fmu_component import FmuComponent
 from cosim.session.result import judged_by
-from cosim.session.setup import Limit
-from cosim.session.setup import Setup as SessionSetup
+from cosim.session.setup import Limit, RunSetup
 from cosim.session.verdict import LARGEST_ERROR, BondEnergy, Coupled
 from cosim.study.definition import Build, Drive, Setup, Study
-from cosim.study.machine.car import FmuVehicle, read_vehicle
-from cosim.study.machine.measures import BatchMeasures, ChannelBand
-from cosim.study.machine.plan import Plan
-from cosim.study.machine.shocks import read_shock
 from cosim.study.measures import Filtered
+from cosim.study.running.machine import BatchMeasures, ChannelBand, FmuVehicle, Plan, read_shock, read_vehicle
 from cosim.systems.algorithm import default_scheme
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
@@ -108,7 +104,7 @@ class _DriveBatch:
     ) -> None:
         study = models.study
         first = study.space.setup(0)  # any setup: all have the same wiring, and a large space is not enumerated
-        setup = SessionSetup.of(models.system(first), models.scenario(drive), default_scheme(GAUSS_SEIDEL), step)
+        setup = RunSetup.of(models.system(first), models.scenario(drive), default_scheme(GAUSS_SEIDEL), step)
         times = setup.times[setup.recorded == 1]
         self._measures = BatchMeasures(study.measures_of(drive) if measured else (), times, study.settling)
         series = tuple(dict.fromkeys((*self._measures.series, *recorded)))

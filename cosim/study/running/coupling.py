@@ -25,8 +25,8 @@ from cosim.study.running.evaluator import (
 )
 from cosim.systems.algorithm import Automatic
 from eightpost.errors import DivergedError, EightpostError, StepError
+from eightpost.machine.car import NotInBatchError
 from eightpost.machine.library import instruction_set
-from eightpost.machine.reasons import NotInBatchError
 from eightpost.signals import TimeSeries
 from eightpost.workers.pool import heartbeat
 

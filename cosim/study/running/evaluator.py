@@ -28,7 +28,7 @@ from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost.array_types import Array
 from eightpost.errors import EightpostError, WiringError
-from eightpost.machine.reasons import NotInBatchError
+from eightpost.machine.car import NotInBatchError
 from eightpost.signals import TimeSeries
 from eightpost.workers.pool import heartbeat
 
@@ -157,7 +157,7 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class MachineCoupling:
-    """How the machine runs setups (cosim.study.machine)."""
+    """How the machine runs setups (cosim.study.running.machine)."""
 
     step: float  #: Step [s].
     #: Model that estimates errors from how far the forces of each run are from the quadratics of a step.

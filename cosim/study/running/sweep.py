@@ -21,7 +21,7 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from cosim.session.session import interrupts_deferred
-from cosim.session.setup import Setup as SessionSetup
+from cosim.session.setup import RunSetup
 from cosim.study.definition import Build, Drive, Setup, Study
 from cosim.study.measures import AboveBand, Measure, own_function
 from cosim.study.running.coupling import check_setup, disagreement, through_fmus
@@ -33,7 +33,7 @@ from eightpost import __version__, units
 from eightpost.array_types import Integers
 from eightpost.errors import EightpostError, FileFormatError, InputError, WorkersLostError
 from eightpost.files import atomic_path, json_content, sha256_of
-from eightpost.machine.reasons import NotInBatchError
+from eightpost.machine.car import NotInBatchError
 from eightpost.outputs import check_folder
 from eightpost.progress import Progress, beats
 from eightpost.signals.parquet_file import read_columns, read_table
@@ -41,7 +41,7 @@ from eightpost.signals.parquet_file import read_columns, read_table
 # ---- Digest of a study ----------------------------------------------------------------------------------------------
 
 #: Entries that do not affect the results: they are applied to the table afterwards.
-_AFTER = ("name", "objective", "constraints")
+_AFTER = ("name", "objective", "constraints", "units")
 
 
 def file_digests(study: Study, known: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
@@ -287,7 +287,7 @@ def _check_study(evaluator: Evaluator) -> None:
         _check_measure(study, measure, found[measure.name])
     _check_objective(study, found)
     for drive in study.drives:
-        SessionSetup.of(system, evaluator.scenario(drive), GaussSeidel(), study.record_step)
+        RunSetup.of(system, evaluator.scenario(drive), GaussSeidel(), study.record_step)
 
 
 def _indices(study: Study) -> list[int]:

@@ -72,7 +72,7 @@ function listenFilters() {
 
 /** Pick the tied setups that the answer lists, and show them side by side. */
 function compareTies() {
-  for (const line of document.querySelectorAll("[aria-labelledby=which] [data-setup]")) state.picked.add(Number(line.dataset.setup));
+  for (const line of document.querySelectorAll("#tied [data-setup]")) state.picked.add(Number(line.dataset.setup));
   update();
   document.getElementById("comparison").scrollIntoView();
 }
@@ -102,14 +102,14 @@ function listenViews() {
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { readColors(); redraw(); });
 }
 
+const PRINTED = 12; // rows of the ranking
+
 function listenPrint() {
   window.addEventListener("beforeprint", () => {
     printing = true;
     lighten(true);
     drawPanels(true);
-    drawParallel(true);
-    fillComparison(comparedRows());
-    fillWindow(Math.min(listed.length, 60));
+    fillWindow(Math.min(listed.length, PRINTED));
   });
   window.addEventListener("afterprint", () => { printing = false; lighten(false); redraw(); });
 }
@@ -117,6 +117,7 @@ function listenPrint() {
 /** Use the light colours also on a dark screen, for a print. */
 function lighten(on) {
   document.documentElement.classList.toggle("light", on);
+  document.documentElement.classList.toggle("printing", on); // as wide as the paper
   readColors();
 }
 

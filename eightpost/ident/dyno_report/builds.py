@@ -25,6 +25,7 @@ from eightpost.ident.dyno_report.entry import (
 )
 from eightpost.ident.dyno_report.loop import STROKES, Found, Stroke, Unknown, VelocityCurve, forces_at, known, mean_of
 from eightpost.rig import read_dyno_tests, split_runs
+from eightpost.rig.columns import flips_of
 from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.rig.dyno_test import FEWEST, SHORTEST, TemperatureEffect, temperature_effect
 from eightpost.rig.peak_velocity import peak_velocity_tables
@@ -474,9 +475,8 @@ def _dynamometer_entries(path: Path, reading: Reading) -> Iterator[Entry]:
             name = f"{path.stem} {table.clicks or number}" if len(tables) > 1 else path.stem
             yield entry_of_table(table, name, build or path.stem)
         return
-    flips = [*reading.flip.get("", ()), *(f for name in _names(path) for f in reading.flip.get(name, ()))]
     given = DynoConditions(build, clicks)
-    tests = read_dyno_tests(path, flip=tuple(dict.fromkeys(flips)), conditions=given, **reading.options)
+    tests = read_dyno_tests(path, flip=flips_of(path, reading.flip), conditions=given, **reading.options)
     runs = [run for test in tests for run in (split_runs(test) if reading.split else (test,))]
     for number, run in enumerate(runs, 1):
         name = path.stem if len(runs) == 1 else f"{path.stem} {run.conditions.run or 'run'} {number}"

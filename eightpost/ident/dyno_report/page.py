@@ -39,7 +39,7 @@ from eightpost.report.numbers import plain
 from eightpost.report.page import Block, Section, digest, document, soft, write_page
 from eightpost.report.tables import NONE, Amount, Cell, ResultTable, cell_html, unit_html
 from eightpost.signals import TimeSeries
-from eightpost.verdict import Grade, Reason, Rules, Verdict
+from eightpost.verdict import Reason, Rules, Verdict
 
 _VELOCITY, _FORCE, _DISPLACEMENT = Axis("velocity", "m/s"), Axis("force", "N"), Axis("displacement", "m")
 _TIME = Axis("time [s]")
@@ -246,22 +246,7 @@ def _some(inside: NDArray[np.intp]) -> NDArray[np.intp]:
 
 # ==== Verdict: the findings about the records, and the verdicts of the shock files ===================================
 
-RULES = Rules()
-
-PLAUSIBLE = RULES.add("plausible record", "dynamometer record", Grade.USABLE,
-    condition="none of the rules about implausible records applies",
-    why="the rules find wrong units, reversed signs, changed settings and machines that run down",
-)  # fmt: skip
-TABLE = RULES.add("table without time", "dynamometer record", Grade.LIMITED,
-    condition="a file is a peak-velocity table",
-    why="it has no lag, energy, hysteresis or friction, and its plausibility cannot be checked",
-    remedy="report the record over time for these figures",
-)  # fmt: skip
-NO_VERDICT = RULES.add("shock without verdict", "shock", Grade.UNKNOWN,
-    condition="a shock file has no section `validity`",
-    why="nothing is known about its fit",
-    remedy="fit the shock again with this version of eightpost",
-)  # fmt: skip
+RULES = Rules.read(Path(__file__).with_suffix(".txt"))
 
 
 def report_verdict(entries: Iterable[Entry]) -> Verdict:
@@ -271,13 +256,17 @@ def report_verdict(entries: Iterable[Entry]) -> Verdict:
 
 def _reasons(entry: Entry) -> Iterator[Reason]:
     if entry.kind == "table":
-        yield TABLE.reason("the file is a peak-velocity table", figure="no time", origin=entry.name)
+        yield RULES.reason(
+            "table without time", "the file is a peak-velocity table", figure="no time", origin=entry.name
+        )
     elif entry.test is not None:
         yield from (replace(reason, origin=entry.name) for reason in entry.test.reasons)
         if not entry.test.reasons:
-            yield PLAUSIBLE.reason("the record is plausible", figure="no finding", origin=entry.name)
+            yield RULES.reason("plausible record", "the record is plausible", figure="no finding", origin=entry.name)
     elif entry.shock is not None and entry.shock.validity is None:
-        yield NO_VERDICT.reason("the shock file states no verdict", figure="no validity", origin=entry.name)
+        yield RULES.reason(
+            "shock without verdict", "the shock file states no verdict", figure="no validity", origin=entry.name
+        )
     elif entry.shock is not None and entry.shock.validity is not None:
         for reason in entry.shock.validity.verdict.reasons:
             yield replace(reason, origin=f"shock {entry.name}")
@@ -333,7 +322,7 @@ def explained(title: str, columns: Sequence[str | Amount], rows: Iterable[Row], 
     return [replace(table, heads=tuple(heads)), *([tuple(lines)] if lines else [])]
 
 
-def at_speeds(
+def _at_speeds(
     report: DynoReport,
     heads: Sequence[str],
     rows: Iterable[tuple[Sequence[Cell], Sequence[Found | Cell]]],
@@ -367,7 +356,7 @@ def force_table(report: DynoReport) -> list[Block]:
                 ratios = [mean_of(ratio_at(entry.curve, speed) for entry in entries) for speed in report.speeds]
                 rows.append(((*label, "reb/comp"), [_plain(ratio) for ratio in ratios]))
     corner = ("corner",) if report.fitted_to else ()
-    return at_speeds(report, (*corner, "build", "basis", "stroke"), rows)
+    return _at_speeds(report, (*corner, "build", "basis", "stroke"), rows)
 
 
 def _plain(value: Found) -> Found | Cell:
@@ -391,7 +380,7 @@ def difference_table(report: DynoReport) -> list[Block]:
             for stroke in STROKES if ours and base else ():
                 pairs = [(mean_force(ours, v, stroke), mean_force(base, v, stroke)) for v in report.speeds]
                 rows.append(((variant.label, basis, stroke), [_with_share(_minus(a, b), b) for a, b in pairs]))
-    return at_speeds(report, ("build", "basis", "stroke"), rows)
+    return _at_speeds(report, ("build", "basis", "stroke"), rows)
 
 
 def _minus(first: Found, second: Found) -> Found:
@@ -430,29 +419,29 @@ def repeat_table(report: DynoReport) -> list[Block]:
                     _with_share(deviation_of(group, v, stroke), mean_force(group, v, stroke)) for v in report.speeds
                 ]
                 rows.append(((variant.label, str(len(group)), stroke), found))
-    return at_speeds(report, ("build", "runs", "stroke"), rows)
+    return _at_speeds(report, ("build", "runs", "stroke"), rows)
 
 
-def heat_lines(report: DynoReport) -> tuple[str, ...]:
+def _heat_lines(report: DynoReport) -> tuple[str, ...]:
     """Return a sentence on the effect of temperature for each build that has repeated runs at two temperatures."""
     found = ((variant.label, heat_effect(variant)) for variant in report.variants)
     return tuple(f"{label}: {effect}." for label, effect in found if effect)
 
 
-def track_table(report: DynoReport) -> list[Block]:
+def _track_table(report: DynoReport) -> list[Block]:
     """Return the share of time of each track that the shaft spends in each stroke below the report's speeds."""
     rows: list[tuple[Sequence[Cell], Sequence[Found | Cell]]] = []
     for name, velocity in report.track.items():
         for stroke, sign in zip(STROKES, (1.0, -1.0), strict=True):
             speed = sign * velocity[sign * velocity > 0.0]
             rows.append(((name, stroke), [100.0 * float(np.mean(speed <= v)) for v in report.speeds]))
-    return at_speeds(report, ("track", "time in the stroke below"), rows, unit="%")
+    return _at_speeds(report, ("track", "time in the stroke below"), rows, unit="%")
 
 
 # ---- Knees and damping ----------------------------------------------------------------------------------------------
 
 
-def knee_table(report: DynoReport) -> list[Block]:
+def _knee_table(report: DynoReport) -> list[Block]:
     """Return knees and slopes of every entry."""
     rows = [
         (entry.name, entry.title, stroke, one.knee, one.knee_force, one.low, one.high, one.highest or None)
@@ -490,7 +479,7 @@ def _ratios(corner: CarCorner, entry: Entry) -> Iterator[Found]:
 # ---- Runs -----------------------------------------------------------------------------------------------------------
 
 
-def run_table(report: DynoReport) -> list[Block]:
+def _run_table(report: DynoReport) -> list[Block]:
     """Return conditions and motion of the runs and tables, and the temperature and power of the runs."""
     rows: list[Row] = []
     for variant, entry in _labelled(report):
@@ -558,7 +547,7 @@ def branch_table(report: DynoReport) -> list[Block]:
         ((entry.name, stroke), [_branch_cell(entry.branches, v, stroke) for v in report.speeds])
         for entry in report.runs if entry.branches is not None for stroke in STROKES
     ]  # fmt: skip
-    return at_speeds(report, ("run", "stroke"), rows, title="Branches of the loop (CVP), open / closed")
+    return _at_speeds(report, ("run", "stroke"), rows, title="Branches of the loop (CVP), open / closed")
 
 
 def _branch_cell(branches: Branches, speed: float, stroke: Stroke) -> Found | Cell:
@@ -587,7 +576,7 @@ def peak_table(report: DynoReport) -> list[Block]:
     return explained("Peaks at the centre of the stroke (PVP)", columns, rows)
 
 
-def file_table(report: DynoReport) -> list[Block]:
+def _file_table(report: DynoReport) -> list[Block]:
     """Return the files of the entries, with their full names and digests."""
     rows = [
         (entry.name, None if entry.source and entry.setting.build == entry.source.stem else entry.setting.build,
@@ -649,7 +638,7 @@ def _count(report: DynoReport) -> str:
 def sections_of(report: DynoReport) -> Iterator[Section]:
     """Yield the sections of a report; sections without content are left out."""
     yield Section("curves", "Force over velocity", [
-        curves_figure(report), *force_table(report), *track_table(report)
+        curves_figure(report), *force_table(report), *_track_table(report)
     ])  # fmt: skip
     if report.limits is not None:
         none: list[Block] = [soft("No run or table reaches a speed of the master curve.")]
@@ -663,14 +652,14 @@ def sections_of(report: DynoReport) -> Iterator[Section]:
         yield Section("branches", "Branches and peaks", [
             branches_figure(report), *peak_table(report), *branch_table(report)
         ])  # fmt: skip
-    yield Section("knees", "Knees and slopes", knee_table(report))
+    yield Section("knees", "Knees and slopes", _knee_table(report))
     if report.corners:
         yield Section("damping", "Damping ratio", damping_tables(report))
     loops: list[Block] = [loops_figure(report)] if report.runs else []
-    yield Section("runs", "Runs, loops and gas", [*loops, *run_table(report), *loop_table(report)])
-    if repeats := [*repeat_table(report), *([lines] if (lines := heat_lines(report)) else [])]:
+    yield Section("runs", "Runs, loops and gas", [*loops, *_run_table(report), *loop_table(report)])
+    if repeats := [*repeat_table(report), *([lines] if (lines := _heat_lines(report)) else [])]:
         yield Section("repeatability", "Repeatability", repeats)
-    yield Section("notes", "Notes", [*_notes(report), *file_table(report), _DEFINITIONS])
+    yield Section("notes", "Notes", [*_notes(report), *_file_table(report), _DEFINITIONS])
 
 
 def _notes(report: DynoReport) -> list[Block]:

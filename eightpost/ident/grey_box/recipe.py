@@ -18,10 +18,9 @@ from eightpost.ident.grey_box.family import OPTIONAL, GreyBoxCar, declared, line
 from eightpost.ident.grey_box.output_error import Band, OutputErrorFit, OutputErrorMethod, ParameterTable, Record
 from eightpost.ident.vehicle.common_poles import relative_deviations
 from eightpost.ident.vehicle.estimators import LocalPolynomial, estimate_response, input_noise
-from eightpost.ident.vehicle.experiment import Experiment, ranges_of
+from eightpost.ident.vehicle.experiment import Experiment, gather, ranges_of
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse
 from eightpost.ident.vehicle.port_search import MODELLED, nonlinear_spring_sentence
-from eightpost.ident.vehicle.records import gather
 from eightpost.ident.vehicle.simulation import with_port_laws
 from eightpost.ident.vehicle.stability import closed_loop_stability
 from eightpost.ident.vehicle.trust import (

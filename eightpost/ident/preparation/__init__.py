@@ -1,6 +1,6 @@
 """Preparation of recorded rig tests: checks, synchronisation, removal of means and decimation to a model's rate."""
 
-from eightpost.ident.preparation.lags import (
+from eightpost.ident.preparation.channel_faults import (
     Lag,
     advance_channels,
     check_lost_channels,

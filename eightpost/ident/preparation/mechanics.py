@@ -349,7 +349,7 @@ def _tires(spectra: Spectra, corners: Sequence[str]) -> Iterator[Comparison]:
     yield from (*_sides(stiffness, 0.08), *_sides(times, 1e-3), *_siblings(delays, 1e-3), *_siblings(ratios, 0.06))
 
 
-def travel_fit(spectra: Spectra, corner: str) -> Regression | None:
+def _travel_fit(spectra: Spectra, corner: str) -> Regression | None:
     """Return the coefficients of x'' = n (w'' + t w''') - n (z'' + t z''') + the same across the axle.
 
     x is the travel of the shock, w'' and z'' the accelerations of hub and chassis, n the motion ratio, and t a delay.
@@ -371,7 +371,7 @@ def _travels(spectra: Spectra, corners: Sequence[str]) -> Iterator[Comparison]:
     motions, ratios = {}, []
     hubs, bodies = list[Comparison](), list[Comparison]()
     for corner in corners:
-        if (fit := travel_fit(spectra, corner)) is None:
+        if (fit := _travel_fit(spectra, corner)) is None:
             continue
         pot, hub, chassis = _at(corner, "displacement", "hub_acceleration", "chassis_acceleration")
         ratios.append(_ratio(TRAVEL, fit, {hub: -1.0, chassis: 1.0}, 0.25, lambda c: -c[:, 0] / c[:, 2]))
@@ -422,7 +422,7 @@ def _hubs(spectra: Spectra, corners: Sequence[str]) -> Iterator[Comparison]:
         if (balance := _hub_fit(spectra, corner)) is None:
             continue
         force, tire, pot, hub = _at(corner, "force", "tire_force", "displacement", "hub_acceleration")
-        if (travel := travel_fit(spectra, corner)) is not None:
+        if (travel := _travel_fit(spectra, corner)) is not None:
             effect = {force: -1.0, tire: 1.0, pot: -1.0, hub: 1.0}
             of_forces, of_motions = (_ratio(HUB, fit, effect, 0.25, lambda c: c[:, 0]) for fit in (balance, travel))
             works[corner] = of_forces._replace(
@@ -445,7 +445,7 @@ class CarLaw(NamedTuple):
     masses: Sequence[int]
 
 
-def car_law(spectra: Spectra, corners: Sequence[str]) -> CarLaw | None:
+def _car_law(spectra: Spectra, corners: Sequence[str]) -> CarLaw | None:
     """Return the coefficients of the sum of the tire forces.
 
         sum T + sum_axles d (T_l - T_r) = sum_j a_j (A_j + t_j A_j') + sum_axles m(s) (z_l'' + z_r'') + ...
@@ -477,7 +477,7 @@ def car_law(spectra: Spectra, corners: Sequence[str]) -> CarLaw | None:
 
 def _whole_car(spectra: Spectra, corners: Sequence[str], mass: float | None) -> Iterator[Comparison]:
     """Yield the comparisons of forces with each other and with accelerations."""
-    if (law := car_law(spectra, corners)) is None:
+    if (law := _car_law(spectra, corners)) is None:
         return
     fit, tires = law.fit, _of_all(corners, "tire_force")
     for k, (left, right) in enumerate(AXLES if len(corners) > 1 else ()):

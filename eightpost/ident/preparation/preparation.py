@@ -15,7 +15,7 @@ from eightpost.checks.fault import Fault
 from eightpost.corners import CORNERS, channel
 from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.files import toml_content
-from eightpost.ident.preparation.lags import (
+from eightpost.ident.preparation.channel_faults import (
     SMALLEST_CORRELATION,
     Lag,
     advance_channels,
@@ -108,7 +108,7 @@ class MathChannels(NamedTuple):
     steps: tuple[str, ...] = ()
 
 
-def math_channels(
+def _math_channels(
     series: TimeSeries, corners: Sequence[str], *, pot_cutoff: float | None, geometry: Geometry | None
 ) -> MathChannels:
     """Compute the math channels of a rig record at its own rate; a quarter car has one corner with an empty name.
@@ -301,7 +301,7 @@ def _prepared(test: RigTest, how: Preparation, name: str, first: _Single | None)
         late = _start(series, first.full, how.same_start, name)
         lags.append(late)
         series = advance_channels(series, dict.fromkeys(series.names, late.seconds))
-    computed, steps = math_channels(series, corners, pot_cutoff=how.pot_cutoff, geometry=how.geometry)
+    computed, steps = _math_channels(series, corners, pot_cutoff=how.pot_cutoff, geometry=how.geometry)
     if how.settling >= series.duration:
         raise TooShortError(f"{name}: the record has {series.duration:.4g} s, but the settling is {how.settling:.4g} s")
     start = int(np.searchsorted(series.time, series.time[0] + how.settling)) if how.settling else 0

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
-from eightpost.errors import ParameterError
+from eightpost.errors import choice_of
 from eightpost.ident.shock.curve import CELLS, KnotBasis, basis_on
 from eightpost.ident.shock.dynamics import FadingLag, FullLag, NoLag, best_lag, dynamics_for, projected
 from eightpost.ident.shock.force import Dynamics, ForceModel, GasColumns, GasTreatment, gas_columns, limits_for
@@ -22,6 +22,7 @@ from eightpost.ident.shock.runs import Runs
 from eightpost.least_squares import Minimum, Residual, Robust, Weigh, downweighted_rows, reweighted, weights_for
 from eightpost.progress import beats
 from eightpost.shock import LAWS, fit_form
+from eightpost.shock.laws import named_law
 
 # ==== Options of a fit ===============================================================================================
 
@@ -34,8 +35,6 @@ DEFAULT_LAW = {"joint": "hysteresis", "boggs": "lpnl2"}
 
 #: Form of a law that has a recipe of its own (hysteresis.py).
 _LAGGED_VELOCITY = "lagged velocity"
-
-_NO_CHOICE = "the choice among laws, 'auto', was removed: omit the law, and hysteresis is fitted"
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,18 +56,10 @@ class Choices:
         Raises:
             ParameterError: An option or the law is unknown.
         """
-        options = (
-            ("recipe", self.recipe, get_args(RecipeName)),
-            ("gas treatment", self.gas, get_args(GasTreatment)),
-            ("robust", self.robust, get_args(Robust)),
-            ("law", DEFAULT_LAW.get(self.recipe) if name is None else name, tuple(LAWS)),
-        )
-        for what, value, known in options:
-            if what == "law" and value == "auto":
-                raise ParameterError(_NO_CHOICE)
-            if value not in known:
-                raise ParameterError(f"unknown {what} {value!r}; it must be one of {', '.join(known)}")
-        return str(options[-1][1])
+        choice_of("recipe", self.recipe, get_args(RecipeName))
+        choice_of("gas treatment", self.gas, get_args(GasTreatment))
+        choice_of("robust", self.robust, get_args(Robust))
+        return named_law(DEFAULT_LAW[self.recipe] if name is None else name)
 
     @property
     def is_screened(self) -> bool:

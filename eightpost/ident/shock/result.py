@@ -17,6 +17,7 @@ from eightpost.errors import ParameterError, suggestion
 from eightpost.ident.shock.curve import fitted_curve
 from eightpost.ident.shock.force import GasColumns
 from eightpost.ident.shock.law_fit import HeldOutErrors
+from eightpost.ident.shock.prediction import predicted_force, r_squared
 from eightpost.ident.shock.problem import LEVEL, CurveBand, Solution, blocks_of, curve_band, factor_rows, quantile
 from eightpost.ident.shock.runs import PreparedRun, Runs
 from eightpost.ident.shock.simulation import simulate
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from eightpost.ident.shock.prediction import Motion
     from eightpost.report.pictures import Picture
 
 
@@ -285,6 +287,34 @@ class ShockFit(Summarized):
             ("changes", f"{len(self.changes)}; see .changes" if self.changes else ""),
             ("warnings", "; ".join(self.warnings)),
         )
+
+    def predict(self, motion: Motion, *, step: float | None = None) -> Array:
+        """Return the force (N,) [N] that the dynamometer would measure, with the gas force of the fitted records.
+
+        Args:
+            motion: Record with `velocity` [m/s] and, for the gas force, `displacement` [m]; or an array of samples: the
+                velocity (N,), or velocity and displacement (N, 2).
+            step: Time between the samples of an array [s].
+
+        Raises:
+            InputError: An array has another shape, or no step.
+            MissingChannelError: The record has no velocity.
+        """
+        return predicted_force(self.shock, motion, step)
+
+    def score(self, motion: Motion, force: Array | None = None, *, step: float | None = None) -> float:
+        """Return the coefficient of determination R^2 of `predict`, as regressors of scikit-learn do.
+
+            R^2 = 1 - sum (F - F_predicted)^2 / sum (F - mean F)^2
+
+        All samples count, as they were recorded: without the low-pass and the segment of `percent`.
+
+        Args:
+            motion: Motion; see `predict`.
+            force: Measured force (N,) [N]; default: the channel `force` of the record.
+            step: Time between the samples of an array [s].
+        """
+        return r_squared(self.shock, motion, force, step)
 
     def to_pandas(self) -> pd.DataFrame:
         """Return the parameters, one row each: value, unit, ends of the 95 % interval.

@@ -156,7 +156,7 @@ def _with_settings_of_names(table: _Table) -> tuple[_Table, tuple[str, ...]]:
             and (value := setting_in(stem, name, adjuster.unit if units.count(adjuster.unit) == 1 else "")) is not None
         }
         found += [f"{Path(entry.path).name} {name} {value:g}" for name, value in more.items()]
-        files.append(entry.model_copy(update={"clicks": {**entry.clicks, **more}}))
+        files.append(entry.model_copy(update={"clicks": {**entry.clicks, **more}}) if more else entry)
     note = (f"settings from the names of the files: {', '.join(found)}",) if found else ()
     return table.model_copy(update={"file": files}), note
 
@@ -204,6 +204,9 @@ def _conditions(entry: _File, table: _Table) -> DynoConditions:
 
 
 def _clicks_of(entry: _File, name: str, adjuster: _Adjuster, path: Path) -> float:
+    if "clicks" not in entry.model_fields_set and adjuster.reference is not None:
+        advice = f"add clicks.{name} = ..., or clicks = {{}} if it was at the reference"
+        raise FileFormatError(f"file {entry.path!r} states no clicks: {advice}", path=path)
     value = entry.clicks.get(name, adjuster.reference)
     if value is None:
         raise FileFormatError(

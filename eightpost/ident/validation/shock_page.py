@@ -49,20 +49,23 @@ def write_shock_page(
 
 
 def _shock_sections(study: ShockValidation) -> Iterator[Section]:
-    yield Section("notes", "Notes", [notes_on(study) or soft("There are no notes.")])
     random, static, bump = (study.of_kind(kind) for kind in ("random", "static", "bump"))
     if random:
         drawn = [_random_figure(*found) for found in random]
         yield Section("random", "Random records", [tables.random_table(study), *drawn])
     if groups := tables.sine_groups(study):
-        blocks: list[Block] = [one for rows in groups for one in (tables.sine_table(rows), *tables.loop_tables(rows))]
+        blocks: list[Block] = [tables.sine_table(rows) for rows in groups]
         yield Section("sine", "Sine records", [*blocks, *(one for rows in groups for one in _sine_figures(rows))])
+        details: list[Block] = [table for rows in groups for table in tables.loop_tables(rows)]
+        details += [figure for rows in groups for figure in _all_loops(rows, "displacement")]
+        yield Section("loops", "Loops: hysteresis, energy, peaks", details, folded=True)
     if static:
         drawn = [_overlay(static)] * (len(static) > 1) + [_static_figure(*found) for found in static]
         yield Section("static", "Static records", [tables.static_table(study), *drawn])
     if bump:
         drawn = [_bump_figure(*found) for found in bump]
         yield Section("bump", "Bump records", [tables.bump_table(study), *drawn])
+    yield Section("notes", "Notes", [notes_on(study)] if notes_on(study) else [])
     records = (
         (one.name, one.kind, one.reason, one.test.source.name if one.test.source else NONE, digest(one.digest))
         for one in study.records
@@ -78,7 +81,7 @@ def _shock_sections(study: ShockValidation) -> Iterator[Section]:
         ResultTable.of("", ("shock", "law", "recipe", "fitted to", "SHA-256 of that record"), shocks),
         soft(_LOW_PASS),
     ]
-    yield Section("what", "What was validated", blocks)
+    yield Section("what", "What was validated", blocks, folded=True)
 
 
 # ---- Parts of figures -----------------------------------------------------------------------------------------------
@@ -168,11 +171,15 @@ def _sine_figures(rows: list[tuple[ShockCase, ...]]) -> Iterator[Figure]:
 
     Each row has the cases of a record, with the same shocks in the same order.
     """
-    if len(rows) > 1:
+    if any(len(group) > 1 for group in _amplitudes(rows).values()):
         yield _over_frequency(rows)
+    yield from _all_loops(rows, "velocity")
+
+
+def _all_loops(rows: list[tuple[ShockCase, ...]], over: str) -> Iterator[Figure]:
+    """Yield the figures of the loops over velocity or displacement."""
     for start in range(0, len(rows), _LOOPS):
-        for over in ("velocity", "displacement"):
-            yield _loops(rows[start : start + _LOOPS], over)
+        yield _loops(rows[start : start + _LOOPS], over)
 
 
 def _over_frequency(rows: list[tuple[ShockCase, ...]]) -> Figure:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.errors import MissingChannelError, ParameterError, TooShortError
+from eightpost.ident.shock.prediction import as_measured, reference_of
 from eightpost.ident.shock.runs import CUTOFF, FILTER_EDGE, LARGEST_SHARE, prepare
 from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.validation.records import (
@@ -24,7 +25,7 @@ from eightpost.ident.validation.records import (
 )
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.motion import displacement_of
-from eightpost.shock import Shock, ShockLaw
+from eightpost.shock import Shock
 from eightpost.signals import TimeSeries
 from eightpost.signals.faults import runs
 
@@ -91,20 +92,6 @@ def evaluate(
         float(np.sqrt(np.mean(error**2))), float(np.mean(error)), prepared.deviation, float(np.mean(beyond)),
         measured, predicted, prepared.changes, prepared.cutoff, seconds,
     )  # fmt: skip
-
-
-def reference_of(shock: Shock, otherwise: float) -> float:
-    """Return the reference displacement of a shock's gas force [m], or `otherwise` if the file does not state it."""
-    return float(shock.conditions.get("displacement_reference [m]", otherwise))
-
-
-def as_measured(shock: Shock) -> ShockLaw:
-    """Return the law as measured on a dynamometer: the damper itself, with its gas force."""
-    gas = {}
-    if shock.conditions.get("gas_treatment") == "included":
-        gas = {name: shock.conditions[f"{name}_estimate [{unit}]"]
-               for name, unit in (("gas_preload", "N"), ("gas_stiffness", "N/m"))}  # fmt: skip
-    return replace(shock.law, port=replace(shock.law.port, motion_ratio=1.0, **gas))
 
 
 class Outcome(Protocol):

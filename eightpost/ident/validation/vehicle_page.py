@@ -74,7 +74,7 @@ def port_table(fit: VehicleFit) -> ResultTable:
 
 def terminal_tables(study: VehicleValidation) -> tuple[ResultTable, ...]:
     """Return the tables for a terminal; some may be empty."""
-    return overview(study), trend_table(study), friction_table(study), mode_table(study)
+    return overview(study), _trend_table(study), friction_table(study), _mode_table(study)
 
 
 def overview(study: VehicleValidation) -> ResultTable:
@@ -99,7 +99,7 @@ def _worst(outputs: Iterable[Comparison], figure: str) -> tuple[Amount | None, s
     return (None, NONE) if worst is None else (_percent(getattr(worst, figure)), worst.name)
 
 
-def outputs_table(case: VehicleCase) -> ResultTable:
+def _outputs_table(case: VehicleCase) -> ResultTable:
     """Return the outputs of a record: RMS, level, error, correlation, and the error without friction."""
     columns = ["output", "unit", "RMS measured", "predicted", "RMS, %", "error, %", "correlation"]
     smooth = {one.name: one for one in case.without_friction or ()}
@@ -139,7 +139,7 @@ def static_table(study: VehicleValidation) -> ResultTable:
     return ResultTable.of("Static records", columns, rows)
 
 
-def trend_table(study: VehicleValidation) -> ResultTable:
+def _trend_table(study: VehicleValidation) -> ResultTable:
     """Return trends and correlation over the random records (Figs 6.27, 6.28)."""
     columns = ("output", "records", "spread measured, %", "rank correlation", "correlation", "level, %",
                "error without the common level, %")  # fmt: skip
@@ -152,7 +152,7 @@ def trend_table(study: VehicleValidation) -> ResultTable:
     return ResultTable.of("Trends of RMS over the random records", columns, rows)
 
 
-def path_table(study: VehicleValidation) -> ResultTable:
+def _path_table(study: VehicleValidation) -> ResultTable:
     """Return the differences between the model's main responses and the estimate that it was fitted to."""
     columns = ("output", "input", "misfit, %", "in the 95 % band, %", "lowest coherence", "median coherence")
     rows = []
@@ -164,7 +164,7 @@ def path_table(study: VehicleValidation) -> ResultTable:
     return ResultTable.of("Main responses", columns, rows)
 
 
-def mode_table(study: VehicleValidation) -> ResultTable:
+def _mode_table(study: VehicleValidation) -> ResultTable:
     """Return the modes around the baseline damping, with those of another car if one was given."""
     columns, rows = ["frequency, Hz .4", "damping, %"], []
     if study.compared_with:
@@ -201,8 +201,6 @@ def _percent(value: float) -> Amount:
 
 # ---- Sections -------------------------------------------------------------------------------------------------------
 
-#: Maximum number of records of a kind that are plotted; with a hundred the page would not open.
-_MOST = 12
 
 _JUDGED = "They apply to shock velocities, tire forces, their sum and ride heights, if they move."
 _TRENDS = (
@@ -244,7 +242,8 @@ def _vehicle_sections(study: VehicleValidation, limits: Limits) -> Iterator[Sect
     yield Section("records", "Records", [overview(study), *levels])
     if study.trends:
         drawn = [_trend_figure(study.trends), _correlation_figure(study.trends)]
-        yield Section("trends", "Setups: trends and levels", [_TRENDS, trend_table(study), *drawn])
+        yield Section("trends", "Setups: trends and levels", [_TRENDS, _trend_table(study)])
+        yield Section("equality", "Setups: predicted and measured", drawn, folded=True)
     yield from _kinds(study)
     friction = friction_table(study)
     if friction.rows:
@@ -253,9 +252,9 @@ def _vehicle_sections(study: VehicleValidation, limits: Limits) -> Iterator[Sect
         yield Section("friction", "Friction", [text, friction, port_table(fit)])
     if static := study.of_kind("static"):
         drawn = [_static_figure(case) for case in static if case.holds]
-        yield Section("static", "Static records", [_static(study), static_table(study), *drawn])
-    yield Section("responses", "Responses", [path_table(study), *_response_figures(study.paths)])
-    yield Section("modes", "Modes", [_MODES, mode_table(study)])
+        yield Section("static", "Static records", [_static(study), static_table(study), *drawn], folded=True)
+    yield Section("responses", "Responses", [_path_table(study), *_response_figures(study.paths)], folded=True)
+    yield Section("modes", "Modes", [_MODES, _mode_table(study)], folded=True)
     if trust := fit.trust:
         blocks: list[Block] = [" ".join(trust.flags.values())] if trust.flags else []
         if trust.outputs:
@@ -264,22 +263,23 @@ def _vehicle_sections(study: VehicleValidation, limits: Limits) -> Iterator[Sect
         blocks += [_MEASURES, measure_table(fit)] if trust.measures else []
         blocks += [port_table(fit)] if trust.friction and not friction.rows else []
         blocks += [] if trust.orders is None else [_order_figure(trust.orders)]
-        yield Section("fit", "Self-assessment of the fit", blocks)
+        yield Section("fit", "Self-assessment of the fit", blocks, folded=True)
 
 
 def _kinds(study: VehicleValidation) -> Iterator[Section]:
-    """Yield the sections of random, sine and bump records: figures of the first records, then the tables of all."""
+    """Yield the sections of random, sine and bump records: figures of the worst record; folded, the tables of all."""
     headings = {"random": "Random and track records", "sine": "Sine records", "bump": "Bump records"}
     for kind, heading in headings.items():
         cases = study.of_kind(kind)
-        first = cases[:_MOST]
+        worst = sorted(cases, key=lambda case: -max((one.error for one in case.judged), default=0.0))[:1]
         blocks: list[Block] = [_sine_figure(cases)] if kind == "sine" and cases else []
-        blocks += [_time_figure(case) for case in first]
-        blocks += [_spectrum_figure(case) for case in first if case.spectra]
-        blocks += [sine_table(study)] if kind == "sine" else [outputs_table(case) for case in cases]
-        more = [f"The first {_MOST} of {len(cases)} records are plotted."] if len(cases) > _MOST else []
+        blocks += [_time_figure(case) for case in worst]
+        more = ["Plotted: the record with the largest error."] if len(cases) > 1 else []
+        details: list[Block] = [_spectrum_figure(case) for case in worst if case.spectra]
+        details += [sine_table(study)] if kind == "sine" else [_outputs_table(case) for case in cases]
         if cases:
             yield Section(kind, heading, [*more, *blocks])
+            yield Section(f"{kind}-details", f"{heading}: every output", details, folded=True)
 
 
 def _static(study: VehicleValidation) -> str:
@@ -294,7 +294,7 @@ def _static(study: VehicleValidation) -> str:
 
 def _vehicle_notes(study: VehicleValidation) -> Section:
     headings = [Markup("<h3>{}</h3>").format(f"About the {what}") for what in ("records", "fit")]
-    return Section("notes", "Notes", [headings[0], study.notes, headings[1], tuple(study.fit.notes)])
+    return Section("notes", "Notes", [headings[0], study.notes, headings[1], tuple(study.fit.notes)], folded=True)
 
 
 def _vehicle_origins(study: VehicleValidation) -> Section:
@@ -308,7 +308,7 @@ def _vehicle_origins(study: VehicleValidation) -> Section:
     )
     sources: list[tuple[str, str]] = [(name, digest(one)) for name, one in fit.sources.items()]
     fitted = ResultTable.of("", ("fitted to", "SHA-256"), sources or [(NONE, NONE)])
-    return Section("what", "What was validated", [text, ResultTable.of("", columns, records), fitted])
+    return Section("what", "What was validated", [text, ResultTable.of("", columns, records), fitted], folded=True)
 
 
 # ---- Levels ---------------------------------------------------------------------------------------------------------
@@ -442,6 +442,9 @@ def _order_figure(orders: Orders) -> Figure:
 #: Number of outputs per figure; points per line; lowest density that is plotted, below the largest [dB].
 _OUTPUTS, _POINTS, _DEEP = 4, 400, 80.0
 
+#: Coherence that is not drawn if it is above this at all frequencies.
+_FLAT = 0.9
+
 _LOG = Axis("frequency [Hz]", kind="log")
 
 
@@ -453,26 +456,32 @@ def _response_figures(paths: Sequence[Response]) -> Iterator[Figure]:
 
 
 def _responses(rows: Sequence[Sequence[Response]]) -> Figure:
-    panels = []
+    panels, columns = [], 3 if any(_is_notable(paths[0].coherence) for paths in rows) else 2
     for paths in rows:
         x = _LOG if paths is rows[-1] else Axis("", kind="log")
         panels += [
             (x, Axis(f"dB re 1 {path.unit}"), f"{path.output} from {path.input}") for path in (paths[0], paths[:2][-1])
         ]
-        panels.append((x, Axis("", span=(0.0, 1.05)), f"{paths[0].output}: multiple coherence"))
+        if columns == 3:
+            panels.append((x, Axis("", span=(0.0, 1.05)), f"{paths[0].output}: multiple coherence"))
     caption = (
         "Responses of the model and of the estimate that it was fitted to, with the estimate's 95 % band. Coherence "
         "near 1 does not exclude friction."
     )
-    figure = grid_figure(caption, 110 + 170 * len(rows), panels, 3, gap=(_GAP, 0.27 / len(rows)))
+    figure = grid_figure(caption, 110 + 170 * len(rows), panels, columns, gap=(_GAP, 0.27 / len(rows)))
     for k, paths in enumerate(rows):
         for i, path in enumerate(paths[:2]):
-            _response(figure, 3 * k + i, path)
-        if paths[0].coherence is not None:
+            _response(figure, columns * k + i, path)
+        if columns == 3 and paths[0].coherence is not None:
             kept = _kept(paths[0].frequency)
             frequency, coherence = paths[0].frequency[kept], paths[0].coherence[kept]
             figure.line(3 * k + 2, frequency, coherence, name="coherence", color=COLORS[2])
     return figure
+
+
+def _is_notable(coherence: Array | None) -> bool:
+    """Return whether a coherence is drawn: the table has its lowest value, and a flat line at 1 says no more."""
+    return coherence is not None and bool(coherence.min() < _FLAT)
 
 
 def _response(figure: Figure, panel: int, path: Response) -> None:

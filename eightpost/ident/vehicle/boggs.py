@@ -11,14 +11,13 @@ import numpy as np
 from eightpost.array_types import Array
 from eightpost.errors import InputError
 from eightpost.ident.vehicle.estimators import H1, Recipe, SameDrive, input_noise, input_power
-from eightpost.ident.vehicle.experiment import Experiment
+from eightpost.ident.vehicle.experiment import Blocks, Experiment, Records, gather
 from eightpost.ident.vehicle.frequency_response import (
     FrequencyResponse,
     Preconditioning,
     contribution_error,
     response_of,
 )
-from eightpost.ident.vehicle.records import Blocks, Records, gather
 from eightpost.ident.vehicle.siso_models import (
     AEROLOADERS,
     QUARTER_CAR,

@@ -68,7 +68,7 @@ def _ends(name: str, quantity: str) -> bool:
     return name.rpartition(".")[2] == quantity
 
 
-def without_integrals(response: FrequencyResponse) -> FrequencyResponse:
+def _without_integrals(response: FrequencyResponse) -> FrequencyResponse:
     """Return the response with displacements merged into their velocities and zero velocities at 0 Hz.
 
     `s H_x` is a second estimate of `H_v`; the two are averaged, weighted by their variances. If the velocity was
@@ -105,7 +105,7 @@ def _with_rest(response: FrequencyResponse) -> FrequencyResponse:
     return FrequencyResponse(frequency, H, response.inputs, response.outputs, None, None, variance)
 
 
-def with_integrals(model: StateSpace, outputs: Sequence[Channel]) -> StateSpace:
+def _with_integrals(model: StateSpace, outputs: Sequence[Channel]) -> StateSpace:
     """Return the model with all `outputs`; displacements are the integrals `C_v A^-1` of their velocities."""
     pairs, names = integrals([channel.name for channel in outputs]), model.output_names
     C, D = np.zeros((len(outputs), len(model.A))), np.zeros((len(outputs), len(model.inputs)))
@@ -296,7 +296,7 @@ class CommonPoleFit:
             InputError: A channel has no value in the band.
             TooShortError: The response has too few values for the number of states.
         """
-        joined = without_integrals(response.band(self.low, self.high))
+        joined = _without_integrals(response.band(self.low, self.high))
         points = points_of(joined, floor=self.floor)
         direct = direct_terms(joined.output_names, joined.input_names)
         plain = Feedthrough.of(direct, _FAST * 2.0 * np.pi * self.high)
@@ -434,7 +434,7 @@ def state_space(
         "common_poles",
     )
     weight = points.weight.mean(axis=1) / y[:, None]
-    return with_integrals(_bring_to_rest(model, solution.blocks.states, points.s, weight), outputs)
+    return _with_integrals(_bring_to_rest(model, solution.blocks.states, points.s, weight), outputs)
 
 
 # ---- Model of fewer tests, near that of all tests -------------------------------------------------------------------
@@ -446,7 +446,7 @@ def refitted(found: CommonPoleModel, response: FrequencyResponse, *, floor: floa
     `floor` is that of `CommonPoleFit`.
     """
     solution = found.refined.solution
-    points = points_of(without_integrals(response.band(*found.band)), floor=floor)
+    points = points_of(_without_integrals(response.band(*found.band)), floor=floor)
     # The inputs of the blocks are scaled by those of the points.
     blocks = replace(solution.blocks, B=solution.blocks.B * points.input_size / found.points.input_size)
     refined = Refinement(max_iterations=1).refine(points, blocks, solution.through)

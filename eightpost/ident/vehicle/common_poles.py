@@ -15,7 +15,7 @@ from eightpost.array_types import Array, Complex
 from eightpost.ident.threads import for_each
 from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit, CommonPoleModel, integrals, refitted, state_space
 from eightpost.ident.vehicle.estimators import LocalPolynomial, Recipe, estimate_response, input_noise
-from eightpost.ident.vehicle.experiment import CoherentBand, Experiment, SupportedBand, lifted_tires, ranges_of
+from eightpost.ident.vehicle.experiment import CoherentBand, Experiment, SupportedBand, gather, lifted_tires, ranges_of
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse
 from eightpost.ident.vehicle.pole_search import Refinement
 from eightpost.ident.vehicle.port_search import (
@@ -26,7 +26,6 @@ from eightpost.ident.vehicle.port_search import (
     nonlinear_spring_sentence,
     port_springs,
 )
-from eightpost.ident.vehicle.records import gather
 from eightpost.ident.vehicle.simulation import fault_in_simulation, with_port_laws
 from eightpost.ident.vehicle.stability import closed_loop_stability, safe_slopes
 from eightpost.ident.vehicle.trust import NOT_SIMULATED, UNUSABLE, ForceEstimate, MeasuredLevels, OutputTrust, Trust

@@ -12,8 +12,8 @@ from scipy.signal import stft, welch
 
 from eightpost.array_types import Array, Complex
 from eightpost.errors import InputError, ParameterError, TooShortError
+from eightpost.ident.vehicle.experiment import Blocks, Record, Records, gather
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse
-from eightpost.ident.vehicle.records import Blocks, Record, Records, gather
 from eightpost.progress import parts
 from eightpost.signals import TimeSeries
 
@@ -306,7 +306,7 @@ class LocalPolynomial:
         spectra = whole_spectra(records, self.high)
         n = self._bins(spectra, len(records.inputs))
         names = [channel.name for channel in records.inputs]
-        active = powered(band_amplitude(spectra.U, n), self.power_floor, names)
+        active = powered(_band_amplitude(spectra.U, n), self.power_floor, names)
         step = max(1, round(self.spacing / spectra.frequency[0]))
         centres = np.arange(step - 1, spectra.frequency.size, step)
         solved = [_solve(spectra, int(k), n, self.degree, active[k]) for k in parts(centres)]
@@ -327,7 +327,7 @@ class LocalPolynomial:
         """
         tests, count = spectra.U.shape[0], spectra.frequency.size
         together = (inputs + tests) / tests
-        equations = self.spare * (self.degree + 1) * max(together, repeated_inputs(spectra.U) + 1.0)
+        equations = self.spare * (self.degree + 1) * max(together, _repeated_inputs(spectra.U) + 1.0)
         chosen = round((self.half_width or 0.0) / float(spectra.frequency[0]))
         n = max(int(np.ceil((equations - 1.0) / 2.0)), chosen, 1)
         if 2 * n + 1 > count:
@@ -369,14 +369,14 @@ def whole_spectra(records: Records, high: float) -> WholeSpectra:
     return WholeSpectra(frequency[kept], U, Y)
 
 
-def repeated_inputs(U: Complex) -> int:
+def _repeated_inputs(U: Complex) -> int:
     """Return the number of inputs that are about equal in all tests, from their spectra (tests, K, m)."""
     sizes = np.linalg.norm(U, axis=1)
     alike = np.abs(np.sum(U[:1].conj() * U, axis=1))
     return int(np.sum(np.all(alike > _ALIKE * sizes[:1] * sizes, axis=0)))
 
 
-def band_amplitude(U: Complex, n: int) -> Array:
+def _band_amplitude(U: Complex, n: int) -> Array:
     """Return the amplitude of each input (K, m) over bands of 2 n + 1 bins."""
     power = np.sum(np.abs(U) ** 2, axis=0)
     summed = np.concatenate((np.zeros((1, power.shape[1])), np.cumsum(power, axis=0)))

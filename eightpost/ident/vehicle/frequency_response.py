@@ -239,9 +239,9 @@ _DAMAGE = (ValueError, TypeError, EOFError, SyntaxError, LookupError, OverflowEr
 def _array(content: bytes) -> NDArray[Any]:
     """Return an array after a check of the size in its header, because numpy allocates memory before it reads."""
     stream = io.BytesIO(content)
-    version = np.lib.format.read_magic(stream)
-    head = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
-    shape, _, kind = head(stream)
+    if np.lib.format.read_magic(stream) != (1, 0):
+        raise ValueError("an array has another format than 1.0")
+    shape, _, kind = np.lib.format.read_array_header_1_0(stream)
     if kind.hasobject or math.prod(shape) * kind.itemsize != len(content) - stream.tell():
         raise ValueError("an array does not have the size in its header, or contains objects")
     stream.seek(0)

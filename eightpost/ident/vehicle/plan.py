@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
+from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -22,7 +23,7 @@ from eightpost.ident.vehicle.static_rating import StaticRating, rate_tests
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, with_validity
 from eightpost.rig import RigTest
 from eightpost.signals import TimeSeries
-from eightpost.verdict import Grade, Reason, Rules, listed
+from eightpost.verdict import Reason, Rules, listed
 
 # ==== Agreement of rig tests: whether the car changed from test to test, or within a test ============================
 # The balance of a wheel tells the parts of its suspension apart:
@@ -252,9 +253,10 @@ ABOUT = "rig tests"
 #: hardly varies, and in which it varies too much; correlation of an input of two tests above which it is the same [1].
 _EQUATIONS, _WIDE, _TOO_WIDE, _SAME = 4.5, 0.8, 1.5, 0.7
 
-#: Friction relative to the RMS of the shock force, and share of a test in which the shock hardly slides, above which
-#: friction changes the car, and above which it holds the car [1]; velocity below which a shock hardly slides [m/s].
-_RUBS, _HOLDS, _SLOW = (0.3, 0.2), (0.6, 0.3), 0.006
+#: Friction relative to the RMS of the shock force above which predictions are worse, and above which friction can hold
+#: the car [1]; velocity below which a shock hardly slides [m/s]; share of a test in which it does so above which the
+#: tests cannot be compared, and above which friction holds the car [1].
+_RUBS, _HOLDS, _SLOW, _STICKS, _HELD = 0.3, 0.6, 0.006, 0.2, 0.3
 
 #: Part of its mean load at which a tire has lifted [1]; share of a test that matters, and that is too large [1].
 _LIFTED, _SHORTLY, _OFTEN = 0.01, 0.001, 0.01
@@ -264,61 +266,24 @@ def _limits(kind: str) -> str:
     return ", ".join(f"{name} {100 * getattr(limit, kind):g} %" for name, limit in LIMITS.items())
 
 
-RULES = Rules()
-
-TOO_SHORT = RULES.add("tests far too short", ABOUT, Grade.NOT_USABLE,
-    condition=f"the inputs can be distinguished only in bands wider than {_TOO_WIDE:g} Hz: {_EQUATIONS:g} (1 + inputs "
-    f"/ tests) / duration, or {_EQUATIONS:g} (1 + inputs that are the same in all tests) / duration",
-    why="resonances of a body are narrower",
-    remedy="repeat the tests with the stated duration, or with another drive in each test",
-)  # fmt: skip
-SHORT = RULES.add("tests too short", ABOUT, Grade.LIMITED,
-    condition=f"the same above {_WIDE:g} Hz",
-    why="resonances of a body are as narrow",
-    remedy="repeat the tests with the stated duration, or with another drive in each test",
-)  # fmt: skip
-HELD = RULES.add("friction holds the car", ABOUT, Grade.NOT_USABLE,
-    condition=f"at a wheel, friction is above {100 * _HOLDS[0]:g} % of the RMS of the shock force, and the shock is "
-    f"slower than {1e3 * _SLOW:g} mm/s for more than {100 * _HOLDS[1]:g} % of a test",
-    why="a car that sticks is stiffer than one that slides",
-    remedy="repeat the tests with roads as large as those of the track",
-)  # fmt: skip
-GENTLE = RULES.add("tests are gentle", ABOUT, Grade.LIMITED,
-    condition=f"the same above {100 * _RUBS[0]:g} % for more than {100 * _RUBS[1]:g} % of a test",
-    why="a car that sticks is stiffer than one that slides",
-    remedy="repeat the tests with roads as large as those of the track",
-)  # fmt: skip
-OFTEN_LIFTED = RULES.add("tires often leave the ground", ABOUT, Grade.NOT_USABLE,
-    condition=f"a tire is at {100 * _LIFTED:g} % of its mean load or less for more than {100 * _OFTEN:g} % of a test",
-    why="the model has no such tires and is softer instead",
-    remedy="repeat the tests with smaller roads",
-)  # fmt: skip
-LIFTED = RULES.add("tires leave the ground", ABOUT, Grade.LIMITED,
-    condition=f"the same for more than {100 * _SHORTLY:g} % of a test",
-    why="the model has no such tires and is softer instead",
-    remedy="repeat the tests with smaller roads",
-)  # fmt: skip
-OTHER_CAR = RULES.add("the car changed much", ABOUT, Grade.NOT_USABLE,
-    condition="between tests, or between the halves of a test, a quantity of the car changed by more than "
-    f"{SIGNIFICANT:g} standard deviations and by at least: {_limits('unusable')}",
-    why="the model is a mean of different cars",
-    remedy="restore the car and repeat these tests",
-)  # fmt: skip
-CHANGED = RULES.add("the car changed", ABOUT, Grade.LIMITED,
-    condition=f"the same by at least, between tests: {_limits('tests')}; between halves: {_limits('halves')}",
-    why="differences between setups contain those of the car; sound cars stay below half of each limit",
-    remedy="restore the car and repeat these tests",
+RULES = Rules.read(
+    Path(__file__).with_suffix(".txt"), ABOUT, too_wide=_TOO_WIDE, equations=_EQUATIONS, wide=_WIDE,
+    holds=100 * _HOLDS, slow=1000.0 * _SLOW, holds_time=100 * _HELD, rubs=100 * _RUBS,
+    lifted=100 * _LIFTED, often=100 * _OFTEN, shortly=100 * _SHORTLY,
+    significant=SIGNIFICANT, unusable=_limits("unusable"), tests=_limits("tests"), halves=_limits("halves"),
 )  # fmt: skip
 
 
 def reasons_of_tests(prepared: Prepared, experiment: Experiment) -> tuple[Reason, ...]:
     """Return the reasons that the rig tests of an identification give.
 
-    Tests in which friction holds the car are not compared with each other.
+    Tests in which friction is large and the shocks hardly slide are not compared with each other.
     """
     agreement = compare_tests(prepared.records, prepared.means)
-    held = tuple(_held(prepared, agreement.rubbing))
-    changes = () if held else tuple(_changed(change, prepared.names) for change in agreement.changes)
+    corner, rubs = max(agreement.rubbing.items(), key=lambda item: item[1], default=("", 0.0))
+    slow = _slow(prepared.records, corner) if rubs > _RUBS else 0.0
+    held = _friction(prepared, corner, rubs, slow) if rubs > _RUBS else ()
+    changes = () if slow > _STICKS else tuple(_changed(change, prepared.names) for change in agreement.changes)
     return (*held, *changes, *_lifted(prepared), *_short(prepared, experiment))
 
 
@@ -333,27 +298,29 @@ def _changed(change: Change, names: Sequence[str]) -> Reason:
     else:
         where = f"from {listed(name for k, name in enumerate(names) if k not in change.tests)}"
         between = "between tests"
-    return (OTHER_CAR if change.is_unusable else CHANGED).reason(
+    return RULES.reason(
+        "the car changed much" if change.is_unusable else "the car changed",
         f"the {change.quantity} changed {between}",
         figure=f"{size} {where}; limit {100 * least:g} %",
         origin=listed(names[k] for k in change.tests),
     )
 
 
-def _held(prepared: Prepared, rubbing: Mapping[str, float]) -> Iterator[Reason]:
-    """Yield a reason if friction holds the wheel that rubs most."""
-    corner = max(rubbing, key=lambda name: rubbing[name], default="")
-    if not corner:
-        return
-    slow = max(float(np.mean(np.abs(record[channel(corner, "velocity")]) < _SLOW)) for record in prepared.records)
-    for rule, (rubs, sticks) in ((HELD, _HOLDS), (GENTLE, _RUBS)):
-        if rubbing[corner] > rubs and slow > sticks:
-            figure = (
-                f"{corner}: friction {100 * rubbing[corner]:.0f} % of the shock force, slower than "
-                f"{1e3 * _SLOW:g} mm/s for {100 * slow:.0f} % of the time; limits {100 * rubs:g} and {100 * sticks:g} %"
-            )
-            yield rule.reason("friction holds the car", figure=figure, origin=listed(prepared.names))
-            return
+def _slow(records: Sequence[TimeSeries], corner: str) -> float:
+    """Return the largest share of a test in which a shock hardly slides."""
+    return max(float(np.mean(np.abs(record[channel(corner, "velocity")]) < _SLOW)) for record in records)
+
+
+def _friction(prepared: Prepared, corner: str, rubs: float, slow: float) -> tuple[Reason]:
+    share, origin = f"{corner}: friction {100 * rubs:.0f} % of the shock force", listed(prepared.names)
+    if rubs > _HOLDS and slow > _HELD:
+        figure = (
+            f"{share}, slower than {1e3 * _SLOW:g} mm/s for {100 * slow:.0f} % of the time; limits {100 * _HOLDS:g} "
+            f"and {100 * _HELD:g} %"
+        )
+        return (RULES.reason("friction holds the car", "friction holds the car", figure, origin=origin),)
+    figure = f"{share}; limit {100 * _RUBS:g} %"
+    return (RULES.reason("friction is large", "friction is large beside the shock force", figure, origin=origin),)
 
 
 def _lifted(prepared: Prepared) -> Iterator[Reason]:
@@ -367,9 +334,9 @@ def _lifted(prepared: Prepared) -> Iterator[Reason]:
     lifting = {name: found for name, found in worst.items() if found[0] > _SHORTLY}
     if lifting:
         share, tire = max(lifting.values())
-        rule = OFTEN_LIFTED if share > _OFTEN else LIFTED
+        rule = "tires often leave the ground" if share > _OFTEN else "tires leave the ground"
         figure = f"{tire} for {100 * share:.1f} % of the time; limits {100 * _SHORTLY:g} and {100 * _OFTEN:g} %"
-        yield rule.reason("tires leave the ground", figure=figure, origin=listed(lifting))
+        yield RULES.reason(rule, "tires leave the ground", figure, origin=listed(lifting))
 
 
 def _short(prepared: Prepared, experiment: Experiment) -> Iterator[Reason]:
@@ -378,13 +345,13 @@ def _short(prepared: Prepared, experiment: Experiment) -> Iterator[Reason]:
     same = sum(_is_same(records, name) for name in experiment.rig)
     equations = _EQUATIONS * (1.0 + max(count / len(records), same))
     if equations / shortest.duration > _WIDE:
-        rule = TOO_SHORT if equations / shortest.duration > _TOO_WIDE else SHORT
+        rule = "tests far too short" if equations / shortest.duration > _TOO_WIDE else "tests too short"
         repeated = f", {same} of them the same in all tests," if same else ""
         figure = (
             f"{shortest.duration:.0f} s; {len(records)} tests with {count} inputs{repeated} need "
             f"{math.ceil(equations / _WIDE)} s"
         )
-        yield rule.reason("the tests are too short", figure=figure, origin=prepared.names[records.index(shortest)])
+        yield RULES.reason(rule, "the tests are too short", figure, origin=prepared.names[records.index(shortest)])
 
 
 def _is_same(records: Sequence[TimeSeries], name: str) -> bool:

@@ -259,7 +259,7 @@ class Row(NamedTuple):
     Q: Array
 
 
-def solve_row(points: Points, i: int, X: Complex, through: Feedthrough) -> Row:
+def _solve_row(points: Points, i: int, X: Complex, through: Feedthrough) -> Row:
     """Fit output `i` for given poles and inputs, from the states' response X = (s I - A)^-1 B (n, m, K)."""
     weight, (n, m, _) = points.weight[i], X.shape
     target = weight * points.H[i]
@@ -473,7 +473,7 @@ class Refinement:
 def evaluate(points: Points, blocks: Blocks, through: Feedthrough) -> Solution:
     """Return the solution with the best outputs for the given poles and inputs."""
     X = blocks.states_response(points.s)
-    rows = tuple(for_each(range(len(points.H)), lambda i: solve_row(points, i, X, through)))
+    rows = tuple(for_each(range(len(points.H)), lambda i: _solve_row(points, i, X, through)))
     return Solution(blocks, rows, through, float(sum(np.sum(np.abs(row.misfit) ** 2) for row in rows)))
 
 

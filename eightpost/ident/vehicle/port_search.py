@@ -14,8 +14,7 @@ from eightpost.corners import channel
 from eightpost.errors import TooShortError
 from eightpost.ident.threads import for_each
 from eightpost.ident.vehicle.estimators import whole_spectra
-from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.records import Records, gather
+from eightpost.ident.vehicle.experiment import Experiment, Records, gather
 from eightpost.ident.vehicle.simulation import bristle_force, direction
 from eightpost.ident.vehicle.trust import SIGNIFICANT, ForceEstimate
 from eightpost.progress import parts, portion
@@ -106,7 +105,7 @@ class ForceSolution(NamedTuple):
         return {port: ForceEstimate(*pair) for port, pair in zip(ports, pairs, strict=True)}
 
 
-def solve_forces(parts: Sequence[Band], inputs: int, iterations: int) -> ForceSolution:
+def _solve_forces(parts: Sequence[Band], inputs: int, iterations: int) -> ForceSolution:
     """Estimate the forces at the ports.
 
     The bands have `inputs` inputs, force inputs last, followed by the signal of a unit force at each port.
@@ -190,7 +189,7 @@ def _forces_of(
     signals = [channel(port, kind) for port in experiment.ports]
     records = gather(tests, [*experiment.inputs, *signals], experiment.outputs, experiment.baseline_damping)
     count = len(experiment.inputs)
-    return solve_forces(list(bands(records, low=band[0], high=band[1], inputs=count)), count, iterations)
+    return _solve_forces(list(bands(records, low=band[0], high=band[1], inputs=count)), count, iterations)
 
 
 def _first(series: TimeSeries, seconds: float) -> TimeSeries:
@@ -350,7 +349,7 @@ class SpringSearch:
         """
         if not all(channel(port, "displacement") in test for test in tests for port in experiment.ports):
             return {}
-        sizes, marked = mean_squares(tests[0], experiment.ports), []
+        sizes, marked = _mean_squares(tests[0], experiment.ports), []
         for test in tests:
             part = _first(test, self.seconds)
             # The mean squares are the same for all records, so that one force belongs to all of them.
@@ -363,7 +362,7 @@ class SpringSearch:
         return _forces_of(marked, experiment, "travel_squared", band, self.iterations).estimates(experiment.ports)
 
 
-def mean_squares(series: TimeSeries, ports: Sequence[str]) -> dict[str, float]:
+def _mean_squares(series: TimeSeries, ports: Sequence[str]) -> dict[str, float]:
     """Return the mean square of every port's travel about its mean [m2]."""
     return {port: max(float(np.var(series[channel(port, "displacement")])), 1e-300) for port in ports}
 
@@ -373,7 +372,7 @@ def port_springs(
 ) -> dict[str, float]:
     """Return the coefficient k2 [N/m2] of the ports' springs `k2 d^2` with a significant force, by port."""
     found = {port: force.value for port, force in springs.items() if force.is_significant}
-    sizes = mean_squares(tests[0], [port for port in ports if port in found])
+    sizes = _mean_squares(tests[0], [port for port in ports if port in found])
     return {port: found[port] / size for port, size in sizes.items()}
 
 

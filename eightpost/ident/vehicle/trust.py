@@ -135,7 +135,7 @@ _BAND = 5.0
 _FREQUENCIES = 200
 
 
-def residual_noise(
+def _residual_noise(
     model: StateSpace, test: TimeSeries, slopes: Mapping[str, float], combined: Array
 ) -> tuple[Array, Array]:
     """Return the expected power of noise at each line of the spectra of measured outputs (q,) and residuals (q, K).
@@ -164,7 +164,7 @@ def residual_noise(
     return measured, np.stack([np.interp(lines, coarse, row) for row in found])
 
 
-def spectral_power(rows: Array) -> Array:
+def _spectral_power(rows: Array) -> Array:
     """Return the power of the lines of the spectra of signals (p, N) without means, with a Hann window (p, K)."""
     centred = rows - rows.mean(axis=1, keepdims=True)
     return np.asarray(np.abs(np.fft.rfft(centred * np.hanning(rows.shape[1]), axis=1)) ** 2)
@@ -172,7 +172,7 @@ def spectral_power(rows: Array) -> Array:
 
 def _floor(values: Array, rate: float) -> float:
     """Return the lowest mean power of a signal's lines over bands of 5 Hz: white noise is not below it."""
-    power = spectral_power(values[None])[0]
+    power = _spectral_power(values[None])[0]
     frequency = np.fft.rfftfreq(values.size, 1.0 / rate)
     power = power[frequency <= HIGHEST * rate]
     width = min(max(1, round(_BAND / frequency[1])), power.size)
@@ -317,13 +317,13 @@ class MeasuredLevels:
         model = around_dampers(vehicle, slopes).state_space
         sums = _sums(model.output_names)
         simulated, measured = (sums @ rows for rows in self.outputs(vehicle, test))
-        own, noise = residual_noise(model, self._part(test, self.settling), slopes, sums)
+        own, noise = _residual_noise(model, self._part(test, self.settling), slopes, sums)
         frequency = np.fft.rfftfreq(measured.shape[1], 1.0 / test.sample_rate).astype(np.float64)
         kept = frequency <= HIGHEST * test.sample_rate
         white = np.repeat(own[:, None], frequency.size, axis=1)
         bands = []
         for rows, floor in ((simulated, noise - white), (measured, white)):
-            power, lost = (band_shares(lines[:, kept], frequency[kept]) for lines in (spectral_power(rows), floor))
+            power, lost = (band_shares(lines[:, kept], frequency[kept]) for lines in (_spectral_power(rows), floor))
             bands.append(np.maximum(np.maximum(power - lost, _SMALLEST * power), np.finfo(float).tiny))
         return Powers(*bands)
 
@@ -346,7 +346,7 @@ def _uncertainties(found: Sequence[Powers]) -> list[MeasureUncertainty]:
     """Return the uncertainty of each measure from the powers of all tests."""
     errors = np.array([one.error for one in found])
     whole = Powers(*np.sum(found, axis=0))
-    deviation = np.sqrt(_OF_MEAN * _pooled(errors.var(axis=0, ddof=1), len(found)) + _LEAST**2)
+    deviation = np.sqrt(_OF_MEAN * _pooled(_variance(errors), len(found)) + _LEAST**2)
     own = np.sqrt(_OF_OWN * _pooled(_own_squares(found, errors), len(found)) + _LEAST_OWN**2)
     spread = np.sqrt(_pooled(whole.spread**2, len(found)))
     rows = zip(errors.mean(axis=0), deviation, spread, whole.shares, own, strict=True)
@@ -354,6 +354,11 @@ def _uncertainties(found: Sequence[Powers]) -> list[MeasureUncertainty]:
         MeasureUncertainty.of_levels([MeasuredLevel(float(e), float(d), float(s), tuple(w.tolist()))], float(o))
         for e, d, s, w, o in rows
     ]
+
+
+def _variance(errors: Array) -> Array:
+    """Return the variance of the errors of tests (n, q) over the tests (q,); one test has the square of its error."""
+    return np.asarray(errors.var(axis=0, ddof=1) if len(errors) > 1 else errors[0] ** 2)
 
 
 def _with_record(known: MeasureUncertainty, error: float, shares: tuple[float, ...]) -> MeasureUncertainty:
@@ -366,7 +371,12 @@ def _with_record(known: MeasureUncertainty, error: float, shares: tuple[float, .
 
 
 def _own_squares(found: Sequence[Powers], errors: Array) -> Array:
-    """Return the squared difference of two tests' errors relative to their squared separation, by measure (q,)."""
+    """Return the squared difference of two tests' errors relative to their squared separation, by measure (q,).
+
+    One test has the square of its error, as if a test one unit apart had none.
+    """
+    if len(found) == 1:
+        return np.asarray(errors[0] ** 2)
     levels = np.array([0.5 * np.log(one.measured.sum(axis=1)) for one in found])
     first, second = np.triu_indices(len(found), 1)
     changes = levels[first] - levels[second]
@@ -380,8 +390,8 @@ def _pooled(squares: Array, count: int) -> Array:
 
     Their mean would be that of the worst measures, which says little about the others.
     """
-    usual = np.exp(np.mean(np.log(np.maximum(squares, np.finfo(float).tiny))))
-    return np.asarray(((count - 1) * squares + usual) / count)
+    usual, freedom = np.exp(np.mean(np.log(np.maximum(squares, np.finfo(float).tiny)))), max(count - 1, 1)
+    return np.asarray((freedom * squares + usual) / (freedom + 1))
 
 
 def measure_names(outputs: Sequence[str]) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from eightpost.report.console import Table, console_table, right
 from eightpost.uncertainty import TOTAL, MeasureUncertainty, separation
 from eightpost.validity import ModelUncertainty, Range, Validity, judged
 from eightpost.vehicle import IdentifiedVehicle, read_vehicle, write_vehicle
-from eightpost.verdict import Grade, Reason, Rules, Verdict, edited, is_intact, listed, sealed
+from eightpost.verdict import Reason, Rules, Verdict, edited, is_intact, listed, sealed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,44 +45,9 @@ _JUDGED = ("velocity", "tire_force", "ride_height", TOTAL)
 #: Errors of levels up to which a vehicle is usable, and from which it is not: RMS over the measures, and worst one [1].
 GOOD_LEVELS, POOR_LEVELS = (0.01, 0.02), (0.03, 0.05)
 
-RULES = Rules()
-
-UNSTABLE = RULES.add("vehicle not stable", ABOUT, Grade.NOT_USABLE,
-    condition="the car is unstable with at least one of the linear dampers that were tried, or a motion grows by more "
-    "than 100 1/s without dampers",
-    why="a simulation with such shocks may diverge",
-    remedy="identify with more tests of other shocks, or without the channels that fit worst",
-)  # fmt: skip
-MISFIT = RULES.add("large misfit of the vehicle", ABOUT, Grade.NOT_USABLE,
-    condition=f"misfit of an output of {100 * POOR_FIT:g} % or more",
-    why="the model does not reproduce a third of the output's response",
-    remedy="check the plots of the fit; leave the output out (--set output-channels), or repeat the tests",
-)  # fmt: skip
-NOT_TESTED = RULES.add("tests not simulated", ABOUT, Grade.LIMITED,
-    condition=f"the misfit of every output is below {100 * POOR_FIT:g} %, but no test was simulated with its shocks",
-    why="the misfit does not show how wrong the levels of other setups are",
-    remedy="identify with `eightpost identify`, which simulates the tests",
-)  # fmt: skip
-WRONG_LEVELS = RULES.add("own tests predicted wrong", ABOUT, Grade.NOT_USABLE,
-    condition="simulated with the shocks of its own tests, the car has levels of shock velocities, tire forces, their "
-    f"sum and ride heights that are wrong by {100 * POOR_LEVELS[0]:g} % or more (RMS), or one of them by "
-    f"{100 * POOR_LEVELS[1]:g} % or more",
-    why="other setups are predicted worse, and setups differ by a few percent",
-    remedy="see the other reasons; otherwise identify with another recipe (--set recipe)",
-)  # fmt: skip
-DOUBTFUL_LEVELS = RULES.add("own tests predicted roughly", ABOUT, Grade.LIMITED,
-    condition=f"the same by more than {100 * GOOD_LEVELS[0]:g} %, or {100 * GOOD_LEVELS[1]:g} % for one of them",
-    why="other setups are predicted worse",
-    remedy="rank setups that differ by more, and validate on other records (eightpost validate)",
-)  # fmt: skip
-GOOD_OWN_TESTS = RULES.add("own tests predicted", ABOUT, Grade.USABLE,
-    condition=f"the same by at most {100 * GOOD_LEVELS[0]:g} %, and {100 * GOOD_LEVELS[1]:g} % for each of them",
-    why="setups differ by more",
-)  # fmt: skip
-NOT_SIMULATED = RULES.add("vehicle cannot be simulated", ABOUT, Grade.NOT_USABLE,
-    condition="no model of the car can be simulated with other dampers, or one of its own tests cannot be simulated",
-    why="a run with other shocks may diverge, and the accuracy of predictions is not known",
-    remedy="see the notes on the models that were rejected; identify with more or longer tests, or with fewer outputs",
+RULES = Rules.read(
+    Path(__file__).with_suffix(".txt"), ABOUT, poor_fit=100 * POOR_FIT, poor_rms=100 * POOR_LEVELS[0],
+    poor_worst=100 * POOR_LEVELS[1], good_rms=100 * GOOD_LEVELS[0], good_worst=100 * GOOD_LEVELS[1],
 )  # fmt: skip
 
 
@@ -94,20 +59,27 @@ def fit_verdict(fit: VehicleFit) -> Verdict:
 def _reasons(fit: VehicleFit) -> Iterator[Reason]:
     origin = f"{fit.recipe} fit to {listed(fit.sources) or 'records in memory'}"
     if not fit.stable:
-        yield UNSTABLE.reason("the car is not stable with every damper", figure="1 damper or more", origin=origin)
+        yield RULES.reason(
+            "vehicle not stable", "the car is not stable with every damper", figure="1 damper or more", origin=origin
+        )
     flags, measures = ({}, {}) if fit.trust is None else (fit.trust.flags, fit.trust.measures)
     errors = {n: error for n, error in level_errors(measures).items() if n.rpartition(".")[2] in _JUDGED}
     if UNUSABLE in flags:
-        yield NOT_SIMULATED.reason("the car cannot be simulated", figure=flags[UNUSABLE].rstrip("."), origin=origin)
+        yield RULES.reason(
+            "vehicle cannot be simulated",
+            "the car cannot be simulated",
+            figure=flags[UNUSABLE].rstrip("."),
+            origin=origin,
+        )
     worst = max(fit.residual, key=lambda name: fit.residual[name])
     value = fit.residual[worst]
     figure = f"{worst} {100 * value:.1f} %; limit {100 * POOR_FIT:g} %"
     if value >= POOR_FIT:
-        yield MISFIT.reason("the model does not reproduce its tests", figure=figure, origin=origin)
+        yield RULES.reason("large misfit of the vehicle", "the model does not reproduce its tests", figure, origin)
     if errors:
         yield _level_reason(errors, origin)
     elif value < POOR_FIT:
-        yield NOT_TESTED.reason("the errors of levels are not known", figure=figure, origin=origin)
+        yield RULES.reason("tests not simulated", "the errors of levels are not known", figure, origin)
 
 
 def _level_reason(errors: Mapping[str, float], origin: str) -> Reason:
@@ -115,11 +87,11 @@ def _level_reason(errors: Mapping[str, float], origin: str) -> Reason:
     both = (math.sqrt(sum(value**2 for value in errors.values()) / len(errors)), errors[worst])
     figure = f"RMS {100 * both[0]:.1f} %, worst {worst} {100 * both[1]:.1f} %"
     if all(error <= limit for error, limit in zip(both, GOOD_LEVELS, strict=True)):
-        return GOOD_OWN_TESTS.reason("the car predicts the levels of its own tests", figure=figure, origin=origin)
+        return RULES.reason("own tests predicted", "the car predicts the levels of its own tests", figure, origin)
     poor = any(error >= limit for error, limit in zip(both, POOR_LEVELS, strict=True))
-    rule, limits = (WRONG_LEVELS, POOR_LEVELS) if poor else (DOUBTFUL_LEVELS, GOOD_LEVELS)
+    rule, limits = ("own tests predicted wrong", POOR_LEVELS) if poor else ("own tests predicted roughly", GOOD_LEVELS)
     figure += f"; limits {100 * limits[0]:g} and {100 * limits[1]:g} %"
-    return rule.reason("the car predicts wrong levels of its own tests", figure=figure, origin=origin)
+    return RULES.reason(rule, "the car predicts wrong levels of its own tests", figure, origin)
 
 
 # ---- The fit: the vehicle with its response, misfit, notes and uncertainty ------------------------------------------

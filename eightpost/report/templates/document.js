@@ -117,9 +117,12 @@ function reachWide() {
   }
 }
 
+/** Whether a plot is not in a folded section. */
+const isShown = (place) => !place.closest("details:not([open])");
+
 /** Draw the remaining plots one after the other, so that all of them can be printed. */
 function drawRest() {
-  const left = places.find((place) => !place.drawn);
+  const left = places.find((place) => !place.drawn && isShown(place));
   if (!left) {
     reachWide();
     document.body.dataset.drawn = "all";
@@ -137,12 +140,13 @@ try {
   window.addEventListener("beforeprint", () => {
     printing = true;
     drawAll(false);
-    places.filter((place) => !place.drawn).forEach(draw);
+    places.filter((place) => !place.drawn && isShown(place)).forEach(draw);
   });
   window.addEventListener("afterprint", () => {
     printing = false;
     drawAll(document.body.clientWidth < NARROW);
   });
+  for (const folded of document.querySelectorAll("section > details")) folded.addEventListener("toggle", drawRest);
   darkness.addEventListener("change", () => drawAll(stacked));
   window.addEventListener("resize", () => {
     drawAll(document.body.clientWidth < NARROW);

@@ -8,7 +8,7 @@ const PAPER = { get font() { return { family: "system-ui, sans-serif", size: 12,
   get paper_bgcolor() { return tint("paper"); }, get plot_bgcolor() { return tint("paper"); }, modebar: { bgcolor: "rgba(0,0,0,0)" } };
 const SETTINGS = { displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"] };
 const LEVELS = 65535; // see eightpost/report/packing.py
-let metric = false; // whether values are shown in SI units
+let metric = document.body.classList.contains("metric"); // whether values are shown in SI units
 
 /** Return a text in which plotly finds no markup. */
 const plain = (text) => text.replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
@@ -72,6 +72,12 @@ function onUnits(redraw) {
     });
   }
 }
+
+/** Unfold a section that the reader goes to. */
+document.querySelector("nav").addEventListener("click", ({ target }) => {
+  const folded = target.hash && document.querySelector(`${target.hash} > details`);
+  if (folded) folded.open = true;
+});
 
 function fail(what, error) {
   const trouble = document.getElementById("trouble");

@@ -16,6 +16,8 @@ from eightpost.vehicle import Channel, IdentifiedVehicle, StateSpace
 
 from .members import ALL, PICTURE, members_of
 
+pytestmark = pytest.mark.usefixtures("placed_panels")
+
 
 @pytest.mark.repeated
 @pytest.mark.parametrize("name", ALL)

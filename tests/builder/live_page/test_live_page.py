@@ -216,6 +216,15 @@ def test_a_turned_knob_changes_the_loop_and_the_tire_force_and_the_button_restor
     assert opened.evaluate(f"[{loop}, {tire}]") == before
 
 
+def test_the_static_curve_has_the_gas_force_and_lies_inside_the_loop(opened):
+    turn(opened, "gas_preload", 1000)
+    force = opened.evaluate("eightpost.runs.dynamometer.now.curve.force[20]")  # at velocity 0
+    ends = opened.evaluate("[0, 200].map((k) => eightpost.runs.dynamometer.now.force[k])")
+    assert min(ends) < force < max(ends)
+    assert force > 200.0  # N of the preload
+    opened.evaluate("document.getElementById('reset').click()")
+
+
 def test_values_that_the_fmu_refuses_show_its_reason_until_they_are_allowed_again(opened):
     turn(opened, "lag_full_force", 1000)
     turn(opened, "lag_zero_force", 0)
@@ -239,3 +248,18 @@ def test_units_switch_every_control_and_the_page_loads_nothing_and_logs_no_error
     requests = [e["params"]["request"]["url"] for e in opened.events if e.get("method") == "Network.requestWillBeSent"]
     assert all(url.startswith(("file:", "data:", "blob:")) for url in requests)
     assert not [e for e in opened.events if e.get("method") in ("Log.entryAdded", "Runtime.exceptionThrown")]
+
+
+def test_on_a_telephone_the_knobs_stay_in_reach_of_the_plot(opened, written):
+    opened.call("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=True)
+    opened.call("Page.navigate", url=written.as_uri())
+    opened.until("document.body && document.body.dataset.ready")
+    box = "document.querySelector('{}').getBoundingClientRect()"
+    plot, knobs = (
+        opened.evaluate(f"[{box.format(one)}.top, {box.format(one)}.bottom]") for one in ("#velocity-plot", "aside")
+    )
+    assert plot[0] < knobs[0] - 120 and knobs[1] <= 844  # most of the loop is above them before anybody scrolls
+    opened.evaluate("document.querySelector('#velocity-plot').scrollIntoView()")
+    plot = opened.evaluate(f"[{box.format('#velocity-plot')}.top, {box.format('#velocity-plot')}.bottom]")
+    assert -1 <= plot[0] < plot[1] <= knobs[0]
+    opened.call("Emulation.setDeviceMetricsOverride", width=1366, height=768, deviceScaleFactor=1, mobile=False)

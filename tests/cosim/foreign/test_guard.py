@@ -84,6 +84,7 @@ def test_the_error_names_the_fmu_that_ends_the_process(manner, engine, code, too
 
 
 @pytest.mark.slow
+@pytest.mark.repeated("_exit with 0-declared0", "segfault", "hang at start")
 @pytest.mark.parametrize(
     ("manner", "declared", "when"),
     [

@@ -23,7 +23,7 @@ from cosim.study.choice.certainty import (
 )
 from cosim.study.choice.compare import usable_deviation
 from cosim.study.choice.posterior import Observations, Posterior
-from cosim.study.choice.rig_runs import MeasuredRun, with_rig_runs
+from cosim.study.choice.rig_day import MeasuredRun, with_rig_runs
 from cosim.study.choice.robust import Uncertain, Uncertainty, knowledge_of
 from cosim.study.choice.sources import UncertainParameter, effects_of, error_sources, stated_parameters
 from cosim.study.definition import Term

@@ -20,8 +20,16 @@ from cosim.study.choice.compare import (
     read_run_to_run,
     write_and_plot,
 )
-from cosim.study.choice.rig_runs import Measured, comparisons, measured_runs, read_run_list
-from cosim.study.choice.selection import BASELINE_RUNS, read_selection, select, write_selection
+from cosim.study.choice.rig_day import (
+    BASELINE_RUNS,
+    Measured,
+    comparisons,
+    measured_runs,
+    read_run_list,
+    read_selection,
+    select,
+    write_selection,
+)
 from cosim.study.definition import Drive, Term
 from cosim.study.measures import Measure
 from eightpost.errors import FileFormatError, InputError

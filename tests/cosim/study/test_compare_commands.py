@@ -14,8 +14,7 @@ from click.testing import CliRunner
 from cosim.study.choice.assess import Knowledge, certainty_of
 from cosim.study.choice.certainty import Effect, read_certainty, write_certainty
 from cosim.study.choice.compare import read_run_to_run
-from cosim.study.choice.rig_runs import read_run_list
-from cosim.study.choice.selection import select, write_selection
+from cosim.study.choice.rig_day import read_run_list, select, write_selection
 from cosim.study.running.sweep import run_study
 from cosim.study.table import StudyResult
 from eightpost.__main__ import main
@@ -126,7 +125,7 @@ def test_the_table_of_terms_never_replaces_the_results_that_it_is_made_from(fold
 
 @pytest.mark.nightly
 def test_measured_levels_agree_with_predicted_ones(folder, measured):
-    shown = eightpost("study", "compare", folder, "--measured", folder, "--level", 2)
+    shown = eightpost("-v", "study", "compare", folder, "--measured", folder, "--level", 2)
     assert shown.exit_code == 0, shown.output
     text = " ".join(shown.output.split())
     assert "6 runs of 5 setups" in text
@@ -177,7 +176,7 @@ def test_records_without_the_channels_of_any_measure_are_refused_with_what_they_
 
 @pytest.mark.nightly
 def test_tables_of_a_comparison_lose_nothing_at_80_columns(folder, measured, tmp_path):
-    words = ["compare", str(folder), "--measured", str(folder), "-o", str(tmp_path)]
+    words = ["-v", "compare", str(folder), "--measured", str(folder), "-o", str(tmp_path)]
     text = CliRunner(env={"COLUMNS": "80"}).invoke(main, words).output
     lines = [line for line in text.splitlines() if line[:1] in "┃│"]
     assert lines and max(map(len, lines)) <= 80 and "…" not in text
@@ -223,7 +222,7 @@ part = "stiff"
 parameters = { compression_scale = { value = 2.0, deviation = 0.02 } }
 """
     )
-    shown = eightpost("study", "robust", folder, path, "--top", 4, "--draws", 8, "--workers", 1)
+    shown = eightpost("-v", "study", "robust", folder, path, "--top", 4, "--draws", 8, "--workers", 1)
     assert shown.exit_code == 0, shown.output
     text = " ".join(shown.output.split())
     assert "stiff: compression_scale 2 ± 0.02" in text
@@ -255,7 +254,7 @@ def test_compare_counts_the_levels_in_the_intervals_that_the_study_states(folder
     judged = []
     for words in ((), ("confirm", sure, f"{measured[0].setup}={measured[0].file}")):
         assert not words or eightpost(*words).exit_code == 0
-        shown = eightpost("study", "compare", sure, "--measured", folder / "selection.csv")
+        shown = eightpost("-v", "study", "compare", sure, "--measured", folder / "selection.csv")
         assert shown.exit_code == 0, shown.output
         found = json.loads((sure / "compared" / "comparison.json").read_text())["measures"]
         assert all(one["within_interval"] == one["judged"] for one in found)
@@ -280,7 +279,7 @@ def test_confirm_takes_the_run_to_run_deviation_of_a_comparison(folder, measured
 
 @pytest.mark.nightly
 def test_a_study_without_a_certainty_states_no_intervals(folder, measured, tmp_path):
-    shown = eightpost("study", "compare", folder, "--measured", folder, "-o", tmp_path)
+    shown = eightpost("-v", "study", "compare", folder, "--measured", folder, "-o", tmp_path)
     assert json.loads((tmp_path / "comparison.json").read_text())["measures"][0]["judged"] == 0
     assert "unknown" in shown.output
 

@@ -29,7 +29,7 @@ from cosim.study.measures import (
     statistic,
 )
 from cosim.study.running.sweep import run_study
-from cosim.study.verdict import ABOVE_BAND, WITHIN_BAND, study_verdict
+from cosim.study.verdict import RULES, study_verdict
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError, MissingChannelError
 from eightpost.signals import TimeSeries
@@ -472,7 +472,9 @@ def test_the_ends_are_those_that_the_vehicle_states():
 
 
 @pytest.mark.repeated
-@pytest.mark.parametrize(("share", "rule"), [(0.24, ABOVE_BAND), (0.02, WITHIN_BAND)])
+@pytest.mark.parametrize(
+    ("share", "rule"), [(0.24, "measures above the identified band"), (0.02, "measures within the identified band")]
+)
 def test_the_verdict_names_the_measures_and_their_shares(small_study, here, tmp_path, share, rule):
     study = small_study(corners=dict.fromkeys(small_study().corners, ("soft",)))
     result = run_study(study, tmp_path, here)
@@ -481,7 +483,7 @@ def test_the_verdict_names_the_measures_and_their_shares(small_study, here, tmp_
     judged = replace(result, provenance=made_by)
     judged.save(tmp_path / "results.parquet")
     again = type(result).load(tmp_path / "results.parquet")
-    reason = next(one for one in study_verdict(again).reasons if one.about == rule.about)
-    assert reason.rule == rule.name
+    reason = next(one for one in study_verdict(again).reasons if one.about == "band of the vehicle")
+    assert reason.rule == rule
     assert f"{study.measures[0].name} {share:.0%} above 16 Hz" in reason.figure
-    assert rule.grade is (Grade.LIMITED if share > 0.1 else Grade.USABLE)
+    assert RULES.named(rule).grade is (Grade.LIMITED if share > 0.1 else Grade.USABLE)

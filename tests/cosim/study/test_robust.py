@@ -15,7 +15,7 @@ from cosim.study.choice import robust
 from cosim.study.choice.assess import Knowledge
 from cosim.study.choice.certainty import Effect, VehicleSource
 from cosim.study.choice.compare import usable_deviation, write_comparisons
-from cosim.study.choice.rig_runs import Measured, comparisons
+from cosim.study.choice.rig_day import Measured, comparisons
 from cosim.study.choice.robust import (
     Spread,
     Uncertain,

@@ -11,8 +11,7 @@ import pytest
 
 from cosim.study.choice.assess import certainty_of
 from cosim.study.choice.certainty import Certainty, NextTest
-from cosim.study.choice.rig_runs import read_run_list
-from cosim.study.choice.selection import _spread, read_selection, select, selection_of, write_selection
+from cosim.study.choice.rig_day import _spread, read_run_list, read_selection, select, selection_of, write_selection
 from cosim.study.definition import Term
 from cosim.study.table import StudyResult
 from eightpost.api.study_folder import StudyFolder

@@ -27,10 +27,7 @@ from eightpost.ident.dyno_report.builds import (
 from eightpost.ident.dyno_report.entry import entry_of_shock, entry_of_table, entry_of_test
 from eightpost.ident.dyno_report.loop import STROKES, Cycles, Unknown
 from eightpost.ident.dyno_report.page import (
-    NO_VERDICT,
-    PLAUSIBLE,
     RULES,
-    TABLE,
     difference_table,
     loop_table,
     peak_table,
@@ -299,7 +296,11 @@ def test_the_verdict_has_the_findings_of_records_and_shocks():
     table = entry_of_table(PeakVelocityTable([0.1, 0.2], [10.0, 20.0], [-10.0, -20.0]), "t", "T")
     law = entry_of_shock(replace(known_shock(), validity=None), "l", "L")
     verdict = report_verdict([good, table, law])
-    assert {reason.rule for reason in verdict.reasons} == {PLAUSIBLE.name, TABLE.name, NO_VERDICT.name}
+    assert {reason.rule for reason in verdict.reasons} == {
+        "plausible record",
+        "table without time",
+        "shock without verdict",
+    }
     assert len(RULES) == 3
 
 

@@ -63,7 +63,7 @@ def test_the_width_at_zero_velocity_is_that_of_lag_and_gas_spring(rate, lag, sti
 
 
 @pytest.mark.slow
-@settings(QUICK, max_examples=25)
+@settings(QUICK, max_examples=10)
 @given(RATES, RATES, st.floats(0.0, 0.02), st.floats(0.03, 0.2))
 def test_the_lag_is_the_delay_of_the_force_for_every_curve(compression, rebound, lag, knee):
     force = valve(two_lines(compression, 0.3 * compression, knee), two_lines(rebound, 0.5 * rebound, knee))

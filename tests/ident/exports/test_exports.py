@@ -206,10 +206,10 @@ def test_the_command_exports_models_and_responses(tmp_path: Path) -> None:
     write_response(tmp_path / "h.npz", response())
     done = export(tmp_path / "car.json", "-o", tmp_path / "car.mat")
     assert done.exit_code == 0, done.output
-    assert "post 7, continuous, 4 states, 3 inputs" in done.output
+    assert "post 7, continuous, 4 states, 3 inputs" in " ".join(done.output.split())
     assert vehicle_in(tmp_path / "car.mat") == vehicle()
     done = export(tmp_path / "car.json", "-o", tmp_path / "car.uff", "--high", "10 Hz", "--step", "0.5 Hz")
-    assert "responses at 20 frequencies, 0.5 to 10 Hz" in done.output
+    assert "responses at 20 frequencies, 0.5 to 10 Hz" in " ".join(done.output.split())
     assert_holds(tmp_path / "car.uff", response_of(vehicle().state_space, 0.5 * np.arange(1, 21)), frequency=1e-9)
     assert export(tmp_path / "h.npz", "-o", tmp_path / "h.mat").exit_code == 0
     np.testing.assert_array_equal(loadmat(tmp_path / "h.mat")["H"], response().H)

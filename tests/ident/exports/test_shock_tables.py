@@ -55,9 +55,9 @@ def exported(*words: object) -> Result:
 
 
 def succeeded(*words: object) -> str:
-    result = exported(*words)
+    result = exported("-v", *words)
     assert result.exit_code == 0, result.output
-    return result.output
+    return " ".join(result.output.split())
 
 
 def refused(*words: object) -> str:

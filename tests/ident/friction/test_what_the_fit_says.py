@@ -10,16 +10,36 @@ import pytest
 from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit
 from eightpost.ident.vehicle.common_poles import CommonPoles, Excitation
 from eightpost.ident.vehicle.estimators import LocalPolynomial
-from eightpost.ident.vehicle.port_search import FrictionSearch, SpringSearch, nonlinear_spring_sentence
+from eightpost.ident.vehicle.port_search import (
+    FrictionEstimate,
+    FrictionSearch,
+    SpringSearch,
+    nonlinear_spring_sentence,
+)
 from eightpost.ident.vehicle.trust import ForceEstimate
 from eightpost.signals import TimeSeries
-from eightpost.vehicle import Channel, StateSpace, add_port_damping, read_vehicle, shipped
+from eightpost.vehicle import Bristle, Channel, Friction, StateSpace, add_port_damping, read_vehicle, shipped
 
 from .conftest import rig_tests
 
 #: Progression p of the spring force k s (1 + p s) [1/m], and its rate k [N/m].
 PROGRESSION = 2.0
 RATE = 1280.0 * 4.4482216152605 / 0.0254
+
+
+def test_the_summary_of_the_friction_has_its_law_its_force_and_what_remains():
+    forces, residual = {"": ForceEstimate(80.0, 1.5)}, {"velocity": 0.2, "tire_force": 0.4}
+    creeping = FrictionEstimate({"": Friction(80.0, 0.012)}, forces, residual)
+    assert creeping.summary() == (
+        "Friction at the ports (+- two standard deviations): port 80.0 +- 3.0 N; "
+        "it creeps (tanh, friction velocity 12 mm/s); 30 % of the residual remains."
+    )
+    sticking = FrictionEstimate({"lf": Friction(bristle=Bristle(80.0, 1e-4, 1.15))}, {"lf": forces[""]}, {"y": 0.9})
+    assert sticking.summary().endswith(
+        "lf 80.0 +- 3.0 N; it sticks (bristle, reach 0.1 mm, static over sliding force 1.15); "
+        "90 % of the residual remains."
+    )
+    assert FrictionEstimate({"": Friction()}, forces, residual).summary().startswith("No significant friction")
 
 
 @pytest.fixture(scope="module")

@@ -84,7 +84,7 @@ def test_the_gate_accepts_the_true_structure_and_never_one_without_a_mode_and_na
         assert gate.frequency == pytest.approx(true["w2"] / (2.0 * np.pi), rel=0.15)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_probability_of_the_gate_is_uniform_at_most_where_only_noise_is_left():
     found = []
     for seed in range(200, 215):

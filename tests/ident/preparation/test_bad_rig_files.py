@@ -100,7 +100,7 @@ def test_identify_rejects_the_same_files(good, tmp_path, fault):
 
 
 def test_a_good_file_is_shown_and_is_in_step(good, tmp_path):
-    code, said = run("inspect", written(good, tmp_path / "rig.parquet"))
+    code, said = run("-v", "inspect", written(good, tmp_path / "rig.parquet"))
     assert code == 0, said
     assert "5.999 s at 1250 Hz, corners lf rf lr rr" in said
     assert re.search(r"tire_force is 0\.0\d ms (ahead of|behind) the accelerometers", said)

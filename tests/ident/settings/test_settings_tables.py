@@ -56,8 +56,8 @@ def test_without_a_reference_it_is_the_setting_of_most_files_and_of_the_temperat
     assert (table.name, table.law, table.gas) == ("table", None, "estimate")
 
 
-def test_a_file_without_clicks_has_those_of_the_reference(tmp_path):
-    table = read_settings_table(written(tmp_path, f"{ADJUSTER}reference = 5", "clicks.rebound = 1", ""))
+def test_a_file_with_empty_clicks_has_those_of_the_reference(tmp_path):
+    table = read_settings_table(written(tmp_path, f"{ADJUSTER}reference = 5", "clicks.rebound = 1", "clicks = {}"))
     assert table.settings == ((1.0,), (5.0,))
 
 
@@ -69,6 +69,8 @@ def test_a_file_without_clicks_has_those_of_the_reference(tmp_path):
         ("[adjuster.'low speed']", ("", ""), "adjuster 'low speed': use letters, digits and _"),
         (ADJUSTER, ("clicks.bump = 1", ""), r"file '0.csv': there is no section \[adjuster.bump\] for clicks.bump"),
         (ADJUSTER, ("clicks.rebound = 1", ""), "file '1.csv': clicks.rebound is missing, and .* has no reference"),
+        (f"{ADJUSTER}reference = 5", ("clicks.rebound = 1", ""),
+         "file '1.csv' states no clicks: add clicks.rebound = ..., or clicks = {} if it was at the reference"),
         (ADJUSTER, ("clicks.rebound = 10", ""), "clicks.rebound = 10 is beyond the adjuster's stops, 0.0 to 9.0"),
         (ADJUSTER, ("clicks.rebound = -1", ""), "clicks.rebound = -1 is beyond the adjuster's stops, 0.0 to 9.0"),
         (ADJUSTER, ("clicks.rebound = 1.5", ""), "clicks.rebound = 1.5 is not a whole number"),
@@ -139,6 +141,7 @@ def test_a_table_takes_what_it_does_not_state_from_the_names_and_the_reference_c
     for name in ("reb3.csv", "reb_9_x.csv", "other.csv", "reb1.csv"):
         record(tmp_path, name)
     entries = "".join(f'[[file]]\npath = "{name}"\n' for name in ("reb3.csv", "reb_9_x.csv", "other.csv"))
+    entries += "clicks = {}\n"
     text = f'schema = 1\n[adjuster.rebound]\nreference = 3\n{entries}[[file]]\npath = "reb1.csv"\nclicks.rebound = 7\n'
     (tmp_path / "a.toml").write_text(text)
     table = read_settings_table(tmp_path / "a.toml")
@@ -150,7 +153,8 @@ def test_a_number_of_clicks_belongs_to_no_adjuster_if_two_are_counted_in_clicks(
     for name in ("3clicks.csv", "comp5_reb2.csv"):
         record(tmp_path, name)
     adjusters = "".join(f"[adjuster.{name}]\nreference = 0\n" for name in ("rebound", "compression"))
-    entries = "".join(f'[[file]]\npath = "{name}"\n' for name in ("3clicks.csv", "comp5_reb2.csv"))
+    entries = "".join(f'[[file]]\npath = "{name}"\n{more}' for name, more in
+                      (("3clicks.csv", "clicks = {}\n"), ("comp5_reb2.csv", "")))  # fmt: skip
     (tmp_path / "a.toml").write_text(f"schema = 1\n{adjusters}{entries}")
     assert read_settings_table(tmp_path / "a.toml").settings == ((0.0, 0.0), (2.0, 5.0))
 

@@ -75,6 +75,15 @@ def heavier(car):
     return replace(car, state_space=replace(wrong, C=C, D=D))
 
 
+def test_the_error_of_a_single_test_is_its_spread(car, tests):
+    """It counts half, beside that of the other measures, which have hardly any; a third of it is that of the mean."""
+    wrong = MeasuredLevels().uncertainty(heavier(car), tests[:1], experiment(car))["tire_force"]
+    (level,) = wrong.levels
+    assert level.error == pytest.approx(math.log(1.2), abs=0.01)
+    assert level.deviation == pytest.approx(math.sqrt(0.33 / 2.0) * level.error, rel=0.02)
+    assert wrong.own == pytest.approx(math.sqrt(0.5 / 2.0) * level.error, rel=0.02)
+
+
 @pytest.mark.parametrize("which", [0, 1])
 def test_the_true_car_reproduces_its_tests_whatever_shock_they_have(car, tests, which):
     simulated, measured = MeasuredLevels().outputs(car, tests[which])

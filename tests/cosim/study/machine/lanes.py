@@ -7,13 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.session.setup import Setup as SessionSetup
+from cosim.session.setup import RunSetup
 from cosim.study import Build, Drive, Measure, Study, Vehicle
 from cosim.study.definition import Setup
-from cosim.study.machine.car import read_vehicle
-from cosim.study.machine.plan import Plan
-from cosim.study.machine.shocks import read_shock
 from cosim.study.running.evaluator import Coupling, Evaluator
+from cosim.study.running.machine import Plan, read_shock, read_vehicle
 from cosim.systems.algorithm import default_scheme
 from eightpost.corners import CORNERS
 from eightpost.machine import Batch, BatchResult
@@ -93,7 +91,7 @@ def on_machine(
     evaluator = Evaluator(study)
     drive, fmus = study.drives[0], evaluator.fmus
     scenario = evaluator.scenario(drive, extra=channels)
-    run = SessionSetup.of(evaluator.system(setups[0]), scenario, default_scheme(COUPLING.scheme), step)
+    run = RunSetup.of(evaluator.system(setups[0]), scenario, default_scheme(COUPLING.scheme), step)
     car = car or read_vehicle(fmus[str(study.vehicle.fmu)], study.vehicle.fmu, study.vehicle.parameters)
     plan = Plan(run, study.vehicle.name, car, np.full(len(study.corners), damping), (), channels, width=width)
     shocks = {n: read_shock(fmus[str(b.fmu)], b.fmu, b.parameters) for n, b in study.bank.items()}

@@ -11,8 +11,7 @@ import pytest
 from builder.build import build
 from cosim.components.fmu_component import FmuComponent
 from cosim.study import Build, Drive, Measure, Vehicle
-from cosim.study.machine.car import read_vehicle
-from cosim.study.machine.sources import Sources
+from cosim.study.running.machine import Sources, read_vehicle
 from eightpost.corners import CORNERS
 from eightpost.machine.library import instruction_set
 from eightpost.vehicle import write_vehicle

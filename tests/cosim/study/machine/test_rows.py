@@ -8,11 +8,11 @@ import pytest
 from cosim.components.fmu_component import FmuComponent
 from cosim.session.result import difference
 from cosim.study import Build, Measure, Term, Vehicle
-from cosim.study.machine.car import read_vehicle
 from cosim.study.measures import STATISTICS, Filtered
 from cosim.study.running.batches import Batches
 from cosim.study.running.coupling import Compared, coupling_for
 from cosim.study.running.evaluator import Check, Coupling, ErrorModel, Evaluator, MachineCoupling, coupling_of
+from cosim.study.running.machine import read_vehicle
 from cosim.study.running.sweep import run_study
 from eightpost.corners import CORNERS
 from eightpost.errors import FmuError

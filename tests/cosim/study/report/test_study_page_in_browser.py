@@ -1,12 +1,14 @@
 """The study's page in a browser with all 2401 setups: sorting, filters, brush and clicks, without any error."""
 
+import base64
 import json
+import re
 from importlib.resources import files
 
 import numpy as np
 import pytest
 
-from cosim.study.choice.selection import select
+from cosim.study.choice.rig_day import select
 from cosim.study.choice.sensitivity import available_sensitivities
 from cosim.study.page import page, sheet_of
 from cosim.study.sheet import Extras
@@ -134,6 +136,11 @@ def opened(browser, written):
     assert [event for event in browser.events if event["method"] in trouble] == []
 
 
+#: Counts the rows at the print, after the page's own listener.
+_COUNT = """addEventListener('beforeprint', () => {
+  window.rows = document.querySelectorAll('#ranking tbody tr[data-row]').length; })"""
+
+
 def _levels(values):
     return (values - np.nanmin(values)) / (np.nanmax(values) - np.nanmin(values))
 
@@ -178,12 +185,12 @@ def test_the_ranking_has_the_probability_of_being_best_and_the_interval_of_what_
 
 
 @pytest.mark.slow
-def test_a_print_has_the_setups_side_by_side_before_anybody_scrolled_to_them(opened, whole):
-    opened.do("window.dispatchEvent(new Event('beforeprint'))")
-    heads = opened.do("[...document.querySelectorAll('#side-by-side th')].map((h) => h.textContent).join()")
-    assert f"setup {whole.setups[whole.ranking()[0]]}" in heads and "baseline" in heads
-    assert opened.do("document.getElementById('no-curves').hidden")  # nothing is known about the curves yet
-    opened.do("window.dispatchEvent(new Event('afterprint'))")
+def test_a_print_is_two_sheets_with_twelve_rows_of_the_ranking(opened):
+    opened.browser.call("Emulation.setEmulatedMedia", media="")
+    opened.do(_COUNT)
+    printed = opened.browser.call("Page.printToPDF", preferCSSPageSize=True, printBackground=True)["data"]
+    assert len(re.findall(rb"/Type\s*/Page\b", base64.b64decode(printed))) == 2
+    assert opened.do("window.rows") == 12
 
 
 @pytest.mark.slow
@@ -278,7 +285,7 @@ def test_the_switch_changes_the_units_of_all_numbers_and_axes(opened, whole):
 
 @pytest.mark.slow
 def test_sensitivities_follow_the_chosen_measure(opened):
-    opened.do("document.getElementById('sensitivity').scrollIntoView()")
+    opened.click('nav a[href="#sensitivity"]')  # which unfolds it
     opened.browser.until("document.querySelector('#effects.js-plotly-plot')")
     assert opened.do("document.querySelector('#effects').data.map((line) => line.name).join()") == "LF,RF,LR,RR"
     opened.focus(HUB)
@@ -348,6 +355,7 @@ def test_other_weights_and_limits_rank_the_setups_again_and_the_page_says_so(ope
 
 @pytest.mark.slow
 def test_a_range_on_an_axis_of_the_parallel_coordinates_filters_the_setups(opened, whole):
+    opened.do("document.querySelector('#parallel details').open = true")
     opened.do("document.getElementById('parallel').scrollIntoView()")
     frame = json.loads(opened.do("JSON.stringify(document.querySelector('#parallel .panel').getBoundingClientRect())"))
     middle, low = frame["y"] + 58 + 0.5 * (frame["height"] - 80), frame["y"] + frame["height"] - 22

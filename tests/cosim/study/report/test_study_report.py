@@ -11,17 +11,26 @@ import numpy as np
 import openpyxl
 import pytest
 
+from cosim.study.answer import LISTED, answer_of, chance, corner_choices, sought
 from cosim.study.choice.certainty import Certainty, Contradiction, Contribution, Status, TradeOff
-from cosim.study.choice.selection import select
+from cosim.study.choice.rig_day import select
 from cosim.study.choice.sensitivity import available_sensitivities
 from cosim.study.definition import Build, Constraint
-from cosim.study.page import dominant_corner, headline, page, sheet_of, write_study_report
+from cosim.study.page import (
+    dominant_corner,
+    page,
+    sheet_of,
+    write_ranking,
+    write_study_report,
+    write_traces,
+    write_workbook,
+)
 from cosim.study.sheet import (
     VELOCITIES,
     AimPage,
     Extras,
     Scale,
-    answer_of,
+    ShockCurve,
     build_colors,
     copy_shock_pages,
     shock_curve,
@@ -29,7 +38,6 @@ from cosim.study.sheet import (
     tied_rows,
 )
 from cosim.study.table import StudyResult
-from cosim.study.tables import write_ranking, write_traces, write_workbook
 from cosim.study.verdict import study_verdict
 from eightpost.signals import read_record
 from eightpost.validity import Validity
@@ -100,14 +108,15 @@ def test_the_page_shows_the_best_setup_failures_and_provenance(few, sheet):
     html = page(sheet, Extras(sensitivities=available_sensitivities(few)))
     text = _text(html)
     best = few.setup(int(few.ranking()[0]))
-    assert (
-        f"Best prediction: setup {best.index} (" + ", ".join(f"{c.upper()} {b}" for c, b in best.builds.items()) in text
-    )
+    assert f"Setup {best.index} has the best predicted objective" in text
     assert "80 setups ran, 1 failed, 1 marked" in text
     assert "the FMU of rf discards the step" in text and "beyond fitted range: lf" in text
     assert "{guid-of-car}" in text and "ab" * 32 in text and "d1" * 32 in text
     assert "Settling, left out of every measure 2 s" in text
-    assert "1 × (total tire force, RMS [lbf]) + 900 × (front ride height, RMS [in])" in text
+    words = (
+        "the lowest sum of total tire force, RMS (each lbf counts 1) and front ride height, RMS (each in counts 900)"
+    )
+    assert f"What counts: {words}" in text
     assert f"{2.45 / G:.4f}" in text and "2.450" in text  # the limit, in g and in m/s2
 
 
@@ -121,8 +130,7 @@ def test_the_page_loads_nothing_and_escapes_names(sheet):
 def test_the_page_is_written_for_a_study_without_objective_baseline_and_constraints(unranked):
     bare = StudyResult(replace(unranked.study, baseline={}), unranked.table, unranked.provenance)
     text = _text(page(sheet_of(bare), Extras()))
-    assert f"{TIRE}, lowest first; the study has no objective" in text
-    assert "Constraints none" in text
+    assert f"What counts: {TIRE}, as low as possible." in text
 
 
 def test_the_page_of_a_study_in_which_nothing_ran_states_the_reason(few):
@@ -147,12 +155,11 @@ def test_the_page_shows_the_parameters_of_a_build(few):
     assert "rebound_scale = 1.2" in _text(page(sheet_of(other), Extras()))
 
 
-def test_the_headline_and_the_verdict_report_a_marked_best_setup(few):
+def test_the_verdict_reports_a_marked_best_setup(few):
     best = int(few.ranking()[0])
     marks = ["tire off the ground: rf" if row == best else "" for row in range(len(few))]
     table = few.table.set_column(few.table.schema.get_field_index("marks"), "marks", [marks])
     marked = StudyResult(few.study, table, few.provenance)
-    assert "This setup is marked: tire off the ground: rf" in headline(sheet_of(marked))
     (reason,) = [reason for reason in study_verdict(marked).reasons if reason.about == "marks"]
     assert (reason.grade, reason.figure) == (Grade.LIMITED, "1 of 81 setups, the best among them")
     assert "1 of 81 setups, the best among them" in _text(page(sheet_of(marked), Extras()))
@@ -208,7 +215,7 @@ def test_the_verdict_on_a_study_contains_the_validity_of_its_models(few):
 def test_the_verdict_begins_with_the_lack_of_a_feasible_setup(few):
     strict = StudyResult(replace(few.study, constraints=(Constraint(HUB, at_most=0.1),)), few.table, few.provenance)
     assert study_verdict(strict).summary().startswith("Not usable: no setup keeps all constraints")
-    assert "Best" not in headline(sheet_of(strict))
+    assert answer_of(sheet_of(strict)) is None
 
 
 def test_selected_setups_are_picked_and_grouped_by_reason(few, sheet):
@@ -303,11 +310,14 @@ def _answer(result, certainty):
 def test_without_a_certainty_the_answer_is_the_best_prediction_and_says_that_nothing_is_known(few):
     answer = _answer(few, None)
     assert answer.grade is Grade.UNKNOWN
-    assert answer.candidates[0].row == few.ranking()[0]
-    assert "unknown" in answer.sure
-    assert answer.trade_offs == ()  # the baseline of this study failed
+    assert answer.row == few.ranking()[0] and answer.candidates == ()
+    assert "Unknown" in answer.sure
+    assert answer.trade_offs == () and answer.gain == ""  # the baseline of this study failed
     other = answer_of(replace(sheet_of(few), baseline=0))
     assert len(other.trade_offs) == 5 and {one.interval for one in other.trade_offs} == {"unknown"}
+    gain = 100.0 * (few.objective[other.row] / few.objective[0] - 1.0)
+    assert other.gain.startswith(f"Objective −{-gain:.2g}") and other.gain.endswith("how exact this is, is unknown.")
+    assert other.tests == ((other.row, ""), (0, ""))  # what is chosen, and what it is compared with
 
 
 def test_several_tied_setups_are_a_set_and_never_one_best_setup(few, certain):
@@ -316,20 +326,25 @@ def test_several_tied_setups_are_a_set_and_never_one_best_setup(few, certain):
     answer = _answer(few, certainty)
     assert answer.grade is Grade.LIMITED
     assert answer.which.startswith(f"One of {len(certainty.ties)} setups is the best")
-    assert [few.setups[one.row] for one in answer.candidates] == list(certainty.ties[:5])
+    assert [few.setups[one.row] for one in answer.candidates] == list(certainty.ties[:LISTED])
+    assert f"The {len(certainty.ties)} setups cannot be told apart" in answer.sure
     assert len(answer.candidates) + answer.others == len(certainty.ties)
 
 
 def test_one_setup_is_a_usable_answer_only_if_nothing_is_unknown_and_no_rig_run_contradicts_it(few, certain):
     alone = certain(few, ties=1)
     assert _answer(few, alone).grade is Grade.USABLE
+    assert _answer(few, alone).which == f"Setup {alone.leader} is the best."
+    assert "every known error is included" in _answer(few, alone).sure
     unknown = replace(alone, contributions=(Contribution("vehicle", Status.UNKNOWN, "the FMU states none"),))
     assert _answer(few, unknown).grade is Grade.UNKNOWN
     assert "vehicle" in _answer(few, unknown).sure
     assert "is the best" not in _answer(few, unknown).which and "not known" in _answer(few, unknown).which
-    assert "known contributions alone" in _answer(few, unknown).chance
+    assert "from what is included" in chance(unknown) and chance(alone) == "probability of being best"
     partly = replace(alone, contributions=(Contribution("build to build", Status.LEFT_OUT, "copies are equal"),))
     assert _answer(few, partly).grade is Grade.LIMITED
+    assert _answer(few, partly).which == f"Setup {alone.leader} is probably the best."
+    assert _answer(few, partly).sure.startswith("Not included: build to build. With it, other setups may be as good.")
     contradicted = replace(alone, contradictions=(Contradiction("run.csv", alone.ties[0], FRONT, 1.0, 2.0, 1e-6),))
     assert _answer(few, contradicted).grade is Grade.LIMITED
 
@@ -346,14 +361,45 @@ def test_the_objective_comes_first_then_what_gets_worse_and_the_rest_is_counted(
     answer = _answer(few, certain(few, trade_offs=lines))
     assert [one.measure for one in answer.trade_offs[:2]] == [term.measure for term in few.study.objective]
     assert [one.grade for one in answer.trade_offs[2:5]] == ["worse", "worse", "even"]
-    assert answer.trade_offs[2].change.startswith("+4") and len(answer.trade_offs) == 8
-    assert answer.unlisted == "4 more are better."
+    assert answer.trade_offs[2].change.startswith("+4") and len(answer.trade_offs) == 6
+    assert answer.unlisted == "6 more are better."
+
+
+def test_the_gain_is_the_change_of_the_objective_from_today_with_its_interval(few, certain):
+    whole = TradeOff("objective", -0.041, -0.05, -0.03, 0.0)
+    sheet = replace(sheet_of(few, certainty=certain(few, trade_offs=(whole,))), baseline=0)
+    answer = answer_of(sheet)
+    assert answer.gain.replace("\xa0", " ") == "Objective −4.1 % against today's setup (95 %: −5 % to −3 %)."
+    assert "objective" not in {line.measure for line in answer.trade_offs}
+
+
+def test_each_corner_shows_its_build_its_clicks_and_its_curve_over_that_of_today(few):
+    bank = {name: Build(build.fmu, {"clicks.rebound": 20}) for name, build in few.study.bank.items()}
+    sheet = replace(sheet_of(StudyResult(replace(few.study, bank=bank), few.table, few.provenance)), baseline=0)
+    row = sheet.row(sheet.numbers[-1])
+    velocity = np.linspace(-1.0, 1.0, 5)
+    curves = {name: ShockCurve(velocity, (k + 1.0) * velocity) for k, name in enumerate(sheet.builds)}
+    choices = corner_choices(sheet, row, curves)
+    assert [(one.corner, one.build, one.setting, one.today) for one in choices] == [
+        (corner, "C/C", "rebound 20 clicks", "AA/AA rebound 20 clicks") for corner in sheet.corners
+    ]
+    assert all(one.plots.count('class="chosen"') == one.plots.count('class="today"') == 2 for one in choices)
+    assert "[in/s]" in choices[0].plots and "[mm/s]" in choices[0].plots
+    same = corner_choices(sheet, 0, curves)[0]
+    assert same.today == "" and 'class="today"' not in same.plots
+    assert corner_choices(sheet, row, {})[0].plots == ""
+
+
+def test_what_counts_is_said_in_words(few, unranked):
+    assert sought(sheet_of(unranked)) == f"{TIRE}, as low as possible"
+    terms = sheet_of(few).terms
+    one = replace(sheet_of(few), terms=(terms[0]._replace(weight=-1.0),))
+    assert sought(one) == f"{TIRE}, as high as possible"
 
 
 @pytest.mark.nightly
 def test_the_answer_leads_to_the_curves_to_aim_at_with_the_gain_that_is_assured(few, certain):
     sheet = sheet_of(few, certainty=certain(few))
-    assert "eightpost study shapes searches" in _text(page(sheet, Extras()))
     sure = page(sheet, Extras(aim=AimPage("shapes.html", 0.021, 0.012, True)))
     assert 'href="shapes.html"' in sure and "gain 2.1" in _text(sure) and "at least 1.2" in _text(sure)
     doubtful = _text(page(sheet, Extras(aim=AimPage("shapes.html", 0.021, -0.002, True))))
@@ -384,7 +430,7 @@ def test_no_answer_is_given_if_no_setup_meets_the_constraints(few):
 def test_the_page_shows_the_answer_before_the_verdict_and_the_ranking(few, certain):
     certainty = certain(few)
     text = _text(page(sheet_of(few, certainty=certainty), Extras()))
-    places = [text.index(words) for words in ("Which setup", "How sure", "At what trade-off", "What to test next")]
+    places = [text.index(words) for words in ("What to bolt on", "At what trade-off", "How sure", "What to test next")]
     assert places == sorted(places) and places[-1] < text.index("Ranking ")
     assert f"One of {len(certainty.ties)} setups is the best" in text
 

@@ -1,1 +1,0 @@
-"""The compared engines, one module each."""
