@@ -111,11 +111,11 @@ def _record(
     stop = (
         first
         - 1
-        + without_footer(lines[first - 1 : block.stop], lambda line: split_cells(line, layout.delimiter) or [""])
+        + without_footer(lines[first - 1 : block.stop], lambda line: _split_cells(line, layout.delimiter) or [""])
     )
     numbers = np.array([i for i, line in enumerate(lines[first - 1 : stop], first) if line.strip()])
     if may_be_cut and numbers.size:
-        ends = [split_cells(lines[i - 1], layout.delimiter)[-1] for i in numbers]
+        ends = [_split_cells(lines[i - 1], layout.delimiter)[-1] for i in numbers]
         if is_cut_off(ends, has_end=int(numbers[-1]) < len(lines)):
             notes = (*notes, CUT_NOTE.format(line=numbers[-1], cell=ends[-1]))
             numbers = numbers[:-1]
@@ -178,7 +178,7 @@ def _ragged(body: str, layout: Layout, numbers: NDArray[np.int64], path: Path) -
     """Return an error for the first line with a wrong number of cells; slow, so used only after a failure."""
     width = len(layout.names) + layout.padding
     for line, number in zip(body.split("\n"), numbers, strict=True):
-        count = len(split_cells(line, layout.delimiter))
+        count = len(_split_cells(line, layout.delimiter))
         if count != width:
             what = f"the line has {count} columns instead of {width}; check whether the file was truncated"
             return FileFormatError(what, path=path, line=int(number))
@@ -249,7 +249,7 @@ class Layout:
 
     def filled(self, line: str) -> str:
         """Return a line with empty cells for the last columns if it has none."""
-        if not self.short or len(split_cells(line, self.delimiter)) != self.short:
+        if not self.short or len(_split_cells(line, self.delimiter)) != self.short:
             return line
         return line + self.delimiter * (len(self.names) - self.short)
 
@@ -272,16 +272,16 @@ def _find_layout(lines: list[str], path: Path, *, offset: int = 0) -> Layout:
     top = first
     first = _without_column_numbers(lines, first, delimiter)
     above = [i for i in range(top - 1, -1, -1) if lines[i].strip()]
-    width = Counter(len(split_cells(lines[i], delimiter)) for i in rows if i >= first).most_common(1)[0][0]
+    width = Counter(len(_split_cells(lines[i], delimiter)) for i in rows if i >= first).most_common(1)[0][0]
     if not above or all(len(_cells_of(lines[i])) < 2 for i in above):
         numbers = tuple(map(str, range(1, width + 1)))
         return Layout(delimiter, numbers, (None,) * width, None, None, offset + first + 1, 0)
     header, unit_row, units = above[0], above[0], None
-    if len(above) > 1 and len(split_cells(lines[above[1]], delimiter)) == width:
-        units = units_row(split_cells(lines[header], delimiter))
+    if len(above) > 1 and len(_split_cells(lines[above[1]], delimiter)) == width:
+        units = units_row(_split_cells(lines[header], delimiter))
         header = above[1] if units else header
-    full = len(split_cells(lines[header], delimiter))
-    last = [cell for i in rows if i >= first and len(row := split_cells(lines[i], delimiter)) == full
+    full = len(_split_cells(lines[header], delimiter))
+    last = [cell for i in rows if i >= first and len(row := _split_cells(lines[i], delimiter)) == full
             for cell in row[width:]]  # fmt: skip
     short = width if last and not any(map(is_number, last)) else 0  # marks of events in some lines only
     width = full if short else width
@@ -305,7 +305,7 @@ def _without_column_numbers(lines: list[str], first: int, delimiter: str) -> int
     start = first
     while start < len(lines) and not lines[start].strip():
         start += 1
-    cells = split_cells(lines[start], delimiter) if start < len(lines) else []
+    cells = _split_cells(lines[start], delimiter) if start < len(lines) else []
     below = next((line for line in lines[start + 1 :] if line.strip()), "")
     is_count = len(cells) > 2 and cells == [str(number) for number in range(1, len(cells) + 1)]
     return start + 1 if is_count and _numbers_in(below, delimiter) else first
@@ -313,7 +313,7 @@ def _without_column_numbers(lines: list[str], first: int, delimiter: str) -> int
 
 def _header_cells(text: str, delimiter: str, width: int, line: int, path: Path) -> list[str]:
     """Return the column names of a header line, at most `width`, without empty cells at the end."""
-    cells = [plain_cell(cell) for cell in split_cells(text, delimiter)]
+    cells = [plain_cell(cell) for cell in _split_cells(text, delimiter)]
     while cells and not cells[-1]:
         cells.pop()
     if not 1 < len(cells) <= width:
@@ -339,7 +339,7 @@ def _delimiter(lines: list[str], path: Path) -> tuple[str, list[int]]:
 _SHORT, _SPECIAL = 2**16, re.compile(r'["\r\n]')
 
 
-def split_cells(line: str, delimiter: str) -> list[str]:
+def _split_cells(line: str, delimiter: str) -> list[str]:
     """Split a line into stripped cells, taking quotes into account; a line that is not valid CSV is one cell."""
     if line and len(line) < _SHORT and not _SPECIAL.search(line):
         return [cell.strip() for cell in line.split(delimiter)]  # the same, in a third of the time
@@ -351,12 +351,12 @@ def split_cells(line: str, delimiter: str) -> list[str]:
 
 def _cells_of(line: str) -> list[str]:
     """Split a line at the delimiter that gives the most cells."""
-    return max((split_cells(line, delimiter) for delimiter in _DELIMITERS), key=len)
+    return max((_split_cells(line, delimiter) for delimiter in _DELIMITERS), key=len)
 
 
 def _numbers_in(line: str, delimiter: str) -> int:
     """Return the number of cells in a line that are numbers."""
-    return sum(is_number(cell) for cell in split_cells(line, delimiter))
+    return sum(is_number(cell) for cell in _split_cells(line, delimiter))
 
 
 # ---- Tables whose rows are channels ---------------------------------------------------------------------------------
@@ -452,7 +452,7 @@ def _names_above_numbers(lines: list[str], row: int) -> set[str]:
 
 
 def _first_cell(line: str) -> str:
-    cells = [split_cells(line, delimiter) for delimiter in _DELIMITERS if delimiter in line]
+    cells = [_split_cells(line, delimiter) for delimiter in _DELIMITERS if delimiter in line]
     numbers = [row[0] for row in cells if row and is_number(row[0])]
     return numbers[0] if numbers else line
 
@@ -467,7 +467,7 @@ def _preamble(lines: list[str]) -> tuple[tuple[str, ...], ...]:
 
 def _cells(line: str, delimiter: str) -> list[str]:
     """Split a line into cells, without empty cells at the end."""
-    cells = split_cells(line, delimiter)
+    cells = _split_cells(line, delimiter)
     while cells and not cells[-1]:
         cells.pop()
     return cells

@@ -12,7 +12,7 @@ from nptdms import ChannelObject, TdmsWriter
 
 from eightpost.errors import InputError
 from eightpost.rig import read_dyno_test, read_dyno_tests
-from eightpost.signals.csv_file import is_cut_off, split_cells
+from eightpost.signals.csv_file import _split_cells, is_cut_off
 from eightpost.signals.table_text import split_header
 from eightpost.units import convert
 
@@ -349,9 +349,9 @@ def test_a_line_has_the_cells_that_the_csv_module_finds(line, delimiter):
         expected = next(csv.reader([line], delimiter=delimiter), [])
     except csv.Error:
         expected = [line]
-    assert split_cells(line, delimiter) == [cell.strip() for cell in expected]
+    assert _split_cells(line, delimiter) == [cell.strip() for cell in expected]
 
 
 @pytest.mark.parametrize(("length", "count"), [(100_000, 2), (140_000, 1)])
 def test_a_line_with_a_cell_beyond_the_limit_of_the_csv_module_is_one_cell(length, count):
-    assert len(split_cells("a" * length + ",b", ",")) == count
+    assert len(_split_cells("a" * length + ",b", ",")) == count
