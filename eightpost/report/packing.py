@@ -105,8 +105,7 @@ def welch(values: Array, rate: float, length: int) -> tuple[Array, Array]:
     lines = np.fft.rfft(window * (blocks - blocks.mean(axis=-1, keepdims=True)))
     density: Array = (np.abs(lines) ** 2).mean(axis=-2) / (rate * np.sum(window**2))
     density[..., 1 : (length + 1) // 2] *= 2.0
-    frequencies: Array = np.arange(length // 2 + 1) * (rate / length)
-    return frequencies, density
+    return np.arange(length // 2 + 1, dtype=np.float64) * (rate / length), density
 
 
 # ---- Decimation of time traces for a page, without loss of peaks ----------------------------------------------------
