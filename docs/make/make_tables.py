@@ -1,7 +1,7 @@
 """Rewrite the tables in docs that are generated from the code: `python docs/make/make_tables.py`.
 
 The variables in docs/reference/ports.md come from the interface.toml files, the rules in docs/reference/verdict.md from
-the modules that define them.
+the modules that define them, the words in docs/reference/glossary.md from eightpost/report/glossary.txt.
 """
 
 import importlib
@@ -9,13 +9,14 @@ import re
 import tomllib
 from pathlib import Path
 
+from eightpost.report.glossary import glossary
 from eightpost.verdict import Grade
 
 DOCS = Path(__file__).resolve().parents[1]
 FMUS = DOCS.parent / "fmus"
 
 #: Pages that have generated tables.
-PAGES = ("reference/ports.md", "reference/verdict.md")
+PAGES = ("reference/glossary.md", "reference/ports.md", "reference/verdict.md")
 
 #: Marker in the page -> file whose rows the table shows. "laws" stands for all of fmus/shock_<law>/.
 SOURCES = {
@@ -39,6 +40,8 @@ def rewrite(page: str) -> str:
 def _region(kind: str, name: str) -> str:
     if kind == "rules":
         return rules(name)
+    if name == "words":
+        return words()
     return laws() if name == "laws" else table(SOURCES[name])
 
 
@@ -50,6 +53,14 @@ def rules(module: str) -> str:
         lines = [f"- {_SHORT.get(rule.grade, rule.grade)}: {rule.condition}" for rule in found if rule.about == about]
         lists.append("\n".join([f"{about[0].upper()}{about[1:]}:", "", *lines, ""]))
     return "\n".join(lists)
+
+
+def words() -> str:
+    """Return the table of all words of the glossary."""
+    rows = glossary(common=True).items()
+    return "| word | meaning |\n|---|---|\n" + "".join(
+        f"| {word.replace(' | ', ', ')} | {text} |\n" for word, text in rows
+    )
 
 
 def laws() -> str:

@@ -1,4 +1,4 @@
-"""Glossary of the pages: each page explains the words that it contains."""
+"""Glossary: each page explains the words that it contains, and docs/reference/glossary.md all."""
 
 from __future__ import annotations
 
@@ -7,11 +7,15 @@ from functools import cache
 from html import unescape
 from importlib.resources import files
 
+#: Comment of glossary.txt after which words are too common to be explained on every page.
+_COMMON = "# Common words"
+
 
 @cache
-def glossary() -> dict[str, str]:
-    """Return the definitions of glossary.txt by word; spellings are separated by ` | `."""
-    lines = files("eightpost.report").joinpath("glossary.txt").read_text(encoding="utf-8").splitlines()
+def glossary(*, common: bool = False) -> dict[str, str]:
+    """Return the definitions of glossary.txt by word, with common words or without; spellings have ` | ` between."""
+    text = files("eightpost.report").joinpath("glossary.txt").read_text(encoding="utf-8")
+    lines = (text if common else text.partition(_COMMON)[0]).splitlines()
     pairs = (line.partition(": ") for line in lines if line and not line.startswith("#"))
     return {word: text for word, _, text in sorted(pairs, key=lambda pair: pair[0].lower())}
 
