@@ -253,9 +253,10 @@ ABOUT = "rig tests"
 #: hardly varies, and in which it varies too much; correlation of an input of two tests above which it is the same [1].
 _EQUATIONS, _WIDE, _TOO_WIDE, _SAME = 4.5, 0.8, 1.5, 0.7
 
-#: Friction relative to the RMS of the shock force, and share of a test in which the shock hardly slides, above which
-#: friction changes the car, and above which it holds the car [1]; velocity below which a shock hardly slides [m/s].
-_RUBS, _HOLDS, _SLOW = (0.3, 0.2), (0.6, 0.3), 0.006
+#: Friction relative to the RMS of the shock force above which predictions are worse, and above which friction can hold
+#: the car [1]; velocity below which a shock hardly slides [m/s]; share of a test in which it does so above which the
+#: tests cannot be compared, and above which friction holds the car [1].
+_RUBS, _HOLDS, _SLOW, _STICKS, _HELD = 0.3, 0.6, 0.006, 0.2, 0.3
 
 #: Part of its mean load at which a tire has lifted [1]; share of a test that matters, and that is too large [1].
 _LIFTED, _SHORTLY, _OFTEN = 0.01, 0.001, 0.01
@@ -267,8 +268,8 @@ def _limits(kind: str) -> str:
 
 RULES = Rules.read(
     Path(__file__).with_suffix(".txt"), ABOUT, too_wide=_TOO_WIDE, equations=_EQUATIONS, wide=_WIDE,
-    holds=100 * _HOLDS[0], slow=1000.0 * _SLOW, holds_time=100 * _HOLDS[1], rubs=100 * _RUBS[0],
-    rubs_time=100 * _RUBS[1], lifted=100 * _LIFTED, often=100 * _OFTEN, shortly=100 * _SHORTLY,
+    holds=100 * _HOLDS, slow=1000.0 * _SLOW, holds_time=100 * _HELD, rubs=100 * _RUBS,
+    lifted=100 * _LIFTED, often=100 * _OFTEN, shortly=100 * _SHORTLY,
     significant=SIGNIFICANT, unusable=_limits("unusable"), tests=_limits("tests"), halves=_limits("halves"),
 )  # fmt: skip
 
@@ -276,11 +277,13 @@ RULES = Rules.read(
 def reasons_of_tests(prepared: Prepared, experiment: Experiment) -> tuple[Reason, ...]:
     """Return the reasons that the rig tests of an identification give.
 
-    Tests in which friction holds the car are not compared with each other.
+    Tests in which friction is large and the shocks hardly slide are not compared with each other.
     """
     agreement = compare_tests(prepared.records, prepared.means)
-    held = tuple(_held(prepared, agreement.rubbing))
-    changes = () if held else tuple(_changed(change, prepared.names) for change in agreement.changes)
+    corner, rubs = max(agreement.rubbing.items(), key=lambda item: item[1], default=("", 0.0))
+    slow = _slow(prepared.records, corner) if rubs > _RUBS else 0.0
+    held = _friction(prepared, corner, rubs, slow) if rubs > _RUBS else ()
+    changes = () if slow > _STICKS else tuple(_changed(change, prepared.names) for change in agreement.changes)
     return (*held, *changes, *_lifted(prepared), *_short(prepared, experiment))
 
 
@@ -303,20 +306,21 @@ def _changed(change: Change, names: Sequence[str]) -> Reason:
     )
 
 
-def _held(prepared: Prepared, rubbing: Mapping[str, float]) -> Iterator[Reason]:
-    """Yield a reason if friction holds the wheel that rubs most."""
-    corner = max(rubbing, key=lambda name: rubbing[name], default="")
-    if not corner:
-        return
-    slow = max(float(np.mean(np.abs(record[channel(corner, "velocity")]) < _SLOW)) for record in prepared.records)
-    for rule, (rubs, sticks) in (("friction holds the car", _HOLDS), ("tests are gentle", _RUBS)):
-        if rubbing[corner] > rubs and slow > sticks:
-            figure = (
-                f"{corner}: friction {100 * rubbing[corner]:.0f} % of the shock force, slower than "
-                f"{1e3 * _SLOW:g} mm/s for {100 * slow:.0f} % of the time; limits {100 * rubs:g} and {100 * sticks:g} %"
-            )
-            yield RULES.reason(rule, "friction holds the car", figure, origin=listed(prepared.names))
-            return
+def _slow(records: Sequence[TimeSeries], corner: str) -> float:
+    """Return the largest share of a test in which a shock hardly slides."""
+    return max(float(np.mean(np.abs(record[channel(corner, "velocity")]) < _SLOW)) for record in records)
+
+
+def _friction(prepared: Prepared, corner: str, rubs: float, slow: float) -> tuple[Reason]:
+    share, origin = f"{corner}: friction {100 * rubs:.0f} % of the shock force", listed(prepared.names)
+    if rubs > _HOLDS and slow > _HELD:
+        figure = (
+            f"{share}, slower than {1e3 * _SLOW:g} mm/s for {100 * slow:.0f} % of the time; limits {100 * _HOLDS:g} "
+            f"and {100 * _HELD:g} %"
+        )
+        return (RULES.reason("friction holds the car", "friction holds the car", figure, origin=origin),)
+    figure = f"{share}; limit {100 * _RUBS:g} %"
+    return (RULES.reason("friction is large", "friction is large beside the shock force", figure, origin=origin),)
 
 
 def _lifted(prepared: Prepared) -> Iterator[Reason]:
