@@ -43,8 +43,8 @@ def run(numbers: tuple[str, ...], output: Path, *, everything: bool, listing: bo
         raise click.UsageError(f"give either --all or items, not both; the items are {', '.join(numbers)}")
     console, items = Console(), chosen(numbers) if numbers else inventory()
     if listing:
-        rows = ([item.label, escape(item.title), item.section, item.basis.value] for item in items)
-        show_table(console, console_table(["item", "content", "section", "based on"], rows), most=8)
+        rows = [[item.label, escape(item.title), item.section, item.basis.value] for item in items]
+        show_table(console, console_table(["item", "content", "section", "based on"], rows), most=len(rows))
         return 0
     return _reproduce(console, items, QUICK if quick else FULL, output)
 

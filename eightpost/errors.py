@@ -38,7 +38,7 @@ def choice_of(what: str, value: object, known: Iterable[str]) -> str:
         known: Words, in lower case.
 
     Raises:
-        ParameterError: It is none of them; the message names similar ones.
+        ParameterError: The value is not one of them; the message names similar ones.
 
     >>> choice_of("FMI version", "3.0", ["2", "3"])
     '3'

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from eightpost.api.reading import is_system
 from eightpost.app.options import STATED, FilePath, OutputFile, Quantity, argument, option, setting, verb
-from eightpost.app.show import show_notes, show_text
+from eightpost.app.show import show_files, show_notes, show_text
 from eightpost.outputs import EXPORT, PACKAGE, check_file
 
 #: Settings of a vehicle or a response, and options and settings of shocks.
@@ -114,7 +114,7 @@ def export(
         show_notes(console, remarks)
     else:
         summary = write(sources[0], output, ports=ports, high=high, step=step)
-    show_text(console, f"read {', '.join(map(str, sources))}; wrote {output}: {summary}")
+    show_files(console, [output], f": {summary}")
 
 
 def _export_system(console: Console, system: Path, output: Path) -> None:

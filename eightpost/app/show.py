@@ -32,8 +32,9 @@ if TYPE_CHECKING:
 
 # ---- Summary and verdict, the same for every command ----------------------------------------------------------------
 
-#: Largest width of a line, and numbers of lines of a text, of rows and of notes; all of them are shown with -v.
-_WIDTH, _LINES, _ROWS, _NOTES = 80, 2, 4, 2
+#: Largest width of a line, and numbers of lines of a text and of a note, which ends with what to do, of rows and of
+#: notes; all of them are shown with -v.
+_WIDTH, _LINES, _ADVICE, _ROWS, _NOTES = 80, 2, 4, 4, 2
 
 _COLORS: Mapping[Grade, str] = {
     Grade.USABLE: "green",
@@ -75,10 +76,10 @@ def show_table(console: Console, table: Table, *, most: int = _ROWS) -> None:
 
 
 def show_notes(console: Console, notes: Iterable[str], word: str = "note", *, most: int = _NOTES) -> None:
-    """Print the first notes, each of at most two lines, and how many more there are; with -v, all of them."""
+    """Print the first notes, and how many more there are; with -v, all of them."""
     every = list(notes)
     for text in every if is_detailed() else every[:most]:
-        show_text(console, f"{word} {text}", hanging="  ", style="red" if word == "warning" else "")
+        show_text(console, f"{word} {text}", hanging="  ", style="red" if word == "warning" else "", lines=_ADVICE)
     if len(every) > most and not is_detailed():
         show_text(console, f"and {len(every) - most} more; -v shows all", begin="  ")
 

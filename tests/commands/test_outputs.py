@@ -26,7 +26,8 @@ FOLDER = {
 #: Every parameter that names a file or a folder to read. A new one is either an input, or an `OutputFile` or
 #: `OutputFolder`.
 INPUTS = {
-    "build": {"sources"}, "check": {"fmus"}, "drivefile next": {"folder", "--record"}, "drivefile simulate": {"folder"},
+    "build": {"sources"}, "check": {"files"}, "drivefile next": {"folder", "--record"},
+    "drivefile simulate": {"folder"},
     "drivefile start": {"track", "--car"}, "export": {"sources"}, "fit": {"dyno_files"},
     "identify": {"rig_files", "--preparation", "--static"}, "inspect": {"files"},
     "report": {"files", "--car", "--limits"}, "run": {"case_file", "--drive"},

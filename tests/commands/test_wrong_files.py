@@ -37,7 +37,7 @@ WRONG = {
     "build other.json -o dist": "is not a file that eightpost wrote or documents: it contains 'a'",
     "build study.toml -o dist": "the file defines a study or a system, not a vehicle; a vehicle file has model =",
     "build car.toml -o car.fmu": "car.fmu: FMUs are named after their SOURCES; name a folder with -o",
-    "check car.toml": "is not a readable zip archive (File is not a zip file); name an .fmu file",
+    "check car.toml": "car.toml defines a vehicle, not a system; make an FMU of it with build",
     "export car.toml": "Missing option '-o'",
     # Python developer and researcher
     "run car.toml": "car.toml defines a vehicle, not a system; make an FMU of it with build",

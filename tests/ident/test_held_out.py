@@ -178,7 +178,7 @@ def test_without_a_name_hysteresis_is_fitted_and_lpnl2_by_the_dissertations_reci
 
 
 def test_the_choice_among_laws_is_refused_with_a_hint():
-    with pytest.raises(ParameterError, match="was removed: omit the law"):
+    with pytest.raises(ParameterError, match="was removed; omit the law"):
         fit_shock(sine(), "auto")
 
 

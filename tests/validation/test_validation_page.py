@@ -35,8 +35,10 @@ def test_the_page_draws_all_its_figures_in_both_unit_systems_and_loads_nothing(b
     browser.until("document.body && document.body.dataset.drawn === 'all'")
     assert browser.evaluate("document.getElementById('trouble').hidden")
     assert browser.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
-    # random 1, sines 3 (over frequency, two of loops), static 2 and their overlay, bump 1
-    assert browser.evaluate(f"{_PLOTS}.length") == 8
+    browser.evaluate("document.querySelectorAll('details').forEach((folded) => { folded.open = true; })")
+    browser.until(f"{_PLOTS}.length === document.querySelectorAll('.plot').length")
+    # random 1, sines 2 (loops; each amplitude has one frequency), static 2 and their overlay, bump 1
+    assert browser.evaluate(f"{_PLOTS}.length") == 7
     assert browser.evaluate(f"{_PLOTS}.every((p) => p.querySelectorAll('.trace').length === p.data.length)")
 
     loops = "document.querySelector('#sine').querySelectorAll('.plot')[1]"

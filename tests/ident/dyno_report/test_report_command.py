@@ -50,7 +50,7 @@ def entries():
 def test_the_report_of_the_examples_has_every_section(examples):
     html = examples.read_text(encoding="utf-8")
     found = re.findall(r'<section id="([\w-]+)">', html)
-    assert found == ["curves", "differences", "branches", "knees", "damping", "runs", "notes"]
+    assert found == ["curves", "differences", "branches", "knees", "damping", "runs", "notes", "words"]
     for name in ("dyno_A", "AA_AA", "C_C"):
         assert f">{name}</td>" in html
     assert not re.search("https?://", re.sub(r"<script.*?</script>", "", html, flags=re.DOTALL))

@@ -76,7 +76,7 @@ def heavier(car):
 
 
 def test_the_error_of_a_single_test_is_its_spread(car, tests):
-    """It counts half, beside that of the other measures, which have hardly any; a third of it is that of the mean."""
+    """It counts half, beside that of the other measures, which have almost none; a third of it is that of the mean."""
     wrong = MeasuredLevels().uncertainty(heavier(car), tests[:1], experiment(car))["tire_force"]
     (level,) = wrong.levels
     assert level.error == pytest.approx(math.log(1.2), abs=0.01)
