@@ -41,7 +41,7 @@ def test_the_page_draws_all_its_figures_in_both_unit_systems_and_loads_nothing(b
     assert browser.evaluate(f"{_PLOTS}.length") == 7
     assert browser.evaluate(f"{_PLOTS}.every((p) => p.querySelectorAll('.trace').length === p.data.length)")
 
-    loops = "document.querySelector('#sine').querySelectorAll('.plot')[1]"
+    loops = "document.querySelector('#sine').querySelectorAll('.plot')[0]"
     x = json.loads(browser.evaluate(f"JSON.stringify({loops}.data[0].x)"))
     case = next(case for case in study.cases if case.record.name == "sine 0.5 5.0")
     assert max(x) == pytest.approx(case.outcome.measured.velocity.max() / INCH, rel=0.01)
