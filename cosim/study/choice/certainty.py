@@ -255,7 +255,10 @@ def summary_lines(result: StudyResult, certainty: Certainty) -> Iterator[str]:
         return
     leader = result.study.space.setup(certainty.leader)
     chance = chance_text(certainty.probability(leader.index))
-    if certainty.is_known:
+    if certainty.is_known and certainty.left_out:
+        missing = listed(one.name for one in certainty.left_out)
+        yield f"probably the best by {certainty.criterion}: setup {leader.index} ({leader}); not included: {missing}"
+    elif certainty.is_known:
         yield f"most probably the best by {certainty.criterion}: setup {leader.index} ({leader}), {chance}"
     else:
         yield f"lowest by {certainty.criterion}: setup {leader.index} ({leader}); how sure this is, is not known"

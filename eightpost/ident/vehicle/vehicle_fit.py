@@ -377,8 +377,8 @@ def trust_table(trust: Trust) -> Table:
     return console_table(["quantity", *right(*(head for head, _ in figures))], rows, title=title)
 
 
-#: Separation of two setups in the table of measures: their predictions differ by 10 %, RMS over all measures and in the
-#: measure itself.
+#: Separation of the two setups of the table, whose predictions differ by 10 %, RMS over all measures and in the measure
+#: itself.
 TENTH = separation(0.1, 0.1)
 
 
