@@ -143,7 +143,9 @@ def test_an_interrupt_reaches_the_command_once(to_group: bool) -> None:
 def test_a_command_that_a_signal_ends_leaves_no_process_and_no_temporary_file(
     number: signal.Signals, tmp_path: Path
 ) -> None:
+    before = signal.signal(number, signal.SIG_DFL)  # a process started by nohup ignores SIGHUP
     command = start("tempfile.mkdtemp(); print('ready', flush=True); time.sleep(60.0)", env={"TMPDIR": str(tmp_path)})
+    signal.signal(number, before)
     assert command.stdout is not None and command.stdout.readline() == "ready\n"
     children = psutil.Process(command.pid).children()
     assert len(children) == 1 and len([*tmp_path.glob("*/*")]) == 1
