@@ -28,7 +28,7 @@ BEFORE, NOW = "before", "now"
 
 #: Limits of a command's output: lines (of some commands others), and width.
 LINES, WIDTH = 12, 80
-OTHER_LINES = {"demo": 60, "doctor": 20}
+OTHER_LINES = {"demo": 60, "doctor": 20, "reproduce": 250}  # its list is the result
 
 #: Commands in the order in which their files are made.
 COMMANDS = """

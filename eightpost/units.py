@@ -409,8 +409,8 @@ def shown_unit(unit: str, stated: str) -> str:
 
 
 def shown(value: float, unit: str) -> tuple[float, str]:
-    """Return an SI value in the unit in which it is shown to this user, and that unit."""
-    target = display_unit(unit)
+    """Return an SI value in the unit in which it is shown to this user, and that unit; kelvin are a temperature."""
+    target = display_unit(unit) if unit != "K" else "degF" if shown_system() == "us" else "degC"
     return float(convert(value, unit, target)), target
 
 

@@ -173,6 +173,13 @@ def test_a_stated_display_unit_counts_unless_the_user_chose_a_system(choice, mon
     assert units.shown_unit("N", "kN") == "lbf"
 
 
+@pytest.mark.parametrize(("system", "shown"), [("us", (80.6, "degF")), ("si", (27.0, "degC"))])
+def test_a_temperature_is_shown_in_degrees(system, shown, choice, monkeypatch):
+    monkeypatch.setenv("EIGHTPOST_UNITS", system)
+    assert units.shown(300.15, "K") == (pytest.approx(shown[0]), shown[1])
+    assert units.display_unit("K") == "K"  # of a difference
+
+
 def test_files_outside_of_a_command_decide_nothing(choice):
     units.note_file(("mm", "N"))
     assert units.shown_system() == "us"

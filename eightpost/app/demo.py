@@ -14,9 +14,9 @@ from eightpost.app.check import show_report
 from eightpost.app.fit import show_fit, show_test
 from eightpost.app.options import OutputFolder, option, verb
 from eightpost.app.run import run_with_progress
-from eightpost.app.show import ConsoleListener, details, is_detailed
+from eightpost.app.show import ConsoleListener, details, is_detailed, show_text
 from eightpost.app.study import show_result as show_study_result
-from eightpost.app.study import show_study
+from eightpost.app.study import show_study, without_builds
 from eightpost.app.study_rig import measure_table
 from eightpost.corners import CORNERS
 from eightpost.examples_folder import examples_folder
@@ -168,7 +168,5 @@ def _study(console: Console, examples: Path, output: Path) -> None:
     console.rule("The answer, for synthetic data")
     console.print(f"best of {len(result)} setups: {result.setup(int(result.ranking()[0]))}", highlight=False)
     if result.certainty is not None:
-        console.print(
-            next(iter(summary_lines(result, result.certainty))), highlight=False, markup=False, soft_wrap=True
-        )
+        show_text(console, without_builds(next(summary_lines(result, result.certainty))))
     console.print(f"page: {page}", highlight=False, soft_wrap=True)

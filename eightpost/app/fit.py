@@ -342,13 +342,11 @@ def show_test(console: Console, test: DynoTest) -> None:
 
 def _range_text(shock_fit: ShockFit) -> str:
     """Return the ranges of the records: displacement, frequency and, if measured, temperature."""
-    from eightpost.units import convert, shown
+    from eightpost.units import shown
 
     parts = []
     for one in shock_fit.shock.validity.ranges if shock_fit.shock.validity else ():
         (low, unit), (high, _) = shown(one.low, one.unit), shown(one.high, one.unit)
-        if unit == "K":
-            low, high, unit = convert(low, "K", "degC"), convert(high, "K", "degC"), "degC"
         parts.append(f"{one.variable if one.kind == 'amplitude' else ''} {low:.3g} to {high:.3g} {unit}".strip())
     return ", ".join(parts)
 

@@ -286,7 +286,7 @@ def show_test(console: Console, test: DynoTest) -> None:
         console.print(_channel_table(series, ("minimum", "maximum", "mean")))
     rows = [("ranges", "" if is_detailed() else _ranges(series)), ("stated", "; ".join(_conditions(test)))]
     show_summary(console, "", rows)
-    show_text(console, lag_statement(series), lines=1)
+    show_text(console, lag_statement(series))
     show_notes(console, (*test.derived, *test.remarks), most=1)
     show_notes(console, test.warnings, "warning")
 
@@ -304,6 +304,10 @@ def _ranges(series: TimeSeries) -> str:
 
 def _conditions(test: DynoTest) -> list[str]:
     from eightpost.rig.dyno_test import temperature_drift
+    from eightpost.units import shown
+
+    def text(value: float | None, unit: str) -> str | None:
+        return None if value is None else "{:.4g} {}".format(*shown(value, unit))
 
     known = test.conditions
     values = {
@@ -311,9 +315,9 @@ def _conditions(test: DynoTest) -> list[str]:
         "date": known.date,
         "build": known.build,
         "clicks": known.clicks,
-        "gas pressure": f"{known.gas_pressure:.4g} Pa" if known.gas_pressure is not None else None,
-        "gas force": f"{known.gas_force:.4g} N" if known.gas_force is not None else None,
-        "temperature at the start": f"{known.temperature:.1f} K" if known.temperature is not None else None,
+        "gas pressure": text(known.gas_pressure, "Pa"),
+        "gas force": text(known.gas_force, "N"),
+        "temperature at the start": text(known.temperature, "K"),
     }
     lines = [f"{name}: {value}" for name, value in values.items() if value is not None]
     if "temperature" in test.series:
@@ -555,7 +559,7 @@ def _show_conditions(console: Console, assessment: Linearity) -> None:
     details(console).print(_condition_table(assessment))
     for kind in Condition:
         count = sum(verdict.condition is kind for verdict in assessment.verdicts)
-        show_text(console, f"{kind.name}: {count} of {len(assessment.verdicts)} paths, {kind.meaning}", lines=1)
+        show_text(console, f"{kind.name}: {count} of {len(assessment.verdicts)} paths, {kind.meaning}")
     lost = [each for each in assessment.verdicts if each.shares[Condition.III] >= _LOST]
     lost.sort(key=lambda verdict: -verdict.shares[Condition.III])
     worst = {each.output: each for each in reversed(lost)}.values()

@@ -239,7 +239,12 @@ def show_certainty(console: Console, result: StudyResult, certainty: Certainty) 
         if is_detailed():
             show_text(console, line, style=style)
         elif place == 0 or line.startswith("test next"):
-            show_text(console, re.sub(r" \([a-z]+ [^)]*\)", "", line), style=style, lines=1)  # the table has the builds
+            show_text(console, without_builds(line), style=style, lines=1)
+
+
+def without_builds(line: str) -> str:
+    """Return a line of a certainty's summary without what is in parentheses: the table of setups has the builds."""
+    return re.sub(r" \([a-z]+ [^)]*\)", "", line)
 
 
 def _ranking(result: StudyResult, rows: list[int], rank: str | None, *, is_brief: bool = False) -> Table:

@@ -195,7 +195,7 @@ def show_contradictions(console: Console, result: StudyResult, certainty: Certai
             f"{measured:.4g} {unit}, predicted {predicted:.4g}; a deviation of this size has a probability of "
             f"{chance_text(one.probability)}; {'used, as other runs agree' if one.used else 'left out'}"
         )
-    show_notes(console, texts, "contradiction")
+    show_notes(console, texts, "contradiction", most=1)
 
 
 #: Largest length of all labels of runs as headings of a table; longer ones are replaced by their numbers.

@@ -214,4 +214,4 @@ def rig(
         finish(bench.record_planned(test, number, names, alternate), output / f"{test.name}.{suffix}")
         for number, test in each(console, enumerate(planned), "tests", len(planned))
     ]
-    show_notes(console, written, "wrote", most=4)
+    show_notes(console, written, "wrote", most=3)

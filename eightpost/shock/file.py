@@ -19,7 +19,7 @@ from eightpost.shock.curve import KNOTS, StaticCurve
 from eightpost.shock.law import ShockLaw
 from eightpost.shock.laws import FORMER, LAWS, law_name, law_title, named_law, own_parameters, parameter_units
 from eightpost.shock.settings import TEMPERATURE, Axis, Settings, is_tested, setting_of
-from eightpost.validity import ModelUncertainty, ParameterUncertainty, Validity, judged
+from eightpost.validity import ModelUncertainty, ParameterUncertainty, Range, Validity, judged
 from eightpost.verdict import Reason, Rules, Verdict
 
 if TYPE_CHECKING:
@@ -263,7 +263,7 @@ class Shock(Summarized):
             ("parameters", some(_own_texts(self.law))),
             ("curve", _curve_text(self.law)),
             ("settings", ", ".join(axis.name for axis in axes)),
-            ("ranges", some(f"{known.variable} {known}" for known in (self.validity.ranges if self.validity else ()))),
+            ("ranges", some(_range_text(one) for one in (self.validity.ranges if self.validity else ()))),
             ("made from", some(str(entry.get("name", "")) for entry in self.inputs)),
         )
 
@@ -337,6 +337,10 @@ def _own_texts(law: ShockLaw) -> Iterator[str]:
 
 #: Velocity at which a summary states both forces [m/s].
 _SHOWN = 0.1
+
+
+def _range_text(known: Range) -> str:
+    return f"{'frequency' if known.kind == 'frequency' else known.variable} {known}"
 
 
 def _curve_text(law: ShockLaw) -> str:
