@@ -25,7 +25,6 @@ from eightpost.archive import open_archive
 from eightpost.errors import FmuError
 from eightpost.files import sha256_of
 from eightpost.report import page as html
-from eightpost.report import pictures
 from eightpost.report.charts import COLORS
 from eightpost.report.numbers import Display, figure, listed, percent
 from eightpost.report.packing import Spectra, Store, Traces, spectra, traces, welch
@@ -374,6 +373,8 @@ def plot_traces(
     title: str = "Time traces",
 ) -> None:
     """Plot channels over time between `start` and `stop` [s], one panel each, one line per run."""
+    from eightpost.report import pictures  # noqa: PLC0415 -- matplotlib takes long to load
+
     pictures.save(pictures.traces(runs, channels, start=start, stop=stop, title=title), path)
 
 
@@ -386,6 +387,8 @@ def plot_spectra(
     title: str = "Power spectral densities",
 ) -> None:
     """Plot power spectral densities (Welch, Hann, 4 s blocks) up to `highest` [Hz], one panel per channel."""
+    from eightpost.report import pictures  # noqa: PLC0415 -- matplotlib takes long to load
+
     figure = pictures.new_figure(11, 2.4 * ((len(channels) + 1) // 2) + 0.8)
     panels = pictures.panels_of(figure, len(channels), 2, sharex=True)
     for panel, channel in zip(panels, channels, strict=True):

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from cosim.session.result import Result, SavedRun
 from cosim.study.measures import Measure, available, channel_measures, ride_measures
@@ -71,7 +71,7 @@ class Line:
 
     def interval(self, level: float = 0.95) -> tuple[float, float]:
         """Return the confidence interval of the slope (Student's t; degrees of freedom: setups minus 2)."""
-        reach = float(stats.t.ppf(0.5 + 0.5 * level, self.setups - 2)) * self.slope_error
+        reach = float(scipy.stats.t.ppf(0.5 + 0.5 * level, self.setups - 2)) * self.slope_error
         return self.slope - reach, self.slope + reach
 
 
@@ -111,7 +111,7 @@ class Comparison:
     @cached_property
     def line(self) -> Line:
         """Best-fit line of the measured over the predicted levels."""
-        slope, intercept, *_ = stats.linregress(self.predicted, self.measured)
+        slope, intercept, *_ = scipy.stats.linregress(self.predicted, self.measured)
         residual = self.measured - intercept - slope * self.predicted
         count, center = self.setups.size, float(self.predicted.mean())
         scatter = float(np.sqrt(residual @ residual / (count - 2)))
@@ -121,12 +121,12 @@ class Comparison:
     @cached_property
     def spearman(self) -> float:
         """Spearman's rank correlation: 1 if the rig ranks the setups as the study does."""
-        return float(stats.spearmanr(self.predicted, self.measured).statistic)
+        return float(scipy.stats.spearmanr(self.predicted, self.measured).statistic)
 
     @cached_property
     def kendall(self) -> float:
         """Kendall's rank correlation tau-b: share of pairs in the same order minus share in the opposite order."""
-        return float(stats.kendalltau(self.predicted, self.measured).statistic)
+        return float(scipy.stats.kendalltau(self.predicted, self.measured).statistic)
 
     @cached_property
     def attainable(self) -> float:
@@ -139,7 +139,7 @@ class Comparison:
             return 1.0
         line = self.line.at(self.predicted)
         noise = np.random.default_rng(0).normal(size=(_DAYS, line.size)) * self.run_to_run / np.sqrt(self.runs)
-        own, days = (_standard(stats.rankdata(levels, axis=-1)) for levels in (line, line + noise))
+        own, days = (_standard(scipy.stats.rankdata(levels, axis=-1)) for levels in (line, line + noise))
         return float(np.quantile(days @ own, 1.0 - _BETTER))
 
     @property
@@ -160,7 +160,7 @@ class Comparison:
         """
         if self.true is None or self.run_to_run == 0.0:
             return np.full((2, self.setups.size), np.nan)
-        noise = stats.norm.ppf(_UPPER) * usable_deviation(self.run_to_run, int(np.sum(self.runs - 1)))
+        noise = scipy.stats.norm.ppf(_UPPER) * usable_deviation(self.run_to_run, int(np.sum(self.runs - 1)))
         middle, half = self.true.mean(axis=0), 0.5 * np.ptp(self.true, axis=0)
         reach = np.hypot(half, noise / np.sqrt(self.runs))
         return np.stack([middle - reach, middle + reach])
@@ -192,7 +192,7 @@ def usable_deviation(estimate: float, freedom: int) -> float:
 
     A deviation that was estimated from few repeats may be far too small, so its interval is that of Student's t.
     """
-    return estimate * float(stats.t.ppf(_UPPER, freedom) / stats.norm.ppf(_UPPER))
+    return estimate * float(scipy.stats.t.ppf(_UPPER, freedom) / scipy.stats.norm.ppf(_UPPER))
 
 
 def _standard(ranks: Array) -> Array:
