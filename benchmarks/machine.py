@@ -1,0 +1,315 @@
+"""Processor time and error of setups on the machine, beside the same setups through the FMUs.
+
+    python -m benchmarks.machine [--setups N] [--sample N] [--verb] [--large] [--json FILE]
+
+The shipped study (benchmarks/study.py): seven builds at four corners, a 33 s lap, its measures; then Hysteresis at all
+corners, kinds of friction, a quarter car, and the identified car of the examples with friction that sticks. Both ways
+run in one process in turns: a block of setups on the machine, then a part of it through the FMUs; the ratio is the
+median over the turns. The machine's step is chosen as for a study. Errors are rms differences from a sixteenth of the
+step, in percent of the standard deviation, the largest of eight setups. Compilation and loading are not counted.
+With --verb the whole verb, with page and certainty, is timed as a process; with --large, 104,976 setups (18 builds at
+four corners) and a million of a space of 1000 random builds on a lap of 4 s run on the machine alone.
+
+Prints Markdown; --json writes the rows. All times are processor times of this machine and this run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.study import shipped_study
+from cosim.session.result import difference
+from cosim.study import Build, Drive, Measure, Study, Vehicle
+from cosim.study.running.batches import Batches
+from cosim.study.running.coupling import coupling_for
+from cosim.study.running.evaluator import Coupling, Evaluator, MachineCoupling
+from eightpost.corners import CORNERS
+from eightpost.machine import library
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+
+#: Coupling of runs through the FMUs, which has about the machine's error [s].
+THROUGH_FMUS = Coupling("gauss-seidel", 4e-3 / 3.0)
+
+#: Step on the machine where none is chosen [s].
+THROUGH_MACHINE = 2e-3
+
+#: Number of setups in a turn, and how many of them also run through the FMUs.
+TURN, CHECKED = 48, 4
+
+#: Parameters of the vehicle at every corner, by the kind of friction.
+FRICTION: Mapping[str, Mapping[str, float]] = {
+    "friction that creeps": {"friction_force": 60.0, "friction_velocity": 0.005},
+    "friction that sticks": {"bristle_force": 60.0, "bristle_static_ratio": 1.15},
+    "port springs": {"port_spring": 1e5},
+}
+
+Row = dict[str, Any]
+
+
+def main() -> None:
+    """Measure and print the tables."""
+    options = _options()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        found = [
+            {"what": what} | compare(study, options.setups if what == "shipped study" else options.sample)
+            for what, study in _studies(folder)
+        ]
+        print(markdown(found))
+        if options.verb:
+            print("\n" + _verb(folder))
+        if options.large:
+            study = shipped_study(folder, builds=7)
+            print("\n" + _share_of_peak(study))
+            print(_many(study, 18, 18**4))
+            print(_many(_short(study), 1000, 1_000_000))
+    if options.json:
+        options.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+
+
+def _studies(folder: Path) -> Iterator[tuple[str, Study]]:
+    """Yield studies with their names."""
+    from builder.build import build  # noqa: PLC0415 -- workers import this file and do not need these
+
+    study = shipped_study(folder, builds=7)
+    yield "shipped study", study
+    bank = {f"{k}": replace(_hysteresis(folder), parameters=_scaled(k)) for k in range(4)}
+    yield "Hysteresis", replace(study, bank=bank, corners=dict.fromkeys(CORNERS, tuple(bank)), baseline={})
+    for kind, values in FRICTION.items():
+        yield kind, replace(study, vehicle=replace(study.vehicle, parameters=_everywhere(values)))
+    quarter, identified = build([EXAMPLES / "corner.toml", EXAMPLES / "identified" / "car.json"], folder / "cars")
+    tires = (Measure("tire", ("car.tire_force",)),)
+    drive = replace(study.drives[0], targets={"lf.road": "car.road"})
+    one = replace(
+        study,
+        vehicle=Vehicle(quarter.path, inputs={"aero_force": 0.0}),
+        corners={"corner": tuple(study.bank)},
+        baseline={},
+        alike=(),
+    )
+    yield "quarter car", replace(one, measures=tires, drives=(drive,), objective=(), constraints=())
+    sticking = Vehicle(
+        identified.path,
+        inputs={f"{corner}.aero": 0.0 for corner in CORNERS},
+        parameters=_everywhere(FRICTION["friction that sticks"]),
+    )
+    road = Drive("track", study.drives[0].file, 33.0, targets={f"{c}.road": f"car.{c}.road" for c in CORNERS})
+    velocities = tuple(Measure(f"{c} velocity", (f"car.{c}.velocity",)) for c in CORNERS)
+    own = replace(study, vehicle=sticking, measures=velocities, drives=(road,), objective=(), constraints=())
+    yield "identified car, friction that sticks", own
+
+
+def _everywhere(values: Mapping[str, float]) -> dict[str, float]:
+    return {f"{corner}.{name}": value for corner in CORNERS for name, value in values.items()}
+
+
+def _hysteresis(folder: Path) -> Build:
+    """Return an FMU of Hysteresis of common size: a curve through knots with the quadratic cells that it needs."""
+    from builder.build import build  # noqa: PLC0415 -- as above
+    from eightpost.shock import Hysteresis, StaticCurve, read_shock, write_shock  # noqa: PLC0415
+
+    shock = read_shock(EXAMPLES / "bank" / "B_B.json")
+    velocity = np.array([-1.1, 1.2])[np.repeat([0, 1], [12, 13])] * np.abs(np.linspace(-1.0, 1.0, 25)) ** 1.8
+    slope = 1500.0 + 5000.0 / (1.0 + (velocity / 0.1) ** 2)
+    force = np.concatenate(([0.0], np.cumsum(0.5 * (slope[1:] + slope[:-1]) * np.diff(velocity))))
+    curve = StaticCurve.through_knots(*(tuple(one.tolist()) for one in (velocity, force - force[12], slope)))
+    lagged = tuple(0.6 * one for one in curve.knot_slope)
+    law = Hysteresis(curve, lagged, (0.004, 0.001, 0.002), 1e5, 4e-4, 0.01, port=shock.law.port)
+    write_shock(replace(shock, law=law), folder / "hysteresis.json")
+    return Build(build([folder / "hysteresis.json"], folder / "laws")[0].path)
+
+
+def _scaled(k: int) -> dict[str, float]:
+    return {"compression_scale": 0.7 + 0.2 * k, "rebound_scale": 1.3 - 0.2 * k}
+
+
+def compare(study: Study, setups: int) -> Row:
+    """Return costs and errors of random setups of a study, and how many of them run on the machine."""
+    evaluator = Evaluator(study)
+    coupling = coupling_for(evaluator)
+    if coupling.machine is None:
+        return {"note": coupling.notes[-1]}
+    indices = np.random.default_rng(1).permutation(study.space.indices)[:setups]
+    chosen = [study.space.setup(int(index)) for index in indices]
+    evaluator.rows(chosen[:8], coupling)
+    evaluator.row(chosen[0], THROUGH_FMUS)
+    turns = []
+    for first in range(0, len(chosen), TURN):
+        several = chosen[first : first + TURN]
+        began = time.process_time()
+        evaluator.rows(several, coupling)
+        middle = time.process_time()
+        for setup in several[:CHECKED]:
+            evaluator.row(setup, THROUGH_FMUS)
+        end = time.process_time()
+        turns.append(((middle - began) / len(several), (end - middle) / len(several[:CHECKED])))
+    own, fmu = 1e3 * np.array(turns).T
+    return {
+        "step_ms": 1e3 * coupling.machine.step,
+        "setups": len(chosen),
+        "machine_ms": float(np.median(own)),
+        "fmu_ms": float(np.median(fmu)),
+        "ratio": float(np.median(fmu / own)),
+        "errors": _errors(evaluator, coupling.machine, chosen[:8]),
+        "difference": max(check.difference for check in coupling.machine.checks),
+    }
+
+
+def _errors(evaluator: Evaluator, machine: MachineCoupling, setups: Sequence[Any]) -> dict[str, float]:
+    """Return the largest error of each kind of channel [%]."""
+    study = evaluator.study
+    names = [n for n in evaluator.fmus[str(study.vehicle.fmu)].variables if n.rpartition(".")[2] in _KINDS]
+    recorded = [f"{study.vehicle.name}.{name}" for name in names]
+    runs = [Batches(evaluator, step, recorded, measured=False) for step in (machine.step, machine.step / 16.0)]
+    worst = dict.fromkeys(_KINDS, 0.0)
+    for (_, coarse, _), (_, fine, _) in zip(*(batches.runs(setups) for batches in runs), strict=True):
+        for drive in study.drives:
+            first, second = (
+                own[drive.name].channels().window(study.settling, drive.stop) for own in (coarse or {}, fine or {})
+            )
+            for name, error in difference(first, second).items():
+                kind = name.rpartition(".")[2]
+                worst[kind] = max(worst[kind], error)
+    return {kind: error for kind, error in worst.items() if error > 0.0}
+
+
+#: Kinds of outputs of a vehicle whose errors are stated.
+_KINDS = ("tire_force", "velocity", "hub_acceleration")
+
+
+def _verb(folder: Path) -> str:
+    """Return the processor time of `eightpost study`, the first and the second time."""
+    seconds = []
+    for out in ("first", "second"):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        command = [sys.executable, "-m", "eightpost", "study", "study.toml", "-o", str(folder / out)]
+        subprocess.run(command, cwd=EXAMPLES, check=True, capture_output=True, env=dict(os.environ))
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        seconds.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    return f"eightpost study: {seconds[0]:.1f} s of processor time, again with other output {seconds[1]:.1f} s"
+
+
+#: Fused operations on vectors that do not wait for each other.
+_PEAK = b"""
+typedef double vector __attribute__((vector_size(64)));
+__attribute__((visibility("default"))) double turn(int count)
+{
+    vector a[20];
+    for (int k = 0; k < 20; k++) {
+        a[k] = (vector){0} + k;
+    }
+    for (int n = 0; n < count; n++) {
+        _Pragma("GCC unroll 20")
+        for (int k = 0; k < 20; k++) {
+            a[k] = a[k] * 0.999 + 1e-7;
+        }
+    }
+    double sum = 0.0;
+    for (int k = 0; k < 20; k++) {
+        sum += a[k][0];
+    }
+    return sum;
+}
+"""
+
+
+def _peak(turns: int = 100_000) -> float:
+    """Return the additions and multiplications per second of processor time that this core can do."""
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        path = Path(folder) / "peak.so"
+        path.write_bytes(library.built({"peak.c": _PEAK}))
+        turn = ctypes.CDLL(str(path)).turn
+    return 20 * 16 * turns / min(_seconds(lambda: turn(turns)) for _ in range(20))
+
+
+def _seconds(work: Callable[[], object]) -> float:
+    began = time.process_time()
+    work()
+    return time.process_time() - began
+
+
+def _share_of_peak(study: Study) -> str:
+    """Return how much of the core's peak a run of the seven-DOF car with LPNL2 shocks reaches.
+
+    Additions and multiplications of a step are counted in fmus/machine: 6 a pair of states, 22 a force, 14 a bond; the
+    rest are rows of matrices. Searches and comparisons are not counted.
+    """
+    setups = [study.space.setup(k) for k in range(0, 2400, 50)]
+    batches = Batches(Evaluator(study), THROUGH_MACHINE, measured=False)
+    steps = round(study.drives[0].stop / THROUGH_MACHINE)
+    seconds = min(_seconds(lambda: list(batches.runs(setups))) for _ in range(3)) / len(setups)
+    pairs, corners, sweeps = 7, 4, 2
+    rows = 2 * pairs * (2 * corners) + corners * 2 * pairs + sweeps * corners * 2 * corners
+    reached = (6 * pairs + 2 * rows + 22 * sweeps * 2 * corners + 14 * corners) * steps / seconds
+    return f"a run reaches {1e-9 * reached:.0f} of {1e-9 * _peak():.0f} GFLOP/s"
+
+
+def _short(study: Study) -> Study:
+    """Return a study on a lap of 4 s."""
+    lap, measures = replace(study.drives[0], stop=4.0), tuple(m for m in study.measures if m.section is None)
+    return replace(study, drives=(lap,), measures=measures, objective=(), constraints=())
+
+
+def _many(study: Study, builds: int, count: int) -> str:
+    """Return processor time and memory of random setups of random builds on the machine alone."""
+    rng, some = np.random.default_rng(2), tuple(study.bank.values())
+    names = ("compression_scale", "rebound_scale")
+    scales = rng.uniform(0.6, 1.6, (builds, 2)).tolist()
+    bank = {
+        f"{k}": replace(some[k % len(some)], parameters=dict(zip(names, s, strict=True))) for k, s in enumerate(scales)
+    }
+    space = replace(study, bank=bank, corners=dict.fromkeys(CORNERS, tuple(bank)), baseline={})
+    batches = Batches(Evaluator(space), THROUGH_MACHINE)
+    indices = range(count) if count == builds**4 else rng.integers(0, builds**4, count)
+    before = resource.getrusage(resource.RUSAGE_SELF)
+    done = sum(runs is not None for _, runs, _ in batches.runs(space.space.setup(int(k)) for k in indices))
+    after = resource.getrusage(resource.RUSAGE_SELF)
+    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    grown = (after.ru_maxrss - before.ru_maxrss) / 1024.0
+    stop = study.drives[0].stop
+    return f"{done} of {count} setups x {stop:g} s: {seconds:.0f} s of processor time, {grown:.0f} MB more memory"
+
+
+def markdown(rows: Sequence[Row]) -> str:
+    """Return the rows as a table."""
+    head = "| what | step [ms] | setups | machine [ms] | FMUs [ms] | ratio | tire | velocity | hub | from FMUs [%] |"
+    cells = []
+    for r in rows:
+        if "note" in r:
+            cells.append(f"| {r['what']} | {r['note']} |")
+            continue
+        errors = " | ".join(f"{r['errors'][kind]:.3f}" if kind in r["errors"] else "" for kind in _KINDS)
+        cells.append(
+            f"| {r['what']} | {r['step_ms']:.3g} | {r['setups']} | {r['machine_ms']:.2f} | {r['fmu_ms']:.1f} | "
+            f"{r['ratio']:.0f} | {errors} | {r['difference']:.2g} |"
+        )
+    return "\n".join([head, f"|{'---|' * 10}", *cells])
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--setups", type=int, default=2401, help="setups of the shipped study")
+    parser.add_argument("--sample", type=int, default=192, help="setups of the others")
+    parser.add_argument("--verb", action="store_true", help="also time the whole verb")
+    parser.add_argument("--large", action="store_true", help="also run large spaces, for some minutes")
+    parser.add_argument("--json", type=Path, help="write the rows to this file")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()
