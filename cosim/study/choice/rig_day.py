@@ -560,11 +560,11 @@ def with_rig_runs(
     for name in measures:
         result.study.measure(name)
     digests = {run.digest for run in known.runs}
-    made, notes, missing = list[ConfirmedRun](), list[str](), dict[str | Path, Mapping[str, str]]()
+    made, repeated, missing = list[ConfirmedRun](), list[str](), dict[str | Path, Mapping[str, str]]()
     for run in runs:
         digest = sha256_of(run.file)
         if digest in digests:
-            notes.append(f"{run.file.name} is taken into account already")
+            repeated.append(run.file.name)
             continue
         digests.add(digest)
         values, missing[run.file] = _values(result, run, read, measures)
@@ -573,6 +573,7 @@ def with_rig_runs(
     earlier = _repeated_noise(known.runs)
     stated = {name: value for name, value in known.run_to_run.items() if value != earlier.get(name)}
     noise = {**_repeated_noise(every), **stated}
+    notes = [f"taken into account already: {some(repeated)}"] if repeated else []
     return replace(known, runs=every, run_to_run=noise), [*notes, *without(missing)]
 
 

@@ -299,7 +299,7 @@ def test_confirm_updates_the_certainty_with_records_of_the_virtual_rig(folder, m
     kept = read_certainty(sure / "certainty.previous.parquet")
     np.testing.assert_array_equal(kept.best, before.best)
     again = eightpost("study", "confirm", sure, f"{measured[0].setup}={measured[0].file}")
-    assert "is taken into account already" in again.output
+    assert f"taken into account already: {measured[0].file.name}" in again.output
     assert len(read_certainty(sure / "certainty.parquet").runs) == 6
 
 
