@@ -49,7 +49,7 @@ class HostCar:
         scenario: Scenario with the drive.
 
     Attributes:
-        quantity: Which outputs are compared: tire forces, or without any the shock velocities.
+        quantity: Name of the outputs that are compared. A vehicle without tire forces is compared by shock velocities.
     """
 
     def __init__(self, wired: WiredCar, scenario: Scenario) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.study.choice.optimise import ASSURED
+from cosim.study.choice.shape_search import ASSURED
 from eightpost.api.shapes import VERIFIED, Aim, Target
 from eightpost.files import atomic_path
 from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, grid_figure

@@ -12,22 +12,22 @@ from scipy.stats import qmc
 from builder.build import build
 from cosim.study.choice.assess import Knowledge, posterior_of
 from cosim.study.choice.certainty import OBJECTIVE, Certainty
-from cosim.study.choice.optimise import (
+from cosim.study.choice.optimise import Search, search_study
+from cosim.study.choice.shape_search import (
     ASSURED,
     Band,
+    DrawnCar,
     Evaluation,
     Problem,
     Range,
     Robustness,
-    Search,
     ShapeOptimum,
     ShockSpace,
+    VehicleDraws,
     band,
     groups_of,
     search,
-    search_study,
 )
-from cosim.study.choice.posterior import DrawnCar, VehicleDraws
 from cosim.study.definition import Build, Study
 from cosim.study.running.evaluator import Coupling
 from cosim.study.running.sweep import Sweep, Trials

@@ -134,18 +134,18 @@ def _host_steps(path: Path) -> HostSteps:
 def show_host_steps(console: Console, name: str, found: HostSteps) -> None:
     """Print the largest steps of each loop for a host that integrates the car."""
     from cosim.study.host_steps import LIMITS, LOOPS
-    from eightpost.app.show import show_text
+    from eightpost.app.show import show_table, show_text
 
     def milliseconds(step: float) -> str:
         return f"{1e3 * step:.3g} ms" if step else "below 0.1 ms"
 
-    console.print(
-        f"{escape(name)}: largest steps of a host that integrates {escape(found.car)} with Runge-Kutta, for errors of "
-        f"the {found.quantity} in {found.seconds:g} s of the drive",
-        highlight=False,
+    show_text(
+        console,
+        f"{name}: largest steps of a host that integrates {found.car} with Runge-Kutta, for errors of the "
+        f"{found.quantity} in {found.seconds:g} s of the drive",
     )
     rows = [(loop, milliseconds(found.stable[loop]), *map(milliseconds, found.steps[loop])) for loop in LOOPS]
-    console.print(console_table(["loop", "stable to", *(f"{limit:g} %" for limit in LIMITS)], rows))
+    show_table(console, console_table(["loop", "stable to", *(f"{limit:g} %" for limit in LIMITS)], rows))
     show_text(console, "loops of docs/how_to/hosts.md; friction at the vehicle's ports is left out", begin="  ")
 
 

@@ -8,18 +8,8 @@ from typing import TYPE_CHECKING
 import click
 from rich.console import Console
 
-from eightpost.app.options import (
-    CHANNELS,
-    Assignment,
-    Channels,
-    FilePath,
-    OutputFolder,
-    Quantity,
-    argument,
-    option,
-    setting,
-    verb,
-)
+from eightpost.app.channels import CHANNELS, Channels
+from eightpost.app.options import Assignment, FilePath, OutputFolder, Quantity, argument, option, setting, verb
 from eightpost.app.virtual import CAR_SEED, CARS, FRICTION, NOISE
 from eightpost.errors import InputError
 

@@ -11,18 +11,8 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import (
-    CHANNELS,
-    Channels,
-    FilePath,
-    LawName,
-    OutputFile,
-    Quantity,
-    argument,
-    option,
-    setting,
-    verb,
-)
+from eightpost.app.channels import CHANNELS, Channels
+from eightpost.app.options import FilePath, LawName, OutputFile, Quantity, argument, option, setting, verb
 from eightpost.app.show import (
     details,
     is_detailed,

@@ -10,7 +10,8 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import CHANNELS, Channels, FilePath, OutputFile, Quantity, argument, option, setting, verb
+from eightpost.app.channels import CHANNELS, Channels
+from eightpost.app.options import FilePath, OutputFile, Quantity, argument, option, setting, verb
 from eightpost.app.show import bar, details, show_files, show_summary, show_verdict
 from eightpost.errors import FileFormatError, InputError, missing_file
 from eightpost.outputs import VEHICLE

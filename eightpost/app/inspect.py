@@ -12,19 +12,8 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost import completion
-from eightpost.app.options import (
-    CHANNELS,
-    Channels,
-    FilePath,
-    Number,
-    OutputFolder,
-    Quantity,
-    argument,
-    option,
-    setting,
-    verb,
-    warn,
-)
+from eightpost.app.channels import CHANNELS, Channels
+from eightpost.app.options import FilePath, Number, OutputFolder, Quantity, argument, option, setting, verb, warn
 from eightpost.app.show import (
     details,
     each,
@@ -142,7 +131,7 @@ def inspect(
         _show_document(console, path, kind)
         return
     found = _show_record_file(console, path, channels, mass, folder)
-    show_text(console, "Suspicious; see above." if found else "Nothing is suspicious.", style="bold")
+    show_text(console, "There are warnings." if found else "No warnings.", style="bold")
     ctx.exit(int(found))
 
 
@@ -237,7 +226,7 @@ def _show_record_file(
 
 
 def _show_proposed(console: Console, path: Path, proposed: ProposedMap, folder: Path | None) -> NoReturn:
-    """Write a proposed channel map if there is a folder for it, otherwise show it; the file needs one.
+    """Write a proposed channel map into a folder, or show it with -v; then refuse the file, which needs a map.
 
     Raises:
         InputError: Always.

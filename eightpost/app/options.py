@@ -19,12 +19,11 @@ from __future__ import annotations
 
 import importlib
 import inspect
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf, isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import click
 
@@ -32,13 +31,20 @@ from eightpost.app.former import former_option
 from eightpost.errors import InputError, ParameterError, choice_of, suggestion
 from eightpost.outputs import Kind, check_file, check_folder, is_input, recorded
 
-if TYPE_CHECKING:
-    from eightpost.signals import ChannelMap
-
 
 def warn(text: str) -> None:
     """Print a warning on standard error."""
     click.echo(f"{click.style('warning:', fg='yellow')} {text}", err=True)
+
+
+#: Entry of a context's `meta` with the names of the settings that the command line states.
+STATED = f"{__name__}.stated"
+
+#: Entry of a context's `meta` with the files of channel maps, which are read before the verb is called.
+MAPS = f"{__name__}.maps"
+
+#: Entry of a context's `meta` with the units of channels that the command line states.
+UNITS = f"{__name__}.units"
 
 
 # ---- Declarations ---------------------------------------------------------------------------------------------------
@@ -100,7 +106,7 @@ def _parameter(name: str, declared: _Declared, annotation: str) -> click.Paramet
         return click.Option(spellings, is_flag=True, help=declared.text)
     return click.Option(
         spellings, type=kind, metavar=declared.metavar, required=required, default=default, help=declared.text,
-        show_default=default is not None, multiple=several or kind is CHANNELS.kind, nargs=declared.nargs,
+        show_default=default is not None, multiple=several or hasattr(kind, "merged"), nargs=declared.nargs,
         callback=getattr(kind, "merged", None),
     )  # fmt: skip
 
@@ -225,10 +231,8 @@ class Verb(click.Command):
         inputs = [path for one in given for path in (one if isinstance(one, tuple) else (one,)) if path is not None]
         from eightpost.units import following_files, note_file
 
-        with recorded([*inputs, *ctx.meta.get(_MAPS, ())]), following_files():
-            for value in ctx.params.values():
-                if isinstance(value, Channels):
-                    note_file(value.units.values())
+        with recorded([*inputs, *ctx.meta.get(MAPS, ())]), following_files():
+            note_file(ctx.meta.get(UNITS, ()))
             check_outputs()
             return super().invoke(ctx)
 
@@ -355,7 +359,7 @@ class Choice(click.Choice):  # type: ignore[type-arg]
 
     def word(self, value: object) -> str:
         """Return the word of a value."""
-        return choice_of("word", value, self.choices)
+        return choice_of("value", value, self.choices)
 
 
 class LawName(Choice):
@@ -510,114 +514,6 @@ class Assignment(click.ParamType):  # type: ignore[type-arg]
         return left, right
 
 
-# ---- Channels of a record -------------------------------------------------------------------------------------------
-
-#: Entry of a context's `meta` with the names of the settings that the command line states.
-STATED = f"{__name__}.stated"
-
-#: Entry of a context's `meta` with the files of channel maps, which are read before the verb is called.
-_MAPS = f"{__name__}.maps"
-
-
-@dataclass(frozen=True, slots=True)
-class Channels:
-    """Columns, units and signs of the channels of a record, as the command line states them."""
-
-    channel_map: ChannelMap | None = None
-    units: Mapping[str, str] = field(default_factory=dict)
-    flip: tuple[str, ...] = ()  #: Channels to reverse in all files; `none` confirms the signs as recorded.
-    of_files: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  #: Channels to reverse, by name of a file.
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """Return the arguments of the functions that read records; the signs of single files are in `flips`."""
-        return {"channel_map": self.channel_map, "units": dict(self.units), "flip": self.flip}
-
-    @property
-    def flips(self) -> dict[str, tuple[str, ...]]:
-        """Return the channels to reverse by name of a file; those of all other files have an empty name."""
-        return {**self.of_files, **({"": self.flip} if self.flip else {})}
-
-    @property
-    def record_options(self) -> dict[str, Any]:
-        """Return the arguments of the functions that read several records, each with its own signs."""
-        return {**self.options, "flip": self.flips}
-
-    def of(self, file: Path) -> dict[str, Any]:
-        """Return the arguments of the functions that read a file."""
-        from eightpost.rig.columns import flips_of
-
-        return {**self.options, "flip": flips_of(file, self.flips)}
-
-    @property
-    def is_stated(self) -> bool:
-        """Return whether the command line states anything."""
-        return self != Channels()
-
-
-class _ChannelText(click.ParamType):  # type: ignore[type-arg]
-    """`[FILE:]CHANNEL=[-]COLUMN [UNIT]`, or a TOML file with a channel map."""
-
-    name = "channel"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return a channel map, or file, channel, sign, column and unit."""
-        if not isinstance(value, str):
-            return value
-        from eightpost.units import is_unit
-
-        name, equals, column = value.partition("=")
-        if not equals and value.lower().endswith(".toml"):
-            from eightpost.signals import ChannelMap
-
-            if ctx:
-                ctx.meta.setdefault(_MAPS, []).append(Path(value))
-            return ChannelMap.read(Path(value))
-        if not (name and column):
-            self.fail(
-                f"{value!r}: write CHANNEL=COLUMN, CHANNEL='-COLUMN [UNIT]' or the name of a .toml file", param, ctx
-            )
-        file, _, channel = name.rpartition(":")
-        sign = column[0] if column in ("+", "-") or column[0] == "-" else ""
-        source, unit = column.removeprefix(sign).strip(), None
-        bracket = re.fullmatch(r"(.*?)\s*\[([^\]]+)\]", source)
-        if bracket and (not bracket[1] or is_unit(bracket[2])):
-            source, unit = bracket.groups()
-        return file, channel, sign, source, unit
-
-    @staticmethod
-    def merged(_ctx: click.Context, _param: click.Parameter, values: Sequence[Any]) -> Channels:
-        """Return all values of the option as one object."""
-        maps = [value for value in values if not isinstance(value, tuple)]
-        stated = [value for value in values if isinstance(value, tuple)]
-        channel_map, columns = (
-            (maps[-1] if maps else None),
-            {name: source for _, name, _, source, _ in stated if source},
-        )
-        if columns:
-            from eightpost.rig.columns import with_channels
-
-            channel_map = with_channels(channel_map, columns)
-        of_files: dict[str, tuple[str, ...]] = {}
-        for file, name, sign, _, _ in stated:
-            if sign == "-":
-                of_files[file] = (*of_files.get(file, ()), name)
-        is_confirmed = any(sign == "+" for _, _, sign, _, _ in stated)
-        flip = of_files.pop("", ("none",) if is_confirmed else ())
-        return Channels(channel_map, {name: unit for _, name, _, _, unit in stated if unit}, flip, of_files)
-
-
-#: Option --channel of the verbs that read records.
-CHANNELS: Any = _Declared(
-    "option",
-    "Column, sign and unit of a channel whose header lacks them: force='Load 2', force=3 (in a file without a header), "
-    "force=- (the opposite sign; force=+ confirms that of the file), 'force=[lbf]', or all: 'force=-Load 2 [lbf]'; "
-    "for one file run7.csv:force=-. bridge=20: up to 20 samples in a row that are NaN or empty become a straight line. "
-    "A .toml file is a channel map (docs/reference/signs_and_units.md). May be repeated.",
-    ("--channel",), _ChannelText(), metavar="CHANNEL=COLUMN|MAP.TOML",
-)  # fmt: skip
-
-
 #: File beside the report of each kind. A run writes no report into the folder of a study, so the study comes first.
 _BESIDE_REPORT = {"study": "results.parquet", "run": "result.json"}
 
@@ -651,14 +547,12 @@ class Workers(click.ParamType):  # type: ignore[type-arg]
         return int(value)
 
 
-WORKERS: Any = _Declared(
-    "option",
+WORKERS: Any = option(
     "Number of processes that run setups, or address of a Dask cluster, e.g. tcp://host:8786 (docs/how_to/scale.md); "
     "default: one process per processor.",
-    ("--workers",), Workers(), metavar="N|ADDRESS",
+    "--workers", kind=Workers(), metavar="N|ADDRESS",
 )  # fmt: skip
 
-RANK: Any = _Declared(
-    "option", "Measure that ranks the setups, smallest first; default: the objective of the study.", ("--rank",),
-    metavar="MEASURE",
+RANK: Any = option(
+    "Measure that ranks the setups, smallest first; default: the objective of the study.", "--rank", metavar="MEASURE",
 )  # fmt: skip

@@ -9,19 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.console import Console
 
-from eightpost.app.options import (
-    CHANNELS,
-    Assignment,
-    Channels,
-    FilePath,
-    Number,
-    OutputFile,
-    Quantity,
-    argument,
-    option,
-    setting,
-    verb,
-)
+from eightpost.app.channels import CHANNELS, Channels
+from eightpost.app.options import Assignment, FilePath, Number, OutputFile, Quantity, argument, option, setting, verb
 from eightpost.errors import InputError
 from eightpost.outputs import PAGE
 

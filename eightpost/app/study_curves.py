@@ -99,7 +99,7 @@ def shapes(
       eightpost study shapes examples/study.toml -o out/ --at lr --vary rebound.low --vary rebound.high
       eightpost study shapes examples/study.toml -o out/ --limit 'compression.low=10 lbf.s/in,60 lbf.s/in'
     """
-    from cosim.study.choice.optimise import Robustness
+    from cosim.study.choice.shape_search import Robustness
     from eightpost.api.shape_page import aim_verdict
     from eightpost.api.shapes import Request, bank_plan, searched_groups
     from eightpost.app.show import show_files, show_text, show_verdict

@@ -11,7 +11,8 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.app.options import CHANNELS, Channels, FilePath, Number, OutputFile, argument, option, setting, verb
+from eightpost.app.channels import CHANNELS, Channels
+from eightpost.app.options import FilePath, Number, OutputFile, argument, option, setting, verb
 from eightpost.app.study import saved, show_certainty
 from eightpost.errors import InputError
 from eightpost.outputs import PICTURE

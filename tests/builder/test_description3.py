@@ -226,7 +226,7 @@ def test_a_confidential_fmu_has_no_sources_and_gives_the_same_outputs(run, shock
     [
         (("--target", "python", "--fmi", "3"), "python FMUs are of FMI 2.0"),
         (("--target", "all", "--fmi", "all"), "python FMUs are of FMI 2.0"),
-        (("--fmi", "1"), "unknown word '1'; it must be one of 2, 3, all"),
+        (("--fmi", "1"), "unknown value '1'; it must be one of 2, 3, all"),
     ],
 )
 def test_an_fmi_version_that_cannot_be_built_is_a_usage_error(run, shock, tmp_path, options, reason):

@@ -9,7 +9,7 @@ import click
 import pytest
 from rich.console import Console
 
-from eightpost.app.options import Channels
+from eightpost.app.channels import Channels
 from eightpost.app.show import show_notes, show_summary, show_table, show_text, show_verdict
 from eightpost.report.console import console_table
 from eightpost.verdict import Grade, Reason, Verdict

@@ -11,6 +11,7 @@ from click.testing import CliRunner, Result
 
 from eightpost.__main__ import every_verb, main
 from eightpost.app import options
+from eightpost.app.channels import CHANNELS, Channels
 from eightpost.app.former import current_verb
 from eightpost.errors import InputError, ParameterError
 from eightpost.outputs import EXPORT
@@ -151,8 +152,8 @@ def test_a_channel_without_both_sides_is_refused(word: str) -> None:
         channels(word)
 
 
-def channels(*words: str) -> options.Channels:
-    kind = options.CHANNELS.kind
+def channels(*words: str) -> Channels:
+    kind = CHANNELS.kind
     return kind.merged(None, None, [kind.convert(word, None, None) for word in words])
 
 
@@ -211,7 +212,7 @@ def test_the_file_of_a_channel_map_is_an_input(tmp_path: Path) -> None:
 
     @options.verb
     def verb(
-        channels: options.Channels = options.CHANNELS,
+        channels: Channels = CHANNELS,
         output: Path = options.option("Text.", "-o", kind=options.OutputFile(EXPORT)),
     ) -> None:
         """Print."""

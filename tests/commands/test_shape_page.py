@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cosim.study.choice.optimise import Band, Evaluation, Range, Robustness, ShapeOptimum, ShockSpace
+from cosim.study.choice.shape_search import Band, Evaluation, Range, Robustness, ShapeOptimum, ShockSpace
 from eightpost.api import shape_page
 from eightpost.api.shape_page import (
     aim_verdict,

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cosim.study.choice.optimise import Evaluation, Robustness, ShapeOptimum
+from cosim.study.choice.shape_search import Evaluation, Robustness, ShapeOptimum
 from cosim.study.definition import Build
 from eightpost.api import shapes as shape_search
 from eightpost.api.shapes import Curves, Request, bank_plan, find_curves, searched_groups, shapes_of_bank

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cosim.study.choice.optimise import Band, Range, ShockSpace
+from cosim.study.choice.shape_search import Band, Range, ShockSpace
 from cosim.study.definition import Build
 from eightpost.api import shapes as shape_search
 from eightpost.api.shapes import targets_of

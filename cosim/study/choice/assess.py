@@ -7,6 +7,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from cosim.study.choice.best import (
+    Criterion,
+    Drawn,
+    candidates,
+    draw_choice,
+    drawn_levels,
+    feasible_probability,
+    limits_of,
+    tests_of,
+)
 from cosim.study.choice.certainty import (
     OBJECTIVE,
     PROBABILITIES,
@@ -22,20 +32,7 @@ from cosim.study.choice.certainty import (
     TradeOff,
     VehicleSource,
 )
-from cosim.study.choice.posterior import (
-    Criterion,
-    Drawn,
-    Observations,
-    Posterior,
-    Surprise,
-    candidates,
-    draw_choice,
-    drawn_levels,
-    feasible_probability,
-    limits_of,
-    surprises_of,
-    tests_of,
-)
+from cosim.study.choice.posterior import Observations, Posterior, Surprise, surprises_of
 from cosim.study.choice.sources import FILE, OUTPUT, UNKNOWN, ErrorSources, error_sources
 from cosim.study.table import StudyResult, error_column
 from eightpost.array_types import Array, Flags, Integers

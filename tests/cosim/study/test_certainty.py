@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from cosim.study.choice.assess import Knowledge, certainty_of, posterior_of
+from cosim.study.choice.best import Limits, next_tests
 from cosim.study.choice.certainty import (
     OBJECTIVE,
     ConfirmedRun,
@@ -23,7 +24,8 @@ from cosim.study.choice.certainty import (
     certainty_reasons,
     summary_lines,
 )
-from cosim.study.choice.posterior import DrawnCar, Limits, VehicleDraws, half_width, next_tests, probability_below
+from cosim.study.choice.posterior import half_width, probability_below
+from cosim.study.choice.shape_search import DrawnCar, VehicleDraws
 from cosim.study.choice.sources import Scales, error_sources
 from cosim.study.definition import Constraint, Term
 from eightpost.errors import InputError

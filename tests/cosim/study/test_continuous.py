@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim.study import Build
-from cosim.study.choice.optimise import Evaluation, Problem, Range, Robustness, ShockSpace, band, groups_of, search
 from cosim.study.choice.sensitivity import MeasureChange, what_if
+from cosim.study.choice.shape_search import Evaluation, Problem, Range, Robustness, ShockSpace, band, groups_of, search
 from cosim.study.definition import Constraint, Term
 from cosim.study.running.evaluator import Coupling
 from cosim.study.running.sweep import Sweep, Trials
