@@ -253,10 +253,13 @@ ABOUT = "rig tests"
 #: hardly varies, and in which it varies too much; correlation of an input of two tests above which it is the same [1].
 _EQUATIONS, _WIDE, _TOO_WIDE, _SAME = 4.5, 0.8, 1.5, 0.7
 
-#: Friction relative to the RMS of the shock force above which predictions are worse, and above which friction can hold
-#: the car [1]; velocity below which a shock hardly slides [m/s]; share of a test in which it does so above which the
+#: Friction relative to the RMS of the shock force above which predictions are worse [1]; velocity below which a shock
+#: hardly slides [m/s].
+_RUBS, _SLOW = 0.25, 0.006
+
+#: Friction relative to the RMS of the shock force, and share of a test in which the shock hardly slides, above which
 #: tests cannot be compared, and above which friction holds the car [1].
-_RUBS, _HOLDS, _SLOW, _STICKS, _HELD = 0.3, 0.6, 0.006, 0.2, 0.3
+_STICKS, _HOLDS = (0.3, 0.2), (0.6, 0.3)
 
 #: Part of its mean load at which a tire has lifted [1]; share of a test that matters, and that is too large [1].
 _LIFTED, _SHORTLY, _OFTEN = 0.01, 0.001, 0.01
@@ -268,7 +271,7 @@ def _limits(kind: str) -> str:
 
 RULES = Rules.read(
     Path(__file__).with_suffix(".txt"), ABOUT, too_wide=_TOO_WIDE, equations=_EQUATIONS, wide=_WIDE,
-    holds=100 * _HOLDS, slow=1000.0 * _SLOW, holds_time=100 * _HELD, rubs=100 * _RUBS,
+    holds=100 * _HOLDS[0], slow=1000.0 * _SLOW, holds_time=100 * _HOLDS[1], rubs=100 * _RUBS,
     lifted=100 * _LIFTED, often=100 * _OFTEN, shortly=100 * _SHORTLY,
     significant=SIGNIFICANT, unusable=_limits("unusable"), tests=_limits("tests"), halves=_limits("halves"),
 )  # fmt: skip
@@ -283,7 +286,8 @@ def reasons_of_tests(prepared: Prepared, experiment: Experiment) -> tuple[Reason
     corner, rubs = max(agreement.rubbing.items(), key=lambda item: item[1], default=("", 0.0))
     slow = _slow(prepared.records, corner) if rubs > _RUBS else 0.0
     held = _friction(prepared, corner, rubs, slow) if rubs > _RUBS else ()
-    changes = () if slow > _STICKS else tuple(_changed(change, prepared.names) for change in agreement.changes)
+    sticks = rubs > _STICKS[0] and slow > _STICKS[1]
+    changes = () if sticks else tuple(_changed(change, prepared.names) for change in agreement.changes)
     return (*held, *changes, *_lifted(prepared), *_short(prepared, experiment))
 
 
@@ -313,10 +317,10 @@ def _slow(records: Sequence[TimeSeries], corner: str) -> float:
 
 def _friction(prepared: Prepared, corner: str, rubs: float, slow: float) -> tuple[Reason]:
     share, origin = f"{corner}: friction {100 * rubs:.0f} % of the shock force", listed(prepared.names)
-    if rubs > _HOLDS and slow > _HELD:
+    if rubs > _HOLDS[0] and slow > _HOLDS[1]:
         figure = (
-            f"{share}, slower than {1e3 * _SLOW:g} mm/s for {100 * slow:.0f} % of the time; limits {100 * _HOLDS:g} "
-            f"and {100 * _HELD:g} %"
+            f"{share}, slower than {1e3 * _SLOW:g} mm/s for {100 * slow:.0f} % of the time; limits {100 * _HOLDS[0]:g} "
+            f"and {100 * _HOLDS[1]:g} %"
         )
         return (RULES.reason("friction holds the car", "friction holds the car", figure, origin=origin),)
     figure = f"{share}; limit {100 * _RUBS:g} %"

@@ -92,7 +92,7 @@ def gentle(size, friction):
     ("size", "grade", "statement", "limits"),
     [
         (0.1, Grade.NOT_USABLE, "friction holds the car", "; limits 60 and 30 %"),
-        (0.2, Grade.LIMITED, "friction is large beside the shock force", "; limit 30 %"),
+        (0.2, Grade.LIMITED, "friction is large beside the shock force", "; limit 25 %"),
     ],
 )
 def test_friction_that_holds_the_car_is_the_only_reason_of_such_tests(size, grade, statement, limits):

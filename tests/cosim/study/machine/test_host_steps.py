@@ -176,7 +176,7 @@ def test_the_command_prints_a_line_for_each_loop_on_at_most_twelve_lines(system,
     assert ran.exit_code == 0 and len(ran.output.splitlines()) <= 12
     for loop in LOOPS:
         (row,) = (line for line in ran.output.splitlines() if line.startswith(f"{loop} ") and "ms" in line)
-        assert row.split() == [loop, *"7.12 ms 4 ms 1 ms below 0.1 ms".split()]
+        assert row.split() == [loop, *["7.12", "ms", "4", "ms", "1", "ms", "below", "0.1", "ms"]]
     document = json.loads(CliRunner().invoke(check, ["--json", str(system(DRIVEN))]).stdout)
     (steps,) = document["host_steps"].values()
     assert steps["steps"]["C"] == [4e-3, 1e-3, 0.0] and document["reports"] == []
