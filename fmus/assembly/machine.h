@@ -5,6 +5,7 @@
 #include "assembly_data.h"
 #include "component.h"
 #include "part.h"
+#include "real.h"
 
 #define kept_of fmi2FullName(kept_of)
 #define unpack fmi2FullName(unpack)
@@ -38,11 +39,6 @@ typedef struct {
     double slope[COUPLED]; /* over the last micro step [1/s] */
     double ahead[COUPLED]; /* at the end of the micro step, for parts that have stepped */
 } Machine;
-
-static inline double size_of(double value)
-{
-    return value < 0.0 ? -value : value;
-}
 
 /* The saved data of part p. */
 Kept kept_of(const Memory *memory, int p);

@@ -1,12 +1,14 @@
 """A drive file is linear between its samples, constant outside, and its means are exact."""
 
 import itertools
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from eightpost.errors import TimeGapError
 from eightpost.signals import Drivefile, TimeSeries
 
 RAMP = Drivefile(
@@ -66,3 +68,12 @@ def test_a_drive_file_is_read_back_from_its_file(tmp_path, suffix):
     RAMP.write(tmp_path / f"drive{suffix}")
     back = Drivefile.read(tmp_path / f"drive{suffix}")
     np.testing.assert_array_equal(back.series.values, RAMP.series.values)
+
+
+def test_only_an_even_grid_of_times_has_gaps(tmp_path):
+    even = np.delete(np.arange(50.0) * 0.01, [20, 21, 22])
+    for time, is_refused in ((even, True), (np.cumsum(np.linspace(0.01, 0.1, 50)), False), (np.array([0.0]), False)):
+        path = tmp_path / "drive.csv"
+        path.write_text("time [s],road [m]\n" + "".join(f"{t:.6f},{t:.6f}\n" for t in time))
+        with pytest.raises(TimeGapError) if is_refused else nullcontext():
+            assert len(Drivefile.read(path).series) == time.size
