@@ -51,6 +51,21 @@ def test_the_content_of_a_refused_file_is_shown_before_the_error(tmp_path):
     assert "--channel 'force=[unit]'" in " ".join(shown.split())
 
 
+def test_a_shock_file_is_shown_in_the_units_of_the_user(monkeypatch):
+    monkeypatch.setenv("EIGHTPOST_UNITS", "si")
+    path = DATA.parent / "bank" / "AA_B.json"
+    metric = inspect(path)[1]
+    assert "lag_full_force 44.48 N" in metric
+    assert "186.6 N and -386.4 N at 100 mm/s" in metric
+    assert "displacement -38.1 to 35.5 mm" in metric
+    monkeypatch.setenv("EIGHTPOST_UNITS", "us")
+    customary = inspect(path)[1]
+    assert "lag_full_force 10 lbf" in customary
+    assert "41.95 lbf and -86.86 lbf at 3.94 in/s" in customary
+    assert "displacement -1.5 to 1.4 in" in customary
+    assert "temperature 110 to 113 degF" in customary
+
+
 def test_a_peak_velocity_table_is_shown_by_setting(tmp_path):
     path = tmp_path / "valve.csv"
     path.write_text("clicks,speed [m/s],comp [N],reb [N]\n3,0.1,100,200\n3,0.2,150,300\n6,0.1,50,100\n6,0.2,80,160\n")
