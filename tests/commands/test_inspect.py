@@ -17,12 +17,14 @@ def inspect(*words):
 
 
 @pytest.mark.nightly
-def test_a_good_record_is_shown_with_columns_ranges_and_runs():
-    code, shown = inspect(DATA / "dyno_C.csv")
+def test_a_good_record_is_shown_with_columns_ranges_and_runs(monkeypatch):
+    monkeypatch.setenv("EIGHTPOST_UNITS", "si")
+    code, shown = inspect(DATA / "dyno_C.csv", "-v")
     assert code == 0, shown
-    for expected in ("SYNTHETIC data", "24001 samples", "12 s at 2000 Hz", "velocity", "temperature drift: +2.", "run"):
+    for expected in ("SYNTHETIC data", "24001 samples", "12 s at 2000 Hz", "velocity", "run"):
         assert expected in shown
-    assert "warning" not in shown
+    assert "temperature drift: +2.2 degC" in " ".join(shown.split())
+    assert "No warnings." in shown
 
 
 @pytest.mark.nightly
