@@ -379,7 +379,7 @@ def check_setup(evaluator: Evaluator, setup: Setup, machine: MachineCoupling) ->
         right = run(evaluator.system(setup), scenario, algorithm=Automatic(study.accuracy), progress=heartbeat)
         differences = difference(right.settled(), _settled(runs[drive.name], study.settling))
         apart = float(np.max([apart, *differences.values()]))  # NaN if one is
-        own = max(own, machine.errors.worst_channel(runs[drive.name].summary))
+        own = max(own, machine.errors.of(runs[drive.name].summary)[0])
         stated = max(stated, *right.stated_error.values())
         steps.append(right.step)
         scheme = "implicit" if right.scheme == "implicit" else scheme

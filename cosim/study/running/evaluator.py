@@ -54,22 +54,21 @@ class ErrorModel:
     #: Gain of each end for each measure; the errors are in the measure's SI unit.
     measures: Mapping[str, tuple[float, ...]]
 
-    def worst_channel(self, result: CoupledRun) -> float:
-        """Return the largest estimated error of the compared channels, in percent of the channel's scale."""
-        return float(np.sqrt(self._gains["channels"] @ self._squares(result)).max(initial=0.0))
+    def of(self, result: CoupledRun) -> tuple[float, dict[str, float]]:
+        """Return the estimated errors of a run.
 
-    def of_measures(self, result: CoupledRun) -> dict[str, float]:
-        """Return the estimated error of every measure that the pilots had, in its SI unit."""
-        return dict(zip(self.measures, np.sqrt(self._gains["measures"] @ self._squares(result)).tolist(), strict=True))
+        Returns:
+            Largest error of the compared channels, in percent of the channel's scale; and the error of every measure
+            that the pilots had, in its SI unit.
+        """
+        local = local_errors(result)
+        squares = np.array([local[end] for end in self.ends]) ** 2
+        channels, measures = (np.sqrt(gains @ squares) for gains in self._gains)
+        return float(channels.max(initial=0.0)), dict(zip(self.measures, measures.tolist(), strict=True))
 
     @cached_property
-    def _gains(self) -> dict[str, Array]:
-        gains = {"channels": self.channels, "measures": self.measures}
-        return {what: np.array([*one.values()]).reshape(-1, len(self.ends)) for what, one in gains.items()}
-
-    def _squares(self, result: CoupledRun) -> Array:
-        local = local_errors(result)
-        return np.array([local[end] for end in self.ends]) ** 2
+    def _gains(self) -> list[Array]:
+        return [np.array([*one.values()]).reshape(-1, len(self.ends)) for one in (self.channels, self.measures)]
 
 
 class Pilot(NamedTuple):
@@ -426,10 +425,9 @@ class Evaluator:
             where = f"{drive.name}: " if len(self.study.drives) > 1 else ""
             marks += [where + mark for mark in _marks(result)]
             if model is not None:
-                worst = max(worst, model.worst_channel(result))
-                errors = model.of_measures(result)
-                for measure in self.study.measures_of(drive):
-                    values[error_column(measure.name)] = errors.get(measure.name)
+                largest, errors = model.of(result)
+                worst = max(worst, largest)
+                values |= {error_column(name): errors.get(name) for name in measured}
         if worst > self.study.accuracy:
             marks.append(f"coupling error {worst:.2g} %")
         return values | {
