@@ -97,7 +97,7 @@ class States:
 
     def _run(self, valve: Valve, own: tuple[float, ...], velocity: Array, step: float) -> Array:
         """Return the states (M, 2) over one run."""
-        from eightpost.shock.compiled import stepped_states  # noqa: PLC0415 - the compiler takes a second to load
+        from eightpost.shock.records import stepped_states  # noqa: PLC0415 - LLVM, which other laws do not need
 
         steps = np.full(velocity.size - 1, step)
         if not self.is_fine:
