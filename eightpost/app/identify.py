@@ -46,6 +46,11 @@ def identify(
         "Test with held loads, for the car's static tire forces and ride heights (6.4.4); may be repeated.",
         "--static", kind=FilePath(), metavar="RIG",
     ),
+    shock_files: tuple[Path, ...] = option(
+        "Shock of the tests: measured forces are brought in step with its law (docs/explanation/common_poles.md); may "
+        "be repeated.",
+        "--shock", kind=FilePath(), metavar="SHOCK.json",
+    ),
     channels: Channels = CHANNELS,
     plots: Literal["none", "main", "all"] = option(
         "Outputs to draw. main: shock velocities, tire forces and ride heights.",
@@ -83,13 +88,14 @@ def identify(
     Examples:
       eightpost identify rig/*.parquet -o car.json
       eightpost identify base.parquet soft_lf.parquet soft_rf.parquet soft_lr.parquet soft_rr.parquet -o car.json
-      eightpost identify rig/*.parquet --static static/heave.parquet --static static/roll.parquet -o car.json
+      eightpost identify rig/*.parquet --static static/heave.parquet --shock base.json --shock soft.json -o car.json
       eightpost identify q1.csv q5.csv --set recipe=boggs --set damping='31.03 lbf.s/in' -o corner.json
     """
     from eightpost.ident.preparation import Decimation, Preparation, prepare, read_preparation
     from eightpost.ident.vehicle.plan import plan_identification
     from eightpost.ident.vehicle.vehicle_fit import write_fit
     from eightpost.rig.rig_test import read_rig_tests
+    from eightpost.shock import read_shock
 
     console = Console()
     more = details(console)
@@ -113,6 +119,7 @@ def identify(
             damping=damping,
             outputs=output_channels.replace(" ", "").split(",") if output_channels else (),
             static=read(static_files) if static_files else (),
+            shocks=[read_shock(path) for path in shock_files],
         )
         _show_baseline(more, rig_files, plan.baseline)
         if plan.rating is not None:
