@@ -150,6 +150,6 @@ def test_a_model_far_from_its_data_exits_1(quarter_car, tmp_path):
 def test_measured_forces_are_compared_with_the_laws_of_given_shocks(files, tmp_path):
     law = read_shock(Path(__file__).parents[2] / "examples" / "bank" / "B_B.json").law
     write_shock(Shock("other", replace(law, port=replace(law.port, motion_ratio=2.0))), tmp_path / "other.json")
-    result = _identify(*files, "--shock", tmp_path / "other.json", "-o", tmp_path / "corner.json")
+    result = _identify(*files, "--set", f"shocks={tmp_path / 'other.json'}", "-o", tmp_path / "corner.json")
     assert result.exit_code == 2
     assert "no given shock has the force of force" in " ".join(result.output.split())
