@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import shift
 
 from eightpost.array_types import Array
-from eightpost.checks.lag import delay_of
 from eightpost.corners import CORNERS, channel
 from eightpost.errors import InputError, ParameterError
 from eightpost.ident.preparation import Prepared
@@ -374,9 +373,8 @@ def _is_same(records: Sequence[TimeSeries], name: str) -> bool:
 # A measured force is late if its logger is, or if rubber is in series with a shock whose potentiometer spans both. A
 # study couples the law without this delay t to the car, where it then acts as a mass of -c t at a damping c.
 
-#: Part of a force that the law of its shock leaves unexplained at most [1]; highest frequency [Hz], longest delay [s]
-#: and Newton steps of the search.
-_UNEXPLAINED, _HIGHEST, _LONGEST, _STEPS = 0.2, 25.0, 0.02, 3
+#: Part of a force that the law of its shock leaves unexplained at most [1]; highest frequency of the comparison [Hz].
+_UNEXPLAINED, _HIGHEST = 0.2, 25.0
 
 
 class _Late(NamedTuple):
@@ -394,11 +392,10 @@ class _Late(NamedTuple):
 def _late(record: TimeSeries, port: str, shock: Shock) -> _Late:
     force, rate = record[channel(port, "force")], record.sample_rate
     expected = law_force(record, port, shock.law)
-    seconds = delay_of(force, expected, rate, band=_HIGHEST, longest=_LONGEST).seconds
     w = 2.0 * np.pi * np.fft.rfftfreq(force.size, 1.0 / rate)
     own, other = (np.fft.rfft(values * np.hanning(values.size)) for values in (force, expected))
-    cross = np.where(w < 2.0 * np.pi * _HIGHEST, own * other.conj(), 0.0)
-    for _ in range(_STEPS):  # Newton's method for the peak of the correlation
+    cross, seconds = np.where(w < 2.0 * np.pi * _HIGHEST, own * other.conj(), 0.0), 0.0
+    for _ in range(6):  # Newton's method for the peak of the correlation
         turned = cross * np.exp(1j * w * seconds)
         seconds -= float((w @ turned).imag / (w**2 @ turned).real)
     late = _Late(seconds, 0.0, shock.name)

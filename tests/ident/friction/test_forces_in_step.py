@@ -71,6 +71,12 @@ def test_each_port_is_advanced_by_its_own_delay():
     assert note == "Shock forces were advanced to be in step with laws: lf 1.70 ms (hard), rf -0.60 ms (soft)."
 
 
+@pytest.mark.parametrize("seconds", [6e-3, -6e-3])
+def test_a_long_delay_is_found(seconds):
+    _, note = forces_in_step(prepared(test_of((HARD, SOFT), (seconds, 0.0), 10)), [HARD, SOFT], 0)
+    assert f"lf {1e3 * seconds:.2f} ms (hard), " in note
+
+
 def test_forces_in_step_remain():
     right = test_of((HARD, SOFT), (0.0, 0.0), 2)
     found, _ = forces_in_step(prepared(right), [SOFT, HARD], 0)
