@@ -230,8 +230,9 @@ def cut(content: bytes) -> bytes:
 
 
 def found(path: Path, defect: Defect) -> set[str]:
-    """Return the rules that the check finds broken."""
-    return {finding.rule.identifier for finding in check(path, groups=defect.groups).findings}
+    """Return the rules that the check finds broken, with the message of the defect."""
+    findings = check(path, groups=defect.groups).findings
+    return {finding.rule.identifier for finding in findings if re.search(defect.message, finding.message)}
 
 
 _members = functools.cache(read_archive)

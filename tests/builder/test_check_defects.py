@@ -59,6 +59,9 @@ def defects_of_the_archive():
         "Linux binary cut off": Defect("binary-format", member(LINUX, cut)),
         "Windows binary cut off": Defect("binary-format", member(WINDOWS, cut)),
         "macOS binary cut off": Defect("binary-format", member(MAC, cut)),
+        "a macOS binary without content": Defect(
+            "binary-format", member(MAC, lambda content: content[:8] + bytes(99)), message="starts like a Mach-O file"
+        ),
         "text for a library": Defect("binary-format", member(WIN32, lambda _: b"not a library")),
         "empty library": Defect("binary-format", member(LINUX, lambda _: b"")),
         "processors exchanged": Defect("binary-machine", swapped(ARM, LINUX)),
@@ -77,7 +80,9 @@ def defects_of_the_archive():
         "an optional function missing": Defect("exports-all", edited(LINUX, b"fmi2CancelStep", b"fmi2AbandonIt_")),
         "a library too many": Defect("needed-libraries", edited(LINUX, b"libc.so.6", b"libd.so.6")),
         "a Python symbol": Defect("undefined-python", edited(LINUX, b"\0memset\0", b"\0PyMain\0")),
-        "a Python symbol, denied": Defect("execution-tool-honest", edited(LINUX, b"\0memset\0", b"\0PyMain\0")),
+        "a Python symbol, denied": Defect(
+            "execution-tool-honest", edited(LINUX, b"\0memset\0", b"\0PyMain\0"), message="lpnl2.so needs Python"
+        ),
         "a source missing": Defect("source-files", without(STEP)),
         "no sources": Defect("sources", NO_SOURCES),
         "no documentation": Defect("documentation", without("documentation/index.html")),
