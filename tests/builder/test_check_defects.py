@@ -71,6 +71,7 @@ def defects_of_the_archive():
         "a platform missing": Defect("platforms", without("binaries/win32/")),
         "a platform of no name": Defect("platform-name", moved(WIN32, "binaries/windows/lpnl2.dll")),
         "binary of another name": Defect("binary-name", moved(LINUX, "binaries/linux64/liblpnl2.so")),
+        "an older binary beside it": Defect("binary-single", copied(LINUX, "binaries/linux64/lpnl2_old.so")),
         "nothing to run": Defect("binary-present", both(without("binaries/"), NO_SOURCES)),
         "a function renamed": Defect("exports", edited(LINUX, b"fmi2SetFMUstate", b"fmi2PutFMUstate")),
         "a function of model exchange renamed": Defect(
