@@ -183,13 +183,6 @@ def test_defects_in_the_code_are_found_by_their_rules(bundle, fmus, tmp_path, co
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("name", [name for names in BUNDLES.values() if len(names) > 1 for name in names])
-def test_a_defect_in_the_code_is_found_by_its_rule(name, fmus, tmp_path, compiled):
-    defect = IN_CODE[name]
-    assert defect.rule in found(defective(fmus[defect.fmu], tmp_path, defect, compiled), defect)
-
-
-@pytest.mark.nightly
 @pytest.mark.parametrize("name", sorted({defect.fmu for defect in IN_CODE.values()}))
 def test_an_fmu_without_a_defect_is_clean(name, fmus, tmp_path, compiled):
     groups = tuple({group for defect in IN_CODE.values() for group in defect.groups} - {"static"})

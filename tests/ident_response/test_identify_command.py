@@ -22,12 +22,12 @@ from .rig_tests import BASELINE
 
 @pytest.fixture(scope="module")
 def files(quarter_car, tmp_path_factory):
-    """Rig files of the first 50 s of the quarter car's two tests."""
+    """Rig files of the first 25 s of the quarter car's two tests."""
     folder = tmp_path_factory.mktemp("rig")
     found = []
     for name, record in zip(("soft", "baseline")[::-1], quarter_car.records, strict=True):
         found.append(folder / f"{name}.parquet")
-        RigTest(record.window(0.0, 50.0)).write(found[-1])
+        RigTest(record.window(0.0, 25.0)).write(found[-1])
     return found[::-1]
 
 
