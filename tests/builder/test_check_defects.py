@@ -71,6 +71,7 @@ def defects_of_the_archive():
         "a platform missing": Defect("platforms", without("binaries/win32/")),
         "a platform of no name": Defect("platform-name", moved(WIN32, "binaries/windows/lpnl2.dll")),
         "binary of another name": Defect("binary-name", moved(LINUX, "binaries/linux64/liblpnl2.so")),
+        "an older binary beside it": Defect("binary-single", copied(LINUX, "binaries/linux64/lpnl2_old.so")),
         "nothing to run": Defect("binary-present", both(without("binaries/"), NO_SOURCES)),
         "a function renamed": Defect("exports", edited(LINUX, b"fmi2SetFMUstate", b"fmi2PutFMUstate")),
         "a function of model exchange renamed": Defect(
@@ -179,13 +180,6 @@ def test_defects_in_the_code_are_found_by_their_rules(bundle, fmus, tmp_path, co
     groups = tuple({group for defect in (first, *others) for group in defect.groups})
     broken = {finding.rule.identifier for finding in check(path, groups=groups).findings}
     assert {defect.rule for defect in (first, *others)} <= broken
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("name", [name for names in BUNDLES.values() if len(names) > 1 for name in names])
-def test_a_defect_in_the_code_is_found_by_its_rule(name, fmus, tmp_path, compiled):
-    defect = IN_CODE[name]
-    assert defect.rule in found(defective(fmus[defect.fmu], tmp_path, defect, compiled), defect)
 
 
 @pytest.mark.nightly

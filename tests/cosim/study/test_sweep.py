@@ -315,6 +315,14 @@ def test_chunks_take_some_seconds_and_all_workers_end_together(cost, largest):
     assert sizes[-1] <= BATCH and all(size * cost <= 2.5 or size == BATCH for size in sizes)
 
 
+def test_chunks_of_one_worker_grow_and_the_last_one_has_what_is_left():
+    cutter, sizes = Cutter(np.arange(1000), (), lambda: 1), []
+    for chunk in cutter:
+        sizes.append(len(chunk.indices))
+        cutter.learn([{"seconds": 1e-4}] * len(chunk.indices))
+    assert sizes == [8, 32, 128, 512, 320]
+
+
 # ---- Files of the chunks, and the result ----------------------------------------------------------------------------
 
 
