@@ -10,7 +10,6 @@ import pytest
 from eightpost.ident.validation.comparison import Trend
 from eightpost.ident.validation.vehicle_page import (
     _order_figure,
-    _rows,
     _static_figure,
     certainty_table,
     port_table,
@@ -18,7 +17,6 @@ from eightpost.ident.validation.vehicle_page import (
 )
 from eightpost.ident.validation.vehicles import Limits, _common_levels
 from eightpost.ident.vehicle.trust import ForceEstimate, OrderCandidate, Orders, OutputTrust, PolePair, Trust
-from eightpost.report.charts import Axis
 from eightpost.report.tables import Amount
 from eightpost.vehicle import Bristle, Friction
 
@@ -30,14 +28,6 @@ def a_fit(trust: Trust | None, **friction: Friction) -> SimpleNamespace:
 def rows_of(table) -> list[tuple[float | str, ...]]:
     """Return the cells of a table as numbers and texts."""
     return [tuple(cell.value if isinstance(cell, Amount) else cell for cell in row) for row in table.rows]
-
-
-@pytest.mark.parametrize(("panels", "rows"), [(1, 1), (3, 1), (4, 2)])
-def test_a_figure_has_three_panels_in_a_row_and_60_px_between_rows(panels, rows) -> None:
-    figure = _rows("", [(Axis("t"), Axis("F"), str(k)) for k in range(panels)])
-    assert figure.height == 110 + 205 * rows
-    low, high = figure.panels[0].row
-    assert (figure.height - 110) * (high - low) == pytest.approx((205 * rows - 60 * (rows - 1)) / rows)
 
 
 def test_the_uncertainties_of_outputs_are_in_percent() -> None:
