@@ -26,8 +26,8 @@ def test():
 
 
 @pytest.fixture(scope="module")
-def fit():
-    return ep.fit(str(DATA / "dyno_A.csv"), "lpf1", gas="included")
+def fit(test):
+    return ep.fit(test, "lpf1", gas="included")
 
 
 @pytest.mark.repeated(2)
@@ -39,8 +39,9 @@ def test_a_file_is_read_as_what_it_is(file, kind):
     assert type(ep.read(ep.examples() / file)).__name__ == kind
 
 
-def test_a_fit_of_a_path_equals_that_of_the_library(test, fit):
-    assert fit.shock.law == fit_shock(test, "lpf1", gas="included").shock.law
+def test_a_fit_equals_that_of_the_library_and_takes_paths(test, fit):
+    alone = fit_shock(test, "lpf1", gas="included")
+    assert fit.shock.law == alone.shock.law == ep.fit(str(DATA / "dyno_A.csv"), "lpf1", gas="included").shock.law
 
 
 def test_a_fit_is_a_table_of_parameters_an_array_of_forces_and_a_picture(fit):
