@@ -13,20 +13,10 @@ from dissertation import chapter_3_fits as chapter
 from eightpost.signals import TimeSeries
 from eightpost.virtual import sine_tests
 
+from .conftest import claims
+
 LAWS = ("polylinear", "lpf1", "lpnl2")
 EFFORT = replace(QUICK, configurations=(1, 5, 6, 9))
-
-
-@pytest.fixture(autouse=True)
-def plots(monkeypatch):
-    """Panels of the figures, which are not drawn."""
-    drawn = []
-    monkeypatch.setattr(chapter, "figure_of", lambda _caption, panels, **_: drawn.extend(panels))
-    return drawn
-
-
-def claims(findings):
-    return {name: holds for name, (holds, _) in findings.claims.items()}
 
 
 def errors(monkeypatch, static, gain=0.4, less=0.05):

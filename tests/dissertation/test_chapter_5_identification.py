@@ -13,6 +13,8 @@ from eightpost.ident.vehicle.frequency_response import FrequencyResponse
 from eightpost.vehicle import CORNERS
 from eightpost.vehicle.statespace import Channel
 
+from .conftest import claims
+
 F = np.arange(1, 251) / 10.0
 OUTPUTS = ("lf.velocity", "lf.tire_force", "front.ride_height")
 FORCES = tuple(f"{corner}.force" for corner in CORNERS)
@@ -49,18 +51,6 @@ def paths(monkeypatch):
 
     yield given
     chapter._paths.cache_clear()
-
-
-@pytest.fixture(autouse=True)
-def plots(monkeypatch):
-    """Panels of the figures, which are not drawn."""
-    drawn = []
-    monkeypatch.setattr(chapter, "figure_of", lambda _caption, panels, **_: drawn.extend(panels))
-    return drawn
-
-
-def claims(findings):
-    return {name: holds for name, (holds, _) in findings.claims.items()}
 
 
 @pytest.mark.parametrize(

@@ -43,14 +43,6 @@ def estimate(monkeypatch):
     return given
 
 
-@pytest.fixture(autouse=True)
-def plots(monkeypatch):
-    """Panels of the figures, which are not drawn."""
-    drawn = []
-    monkeypatch.setattr(chapter, "figure_of", lambda _caption, panels, **_: drawn.extend(panels))
-    return drawn
-
-
 def test_a_dip_of_the_tire_force_from_4_to_6_hz_is_found(estimate):
     coherence = np.full((len(OUTPUTS), F.size), 0.99)
     coherence[:, (F < 0.3) | (F > 20.0)] = 0.0

@@ -13,6 +13,8 @@ from eightpost.ident.linearity import Condition, Path
 from eightpost.vehicle import CORNERS
 from eightpost.vehicle.statespace import Channel
 
+from .conftest import claims
+
 F = np.arange(1, 251) / 10.0
 OUTPUTS = (*(f"{corner}.{kind}" for kind in ("velocity", "tire_force") for corner in CORNERS), "front.ride_height",
            "rear.ride_height")  # fmt: skip
@@ -38,18 +40,6 @@ def paths(monkeypatch):
         monkeypatch.setattr(chapter, "_linearity", lambda _seconds: found)
 
     return given
-
-
-@pytest.fixture(autouse=True)
-def plots(monkeypatch):
-    """Panels of the figures, which are not drawn."""
-    drawn = []
-    monkeypatch.setattr(chapter, "figure_of", lambda _caption, panels, **_: drawn.extend(panels))
-    return drawn
-
-
-def claims(findings):
-    return {name: holds for name, (holds, _) in findings.claims.items()}
 
 
 def falling(level):

@@ -16,20 +16,10 @@ from eightpost.rig.geometry import displacement_modes, force_modes
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import CORNERS
 
+from .conftest import claims
+
 TRENDS = ("lr.velocity", TOTAL, "front.ride_height", "lr.hub_acceleration")
 SIGNALS = ("lf.velocity", "lf.tire_force", "front.ride_height", "lf.hub_acceleration")
-
-
-@pytest.fixture(autouse=True)
-def plots(monkeypatch):
-    """Panels of the figures, which are not drawn."""
-    drawn = []
-    monkeypatch.setattr(chapter, "figure_of", lambda _caption, panels, **_: drawn.extend(panels))
-    return drawn
-
-
-def claims(findings):
-    return {name: holds for name, (holds, _) in findings.claims.items()}
 
 
 def pair(true, found, seconds=10.0):

@@ -7,8 +7,11 @@ from itertools import product
 import numpy as np
 import pytest
 
-from dissertation import QUICK, chapter_7
+from dissertation import QUICK
+from dissertation import chapter_7 as chapter
 from dissertation.chapter_7 import _Study
+
+from .conftest import claims
 
 BUILDS = ("AA/AA", "B/B", "C/C")
 SETUPS = np.array(list(product(range(3), repeat=4)), dtype=float)
@@ -22,22 +25,10 @@ def study(monkeypatch):
     def given(**measures):
         default = {"front": 10.0 - LF - RF, "rear": 3.0 + LR, "rf": 5.0 - RF, "lr": 5.0 + RR, "tire": 9.0 + LF}
         one = _Study(BUILDS, SETUPS, {name: np.asarray(row) for name, row in (default | measures).items()})
-        monkeypatch.setattr(chapter_7, "_study", lambda _: one)
+        monkeypatch.setattr(chapter, "_study", lambda _: one)
         return one
 
     return given
-
-
-@pytest.fixture
-def plots(monkeypatch):
-    """Panels of the figures, which are not drawn."""
-    drawn = []
-    monkeypatch.setattr(chapter_7, "figure_of", lambda _caption, panels, **_: drawn.extend(panels))
-    return drawn
-
-
-def claims(findings):
-    return {name: holds for name, (holds, _) in findings.claims.items()}
 
 
 def test_independent_shocks_share_the_variance_by_the_squares_of_their_effects(study):
@@ -63,7 +54,7 @@ def test_extremes_are_the_lowest_setups_and_the_highest_ones_first(study):
 def test_a_front_ride_height_of_the_front_shocks_agrees_with_fig_7_1(study, plots):
     """Of 80 to 0 from soft to stiff front shocks, the best setup with another front shock has 20 + 1."""
     study(front=80.0 - 20.0 * LF - 20.0 * RF + 1.5 - LR + LR * LR / 4.0 + RR / 1e6)
-    found = chapter_7.figure_7_1(QUICK)
+    found = chapter.figure_7_1(QUICK)
     assert found.values["share"] == pytest.approx(100.0 * 20.0 / 81.0, rel=1e-5)
     assert claims(found) == {"best": True, "rear": True}
     assert "rear shocks 0 %" in found.claims["rear"][1]
@@ -78,14 +69,14 @@ def test_a_front_ride_height_of_the_front_shocks_agrees_with_fig_7_1(study, plot
 )
 def test_a_front_ride_height_of_the_rear_shocks_disagrees_with_fig_7_1(front, expected, study, plots):
     study(front=front)
-    assert claims(chapter_7.figure_7_1(QUICK)) == expected
+    assert claims(chapter.figure_7_1(QUICK)) == expected
 
 
 def test_fig_7_2_states_what_the_best_front_ride_heights_cost(study, plots):
     """Stiff front shocks: levels 0, 1.8 and 3.6 % with the rear shock, of which 2 % admits two and 5 % three."""
     front = 80.0 - 20.0 * LF - 20.0 * RF - 1.5 * LR
     study(front=front, rear=2.0 * LF + LR, tire=2.0 * LF + LR, rf=front, lr=RR)
-    found = chapter_7.figure_7_2(QUICK)
+    found = chapter.figure_7_2(QUICK)
     assert found.values == pytest.approx({"rear": 100.0 * 4.0 / 6.0, "tire": 100.0 * 5.0 / 6.0})
     assert found.claims == {"hub": (True, "Spearman 1.00"), "independent": (True, "Spearman 0.00")}
     assert [plot.y.title for plot in plots] == [
@@ -95,41 +86,41 @@ def test_fig_7_2_states_what_the_best_front_ride_heights_cost(study, plots):
         "total tire force",
     ]
     study(rf=RF, lr=LF + RF)
-    assert claims(chapter_7.figure_7_2(QUICK)) == {"hub": False, "independent": False}
+    assert claims(chapter.figure_7_2(QUICK)) == {"hub": False, "independent": False}
 
 
 def test_stiff_front_and_soft_rear_shocks_are_the_worst_for_the_tires_in_fig_7_3(study, plots):
     study(tire=3.0 * LF - LR)
-    assert claims(chapter_7.figure_7_3(QUICK)) == {"front": True, "rear": True}
+    assert claims(chapter.figure_7_3(QUICK)) == {"front": True, "rear": True}
     study(tire=LR - 3.0 * LF)
-    assert claims(chapter_7.figure_7_3(QUICK)) == {"front": False, "rear": False}
+    assert claims(chapter.figure_7_3(QUICK)) == {"front": False, "rear": False}
 
 
 def test_fig_7_4_tells_what_falls_with_the_tire_force_from_what_rises(study, plots):
     study(tire=LF + LR, rear=LR, lr=LR, front=-LF, rf=-LF)
-    assert claims(chapter_7.figure_7_4(QUICK)) == {"together": True, "against": True}
+    assert claims(chapter.figure_7_4(QUICK)) == {"together": True, "against": True}
     study(tire=LF + LR, rear=LR, lr=RR, front=-LF, rf=RF + LF)
-    assert claims(chapter_7.figure_7_4(QUICK)) == {"together": False, "against": False}
+    assert claims(chapter.figure_7_4(QUICK)) == {"together": False, "against": False}
 
 
 def test_fig_7_5_finds_the_best_front_builds_and_the_share_of_the_rear_shocks(study, plots):
     study(rf=(RF - 1.0) ** 2 * -1.0 + 0.2 * LR)
-    assert claims(chapter_7.figure_7_5(QUICK)) == {"front": True, "rear": True}
+    assert claims(chapter.figure_7_5(QUICK)) == {"front": True, "rear": True}
     study(rf=(RF - 1.0) ** 2 + LR)
-    assert claims(chapter_7.figure_7_5(QUICK)) == {"front": False, "rear": False}
+    assert claims(chapter.figure_7_5(QUICK)) == {"front": False, "rear": False}
 
 
 def test_fig_7_6_tells_independent_hubs_from_dependent_ones(study, plots):
     study(rf=RF, lr=LR, rear=-RF)
-    assert claims(chapter_7.figure_7_6(QUICK)) == {"independent": True, "rear": True}
+    assert claims(chapter.figure_7_6(QUICK)) == {"independent": True, "rear": True}
     study(rf=RF, lr=-RF, rear=RF)
-    assert claims(chapter_7.figure_7_6(QUICK)) == {"independent": False, "rear": False}
+    assert claims(chapter.figure_7_6(QUICK)) == {"independent": False, "rear": False}
 
 
 def test_table_7_4_has_the_lowest_and_the_highest_level_of_each_measure(study):
     study(front=10.0 - LF, rear=3.0 + LR, rf=5.0 - RF, lr=5.0 + RR, tire=9.0 + LF)
     lowest = {"front": 8.0, "rear": 3.0, "rf": 3.0, "lr": 5.0, "tire": 9.0}
-    found = chapter_7.table_7_4(QUICK).values
+    found = chapter.table_7_4(QUICK).values
     assert found == {
         f"{name}/{end}": low + add for name, low in lowest.items() for end, add in (("min", 0), ("max", 2))
     }
@@ -137,11 +128,11 @@ def test_table_7_4_has_the_lowest_and_the_highest_level_of_each_measure(study):
 
 def test_table_7_5_chooses_four_four_and_two_setups_at_each_end(study):
     study(front=10.0 - LF - RF, tire=9.0 - LR - RR)
-    found = chapter_7.table_7_5(QUICK)
+    found = chapter.table_7_5(QUICK)
     assert found.values == {"count": 20}
     assert set(found.claims.values()) == {(True, "4 of 4 setups")}
     study(front=LF + 0.1 * RF, tire=9.0 - LR)
-    found = chapter_7.table_7_5(QUICK)
+    found = chapter.table_7_5(QUICK)
     assert found.claims == {
         "low": (False, "0 of 4 setups"),
         "high": (False, "0 of 4 setups"),
@@ -169,10 +160,10 @@ def test_fig_7_7_compares_the_chosen_setups_with_the_true_car(study, plots, monk
             corners = {f"{corner}.tire_force": level["tire"] / 4.0 * wave for corner in ("lf", "rf", "lr", "rr")}
             yield {"front.ride_height": level["front"] * wave, "rf.hub_acceleration": level["rf"] * wave, **corners}
 
-    monkeypatch.setattr(chapter_7, "true_channels", true_channels)
-    monkeypatch.setattr(chapter_7, "lap_of", lambda *_: None)
-    monkeypatch.setattr(chapter_7, "_law", lambda build: build)
-    found = chapter_7.figure_7_7(QUICK)
+    monkeypatch.setattr(chapter, "true_channels", true_channels)
+    monkeypatch.setattr(chapter, "lap_of", lambda *_: None)
+    monkeypatch.setattr(chapter, "_law", lambda build: build)
+    found = chapter.figure_7_7(QUICK)
     assert found.values["inside"] == pytest.approx(95.0)
     assert found.claims["ranks"][0]
     holds, text = found.claims["levels"]

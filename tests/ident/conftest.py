@@ -7,10 +7,11 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from eightpost.ident import fit_shock
 from eightpost.ident.shock.curve import CurveBasis
 from eightpost.ident.shock.simulation import lag, simulate
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.shock import Port, StaticCurve
+from eightpost.shock import Lpf1, Port, StaticCurve
 from eightpost.signals import TimeSeries
 from eightpost.virtual.dynamometer import random_multisine
 
@@ -73,6 +74,12 @@ def law_record():
         return sampled(series, simulate(law, series), rate, seed, noise)
 
     return make
+
+
+@pytest.fixture(scope="session")
+def knots(curve, law_record):
+    """A curve through the knots that a fit uses, so that a law with it is inside the class of the fit."""
+    return fit_shock(law_record(Lpf1(curve, 1.3e-3), 1), "lpf1").shock.law.curve
 
 
 def digressive(velocity):

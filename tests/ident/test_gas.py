@@ -18,12 +18,6 @@ def same_curve(first, second):
 
 
 @pytest.fixture(scope="module")
-def knots(curve, law_record):
-    """A curve through the knots that a fit uses, so that a law with it is inside the class of the fit."""
-    return fit_shock(law_record(Lpf1(curve, 1.3e-3), 1), "lpf1").shock.law.curve
-
-
-@pytest.fixture(scope="module")
 def with_gas(knots, law_record, gas_port):
     return law_record(Lpf1(knots, 1.3e-3, port=gas_port), 1)
 

@@ -17,12 +17,6 @@ def curve_error(found, truth):
     return 100.0 * np.sqrt(np.mean((curve_forces(found, velocity) - true) ** 2) / np.mean(true**2))
 
 
-@pytest.fixture(scope="module")
-def knots(curve, law_record):
-    """A curve through the knots that a fit uses, so that a law with it is inside the class of the fit."""
-    return fit_shock(law_record(Lpf1(curve, 1.3e-3), 1), "lpf1").shock.law.curve
-
-
 def test_lpf1_inside_the_class(knots, law_record):
     fit = fit_shock(law_record(Lpf1(knots, 1.3e-3), 1), "lpf1")
     assert curve_error(fit.shock.law.curve, knots) < 0.5
