@@ -278,7 +278,7 @@ class Projection:
         Args:
             parameters: Parameters of the states (3,) or (5,).
             shared: Places of the linear parameters that are given.
-            forces: Their values [N].
+            forces: Values [N] of these linear parameters.
         """
         states = States(self.motion, knots_of(self.model), parameters, is_fine=not self.is_thin)
         columns, own = self.columns_of(states), np.ones(self.is_free.size, dtype=bool)
