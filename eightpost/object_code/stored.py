@@ -39,7 +39,7 @@ def compiled_by(program: str, question: bytes, *, bare: str = "") -> bytes:
 
 
 def stored(key: str, make: Callable[[], bytes]) -> bytes:
-    """Return the object file of a key from the cache; if there is none, it is made and stored."""
+    """Return the object file of a key from the cache; a missing or damaged one is made and stored."""
     content = recall(_FOLDER, key)
     if content is None:
         content = make()
