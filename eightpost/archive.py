@@ -86,6 +86,8 @@ def open_archive(path: str | Path) -> Iterator[zipfile.ZipFile]:
     path = Path(path)
     note_read(path)
     try:
+        if path.is_char_device():  # it may have no end
+            raise FmuError(f"{path}: is a device, not a file; name an .fmu file")
         with zipfile.ZipFile(path) as archive:
             _refuse_bomb(path, archive.infolist())
             yield archive

@@ -39,6 +39,7 @@ EXTRAS: Mapping[str, Extra] = {
         "pictures, pages and workbooks (of fits, identify, study, run --report ...)",
         {"jinja2": "jinja2", "matplotlib": "matplotlib", "plotly": "plotly", "xlsxwriter": "xlsxwriter"},
     ),
+    "aim": Extra("logs of AiM (.xrk, .xrz)", {"libxrk": "libxrk"}),
     "app": Extra("the window in the browser, eightpost app", {"nicegui": "nicegui"}, contains=("report",)),
     "files": Extra(
         "records in spreadsheets and LabVIEW files",

@@ -278,7 +278,7 @@ def bounded_step(matrix: Array, right: Array, low: Array, high: Array, damping: 
 
     Args:
         matrix: Matrix (n, n) of the normal equations.
-        right: Their right side (n,).
+        right: Right side (n,) of the normal equations.
         low: Lowest step (n,), not positive.
         high: Highest step (n,), not negative.
         damping: Share of the diagonal that is added to it.

@@ -2,6 +2,7 @@
 
 import io
 import stat
+import sys
 import time
 import warnings
 import zipfile
@@ -9,8 +10,9 @@ import zipfile
 import pytest
 
 from eightpost import archive
-from eightpost.archive import extract_archive, read_archive, write_archive
-from eightpost.errors import FmuError, OutputError
+from eightpost.archive import extract_archive, open_archive, read_archive, write_archive
+from eightpost.errors import FileFormatError, FmuError, OutputError
+from eightpost.files import sha256_of
 
 
 def packed(path, *entries, method=zipfile.ZIP_DEFLATED):
@@ -107,6 +109,14 @@ def test_a_file_that_cannot_be_unpacked_is_named(tmp_path):
     path = packed(tmp_path / "long.fmu", ("x" * 300, b"1"))
     with pytest.raises(OutputError, match=r"long\.fmu: cannot be unpacked: .*out/xxx.*File name too long"):
         extract_archive(path, tmp_path / "out")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="devices are POSIX's")
+def test_a_device_is_refused_before_it_is_read():
+    with pytest.raises(FmuError, match="/dev/zero: is a device"), open_archive("/dev/zero"):
+        pass
+    with pytest.raises(FileFormatError, match="/dev/zero: is a device"):
+        sha256_of("/dev/zero")
 
 
 def test_unpacking_returns_the_packed_files(tmp_path):

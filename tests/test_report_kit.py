@@ -12,7 +12,7 @@ from markupsafe import Markup
 from rich.console import Console
 
 from eightpost.report import page
-from eightpost.report.charts import Axis, grid_figure
+from eightpost.report.charts import Axis, grid_figure, row_figure
 from eightpost.report.numbers import Display
 from eightpost.report.packing import welch
 from eightpost.report.page import Section, document, soft
@@ -80,6 +80,13 @@ def test_panels_fill_a_grid_row_by_row_from_above_with_gaps_between():
     assert places == [
         pytest.approx((0.0, 0.4, *above)), pytest.approx((0.6, 1.0, *above)), pytest.approx((0.0, 0.4, *below)),
     ]  # fmt: skip
+
+
+def test_a_figure_is_as_high_as_its_rows_of_panels_need():
+    axes = [(Axis("v"), Axis("F"), "")]
+    assert [row_figure("", 170, axes * count, 2, gap=0.2).height for count in (2, 3, 4)] == [280, 450, 450]
+    places = [panel.row for panel in row_figure("", 170, axes * 3, 2, gap=0.2).panels]
+    assert places == [pytest.approx((0.57, 1.0)), pytest.approx((0.57, 1.0)), pytest.approx((0.0, 0.43))]
 
 
 def test_the_space_above_a_figure_grows_with_its_legend():
