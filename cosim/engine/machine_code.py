@@ -53,10 +53,10 @@ def optimised(code: str, name: str, entries: Mapping[str, str] | None = None) ->
 
 def loaded(content: bytes) -> int:
     """Load an object file of `optimised`; return the function's address."""
-    return loaded_entries(content, (_ENTRY,))[0]
+    return _loaded_entries(content, (_ENTRY,))[0]
 
 
-def loaded_entries(content: bytes, names: Sequence[str]) -> list[int]:
+def _loaded_entries(content: bytes, names: Sequence[str]) -> list[int]:
     """Load an object file of `optimised`; return the addresses of the functions of these names."""
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine())
     engine.add_object_file(llvm.ObjectFileRef.from_data(content))
@@ -174,7 +174,7 @@ def c_functions(function: Callable[..., int], kind: Kind, entries: Mapping[str, 
             if content is None:
                 content = object_file(Request(function, (kind,), 1 + INTEGERS, {}, REALS, entries))
                 keep(_FOLDER, key, content, most=_KEPT)
-            _ADDRESSES[key] = dict(zip(entries, loaded_entries(content, tuple(entries)), strict=True))
+            _ADDRESSES[key] = dict(zip(entries, _loaded_entries(content, tuple(entries)), strict=True))
     return _ADDRESSES[key]
 
 

@@ -58,7 +58,7 @@ def step_from(m: Memory, time: float, h: float, first: int, last: int) -> Step:
 
 
 @shared
-def on_parabola(m: Memory, s: int, step: Step) -> float:
+def _on_parabola(m: Memory, s: int, step: Step) -> float:
     """Return a signal at the end of the step, extrapolated with the last two steps' slopes and their change."""
     end: float = m.now[s] + (m.now[s] - m.past[s]) * step.newer - (m.past[s] - m.older[s]) * step.older
     return end
@@ -86,7 +86,7 @@ def _known(m: Memory, s: int, step: Step, mode: int) -> tuple[float, float]:
 def _supposed(m: Memory, s: int, step: Step, mode: int) -> tuple[float, float]:
     """Return a signal at both ends of the step, for a part that has not made the step."""
     if mode > EXTRAPOLATED:
-        end = on_parabola(m, s, step) if mode == PARABOLIC else m.guess[s]
+        end = _on_parabola(m, s, step) if mode == PARABOLIC else m.guess[s]
         return _start(m, s, end, step), end
     now = m.now[s]
     if mode == INTERPOLATED:
@@ -100,7 +100,7 @@ def _assume(plan: Plan, m: Memory, first: int, last: int, step: Step) -> None:
     terms = plan.terms
     for k in range(plan.parts.terms[first], plan.parts.terms[last]):
         if terms.early[k] == 0:
-            m.assumed[k] = terms.weight[k] * on_parabola(m, terms.source[k], step) + terms.offset[k]
+            m.assumed[k] = terms.weight[k] * _on_parabola(m, terms.source[k], step) + terms.offset[k]
 
 
 @shared
@@ -535,7 +535,7 @@ def _begin(plan: Plan, m: Memory, g: int, step: Step) -> int:
     """Predict the unknowns from the last steps, and save the states; return 1 if a part refused."""
     for u in range(plan.loops.unknowns[g], plan.loops.unknowns[g + 1]):
         s = plan.loops.signal[u]
-        m.guess[s] = on_parabola(m, s, step)
+        m.guess[s] = _on_parabola(m, s, step)
     return save_parts(plan, m, plan.loops.parts[g], plan.loops.parts[g + 1], _OWN_STATE)
 
 

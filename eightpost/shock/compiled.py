@@ -29,7 +29,7 @@ from eightpost.shock.laws import LAWS, law_module, own_size, own_values, state_n
 # ---- Compilation of functions from other files ----------------------------------------------------------------------
 
 
-def compiled_loop(loop: Callable[..., None]) -> Callable[..., None]:
+def _compiled_loop(loop: Callable[..., None]) -> Callable[..., None]:
     """Return a loop as machine code, cached on disk if there is a cache folder."""
     found: Callable[..., None] = kept(njit(nogil=True, error_model="numpy")(loop))
     return found
@@ -221,7 +221,7 @@ def stepped_force(law: type[ShockLaw], valve: Valve, own: tuple[float, ...], vel
     """
     port = Port(compression_scale=valve.compression_scale, rebound_scale=valve.rebound_scale)
     numbers, force = _records([(law, port, tuple(valve.curve), own)]), np.empty(velocity.size)  # type: ignore[arg-type]
-    record_loop()(numbers, np.ascontiguousarray(velocity), step, np.empty((velocity.size, MOST_STATES)), force)
+    _record_loop()(numbers, np.ascontiguousarray(velocity), step, np.empty((velocity.size, MOST_STATES)), force)
     return force
 
 
@@ -229,12 +229,12 @@ def stepped_states(law: type[ShockLaw], valve: Valve, own: tuple[float, ...], ve
     """Return the states (N, 2) of a law whose states depend on the velocity alone; see `stepped_force`."""
     numbers = _records([(law, Port(), tuple(valve.curve), own)])  # type: ignore[arg-type]
     states = np.empty((velocity.size, MOST_STATES))
-    record_loop()(numbers, np.ascontiguousarray(velocity), step, states, np.empty(0))
+    _record_loop()(numbers, np.ascontiguousarray(velocity), step, states, np.empty(0))
     return states
 
 
 @cache
-def record_loop() -> Callable[..., None]:
+def _record_loop() -> Callable[..., None]:
     """Return the compiled loop over a record."""
     # numba checks only this file for changes, so this number makes the cached code depend on the other files too.
     number = LAW_FILES
@@ -257,4 +257,4 @@ def record_loop() -> Callable[..., None]:
                 force[n] = _force(law.kind, states, velocity[n], after, law, valve)
             before = after
 
-    return compiled_loop(loop)
+    return _compiled_loop(loop)

@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 from eightpost.errors import MissingChannelError
 from eightpost.ident import simulate
 from eightpost.shock import Lpf1, Lpnl2, Polylinear, Port
-from eightpost.shock.compiled import _number_of, law_numbers, record_loop, stepped_force
+from eightpost.shock.compiled import _number_of, _record_loop, law_numbers, stepped_force
 from eightpost.signals import TimeSeries
 
 PORT = Port(1.2, 0.9, 1.1, 700.0, 200.0, 15.0, 0.004)
@@ -93,7 +93,7 @@ def test_the_machine_code_is_found_on_disk_the_second_time(driven_law):
     law, velocity, step = driven_law
     valve = law.valve._replace(curve=law.curve.numbers())
     stepped_force(Lpnl2, valve, OWN, velocity, step)
-    again = record_loop.__wrapped__()
+    again = _record_loop.__wrapped__()
     again(law_numbers([law]), velocity, step, np.empty((velocity.size, 2)), np.empty(velocity.size))
     assert sum(again.stats.cache_hits.values()) == 1
     assert not again.stats.cache_misses
