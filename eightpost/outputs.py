@@ -210,10 +210,6 @@ def check_folder(path: str | Path, files: Mapping[str, Kind] | None = None) -> N
 def check_target(path: Path, *, example: str = "") -> None:
     """Check that a path is neither a folder nor an input of the running command.
 
-    Args:
-        path: File to write.
-        example: Name of a file, which the message proposes.
-
     Raises:
         InputError: It is one of them, or a device.
     """

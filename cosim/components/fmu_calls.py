@@ -61,12 +61,7 @@ class Library:
 
 
 class FMU2Elements(fmi2.FMU2Slave):  # type: ignore[misc]  # fmpy has no types; it finds the FMI version in the class name
-    """Instance of an FMI 2.0 FMU.
-
-    Args:
-        library: Path of the library for this platform.
-        options: Arguments of fmpy's class.
-    """
+    """Instance of an FMI 2.0 FMU."""
 
     def __init__(self, library: str, **options: Any) -> None:
         super().__init__(libraryPath=library, **options)

@@ -442,12 +442,7 @@ def bound(function: Callable[..., int]) -> Bind:
 
 
 def compiled(function: Callable[..., int], instead: dict[str, Callable[..., int]]) -> Bind:
-    """Return the same as machine code; the named tuples become blocks, the other arguments are integers.
-
-    Args:
-        function: Function of the loop.
-        instead: Replacements of called functions, by name.
-    """
+    """Return the same as machine code; the named tuples become blocks, the other arguments are integers."""
 
     def bind(*tuples: Any) -> Callable[..., int]:
         from cosim.engine.machine_code import machine_code  # noqa: PLC0415 -- LLVM, which the interpreted loop does not need

@@ -288,11 +288,7 @@ def each(console: Console, items: Iterable[Item], text: str, total: int) -> Iter
 
 
 class ConsoleListener(Listener):
-    """Listener that prints notes and sentences, with a progress bar for each work.
-
-    Args:
-        console: Console.
-    """
+    """Listener that prints notes and sentences, with a progress bar for each work."""
 
     def __init__(self, console: Console) -> None:
         self._console = console

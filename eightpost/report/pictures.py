@@ -50,14 +50,7 @@ def new_figure(width: float, height: float, **options: Any) -> Figure:
 
 
 def panels_of(figure: Figure, count: int, columns: int, **options: Any) -> list[Axes]:
-    """Return the panels of a grid, row by row.
-
-    Args:
-        figure: Figure to which the panels are added.
-        count: Number of panels.
-        columns: Number of panels in a row.
-        options: Options of matplotlib's subplots.
-    """
+    """Return the panels of a grid, row by row."""
     rows = -(-count // columns)
     panels = list(figure.subplots(rows, columns, squeeze=False, **options).ravel())
     for panel in panels[count:]:
@@ -235,14 +228,7 @@ def picture(
 
 
 def loop(series: Series, across: str, up: str, *, title: str = "") -> Picture:
-    """Return a picture of one channel over another.
-
-    Args:
-        series: Series to show.
-        across: Channel of the horizontal axis.
-        up: Channel of the vertical axis.
-        title: Title of the figure.
-    """
+    """Return a picture of one channel over another."""
     figure = new_figure(6.0, 4.5)
     axes = figure.subplots()
     axes.plot(_drawable(displayed(series, across)), _drawable(displayed(series, up)), lw=0.5, color=COLORS[0])
@@ -295,12 +281,7 @@ class Cloud(NamedTuple):
 
 
 def cloud(points: Cloud, *, title: str = "") -> Picture:
-    """Return a picture of points.
-
-    Args:
-        points: Points to draw.
-        title: Title of the figure.
-    """
+    """Return a picture of points."""
     figure = new_figure(6.0, 4.5)
     axes, (x, y), kept = figure.subplots(), (_drawable(one) for one in points.values), points.kept
     size = _SMALL if kept.size > _MANY else 2.0 * _SMALL

@@ -115,11 +115,6 @@ def force_half_width(settings: Settings, law: ShockLaw, setting: Sequence[float]
 
     The band includes the scatter of the measurements, the error of the interpolation between settings, the growth of
     that error beyond the measured settings, and the unknown interaction of an untested combination.
-
-    Args:
-        settings: Effect of the settings.
-        law: Law at the reference setting.
-        setting: Value per axis.
     """
     squares = [0.0] * KNOTS
     base = law.curve.knot_force
