@@ -141,7 +141,7 @@ class MeasureUncertainty:
         return math.expm1(scale * _student_quantile(0.5 + 0.5 * level))
 
     def probability_below(self, first: float, second: float, *, distance: float) -> float:
-        """Return the probability that the first setup's true value is below that of the second; 0.5 if they are equal."""
+        """Return the probability that the first setup's true value is below that of the second; 0.5 if equal."""
         change = math.log(second / first)
         scale = self.own * separation(distance, change)
         if scale == 0.0:
