@@ -49,7 +49,7 @@ def probed(monkeypatch, output, can=True, variability="continuous"):
         held=lambda _: [],
         timing=SimpleNamespace(start=START, step=0.01),
     )
-    return list(simulation._probe_first_outputs(bench))
+    return list(simulation.probe_first_outputs(bench))
 
 
 @pytest.mark.parametrize("output", [jump, jump_to_rest, jump_where_it_can_start])

@@ -50,7 +50,7 @@ def probed(monkeypatch, fmu, velocity="input", displacement=False, can=True):
         timing=SimpleNamespace(start=2.0, step=0.01, at=lambda point: 2.0 + 0.01 * point),
     )
     monkeypatch.setattr(simulation, "step", lambda instance, time, h: instance.step(time, h))
-    return list(simulation._probe_ports(bench))
+    return list(simulation.probe_ports(bench))
 
 
 def damper(given):

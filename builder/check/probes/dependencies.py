@@ -195,7 +195,7 @@ _SWEEP, _MOST, _DECADES = 400, 20_000, 4
 _LEAST_CHANGE = 1e-4
 
 
-def _probe_initial_dependencies(bench: Bench) -> Results:
+def probe_initial_dependencies(bench: Bench) -> Results:
     """Perturb each known at several points; if no effect is observed, also over a sweep of each input."""
     declared = declared_pairs(bench.description, "InitialUnknowns")
     unknowns = [v for v in _unknowns(bench) if v.name in declared]
@@ -302,7 +302,7 @@ _TRACE = 1e-6
 _POINTS = ((1.0, False), (1.0, True), (3.0, True), (10.0, True), (10.0, True))
 
 
-def _probe_dependencies(bench: Bench) -> Results:
+def probe_dependencies(bench: Bench) -> Results:
     """Perturb each input over two tiny steps."""
     declared = declared_pairs(bench.description, "Outputs")
     if reason := _reason_to_skip(bench, declared):
@@ -398,7 +398,7 @@ _TINY = 1e-6  # s
 _SMOOTH, _WRONG, _NOTHING = 1e-4, 1e-3, 1e-8
 
 
-def _probe_derivatives(bench: Bench) -> Results:
+def probe_derivatives(bench: Bench) -> Results:
     """Check the derivatives that the flags declare."""
     if bench.description.can("providesDirectionalDerivative"):
         yield from _in_initialization(bench)

@@ -125,7 +125,7 @@ _POINTS, _PARTS = 20, 8
 _FINER = 4
 
 
-def _probe_model_exchange(bench: Bench) -> Results:
+def probe_model_exchange(bench: Bench) -> Results:
     """Instantiate for model exchange, integrate, and check what an integrator relies on."""
     declared = bench.description.model_exchange
     if declared is None:

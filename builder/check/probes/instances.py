@@ -56,7 +56,7 @@ _MANY, _CYCLES, _WARM_CYCLES = 50, 300, 30
 _INSTANCE_GROWTH = 1.5e6  # bytes: 5 kB per instance, more than an allocator retains
 
 
-def _probe_instances(bench: Bench) -> Results:
+def probe_instances(bench: Bench) -> Results:
     """Compare the outputs of several instances with those of one alone, and measure memory growth."""
     if bench.description.can("canBeInstantiatedOnlyOncePerProcess"):
         yield Skip("canBeInstantiatedOnlyOncePerProcess is true")
@@ -143,7 +143,7 @@ _LATE = 1.1  # share of the default experiment
 _RESET_PATIENCE = 1.2  # s of processor time
 
 
-def _probe_reset(bench: Bench) -> Results:
+def probe_reset(bench: Bench) -> Results:
     """Run, disturb, reset, run again: from the middle, from initialization mode, after the end."""
     with bench.instance() as instance:
         first = _run(bench, instance)
@@ -257,7 +257,7 @@ _STEP_PATIENCE = 0.8  # s of processor time
 _STEP_GROWTH = 1.5e5  # bytes in each of two blocks: 50 bytes per step, more than an allocator retains
 
 
-def _probe_footprint(bench: Bench) -> Results:
+def probe_footprint(bench: Bench) -> Results:
     """Compare the process before and after a run, and over many steps."""
     with _standard_output() as caught:
         with bench.running() as instance:
@@ -391,7 +391,7 @@ def _walk(bench: Bench, instance: Instance, points: range) -> int:
 _TIMEOUT = 60.0
 
 
-def _probe_state(bench: Bench) -> Results:
+def probe_state(bench: Bench) -> Results:
     """Save a state in the middle of a run, continue, restore the state, continue again."""
     if not bench.description.can("canGetAndSetFMUstate"):
         yield Skip("canGetAndSetFMUstate is not true")
@@ -519,7 +519,7 @@ def _compare_runs(rule: Rule, where: str, first: list[Values], again: list[Value
 _PLACES = 12
 
 
-def _probe_corrupt_state(bench: Bench) -> Results:
+def probe_corrupt_state(bench: Bench) -> Results:
     """Damage bytes at several places of a serialized state."""
     if not (bench.description.can("canGetAndSetFMUstate") and bench.description.can("canSerializeFMUstate")):
         yield Skip("canSerializeFMUstate is not true")

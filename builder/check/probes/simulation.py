@@ -50,7 +50,7 @@ _MOST_LATE = 1000  # communication steps within one internal step of an FMU
 _CONVERSION = re.compile(rb"%[-+ #0]*\d*(\.\d+)?(l|ll|h|z)?[diufFeEgGxXsScp]")
 
 
-def _probe_simulation(bench: Bench) -> Results:
+def probe_simulation(bench: Bench) -> Results:
     """Simulate and check start values, outputs, repeatability and log messages."""
     yield from _versions(bench)
     with bench.instance() as instance, suppress(MissingFunctionError):
@@ -230,7 +230,7 @@ def _shown(text: bytes) -> str:
 _FEW, _SOME, _MOST_TUNED = 5, 50, 20  # steps, steps, parameters
 
 
-def _probe_inputs(bench: Bench) -> Results:
+def probe_inputs(bench: Bench) -> Results:
     """Set inputs once, and tunable parameters between steps."""
     yield from _kept(bench)
     parameters = [v for v in bench.description.of("parameter") if v.variability == "tunable"][:_MOST_TUNED]
@@ -304,7 +304,7 @@ _LENGTHS = (1e-3, 1e-7, 0.05, 3.3e-4, 1e-6, 7e-3, 1e-5, 1 / 3 * 1e-2, 0.02, 1.1e
 _LATER = (0.0, 12.5, 1234.5)  # s after the start of the default experiment
 
 
-def _probe_steps(bench: Bench) -> Results:
+def probe_steps(bench: Bench) -> Results:
     """Step with irregular lengths from several start times."""
     if not bench.description.can("canHandleVariableCommunicationStepSize"):
         yield Skip("canHandleVariableCommunicationStepSize is not true")
@@ -351,7 +351,7 @@ _ELSEWHERE = 12.5  # s: another start time, at which an internal input of the FM
 _TIMES, _ROUNDING = 30.0, 1e-9
 
 
-def _probe_first_outputs(bench: Bench) -> Results:
+def probe_first_outputs(bench: Bench) -> Results:
     """Compare the outputs at the start values and with other inputs.
 
     A jump at the start time only is not a defect: it may come from an internal input of the FMU.
@@ -409,7 +409,7 @@ def _is_at_rest(bench: Bench, inputs: Values, start: float, outputs: Values) -> 
 # ---- Digest of the outputs, to compare a run with the same run elsewhere --------------------------------------------
 
 
-def _probe_surroundings(bench: Bench) -> Results:
+def probe_surroundings(bench: Bench) -> Results:
     """Run and yield the digest of the outputs."""
     with bench.running() as instance:
         rows = [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, bench.all_points())]
@@ -434,7 +434,7 @@ class _Port:
     displacement: Variable | None
 
 
-def _probe_ports(bench: Bench) -> Results:
+def probe_ports(bench: Bench) -> Results:
     """Find the ports and excite them."""
     shocks = list(_ports(bench, "input", "output"))
     vehicles = list(_ports(bench, "output", "input"))
@@ -517,7 +517,7 @@ _TOLERANCE = 1e-3
 Columns = Mapping[str, list[float]]
 
 
-def _probe_reference(bench: Bench) -> Results:
+def probe_reference(bench: Bench) -> Results:
     """Compute every reference result again and compare."""
     found = sorted(bench.folder.glob("extra/**/*_ref.csv"))
     if not found:

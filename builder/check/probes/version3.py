@@ -27,7 +27,7 @@ _STEPS = 20
 _ROUNDING = 1e-9
 
 
-def _probe_version_3(bench: Bench) -> Results:
+def probe_version_3(bench: Bench) -> Results:
     """Check what the probes of both versions do not."""
     library = bench.library
     if not isinstance(library, FmuLibrary3):
