@@ -47,14 +47,13 @@ contracts: $(INSTALLED) ## Check which module imports which.
 
 loops: $(INSTALLED)
 	$(BIN)/python -m eightpost virtual rig --car quarter_car --test random --set duration='2 s' -o out/loops/quarter_car.parquet
-	$(BIN)/python -m eightpost virtual rig --car flexible --test random --set duration='2 s' -o out/loops/flexible.parquet
 
 unit: $(INSTALLED)
 	$(BIN)/pytest -n 2 --dist loadscope --max-worker-restart 0
 
 nightly: $(INSTALLED) ## Run tests that take minutes: a million random FMI calls, intervals, installations, Wine.
 	EIGHTPOST_CALLS=1000000 $(BIN)/pytest -m 'slow or nightly' -k call_sequences tests/native
-	$(BIN)/pytest -n 2 -m nightly
+	$(BIN)/pytest -n 2 -m 'nightly or hypothesis' --hypothesis-profile nightly
 
 pythons: $(INSTALLED) ## Install the wheel with every Python that uv finds, and run eightpost doctor and fast tests.
 	$(BIN)/python -m release.pythons

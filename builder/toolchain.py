@@ -105,6 +105,7 @@ def fmi_headers() -> Path:
     return folder
 
 
+@cache
 def installed(package: str, name: str) -> Path | None:
     """Return a path in the folder of a package, which is not imported; None if the package is not installed."""
     spec = importlib.util.find_spec(package)

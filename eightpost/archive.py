@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import lzma
 import stat
 import struct
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import IO
 
+from eightpost.cache import digest, keep, recall
 from eightpost.errors import EightpostError, FmuError, OutputError, missing_file
 from eightpost.files import atomic_path, writing
 from eightpost.outputs import note_read
@@ -31,6 +33,9 @@ _EXTRA = "extra/"
 
 _PIECE = 2**20  # bytes
 
+#: Number of archives in the cache.
+_KEPT = 64
+
 #: Exceptions that zipfile and its decompressors raise for damaged archives.
 _DAMAGE = (
     zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, lzma.LZMAError, struct.error, EOFError, OSError, LookupError,
@@ -39,17 +44,29 @@ _DAMAGE = (
 
 
 def write_archive(path: str | Path, members: Mapping[str, bytes]) -> None:
-    """Write `members` (name with forward slashes -> content) to a zip; the same members give the same bytes."""
-    with (
-        atomic_path(path) as temporary,
-        zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive,
-    ):
+    """Write `members` (name with forward slashes -> content) to a zip; the same members give the same bytes.
+
+    Compression takes long, so the last archives are kept in the cache.
+    """
+    key = digest(part for name in sorted(members) for part in (name, members[name]))
+    content = recall("archives", key)
+    if content is None:
+        content = _packed(members)
+        keep("archives", key, content, most=_KEPT)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def _packed(members: Mapping[str, bytes]) -> bytes:
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
         for name in sorted(members):
             entry = zipfile.ZipInfo(name, date_time=_EPOCH)
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.create_system = 3
             entry.external_attr = (stat.S_IFREG | 0o644) << 16
             archive.writestr(entry, members[name])
+    return content.getvalue()
 
 
 @contextmanager
@@ -66,6 +83,8 @@ def open_archive(path: str | Path) -> Iterator[zipfile.ZipFile]:
     path = Path(path)
     note_read(path)
     try:
+        if path.is_char_device():  # it may have no end
+            raise FmuError(f"{path}: is a device, not a file; name an .fmu file")
         with zipfile.ZipFile(path) as archive:
             _refuse_bomb(path, archive.infolist())
             yield archive
@@ -93,8 +112,15 @@ def read_archive(path: str | Path) -> dict[str, bytes]:
         return {entry.filename: archive.read(entry) for entry in _safe_files(Path(path), archive)}
 
 
-def extract_archive(path: str | Path, folder: str | Path) -> tuple[str, ...]:
+def extract_archive(
+    path: str | Path, folder: str | Path, is_needed: Callable[[str], bool] = lambda _name: True
+) -> tuple[str, ...]:
     """Unpack a zip into `folder`. All entries are checked before anything is written.
+
+    Args:
+        path: The archive.
+        folder: Folder to unpack it into.
+        is_needed: Function that returns whether an entry of a name is written; by default all are.
 
     Returns:
         Notes about entries that were left out, in sentences.
@@ -106,7 +132,7 @@ def extract_archive(path: str | Path, folder: str | Path) -> tuple[str, ...]:
     path, folder = Path(path), Path(folder)
     with open_archive(path) as archive:
         files = _safe_files(path, archive)
-        for entry in files:
+        for entry in filter(lambda entry: is_needed(entry.filename), files):
             target = folder / entry.filename
             try:
                 with writing(target):

@@ -39,6 +39,7 @@ EXTRAS: Mapping[str, _Extra] = {
         "pictures, pages and workbooks (of fits, identify, study, run --report ...)",
         {"jinja2": "jinja2", "matplotlib": "matplotlib", "plotly": "plotly", "xlsxwriter": "xlsxwriter"},
     ),
+    "aim": _Extra("logs of AiM (.xrk, .xrz)", {"libxrk": "libxrk"}),
     "app": _Extra("the window in the browser, eightpost app", {"nicegui": "nicegui"}, contains=("report",)),
     "files": _Extra(
         "records in spreadsheets and LabVIEW files",

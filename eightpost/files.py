@@ -131,10 +131,12 @@ def reading(path: str | Path, *, advice: str = "") -> Iterator[None]:
         advice: Advice for the user if the file does not exist.
 
     Raises:
-        FileFormatError: The file is missing, a folder, without read permission, or too large for the memory.
+        FileFormatError: The file is missing, a folder, a device, without read permission, or too large for the memory.
     """
     note_read(path)
     try:
+        if Path(path).is_char_device():  # it may have no end
+            raise FileFormatError("is a device, not a file; name a file", path=path)
         yield
     except FileNotFoundError:
         raise FileFormatError(missing_file(path, advice), path=path) from None

@@ -414,6 +414,17 @@ def shown(value: float, unit: str) -> tuple[float, str]:
     return float(convert(value, unit, target)), target
 
 
+def shown_range(low: float, high: float, unit: str) -> str:
+    """Return two SI values as a range, in the unit in which they are shown to this user."""
+    (first, target), (last, _) = shown(low, unit), shown(high, unit)
+    return f"{first:.3g} to {last:.3g} {target}"
+
+
+def shown_difference(kelvin: float) -> tuple[float, str]:
+    """Return a difference of two temperatures [K] in the unit in which it is shown to this user, and that unit."""
+    return (1.8 * kelvin, "degF") if shown_system() == "us" else (kelvin, "degC")
+
+
 def si_unit(unit: str) -> str:
     """Return the SI unit of the same dimension as `unit`.
 

@@ -2,6 +2,7 @@
 
 import io
 import stat
+import sys
 import time
 import warnings
 import zipfile
@@ -9,8 +10,9 @@ import zipfile
 import pytest
 
 from eightpost import archive
-from eightpost.archive import extract_archive, read_archive, write_archive
-from eightpost.errors import FmuError, OutputError
+from eightpost.archive import extract_archive, open_archive, read_archive, write_archive
+from eightpost.errors import FileFormatError, FmuError, OutputError
+from eightpost.files import sha256_of
 
 
 def packed(path, *entries, method=zipfile.ZIP_DEFLATED):
@@ -109,6 +111,14 @@ def test_a_file_that_cannot_be_unpacked_is_named(tmp_path):
         extract_archive(path, tmp_path / "out")
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="devices are POSIX's")
+def test_a_device_is_refused_before_it_is_read():
+    with pytest.raises(FmuError, match="/dev/zero: is a device"), open_archive("/dev/zero"):
+        pass
+    with pytest.raises(FileFormatError, match="/dev/zero: is a device"):
+        sha256_of("/dev/zero")
+
+
 def test_unpacking_returns_the_packed_files(tmp_path):
     members = {"modelDescription.xml": b"<a/>", "binaries/linux64/a.so": bytes(range(256)) * 10_000, "empty": b""}
     write_archive(tmp_path / "a.fmu", members)
@@ -118,3 +128,23 @@ def test_unpacking_returns_the_packed_files(tmp_path):
         p.relative_to(tmp_path / "out").as_posix(): p.read_bytes() for p in (tmp_path / "out").rglob("*") if p.is_file()
     } == members
     assert zipfile.is_zipfile(io.BytesIO((tmp_path / "a.fmu").read_bytes()))
+
+
+def test_an_archive_is_compressed_once(tmp_path, monkeypatch):
+    monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path / "cache"))
+    members = {"b": b"2" * 1000, "a": b"1"}
+    write_archive(tmp_path / "first.zip", members)
+    monkeypatch.setattr(archive, "_packed", None)
+    write_archive(tmp_path / "second.zip", dict(reversed(members.items())))
+    assert (tmp_path / "second.zip").read_bytes() == (tmp_path / "first.zip").read_bytes()
+    with pytest.raises(TypeError):
+        write_archive(tmp_path / "other.zip", members | {"a": b"2"})
+
+
+def test_entries_that_are_not_needed_are_not_unpacked_but_are_checked(tmp_path):
+    write_archive(tmp_path / "a.zip", {"a/b": b"1", "c": b"2"})
+    extract_archive(tmp_path / "a.zip", tmp_path / "out", lambda name: name == "c")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["c"]
+    packed(tmp_path / "bad.zip", ("../evil", b""), ("c", b""))
+    with pytest.raises(FmuError, match="leaves the archive"):
+        extract_archive(tmp_path / "bad.zip", tmp_path / "out", lambda name: name == "c")

@@ -15,6 +15,8 @@ from benchmarks.cars.rig import tests_of as five_tests
 from eightpost.rig import read_rig_test
 from eightpost.signals import ChannelMap
 
+pytestmark = pytest.mark.nightly  # evidence, not the product
+
 
 def short(car, *, steps=rig.STEPS, scale=1.0):
     drive = rig.random_drive(car, 4.5, 3).scaled(scale)
@@ -31,7 +33,6 @@ def linear_car():
     )  # fmt: skip
 
 
-@pytest.mark.nightly
 def test_linear_car_moves_as_the_state_space_of_its_matrices():
     car = linear_car()
     n, (k_mount, c_mount), c = car.numbers(), car.mounts, 4000.0
@@ -69,7 +70,6 @@ def test_linear_car_moves_as_the_state_space_of_its_matrices():
         assert np.std(tire - tire.mean() - linear + linear.mean()) < 1e-3 * np.std(tire)
 
 
-@pytest.mark.nightly
 @pytest.mark.parametrize("kind", KINDS)
 def test_half_the_step_changes_no_measure_by_a_twentieth_of_a_percent(kind):
     car = draw(kind, 1)

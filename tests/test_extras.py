@@ -135,7 +135,7 @@ def test_the_table_of_extras_is_that_of_pyproject():
     stated = {name: set(map(plain, listed)) for name, listed in project()["optional-dependencies"].items()}
     kept = {name: listed for name, listed in stated.items() if not name.startswith(("host-", "test", "docs"))}
     (all_of_them,) = kept.pop("all")
-    assert set(re.split(r"[\[\],]", all_of_them)[1:-1]) == set(kept) - {"build-local", "notebook"}
+    assert set(re.split(r"[\[\],]", all_of_them)[1:-1]) == set(kept) - {"aim", "build-local", "notebook"}
     table = {
         name: {*extra.packages.values(), *(f"eightpost[{other}]" for other in extra.contains)}
         for name, extra in EXTRAS.items()

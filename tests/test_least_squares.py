@@ -131,6 +131,8 @@ def test_a_step_is_the_best_one_in_its_box(seed):
     size = [np.linalg.norm(rows @ d + np.append(error, np.zeros(5))) for d in (step, best)]
     assert (step >= low).all()
     assert size[0] <= size[1] * (1.0 + 1e-6)
+    free = _bounded_step(columns.T @ columns, -columns.T @ error, -high, high, 0.1)
+    np.testing.assert_allclose(rows.T @ rows @ free, -columns.T @ error, rtol=1e-9)
 
 
 def valley(x):

@@ -239,6 +239,7 @@ def test_a_changed_law_is_killed_and_a_changed_comment_survives(tmp_path, monkey
     assert (tree.folder / path).read_text(encoding="utf-8") == before
 
 
+@pytest.mark.nightly
 def test_records_are_kept_survivors_tried_again_when_tests_change_and_equivalents_never(tmp_path, monkeypatch):
     sample = list(mutants([LAG], 1))[:4]
     known = {sample[0].key: Outcome.KILLED, sample[1].key: Outcome.SURVIVED}

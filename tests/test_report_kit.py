@@ -1,5 +1,7 @@
 """The report kit shows texts as they are and amounts in the units of the reader."""
 
+import base64
+import gzip
 import io
 import re
 
@@ -9,7 +11,8 @@ import scipy.signal
 from markupsafe import Markup
 from rich.console import Console
 
-from eightpost.report.charts import Axis, grid_figure
+from eightpost.report import page
+from eightpost.report.charts import Axis, grid_figure, row_figure
 from eightpost.report.numbers import Display
 from eightpost.report.packing import welch
 from eightpost.report.page import Section, document, soft
@@ -79,6 +82,13 @@ def test_panels_fill_a_grid_row_by_row_from_above_with_gaps_between():
     ]  # fmt: skip
 
 
+def test_a_figure_is_as_high_as_its_rows_of_panels_need():
+    axes = [(Axis("v"), Axis("F"), "")]
+    assert [row_figure("", 170, axes * count, 2, gap=0.2).height for count in (2, 3, 4)] == [280, 450, 450]
+    places = [panel.row for panel in row_figure("", 170, axes * 3, 2, gap=0.2).panels]
+    assert places == [pytest.approx((0.57, 1.0)), pytest.approx((0.57, 1.0)), pytest.approx((0.0, 0.43))]
+
+
 def test_the_space_above_a_figure_grows_with_its_legend():
     tops = []
     for count in (0, 2, 40):
@@ -96,6 +106,24 @@ def test_spectral_densities_are_those_of_scipy(length):
     expected = scipy.signal.welch(values, fs=50.0, nperseg=length, detrend="constant")
     assert frequency == pytest.approx(expected[0])
     assert density == pytest.approx(expected[1], rel=1e-9)
+
+
+@pytest.mark.slow
+def test_templates_and_the_plotting_library_are_prepared_once_for_all_processes(tmp_path, monkeypatch):
+    monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path))
+    page._plotly.cache_clear()
+
+    def written():
+        """Return the library, and a page without the minute in which it is written."""
+        return page._plotly(), re.sub(r"\d\d:\d\d UTC", "", document("a", Verdict(), [Section("b", "B", ["c"])]))
+
+    first = written()
+    assert gzip.decompress(base64.b64decode(first[0])).decode() == page.get_plotlyjs()
+    page._plotly.cache_clear()
+    compress = gzip.compress
+    monkeypatch.setattr(gzip, "compress", lambda content, **how: compress(content[:1000], **how))
+    monkeypatch.setattr("jinja2.environment.Environment._compile", None)
+    assert written() == first
 
 
 def test_a_page_without_scripts_escapes_its_texts():

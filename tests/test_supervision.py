@@ -176,13 +176,14 @@ def test_no_temporary_file_remains_however_a_command_ends(work: str, tmp_path: P
 
 def test_a_command_without_a_temporary_folder_runs(tmp_path: Path) -> None:
     assert ended("tempfile.tempdir is None or sys.exit(5)", env={"TMPDIR": str(tmp_path)})[0] == 5
-    assert ended(
-        "print(supervision.record.folder.startswith(os.environ['TMPDIR']))", env={"TMPDIR": str(tmp_path)}
-    ) == (
-        0,
-        "True\n",
-        "",
-    )
+
+
+def test_a_command_and_its_workers_have_one_temporary_folder(tmp_path: Path) -> None:
+    asked = "print(__import__('tempfile').gettempdir(), flush=True)"
+    work = f"{asked}; __import__('subprocess').run([sys.executable, '-c', {asked!r}])"
+    _, shown, _ = ended(work, env={"TMPDIR": str(tmp_path)})
+    first, second = shown.split()
+    assert first == second and Path(first).parent == tmp_path
 
 
 @pytest.fixture

@@ -180,6 +180,12 @@ def test_a_temperature_is_shown_in_degrees(system, shown, choice, monkeypatch):
     assert units.display_unit("K") == "K"  # of a difference
 
 
+@pytest.mark.parametrize(("system", "shown"), [("us", (18.0, "degF")), ("si", (10.0, "degC"))])
+def test_a_difference_of_temperatures_has_no_offset(system, shown, choice, monkeypatch):
+    monkeypatch.setenv("EIGHTPOST_UNITS", system)
+    assert units.shown_difference(10.0) == (pytest.approx(shown[0]), shown[1])
+
+
 def test_files_outside_of_a_command_decide_nothing(choice):
     units.note_file(("mm", "N"))
     assert units.shown_system() == "us"

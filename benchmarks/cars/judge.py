@@ -27,7 +27,7 @@ from eightpost.ident.vehicle.port_search import about_loads
 from eightpost.ident.vehicle.simulation import ManySetups
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.rig import DynoTest
-from eightpost.shock import ShockLaw
+from eightpost.shock import Shock, ShockLaw
 from eightpost.signals import TimeSeries
 from eightpost.uncertainty import MeasureUncertainty
 
@@ -105,8 +105,11 @@ def _row(case: Case, folder: Path) -> dict[str, Any]:
     row: dict[str, Any] = asdict(case)
     records = folder / f"{case.name}_records"
     paths = write_tests(car, records, case.seconds, case.seed, case.procedure)
+    exact = [shock.law for shock in (*car.bank, car.alternate)]
+    *laws, alternate = fitted_laws(car, case.seed) if case.shocks == "fitted" else exact
+    tested = [Shock("baseline", laws[car.baseline]), Shock("alternate", alternate)]
     try:
-        fit = identify(paths, channel_map=records / "map.toml", name=case.name)
+        fit = identify(paths, channel_map=records / "map.toml", name=case.name, shocks=tested)
     except EightpostError as error:
         return row | {"error": f"{type(error).__name__}: {error}"}
     finally:
@@ -116,7 +119,6 @@ def _row(case: Case, folder: Path) -> dict[str, Any]:
     setups = setups_of(case.seed)
     lap = lap_drive(car, LAP, case.seed, case.lap)
     row["true"] = truth(car, setups, lap)
-    laws = fitted_laws(car, case.seed) if case.shocks == "fitted" else [shock.law for shock in car.bank]
     try:
         row["predicted"], shares = predicted(fit, laws, setups, lap_series(lap, _FINER * RATE))
         row["stated"] = {n: stated(one, shares[n]) for n, one in _measures(fit).items() if n in shares}
@@ -136,9 +138,9 @@ def stated(measure: MeasureUncertainty, shares: Sequence[float]) -> dict[str, fl
 
 
 def fitted_laws(car: Car, seed: int) -> list[ShockLaw]:
-    """Return laws that are fitted to a dynamometer's record of each shock of the bank."""
+    """Return laws that are fitted to a dynamometer's record of each shock of the bank, and of the alternate one."""
     laws = []
-    for k, shock in enumerate(car.bank):
+    for k, shock in enumerate((*car.bank, car.alternate)):
         record = dyno_record(shock, 10 * seed + k)
         units = {"displacement": "m", "velocity": "m/s", "force": "N"}
         series = TimeSeries(record["time"], np.array([record[n] for n in units]), tuple(units), tuple(units.values()))

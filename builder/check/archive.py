@@ -507,6 +507,8 @@ _PROMISED = {
 }
 #: Function that an order of output derivatives requires.
 _ORDER = {2: "GetRealOutputDerivatives", 3: "GetOutputDerivatives"}
+#: Functions by which a library is the binary of an FMU.
+_SIGN = {"fmi2Instantiate", "fmi3InstantiateCoSimulation", "fmi3InstantiateModelExchange"}
 _RUNTIMES = ("python", "jvm", "mono", "coreclr", "mclmcrrt", "octave", "libmx")
 
 
@@ -542,6 +544,10 @@ def _presence(subject: CheckedFmu, fmu: Description) -> Faults:
     for platform in sorted({binary.platform for binary in subject.binaries} - named):
         found = [PurePosixPath(b.name).name for b in subject.binaries if b.platform == platform]
         yield "binary-name", f"binaries/{platform} has {listed(found)}, not {fmu.identifier!r}"
+    identifiers = {fmu.identifier, (fmu.model_exchange or {}).get("modelIdentifier")}
+    others = (binary for binary in subject.binaries if PurePosixPath(binary.name).stem not in identifiers)
+    strange = (binary.name for binary in others if binary.platform in named and _SIGN & binary.exports)
+    yield "binary-single", some(strange, "with functions of FMI too: ")
 
 
 def _readability(binary: Binary, fmu: Description) -> tuple[str, str]:

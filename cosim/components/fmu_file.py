@@ -12,14 +12,14 @@ import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from threading import Lock
 
 import fmpy
 
 from cosim.components.component import Capabilities, Variable
 from cosim.components.fmu_description import Rows, only_step, read_description
-from eightpost.archive import extract_archive
+from eightpost.archive import extract_archive, open_archive
 from eightpost.cache import keep, recall
 from eightpost.compilers import find_compiler
 from eightpost.errors import FmuError
@@ -44,7 +44,7 @@ class FmuFile:
 
     @classmethod
     def unpack(cls, path: str | Path, folder: str | Path, *, compile_missing: bool = False) -> FmuFile:
-        """Unpack a file into a folder.
+        """Unpack a file into a folder, without its documentation and the binaries of other platforms.
 
         Args:
             path: FMU file (.fmu).
@@ -55,7 +55,7 @@ class FmuFile:
             FmuError: The file is missing, damaged or unsafe, is not an FMU of FMI 2.0 or 3.0 for co-simulation, or has
                 no binary for this platform.
         """
-        notes = extract_archive(path, folder)
+        notes = extract_archive(path, folder, _is_needed)
         fmu = cls(Path(path), Path(folder), read_description(Path(path), Path(folder)), notes)
         if compile_missing and not fmu.has_binary:
             _compile_sources(fmu.path, fmu.library, fmu.sources, fmu.build_options, version=fmu.version)
@@ -185,7 +185,7 @@ class FmuFile:
     @property
     def has_binary(self) -> bool:
         """Whether it has a folder of binaries for this platform."""
-        return self._platform in self._platforms()
+        return self.library.parent.is_dir()
 
     @property
     def _platform(self) -> str:
@@ -193,8 +193,10 @@ class FmuFile:
         return str(fmpy.platform_tuple if self.version == 3 else fmpy.platform)
 
     def _platforms(self) -> list[str]:
-        binaries = self.folder / "binaries"
-        return sorted(p.name for p in binaries.iterdir() if p.is_dir()) if binaries.is_dir() else []
+        """Return the names of all folders in binaries/, also of those that are not unpacked."""
+        with open_archive(self.path) as archive:
+            places = [PurePosixPath(entry.filename).parts for entry in archive.infolist()]
+        return sorted({place[1] for place in places if place[0] == "binaries" and len(place) > 1})
 
     def _check_platform(self) -> None:
         if self.has_binary:
@@ -206,6 +208,14 @@ class FmuFile:
         )
         has = ", ".join(self._platforms()) or "none"
         raise FmuError(f"{self.path}: has no binary for this platform ({self._platform}), only for: {has}; {advice}")
+
+
+def _is_needed(name: str) -> bool:
+    """Whether a run needs a file of an FMU."""
+    first, *others = PurePosixPath(name).parts
+    if first == "binaries" and len(others) > 1:
+        return others[0] in (fmpy.platform, fmpy.platform_tuple)
+    return first != "documentation"
 
 
 class SharedFmu:

@@ -1,9 +1,7 @@
 """Machine code for a function of the loop: lowered by numba, optimised by LLVM for this processor.
 
 This module is the program that `machine_code.object_file` runs: the request is pickled on standard input, the object
-file goes to standard output. It has its own process because numba's optimisation must be switched off for the whole
-process: numba would optimise every function with all functions that it calls, and again in each of its callers, which
-triples the time. The blocks of the loop are types of numba, and FMI functions are called at their addresses.
+file goes to standard output. The blocks of the loop are types of numba; FMI functions are called at their addresses.
 """
 
 from __future__ import annotations
@@ -35,7 +33,8 @@ from numba.np.numpy_support import from_dtype
 
 from cosim.engine import blocks
 from cosim.engine.blocks import FAILED, INTEGERS, REALS, SHARED, WORDS, Kind, described
-from cosim.engine.machine_code import Request, optimised
+from cosim.engine.machine_code import Request
+from eightpost.object_code.native import optimised
 
 # ---- Blocks as types of numba ---------------------------------------------------------------------------------------
 

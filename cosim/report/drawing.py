@@ -258,7 +258,7 @@ class _Drawing:
 
     def badge(self, tip: tuple[float, float], side: float, content: str, *, style: str) -> None:
         """Write a sign or a factor in a badge next to the tip of an arrow: right of it for side 1, left for -1."""
-        half = max(7.5, 0.5 * LETTER * len(content) + 4.0)
+        half = 0.5 * LETTER * len(content) + 4.0
         x, y = tip[0] + side * (half + 13.0), tip[1]
         self.rectangle(x - half, y - 7.5, 2.0 * half, 15.0, style=f"badge {style}")
         self.text(x, y, content, style=f"sign {style}", anchor="middle")

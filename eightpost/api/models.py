@@ -312,6 +312,7 @@ def identify(
     settling: float = 0.0,
     preparation: Preparation | None = None,
     static: Sequence[str | Path | RigTest] = (),
+    shocks: Sequence[str | Path | Shock] = (),
     outputs: Sequence[str] = (),
     channel_map: ChannelMap | Mapping[str, str] | str | Path | None = None,
     progress: Progress | None = None,
@@ -328,6 +329,7 @@ def identify(
         settling: Time left out at the start of every record [s].
         preparation: Settings that replace rate and settling.
         static: Tests with held loads, for static tire forces and ride heights.
+        shocks: Shocks of the tests or their files; measured forces are brought in step with their laws.
         outputs: Outputs of the model; default: all possible ones.
         channel_map: Columns by channel, for files with other column names: a file, a ChannelMap, or a mapping.
         progress: Callback that receives the amount of work done and the total.
@@ -349,6 +351,7 @@ def identify(
     from eightpost.ident.vehicle.plan import plan_identification
     from eightpost.ident.vehicle.plan import recipe as recipe_of
     from eightpost.progress import portion, reported_to
+    from eightpost.shock import Shock, read_shock
 
     for argument, value, unit in (("damping", damping, "N.s/m"), ("rate", rate, "Hz"), ("settling", settling, "s")):
         check_number(argument, value, unit)
@@ -375,6 +378,7 @@ def identify(
             damping=damping,
             outputs=outputs,
             static=_rig_tests(static, mapped),
+            shocks=[one if isinstance(one, Shock) else read_shock(existing(one)) for one in shocks],
         )
         with portion(0.15, 1.0):
             return plan.identify(recipe)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from builder.build import build
+from cosim.components.fmu_file import SharedFmu
 from cosim.study.choice.assess import Knowledge, certainty_of
 from cosim.study.choice.certainty import Certainty, read_certainty, write_certainty
 from cosim.study.choice.rig_day import POOL, TOTAL, TWICE
@@ -106,6 +107,7 @@ class StudyFolder:
             raise InputError(f"{file}: the file {missing[0]} does not exist; correct its name there, or make it first")
         built = build(sources, folder) if sources else []
         fmus = {Path(item.source): item.path for item in built}
+        self._unpacked = [SharedFmu.of(path) for path in fmus.values()]
         study = read_study(file, lambda source: fmus.get(source, source))
         if built:
             self.listener.say(f"built {len(built)} FMUs in {folder}/")
@@ -151,7 +153,8 @@ class StudyFolder:
 
             pool: Workers = DaskWorkers(self._scheduler, waiting=self._patience, report=self.listener.report)
         else:
-            pool = ProcessWorkers(self._workers or count or usable_processors(), patience=self._patience)
+            number = self._workers or count or usable_processors()
+            pool = ProcessWorkers(number, patience=self._patience, evaluator=self.evaluator)
         try:
             yield pool
         finally:

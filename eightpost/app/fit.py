@@ -332,13 +332,13 @@ def show_test(console: Console, test: DynoTest) -> None:
 
 def _range_text(shock_fit: ShockFit) -> str:
     """Return the ranges of the records: displacement, frequency and, if measured, temperature."""
-    from eightpost.units import shown
+    from eightpost.units import shown_range
 
-    parts = []
-    for one in shock_fit.shock.validity.ranges if shock_fit.shock.validity else ():
-        (low, unit), (high, _) = shown(one.low, one.unit), shown(one.high, one.unit)
-        parts.append(f"{one.variable if one.kind == 'amplitude' else ''} {low:.3g} to {high:.3g} {unit}".strip())
-    return ", ".join(parts)
+    ranges = shock_fit.shock.validity.ranges if shock_fit.shock.validity else ()
+    return ", ".join(
+        f"{one.variable if one.kind == 'amplitude' else ''} {shown_range(one.low, one.high, one.unit)}".strip()
+        for one in ranges
+    )
 
 
 def show_fit(console: Console, shock_fit: ShockFit) -> None:

@@ -71,6 +71,10 @@ def identify(
         kind=Quantity("s"), default="0 s",
     ),
     output_channels: str | None = setting("Outputs of the model, separated by commas; default: all possible outputs."),
+    shocks: str | None = setting(
+        "Files of the tests' shocks, separated by commas: measured forces are brought in step with their laws "
+        "(docs/explanation/common_poles.md); default: none."
+    ),
     name: str | None = setting("Name of the vehicle; default: the name of the output file."),
 ) -> None:  # fmt: skip
     """Identify a vehicle from rig tests: one with baseline shocks, one with another shock at each corner.
@@ -83,13 +87,14 @@ def identify(
     Examples:
       eightpost identify rig/*.parquet -o car.json
       eightpost identify base.parquet soft_lf.parquet soft_rf.parquet soft_lr.parquet soft_rr.parquet -o car.json
-      eightpost identify rig/*.parquet --static static/heave.parquet --static static/roll.parquet -o car.json
+      eightpost identify rig/*.parquet --static static/heave.parquet --set shocks=base.json,soft.json -o car.json
       eightpost identify q1.csv q5.csv --set recipe=boggs --set damping='31.03 lbf.s/in' -o corner.json
     """
     from eightpost.ident.preparation import Decimation, Preparation, prepare, read_preparation
     from eightpost.ident.vehicle.plan import plan_identification
     from eightpost.ident.vehicle.vehicle_fit import write_fit
     from eightpost.rig.rig_test import read_rig_tests
+    from eightpost.shock import read_shock
 
     console = Console()
     more = details(console)
@@ -113,6 +118,7 @@ def identify(
             damping=damping,
             outputs=output_channels.replace(" ", "").split(",") if output_channels else (),
             static=read(static_files) if static_files else (),
+            shocks=[read_shock(path.strip()) for path in shocks.split(",")] if shocks else (),
         )
         _show_baseline(more, rig_files, plan.baseline)
         if plan.rating is not None:

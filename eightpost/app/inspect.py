@@ -289,7 +289,7 @@ def _ranges(series: TimeSeries) -> str:
 
 def _conditions(test: DynoTest) -> list[str]:
     from eightpost.rig.dyno_test import temperature_drift
-    from eightpost.units import shown
+    from eightpost.units import shown, shown_difference
 
     def text(value: float | None, unit: str) -> str | None:
         return None if value is None else "{:.4g} {}".format(*shown(value, unit))
@@ -306,7 +306,7 @@ def _conditions(test: DynoTest) -> list[str]:
     }
     lines = [f"{name}: {value}" for name, value in values.items() if value is not None]
     if "temperature" in test.series:
-        lines.append(f"temperature drift: {temperature_drift(test.series):+.1f} K")
+        lines.append("temperature drift: {:+.1f} {}".format(*shown_difference(temperature_drift(test.series))))
     return lines
 
 
@@ -314,17 +314,17 @@ def _show_runs(console: Console, runs: list[DynoTest]) -> None:
     """Print the runs, and the effect of temperature over repeated runs."""
     from eightpost.rig import temperature_effect
     from eightpost.rig.dyno_test import temperature_drift
-    from eightpost.units import display_unit, shown
+    from eightpost.units import display_unit, shown, shown_difference
 
     rows = []
     for i, run in enumerate(runs, 1):
         series = run.series
         stroke = "-" if run.stroke is None else f"{shown(run.stroke, 'm')[0]:.4g}"
-        drift = f"{temperature_drift(series):+.1f}" if "temperature" in series else "-"
+        drift = f"{shown_difference(temperature_drift(series))[0]:+.1f}" if "temperature" in series else "-"
         peaks = (f"{shown(float(abs(series[name]).max()), series.unit(name))[0]:.4g}" for name in ("velocity", "force"))
         rows.append((str(i), f"{series.time[0]:.4g}", f"{series.time[-1]:.4g}", stroke, *peaks, drift))
     units = {"from": "s", "to": "s", "stroke": display_unit("m"), "peak velocity": display_unit("m/s"),
-             "peak force": display_unit("N"), "drift": "K"}  # fmt: skip
+             "peak force": display_unit("N"), "drift": shown_difference(0.0)[1]}  # fmt: skip
     columns = ["run", *(escape(f"{name} [{unit}]") for name, unit in units.items())]
     if len(runs) > 1 or is_detailed():
         show_table(console, console_table(columns, rows), most=2)

@@ -62,6 +62,17 @@ def _numeric(mdf: Any) -> Iterator[Signal]:
             yield Signal(str(signal.name), str(signal.unit).strip(), samples, times)
 
 
+def load_xrk(path: Path) -> tuple[list[Signal], list[str]]:
+    """Return the channels of a log of AiM, whose times are in milliseconds, and the facts about the session."""
+    log = importlib.import_module("libxrk").aim_xrk(str(path))  # an optional dependency
+    signals = []
+    for name, table in log.channels.items():
+        unit = (table.schema.field(name).metadata or {}).get(b"units", b"").decode()
+        samples, times = (np.asarray(table.column(c), dtype=np.float64) for c in (name, "timecodes"))
+        signals.append(Signal(name, unit, samples, 1e-3 * times))
+    return signals, [f"{key}: {value}" for key, value in log.metadata.items()]
+
+
 # ---- MATLAB 7.3 -----------------------------------------------------------------------------------------------------
 
 

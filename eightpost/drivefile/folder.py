@@ -205,7 +205,11 @@ class IterationFolder:
             raise FileFormatError("is not the state of a drive file iteration", path=path / _STATE)
         check_schema(content, SCHEMA, path / _STATE)
         state = checked(_State, {name: content[name] for name in _ENTRIES if name in content}, path=path / _STATE)
-        target = Target(read_series(path / "target.parquet"), state.high)
+        track = read_series(path / "target.parquet")
+        try:
+            target = Target(track, state.high)
+        except InputError as error:
+            raise FileFormatError(f"{error}: {_AGAIN}", path=path / "target.parquet") from error
         response, static = read_response(path / "response.npz"), _matrix(state.static)
         if response.output_names != target.names or not np.array_equal(response.frequency, target.lines.frequency):
             what = f"does not belong to {_STATE} and target.parquet"

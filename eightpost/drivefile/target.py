@@ -60,7 +60,7 @@ class Lines:
 
     def half_width(self, width: float) -> int:
         """Return n, where a band of a width [Hz] has 2 n + 1 lines; at least 9 lines."""
-        return max(4, round(0.5 * width / self.spacing))
+        return max(4, round(min(0.5 * width / self.spacing, self.samples)))
 
     def band_sum(self, values: NDArray[Any], width: float) -> NDArray[Any]:
         """Return the sums (K, ...) of values (K, ...) over the band of a width [Hz] around each line."""

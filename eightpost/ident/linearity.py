@@ -142,7 +142,9 @@ def _excitation(name: str, record: TimeSeries, source: str, outputs: Sequence[st
 
 def _same(record: TimeSeries, first: TimeSeries, inputs: Sequence[str]) -> bool:
     """Return whether two tests have the same drive, sample by sample."""
-    return len(record) == len(first) and not any(_differ(record[n], first[n]) for n in inputs if _is_driven(first, n))
+    return len(record) == len(first) and all(
+        np.std(record[n] - first[n]) <= SAME_DRIVE * first[n].std() for n in inputs if _is_driven(first, n)
+    )
 
 
 def _shock_change(
@@ -162,10 +164,6 @@ def _shock_change(
     if others:
         return f"{name}: {', '.join((largest, *others))} differ from {baseline[0]}; change one shock at a time"
     return _Change(largest, changes[largest])
-
-
-def _differ(values: Array, first: Array) -> bool:
-    return bool(np.std(values - first) > SAME_DRIVE * float(np.std(first)))
 
 
 def _slope(force: Array, velocity: Array) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -163,6 +164,22 @@ def grid_figure(
         left, below = (k % columns) * (wide + gap[0]), (rows - 1 - k // columns) * (high + gap[1])
         placed.append(Panel(x, y, (left, left + wide), (below, below + high), title))
     return Figure(caption, height, placed)
+
+
+def row_figure(
+    caption: str, height: int, panels: Sequence[tuple[Axis, Axis, str]], columns: int, *, gap: float
+) -> Figure:
+    """Return a figure with panels in as many rows as they need, with space for titles and labels between the rows.
+
+    Args:
+        caption: Text below the figure.
+        height: Height of a row [px].
+        panels: Horizontal axis, vertical axis and heading of each panel.
+        columns: Number of panels in a row.
+        gap: Gap between columns [1].
+    """
+    rows = ceil(len(panels) / columns)
+    return grid_figure(caption, 110 + height * rows, panels, columns, gap=(gap, 0.28 / rows))
 
 
 def _axes(panel: int) -> tuple[str, str]:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from eightpost import __version__
+from eightpost import cache as disk
 from eightpost.extras import needs
 from eightpost.files import atomic_path
 from eightpost.report import numbers, tables
@@ -89,6 +90,7 @@ def page(package: str, scripts: Sequence[str], /, name: str = "page", **context:
     """
     loaders = [jinja2.PackageLoader(package, "."), jinja2.PackageLoader(_KIT, "templates")]
     environment = jinja2.Environment(
+        bytecode_cache=_Compiled(),
         loader=jinja2.ChoiceLoader(loaders),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
@@ -127,7 +129,25 @@ def compressed(content: bytes) -> str:
 
 @cache
 def _plotly() -> str:
-    return compressed(get_plotlyjs().encode())
+    """Return the plotting library, compressed; that takes long, so it is kept in the cache."""
+    content = get_plotlyjs().encode()
+    key = disk.digest([content])
+    kept = disk.recall("pages", key)
+    if kept is None:
+        kept = compressed(content).encode()
+        disk.keep("pages", key, kept)
+    return kept.decode()
+
+
+class _Compiled(jinja2.BytecodeCache):
+    """Templates as compiled code in the cache."""
+
+    def load_bytecode(self, bucket: jinja2.bccache.Bucket) -> None:
+        if (code := disk.recall("pages", bucket.key)) is not None:
+            bucket.bytecode_from_string(code)
+
+    def dump_bytecode(self, bucket: jinja2.bccache.Bucket) -> None:
+        disk.keep("pages", bucket.key, bucket.bytecode_to_string())
 
 
 def _file(package: str, name: str) -> Markup:

@@ -42,6 +42,7 @@ from eightpost.signals.filters import velocity_from_displacement
 from eightpost.signals.formats import read_record, read_records
 from eightpost.signals.raw_record import ChannelMap, RawRecord, mapped_series, spread_evenly
 from eightpost.signals.timeseries import Recording
+from eightpost.units import shown_difference
 from eightpost.verdict import Grade, Reason
 
 if TYPE_CHECKING:
@@ -533,9 +534,11 @@ class TemperatureEffect:
     spread: float  #: Range of the mean temperatures of the runs [K].
 
     def __str__(self) -> str:
+        (degrees, unit), (spread, _) = shown_difference(1.0), shown_difference(self.spread)
+        slope, error = 100.0 * self.per_kelvin / degrees, 100.0 * self.error / degrees
         return (
-            f"force changes by {100.0 * self.per_kelvin:+.2f} %/K (standard error {100.0 * self.error:.2f}), from "
-            f"{self.runs} repeated runs over a range of {self.spread:.1f} K"
+            f"force changes by {slope:+.2f} %/{unit} (standard error {error:.2f}), from {self.runs} repeated runs "
+            f"over a range of {spread:.1f} {unit}"
         )
 
 

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 from scipy.special import stdtrit
 
@@ -39,6 +38,8 @@ def displacement_of(series: TimeSeries) -> Array:
     """Return the displacement (N,) [m]; if it was not measured, the integral of the velocity minus its mean."""
     if "displacement" in series:
         return series["displacement"]
+    from scipy.integrate import cumulative_trapezoid  # noqa: PLC0415 -- slow to load, and most records need no integral
+
     velocity = series["velocity"]
     return np.asarray(cumulative_trapezoid(velocity - velocity.mean(), series.time, initial=0))
 
@@ -358,6 +359,8 @@ def _disagreement(series: TimeSeries) -> str:
 
 def _travel(series: TimeSeries) -> str:
     """Return a figure if the mean of velocity, in a record without displacement, is too large for a shock's travel."""
+    from scipy.integrate import cumulative_trapezoid  # noqa: PLC0415 -- slow to load, and most records need no integral
+
     time = series.time
     path = cumulative_trapezoid(series["velocity"], time, initial=0)
     net = float(path[-1])

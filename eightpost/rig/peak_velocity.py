@@ -101,7 +101,7 @@ class PeakVelocityTable(Summarized):
 SAME_SPEED = 0.05
 
 #: Suffixes of files that are records over time.
-_RECORDS = (".mf4", ".mdf", ".tdms", ".lvm", ".parquet", ".rsp", ".drv", ".tim", ".rpc", ".ld", ".vbo")
+_RECORDS = (".mf4", ".mdf", ".tdms", ".lvm", ".parquet", ".rsp", ".drv", ".tim", ".rpc", ".ld", ".vbo", ".xrk", ".xrz")
 
 
 def read_peak_velocity(

@@ -6,8 +6,8 @@ the same functions. The machine code is cached on disk under a digest of all the
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
+import sys
 from collections.abc import Callable, Sequence
 from functools import cache
 from math import tanh
@@ -15,24 +15,17 @@ from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any, cast
 
-import numpy as np
-from numba import njit
+from numba import njit, types
 from numba.extending import register_jitable
+from numba.np.numpy_support import from_dtype
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from eightpost.array_types import Array
-from eightpost.cache import kept
-from eightpost.shock.curve import INNER_ORDER, KNOTS, OUTER_ORDER, CurveNumbers
-from eightpost.shock.law import Piece, Port, ShockLaw, Valve, valve_force
-from eightpost.shock.laws import LAWS, law_module, own_size, own_values, state_names
+from eightpost.object_code.native import optimised
+from eightpost.shock.law import Piece, ShockLaw, Valve, valve_force
+from eightpost.shock.laws import LAWS, law_module, own_size, state_names
+from eightpost.shock.records import LAW_NUMBERS
 
 # ---- Compilation of functions from other files ----------------------------------------------------------------------
-
-
-def _compiled_loop(loop: Callable[..., None]) -> Callable[..., None]:
-    """Return a loop as machine code, cached on disk if there is a cache folder."""
-    found: Callable[..., None] = kept(njit(nogil=True, error_model="numpy")(loop))
-    return found
 
 
 def _registered(*functions: Any) -> set[FunctionType]:
@@ -82,40 +75,6 @@ def _choice_of(functions: Sequence[Callable[..., Any]], number: int = 0) -> Call
 
 
 # ---- One step of any law inside a compiled loop ---------------------------------------------------------------------
-
-_CURVE = [("inner", "f8", INNER_ORDER), ("compression", "f8", OUTER_ORDER + 1), ("rebound", "f8", OUTER_ORDER + 1)]
-_CURVE += [(name, "f8") for name in CurveNumbers._fields[3:-3]]  # type: ignore[misc]
-_CURVE += [(name, "f8", KNOTS) for name in CurveNumbers._fields[-3:]]
-
-#: A law as a record of numbers: its place in `LAWS`, its port, its curve and its own parameters, filled up with zeros.
-LAW_NUMBERS = np.dtype(
-    [
-        ("kind", "i8"),
-        ("port", [(f.name, "f8") for f in dataclasses.fields(Port)]),
-        ("curve", _CURVE),
-        ("own", "f8", (max(1, *(own_size(law) for law in LAWS.values())),)),
-    ]
-)
-
-
-#: Number of states with which `law_step` works.
-MOST_STATES = 2
-assert max(len(state_names(law)) for law in LAWS.values()) <= MOST_STATES
-
-
-def law_numbers(laws: Sequence[ShockLaw]) -> np.ndarray[Any, np.dtype[np.void]]:
-    """Return laws as records (S,) of `LAW_NUMBERS`."""
-    return _records([(type(law), law.port, tuple(law.curve.numbers()), own_values(law)) for law in laws])
-
-
-def _records(
-    laws: Sequence[tuple[type[ShockLaw], Port, tuple[Any, ...], tuple[float, ...]]],
-) -> np.ndarray[Any, np.dtype[np.void]]:
-    kinds, count = list(LAWS.values()), LAW_NUMBERS["own"].shape[0]
-    numbers = np.zeros(len(laws), LAW_NUMBERS)
-    for k, (law, port, curve, own) in enumerate(laws):
-        numbers[k] = (kinds.index(law), dataclasses.astuple(port), curve, (*own, *[0.0] * (count - len(own))))
-    return numbers
 
 
 def law_step(
@@ -206,55 +165,38 @@ def _cores(module: ModuleType) -> list[Any]:
 LAW_FILES = _number_of({law_step}.union(*(_registered(*_cores(law_module(law)), valve_force) for law in LAWS.values())))
 
 
-# ---- A law over a whole record --------------------------------------------------------------------------------------
+# ---- A law over a whole record: the program that `records.record_loop` runs ------------------------------------------
 
 
-def stepped_force(law: type[ShockLaw], valve: Valve, own: tuple[float, ...], velocity: Array, step: Array) -> Array:
-    """Return the valve force (N,) [N] of a law for a record that starts in steady motion.
-
-    Args:
-        law: Class of the law.
-        valve: Curve and scales of the static force.
-        own: The law's own parameters, in the order of its fields.
-        velocity: Damper velocity (N,) [m/s].
-        step: Time (N - 1,) from sample to sample [s].
-    """
-    port = Port(compression_scale=valve.compression_scale, rebound_scale=valve.rebound_scale)
-    numbers, force = _records([(law, port, tuple(valve.curve), own)]), np.empty(velocity.size)  # type: ignore[arg-type]
-    _record_loop()(numbers, np.ascontiguousarray(velocity), step, np.empty((velocity.size, MOST_STATES)), force)
-    return force
-
-
-def stepped_states(law: type[ShockLaw], valve: Valve, own: tuple[float, ...], velocity: Array, step: Array) -> Array:
-    """Return the states (N, 2) of a law whose states depend on the velocity alone; see `stepped_force`."""
-    numbers = _records([(law, Port(), tuple(valve.curve), own)])  # type: ignore[arg-type]
-    states = np.empty((velocity.size, MOST_STATES))
-    _record_loop()(numbers, np.ascontiguousarray(velocity), step, states, np.empty(0))
-    return states
+def _loop(numbers: Any, velocity: Any, step: Any, states: Any, force: Any) -> int:
+    """Fill states (N, 2) and, if it has elements, the force (N,) of a law; see `eightpost.shock.records`."""
+    law, has_force = numbers[0], force.size > 0
+    valve = Valve(law.curve, law.port.compression_scale, law.port.rebound_scale)
+    before, state = 0.0, (0.0, 0.0)
+    for n in range(velocity.size):
+        after = valve_force(valve, velocity[n]) if has_force else 0.0
+        if n == 0:
+            state = _start(law.kind, velocity[n], after, law, valve)
+        else:
+            piece = Piece(velocity[n - 1], velocity[n], before, after, step[n - 1])
+            state = _advance(law.kind, state, piece, law, valve)
+        states[n, 0], states[n, 1] = state
+        if has_force:
+            force[n] = _force(law.kind, state, velocity[n], after, law, valve)
+        before = after
+    return 0
 
 
-@cache
-def _record_loop() -> Callable[..., None]:
-    """Return the compiled loop over a record."""
-    # numba checks only this file for changes, so this number makes the cached code depend on the other files too.
-    number = LAW_FILES
+def main() -> None:
+    """Write the object file of the loop to standard output."""
+    row = types.Array(types.float64, 1, "C")
+    laws, states = types.Array(from_dtype(LAW_NUMBERS), 1, "C"), types.Array(types.float64, 2, "C")
+    signature = (laws, row, row, states, row)
+    machine: Any = njit(nogil=True, error_model="numpy", _nrt=False)(_loop)
+    machine.compile(signature)
+    name = machine.overloads[signature].fndesc.llvm_func_name
+    sys.stdout.buffer.write(optimised(machine.inspect_llvm(signature), name))
 
-    def loop(numbers: Any, velocity: Any, step: Any, found: Any, force: Any) -> None:
-        if number == 0:
-            return
-        law, has_force = numbers[0], force.size > 0
-        valve = Valve(law.curve, law.port.compression_scale, law.port.rebound_scale)
-        before, states = 0.0, (0.0, 0.0)
-        for n in range(velocity.size):
-            after = valve_force(valve, velocity[n]) if has_force else 0.0
-            if n == 0:
-                states = _start(law.kind, velocity[n], after, law, valve)
-            else:
-                piece = Piece(velocity[n - 1], velocity[n], before, after, step[n - 1])
-                states = _advance(law.kind, states, piece, law, valve)
-            found[n, 0], found[n, 1] = states
-            if has_force:
-                force[n] = _force(law.kind, states, velocity[n], after, law, valve)
-            before = after
 
-    return _compiled_loop(loop)
+if __name__ == "__main__":
+    main()

@@ -19,6 +19,7 @@ from eightpost.shock.curve import KNOTS, StaticCurve
 from eightpost.shock.law import ShockLaw
 from eightpost.shock.laws import FORMER, LAWS, law_name, law_title, named_law, own_parameters, parameter_units
 from eightpost.shock.settings import TEMPERATURE, Axis, Settings, is_tested, setting_of
+from eightpost.units import shown, shown_range
 from eightpost.validity import ModelUncertainty, ParameterUncertainty, Range, Validity, judged
 from eightpost.verdict import Reason, Rules, Verdict
 
@@ -327,7 +328,8 @@ def _own_texts(law: ShockLaw) -> Iterator[str]:
     for name in own_parameters(type(law)):
         value = getattr(law, name)
         if isinstance(value, int | float) and not isinstance(value, bool):
-            yield f"{name} {value:.4g} {units.get(name, '')}".rstrip()
+            number, unit = shown(float(value), units.get(name, ""))
+            yield f"{name} {number:.4g} {unit}".rstrip()
 
 
 #: Velocity at which a summary states both forces [m/s].
@@ -335,12 +337,14 @@ _SHOWN = 0.1
 
 
 def _range_text(known: Range) -> str:
-    return f"{'frequency' if known.kind == 'frequency' else known.variable} {known}"
+    variable = "frequency" if known.kind == "frequency" else known.variable
+    return f"{variable} {shown_range(known.low, known.high, known.unit)}"
 
 
 def _curve_text(law: ShockLaw) -> str:
-    compression, rebound = (law.curve.force(sign * _SHOWN) for sign in (1.0, -1.0))
-    return f"{compression:.4g} N and {rebound:.4g} N at {_SHOWN:g} m/s in compression and rebound"
+    (compression, unit), (rebound, _) = (shown(law.curve.force(sign * _SHOWN), "N") for sign in (1.0, -1.0))
+    speed, per = shown(_SHOWN, "m/s")
+    return f"{compression:.4g} {unit} and {rebound:.4g} {unit} at {speed:.3g} {per} in compression and rebound"
 
 
 def write_shock(shock: Shock, path: str | Path) -> None:

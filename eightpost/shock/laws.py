@@ -14,7 +14,7 @@ from eightpost.errors import ParameterError, choice_of
 from eightpost.shock.law import FitParameter, ShockLaw
 
 #: Files that are not laws, among them all files that import this one.
-_OTHERS = ("compiled", "curve", "file", "law", "laws", "sections", "settings", "shape")
+_OTHERS = ("compiled", "curve", "file", "law", "laws", "records", "sections", "settings", "shape")
 
 
 def own_parameters(law: type[ShockLaw]) -> tuple[str, ...]:

@@ -108,14 +108,11 @@ def _record(
     """Parse one block of the file's lines."""
     layout = _find_layout(lines[block.start : block.stop], path, offset=block.start)
     first = layout.first_line
-    stop = (
-        first
-        - 1
-        + without_footer(lines[first - 1 : block.stop], lambda line: _split_cells(line, layout.delimiter) or [""])
-    )
+    cells = [_split_cells(line, layout.delimiter) or [""] for line in lines[first - 1 : block.stop]]
+    stop = first - 1 + without_footer(cells)
     numbers = np.array([i for i, line in enumerate(lines[first - 1 : stop], first) if line.strip()])
     if may_be_cut and numbers.size:
-        ends = [_split_cells(lines[i - 1], layout.delimiter)[-1] for i in numbers]
+        ends = [cells[i - first][-1] for i in numbers]
         if _is_cut_off(ends, has_end=int(numbers[-1]) < len(lines)):
             notes = (*notes, CUT_NOTE.format(line=numbers[-1], cell=ends[-1]))
             numbers = numbers[:-1]

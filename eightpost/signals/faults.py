@@ -69,6 +69,9 @@ CLIP_SHARE = 0.005
 #: ... and if they exceed this multiple of the samples at the next level (a rounded sine reaches 2.5).
 CLIP_CROWDING = 5.0
 
+#: No sensor measures that (SI); its square is still a number.
+_LARGEST = 1e100
+
 
 def check_finite(values: Array, *, channel: str, origin: Origin = IN_MEMORY) -> None:
     """Raise NotANumberError at the first NaN or infinite sample of `values` (N,)."""
@@ -144,8 +147,13 @@ def check_length(time: Array, *, shortest: float, fewest: int, origin: Origin = 
 
 
 def check_moves(values: Array, *, channel: str, origin: Origin = IN_MEMORY) -> None:
-    """Raise ConstantChannelError if `values` (N,) are constant except for rounding."""
-    if float(np.ptp(values)) <= 1e-12 * float(np.max(np.abs(values))):
+    """Raise ConstantChannelError if `values` (N,) are constant except for rounding, NotANumberError if one is huge."""
+    sizes = np.abs(values)
+    sample = int(np.argmax(sizes))
+    if sizes[sample] >= _LARGEST:
+        what = f"the value is {values[sample]:g} (SI); repair the record, or cut this sample out"
+        raise origin.fault(NotANumberError, what, channel=channel, sample=sample)
+    if float(np.ptp(values)) <= 1e-12 * float(sizes[sample]):
         raise origin.fault(
             ConstantChannelError,
             f"the channel is constant at {values[0]:.6g} (SI); "

@@ -21,7 +21,7 @@ from eightpost.extras import is_installed, requirement
 from eightpost.files import reading, sha256_of
 from eightpost.signals.csv_file import read_delimited, text_records, write_csv
 from eightpost.signals.faults import Origin
-from eightpost.signals.logger_files import read_ld, read_rpc, read_vbo, write_rpc
+from eightpost.signals.logger_files import read_ld, read_rpc, read_vbo, read_xrk, write_rpc
 from eightpost.signals.lvm_file import read_lvm
 from eightpost.signals.mat_file import read_json, read_mat, read_script, write_mat
 from eightpost.signals.parquet_file import read_parquet, write_parquet
@@ -251,6 +251,7 @@ _READERS: dict[str, Callable[[Path], tuple[RawRecord, ...]]] = {
     ".parquet": read_parquet, ".mat": read_mat, ".m": read_script, ".json": read_json, ".tdms": _read_tdms,
     ".lvm": read_lvm, ".mf4": _read_mdf, ".mdf": _read_mdf, ".pvp": read_delimited,
     **dict.fromkeys((".rsp", ".drv", ".tim", ".rpc"), read_rpc), ".ld": read_ld, ".vbo": read_vbo,
+    ".xrk": read_xrk, ".xrz": read_xrk,
 }  # fmt: skip
 #: First bytes of files of programs that do not document their layout, and the program. A text file .pvp is read.
 _CLOSED = {".dctw": (b"", "CTW Probe"), ".pvp": (b"\xd0\xcf\x11\xe0", "the Shock program of Roehrig and MTS")}

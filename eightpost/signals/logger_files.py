@@ -1,4 +1,4 @@
-"""Files of loggers and rigs: MoTeC's .ld, Racelogic's .vbo, and MTS's RPC III (.rsp, .drv, .tim)."""
+"""Files of loggers and rigs: MoTeC's .ld, AiM's .xrk, Racelogic's .vbo, and MTS's RPC III (.rsp, .drv, .tim)."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from eightpost.confined import read_confined
 from eightpost.confined.readers import Signal
 from eightpost.errors import FileFormatError
+from eightpost.extras import is_installed, requirement
 from eightpost.files import atomic_path, reading
 from eightpost.signals.faults import Origin
 from eightpost.signals.raw_record import RawRecord, by_time, temperatures_at
@@ -112,6 +114,19 @@ def _tables(
     )  # fmt: skip
 
 
+def read_xrk(path: str | Path) -> tuple[RawRecord, ...]:
+    """Read the channels of a log of AiM with libxrk: one table for each set of times, as of a log of MoTeC.
+
+    Raises:
+        FileFormatError: libxrk is not installed or cannot read the file, or there is no channel.
+    """
+    path = Path(path)
+    if not is_installed("libxrk"):
+        raise FileFormatError(requirement("reading logs of AiM", "libxrk", "aim"), path=path)
+    signals, facts = read_confined("eightpost.confined.readers:load_xrk", path, kind="a log of AiM that libxrk reads")
+    return _tables(signals, path, tuple((fact,) for fact in facts), ())
+
+
 # ---- Racelogic .vbo: sections of text -------------------------------------------------------------------------------
 
 #: Units of the columns that every file has; those of the other columns are in a section, in the same order.
@@ -200,12 +215,12 @@ def read_rpc(path: str | Path) -> tuple[RawRecord, ...]:
     group = _integer({"PTS_PER_GROUP": str(frame), **header}, "PTS_PER_GROUP", path)
     data = memoryview(content)[start:]
     values = _values(data, np.dtype(_ORDERS[header["FORMAT"]] + kind), count, group, points, path)
-    notes: tuple[str, ...] = ()
+    notes = _half_frames(header, len(data) - np.dtype(kind).itemsize * count * points, path)
     if "SAMPLES" in header:
         values = values[:, : _integer(header, "SAMPLES", path)]
     elif (filled := _filling(values[:, -frame:])) >= _FILLED:
         values = values[:, : points - filled]
-        notes = (f"the last {filled} samples were left out: they fill the last frame with one value of each channel",)
+        notes += (f"the last {filled} samples were left out: they fill the last frame with one value of each channel",)
     numbers = range(1, count + 1)
     names = [header.get(f"DESC.CHAN_{i}") or f"CHAN_{i}" for i in numbers]
     units = [header.get(f"UNITS.CHAN_{i}") or None for i in numbers]
@@ -245,6 +260,16 @@ def _values(data: memoryview, kind: np.dtype[Any], count: int, group: int, point
     samples = np.frombuffer(data, kind, size + count * last)
     parts = samples[:size].reshape(whole, count, group).swapaxes(0, 1).reshape(count, -1)
     return np.concatenate([parts, samples[size:].reshape(count, last)[:, :rest]], axis=1)
+
+
+def _half_frames(header: Mapping[str, str], more: int, path: Path) -> tuple[str, ...]:
+    """Return a note about half frames at both ends; refuse a file with bytes that its number of frames excludes."""
+    if header.get("HALF_FRAMES", "0").strip() in ("", "0"):
+        return ()
+    if more:
+        what = f"has half frames and {more} bytes besides its FRAMES; export it without half frames"
+        raise FileFormatError(what, path=path)
+    return ("it has half frames: its first and last half frame may be a fade, cut them with a time window",)
 
 
 def _filling(frame: NDArray[Any]) -> int:

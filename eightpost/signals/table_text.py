@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from itertools import pairwise
 from typing import Any
@@ -162,18 +162,17 @@ def _pairs(line: str) -> list[str]:
 _STATISTICS = re.compile(r"(?:max|min|mean|average|avg|total|sum|end|std|rms|peak)\b.*", re.IGNORECASE)
 
 
-def without_footer(lines: Sequence[str], split: Callable[[str], list[str]]) -> int:
-    """Return the number of lines up to the last row of a table: lines of words below it are a footer.
+def without_footer(rows: Sequence[list[str]]) -> int:
+    """Return the number of rows, of one or more cells each, up to the last of a table: words below it are a footer.
 
     A line with a word in place of its first number and numbers in all other cells is a damaged row, not a footer,
     unless the word names a statistic (`Max`, `Average`).
     """
-    rows = [split(line) for line in lines]
     kinds = Counter(_kind(cells[0]) for cells in rows if any(cells))
     usual = kinds.most_common(1)[0][0] if kinds else "word"
     if usual == "word":
-        return len(lines)
-    last = len(lines)
+        return len(rows)
+    last = len(rows)
     while last > 0 and (not any(rows[last - 1]) or _is_footer(rows[last - 1], usual)):
         last -= 1
     return last

@@ -19,7 +19,8 @@ from scipy.interpolate import CubicSpline
 from eightpost.array_types import Array
 from eightpost.cache import kept
 from eightpost.errors import ParameterError, StepError
-from eightpost.shock.compiled import LAW_FILES, LAW_NUMBERS, law_step
+from eightpost.shock.compiled import LAW_FILES, law_step
+from eightpost.shock.records import LAW_NUMBERS
 from eightpost.vehicle.compiled import BRISTLE_FILE, deflection_after
 
 if TYPE_CHECKING:

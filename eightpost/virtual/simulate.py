@@ -14,7 +14,7 @@ from eightpost.array_types import Array
 from eightpost.errors import ParameterError, StepError
 from eightpost.rig.geometry import MODES, displacement_modes, force_modes, ride_heights
 from eightpost.shock import ShockLaw
-from eightpost.shock.compiled import LAW_NUMBERS, law_numbers
+from eightpost.shock.records import LAW_NUMBERS, law_numbers
 from eightpost.signals.filters import velocity_from_displacement
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert

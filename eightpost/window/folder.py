@@ -21,7 +21,7 @@ _NAME = re.compile(r"[^\w.+ -]+")
 #: Endings of records that the readers know.
 RECORDS = (
     ".csv", ".txt", ".dat", ".tsv", ".xlsx", ".xls", ".ods", ".parquet", ".mat", ".mf4", ".tdms", ".lvm", ".json",
-    ".rsp", ".drv", ".tim", ".ld", ".vbo",
+    ".rsp", ".drv", ".tim", ".ld", ".vbo", ".xrk", ".xrz",
 )  # fmt: skip
 
 

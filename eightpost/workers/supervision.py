@@ -260,7 +260,7 @@ def _work(work: Callable[[], object], mine: Record, life: int | None = None) -> 
         remove_left(place, "eightpost_")
         folder = place / f"eightpost_{mark()}"
         folder.mkdir(0o700)
-        mine.folder = tempfile.tempdir = str(folder)
+        mine.folder = tempfile.tempdir = os.environ["TMPDIR"] = str(folder)  # the last one for its workers
     if life is not None:
         threading.Thread(target=_end_with_parent, args=(life, mine.folder), name="end with parent", daemon=True).start()
     mine.owner, code = os.getpid(), 1

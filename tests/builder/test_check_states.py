@@ -1,4 +1,4 @@
-"""The probe of freed states names what an FMU does wrong: it refuses, keeps its pointer, or refuses NULL."""
+"""Probes on constructed FMUs: what one does wrong with a freed state is named; only fixed parameters are locked."""
 
 import ctypes
 from contextlib import nullcontext
@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from builder.check.probes.instances import _freed
+from builder.check.probes.misuse import _locked
 
 OK, WARNING, ERROR = 0, 1, 3
 KEPT, NULL = "the pointer is not NULL after fmi2FreeFMUstate", "fmi2FreeFMUstate of NULL is rejected"
@@ -45,3 +46,14 @@ def test_a_state_must_be_freed_with_its_pointer_and_null_be_ignored(fmu, message
     found = list(_freed(bench))
     assert [finding.message for finding in found] == messages
     assert {finding.rule.identifier for finding in found} <= {"state-freed"}
+
+
+def test_setting_a_fixed_parameter_between_steps_is_tried_and_a_tunable_one_not():
+    def parameters(_):
+        return [SimpleNamespace(name=f"{v}_gain", variability=v, number=lambda _: 1.0) for v in ("tunable", "fixed")]
+
+    bench = SimpleNamespace(
+        description=SimpleNamespace(of=parameters), outputs=[SimpleNamespace(name="force")], running=None
+    )
+    titles = [misuse.title for misuse in _locked(bench)]
+    assert titles == ["setting the fixed fixed_gain between steps", "setting the output force"]

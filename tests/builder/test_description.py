@@ -78,6 +78,13 @@ def test_outputs_and_initial_unknowns_list_every_output_with_dependencies(fmus, 
     assert float(description.defaultExperiment.stepSize) == 1e-3
 
 
+def test_the_initial_force_of_a_shock_depends_on_all_parameters_but_those_of_the_lag(fmus):
+    description = read_model_description(str(fmus["lpf1"]))
+    (known,) = ({d.name for d in u.dependencies} for u in description.initialUnknowns if u.variable.name == "force")
+    parameters = {v.name for v in description.modelVariables if v.causality in ("parameter", "input")}
+    assert parameters - known == {"time_constant"}
+
+
 def depends(fmu, outputs, name, size, time):
     """Return the outputs that change with one input, over one very short step or in initialization."""
     before = np.array(fmu.get(outputs))

@@ -199,7 +199,7 @@ def test_two_runs_are_compared_and_their_fmus_and_parameters_named(eightpost, fm
             f'drivefile = "{ROOT}/examples/data/track.parquet"\n[scenario.targets]\n"lf.road" = "car.road"\n'
         )
         assert eightpost("run", tmp_path / f"{name}.toml", "-o", tmp_path / name).exit_code == 0
-    shown = eightpost("study", "compare", tmp_path / "a", tmp_path / "b", "-o", tmp_path / "changes.png")
+    shown = eightpost("-v", "study", "compare", tmp_path / "a", tmp_path / "b", "-o", tmp_path / "changes.png")
     assert shown.exit_code == 0, shown.output
     for expected in ("shock = lpnl2.fmu", "shock = lpf1.fmu", "shock.rebound_scale = 0.9", "%"):
         assert expected in shown.output

@@ -27,7 +27,7 @@ def table(tmp_path):
 
 @pytest.mark.nightly
 def test_each_setting_becomes_a_shock_through_its_points(table, tmp_path):
-    code, shown = fit(table, "-o", tmp_path / "valve.json", "--build", "V17", "--plot", tmp_path / "valve.png")
+    code, shown = fit(table, "-o", tmp_path / "valve.json", "--build", "V17", "--plot", tmp_path / "valve.png", "-v")
     assert code == 0, shown
     assert "joined by a monotone interpolant" in shown
     assert (tmp_path / "valve.png").stat().st_size > 10_000

@@ -17,12 +17,14 @@ def inspect(*words):
 
 
 @pytest.mark.nightly
-def test_a_good_record_is_shown_with_columns_ranges_and_runs():
-    code, shown = inspect(DATA / "dyno_C.csv")
+def test_a_good_record_is_shown_with_columns_ranges_and_runs(monkeypatch):
+    monkeypatch.setenv("EIGHTPOST_UNITS", "si")
+    code, shown = inspect(DATA / "dyno_C.csv", "-v")
     assert code == 0, shown
-    for expected in ("SYNTHETIC data", "24001 samples", "12 s at 2000 Hz", "velocity", "temperature drift: +2.", "run"):
+    for expected in ("SYNTHETIC data", "24001 samples", "12 s at 2000 Hz", "velocity", "run"):
         assert expected in shown
-    assert "warning" not in shown
+    assert "temperature drift: +2.2 degC" in " ".join(shown.split())
+    assert "No warnings." in shown
 
 
 @pytest.mark.nightly
@@ -49,6 +51,21 @@ def test_the_content_of_a_refused_file_is_shown_before_the_error(tmp_path):
     assert "columns  t [s], v [m/s], F (no unit)" in shown
     assert "error: " in shown
     assert "--channel 'force=[unit]'" in " ".join(shown.split())
+
+
+def test_a_shock_file_is_shown_in_the_units_of_the_user(monkeypatch):
+    monkeypatch.setenv("EIGHTPOST_UNITS", "si")
+    path = DATA.parent / "bank" / "AA_B.json"
+    metric = inspect(path)[1]
+    assert "lag_full_force 44.48 N" in metric
+    assert "186.6 N and -386.4 N at 100 mm/s" in metric
+    assert "displacement -38.1 to 35.5 mm" in metric
+    monkeypatch.setenv("EIGHTPOST_UNITS", "us")
+    customary = inspect(path)[1]
+    assert "lag_full_force 10 lbf" in customary
+    assert "41.95 lbf and -86.86 lbf at 3.94 in/s" in customary
+    assert "displacement -1.5 to 1.4 in" in customary
+    assert "temperature 110 to 113 degF" in customary
 
 
 def test_a_peak_velocity_table_is_shown_by_setting(tmp_path):

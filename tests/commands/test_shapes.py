@@ -107,7 +107,7 @@ def test_target_curves_are_found_verified_and_written_and_a_click_changes_the_me
     assert 'href="shapes.html"' in study.read_text() and 'href="report.html"' in aim.read_text()
 
     assert StudyResult.load(out / "results.parquet").done.all()  # of the bank, for the other commands
-    asked = CliRunner().invoke(main, ["study", "whatif", str(out), "--at", "lr", "--rebound", "+1"])
+    asked = CliRunner().invoke(main, ["-v", "study", "whatif", str(out), "--at", "lr", "--rebound", "+1"])
     assert asked.exit_code == 0 and "lr: rebound slope at low speeds +5 %" in asked.output
     assert "grip number" in asked.output
     for arguments, message in ((["--at", "lr"], "nothing changes"), (["--at", "front", "--rebound", "1"], "no corner")):

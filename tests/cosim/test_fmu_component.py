@@ -9,6 +9,7 @@ import pytest
 
 from cosim import FmuComponent
 from cosim.components.component import Conversion, to_si
+from cosim.components.fmu_file import FmuFile
 from eightpost.archive import read_archive, write_archive
 from eightpost.errors import FmuError, StepError
 
@@ -122,3 +123,10 @@ def test_variables_and_capabilities_are_read_from_the_model_description(fmus):
     assert part.capabilities.state
     assert part.capabilities.interpolates_inputs
     part.finish()
+
+
+def test_a_run_unpacks_neither_documentation_nor_binaries_of_other_platforms(fmus, tmp_path):
+    path, folder = changed(fmus["lpnl2"], tmp_path / "a.fmu", **{"binaries/amiga/a.so": b""}), tmp_path / "out"
+    fmu = FmuFile.unpack(path, folder)
+    assert [path.name for path in (folder / "binaries").iterdir()] == [fmu.library.parent.name]
+    assert not (folder / "documentation").exists() and (folder / "sources").is_dir()

@@ -18,6 +18,10 @@ from cosim.engine.fmi3_calls import _is_refused
 from cosim.engine.machine_code import Request, object_file
 from cosim.engine.march import compiled
 from eightpost.cache import keep, recall
+from eightpost.object_code import native
+from eightpost.object_code import stored as storage
+from eightpost.object_code.native import array_words
+from eightpost.object_code.stored import code_key
 
 #: Code with numba's calling convention: the result is stored where the first argument points.
 CODE = """
@@ -51,7 +55,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def doubling() -> bytes:
-    return machine_code.optimised(CODE.format(triple=machine_code.description()[0]), "double")
+    return native.optimised(CODE.format(triple=native.description()[0]), "double")
 
 
 def test_the_description_of_a_block_lists_its_fields_and_their_types() -> None:
@@ -87,7 +91,7 @@ def test_nothing_is_cached_if_the_folder_cannot_be_written(tmp_path: Path, monke
 
 
 def test_an_object_file_is_loaded_and_called(doubling: bytes) -> None:
-    double = machine_code._callable(machine_code.loaded(doubling), 1)
+    double = native.function_at(native.loaded_entries(doubling)[0], 1)
     assert double(21) == 42
     with pytest.raises(ArithmeticError, match="divided by zero"):
         double(0)
@@ -116,13 +120,29 @@ def test_cached_code_is_reused_and_damaged_code_is_compiled_again(
     assert len(made) == (2 if damage else 1)
 
 
-def test_the_cache_key_depends_on_types_processor_and_version(monkeypatch: pytest.MonkeyPatch) -> None:
-    keys = {machine_code._key("march", "Plan()"), machine_code._key("march", "Plan(a: d1)")}
-    monkeypatch.setattr(machine_code, "description", lambda: ("x86_64", "another", "+avx"))
-    keys.add(machine_code._key("march", "Plan()"))
-    monkeypatch.setattr(machine_code, "version", lambda _: "0.0")
-    keys.add(machine_code._key("march", "Plan()"))
-    assert len(keys) == 4
+def test_the_cache_key_depends_on_sources_types_processor_and_version(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, content in (("first", "one = 1\n"), ("second", "one = 2\n")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "law.py").write_text(content)
+    first, second = tmp_path / "first", tmp_path / "second"
+    assert code_key(first, "march") == code_key(first, "march")
+    keys = {
+        code_key(first, "march", "Plan()"),
+        code_key(first, "march", "Plan(a: d1)"),
+        code_key(second, "march", "Plan()"),
+    }
+    monkeypatch.setattr(storage, "description", lambda: ("x86_64", "another", "+avx"))
+    keys.add(code_key(first, "march", "Plan()"))
+    monkeypatch.setattr(storage, "version", lambda _: "0.0")
+    keys.add(code_key(first, "march", "Plan()"))
+    assert len(keys) == 5
+
+
+def test_an_array_is_as_many_words_as_numba_passes() -> None:
+    words = array_words(table := np.zeros((3, 2)))
+    assert words == (0, 0, 6, 8, table.__array_interface__["data"][0], 3, 2, 16, 8)
 
 
 @pytest.mark.slow

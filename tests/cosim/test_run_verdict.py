@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cosim import Result
+from cosim.report.page import tiles
 from cosim.session import verdict as rules
 from cosim.session.verdict import BondEnergy, Coupled
 from eightpost.signals import TimeSeries
@@ -40,7 +41,10 @@ def only(verdict: Verdict, rule: str):
 def test_a_run_without_faults_is_usable_and_its_verdict_states_the_figures():
     verdict = sound().verdict
     assert verdict.grade is Grade.USABLE
-    assert "0.1 % of the scale" in only(verdict, "coupling error small").figure
+    small = only(verdict, "coupling error small")
+    assert "0.1 % of the scale" in small.figure
+    assert small.origin == "channel car.lf.velocity, gauss-seidel at 1 ms"
+    assert "0.01 %" in {tile.us.replace("\xa0", " ") for tile in tiles(sound())}
     assert set(verdict.grades) == {"coupling", "energy", "convergence", "range of the models"}
 
 

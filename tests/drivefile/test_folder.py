@@ -166,6 +166,7 @@ def test_a_second_record_of_a_pass_and_a_second_start_are_refused(iteration, tra
     (lambda s: s["static"].__setitem__(0, [0.0]), "iteration.json: static must be"),
     (lambda s: s["static"][0].__setitem__(0, -1e12), "iteration.json: static must be"),
     (lambda s: s.update(high=0.5 * s["high"]), "response.npz: does not belong to iteration.json and target.parquet"),
+    (lambda s: s.update(high=1e6), r"target\.parquet: the track record has .* Hz.*: start the iteration again"),
     (lambda s: s.update(format="exe"), "iteration.json: format: Input should be 'parquet', 'csv', 'mat' or 'drv'"),
     (lambda s: s["settings"].update(gain="most"), "settings.gain: must be a number, not 'most'"),
 ])  # fmt: skip

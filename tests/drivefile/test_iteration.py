@@ -9,6 +9,7 @@ import pytest
 
 from eightpost.drivefile import Limits, Pass, Settings, Status, Target, advance
 from eightpost.drivefile.iteration import PATIENCE
+from eightpost.drivefile.page import _reach_table, error_table
 from eightpost.errors import ConstantChannelError, ParameterError, TooShortError
 from eightpost.signals import TimeSeries
 
@@ -96,9 +97,13 @@ def test_a_channel_that_no_drive_can_reach_stalls_the_iteration(seven_dof, probl
     noise = np.random.default_rng(3).standard_normal(series.values.shape)
     values = series.values + 0.3 * series.values.std(axis=1, keepdims=True) * noise
     noisy = replace(rig, target=Target(TimeSeries(series.time, values, series.names, series.units), rig.target.high))
-    outcomes = noisy.passes(problem_of(noisy, Settings(has_means=False)), 8)
+    problem = problem_of(noisy, Settings(has_means=False))
+    outcomes = noisy.passes(problem, 8)
     assert Status.STALLED in {one.status for one in outcomes}
     assert outcomes[-1].status is not Status.CONVERGED
+    passes, shares = error_table(problem, outcomes[-1]), _reach_table(problem, outcomes[-1])
+    assert [row[0] for row in passes.rows] == [str(k) for k in range(1, len(outcomes[-1].errors) + 1)]
+    assert [row[1].value for row in shares.rows] == pytest.approx(100.0 * outcomes[-1].unreachable)
 
 
 def test_mean_displacements_are_reproduced_by_steady_loads(seven_dof, problem_of, settings):

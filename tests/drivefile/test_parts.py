@@ -57,6 +57,11 @@ LINES = Lines(1500, 100.0, 20.0)
 WINDOW = np.concatenate([np.linspace(0, 1, 100), np.ones(1300), np.linspace(1, 0, 100)])
 
 
+@pytest.mark.parametrize(("width", "half"), [(0.0, 4), (20.0 * LINES.spacing, 10), (1e308, 1500)])
+def test_a_band_has_its_lines_and_at_most_those_of_the_record(width, half):
+    assert LINES.half_width(width) == half
+
+
 @given(
     seed=st.integers(0, 10_000),
     size=st.floats(1e-4, 1.0),

@@ -88,6 +88,7 @@ class Casadi:
         return np.block([[b.full() for b in blocks[2 * k : 2 * k + 2]] for k in range(self.f.n_out())])
 
 
+@pytest.mark.repeated("hysteresis-2", "seven_dof-3")
 @pytest.mark.parametrize("fmi", [2, 3])
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow if n == "seven_dof" else ()) for n in NAMES])
 def test_casadis_jacobian_is_exact_away_from_kinks(fmus, fmus3, tmp_path, name, fmi):

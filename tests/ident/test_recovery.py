@@ -31,14 +31,6 @@ def test_lpf1_inside_the_class(knots, law_record):
     assert not fit.warnings
 
 
-@pytest.mark.nightly
-def test_lpnl2_inside_the_class(knots, law_record):
-    fit = fit_shock(law_record(Lpnl2(knots, 1.3e-3, 400.0, 1600.0), 1), "lpnl2")
-    assert curve_error(fit.shock.law.curve, knots) < 0.5
-    assert fit.parameter("time_constant").value == pytest.approx(1.3e-3, rel=0.02)
-    assert fit.percent < 0.2
-
-
 def test_lpf1_of_a_smooth_curve_is_found(curve, law_record):
     fit = fit_shock(law_record(Lpf1(curve, 1.3e-3), 1), "lpf1")
     assert fit.converged

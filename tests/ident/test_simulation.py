@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from importlib.util import module_from_spec, spec_from_file_location
 
 import numpy as np
@@ -12,8 +14,9 @@ from hypothesis.extra.numpy import arrays
 
 from eightpost.errors import MissingChannelError
 from eightpost.ident import simulate
-from eightpost.shock import Lpf1, Lpnl2, Polylinear, Port
-from eightpost.shock.compiled import _number_of, _record_loop, law_numbers, stepped_force
+from eightpost.shock import Lpf1, Lpnl2, Polylinear, Port, records
+from eightpost.shock.compiled import _number_of
+from eightpost.shock.records import law_numbers, record_loop, stepped_force
 from eightpost.signals import TimeSeries
 
 PORT = Port(1.2, 0.9, 1.1, 700.0, 200.0, 15.0, 0.004)
@@ -89,14 +92,36 @@ def test_the_compiled_law_is_the_scalar_law(driven_law):
     np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-8)
 
 
-def test_the_machine_code_is_found_on_disk_the_second_time(driven_law):
+def test_the_machine_code_is_found_on_disk_the_second_time(driven_law, monkeypatch):
     law, velocity, step = driven_law
     valve = law.valve._replace(curve=law.curve.numbers())
-    stepped_force(Lpnl2, valve, OWN, velocity, step)
-    again = _record_loop.__wrapped__()
-    again(law_numbers([law]), velocity, step, np.empty((velocity.size, 2)), np.empty(velocity.size))
-    assert sum(again.stats.cache_hits.values()) == 1
-    assert not again.stats.cache_misses
+    first, force = stepped_force(Lpnl2, valve, OWN, velocity, step), np.empty(velocity.size)
+    monkeypatch.setattr(records, "compiled_by", None)
+    record_loop.__wrapped__()(law_numbers([law]), velocity, step, np.empty((velocity.size, 2)), force)
+    assert force.tolist() == first.tolist()
+
+
+def test_samples_that_are_not_contiguous_are_stepped_alike(driven_law):
+    law, velocity, step = driven_law
+    valve, apart = law.valve._replace(curve=law.curve.numbers()), np.repeat(velocity, 2)[::2]
+    found = stepped_force(Lpnl2, valve, OWN, apart, np.repeat(step, 2)[::2])
+    assert found.tolist() == stepped_force(Lpnl2, valve, OWN, velocity, step).tolist()
+
+
+@pytest.mark.nightly
+def test_a_fit_steps_a_law_without_importing_numba():
+    steps = "records.stepped_states(Hysteresis, law.valve._replace(curve=law.curve.numbers()), law.own, u, u[1:])"
+    program = f"""
+import sys
+import numpy as np
+from eightpost.shock import Hysteresis, StaticCurve, records
+zero = (0.0,) * 25
+curve = StaticCurve.through_knots(tuple(range(-12, 13)), zero, zero)
+law, u = Hysteresis(curve, zero, (0.1, 0.1, 0.1)), np.ones(3)
+assert {steps}[:, 0].tolist() == [1.0] * 3
+assert "numba" not in sys.modules and "llvmlite" in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", program], check=True)
 
 
 def test_the_cache_key_changes_when_a_file_changes(tmp_path):

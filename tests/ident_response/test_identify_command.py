@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from click.testing import CliRunner
 from eightpost.__main__ import main
 from eightpost.ident.vehicle.vehicle_fit import read_fit
 from eightpost.rig import RigTest
+from eightpost.shock import Shock, read_shock, write_shock
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import read_vehicle
 
@@ -19,12 +22,12 @@ from .rig_tests import BASELINE
 
 @pytest.fixture(scope="module")
 def files(quarter_car, tmp_path_factory):
-    """Rig files of the first 50 s of the quarter car's two tests."""
+    """Rig files of the first 25 s of the quarter car's two tests."""
     folder = tmp_path_factory.mktemp("rig")
     found = []
     for name, record in zip(("soft", "baseline")[::-1], quarter_car.records, strict=True):
         found.append(folder / f"{name}.parquet")
-        RigTest(record.window(0.0, 50.0)).write(found[-1])
+        RigTest(record.window(0.0, 25.0)).write(found[-1])
     return found[::-1]
 
 
@@ -142,3 +145,11 @@ def test_a_model_far_from_its_data_exits_1(quarter_car, tmp_path):
     result = _identify(tmp_path / "a.parquet", tmp_path / "b.parquet", "-o", tmp_path / "car.json", "--plot", "none")
     assert result.exit_code == 1, result.output
     assert "ride_height" in result.output
+
+
+def test_measured_forces_are_compared_with_the_laws_of_given_shocks(files, tmp_path):
+    law = read_shock(Path(__file__).parents[2] / "examples" / "bank" / "B_B.json").law
+    write_shock(Shock("other", replace(law, port=replace(law.port, motion_ratio=2.0))), tmp_path / "other.json")
+    result = _identify(*files, "--set", f"shocks={tmp_path / 'other.json'}", "-o", tmp_path / "corner.json")
+    assert result.exit_code == 2
+    assert "no given shock has the force of force" in " ".join(result.output.split())

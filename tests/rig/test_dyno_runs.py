@@ -78,13 +78,15 @@ def test_a_record_of_runs_that_are_all_too_short_stays_whole():
     assert split_runs(test) == (test,)
 
 
-def test_force_change_with_temperature_is_estimated_from_repeated_runs():
+def test_force_change_with_temperature_is_estimated_from_repeated_runs(monkeypatch):
     parts = [part for _ in range(4) for part in (sine(0.02, 2.0, 8), rest(2))]
     heat = 300.0 + 20.0 * np.linspace(0.0, 1.0, sum(map(len, parts)))
     effect = temperature_effect(split_runs(dyno(*parts, heat=heat)))
     # The force was made 0.5 % softer per kelvin.
     assert effect.per_kelvin == pytest.approx(-0.005, abs=1e-4)
     assert (effect.runs, effect.spread > 10.0, effect.error < 1e-4) == (4, True, True)
+    monkeypatch.setenv("EIGHTPOST_UNITS", "us")
+    assert str(effect).startswith("force changes by -0.28 %/degF")
 
 
 def test_runs_without_repetition_or_temperature_change_give_no_estimate():

@@ -137,6 +137,9 @@ def test_a_good_record_has_no_reason(tmp_path):
         "supply": np.full(good["t"].size, 12.0), "noise": np.random.default_rng(2).standard_normal(good["t"].size),
     }  # fmt: skip
     assert rules(tmp_path, good | extra) == []
+    top = int(np.argmax(good["x"]))  # a stop at the end of the stroke is no clipping: the force stands still too
+    waiting = {name: np.insert(values, top, np.full(200, values[top])) for name, values in good.items()}
+    assert rules(tmp_path, waiting | {"t": np.arange(waiting["t"].size) / RATE}) == []
 
 
 @pytest.mark.repeated

@@ -50,12 +50,13 @@ def changed(record, tmp_path, changes, *, keep=slice(None)):
 @pytest.mark.slow
 def test_a_file_that_was_cut_off_in_its_last_sample_says_so(record, tmp_path):
     path = tmp_path / "rig.csv"
-    record.write(path)
+    short = RigTest(record.series.window(0.0, 5.0))
+    short.write(path)
     assert read_rig_test(path).notes == ()
     path.write_text(path.read_text(encoding="utf-8")[:-200], encoding="utf-8")
     cut = read_rig_test(path)
     assert any("the last sample" in note and "not complete" in note for note in cut.notes)
-    assert len(cut.series) == len(record.series) - 1
+    assert len(cut.series) == len(short.series) - 1
     assert "not complete" in CliRunner().invoke(main, ["inspect", str(path)]).output
 
 

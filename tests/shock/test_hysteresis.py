@@ -23,8 +23,9 @@ from eightpost.shock import (
     read_shock,
     write_shock,
 )
-from eightpost.shock.compiled import law_numbers, law_step, stepped_force
+from eightpost.shock.compiled import law_step
 from eightpost.shock.hysteresis import REST, _lagged_curve, _time_constant_at
+from eightpost.shock.records import law_numbers, stepped_force
 
 from .example_curve import curve, knot_curve
 

@@ -200,6 +200,18 @@ def test_an_untested_combination_has_a_wider_band_than_a_tested_one():
     assert (untested >= tested).all() and untested.sum() > 2.0 * tested.sum()
 
 
+@pytest.mark.parametrize(("clicks", "scatter"), [(12, 5.0), (14, 7.5), (20, 15.0)])
+def test_the_scatter_between_two_settings_is_interpolated(clicks, scatter):
+    """The squares of all parts of the band are added."""
+    widths = [(15.0 if row == (20.0, 0.0, 320.0) else 5.0,) * 25 for row in settings().tested]
+    bands = [
+        np.array(shock.at(clicks={"rebound": clicks}).fit["curve_band"]["half_width [N]"])
+        for half_width in (widths, [(0.0,) * 25] * len(widths))
+        for shock in [Shock("s", law(), settings=replace(settings(), half_width=tuple(half_width)))]
+    ]
+    assert np.sqrt(bands[0] ** 2 - bands[1] ** 2) == pytest.approx(scatter)
+
+
 def test_a_setting_beyond_the_stops_and_an_unknown_adjuster_are_refused():
     shock = Shock("two adjusters", law(), settings=settings())
     with pytest.raises(ParameterError, match="rebound = 26 is beyond the adjuster's stops, 0 to 25"):

@@ -43,6 +43,11 @@ FAULTS = {
         r"run\.csv, line 16, channel 'force': the value is -inf",
         lambda: faults.check_finite(changed(SINE, 5, -np.inf), channel="force", origin=ORIGIN),
     ),
+    "huge": (
+        NotANumberError,
+        r"run\.csv, line 16, channel 'force': the value is -1e\+100 \(SI\)",
+        lambda: faults.check_moves(changed(SINE, 5, -1e100), channel="force", origin=ORIGIN),
+    ),
     "backward": (
         BackwardTimeError,
         r"run\.csv, line 111, channel 'time': time decreases from 0.099 s to 0 s",

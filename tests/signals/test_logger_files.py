@@ -1,13 +1,17 @@
 """Files of rigs and loggers are read to the values written, with names, units and rates as written, or refused."""
 
 import struct
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
+from eightpost.confined.readers import load_xrk
 from eightpost.errors import FileFormatError
-from eightpost.signals import TimeSeries, read_record, read_records, read_series, write_series
+from eightpost.signals import TimeSeries, logger_files, read_record, read_records, read_series, write_series
 from eightpost.signals.logger_files import write_rpc
 
 COUNT, RATE = 1000, 200.0
@@ -89,6 +93,56 @@ def test_a_drive_is_read_back(tmp_path, as_integers, count):
 def test_uneven_samples_are_not_written(tmp_path):
     with pytest.raises(FileFormatError, match="one time step"):
         write_series(TimeSeries.from_channels([0.0, 0.1, 0.3], {"x": ("m", [0.0, 1.0, 2.0])}), tmp_path / "x.drv")
+
+
+@pytest.mark.parametrize("halves", [0, 1])
+def test_half_frames_are_read_with_a_note_and_not_if_their_place_is_unknown(tmp_path, halves):
+    record = read_record(rpc(tmp_path / "run.rsp", per_group=1, SAMPLES=COUNT, HALF_FRAMES=halves))
+    assert record.columns[0].size == COUNT and len(record.notes) == halves
+    path = rpc(tmp_path / "long.rsp", per_group=1, HALF_FRAMES=halves)
+    path.write_bytes(path.read_bytes() + bytes(4 * 256))  # one more frame of two channels
+    if halves:
+        with pytest.raises(FileFormatError, match="half frames"):
+            read_record(path)
+    else:
+        assert read_record(path).columns[0].size == COUNT
+
+
+# ---- AiM, read by a library -----------------------------------------------------------------------------------------
+
+
+def aim(monkeypatch, channels):
+    """Let the library of AiM's logs, as it is documented, return channels: unit, times [ms] and samples by name."""
+    tables = {}
+    for name, (unit, times, samples) in channels.items():
+        field = pa.field(name, pa.float32(), metadata={"units": unit} if unit else None)
+        tables[name] = pa.table([times, samples], schema=pa.schema([pa.field("timecodes", pa.int64()), field]))
+    library = SimpleNamespace(aim_xrk=lambda path: SimpleNamespace(channels=tables, metadata={"Vehicle": path[-7:]}))
+    monkeypatch.setitem(sys.modules, "libxrk", library)
+    monkeypatch.setattr(logger_files, "is_installed", lambda name: name == "libxrk")
+    monkeypatch.setattr(logger_files, "read_confined", lambda _, path, kind: load_xrk(path))
+
+
+@pytest.mark.parametrize("suffix", [".xrk", ".xrz"])
+def test_a_log_of_aim_has_a_table_for_each_set_of_times(tmp_path, monkeypatch, suffix):
+    aim(monkeypatch, {
+        "Damper FL": ("mm", [0, 5, 10], [1.5, -2.0, 0.25]), "Load FL": ("", [0, 5, 10], [1.0, 2.0, 3.0]),
+        "Speed": ("km/h", [0, 100], [80.0, 81.0]),
+    })  # fmt: skip
+    (tmp_path / f"run{suffix}").write_bytes(b"<hCNF")
+    first, second = read_records(tmp_path / f"run{suffix}")
+    assert (first.names, first.units) == (("time", "Damper FL", "Load FL"), ("s", "mm", None))
+    np.testing.assert_allclose(first.columns[0], [0.0, 0.005, 0.01])
+    np.testing.assert_array_equal(first.columns[1], [1.5, -2.0, 0.25])
+    assert second.names == ("time", "Speed") and second.columns[0].tolist() == [0.0, 0.1]
+    assert first.preamble == ((f"Vehicle: run{suffix}",),)
+
+
+def test_a_log_of_aim_without_the_library_names_the_extra(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "libxrk", None)
+    (tmp_path / "run.xrk").write_bytes(b"<hCNF")
+    with pytest.raises(FileFormatError, match=r'run\.xrk: .*pip install "eightpost\[aim\]"'):
+        read_record(tmp_path / "run.xrk")
 
 
 # ---- MoTeC, written here by hand ------------------------------------------------------------------------------------

@@ -161,6 +161,15 @@ def test_only_the_holds_within_a_segment_are_judged(lagged, static_test):
         validate_static(lagged, dyno_record(static_test, kind="static"), segment=(0.0, 20.0))
 
 
+def test_periods_next_to_a_rest_are_judged_only_where_the_low_pass_does_not_ring(truth, lagged):
+    """It rings for 6 / 50 Hz = 0.12 s; after both ends and the first period, two of four periods are left."""
+    path = np.pad(sine_path(0.5, 5.0), 2000, mode="edge")
+    found = validate_sine(lagged, dyno_record(record(truth, path, 2000.0)))
+    time, period = found.prediction.measured.time, 0.2 * np.pi
+    assert time[-1] - time[0] == pytest.approx(2.0 * period, abs=0.001)
+    assert time[-1] == pytest.approx(1.0 + 4.0 * period - 0.12, abs=0.02)
+
+
 def test_only_the_periods_within_a_segment_are_judged(truth, lagged):
     path = sine_path(0.5, 5.0, periods=8)
     extra = np.where(np.arange(path.size) < 2.5 * 2000, 100.0, 0.0)

@@ -9,6 +9,7 @@ from eightpost.rig.dyno_test import DynoTest
 from .conftest import TABLE_3_3, record, sine_path
 
 
+@pytest.mark.repeated(4)
 @pytest.mark.parametrize(("amplitude", "velocity"), TABLE_3_3)
 def test_every_sine_of_table_3_3_is_a_sine_of_its_frequency(sine_test, amplitude, velocity):
     seen = recognise_motion(sine_test(amplitude, velocity))

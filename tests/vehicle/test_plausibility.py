@@ -1,6 +1,7 @@
 """Plausibility of stated parameters: no doubt about cars of any class, and the mistake of units behind a doubt."""
 
 from dataclasses import replace
+from math import sqrt
 from pathlib import Path
 
 import pytest
@@ -100,6 +101,13 @@ def test_a_quarter_car_is_checked_by_the_name_of_its_own_spring():
     (doubt,) = doubts(scaled(corner, LBF_IN, "suspension_stiffness", "tire_stiffness"))
     assert "unit of suspension_stiffness and tire_stiffness, which look like lbf/in typed as N/mm: 1280" in doubt.remedy
     assert isinstance(corner, QuarterCar) and doubt.summary.startswith("wheel-hop frequency 43.8 Hz")
+
+
+def test_a_damping_ratio_is_that_of_the_sprung_mass_on_its_spring():
+    corner = read_vehicle(shipped("quarter_car")).parameters
+    critical = 2.0 * sqrt(corner.suspension_stiffness * corner.sprung_mass)
+    (doubt,) = doubts(replace(corner, damping=2.5 * critical))
+    assert doubt.summary == "damping ratio 2.5 (usual: 0.03 to 2)"
 
 
 def test_one_corner_with_a_wrong_value_is_named_and_no_unit_is_blamed():

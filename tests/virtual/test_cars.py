@@ -321,7 +321,7 @@ def test_its_curved_parts_have_their_formulas():
 
 @pytest.mark.slow
 def test_rms_measures_converge_with_second_order_and_are_accurate_at_the_default_steps():
-    car, drive = flexible_truth(2), drive_of(flexible_truth(2), 4.0, road=4e-3, load=400.0)
+    car, drive = flexible_truth(2), drive_of(flexible_truth(2), 2.0, road=4e-3, load=400.0)
 
     def measures(shock, steps):
         motion = simulate(car, [Run(drive, (shock,) * 4)], lead=0.5, steps=steps)[0]

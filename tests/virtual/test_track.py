@@ -76,4 +76,5 @@ def test_a_seed_is_reproducible_and_a_low_sample_rate_is_refused():
     np.testing.assert_array_equal(track_drivefile(2).series.values, SHORT.values)
     assert not np.allclose(track_drivefile(3).series.values, SHORT.values)
     with pytest.raises(ValueError, match="above 60 Hz"):
-        track_drivefile(1, rate=50.0)
+        track_drivefile(1, rate=60.0)
+    assert track_drivefile(1, duration=2.0, rate=61.0).series.sample_rate == pytest.approx(61.0)

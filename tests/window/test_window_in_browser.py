@@ -124,6 +124,7 @@ def test_a_run_that_is_left_by_the_browser_is_there_when_it_is_opened_again(page
     assert any("car.lf.velocity" in row for row in rows)
 
 
+@pytest.mark.repeated("Dyno-1400", "Study-390")
 @pytest.mark.parametrize("width", [1400, 390])
 @pytest.mark.parametrize("name", ["Dyno", "Car", "Run", "Study"])
 def test_axe_finds_nothing_serious(page, name, width):

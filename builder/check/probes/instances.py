@@ -33,7 +33,7 @@ from builder.check.probes.bench import (
     set_other_parameters,
     step,
 )
-from builder.check.probes.library import MissingFunctionError
+from builder.check.probes.library import FmuLibrary, MissingFunctionError
 from builder.check.rules import RULES, Finding, Rule, listed
 from eightpost.workers.process import python_command, run
 
@@ -53,6 +53,7 @@ def _resident() -> int:
 # ---- Several instances in a process ---------------------------------------------------------------------------------
 
 _MANY, _CYCLES, _WARM_CYCLES = 50, 300, 30
+_STACK = 512 * 1024  # bytes: that of threads on macOS, the smallest of the three systems
 _INSTANCE_GROWTH = 1.5e6  # bytes: 5 kB per instance, more than an allocator retains
 
 
@@ -93,10 +94,13 @@ def _threads(bench: Bench, alone: list[Values]) -> Iterator[Finding]:
     with ExitStack() as stack:
         instances = [stack.enter_context(bench.running()) for _ in range(4)]
         threads = [threading.Thread(target=work, args=(instance,)) for instance in instances]
+        usual, FmuLibrary.place = threading.stack_size(_STACK), f" in a thread with {_STACK // 1024} kB of stack"
         for thread in threads:
             thread.start()
         for thread in threads:
             thread.join()
+        threading.stack_size(usual)
+        FmuLibrary.place = ""
     if len(results) < 4 or any(differ(alone, rows) for rows in results):
         yield RULES["threads"].finding("the outputs of four instances in threads differ from those of one alone")
 

@@ -97,6 +97,7 @@ class FmuLibrary:
 
     version = 2  #: Version of FMI.
     calls = 0  #: Number of calls that were begun in this process.
+    place = ""  #: Place of the calls, for the message about a crash.
 
     def __init__(self, path: Path, progress: Path) -> None:
         self.path, self.progress = path, progress
@@ -131,7 +132,7 @@ class FmuLibrary:
     def begin(self, call: str, note: str = "") -> None:
         """Record the name of a call before it is made."""
         FmuLibrary.calls += 1
-        text = f"{call}{note}".encode()[:500]
+        text = f"{call}{note}{FmuLibrary.place}".encode()[:500]
         self._progress[: len(text) + 1] = text + b"\0"
 
     def call(self, name: str, *arguments: Any, note: str = "") -> int:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from cosim.study.choice.best import (
     Criterion,
@@ -152,6 +153,7 @@ class Knowledge:
         return cls(certainty.effects, certainty.unstated, known, certainty.runs, certainty.notes, certainty.vehicle)
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # type: ignore[untyped-decorator]  # its matrices are small
 def certainty_of(
     result: StudyResult,
     known: Knowledge | None = None,

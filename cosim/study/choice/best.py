@@ -208,7 +208,7 @@ def draw_choice(
         winners = _winners(values[some])
         best[group % 2] += winners
         among += winners if top == 1 else _among(values, min(top, rows.size))
-        apart = (levels - middle)[:, covered]
+        apart = levels[:, covered] - middle[covered]
         sums += apart.sum(axis=0)
         products += apart.T @ apart
         none += int(np.count_nonzero(~some))

@@ -19,7 +19,7 @@ from cosim.session.setup import Limit, RunSetup
 from cosim.session.verdict import LARGEST_ERROR, BondEnergy, Coupled
 from cosim.study.definition import Build, Drive, Setup, Study
 from cosim.study.measures import Filtered
-from cosim.study.running.machine import BatchMeasures, ChannelBand, FmuVehicle, Plan, read_shock, read_vehicle
+from cosim.study.running.machine import BatchMeasures, ChannelBand, FmuVehicle, Plan, read_vehicle
 from cosim.systems.algorithm import default_scheme
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
@@ -53,6 +53,9 @@ class Models(Protocol):
 
     def scenario(self, drive: Drive, *, extra: Iterable[str] = ()) -> Scenario:
         """Return the scenario of a drive."""
+
+    def shock_data(self, build: Build) -> ShockData | None:
+        """Return a build as the machine takes it; None if its FMU refuses its parameters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,8 +246,7 @@ class Batches:
 
     def __init__(self, models: Models, step: float, recorded: Sequence[str] = (), *, measured: bool = True) -> None:
         self._study = study = models.study
-        self._shocks, self.left_out = _shocks(models)
-        self._wiring = _wiring(models)
+        self._shocks, self.left_out = _data_of(models)
         fmus, own = models.fmus, study.vehicle
         vehicle = read_vehicle(fmus[str(own.fmu)], own.fmu, own.parameters)
         slopes = [shock.mean_slope(_USUAL_VELOCITY) for shock in self._shocks.values() if shock is not None]
@@ -263,16 +265,16 @@ class Batches:
         """Return batches of a study that differs only in its shocks, with the same library and memory.
 
         Returns:
-            None if its first setup has other FMUs than that of this study, from which the runs were planned.
+            None if it has FMUs that this study, from which the runs were planned, does not have.
 
         Raises:
             NotInBatchError: No build has a batch.
         """
-        if _wiring(models) != self._wiring:
+        if not {build.fmu for build in models.study.bank.values()} <= {b.fmu for b in self._study.bank.values()}:
             return None
         found = copy(self)
         found._study = models.study
-        found._shocks, found.left_out = _shocks(models)
+        found._shocks, found.left_out = _data_of(models)
         return found
 
     @property
@@ -304,39 +306,15 @@ class Batches:
         return None if any(shock is None for shock in found) else [shock for shock in found if shock is not None]
 
 
-def _wiring(models: Models) -> tuple[tuple[str, str], ...]:
-    """Return the shock FMU at each corner of a study's first setup, from which the runs are planned."""
-    study = models.study
-    return tuple((corner, str(study.bank[build].fmu)) for corner, build in study.space.setup(0).builds.items())
-
-
-def _shocks(models: Models) -> tuple[dict[str, ShockData | None], tuple[str, ...]]:
+def _data_of(models: Models) -> tuple[dict[str, ShockData | None], tuple[str, ...]]:
     """Return the shocks by build, None for those that run through the FMUs, and why a law or FMU has no batch."""
-    fmus, bank = models.fmus, models.study.bank
     found: dict[str, ShockData | None] = {}
     reasons: dict[str, None] = {}
-    same: dict[Any, ShockData | None] = {}  # corners that are alike have the same shock under different names
-    for name, build in bank.items():
-        key = (build.fmu, tuple(build.parameters.items()))
+    for name, build in models.study.bank.items():
         try:
-            if key not in same:
-                same[key] = _accepted(fmus[str(build.fmu)], build)
-            found[name] = same[key]
+            found[name] = models.shock_data(build)
         except NotInBatchError as reason:
             found[name], reasons[f"{name}: {reason}"] = None, None
-    if len(reasons) == len(bank):
+    if len(reasons) == len(found):
         raise NotInBatchError("; ".join(reasons))
     return found, tuple(reasons)
-
-
-def _accepted(component: FmuComponent, build: Build) -> ShockData | None:
-    """Return the data of a shock; None if its FMU refuses its parameters, which every run of it then reports."""
-    found = read_shock(component, build.fmu, build.parameters)
-    try:
-        component.begin(0.0, 1.0, build.parameters)
-        component.end_initialization()
-    except EightpostError:
-        return None
-    finally:
-        component.finish()
-    return found

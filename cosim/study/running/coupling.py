@@ -268,7 +268,7 @@ def _choose_machine(evaluator: Evaluator) -> tuple[MachineCoupling, tuple[str, .
         step = study.record_step / parts
         if step < _SMALLEST:
             raise NotInBatchError(f"the machine needs steps below {1e3 * _SMALLEST:g} ms: {', '.join(tried)}")
-        coarse, fine = Batches(evaluator, step, recorded), Batches(evaluator, _FINER * step, recorded)
+        coarse, fine = (Batches(evaluator, part * step, recorded) for part in (1.0, _FINER))
         found = _compare(evaluator, coarse, fine, pilots)
         worst = max(max(pilot.channels.values()) for pilot in found)
         tried.append(f"{1e3 * step:.4g} ms {worst:.2g} %")
@@ -369,7 +369,9 @@ def check_setup(evaluator: Evaluator, setup: Setup, machine: MachineCoupling) ->
         StepError: An FMU failed.
     """
     study, names = evaluator.study, sorted(evaluator.decisive(setup))
-    runs = evaluator.machine_runs(setup, machine.step, names)
+    ((_, runs, _),) = evaluator.batches_at(machine.step, names, measured=False).runs([setup])
+    if runs is None:
+        raise NotInBatchError(f"the machine does not finish setup {setup.index}")
     apart = own = stated = 0.0
     steps, scheme = [study.record_step], "gauss-seidel"
     for drive in study.drives:
@@ -377,7 +379,7 @@ def check_setup(evaluator: Evaluator, setup: Setup, machine: MachineCoupling) ->
         right = run(evaluator.system(setup), scenario, algorithm=Automatic(study.accuracy), progress=heartbeat)
         differences = difference(right.settled(), _settled(runs[drive.name], study.settling))
         apart = float(np.max([apart, *differences.values()]))  # NaN if one is
-        own = max(own, machine.errors.worst_channel(runs[drive.name].summary))
+        own = max(own, machine.errors.of(runs[drive.name].summary)[0])
         stated = max(stated, *right.stated_error.values())
         steps.append(right.step)
         scheme = "implicit" if right.scheme == "implicit" else scheme

@@ -19,16 +19,17 @@ from cosim.components.fmu_component import FmuComponent
 from cosim.session.result import Result
 from cosim.session.session import Session
 from cosim.session.verdict import LARGEST_ERROR, Coupled
-from cosim.study.definition import Drive, Setup, Study, bond_at, check_corners, read_drive
+from cosim.study.definition import Build, Drive, Setup, Study, bond_at, check_corners, read_drive
 from cosim.study.measures import AboveBand, Filtered, above_band, band_ends
 from cosim.study.running.batches import Batches, BatchRun, RunSummary
+from cosim.study.running.machine import read_shock
 from cosim.study.table import DONE, FAILED, StudyResult, error_column
 from cosim.systems.algorithm import default_scheme
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost.array_types import Array
 from eightpost.errors import EightpostError, WiringError
-from eightpost.machine.car import NotInBatchError
+from eightpost.machine import NotInBatchError, ShockData
 from eightpost.signals import TimeSeries
 from eightpost.workers.pool import heartbeat
 
@@ -53,22 +54,21 @@ class ErrorModel:
     #: Gain of each end for each measure; the errors are in the measure's SI unit.
     measures: Mapping[str, tuple[float, ...]]
 
-    def worst_channel(self, result: CoupledRun) -> float:
-        """Return the largest estimated error of the compared channels, in percent of the channel's scale."""
-        return float(np.sqrt(self._gains["channels"] @ self._squares(result)).max(initial=0.0))
+    def of(self, result: CoupledRun) -> tuple[float, dict[str, float]]:
+        """Return the estimated errors of a run.
 
-    def of_measures(self, result: CoupledRun) -> dict[str, float]:
-        """Return the estimated error of every measure that the pilots had, in its SI unit."""
-        return dict(zip(self.measures, np.sqrt(self._gains["measures"] @ self._squares(result)).tolist(), strict=True))
+        Returns:
+            Largest error of the compared channels, in percent of the channel's scale; and the error of every measure
+            that the pilots had, in its SI unit.
+        """
+        local = local_errors(result)
+        squares = np.array([local[end] for end in self.ends]) ** 2
+        channels, measures = (np.sqrt(gains @ squares) for gains in self._gains)
+        return float(channels.max(initial=0.0)), dict(zip(self.measures, measures.tolist(), strict=True))
 
     @cached_property
-    def _gains(self) -> dict[str, Array]:
-        gains = {"channels": self.channels, "measures": self.measures}
-        return {what: np.array([*one.values()]).reshape(-1, len(self.ends)) for what, one in gains.items()}
-
-    def _squares(self, result: CoupledRun) -> Array:
-        local = local_errors(result)
-        return np.array([local[end] for end in self.ends]) ** 2
+    def _gains(self) -> list[Array]:
+        return [np.array([*one.values()]).reshape(-1, len(self.ends)) for one in (self.channels, self.measures)]
 
 
 class Pilot(NamedTuple):
@@ -207,8 +207,9 @@ class Evaluator:
         check_corners(study.corners, self._vehicle, vehicle.fmu)
         self._shocks: dict[tuple[str, Path], FmuComponent] = {}
         self._scenarios = {drive.name: self._scenario(drive) for drive in study.drives}
-        self._batches: dict[float, Batches | str] = {}
-        self._earlier: Mapping[float, Batches | str] = {}
+        self._batches: dict[tuple[float, tuple[str, ...], bool], Batches | str] = {}
+        self._data: dict[Any, ShockData | None] = {}
+        self._base: Evaluator | None = None  # the first one with the same vehicle
 
     def for_study(self, study: Study) -> Evaluator | None:
         """Return an evaluator of a variant with the same instances; None if the study cannot be one.
@@ -216,13 +217,15 @@ class Evaluator:
         A variant has other shocks, or other parameters of the vehicle. The evaluators share the instances, so they must
         be used one after the other.
         """
+        if study == self.study:
+            return self
         vehicle = replace(self.study.vehicle, parameters=study.vehicle.parameters)
         shocks = {name: getattr(study, name) for name in ("bank", "corners", "alike", "baseline")}
         if replace(self.study, vehicle=vehicle, **shocks) != study:
             return None
-        found = copy(self)
-        found.study, found._batches = study, {}
-        found._earlier = {**self._earlier, **self._batches} if vehicle == self.study.vehicle else {}
+        found, first = copy(self), self._base or self
+        found.study, found._batches, found._data = study, {}, {**first._data}
+        found._base = first if vehicle == self.study.vehicle else None
         return found
 
     def system(self, setup: Setup) -> System:
@@ -289,41 +292,66 @@ class Evaluator:
 
     def batches(self, coupling: Coupling) -> Batches | None:
         """Return the batches of the study at a coupling; None if its setups run through the FMUs."""
-        found = self._batches_or_reason(coupling)
-        return None if isinstance(found, str) else found
+        with suppress(NotInBatchError):
+            return None if coupling.machine is None else self.batches_at(coupling.machine.step)
+        return None
+
+    def batches_at(self, step: float, recorded: Sequence[str] = (), *, measured: bool = True) -> Batches:
+        """Return the batches of the study at a step [s], which are set up once.
+
+        Args:
+            recorded: Names of channels whose series are wanted.
+            measured: Whether the runs have measures.
+
+        Raises:
+            NotInBatchError: The machine cannot run the study.
+        """
+        key = (step, tuple(recorded), measured)
+        if key not in self._batches:
+            earlier = self._base._batches.get(key) if self._base else None
+            try:
+                similar = earlier.for_shocks(self) if isinstance(earlier, Batches) else None
+                self._batches[key] = similar or Batches(self, *key[:2], measured=measured)
+            except (NotInBatchError, EightpostError) as reason:
+                self._batches[key] = str(reason) or type(reason).__name__
+        found = self._batches[key]
+        if isinstance(found, str):
+            raise NotInBatchError(found)
+        return found
+
+    def is_on_machine(self, coupling: Coupling) -> bool:
+        """Whether the machine runs every setup of the study at a coupling."""
+        batches = self.batches(coupling)
+        return batches is not None and not batches.left_out
 
     def batch_refusal(self, coupling: Coupling) -> str:
         """Return why setups run through the FMUs although the coupling asks for the machine; empty if they do not."""
-        found = self._batches_or_reason(coupling)
-        return found if isinstance(found, str) else ""
+        try:
+            if coupling.machine is not None:
+                self.batches_at(coupling.machine.step)
+        except NotInBatchError as reason:
+            return str(reason)
+        return ""
 
-    def _batches_or_reason(self, coupling: Coupling) -> Batches | str:
-        if coupling.machine is None:
-            return ""
-        step = coupling.machine.step
-        if step not in self._batches:
-            earlier = self._earlier.get(step)
-            try:
-                self._batches[step] = (earlier.for_shocks(self) if isinstance(earlier, Batches) else None) or Batches(
-                    self, step
-                )
-            except (NotInBatchError, EightpostError) as reason:
-                self._batches[step] = str(reason) or type(reason).__name__
-        return self._batches[step]
-
-    def machine_runs(self, setup: Setup, step: float, recorded: Sequence[str]) -> dict[str, BatchRun]:
-        """Return the machine's runs of a setup by drive, with channels and without measures.
-
-        Args:
-            step: Step [s].
+    def shock_data(self, build: Build) -> ShockData | None:
+        """Return a build as the machine takes it; None if its FMU refuses its parameters, which its runs then report.
 
         Raises:
-            NotInBatchError: The machine cannot run the setup, or does not finish it.
+            NotInBatchError: The machine cannot run it.
         """
-        for _, runs, _ in Batches(self, step, recorded, measured=False).runs([setup]):
-            if runs is not None:
-                return runs
-        raise NotInBatchError(f"the machine does not finish setup {setup.index}")
+        key = (build.fmu, tuple(build.parameters.items()))
+        if key not in self._data:
+            component = self.fmus[str(build.fmu)]
+            found: ShockData | None = read_shock(component, build.fmu, build.parameters)
+            try:
+                component.begin(0.0, 1.0, build.parameters)
+                component.end_initialization()
+            except EightpostError:
+                found = None
+            finally:
+                component.finish()
+            self._data[key] = found
+        return self._data[key]
 
     def series(self, setups: Sequence[Setup], coupling: Coupling) -> Iterator[tuple[Setup, dict[str, TimeSeries]]]:
         """Yield setups with the channels of the measures by drive, as the runs of the study have them.
@@ -335,7 +363,7 @@ class Evaluator:
         found: Iterable[tuple[Setup, dict[str, BatchRun] | None, float]] = ((setup, None, 0.0) for setup in setups)
         if coupling.machine is not None:
             with suppress(NotInBatchError, EightpostError):
-                found = Batches(self, coupling.machine.step, recorded, measured=False).runs(setups)
+                found = self.batches_at(coupling.machine.step, recorded, measured=False).runs(setups)
         for setup, runs, _ in found:
             if runs is None:
                 yield setup, {d.name: self.run(setup, d, coupling).series for d in self.study.drives}
@@ -397,10 +425,9 @@ class Evaluator:
             where = f"{drive.name}: " if len(self.study.drives) > 1 else ""
             marks += [where + mark for mark in _marks(result)]
             if model is not None:
-                worst = max(worst, model.worst_channel(result))
-                errors = model.of_measures(result)
-                for measure in self.study.measures_of(drive):
-                    values[error_column(measure.name)] = errors.get(measure.name)
+                largest, errors = model.of(result)
+                worst = max(worst, largest)
+                values |= {error_column(name): errors.get(name) for name in measured}
         if worst > self.study.accuracy:
             marks.append(f"coupling error {worst:.2g} %")
         return values | {

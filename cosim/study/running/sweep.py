@@ -128,7 +128,8 @@ class Cutter:
         self.left -= len(rows)
 
     def _next_size(self) -> int:
-        fair = self._uncut / (_SHARE * max(1, self._workers()))
+        workers = max(1, self._workers())
+        fair = self._uncut / (_SHARE * workers) if workers > 1 else self._uncut
         wanted = min(_SECONDS / max(self._cost, 1e-9), fair, _GROWTH * self._size, _LARGEST)
         self._size = BATCH * max(1, int(wanted) // BATCH)
         return self._size

@@ -8,10 +8,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from importlib.metadata import version
 from itertools import islice
+from math import inf
 from pathlib import Path
+from time import process_time
 from typing import Protocol
 
 import cosim
@@ -84,11 +86,6 @@ def _evaluator_for(study: str) -> Evaluator:
     return evaluator
 
 
-def _open_study(study: str) -> None:
-    """Load a study, given as JSON, so that its first setup starts sooner."""
-    _evaluator_for(study)
-
-
 def choose(study: str) -> Coupling:
     """Choose the coupling of a study, given as JSON."""
     with working():
@@ -112,8 +109,8 @@ def batch_refusal(study: str, coupling: Coupling) -> str:
 #: Number of chunks submitted per worker, so that no worker is idle.
 _SUBMITTED = 2
 
-#: Number of setups per worker that is started early, while the coupling is chosen: starting takes about as long.
-_WORTH = 50
+#: Processor time after which the setups that are left are given to worker processes [s]; starting one takes about two.
+_ALONE = 10.0
 
 #: Time without a heartbeat after which a worker is ended [s]; a heartbeat comes every few thousand coupling steps.
 PATIENCE = 300.0
@@ -153,28 +150,42 @@ class Workers(Protocol):
 class ProcessWorkers:
     """Worker processes of this machine. If an FMU makes one crash or hang, only one setup fails.
 
+    What the machine runs takes less time than the start of a process, and no FMU of this project crashes: a study of
+    these, without measures of the user's own, begins in this process, and only a long one goes on in others.
+
     Args:
         patience: Time without a heartbeat after which a process is ended [s].
+        evaluator: Evaluator of the study, or of one with the same vehicle and drives; None: every study runs in worker
+            processes.
     """
 
-    def __init__(self, count: int, *, patience: float = PATIENCE) -> None:
-        self.count, self._pool = count, Pool(count, patience)
+    def __init__(self, count: int, *, patience: float = PATIENCE, evaluator: Evaluator | None = None) -> None:
+        self._count, self._patience, self._evaluator = count, patience, evaluator
+        self._is_alone = evaluator is not None
+
+    @property
+    def count(self) -> int:
+        """Number of setups that run in parallel; one while this process runs them."""
+        return 1 if self._is_alone else self._count
+
+    @cached_property
+    def _pool(self) -> Pool:
+        return Pool(self._count, self._patience)
 
     def choose(self, study: Study) -> Coupling:
-        """Choose the coupling of a study in one worker, while the others load the study.
+        """Choose the coupling of a study.
 
         Raises:
             StepError: No setup could be run, or an FMU crashed or hung.
         """
-        text = study.to_json()
-        chosen: Future[Coupling] = self._pool.submit(choose, text)
-        for _ in range(min(self.count, len(study.space) // _WORTH) - 1):
-            self._pool.submit(_open_study, text)
+        if (here := self._here(study)) is not None:
+            return coupling_for(here)
+        chosen: Future[Coupling] = self._pool.submit(choose, study.to_json())
         hung = self._pool.wait_for(chosen)
         try:
             return chosen.result()
         except BrokenProcessPool:
-            what = f"was not responding for {self._pool.patience:g} s" if hung else "crashed"
+            what = f"was not responding for {self._patience:g} s" if hung else "crashed"
             raise StepError(
                 f"a worker process {what} while it chose the coupling, so an FMU {'hangs' if hung else 'crashes'}. "
                 "Find it with `eightpost check` and `eightpost run --isolate`, and remove it from the bank"
@@ -184,7 +195,15 @@ class ProcessWorkers:
         self, study: Study, coupling: Coupling, chunks: Iterable[Chunk], stop: Callable[[], bool]
     ) -> Iterator[tuple[Chunk, list[Row]]]:
         """Run chunks and yield their rows as they complete; no chunk is started after `stop` returns True."""
-        text, waiting = study.to_json(), iter(chunks)
+        waiting, here = iter(chunks), self._here(study)
+        self._is_alone = here is not None and here.is_on_machine(coupling)
+        until = process_time() + (_ALONE if self._count > 1 else inf)
+        while here is not None and self._is_alone:
+            if stop() or (chunk := next(waiting, None)) is None:
+                return
+            yield chunk, here.rows([study.space.setup(index) for index in chunk.indices], coupling)
+            self._is_alone = process_time() < until
+        text = study.to_json()
         running: dict[Future[list[Row]], Chunk] = {}
         while True:
             room = 0 if stop() else self.count * _SUBMITTED - len(running)
@@ -202,7 +221,18 @@ class ProcessWorkers:
 
     def close(self, *, wait: bool = False) -> None:
         """End the workers, after their current work if `wait`, else after a short time for cleaning up."""
-        self._pool.close(wait=wait)
+        if "_pool" in vars(self):
+            self._pool.close(wait=wait)
+
+    def _here(self, study: Study) -> Evaluator | None:
+        """Return the evaluator of a study in this process; None if it has code that may crash."""
+        found = self._evaluator and self._evaluator.for_study(study)
+        if found is None or any(measure.function for measure in study.measures):
+            return None
+        if not all(fmu.is_ours for fmu in found.fmus.values()):
+            return None
+        self._evaluator = found
+        return found
 
     def _one_by_one(
         self, study: Study, coupling: Coupling, chunks: list[Chunk], stop: Callable[[], bool]
@@ -226,7 +256,7 @@ class ProcessWorkers:
     @property
     def _hangs(self) -> str:
         return (
-            f"the worker process was ended because it was not responding for {self._pool.patience:g} s while it ran "
+            f"the worker process was ended because it was not responding for {self._patience:g} s while it ran "
             "only this setup: one of its FMUs hangs "
             "(see eightpost run --isolate) or needs longer for some thousand steps"
         )

@@ -23,7 +23,7 @@ from eightpost.ident.dyno_report.builds import (
 from eightpost.ident.dyno_report.cycles import STROKES, Cycles, Found, Stroke, Unknown, crossings_of, mean_of
 from eightpost.ident.dyno_report.entry import Entry, ForceBand
 from eightpost.ident.dyno_report.loop import BEND, Branches, VelocityCurve, ratio_at
-from eightpost.report.charts import COLORS, Axis, Figure, Panel, grid_figure
+from eightpost.report.charts import COLORS, Axis, Figure, Panel, row_figure
 from eightpost.report.numbers import plain
 from eightpost.report.page import Block, Section, digest, document, soft, write_page
 from eightpost.report.tables import NONE, Amount, Cell, ResultTable, cell_html, unit_html
@@ -142,7 +142,6 @@ def branches_figure(report: DynoReport) -> Figure:
     """Return a panel for each run: its samples, both branches of its loop, and its mean curve."""
     runs = report.runs[:_MOST]
     columns = min(_COLUMNS, len(runs))
-    rows = -(-len(runs) // columns)
     panels = [
         (Axis("velocity" if k >= len(runs) - columns else "", "m/s"), Axis("force" if k % columns == 0 else "", "N"),
          entry.name)
@@ -153,7 +152,7 @@ def branches_figure(report: DynoReport) -> Figure:
         "Every run: measured branches of the loop, and their mean without lag and gas spring, the curve of the "
         f"tables.{more}"
     )
-    figure = grid_figure(caption, 95 + 185 * rows, panels, columns, gap=(0.06, 0.30 / rows))
+    figure = row_figure(caption, 185, panels, columns, gap=0.06)
     for k, entry in enumerate(runs):
         series, level = _series(entry), 0.0 if isinstance(entry.level, Unknown) else entry.level
         every = slice(None, None, max(1, len(series) // _DOTS))

@@ -262,11 +262,6 @@ def split_coefficients(coefficients: Array) -> tuple[tuple[float, ...], tuple[fl
     return tuple(inner.tolist()), tuple(compression.tolist()), tuple(rebound.tolist())
 
 
-def _curve_coefficients(curve: StaticCurve) -> Array:
-    """Return the coefficients (23,) [N] of a curve, in the order of the design."""
-    return np.array((*curve.inner, *curve.compression, *curve.rebound), dtype=np.float64)
-
-
 def curve_forces(curve: StaticCurve, velocity: Array) -> Array:
     """Return F_s (N,) [N] at damper velocities (N,) [m/s]: `StaticCurve.force` for arrays, straight ends included."""
     fitted = np.clip(velocity, -curve.rebound_speed, curve.compression_speed)
@@ -276,7 +271,7 @@ def curve_forces(curve: StaticCurve, velocity: Array) -> Array:
         force = CubicHermiteSpline(curve.knot_velocity, curve.knot_force, curve.knot_slope)(fitted)
     else:
         basis = CurveBasis(curve.transition_speed, curve.transition_width)
-        force = basis.design(fitted) @ _curve_coefficients(curve)
+        force = basis.design(fitted) @ np.array((*curve.inner, *curve.compression, *curve.rebound))
     return np.asarray(force + slope * beyond, dtype=np.float64)
 
 

@@ -85,7 +85,7 @@ class SteppedLaw(OwnParameters):
         return self._last[0][1]
 
     def _stepped(self, model: ForceModel, b: Array, theta: Array) -> Array:
-        from eightpost.shock.compiled import stepped_force  # noqa: PLC0415 - the compiler takes a second to load
+        from eightpost.shock.records import stepped_force  # noqa: PLC0415 - LLVM, which other laws do not need
 
         valve, own = Valve(_numbers(model, b), 1.0, 1.0), tuple(self.values(theta).tolist())
         forces = []

@@ -97,7 +97,7 @@ class States:
 
     def _run(self, valve: Valve, own: tuple[float, ...], velocity: Array, step: float) -> Array:
         """Return the states (M, 2) over one run."""
-        from eightpost.shock.compiled import stepped_states  # noqa: PLC0415 - the compiler takes a second to load
+        from eightpost.shock.records import stepped_states  # noqa: PLC0415 - LLVM, which other laws do not need
 
         steps = np.full(velocity.size - 1, step)
         if not self.is_fine:
@@ -278,7 +278,7 @@ class Projection:
         Args:
             parameters: Parameters of the states (3,) or (5,).
             shared: Places of the linear parameters that are given.
-            forces: Their values [N].
+            forces: Values [N] of these linear parameters.
         """
         states = States(self.motion, knots_of(self.model), parameters, is_fine=not self.is_thin)
         columns, own = self.columns_of(states), np.ones(self.is_free.size, dtype=bool)

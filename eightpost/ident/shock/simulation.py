@@ -254,7 +254,7 @@ def array_form(core: FunctionType) -> Callable[..., Any]:
 
 def _stepped(law: ShockLaw, pieces: Pieces) -> Array:
     """Return the valve force (N,) [N] of any law from its own compiled functions."""
-    from eightpost.shock.compiled import stepped_force  # noqa: PLC0415 - the compiler takes a second to load
+    from eightpost.shock.records import stepped_force  # noqa: PLC0415 - LLVM, which other laws do not need
 
     valve = law.valve._replace(curve=law.curve.numbers())
     return pieces.at_samples(stepped_force(type(law), valve, own_values(law), pieces.velocity, pieces.step))

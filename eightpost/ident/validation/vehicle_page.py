@@ -16,7 +16,7 @@ from eightpost.ident.validation.vehicles import Limits, VehicleCase, VehicleVali
 from eightpost.ident.vehicle.experiment import quantity
 from eightpost.ident.vehicle.trust import Orders
 from eightpost.ident.vehicle.vehicle_fit import TENTH, VehicleFit
-from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, Panel, grid_figure
+from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, Panel, grid_figure, row_figure
 from eightpost.report.page import Block, Section, digest, document, write_page
 from eightpost.report.tables import NONE, Amount, Cell, ResultTable
 from eightpost.uncertainty import MeasureUncertainty
@@ -322,19 +322,14 @@ _GAP = 0.08
 _STATIC = 6
 
 
-def _rows(caption: str, panels: Sequence[tuple[Axis, Axis, str]]) -> Figure:
-    """Return a figure with rows of three panels, 60 px apart for a title and a label."""
-    height = 205 * -(-len(panels) // _COLUMNS)
-    return grid_figure(caption, 110 + height, panels, _COLUMNS, gap=(_GAP, 60.0 / height))
-
-
 def _trend_figure(trends: Sequence[Trend]) -> Figure:
     """Return a plot of the measured and predicted RMS of each record, with a panel for each output (Fig 6.27)."""
     ranks = ("–, flat" if trend.is_flat else f"{trend.rank:.2f}" for trend in trends)
     panels = [
         (Axis("record"), Axis("RMS", t.unit), f"{t.name}: rank {rank}") for t, rank in zip(trends, ranks, strict=True)
     ]
-    figure = _rows("RMS of each random record, in the order of the table of records, as in Fig 6.27.", panels)
+    caption = "RMS of each random record, in the order of the table of records, as in Fig 6.27."
+    figure = row_figure(caption, 205, panels, _COLUMNS, gap=_GAP)
     number = np.arange(1.0, len(trends[0].measured) + 1.0)
     for k, one in enumerate(trends):
         figure.line(k, number, one.measured, name="measured", color=MEASURED)
@@ -348,7 +343,8 @@ def _correlation_figure(trends: Sequence[Trend]) -> Figure:
         (Axis("measured RMS", one.unit), Axis("predicted", one.unit), f"{one.name}: level {100 * one.bias:+.2g} %")
         for one in trends
     ]
-    figure = _rows("Predicted over measured RMS of the random records, as in Fig 6.28; the line is equality.", panels)
+    caption = "Predicted over measured RMS of the random records, as in Fig 6.28; the line is equality."
+    figure = row_figure(caption, 205, panels, _COLUMNS, gap=_GAP)
     for k, one in enumerate(trends):
         both = np.concatenate((one.measured, one.predicted))
         ends = np.array([both.min(), both.max()])
@@ -387,7 +383,7 @@ def _static_figure(case: VehicleCase) -> Figure:
     shown = case.holds[-_STATIC:]
     text = "levels minus their means, as in Fig 6.32. Friction causes loops in the measured ones."
     panels = [(Axis("load", "N"), Axis("change", one.unit), one.name) for one in shown]
-    figure = _rows(f"{case.record.name}: {text}", panels)
+    figure = row_figure(f"{case.record.name}: {text}", 205, panels, _COLUMNS, gap=_GAP)
     for k, one in enumerate(shown):
         figure.marks(k, one.load, one.measured, name="measured", color=MEASURED)
         figure.marks(k, one.load, one.predicted, name="predicted", color=COLORS[0])
@@ -468,7 +464,7 @@ def _responses(rows: Sequence[Sequence[Response]]) -> Figure:
         "Responses of the model and of the estimate that it was fitted to, with the estimate's 95 % band. Coherence "
         "near 1 does not exclude friction."
     )
-    figure = grid_figure(caption, 110 + 170 * len(rows), panels, columns, gap=(_GAP, 0.27 / len(rows)))
+    figure = row_figure(caption, 170, panels, columns, gap=_GAP)
     for k, paths in enumerate(rows):
         for i, path in enumerate(paths[:2]):
             _response(figure, columns * k + i, path)
@@ -541,13 +537,13 @@ _DRAWN = ("velocity", "tire_force", "total_tire_force", "ride_height", "hub_acce
 def _time_figure(case: VehicleCase) -> Figure:
     """Return a plot of part of a record: for each quantity the output with the worst prediction."""
     shown = list(_shown(case))
-    kept, rows = _piece(case, shown[0]), -(-len(shown) // 2)
+    kept = _piece(case, shown[0])
     panels = []
     for k, one in enumerate(shown):
         x, y = "time [s]" if k >= len(shown) - 2 else "", quantity(one.name).replace("_", " ")
         panels.append((Axis(x), Axis(y, one.unit), f"{one.name}: error {100 * one.error:.2g} %"))
     caption = f"{case.record.name}: for each quantity the output with the worst prediction. Ports: {case.shocks}."
-    figure = grid_figure(caption, 130 + 170 * rows, panels, 2, gap=(_GAP, 0.24 / rows))
+    figure = row_figure(caption, 170, panels, 2, gap=_GAP)
     smooth = {one.name: one for one in case.without_friction or ()}
     for k, one in enumerate(shown):
         time = case.time[kept]

@@ -13,6 +13,7 @@ from scipy.sparse import csr_array
 from eightpost.array_types import Array, Integers
 from eightpost.corners import channel
 from eightpost.errors import EightpostError, FmuError, InputError, ParameterError, StepError
+from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.vehicle.experiment import quantity
 from eightpost.ident.vehicle.stability import closed_loop_stability, discretise_by_parts
 from eightpost.machine import Batch, Drive, LinearCar, NotInBatchError, Port, Run, ShockData, UnstableCarError, Vehicle
@@ -49,6 +50,20 @@ def bristle_force(velocity: Array, rate: float, law: Bristle) -> Array:
     finer = max(1, int(np.ceil(_BRISTLE_RATE / rate - 1e-9)))
     bend = _at_higher_rate(velocity, finer, lambda v: deflections(v, 1.0 / (rate * finer), law))
     return np.asarray(law.force_at(bend), dtype=np.float64)
+
+
+def law_force(record: TimeSeries, port: str, law: ShockLaw) -> Array:
+    """Return the force of a shock [N] (N,) under the motion of a port in a record, band-limited to its rate."""
+    rate = record.sample_rate
+    finer = max(1, int(np.ceil(_BRISTLE_RATE / rate - 1e-9)))
+
+    def of_velocity(v: Array) -> Array:
+        time = np.arange(v.size) / (rate * finer)
+        return simulate(law, TimeSeries.from_channels(time, {"velocity": ("m/s", v)}))
+
+    gas = law.port.gas_stiffness * law.port.motion_ratio**2
+    force = _at_higher_rate(record[channel(port, "velocity")], finer, of_velocity)
+    return force + gas * record[channel(port, "displacement")] if gas else force
 
 
 def _at_higher_rate(velocity: Array, finer: int, law: Callable[[Array], Array]) -> Array:

@@ -159,7 +159,7 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 h, fmi3Boole
     }
 #endif
     advance(m, h, a, m->u + m->f, w0);
-    return fmi3OK;
+    return is(m, "warn") ? fmi3Warning : fmi3OK;
 }
 
 fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3Float64 v[], size_t count)

@@ -34,6 +34,12 @@ def test_a_step_that_stops_early_is_a_discarded_step(three, kind, manner):
     part.finish()
 
 
+def test_a_step_with_a_warning_is_a_step(three, kind):
+    part = lag_fmus.begun(kind(three, "lag"), manner="warn")
+    stepped(part)
+    part.finish()
+
+
 def test_an_fmu_may_stay_behind_by_the_internal_step_that_it_declares(build, tmp_path):
     flags = f'{lag_fmus.FLAGS} fixedInternalStepSize="0.01"'
     part = FmuComponent(lag_fmus.write_three(tmp_path / "slack.fmu", build(), flags=flags), "slack")

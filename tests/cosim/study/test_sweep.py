@@ -269,8 +269,8 @@ def test_a_run_may_use_its_drive_file_from_the_first_to_the_last_sample_and_no_m
     path.write_text("time [s],lf.road [m]\n" + "".join(f"{2.0 + 0.25 * k},{0.5 * k}\n" for k in range(13)))
     drive = Drive("part", path, stop=3.0, start=2.0)  # the file contains 2 to 5 s
     assert read_drive(drive).sample(np.array([2.0, 4.0, 5.0])).tolist() == [[0.0, 4.0, 6.0]]
-    for beyond in (replace(drive, start=1.9), replace(drive, stop=3.1)):
-        with pytest.raises(InputError, match="which contains 2 to 5 s; change stop or start"):
+    for beyond, needed in ((replace(drive, start=1.9), "1.9 to 4.9"), (replace(drive, stop=3.1), "2 to 5.1")):
+        with pytest.raises(InputError, match=f"needs {needed} s of .*, which contains 2 to 5 s; change stop or start"):
             read_drive(beyond)
 
 
@@ -315,6 +315,14 @@ def test_chunks_take_some_seconds_and_all_workers_end_together(cost, largest):
     assert sizes[-1] <= BATCH and all(size * cost <= 2.5 or size == BATCH for size in sizes)
 
 
+def test_chunks_of_one_worker_grow_and_the_last_one_has_what_is_left():
+    cutter, sizes = Cutter(np.arange(1000), (), lambda: 1), []
+    for chunk in cutter:
+        sizes.append(len(chunk.indices))
+        cutter.learn([{"seconds": 1e-4}] * len(chunk.indices))
+    assert sizes == [8, 32, 128, 512, 320]
+
+
 # ---- Files of the chunks, and the result ----------------------------------------------------------------------------
 
 
@@ -345,6 +353,8 @@ def test_joined_chunks_are_the_table_and_only_some_rows_are_in_memory(folder, wh
     parts = list(folder.tables())
     assert pa.concat_tables(parts).equals(whole.table.replace_schema_metadata())
     assert max(map(len, parts)) <= 300 + 100
+    folder.clear()
+    assert folder.completed == () and list(folder.tables()) == []
 
 
 def test_a_result_that_cannot_be_completed_leaves_the_old_one(folder, whole, tmp_path):

@@ -85,6 +85,9 @@ def test_a_model_of_pure_noise_is_stable_and_a_note_reports_no_clear_gap(quarter
 def test_odd_orders_and_channels_without_a_value_are_refused(quarter_car):
     with pytest.raises(ParameterError, match="pairs"):
         CommonPoleFit(order=5)
+    with pytest.raises(ParameterError, match="low must be at least 0"):
+        CommonPoleFit(low=-0.1)
+    assert CommonPoleFit(low=0.0).low == 0.0
     response = response_of(quarter_car, FREQUENCY)
     silent = response.H.copy()
     silent[:, response.input_names.index("aero_force")] = 0.0

@@ -102,7 +102,7 @@ def test_forces_on_the_page_are_within_1_percent_of_the_law_with_a_lag_of_15_ms_
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("lag", "share"), [(delayed, 0.01), (first_order, 0.06)])
+@pytest.mark.parametrize(("lag", "share"), [(delayed, 0.01), (first_order, 0.06), (behind_a_spring, 0.01)])
 def test_a_random_motion_has_the_forces_of_the_law_too(lag, share):
     found = record(lag, "random")
     for stroke in STROKES:

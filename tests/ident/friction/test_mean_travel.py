@@ -80,6 +80,7 @@ class Fit:
     """The part of a fit that matters here."""
 
     vehicle: IdentifiedVehicle
+    notes: tuple[str, ...] = ()
 
     def identify(self, _records, _experiment):
         """Return the fit as a recipe does."""

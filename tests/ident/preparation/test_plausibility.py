@@ -74,6 +74,7 @@ def test_sensors_that_are_late_by_0_6_ms_and_wrong_by_0_8_percent_are_sound(eigh
     assert record_findings(advance_channels(series, late), CORNERS) == ()
 
 
+@pytest.mark.repeated("pair0", "pair2", "pair4")
 @pytest.mark.parametrize(
     "pair",
     [
@@ -90,6 +91,7 @@ def test_two_channels_that_are_swapped_are_named_and_nothing_else(eight_post, pa
     assert (found.rule, set(found.channels)) == (SWAPPED, set(pair))
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("name", ["rr.hub_acceleration", "lf.tire_force"])
 def test_a_dead_sensor_is_named_and_not_the_channels_that_depend_on_it(sound, name):
     dead = 0.01 * sound[name].std() * np.random.default_rng(0).standard_normal(len(sound))
@@ -113,6 +115,7 @@ def test_a_potentiometer_that_reads_10_percent_more_than_its_sibling_is_named(so
     assert "lf.displacement" in found.figure
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize(("name", "share"), [("lf.displacement", 0.01), ("rr.force", 0.03), ("lr.road", 0.03)])
 def test_clipped_peaks_are_named(sound, name, share):
     low, high = np.quantile(sound[name], [0.5 * share, 1.0 - 0.5 * share])
@@ -127,6 +130,7 @@ def test_the_flat_top_of_one_peak_is_not_clipped(sound):
     assert list(clipped(with_row(sound, "lf.displacement", values))) == []
 
 
+@pytest.mark.repeated
 @pytest.mark.parametrize("name", ["rf.tire_force", "lr.chassis_acceleration"])
 def test_a_value_that_is_repeated_for_60_ms_is_a_dropout(sound, name):
     values = sound[name].copy()
@@ -136,6 +140,7 @@ def test_a_value_that_is_repeated_for_60_ms_is_a_dropout(sound, name):
     assert "repeats one value from 10 s to 10.06 s" in found.figure
 
 
+@pytest.mark.repeated("lf.force", "lr.displacement")
 @pytest.mark.parametrize("name", ["lf.force", "rr.tire_force", "rf.hub_acceleration", "lr.displacement"])
 def test_a_delay_of_3_ms_is_named_and_nothing_else(sound, name):
     names = [name, name.replace("displacement", "velocity")]

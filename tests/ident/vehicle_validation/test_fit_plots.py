@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageChops
 
+from eightpost.ident.vehicle import plots
 from eightpost.ident.vehicle.plots import plot_fits
 
 from .conftest import truth_fit
@@ -28,6 +29,17 @@ def drawn(fit, folder, *outputs):
 
 def differ(one, other):
     return one.size != other.size or ImageChops.difference(one, other).getbbox() is not None
+
+
+def test_panels_have_their_size_in_inches_below_the_title(fit, tmp_path, monkeypatch):
+    figures = []
+    monkeypatch.setattr(plots, "save", lambda figure, *_, **__: figures.append(figure))
+    drawn_ones = fit.response.select(outputs=["velocity"]), fit.vehicle.state_space.select(outputs=["velocity"])
+    plot_fits(*drawn_ones, "", tmp_path)
+    wide, high = figures[0].get_size_inches()
+    panel, strip = (figures[0].axes[k].get_position() for k in (0, -1))
+    assert (wide * panel.width, high * panel.height) == pytest.approx((3.05, 2.05))
+    assert strip.y1 < panel.y0 < panel.y1 < figures[0]._suptitle.get_position()[1] < 1.0
 
 
 @pytest.mark.nightly

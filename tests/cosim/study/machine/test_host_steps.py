@@ -79,7 +79,7 @@ def system(tmp_path_factory):
 
 DRIVEN = f"""
 drivefile = "{TRACK.as_posix()}"
-stop = "10 s"
+stop = "4 s"
 targets = {{ "lf.road" = "car.road" }}
 """
 

@@ -1,6 +1,7 @@
 """A study has the same rows from the machine and from FMUs, and uses the machine only where they agree."""
 
 import zipfile
+from concurrent.futures import Future
 from dataclasses import asdict, replace
 
 import pytest
@@ -9,11 +10,13 @@ from cosim.components.fmu_component import FmuComponent
 from cosim.session.result import difference
 from cosim.study import Build, Measure, Term, Vehicle
 from cosim.study.measures import STATISTICS, Filtered
+from cosim.study.running import workers as running_workers
 from cosim.study.running.batches import Batches
 from cosim.study.running.coupling import Compared, coupling_for
 from cosim.study.running.evaluator import Check, Coupling, ErrorModel, Evaluator, MachineCoupling, coupling_of
 from cosim.study.running.machine import read_vehicle
 from cosim.study.running.sweep import run_study
+from cosim.study.running.workers import Chunk, ProcessWorkers
 from eightpost.corners import CORNERS
 from eightpost.errors import FmuError
 from eightpost.machine import NotInBatchError, library
@@ -121,7 +124,7 @@ def test_the_stated_error_of_a_setup_is_about_its_difference_from_a_fine_step(ch
     recorded = sorted(evaluator.decisive(setups[0]))
     coarse, fine = (Batches(evaluator, step, recorded) for step in (chosen.machine.step, FINE))
     for (_, run, _), (_, right, _) in zip(coarse.runs(setups), fine.runs(setups), strict=True):
-        stated = chosen.machine.errors.worst_channel(run["track"].summary)
+        stated = chosen.machine.errors.of(run["track"].summary)[0]
         apart = difference(run["track"].channels().window(0.5, 2.0), right["track"].channels().window(0.5, 2.0))
         assert max(apart.values()) < 2.0 * stated < 12.0 * max(apart.values())
 
@@ -248,6 +251,84 @@ def test_the_traces_of_a_study_are_those_of_its_rows(evaluator, study):
     run = Filtered(series["track"])
     for measure in study.measures:
         assert measure.drawn_from(run, start=study.settling) == pytest.approx(row[measure.name], rel=1e-9), measure.name
+
+
+# ---- Where setups run -----------------------------------------------------------------------------------------------
+
+
+class Processes:
+    """Worker processes that only record what they would run."""
+
+    def __init__(self, count, patience):
+        self.patience, Processes.calls = patience, []
+
+    def submit(self, function, _study, _coupling, indices):
+        Processes.calls.append(function.__name__)
+        done = Future()
+        done.set_result([{"setup": index} for index in indices])
+        return done
+
+    def end_unresponsive(self):
+        return False
+
+    def close(self, *, wait):
+        Processes.calls.append("close")
+
+
+@pytest.fixture
+def processes(monkeypatch):
+    monkeypatch.setattr(running_workers, "Pool", Processes)
+    Processes.calls = []
+    return Processes
+
+
+def numbers_of(study, workers):
+    """Return the numbers of the setups that the workers run in chunks of two, and how many ran in parallel."""
+    chunks = [Chunk(k, (k, k + 1)) for k in range(0, 4, 2)]
+    found = [
+        ([row["setup"] for row in rows], workers.count)
+        for _, rows in workers.rows(study, at(COUPLING, 4e-3, study), chunks, lambda: False)
+    ]
+    workers.close()
+    return found
+
+
+def test_a_study_on_the_machine_runs_in_this_process(few, processes):
+    found = numbers_of(few, ProcessWorkers(3, evaluator=Evaluator(few)))
+    assert found == [([0, 1], 1), ([2, 3], 1)] and not processes.calls
+
+
+def test_a_long_study_goes_on_in_worker_processes(few, processes, monkeypatch):
+    monkeypatch.setattr(running_workers, "_ALONE", 0.0)
+    found = numbers_of(few, ProcessWorkers(3, evaluator=Evaluator(few)))
+    assert found == [([0, 1], 1), ([2, 3], 3)] and processes.calls == ["rows", "close"]
+    found = numbers_of(few, ProcessWorkers(1, evaluator=Evaluator(few)))
+    assert found == [([0, 1], 1), ([2, 3], 1)] and not processes.calls[2:]
+
+
+def test_a_stop_ends_the_runs_in_this_process(few, processes):
+    rows = ProcessWorkers(3, evaluator=Evaluator(few)).rows(
+        few, at(COUPLING, 4e-3, few), [Chunk(0, (0,))], lambda: True
+    )
+    assert not list(rows) and not processes.calls
+
+
+def test_code_that_may_crash_runs_in_worker_processes(few, processes, monkeypatch):
+    """The FMU of another maker, or a measure of the user's own; so does a study without an evaluator here."""
+    monkeypatch.setattr(FmuComponent, "is_ours", False)
+    numbers_of(few, ProcessWorkers(3, evaluator=Evaluator(few)))
+    monkeypatch.undo()
+    monkeypatch.setattr(running_workers, "Pool", Processes)
+    assert processes.calls == ["rows", "rows", "close"]
+    mine = Measure("mine", TIRES, function=f"{__file__}:level")
+    own = replace(few, measures=(*few.measures, mine))
+    numbers_of(own, ProcessWorkers(3, evaluator=Evaluator(own)))
+    numbers_of(few, ProcessWorkers(3))
+    assert processes.calls == ["rows", "rows", "close"]
+
+
+def level(response):
+    return float(response.total.std())
 
 
 # ---- The best setup of a study --------------------------------------------------------------------------------------

@@ -35,6 +35,7 @@ from cosim.study.sheet import (
     copy_shock_pages,
     shock_curve,
     shock_curves,
+    shown_columns,
     tied_rows,
 )
 from cosim.study.table import StudyResult
@@ -274,6 +275,25 @@ def test_the_workbook_contains_ranking_units_and_provenance(few, tmp_path):
     assert units[TIRE][1:4] == ("lbf", "N", pytest.approx(1.0 / LBF))
     cell = next(row[1] for row in book["Provenance"].rows if row[0].value == "Study")
     assert (cell.value, cell.data_type) == ("=1+1", "s")  # text, no formula
+
+
+def test_rows_of_the_workbook_have_texts_as_they_are_full_numbers_formats_and_empty_cells(sheet, tmp_path):
+    odd = replace(sheet, failures={int(sheet.order[-1]): '=1 <&> "\x07"'}, marks={})
+    ranking = openpyxl.load_workbook(write_workbook(odd, tmp_path / "ranking.xlsx"))["Ranking"]
+    first, *_, last = list(ranking.rows)[1:]
+    assert (last[-1].value, last[-1].data_type) == ('=1 <&> " "', "s") and last[0].value is None
+    column = [column.name for column in shown_columns(odd)].index(FRONT)
+    row, cell = int(odd.order[0]), first[2 + len(odd.corners) + column]
+    shown = shown_columns(odd)[column]
+    assert cell.value == pytest.approx(shown.scale.us(shown.values[row]), rel=1e-15)
+    assert cell.number_format == "0.0000" and first[0].number_format == "General" and first[0].value == 1
+    assert ranking.dimensions == f"A1:{last[-1].coordinate}"
+
+
+def test_more_rows_than_are_in_memory_are_in_order(sheet, tmp_path, monkeypatch):
+    whole = write_ranking(sheet, tmp_path / "a.csv").read_text(encoding="utf-8")
+    monkeypatch.setattr("cosim.study.page._ROWS", 3)
+    assert write_ranking(sheet, tmp_path / "b.csv").read_text(encoding="utf-8") == whole
 
 
 def test_dots_are_coloured_by_the_dominant_corner(sheet):
