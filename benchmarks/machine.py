@@ -2,7 +2,7 @@
 
     python -m benchmarks.machine [--setups N] [--sample N] [--verb] [--large] [--json FILE]
 
-The shipped study (benchmarks/study.py): seven builds at four corners, a 33 s lap, its measures; then Hysteresis at all
+The shipped study (examples/study.toml): seven builds at four corners, a 33 s lap, its measures; then Hysteresis at all
 corners, kinds of friction, a quarter car, and the identified car of the examples with friction that sticks. Both ways
 run in one process in turns: a block of setups on the machine, then a part of it through the FMUs; the ratio is the
 median over the turns. The machine's step is chosen as for a study. Errors are rms differences from a sixteenth of the
@@ -31,16 +31,21 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.study import shipped_study
+from builder.build import build
 from cosim.session.result import difference
 from cosim.study import Build, Drive, Measure, Study, Vehicle
 from cosim.study.running.batches import Batches
 from cosim.study.running.coupling import coupling_for
 from cosim.study.running.evaluator import Coupling, Evaluator, MachineCoupling
+from cosim.study.study_file import read_study, source_files
 from eightpost.corners import CORNERS
 from eightpost.machine import library
+from eightpost.virtual.drivefiles import track_drivefile
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+
+#: Length of the lap [s], and the seed of its road.
+LAP, SEED = 33.0, 11
 
 #: Coupling of runs through the FMUs, which has about the machine's error [s].
 THROUGH_FMUS = Coupling("gauss-seidel", 4e-3 / 3.0)
@@ -74,7 +79,7 @@ def main() -> None:
         if options.verb:
             print("\n" + _verb(folder))
         if options.large:
-            study = shipped_study(folder, builds=7)
+            study = _shipped_study(folder)
             print("\n" + _share_of_peak(study))
             print(_many(study, 18, 18**4))
             print(_many(_short(study), 1000, 1_000_000))
@@ -84,9 +89,7 @@ def main() -> None:
 
 def _studies(folder: Path) -> Iterator[tuple[str, Study]]:
     """Yield studies with their names."""
-    from builder.build import build  # noqa: PLC0415 -- workers import this file and do not need these
-
-    study = shipped_study(folder, builds=7)
+    study = _shipped_study(folder)
     yield "shipped study", study
     bank = {f"{k}": replace(_hysteresis(folder), parameters=_scaled(k)) for k in range(4)}
     yield "Hysteresis", replace(study, bank=bank, corners=dict.fromkeys(CORNERS, tuple(bank)), baseline={})
@@ -299,6 +302,21 @@ def markdown(rows: Sequence[Row]) -> str:
             f"{r['ratio']:.0f} | {errors} | {r['difference']:.2g} |"
         )
     return "\n".join([head, f"|{'---|' * 10}", *cells])
+
+
+def _shipped_study(folder: Path) -> Study:
+    """Return examples/study.toml on a whole lap; its FMUs are built in the folder."""
+    path, lap = EXAMPLES / "study.toml", folder / "lap.parquet"
+    track_drivefile(SEED, duration=LAP, rate=500.0).write(lap)
+    fmus = {Path(item.source): item.path for item in build(source_files(path), folder / "fmus")}
+    study = read_study(path, lambda source: fmus[source])
+    names = tuple(study.bank)
+    return replace(
+        study,
+        corners=dict.fromkeys(study.corners, names),
+        baseline=dict.fromkeys(study.corners, names[-1]),
+        drives=(replace(study.drives[0], file=lap, stop=LAP),),
+    )
 
 
 def _options() -> argparse.Namespace:

@@ -70,7 +70,7 @@ class _Slave:
     model: Mapping[str, Any]
 
 
-def python_fmu(product: Product) -> dict[str, bytes]:
+def _python_fmu(product: Product) -> dict[str, bytes]:
     """Return the archive's members; the same product gives the same bytes."""
     product = replace(product, interface=product.interface.without_states())
     source = product.source
@@ -90,10 +90,10 @@ def _shock_slave(product: Product, shock: Shock) -> _Slave:
     law = Path(eightpost.shock.__file__).with_name(f"{shock.law_name}.py")
     common = source_folder() / "common"
     model: dict[str, Any] = {"law": law.stem, "class": type(shock.law).__name__}
-    code = imported_files(law)
+    code = _imported_files(law)
     if shock.settings is not None:
         model["settings"] = asdict(shock.settings)
-        code = tuple(dict.fromkeys((*code, *imported_files(law.with_name("settings.py")))))
+        code = tuple(dict.fromkeys((*code, *_imported_files(law.with_name("settings.py")))))
     return _Slave(product, common / "shock_slave.py", (*code, common / "table_slave.py"), model)
 
 
@@ -108,12 +108,12 @@ def _vehicle_slave(product: Product, vehicle: Vehicle) -> _Slave:
         "ports": list(friction_ports(product.interface)),
         "springs": list(spring_ports(product.interface)),
     }
-    code = imported_files(Path(eightpost.vehicle.friction.__file__))  # includes the kernel
+    code = _imported_files(Path(eightpost.vehicle.friction.__file__))  # includes the kernel
     fmus = source_folder()
     return _Slave(product, fmus / product.sources / "slave.py", (*code, fmus / "common" / "table_slave.py"), data)
 
 
-def imported_files(source: Path) -> tuple[Path, ...]:
+def _imported_files(source: Path) -> tuple[Path, ...]:
     """Return a module's file and all its relative imports; together they work in any other package."""
     found: dict[Path, None] = {}
 
@@ -338,7 +338,7 @@ def _named_apart(product: Product) -> Product:
 
 def _python(products: Sequence[tuple[str, Product]], folder: Path, suffix: str) -> list[Members]:
     return [
-        (_built(product, folder / f"{product.identifier}{suffix}.fmu", source, "python"), python_fmu(product))
+        (_built(product, folder / f"{product.identifier}{suffix}.fmu", source, "python"), _python_fmu(product))
         for source, product in products
     ]
 

@@ -24,8 +24,6 @@ from eightpost.shock import Shock, ShockLaw, law_module
 from eightpost.shock.curve import KNOTS
 from eightpost.vehicle import StateSpace
 
-# ==== Interface of an FMU: the variables of interface.toml, from which everything else is derived ====================
-
 # ==== What a vehicle's start depends on: in the steady state, port springs act on each other =========================
 
 #: A matrix of truths: which rows depend on which columns.
@@ -63,8 +61,6 @@ def _moved(steady: Terms, model: StateSpace, ports: Sequence[str]) -> Terms:
     """Return which inputs move the springs (springs, m)."""
     return steady[[model.output_names.index(f"{port}displacement") for port in ports]]
 
-
-# ==== Interface ======================================================================================================
 
 # ---- Location of the FMUs' sources ----------------------------------------------------------------------------------
 
@@ -223,7 +219,11 @@ def shock_interface(shock: Shock) -> Interface:
     idle |= {v.name for v in variables if v.name.partition("[")[0] in idle}
     parameters = tuple(v.name for v in variables if v.causality == "parameter" and v.name not in idle)
     inputs = tuple(v.name for v in variables if v.causality == "input")
-    starts = _start_dependencies(table["start_dependencies"], [v for v in variables if v.name not in idle])
+    started = [v.name for v in variables if v.name not in idle]
+    starts = {  # what the initial value of a state depends on; a name ending in `*` stands for all that begin with it
+        name: tuple(other for other in started if any(fnmatchcase(other, pattern) for pattern in patterns))
+        for name, patterns in table["start_dependencies"].items()
+    }
     interface = Interface(
         kind=table["interface"],
         version=table["version"],
@@ -238,16 +238,6 @@ def shock_interface(shock: Shock) -> Interface:
         direct={name: tuple(n for n in table["dependencies"][name] if n in known) for name in ("force", *rates)},
         initial=dict(interface.initial) | {name: starts.get(name, ()) for name in (*interface.states, *rates)},
     )
-
-
-def _start_dependencies(
-    table: Mapping[str, Sequence[str]], variables: Sequence[Variable]
-) -> Mapping[str, tuple[str, ...]]:
-    """Return what the initial value of a state depends on; a name ending in `*` stands for all that begin with it."""
-    return {
-        name: tuple(v.name for v in variables if any(fnmatchcase(v.name, pattern) for pattern in patterns))
-        for name, patterns in table.items()
-    }
 
 
 def vehicle_interface(model: StateSpace) -> Interface:
@@ -446,18 +436,9 @@ class Description:
 
 #: The independent variable of FMI 3.0; its value reference is that in fmus/fmi3/fmi3_instance.h.
 _TIME = Variable(
-    name="time",
-    reference=1000000,
-    type="Real",
-    causality="independent",
-    variability="continuous",
-    unit="s",
-    display=None,
-    start=None,
-    minimum=None,
-    maximum=None,
-    description="Simulation time",
-)
+    name="time", reference=1000000, type="Real", causality="independent", variability="continuous", unit="s",
+    display=None, start=None, minimum=None, maximum=None, description="Simulation time",
+)  # fmt: skip
 
 #: Capabilities of FMI 2.0 by their names in FMI 3.0.
 _RENAMED = {
@@ -506,15 +487,13 @@ def model_description(description: Description, fmi: int = 2) -> bytes:
     times = {"startTime": 0.0, "stopTime": description.stop_time, "stepSize": description.step_size}
     ET.SubElement(root, "DefaultExperiment", {name: repr(value) for name, value in times.items()})
     note = ET.Element("Interface", name=interface.kind, version=interface.version)
-    if is_3:
-        _variables_3(root, variables)
-        _structure(root, interface, {v.name: v.reference for v in interface.variables}, is_3)
-        ET.SubElement(ET.SubElement(root, "Annotations"), "Annotation", type="eightpost").append(note)
-    else:
+    number = {v.name: v.reference if is_3 else position for position, v in enumerate(variables, start=1)}
+    if not is_3:
         ET.SubElement(ET.SubElement(root, "VendorAnnotations"), "Tool", name="eightpost").append(note)
-        index = {v.name: position for position, v in enumerate(variables, start=1)}
-        _variables_2(root, variables, index)
-        _structure(root, interface, index, is_3)
+    _variables(root, variables, number, is_3)
+    _structure(root, interface, number, is_3)
+    if is_3:
+        ET.SubElement(ET.SubElement(root, "Annotations"), "Annotation", type="eightpost").append(note)
     ET.indent(root)
     return bytes(ET.tostring(root, encoding="UTF-8", xml_declaration=True)) + b"\n"
 
@@ -557,31 +536,24 @@ def _unit_definitions(root: ET.Element, variables: Iterable[Variable]) -> None:
             ET.SubElement(element, "DisplayUnit", attributes)
 
 
-def _variables_2(root: ET.Element, variables: Iterable[Variable], index: Mapping[str, int]) -> None:
+def _variables(root: ET.Element, variables: Iterable[Variable], number: Mapping[str, int], is_3: bool) -> None:
+    """Add the variables; `number` identifies them: by position in FMI 2.0, by value reference in FMI 3.0."""
     parent = ET.SubElement(root, "ModelVariables")
     for variable in variables:
-        of = {} if variable.derivative_of is None else {"derivative": str(index[variable.derivative_of])}
-        attributes = _named(variable) | ({"initial": variable.initial} if variable.initial else {})
-        ET.SubElement(ET.SubElement(parent, "ScalarVariable", attributes), variable.type, _typed(variable) | of)
-
-
-def _variables_3(root: ET.Element, variables: Iterable[Variable]) -> None:
-    parent, references = ET.SubElement(root, "ModelVariables"), {v.name: str(v.reference) for v in variables}
-    for variable in variables:
-        attributes = _named(variable) | ({"initial": variable.initial} if variable.initial else {})
-        attributes |= {"intermediateUpdate": "true"} if variable.causality == "input" else {}
-        of = {} if variable.derivative_of is None else {"derivative": references[variable.derivative_of]}
-        ET.SubElement(parent, _TYPES[variable.type], attributes | of | _typed(variable))
-
-
-def _named(variable: Variable) -> dict[str, str]:
-    return {
-        "name": variable.name,
-        "valueReference": str(variable.reference),
-        "description": variable.description,
-        "causality": variable.causality,
-        "variability": variable.variability,
-    }
+        attributes = {
+            "name": variable.name,
+            "valueReference": str(variable.reference),
+            "description": variable.description,
+            "causality": variable.causality,
+            "variability": variable.variability,
+        }
+        attributes |= {"initial": variable.initial} if variable.initial else {}
+        of = {} if variable.derivative_of is None else {"derivative": str(number[variable.derivative_of])}
+        if is_3:
+            attributes |= {"intermediateUpdate": "true"} if variable.causality == "input" else {}
+            ET.SubElement(parent, _TYPES[variable.type], attributes | of | _typed(variable))
+        else:
+            ET.SubElement(ET.SubElement(parent, "ScalarVariable", attributes), variable.type, _typed(variable) | of)
 
 
 def _typed(variable: Variable) -> dict[str, str]:
@@ -604,7 +576,6 @@ def _text(value: str | float | bool) -> str:
 
 
 def _structure(root: ET.Element, interface: Interface, number: Mapping[str, int], is_3: bool) -> None:
-    """Add the unknowns; `number` identifies variables: by position in FMI 2.0, by value reference in FMI 3.0."""
     parent = ET.SubElement(root, "ModelStructure")
     outputs, derivatives, place = interface.names("output"), interface.derivatives, list(number).index
     starts = sorted({*outputs, *interface.states, *derivatives}, key=place)

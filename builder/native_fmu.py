@@ -102,11 +102,7 @@ def build_description(identifier: str, files: Iterable[str]) -> bytes:
 
 
 def _build_members(identifier: str, files: Iterable[str], fmi: int) -> dict[str, bytes]:
-    """Return the FMI headers, their licence and the list of C files as members of the archive.
-
-    Raises:
-        FmuError: The FMI headers are not installed.
-    """
+    """Return the FMI headers, their licence and the list of C files as members of the archive."""
     licences = ("FMI_HEADERS_LICENSE.txt", "FMI3_HEADERS_LICENSE.txt")[: fmi - 1]
     headers = {f"sources/{name}": (fmi_headers() / name).read_bytes() for name in headers_of(fmi)}
     return {
@@ -166,7 +162,7 @@ VEHICLE = (
 )
 
 
-def c_sources(product: Product, visible: Interface, guid: str) -> dict[str, bytes]:
+def _c_sources(product: Product, visible: Interface, guid: str) -> dict[str, bytes]:
     """Return the sources that both FMI versions have, by file name; a host can see the variables of `visible`."""
     folder = source_folder()
     model = {"model.c": (folder / product.sources / "model.c").read_bytes()}
@@ -325,7 +321,7 @@ def _without_binaries(product: Product, disclosure: Disclosure, fmi: int) -> Sou
     return sealed(
         description,
         members,
-        lambda guid: c_sources(product, visible, guid),
+        lambda guid: _c_sources(product, visible, guid),
         fmi=fmi,
         disclosure=disclosure,
         is_one_unit=True,

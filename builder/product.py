@@ -43,10 +43,6 @@ def _with_modes(interface: Interface, model: StateSpace) -> Interface:
     """Return the interface of a vehicle with its modes, and the bristles of its ports, as continuous states.
 
     A model with more modes than there are value references for has none: its FMU offers co-simulation only.
-
-    Args:
-        interface: Variables of the vehicle.
-        model: Model of the vehicle, with the same inputs and outputs.
     """
     table = read_table("vehicle_ss")["variable"]
     rows = [row for row in table if _KEY in row["name"]]
@@ -192,16 +188,7 @@ _REPORTED, _TEMPERATURE, _CLICKS = 290, 295, 300
 
 
 def _with_settings(interface: Interface, settings: Settings, *, temperature_input: bool = False) -> Interface:
-    """Return a shock's interface with its adjusters and temperature; force and states depend on all of them.
-
-    Args:
-        interface: Interface of the shock without settings.
-        settings: Settings of the shock.
-        temperature_input: Whether the temperature is an input instead of a parameter.
-
-    Raises:
-        FmuError: The temperature is to be an input, but it was not varied.
-    """
+    """Return a shock's interface with its adjusters and temperature; force and states depend on all of them."""
     if temperature_input and not any(axis.is_temperature for axis in settings.axes):
         raise FmuError(
             "the shock has no temperature that could be an input: its files were not fitted over the temperature"
@@ -324,11 +311,7 @@ def _refuse_direct_velocity(model: StateSpace) -> None:
 
 
 def _friction_starts(friction: Mapping[str, Friction], interface: Interface) -> dict[str, float]:
-    """Return the start values of friction and springs at the ports; `friction` holds them by port.
-
-    Raises:
-        FmuError: A port has a spring, but its displacement has feedthrough.
-    """
+    """Return the start values of friction and springs at the ports; `friction` holds them by port."""
     starts: dict[str, float] = {}
     for port, law in friction.items():
         prefix = f"{port}." if port else ""

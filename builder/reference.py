@@ -157,7 +157,7 @@ def _shock_reference(shock: Shock, outputs: Sequence[str]) -> Reference:
     return Reference(("velocity", "displacement"), u, tuple(outputs), y)
 
 
-def vehicle_reference(vehicle: Vehicle, interface: Interface) -> Reference | None:
+def _vehicle_reference(vehicle: Vehicle, interface: Interface) -> Reference | None:
     """Return the response of a vehicle to sums of sines at all inputs, with different frequencies at each input.
 
     The interface defines the static values that the FMU adds to its outputs. Returns None if the vehicle has no
@@ -203,7 +203,7 @@ def results(subject: Subject, outputs: Sequence[str]) -> dict[str, bytes]:
     if isinstance(source, Shock):
         reference: Reference | None = _shock_reference(source, outputs)
     else:
-        reference = vehicle_reference(source, subject.interface)
+        reference = _vehicle_reference(source, subject.interface)
     return reference_files(reference, subject.identifier) if reference else {}
 
 

@@ -50,7 +50,7 @@ class _Fmu:
         return {"unit": variable.unit} if variable.unit and variable.unit in self.units else {}
 
 
-def setup_member(component: str) -> str:
+def _setup_member(component: str) -> str:
     """Return the path of a component's parameter values in the package."""
     return f"resources/{component}.ssv"
 
@@ -80,7 +80,7 @@ def write_ssp(path: str | Path, wiring: Wiring) -> tuple[str, ...]:
     members = {fmu.member: fmu.content for fmu in fmus.values()}
     members["SystemStructure.ssd"] = _document(_structure(wiring, fmus))
     for name, fmu in fmus.items():
-        members[setup_member(name)] = _document(_setup(name, values[name], fmu))
+        members[_setup_member(name)] = _document(_setup(name, values[name], fmu))
     write_archive(path, members)
     fed = given | {wire.target for wire in wiring.wires}
     return tuple(
@@ -200,7 +200,7 @@ def _component(elements: ET.Element, name: str, fmu: _Fmu) -> None:
         if variable.causality in ("input", "output", "parameter") and variable.type in _CONNECTORS:
             connector = _child(connectors, "ssd", "Connector", name=variable.name, kind=variable.causality)
             _child(connector, "ssc", variable.type, **fmu.unit(variable))
-    source = setup_member(name)
+    source = _setup_member(name)
     _child(_child(element, "ssd", "ParameterBindings"), "ssd", "ParameterBinding", source=source)
 
 

@@ -73,9 +73,6 @@ def _packed(members: Mapping[str, bytes]) -> bytes:
 def open_archive(path: str | Path) -> Iterator[zipfile.ZipFile]:
     """Open a zip for reading. The project opens every zip with this function, so that the limits apply to all.
 
-    Args:
-        path: The archive.
-
     Yields:
         The archive, with entries within the limits of this module; names and types of entries are not checked.
 

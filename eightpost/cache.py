@@ -52,13 +52,8 @@ def cache_folder() -> Path:
     return Path(os.environ.get("EIGHTPOST_CACHE") or platformdirs.user_cache_path("eightpost"))
 
 
-def is_trusted(path: Path, others: int = stat.S_IWGRP | stat.S_IWOTH) -> bool:
-    """Return whether nobody but this user and root can have written a file; always true on Windows.
-
-    Args:
-        path: The file.
-        others: Permissions to write that neither the file nor its folder may give.
-    """
+def _is_trusted(path: Path, others: int = stat.S_IWGRP | stat.S_IWOTH) -> bool:
+    """Return whether nobody but this user and root can have written a file; always true on Windows."""
     if sys.platform == "win32":
         return True
     for place in (path, path.parent):
@@ -81,7 +76,7 @@ def recall(folder: str, key: str) -> bytes | None:
     """Return the content stored in a folder of the cache under a key; None if it is missing or damaged."""
     path = cache_folder() / folder / key
     try:
-        content, trusted = path.read_bytes(), is_trusted(path)
+        content, trusted = path.read_bytes(), _is_trusted(path)
     except OSError:
         return None
     if not trusted:
@@ -184,7 +179,7 @@ def _checked_files() -> Any:
 def _read(path: Path) -> Any:
     """Return the content of one of numba's files; None if it is missing, unreadable or damaged."""
     try:
-        if not is_trusted(path, stat.S_IWOTH):  # the group may write: numba's files are beside the sources
+        if not _is_trusted(path, stat.S_IWOTH):  # the group may write: numba's files are beside the sources
             _LOG.warning("cached machine code that another user may have written is compiled again: %s", path)
             return None
         body = _unsealed(path.read_bytes())

@@ -15,7 +15,7 @@ from eightpost.errors import InputError
 
 
 @dataclass(frozen=True, slots=True)
-class Extra:
+class _Extra:
     """One extra of the distribution."""
 
     purpose: str  #: Use of the extra.
@@ -34,18 +34,18 @@ REQUIRED: Mapping[str, str] = {
 }  # fmt: skip
 
 #: Extras of pyproject.toml by name, without those for host programs and tests.
-EXTRAS: Mapping[str, Extra] = {
-    "report": Extra(
+EXTRAS: Mapping[str, _Extra] = {
+    "report": _Extra(
         "pictures, pages and workbooks (of fits, identify, study, run --report ...)",
         {"jinja2": "jinja2", "matplotlib": "matplotlib", "plotly": "plotly", "xlsxwriter": "xlsxwriter"},
     ),
-    "aim": Extra("logs of AiM (.xrk, .xrz)", {"libxrk": "libxrk"}),
-    "app": Extra("the window in the browser, eightpost app", {"nicegui": "nicegui"}, contains=("report",)),
-    "files": Extra(
+    "aim": _Extra("logs of AiM (.xrk, .xrz)", {"libxrk": "libxrk"}),
+    "app": _Extra("the window in the browser, eightpost app", {"nicegui": "nicegui"}, contains=("report",)),
+    "files": _Extra(
         "records in spreadsheets and LabVIEW files",
         {"lvm_read": "lvm_read", "nptdms": "nptdms", "python_calamine": "python-calamine"},
     ),
-    "build-local": Extra(
+    "build-local": _Extra(
         "building FMUs for this platform with the system's C compiler",
         {
             "fmu_manipulation_toolbox": "fmu-manipulation-toolbox",
@@ -55,21 +55,21 @@ EXTRAS: Mapping[str, Extra] = {
         },
         contains=("report",),
     ),
-    "build": Extra("building FMUs for all six platforms", {"ziglang": "ziglang"}, contains=("build-local",)),
-    "check": Extra(
+    "build": _Extra("building FMUs for all six platforms", {"ziglang": "ziglang"}, contains=("build-local",)),
+    "check": _Extra(
         "checking FMUs of any maker",
         {"PIL": "pillow", "fmu_manipulation_toolbox": "fmu-manipulation-toolbox", "lief": "lief", "lxml": "lxml"},
     ),
-    "control": Extra("exchange of models with python-control", {"control": "control"}),
-    "dask": Extra("studies on a cluster", {"dask": "dask", "distributed": "distributed"}),
-    "mat73": Extra("records in MATLAB 7.3 files", {"h5py": "h5py"}),
-    "mdf": Extra("records in MDF 4 files", {"asammdf": "asammdf"}),
-    "notebook": Extra(
+    "control": _Extra("exchange of models with python-control", {"control": "control"}),
+    "dask": _Extra("studies on a cluster", {"dask": "dask", "distributed": "distributed"}),
+    "mat73": _Extra("records in MATLAB 7.3 files", {"h5py": "h5py"}),
+    "mdf": _Extra("records in MDF 4 files", {"asammdf": "asammdf"}),
+    "notebook": _Extra(
         "tables of results as pandas and xarray objects",
         {"ipykernel": "ipykernel", "pandas": "pandas", "xarray": "xarray"},
     ),
-    "optimise": Extra("search of studies whose bank is too large to run every setup", {"pymoo": "pymoo"}),
-    "uff": Extra("frequency responses as universal files", {"pyuff": "pyuff"}),
+    "optimise": _Extra("search of studies whose bank is too large to run every setup", {"pymoo": "pymoo"}),
+    "uff": _Extra("frequency responses as universal files", {"pyuff": "pyuff"}),
 }
 
 

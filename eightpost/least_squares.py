@@ -161,7 +161,7 @@ class Parameters:
 # ---- The search: damped Gauss-Newton steps within the bounds --------------------------------------------------------
 
 
-class SearchPoint(Protocol):
+class _SearchPoint(Protocol):
     """Parameters of a problem, at which everything else has its best value."""
 
     @property
@@ -177,11 +177,11 @@ class SearchPoint(Protocol):
         """Matrix (s, s) = J' J and right side (s,) = -J' r of a step of the parameters."""
 
 
-PointType = TypeVar("PointType", bound=SearchPoint)
-_Reached_co = TypeVar("_Reached_co", bound=SearchPoint, covariant=True)
+PointType = TypeVar("PointType", bound=_SearchPoint)
+_Reached_co = TypeVar("_Reached_co", bound=_SearchPoint, covariant=True)
 
 
-class SearchProblem(Protocol[_Reached_co]):
+class _SearchProblem(Protocol[_Reached_co]):
     """A problem that `minimum_from` solves."""
 
     def bounds(self) -> tuple[Array, Array]:
@@ -240,7 +240,7 @@ _NO_MORE = 10.0
 
 
 def minimum_from(
-    problem: SearchProblem[PointType], start: Array, *, tolerance: float, evaluations: int, longest: float = np.inf
+    problem: _SearchProblem[PointType], start: Array, *, tolerance: float, evaluations: int, longest: float = np.inf
 ) -> Minimum[PointType]:
     """Search for the minimum of a problem by damped Gauss-Newton steps within its bounds.
 
@@ -255,7 +255,7 @@ def minimum_from(
     here, damping, rise = problem.at(np.clip(start, low, high)), _DAMPING, _CHANGE
     for count in beats(range(2, evaluations + 1)):
         room = np.maximum(low - here.parameters, -longest), np.minimum(high - here.parameters, longest)
-        step = bounded_step(*here.normal_equations, *room, damping)
+        step = _bounded_step(*here.normal_equations, *room, damping)
         there = problem.at(np.clip(here.parameters + step, low, high))
         gain = here.cost - there.cost
         if gain < 0.0:
@@ -270,18 +270,11 @@ def minimum_from(
     return Minimum(here, False, f"No minimum within the bounds after {evaluations} evaluations.")
 
 
-def bounded_step(matrix: Array, right: Array, low: Array, high: Array, damping: float) -> Array:
+def _bounded_step(matrix: Array, right: Array, low: Array, high: Array, damping: float) -> Array:
     """Return the step d (n,) in low <= d <= high with the smallest d' matrix d - 2 right' d + damping |d|^2, d scaled.
 
     The unconstrained step is the end if it is inside; otherwise the distance from it is the smallest, in the metric of
     the damped matrix, that leads into the box (Lawson and Hanson 1974, chapter 23).
-
-    Args:
-        matrix: Matrix (n, n) of the normal equations.
-        right: Right side (n,) of the normal equations.
-        low: Lowest step (n,), not positive.
-        high: Highest step (n,), not negative.
-        damping: Share of the diagonal that is added to it.
     """
     size = np.sqrt(np.diag(matrix))
     size[size == 0.0] = 1.0
@@ -370,7 +363,7 @@ def downweighted_rows(weights: Array) -> int:
     return int(np.sum(weights < _DOWN))
 
 
-class WeightedFit(Protocol):
+class _WeightedFit(Protocol):
     """A fit whose rows have weights."""
 
     @property
@@ -378,7 +371,7 @@ class WeightedFit(Protocol):
         """Weights (R,) of the rows."""
 
 
-Fit = TypeVar("Fit", bound=WeightedFit)
+Fit = TypeVar("Fit", bound=_WeightedFit)
 
 
 def reweighted(first: Fit, weigh: Callable[[Fit], Array], again: Callable[[Fit, Array], Fit], times: int) -> Fit:

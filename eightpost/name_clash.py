@@ -19,12 +19,8 @@ THIRD_PARTY = (
 )  # fmt: skip
 
 
-def clashing_files(path: Iterable[str]) -> list[str]:
-    """Return the files on an import path that hide a module of the same name that the commands need.
-
-    Args:
-        path: Folders in the order in which Python searches them.
-    """
+def _clashing_files(path: Iterable[str]) -> list[str]:
+    """Return the files on an import path that hide a module of the same name that the commands need."""
     folders = [os.path.realpath(folder) for folder in path]
     library = os.path.dirname(os.path.realpath(os.__file__))  # noqa: PTH120
     found = []
@@ -58,7 +54,7 @@ def _refuse_clashes() -> None:
     os.environ["PYTHONSAFEPATH"] = "1"
     if _is_module() and not sys.flags.safe_path and os.path.realpath(sys.path[0]) != _ROOT:
         del sys.path[0]
-    if clashes := clashing_files(sys.path):
+    if clashes := _clashing_files(sys.path):
         sys.stderr.write(
             f"error: {', '.join(clashes)}: Python would import this in place of a module of the same name that "
             "eightpost needs; rename the file, or remove its folder from PYTHONPATH\n"

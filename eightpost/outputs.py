@@ -47,7 +47,7 @@ class Kind:
     document: str = ""  #: Entry `kind` of a JSON document; empty for other files.
 
     def content(self, suffix: str) -> str:
-        """Return the content of a file of this kind in words, as `content_of` does."""
+        """Return the content of a file of this kind in words, as `_content_of` does."""
         return _json(self.document) if self.document else _CONTENT.get(suffix.lower(), _TEXT)
 
 
@@ -64,12 +64,8 @@ VEHICLE = Kind("a vehicle file", "vehicle.json", (".json",), "vehicle")
 EXPORT = Kind("an exported file", "export.mat", ())
 
 
-def content_of(path: Path) -> str:
-    """Return in words what a file contains; an empty text for an empty file.
-
-    Raises:
-        OSError: The file cannot be read.
-    """
+def _content_of(path: Path) -> str:
+    """Return in words what a file contains; an empty text for an empty file."""
     with path.open("rb") as stream:
         head = stream.read(_HEAD)
     if known := next((content for magic, content in _MAGIC.items() if head.startswith(magic)), ""):
@@ -214,10 +210,6 @@ def check_folder(path: str | Path, files: Mapping[str, Kind] | None = None) -> N
 def check_target(path: Path, *, example: str = "") -> None:
     """Check that a path is neither a folder nor an input of the running command.
 
-    Args:
-        path: File to write.
-        example: Name of a file, which the message proposes.
-
     Raises:
         InputError: It is one of them, or a device.
     """
@@ -237,13 +229,13 @@ def check_same_content(path: Path, new: Path) -> None:
         InputError: The file has another content.
     """
     if path.is_file():
-        _check_content(path, content_of(new))
+        _check_content(path, _content_of(new))
 
 
 def _check_content(path: Path, content: str) -> None:
     if not path.is_file() or _may_replace(path):
         return
-    found = content_of(path)
+    found = _content_of(path)
     if found and found != content:
         raise InputError(
             f"{path} is {found}, and {content or 'an empty file'} would replace it; choose another output, or delete "

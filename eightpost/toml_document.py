@@ -65,12 +65,7 @@ def _line(text: str, place: Sequence[str | int]) -> str:
 
 
 def _line_of(text: str, place: Sequence[str | int]) -> int | None:
-    """Return the one-based line of an entry, or the line of its table if the entry itself is not found.
-
-    Args:
-        text: Text of the file.
-        place: Keys and, for lists of tables, positions: `("measure", 2, "band")`.
-    """
+    """Return the one-based line of an entry, or the line of its table if the entry itself is not found."""
     lines, begin = text.splitlines(), 0
     found = None
     for depth, key in enumerate(place):

@@ -34,7 +34,7 @@ LIMITS = (0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 17.0, 23.0, 30.0)
 #: Share of power that a band without any counts as having [1].
 _EMPTY = 0.005
 
-#: Scales of the common and of the own error on a drive at `drive_distance` 1 of the records, relative to the spread of
+#: Scales of the common and of the own error on a drive at `_drive_distance` 1 of the records, relative to the spread of
 #: their errors over the bands, and per share of the drive's power above all bands that are not empty in the records:
 #: the error there is as large as the output (docs/explanation/vehicle_uncertainty.md).
 _BEYOND, _BEYOND_OWN, _UNSEEN = 1.6, 1.5, 0.5
@@ -96,7 +96,7 @@ class MeasureUncertainty:
         """
         if not self.levels or not len(shares):
             return self
-        moved = [(one.spread * drive_distance(shares, one.shares), _UNSEEN * unseen(shares, one.shares))
+        moved = [(one.spread * _drive_distance(shares, one.shares), _UNSEEN * unseen(shares, one.shares))
                  for one in self.levels]  # fmt: skip
         scales = [math.hypot(one.deviation, _BEYOND * far, empty)
                   for one, (far, empty) in zip(self.levels, moved, strict=True)]  # fmt: skip
@@ -138,24 +138,18 @@ class MeasureUncertainty:
         if not 0.0 < level < 1.0:
             raise ParameterError(f"the level of an interval is {level!r}; it must be between 0 and 1, e.g. 0.95")
         scale = math.hypot(self.common, self.own * apart)
-        return math.expm1(scale * student_quantile(0.5 + 0.5 * level))
+        return math.expm1(scale * _student_quantile(0.5 + 0.5 * level))
 
     def probability_below(self, first: float, second: float, *, distance: float) -> float:
-        """Return the probability that the first setup's true value is below that of the second; 0.5 if they are equal.
-
-        Args:
-            first: Predicted value of the first setup.
-            second: Predicted value of the second setup.
-            distance: Distance of the two setups.
-        """
+        """Return the probability that the first setup's true value is below that of the second; 0.5 if equal."""
         change = math.log(second / first)
         scale = self.own * separation(distance, change)
         if scale == 0.0:
             return 0.5 if change == 0.0 else float(change > 0.0)
-        return student_probability(change / scale)
+        return _student_probability(change / scale)
 
 
-def student_probability(value: float) -> float:
+def _student_probability(value: float) -> float:
     """Return the probability of at most a value under Student's t distribution with four degrees of freedom.
 
         1/2 + 3/4 r - 1/4 r^3,    r = t / sqrt(4 + t^2)
@@ -169,16 +163,13 @@ def student_probability(value: float) -> float:
     return 0.5 + 0.75 * r - 0.25 * r**3
 
 
-def student_quantile(probability: float) -> float:
+def _student_quantile(probability: float) -> float:
     """Return the value of a probability under Student's t distribution with four degrees of freedom.
 
         t = sign(p - 1/2) 2 sqrt(q - 1),    q = cos(acos(sqrt(a)) / 3) / sqrt(a),    a = 4 p (1 - p)
 
     >>> round(student_quantile(0.975), 3)
     2.776
-
-    Args:
-        probability: Probability [1], between 0 and 1.
 
     Source: W. T. Shaw, Sampling Student's T distribution, Journal of Computational Finance 9 (2006) 37-73.
     """
@@ -210,14 +201,10 @@ def band_shares(power: Array, frequency: Array) -> Array:
     return np.stack([power[..., places == band].sum(axis=-1) for band in range(len(LIMITS) + 1)], axis=-1)
 
 
-def drive_distance(first: Sequence[float], second: Sequence[float]) -> float:
+def _drive_distance(first: Sequence[float], second: Sequence[float]) -> float:
     """Return how far the spectrum of a measure on a drive is from that of records.
 
-        sqrt(sum (v - w)^2 / (w + 0.005)),    v, w: shares of the power in the bands on the drive and in the records
-
-    Args:
-        first: Shares v on the drive.
-        second: Shares w in the records.
+    sqrt(sum (v - w)^2 / (w + 0.005)),    v, w: shares of the power in the bands on the drive and in the records
     """
     v, w = np.asarray(first), np.asarray(second)
     return float(np.sqrt(np.sum((v - w) ** 2 / (w + _EMPTY))))

@@ -125,7 +125,7 @@ def read_table() -> Table:
     return Table(document["exponents"], document["factors"], pairs)
 
 
-def make_table() -> Table:
+def _make_table() -> Table:
     """Compute the table with pint."""
     from eightpost import pint_units  # noqa: PLC0415 -- it takes long to load
 
@@ -140,7 +140,7 @@ def make_table() -> Table:
 
 def main() -> None:
     """Write the table to its file, one line per unit."""
-    table = make_table()
+    table = _make_table()
     rows: dict[str, dict[str, tuple[float, float]]] = {text: {} for text in table.exponents}
     for (source, target), conversion in table.conversions.items():
         rows[source][target] = conversion

@@ -171,12 +171,7 @@ class Validity:
         return replace(self, judged=self._digest(numbers))
 
     def checked(self, numbers: Mapping[str, Any], origin: str) -> Validity:
-        """Return what is known about a model with these numbers: nothing if they are not those that were judged.
-
-        Args:
-            numbers: Numbers of the model.
-            origin: Name of the model or of its file.
-        """
+        """Return what is known about a model with these numbers: nothing if they are not those that were judged."""
         is_known = bool(self.edits) and self.edits == self.verdict.reasons
         if self.judged is None or is_known or self.judged == self._digest(numbers):
             return self

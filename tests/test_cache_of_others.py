@@ -42,7 +42,7 @@ def test_the_owner_is_this_user_or_root(folder, monkeypatch, owner, is_recalled)
 
     stat = type(folder).stat
     monkeypatch.setattr(type(folder), "stat", lambda self, **options: State(stat(self, **options)))
-    assert cache.is_trusted(folder / "key") is is_recalled
+    assert cache._is_trusted(folder / "key") is is_recalled
 
 
 @pytest.mark.parametrize(("mode", "content"), [(0o664, {"a": 1}), (0o666, None)])

@@ -2,8 +2,7 @@
 
 import re
 
-from eightpost.report.glossary import explained, glossary
-from eightpost.report.page import Section, document
+from eightpost.report.page import Section, document, explained, glossary
 from eightpost.verdict import Verdict
 
 

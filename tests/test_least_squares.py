@@ -14,7 +14,7 @@ from eightpost.least_squares import (
     Directions,
     Parameters,
     Residual,
-    bounded_step,
+    _bounded_step,
     downweighted_rows,
     huber,
     minimum_from,
@@ -125,13 +125,13 @@ def test_a_step_is_the_best_one_in_its_box(seed):
     random = np.random.default_rng(seed)
     columns, error = random.standard_normal((20, 5)) * 10.0 ** random.uniform(-3, 3, 5), random.standard_normal(20)
     low, high = -np.abs(random.standard_normal(5)) * 0.05, np.full(5, np.inf)
-    step = bounded_step(columns.T @ columns, -columns.T @ error, low, high, 0.1)
+    step = _bounded_step(columns.T @ columns, -columns.T @ error, low, high, 0.1)
     rows = np.vstack([columns, np.sqrt(0.1) * np.diag(np.linalg.norm(columns, axis=0))])
     best = lsq_linear(rows, -np.append(error, np.zeros(5)), (low, high), tol=1e-14).x
     size = [np.linalg.norm(rows @ d + np.append(error, np.zeros(5))) for d in (step, best)]
     assert (step >= low).all()
     assert size[0] <= size[1] * (1.0 + 1e-6)
-    free = bounded_step(columns.T @ columns, -columns.T @ error, -high, high, 0.1)
+    free = _bounded_step(columns.T @ columns, -columns.T @ error, -high, high, 0.1)
     np.testing.assert_allclose(rows.T @ rows @ free, -columns.T @ error, rtol=1e-9)
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from eightpost.name_clash import THIRD_PARTY, clashing_files
-from eightpost.workers.process import ROOT, import_path
+from eightpost.name_clash import THIRD_PARTY, _clashing_files
+from eightpost.workers.process import ROOT, _import_path
 
 NAMES = ("builder", "cosim", "numpy", "json", "fmpy", "logging", "eightpost_", "click", "subprocess", "ziglang")
 
@@ -76,10 +76,10 @@ def script(folder):
 
 def test_a_package_of_the_same_name_is_a_clash_and_a_folder_of_that_name_is_not(tmp_path):
     (tmp_path / "builder").mkdir()
-    assert clashing_files([str(tmp_path), *sys.path]) == []
+    assert _clashing_files([str(tmp_path), *sys.path]) == []
     (tmp_path / "builder" / "__init__.py").touch()
-    assert clashing_files([str(tmp_path), str(ROOT)]) == [str(tmp_path / "builder" / "__init__.py")]
-    assert clashing_files([str(ROOT), str(tmp_path)]) == []
+    assert _clashing_files([str(tmp_path), str(ROOT)]) == [str(tmp_path / "builder" / "__init__.py")]
+    assert _clashing_files([str(ROOT), str(tmp_path)]) == []
 
 
 def test_the_third_party_packages_are_folders_and_are_all_that_the_project_needs():
@@ -105,7 +105,7 @@ def test_the_third_party_packages_are_folders_and_are_all_that_the_project_needs
 def test_a_child_searches_where_this_process_does_but_not_in_the_current_folder(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", ["", str(tmp_path), "relative", str(ROOT)])
     monkeypatch.chdir(tmp_path)
-    assert import_path() == [str(tmp_path / "relative"), str(ROOT)]
+    assert _import_path() == [str(tmp_path / "relative"), str(ROOT)]
 
 
 SYSTEM = """

@@ -18,9 +18,9 @@ from eightpost.outputs import (
     RECORD,
     SHOCK,
     TABLE,
+    _content_of,
     check_file,
     check_folder,
-    content_of,
     recorded,
     replacing,
 )
@@ -52,7 +52,7 @@ CONTENTS = {
 @pytest.mark.parametrize(("content", "found"), CONTENTS.items(), ids=[str(one[:20]) for one in CONTENTS])
 def test_a_content_is_recognised_by_its_bytes(tmp_path, content, found):
     (tmp_path / "any").write_bytes(content)
-    assert content_of(tmp_path / "any") == found
+    assert _content_of(tmp_path / "any") == found
 
 
 def write(path, text="new"):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from builder.build import python_fmu
+from builder.build import _python_fmu
 from builder.native_fmu import without_binaries
 from builder.product import shock_product, vehicle_product
 from builder.reference import Disclosure, combined_member, validity_of
@@ -209,7 +209,7 @@ def test_the_fit_of_a_shock_file_without_a_verdict_is_unknown(bad: Shock, tmp_pa
 
 def test_every_type_of_fmu_contains_it(bad: Shock) -> None:
     product = shock_product(bad, "late")
-    python, native = python_fmu(product), without_binaries(product, Disclosure.FULL).members
+    python, native = _python_fmu(product), without_binaries(product, Disclosure.FULL).members
     assert python[MEMBER] == native[MEMBER]
     found = Validity.from_json(json.loads(native[MEMBER]))
     assert replace(found, uncertainty=None) == replace(bad.validity, judged=None)

@@ -187,7 +187,8 @@ def multisine(random: Random, time: Array) -> Array:
     phases = random.uniform(0.0, 2.0 * np.pi, size=12)
     power = random.uniform(0.8, 1.6)
     row = np.asarray(np.sin(2.0 * np.pi * np.outer(time, rates) + phases) @ rates**-power)
-    return row * log_uniform(random, 0.03, 0.4) / _speed(time, row)
+    speed = np.sqrt(np.mean((np.diff(row) / np.diff(time)) ** 2))
+    return row * log_uniform(random, 0.03, 0.4) / float(speed)
 
 
 def bumps(random: Random, time: Array) -> Array:
@@ -250,11 +251,6 @@ def draw_load(random: Random, time: Array, size: float) -> Array:
     """Return a load of up to about `size`, in its unit."""
     rates = np.exp(random.uniform(np.log(0.5), np.log(20.0), size=4))
     return np.asarray(size * np.mean(np.sin(2.0 * np.pi * np.outer(time, rates) + rates), axis=1))
-
-
-def _speed(time: Array, row: Array) -> float:
-    """Return the root mean square of the slope between points."""
-    return float(np.sqrt(np.mean((np.diff(row) / np.diff(time)) ** 2)))
 
 
 QUARTER_CARS, SEVEN_DOFS = 32, 8
@@ -320,7 +316,8 @@ def build_fmus(names: Iterable[str]) -> Path:
     folder = cache_folder() / "honesty" / _digest()
     folder.mkdir(parents=True, exist_ok=True)
     os.utime(folder)
-    _forget_the_oldest(folder.parent)
+    for path in sorted(folder.parent.iterdir(), key=lambda path: path.stat().st_mtime)[:-_KEPT]:
+        shutil.rmtree(path, ignore_errors=True)  # FMUs of old source versions
     missing = [name for name in sorted(set(names)) if not (folder / f"{name}.fmu").is_file()]
     with patch.object(Zig, "platforms", (this_platform(),) if this_platform().name in PLATFORMS else ()):
         for target, chosen in (
@@ -330,12 +327,6 @@ def build_fmus(names: Iterable[str]) -> Path:
             if chosen:
                 build([_model_file(folder / "models", name) for name in chosen], folder, target=target)
     return folder
-
-
-def _forget_the_oldest(folder: Path) -> None:
-    """Remove the FMUs of old source versions."""
-    for path in sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime)[:-_KEPT]:
-        shutil.rmtree(path, ignore_errors=True)
 
 
 def _digest() -> str:
@@ -356,16 +347,12 @@ def _model_file(folder: Path, name: str) -> Path:
     if model in LAWS:
         law = CLASSES[model]
         own = {p.name: p.start for p in fit_parameters(law)}
-        write_shock(Shock(name, law(_straight(), port=Port(), **own)), path)
+        ends = (400.0, 400.0, 0.0, 0.0), (-400.0, -400.0, 0.0, 0.0)
+        curve = StaticCurve((400.0, *[0.0] * 14), *ends, 0.4, 0.01, 2.0, 2.0, 1000.0, 1000.0)  # systems set their own
+        write_shock(Shock(name, law(curve, port=Port(), **own)), path)
     else:
         write_vehicle(path, IdentifiedVehicle(name, vehicle(model).coupled(), static={}))
     return path
-
-
-def _straight() -> StaticCurve:
-    """Return a curve to build with; every system sets its own."""
-    ends = (400.0, 400.0, 0.0, 0.0), (-400.0, -400.0, 0.0, 0.0)
-    return StaticCurve((400.0, *[0.0] * 14), *ends, 0.4, 0.01, 2.0, 2.0, 1000.0, 1000.0)
 
 
 #: Version of the draws: increase it if the same seed is to give another system.
@@ -583,19 +570,15 @@ def _draw_scenario(random: Random, cars: tuple[DrawnCar, ...], *, short: bool) -
     kind = str(random.choice(["multisine", "bumps", "steps", "chirp", "white", "spikes", "zeros", "none"],
                              p=[0.26, 0.13, 0.12, 0.12, 0.17, 0.12, 0.04, 0.04]))  # fmt: skip
     drive = None if kind == "none" else _draw_drive(random, cars, kind, start + stop)
-    record = _draw_record_step(random, stop)
+    record = None
+    if random.random() >= 0.15:
+        record = log_uniform(random, 3e-4, min(1.0, 0.4 * stop))
+        record = float(f"{record:.2g}") if random.random() < 0.7 else record
     settling = some(random, 0.5, round(random.uniform(0.05, 0.4) * stop, 3))
     targets = {name: name for name in drive.names} if drive else {}
     begin = start if drive else 0.0
     scenario = Scenario(stop, drive, targets, record_step=record, settling=settling, drive_start=begin)
     return scenario, kind
-
-
-def _draw_record_step(random: Random, stop: float) -> float | None:
-    if random.random() < 0.15:
-        return None
-    step = log_uniform(random, 3e-4, min(1.0, 0.4 * stop))
-    return float(f"{step:.2g}") if random.random() < 0.7 else step
 
 
 def _draw_drive(random: Random, cars: tuple[DrawnCar, ...], kind: str, end: float) -> Drivefile:

@@ -56,16 +56,7 @@ def law_of(kind: str, values: Mapping[str, float | bool]) -> ShockLaw:
 
 
 def _settings_of(data: str, interface: Interface) -> Settings:
-    """Return the settings in a settings_data.h; texts that no calculation needs are empty, bands are zero.
-
-    Args:
-        data: Content of the file, as builder/tables.py writes it.
-        interface: Interface of the FMU.
-
-    Raises:
-        ValueError: The content does not have this form.
-        KeyError: A table is missing.
-    """
+    """Return the settings in a settings_data.h; texts that no calculation needs are empty, bands are zero."""
     tables: dict[str, str] = dict(re.findall(r"(\w+)(?:\[\w+\])+ = (\{.*?\});", data, flags=re.DOTALL))
     counts = [int(count) for count in re.findall(r"\d+", tables["node_counts"])]
     axes = tuple(_axes(data, _rows(tables["axis_nodes"]), counts, interface))

@@ -25,8 +25,6 @@ from eightpost.fmi.functions import names
 with needs("check", "checking FMUs"):
     import lief
 
-# ==== The subject of the static rules: the archive's entries, its shared libraries and the model description =========
-
 # ---- A shared library: format, processor, exported symbols, required libraries --------------------------------------
 
 lief.logging.disable()
@@ -110,7 +108,7 @@ def _elf(name: str, platform: str, elf: Any, size: int) -> Binary:
     ends = [s.file_offset + s.physical_size for s in elf.segments]
     table = elf.header.section_header_offset + elf.header.numberof_sections * elf.header.section_header_size
     dynamic = list(elf.dynamic_symbols)
-    versions = [_version(str(s.symbol_version)) for s in dynamic if s.symbol_version is not None]
+    matches = [_GLIBC.search(str(s.symbol_version)) for s in dynamic if s.symbol_version is not None]
     return Binary(
         name,
         platform,
@@ -120,7 +118,7 @@ def _elf(name: str, platform: str, elf: Any, size: int) -> Binary:
         exports=frozenset(str(s.name) for s in dynamic if s.exported),
         undefined=frozenset(str(s.name) for s in dynamic if s.shndx == 0 and s.name),
         libraries=tuple(str(library) for library in elf.libraries),
-        glibc=max(versions, default=(0, 0)),
+        glibc=max(((int(match[1]), int(match[2])) for match in matches if match), default=(0, 0)),
         faults={
             "executable-stack": "" if _has_data_stack(elf) else "its stack is executable",
             "runpath": some(_own_paths(elf), "it searches "),
@@ -158,11 +156,6 @@ def _processor_needed(elf: Any) -> str:
     return "its arithmetic needs AVX, and it does not ask whether the processor has it" if needs_avx else ""
 
 
-def _version(text: str) -> tuple[int, int]:
-    match = _GLIBC.search(text)
-    return (int(match[1]), int(match[2])) if match else (0, 0)
-
-
 def _pe(name: str, platform: str, pe: Any, size: int) -> Binary:
     ends = [s.pointerto_raw_data + s.sizeof_raw_data for s in pe.sections]
     exported = pe.get_export() if pe.has_exports else None
@@ -188,7 +181,7 @@ def _mach_o(name: str, platform: str, slices: Iterable[Any], content: bytes) -> 
         fault=_truncated(max(ends, default=0), len(content)),
         format="Mach-O",
         machines=tuple(_machine(part.header.cpu_type) for part in parts),
-        exports=frozenset.intersection(*(_mach_o_exports(part) for part in parts)),
+        exports=frozenset(set.intersection(*({_plain(s.name) for s in part.exported_symbols} for part in parts))),
         undefined=frozenset(_plain(s.name) for part in parts for s in part.imported_symbols),
         libraries=tuple(dict.fromkeys(str(library.name) for part in parts for library in part.libraries)),
     )
@@ -201,10 +194,6 @@ def _ends_of_slices(content: bytes) -> list[int]:
         return []
     parts = (struct.unpack_from(">5I", content, 8 + 20 * k) for k in range(min(count, 16)))
     return [offset + size for _, _, offset, size, _ in parts]
-
-
-def _mach_o_exports(part: Any) -> frozenset[str]:
-    return frozenset(_plain(symbol.name) for symbol in part.exported_symbols)
 
 
 def _plain(symbol: Any) -> str:
@@ -259,7 +248,9 @@ def read_subject(path: str | Path) -> CheckedFmu:
     path = Path(path)
     if path.is_dir():
         raise FmuError(f"{path}: is a folder, not an .fmu file; name the files in it (check {path}/*.fmu)")
-    entries, members = _read(path)
+    with open_archive(path) as archive:
+        entries = tuple(archive.infolist())
+        members = {e.orig_filename: archive.read(e) for e in entries if not e.is_dir()}
     if not any(PurePosixPath(name.replace("\\", "/")).name == XML for name in members):
         raise FmuError(f"{path}: is not an FMU: it contains no {XML}")
     if XML not in members:
@@ -279,14 +270,6 @@ def _build_description(members: Mapping[str, bytes]) -> ET.Element | None:
     except (KeyError, ET.ParseError, ValueError, LookupError):
         return None
 
-
-def _read(path: Path) -> tuple[tuple[zipfile.ZipInfo, ...], dict[str, bytes]]:
-    with open_archive(path) as archive:
-        entries = tuple(archive.infolist())
-        return entries, {e.orig_filename: archive.read(e) for e in entries if not e.is_dir()}
-
-
-# ==== Rules for the content of an archive: entries, documents, terminals, sources ====================================
 
 # ---- Entries --------------------------------------------------------------------------------------------------------
 

@@ -66,14 +66,11 @@ class Unpacked:
     reach: int | None = None
 
 
-def probed(groups: Sequence[str], unpacked: Unpacked) -> Iterator[tuple[str, Outcome]]:
+def _probed(groups: Sequence[str], unpacked: Unpacked) -> Iterator[tuple[str, Outcome]]:
     """Run the probes of groups in a process with empty folders; yield the outcome of each that was begun.
 
     After a crash, the groups that are left run in another process, except after a crash of `simulation`. Files left in
     the working folder or in that of temporary files are findings.
-
-    Raises:
-        EightpostError: A process ended before it loaded the FMU.
     """
     remaining, budget = list(groups), _BUDGET
     while remaining:
@@ -459,7 +456,7 @@ def _call(subject: CheckedFmu, groups: list[str], ledger: _Ledger) -> None:
         _unpack(subject, unpacked.folder)
         if description.co_simulation is None:
             plan = [group for group in selected if group in ("model_exchange", "version_3")]
-            outcomes, reason = dict(probed(plan, unpacked)), "the FMU does not support co-simulation"
+            outcomes, reason = dict(_probed(plan, unpacked)), "the FMU does not support co-simulation"
         else:
             outcomes, reason = _outcomes(subject, selected, unpacked), "a plain simulation does not work"
     for group in GROUPS:
@@ -480,7 +477,7 @@ def _outcomes(subject: CheckedFmu, selected: list[str], unpacked: Unpacked) -> d
     misuses = [group for group in selected if GROUPS[group].crash == "crash-misuse"]
     shared = [group for group in selected if group not in ("simulation", *apart, *misuses)]
     shared.sort(key=lambda group: group in _LONG)  # what a slow FMU leaves out is what takes long
-    outcomes = dict(probed(["simulation", *(["surroundings"] if apart else []), *shared], unpacked))
+    outcomes = dict(_probed(["simulation", *(["surroundings"] if apart else []), *shared], unpacked))
     first, plain = outcomes["simulation"], outcomes.pop("surroundings", Outcome())
     if not first.completed:
         return outcomes
@@ -492,7 +489,7 @@ def _outcomes(subject: CheckedFmu, selected: list[str], unpacked: Unpacked) -> d
             waiting["surroundings"] = pool.submit(surroundings, unpacked, plain)
         if "rebuild" in apart:
             waiting["rebuild"] = pool.submit(rebuild, subject, unpacked, plain)
-        outcomes |= dict(probed(misuses, unpacked))
+        outcomes |= dict(_probed(misuses, unpacked))
         return outcomes | {group: future.result() for group, future in waiting.items()}
 
 

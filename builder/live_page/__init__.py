@@ -96,7 +96,7 @@ BUMP = (
 )
 
 
-def shock_controls(interface: Interface) -> tuple[Control, ...]:
+def _shock_controls(interface: Interface) -> tuple[Control, ...]:
     """Return a control for each parameter of a shock that may be changed at any time, except those of its curve."""
     return tuple(_controls(interface))
 
@@ -153,17 +153,8 @@ class Models:
     validity: bytes | None  #: Validity that the shock's FMU states for its model, as JSON; None if it states none.
 
 
-def read_models(shock: Path, vehicle: Path) -> Models:
-    """Return the models of a page.
-
-    Args:
-        shock: Shock file (.json) or native FMU of a shock.
-        vehicle: File of a quarter car (.toml, .json) or its native FMU.
-
-    Raises:
-        FmuError: A file cannot be used, or the compiler zig is not installed, or it fails.
-        InputError: A file cannot be read.
-    """
+def _read_models(shock: Path, vehicle: Path) -> Models:
+    """Return the models of a page."""
     with tempfile.TemporaryDirectory() as folder:
         fmus = {CAR: _fmu(vehicle, Path(folder) / "car.fmu"), SHOCK: _fmu(shock, Path(folder) / "shock.fmu")}
         wires = tuple(
@@ -227,7 +218,7 @@ _PLACES = (("dynamometer", "Dynamometer"), ("bump", "Quarter car over a bump"), 
 
 
 @dataclass(frozen=True)
-class LivePage:
+class _LivePage:
     """A page that was written."""
 
     path: Path  #: HTML file.
@@ -235,7 +226,7 @@ class LivePage:
     verdict: Verdict  #: Verdict that the shock's FMU carries.
 
 
-def write_live_page(shock: str | Path, path: str | Path, *, vehicle: str | Path) -> LivePage:
+def write_live_page(shock: str | Path, path: str | Path, *, vehicle: str | Path) -> _LivePage:
     """Write a page in one file, which needs no network: the FMUs' C code runs in it as WebAssembly.
 
     The numbers on the page are those of the native FMUs: the same C code without fused operations.
@@ -250,9 +241,9 @@ def write_live_page(shock: str | Path, path: str | Path, *, vehicle: str | Path)
         InputError: A file cannot be read.
     """
     check_file(Path(path), PAGE)
-    models = read_models(Path(shock), Path(vehicle))
+    models = _read_models(Path(shock), Path(vehicle))
     verdict = Validity.from_json(json.loads(models.validity)).verdict if models.validity else Verdict()
-    controls = shock_controls(models.shock.interface)
+    controls = _shock_controls(models.shock.interface)
     content = {
         SHOCK: _references(models.shock),
         CAR: _references(models.car),
@@ -273,7 +264,7 @@ def write_live_page(shock: str | Path, path: str | Path, *, vehicle: str | Path)
         groups=[("shock", "Shock", controls), ("dynamometer", "Motion", DYNAMOMETER), ("bump", "Road", BUMP)],
         data={"models": content, "shock-module": _packed(models.shock), "car-module": _packed(models.car)},
     )
-    return LivePage(html.write_page(path, text), controls, verdict)
+    return _LivePage(html.write_page(path, text), controls, verdict)
 
 
 def _references(model: Model) -> dict[str, int]:

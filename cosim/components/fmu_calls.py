@@ -28,7 +28,7 @@ from eightpost.fmi.functions import ERROR, function_name
 _LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3  # fmi2StatusKind
 
 
-class MissingFunction:
+class _MissingFunction:
     """Stand-in for a function that the library lacks: it returns an error."""
 
     def __call__(self, *_arguments: Any) -> int:
@@ -53,20 +53,15 @@ class Library:
         if not name.startswith("fmi"):
             return getattr(self._dll, name)
         plain = getattr(self._dll, name, None)
-        return plain or getattr(self._dll, f"{self._identifier}_{name}", None) or MissingFunction()
+        return plain or getattr(self._dll, f"{self._identifier}_{name}", None) or _MissingFunction()
 
     def has(self, name: str) -> bool:
         """Return whether it has a function, e.g. fmi2DoStep."""
-        return not isinstance(getattr(self, name), MissingFunction)
+        return not isinstance(getattr(self, name), _MissingFunction)
 
 
 class FMU2Elements(fmi2.FMU2Slave):  # type: ignore[misc]  # fmpy has no types; it finds the FMI version in the class name
-    """Instance of an FMI 2.0 FMU.
-
-    Args:
-        library: Path of the library for this platform.
-        options: Arguments of fmpy's class.
-    """
+    """Instance of an FMI 2.0 FMU."""
 
     def __init__(self, library: str, **options: Any) -> None:
         super().__init__(libraryPath=library, **options)

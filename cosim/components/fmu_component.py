@@ -45,7 +45,7 @@ _NEEDED = (
 
 
 @dataclass(frozen=True, slots=True)
-class TypedBuffer:
+class _TypedBuffer:
     """Values of one type, with the references of their variables."""
 
     kind: str  #: Real, Integer or Boolean, as in fmi2GetReal.
@@ -78,11 +78,11 @@ class State:
 
 
 #: All instances in this process: an FMU may allow only one, and fmi2Fatal applies to all instances of an FMU.
-_instances: weakref.WeakSet[FmuInstance] = weakref.WeakSet()
+_instances: weakref.WeakSet[_FmuInstance] = weakref.WeakSet()
 
 
 @dataclass(eq=False)
-class FmuInstance:
+class _FmuInstance:
     """Objects that outlive a run and must be freed in order: states, the instance, libraries, the folder."""
 
     fmu: FmuFile  #: Unpacked FMU.
@@ -95,7 +95,7 @@ class FmuInstance:
     spare: list[Any] = field(default_factory=list)
     failed: bool = False
     dead: bool = False
-    _buffers: dict[tuple[str, ...], tuple[TypedBuffer, ...]] = field(default_factory=dict)
+    _buffers: dict[tuple[str, ...], tuple[_TypedBuffer, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         _instances.add(self)
@@ -115,7 +115,7 @@ class FmuInstance:
             )
         return self._reset() or self._new()
 
-    def buffers(self, names: Sequence[str]) -> tuple[TypedBuffer, ...]:
+    def buffers(self, names: Sequence[str]) -> tuple[_TypedBuffer, ...]:
         """Return one buffer for each type of function that the variables need; String is not supported."""
         key = tuple(names)
         if key not in self._buffers:
@@ -125,7 +125,7 @@ class FmuInstance:
             buffers = []
             for kind, rows in places.items():
                 references = (ctypes.c_uint * len(rows))(*[self.fmu.rows.references[key[place]] for place in rows])
-                buffers.append(TypedBuffer(kind, tuple(rows), references, (_KINDS[kind][1] * len(rows))()))
+                buffers.append(_TypedBuffer(kind, tuple(rows), references, (_KINDS[kind][1] * len(rows))()))
             self._buffers[key] = tuple(buffers)
         return self._buffers[key]
 
@@ -197,7 +197,7 @@ class FmuInstance:
             self.log.close()
         self.shared = None
 
-    def _alike(self) -> list[FmuInstance]:
+    def _alike(self) -> list[_FmuInstance]:
         """Return all instances of this FMU, including this one."""
         mine = self.fmu.description.guid
         return [i for i in list(_instances) if i is self or (i.slave is not None and i.fmu.description.guid == mine)]
@@ -297,7 +297,7 @@ class FmuComponent(OpenedFmu):
         fmu = FmuFile.unpacked(path, folder or "") if shared is None else shared.fmu
         self._log = FmuLog(name, fmu.names_in_log, fmu.folder)
         super().__init__(fmu, name, self._log.messages)
-        self._instance = FmuInstance(fmu, name, self._log, shared)
+        self._instance = _FmuInstance(fmu, name, self._log, shared)
         # close() releases everything: on call, or when the component or the interpreter ends; runs may precede it.
         self.close = weakref.finalize(self, self._instance.release, os.getpid())
         self._slave: Any = None

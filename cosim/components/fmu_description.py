@@ -274,11 +274,7 @@ def _length(dimension: Mapping[str, str], sizes: Mapping[int | None, str | None]
 
 
 def _items_of(description: Description, variable: fmi.Variable) -> dict[str, int]:
-    """Return the numbers of the items of an enumeration, by name.
-
-    Raises:
-        ValueError: One is not a whole number.
-    """
+    """Return the numbers of the items of an enumeration, by name."""
     if variable.type != "Enumeration":
         return {}
     items = description.items.get(variable.attributes.get("declaredType", ""), {})

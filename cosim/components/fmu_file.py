@@ -292,16 +292,6 @@ def _compile_sources(
 
     The cache is the folder `rebuilt` in EIGHTPOST_CACHE, or in the user's cache folder; its key is the digest of the
     FMU file, the compiler and its options.
-
-    Args:
-        path: FMU file (.fmu).
-        target: Library to write, in its folder of binaries for this platform.
-        files: Source files, relative to sources/.
-        options: Options that its build description demands.
-        version: Major version of FMI.
-
-    Raises:
-        FmuError: A listed source is missing, there is no compiler, or the compilation fails.
     """
     sources = target.parents[2] / "sources"
     if missing := [name for name in files if not (sources / name).is_file()]:

@@ -182,13 +182,7 @@ def _unit(variable: Variable | None) -> str:
 
 
 class OpenedFmu:
-    """File of an FMU, the state of its run, and the error report of a failed call.
-
-    Args:
-        fmu: Unpacked FMU.
-        name: Name of the component.
-        messages: Messages of the FMU.
-    """
+    """File of an FMU, the state of its run, and the error report of a failed call."""
 
     def __init__(self, fmu: FmuFile, name: str, messages: Messages) -> None:
         self._fmu, self._name, self._messages = fmu, name, messages

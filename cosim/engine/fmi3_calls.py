@@ -86,13 +86,13 @@ class Adapter(NamedTuple):
 
 
 @shared
-def is_refused(status: int) -> bool:
+def _is_refused(status: int) -> bool:
     """Return whether a status is an error."""
     return status > 1 or status < 0
 
 
 @shared
-def are_elements(a: Adapter, references: int, count: int) -> bool:
+def _are_elements(a: Adapter, references: int, count: int) -> bool:
     """Return whether all references are numbers of elements."""
     are_known = True
     for k in range(count):
@@ -108,7 +108,7 @@ def is_plain(a: Adapter, v: int) -> bool:
 
 
 @shared
-def call_variable(a: Adapter, double: int, single: int, v: int) -> int:
+def _call_variable(a: Adapter, double: int, single: int, v: int) -> int:
     """Set or get all elements of a variable with one of two functions."""
     reference = a.reference.ctypes.data + 4 * v
     if a.kind[v] == DOUBLE:
@@ -121,23 +121,23 @@ def call_variable(a: Adapter, double: int, single: int, v: int) -> int:
 
 
 @shared
-def read_variable(a: Adapter, v: int) -> int:
+def _read_variable(a: Adapter, v: int) -> int:
     """Read all elements of a variable."""
-    status = call_variable(a, a.get_double, a.get_single, v)
-    if not is_refused(status):
+    status = _call_variable(a, a.get_double, a.get_single, v)
+    if not _is_refused(status):
         a.known[v] = a.counts[RESTORED]
     return status
 
 
 @shared
-def change_element(a: Adapter, e: int, value: float) -> int:
+def _change_element(a: Adapter, e: int, value: float) -> int:
     """Change the kept value of an element; the other elements of its array are read first if they are not known."""
     v = a.owner[e]
     if a.kind[v] == OTHER:
         return ERROR
     if a.size[v] > 1 and a.known[v] != a.counts[RESTORED]:
-        status = read_variable(a, v)
-        if is_refused(status):
+        status = _read_variable(a, v)
+        if _is_refused(status):
             return status
     if a.kind[v] == SINGLE:
         a.singles[a.begin[v] + a.place[e]] = value
@@ -147,20 +147,20 @@ def change_element(a: Adapter, e: int, value: float) -> int:
 
 
 @shared
-def set_part(a: Adapter, references: int, count: int, k: int, value: float) -> int:
+def _set_part(a: Adapter, references: int, count: int, k: int, value: float) -> int:
     """Set the element of reference k; an array is passed to the FMU with the last one of its elements in a row."""
     e = blocks.reference_at(references, k)
     v = a.owner[e]
-    status = change_element(a, e, value)
-    if is_refused(status) or (k + 1 < count and a.owner[blocks.reference_at(references, k + 1)] == v):
+    status = _change_element(a, e, value)
+    if _is_refused(status) or (k + 1 < count and a.owner[blocks.reference_at(references, k + 1)] == v):
         return status
-    return call_variable(a, a.set_double, a.set_single, v)
+    return _call_variable(a, a.set_double, a.set_single, v)
 
 
 @shared
 def set_real(a: Adapter, references: int, count: int, values: int) -> int:
     """Set elements: doubles in one call, every other variable in its own; return the most severe status."""
-    if not are_elements(a, references, count):
+    if not _are_elements(a, references, count):
         return ERROR
     plain, worst = 0, OK
     for k in range(count):
@@ -171,19 +171,19 @@ def set_real(a: Adapter, references: int, count: int, values: int) -> int:
             a.batch_value[plain] = value
             plain += 1
             continue
-        status = set_part(a, references, count, k, value)
-        if is_refused(status):
+        status = _set_part(a, references, count, k, value)
+        if _is_refused(status):
             return status
         worst = max(worst, status)
     if plain == 0:
         return worst
     at, numbers = a.batch_reference.ctypes.data, a.batch_value.ctypes.data
     status = blocks.exchange_sized(a.set_double, a.instance[0], at, plain, numbers, plain)
-    return status if is_refused(status) else max(worst, status)
+    return status if _is_refused(status) else max(worst, status)
 
 
 @shared
-def get_parts(a: Adapter, references: int, count: int, values: int) -> int:
+def _get_parts(a: Adapter, references: int, count: int, values: int) -> int:
     """Get the elements that are not plain doubles, each variable with one call."""
     before, worst = -1, OK
     for k in range(count):
@@ -192,8 +192,8 @@ def get_parts(a: Adapter, references: int, count: int, values: int) -> int:
         if is_plain(a, v):
             continue
         if v != before:
-            status = read_variable(a, v)
-            if is_refused(status):
+            status = _read_variable(a, v)
+            if _is_refused(status):
                 return status
             worst, before = max(worst, status), v
         place = a.begin[v] + a.place[e]
@@ -204,7 +204,7 @@ def get_parts(a: Adapter, references: int, count: int, values: int) -> int:
 @shared
 def get_real(a: Adapter, references: int, count: int, values: int) -> int:
     """Get elements: doubles in one call, every other variable in its own; return the most severe status."""
-    if not are_elements(a, references, count):
+    if not _are_elements(a, references, count):
         return ERROR
     plain = 0
     for k in range(count):
@@ -212,20 +212,20 @@ def get_real(a: Adapter, references: int, count: int, values: int) -> int:
         if is_plain(a, v):
             a.batch_reference[plain], a.batch_place[plain] = a.reference[v], k
             plain += 1
-    worst = OK if plain == count else get_parts(a, references, count, values)
-    if is_refused(worst) or plain == 0:
+    worst = OK if plain == count else _get_parts(a, references, count, values)
+    if _is_refused(worst) or plain == 0:
         return worst
     at, numbers = a.batch_reference.ctypes.data, a.batch_value.ctypes.data
     status = blocks.exchange_sized(a.get_double, a.instance[0], at, plain, numbers, plain)
     for k in range(plain):
         blocks.put_real(values, a.batch_place[k], a.batch_value[k])
-    return status if is_refused(status) else max(worst, status)
+    return status if _is_refused(status) else max(worst, status)
 
 
 @shared
 def set_slopes(a: Adapter, references: int, count: int, orders: int, values: int) -> int:
     """Store the first derivatives of elements for the next step."""
-    if not are_elements(a, references, count):
+    if not _are_elements(a, references, count):
         return ERROR
     for k in range(count):
         if blocks.order_at(orders, k) != 1:
@@ -240,7 +240,7 @@ def set_slopes(a: Adapter, references: int, count: int, orders: int, values: int
 
 
 @shared
-def set_ramps(a: Adapter, passed: float) -> int:
+def _set_ramps(a: Adapter, passed: float) -> int:
     """Set the elements that have a slope to their values `passed` [s] after the start of the step."""
     count = a.counts[RAMPS]
     if count == 0:
@@ -252,7 +252,7 @@ def set_ramps(a: Adapter, passed: float) -> int:
 
 
 @shared
-def start_ramps(a: Adapter) -> int:
+def _start_ramps(a: Adapter) -> int:
     """Store the values from which ramps start; those that were not set since a state was restored are read."""
     for k in range(a.counts[RAMPS]):
         e = a.ramp_element[k]
@@ -260,7 +260,7 @@ def start_ramps(a: Adapter) -> int:
             a.ramp_start[e] = a.last[e]
             continue
         status = get_real(a, a.ramp_element.ctypes.data + 4 * k, 1, a.ramp_value.ctypes.data)
-        if is_refused(status):
+        if _is_refused(status):
             return status
         a.ramp_start[e] = a.ramp_value[0]
     return OK
@@ -283,7 +283,7 @@ def update(a: Adapter, time: float, requested: int, early: int) -> int:
         return OK
     # The end of the step is not rounded, so that the inputs have the same values there as with input derivatives.
     at_end = time == a.clock[BEGIN] + a.clock[SIZE]
-    status = set_ramps(a, a.clock[SIZE] if at_end else time - a.clock[BEGIN])
+    status = _set_ramps(a, a.clock[SIZE] if at_end else time - a.clock[BEGIN])
     a.counts[UPDATED] = max(a.counts[UPDATED], status)
     return OK
 
@@ -303,17 +303,17 @@ def do_step(a: Adapter, time: float, step: float, final: int) -> int:
     a.clock[BEGIN], a.clock[SIZE], a.clock[REACHED] = time, step, time + step
     a.flags[TERMINATE], a.flags[EARLY] = 0, 0
     a.counts[UPDATED] = OK
-    status = start_ramps(a)
-    if is_refused(status):
+    status = _start_ramps(a)
+    if _is_refused(status):
         return status
     flags, reached = a.flags.ctypes.data, a.clock.ctypes.data + 8 * REACHED
     status = blocks.take_step(a.do_step, a.instance[0], time, step, final, flags, reached)
     a.counts[ENDED] = 1 if a.flags[TERMINATE] != 0 else 0
-    status = status if is_refused(status) else max(status, a.counts[UPDATED])
-    if not is_refused(status) and stopped(a):
+    status = status if _is_refused(status) else max(status, a.counts[UPDATED])
+    if not _is_refused(status) and stopped(a):
         status = DISCARD
-    if not is_refused(status):
-        status = max(status, set_ramps(a, step))
+    if not _is_refused(status):
+        status = max(status, _set_ramps(a, step))
     clear_ramps(a)
     return status
 
@@ -335,7 +335,7 @@ def restore(a: Adapter, state: int) -> int:
 @shared
 def refer(a: Adapter, references: int, count: int, first: int) -> int:
     """Put the value references of elements into a batch, from `first` on; those of plain doubles only."""
-    if not are_elements(a, references, count) or first + count > a.batch_reference.size:
+    if not _are_elements(a, references, count) or first + count > a.batch_reference.size:
         return ERROR
     status = OK
     for k in range(count):

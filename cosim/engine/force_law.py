@@ -91,7 +91,7 @@ def refuses(m: Motion, status: int, i: int, call: int) -> int:
 
 
 @shared
-def set_inputs(p: Ports, m: Motion, i: int, share: float) -> int:
+def _set_inputs(p: Ports, m: Motion, i: int, share: float) -> int:
     """Set the inputs of corner i to the point that lies this share of the way from the accepted to the trial point."""
     for k in range(2):
         value = (1.0 - share) * m.accepted[i, k] + share * m.trial[i, k]
@@ -100,7 +100,7 @@ def set_inputs(p: Ports, m: Motion, i: int, share: float) -> int:
 
 
 @shared
-def set_ramp(p: Ports, m: Motion, i: int, h: float) -> int:
+def _set_ramp(p: Ports, m: Motion, i: int, h: float) -> int:
     """Set the slopes with which the inputs of corner i reach the trial point in `h` [s]."""
     for k in range(2):
         m.slopes[i, k] = p.scale[i, k] * (m.trial[i, k] - m.accepted[i, k]) / h
@@ -109,9 +109,9 @@ def set_ramp(p: Ports, m: Motion, i: int, h: float) -> int:
 
 
 @shared
-def held_step(p: Ports, m: Motion, i: int, share: float, time: float, h: float) -> int:
+def _held_step(p: Ports, m: Motion, i: int, share: float, time: float, h: float) -> int:
     """Step corner i from `time` by `h` [s] with held inputs."""
-    if set_inputs(p, m, i, share):
+    if _set_inputs(p, m, i, share):
         return 1
     return refuses(m, blocks.do_step(p.do_step[i], p.instance[i], time, h, 0), i, STEP)
 
@@ -121,19 +121,19 @@ def advance(p: Ports, m: Motion, i: int, h: float) -> int:
     """Step corner i from the accepted to the trial point in `h` [s]; the inputs are ramped, or held if they must be."""
     time = m.clock[0]
     if h <= p.shortest:
-        return held_step(p, m, i, 1.0, time, p.shortest)
+        return _held_step(p, m, i, 1.0, time, p.shortest)
     if p.ramped[i] == 1:
-        if set_inputs(p, m, i, 0.0) or set_ramp(p, m, i, h):
+        if _set_inputs(p, m, i, 0.0) or _set_ramp(p, m, i, h):
             return 1
         return refuses(m, blocks.do_step(p.do_step[i], p.instance[i], time, h, 0), i, STEP)
     first = h * (1.0 - END_PART)
-    if held_step(p, m, i, (0.5 - END_PART) / (1.0 - END_PART), time, first):
+    if _held_step(p, m, i, (0.5 - END_PART) / (1.0 - END_PART), time, first):
         return 1
-    return held_step(p, m, i, 1.0, time + first, h - first)
+    return _held_step(p, m, i, 1.0, time + first, h - first)
 
 
 @shared
-def read_force(p: Ports, m: Motion, i: int) -> int:
+def _read_force(p: Ports, m: Motion, i: int) -> int:
     """Read the force of corner i."""
     if refuses(m, blocks.exchange(p.get_real[i], p.instance[i], p.output[i], 1, p.read[i]), i, GET):
         return 1
@@ -142,15 +142,15 @@ def read_force(p: Ports, m: Motion, i: int) -> int:
 
 
 @shared
-def try_point(p: Ports, m: Motion, i: int) -> int:
+def _try_point(p: Ports, m: Motion, i: int) -> int:
     """Evaluate corner i at its trial point from the accepted state."""
     if refuses(m, blocks.call_state(p.restore[i], p.instance[i], m.states[i]), i, RESTORE):
         return 1
-    return 1 if advance(p, m, i, m.clock[1] - m.clock[0]) else read_force(p, m, i)
+    return 1 if advance(p, m, i, m.clock[1] - m.clock[0]) else _read_force(p, m, i)
 
 
 @shared
-def check_point(p: Ports, m: Motion) -> int:
+def _check_point(p: Ports, m: Motion) -> int:
     """Return why the trial point cannot be used: NOT_FINITE, with the corner recorded, or BACKWARD; DONE if it can."""
     h = m.clock[1] - m.clock[0]
     if h - h != 0.0:  # infinite or NaN
@@ -165,7 +165,7 @@ def check_point(p: Ports, m: Motion) -> int:
 
 
 @shared
-def is_reached(p: Ports, m: Motion) -> int:
+def _is_reached(p: Ports, m: Motion) -> int:
     """Return 1 if the FMUs are at the trial point already."""
     if m.clock[2] != m.clock[1]:
         return 0
@@ -176,11 +176,11 @@ def is_reached(p: Ports, m: Motion) -> int:
 
 
 @shared
-def try_points(p: Ports, m: Motion) -> int:
+def _try_points(p: Ports, m: Motion) -> int:
     """Evaluate all corners at their trial points."""
     m.clock[2] = float("nan")
     for i in range(p.instance.size):
-        if try_point(p, m, i):
+        if _try_point(p, m, i):
             return REFUSED
         for k in range(2):
             m.reached[i, k] = m.trial[i, k]
@@ -189,7 +189,7 @@ def try_points(p: Ports, m: Motion) -> int:
 
 
 @shared
-def keep_point(p: Ports, m: Motion) -> None:
+def _keep_point(p: Ports, m: Motion) -> None:
     """Make the trial point the accepted one."""
     m.clock[2] = float("nan")
     if m.clock[1] - m.clock[0] > p.shortest:
@@ -200,20 +200,20 @@ def keep_point(p: Ports, m: Motion) -> None:
 
 
 @shared
-def accept_points(p: Ports, m: Motion) -> int:
+def _accept_points(p: Ports, m: Motion) -> int:
     """Make the trial points the accepted ones, and save the states there."""
-    if not is_reached(p, m) and try_points(p, m):
+    if not _is_reached(p, m) and _try_points(p, m):
         return REFUSED
     if m.clock[1] - m.clock[0] > p.shortest:
         for i in range(p.instance.size):
             if refuses(m, blocks.call_state(p.save[i], p.instance[i], m.states.ctypes.data + 8 * i), i, SAVE):
                 return REFUSED
-    keep_point(p, m)
+    _keep_point(p, m)
     return DONE
 
 
 @shared
-def slope_about(p: Ports, m: Motion, i: int, k: int) -> int:
+def _slope_about(p: Ports, m: Motion, i: int, k: int) -> int:
     """Compute the derivative of corner i's force with respect to its input k, from four adjacent slopes.
 
     The forces of shocks have kinks, and tiny jumps where a law divides its step into one more piece. The mean of the
@@ -222,7 +222,7 @@ def slope_about(p: Ports, m: Motion, i: int, k: int) -> int:
     place, before, last = m.trial[i, k], 0.0, 0.0
     for j in range(5):
         m.trial[i, k] = place + (j - 2) * p.difference
-        if try_point(p, m, i):
+        if _try_point(p, m, i):
             m.trial[i, k] = place
             return 1
         if j > 0:
@@ -235,48 +235,48 @@ def slope_about(p: Ports, m: Motion, i: int, k: int) -> int:
 
 
 @shared
-def differentiate(p: Ports, m: Motion) -> int:
+def _differentiate(p: Ports, m: Motion) -> int:
     """Compute the derivatives of all forces at the trial points."""
     m.clock[2] = float("nan")
     for i in range(p.instance.size):
         for k in range(p.width[i]):
-            if slope_about(p, m, i, k):
+            if _slope_about(p, m, i, k):
                 return REFUSED
     return DONE
 
 
 @shared
-def follow_points(p: Ports, m: Motion) -> int:
+def _follow_points(p: Ports, m: Motion) -> int:
     """Step all corners to their trial points, without return."""
     h = m.clock[1] - m.clock[0]
     for i in range(p.instance.size):
-        if advance(p, m, i, h) or read_force(p, m, i):
+        if advance(p, m, i, h) or _read_force(p, m, i):
             return REFUSED
-    keep_point(p, m)
+    _keep_point(p, m)
     return DONE
 
 
 @shared
-def hold_points(p: Ports, m: Motion) -> int:
+def _hold_points(p: Ports, m: Motion) -> int:
     """Step all corners to the trial time with their inputs held at the trial values, without return."""
     h = m.clock[1] - m.clock[0]
     for i in range(p.instance.size):
-        if held_step(p, m, i, 1.0, m.clock[0], h) or read_force(p, m, i):
+        if _held_step(p, m, i, 1.0, m.clock[0], h) or _read_force(p, m, i):
             return REFUSED
-    keep_point(p, m)
+    _keep_point(p, m)
     return DONE
 
 
 @shared
 def operate(p: Ports, m: Motion, operation: int) -> int:
     """Run one operation on all corners; return DONE or the reason why it failed."""
-    reason = check_point(p, m)
+    reason = _check_point(p, m)
     if reason != DONE:
         return reason
     if operation == TRIAL:
-        return try_points(p, m)
+        return _try_points(p, m)
     if operation == ACCEPT:
-        return accept_points(p, m)
+        return _accept_points(p, m)
     if operation == DIFFERENTIATE:
-        return differentiate(p, m)
-    return follow_points(p, m) if operation == FOLLOW else hold_points(p, m)
+        return _differentiate(p, m)
+    return _follow_points(p, m) if operation == FOLLOW else _hold_points(p, m)

@@ -379,7 +379,7 @@ def _try_step(
     return _difference(m, p.once, control, p.scale)
 
 
-def march_adaptive(  # noqa: PLR0911 -- one return for each reason to stop
+def _march_adaptive(  # noqa: PLR0911 -- one return for each reason to stop
     plan: Plan, m: Memory, kept: Memory, tape: Tape, knots: Knots, mode: Mode, control: Control, p: Progress, last: int
 ) -> int:
     """Make at most `last` accepted steps, ending steps at every event; failure[3] is 1 at the end of the run.
@@ -442,12 +442,7 @@ def bound(function: Callable[..., int]) -> Bind:
 
 
 def compiled(function: Callable[..., int], instead: dict[str, Callable[..., int]]) -> Bind:
-    """Return the same as machine code; the named tuples become blocks, the other arguments are integers.
-
-    Args:
-        function: Function of the loop.
-        instead: Replacements of called functions, by name.
-    """
+    """Return the same as machine code; the named tuples become blocks, the other arguments are integers."""
 
     def bind(*tuples: Any) -> Callable[..., int]:
         from cosim.engine.machine_code import machine_code  # noqa: PLC0415 -- LLVM, which the interpreted loop does not need
@@ -467,7 +462,7 @@ def loop(engine: str, *, adaptive: bool, implicit: bool) -> tuple[Bind, int]:
         adaptive: Whether an error estimate controls the steps.
         implicit: Whether steps are repeated.
     """
-    function = march_adaptive if adaptive else march
+    function = _march_adaptive if adaptive else march
     if engine == "python":
         return bound(function), PYTHON_CHUNK
     return compiled(function, {} if implicit else {"step_group": step_once}), COMPILED_CHUNK

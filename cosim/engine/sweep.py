@@ -58,7 +58,7 @@ def step_from(m: Memory, time: float, h: float, first: int, last: int) -> Step:
 
 
 @shared
-def on_parabola(m: Memory, s: int, step: Step) -> float:
+def _on_parabola(m: Memory, s: int, step: Step) -> float:
     """Return a signal at the end of the step, extrapolated with the last two steps' slopes and their change."""
     end: float = m.now[s] + (m.now[s] - m.past[s]) * step.newer - (m.past[s] - m.older[s]) * step.older
     return end
@@ -66,10 +66,7 @@ def on_parabola(m: Memory, s: int, step: Step) -> float:
 
 @shared
 def _start(m: Memory, s: int, end: float, step: Step) -> float:
-    """Return the start value of a straight line to `end` with the mean of a parabola through the last step's start.
-
-    The signal over a step is then wrong in the third order only, without additional communication.
-    """
+    """Return the start of a straight line to `end` with a parabola's mean: it is wrong in the third order only."""
     now = m.now[s]
     start: float = now - (end - now - (now - m.past[s]) * step.line) * step.sag
     return start
@@ -86,7 +83,7 @@ def _known(m: Memory, s: int, step: Step, mode: int) -> tuple[float, float]:
 def _supposed(m: Memory, s: int, step: Step, mode: int) -> tuple[float, float]:
     """Return a signal at both ends of the step, for a part that has not made the step."""
     if mode > EXTRAPOLATED:
-        end = on_parabola(m, s, step) if mode == PARABOLIC else m.guess[s]
+        end = _on_parabola(m, s, step) if mode == PARABOLIC else m.guess[s]
         return _start(m, s, end, step), end
     now = m.now[s]
     if mode == INTERPOLATED:
@@ -100,7 +97,7 @@ def _assume(plan: Plan, m: Memory, first: int, last: int, step: Step) -> None:
     terms = plan.terms
     for k in range(plan.parts.terms[first], plan.parts.terms[last]):
         if terms.early[k] == 0:
-            m.assumed[k] = terms.weight[k] * on_parabola(m, terms.source[k], step) + terms.offset[k]
+            m.assumed[k] = terms.weight[k] * _on_parabola(m, terms.source[k], step) + terms.offset[k]
 
 
 @shared
@@ -133,11 +130,9 @@ def _take_lines(plan: Plan, m: Memory, first: int, last: int, step: Step, sequen
 
 @shared
 def feed(plan: Plan, m: Memory, first: int, last: int, drive: Drive, step: Step, sequential: int, mode: int) -> None:
-    """Compute the inputs of the parts `first` to `last` - 1 at the start of the step, their slopes, and the mean of
-    each term.
+    """Compute the inputs of the parts `first` to `last` - 1 at the start of the step, slopes, and means of terms.
 
-    `sequential`: outputs of parts that have stepped are known at the end of the step. `mode`: values of the other
-    parts; GUESSED takes them from `guess`.
+    `sequential`: outputs of parts that have stepped are known at the end. `mode`: values of the other parts.
     """
     parts, inputs, driven = plan.parts, plan.inputs, plan.driven
     for i in range(parts.inputs[first], parts.inputs[last]):
@@ -305,8 +300,7 @@ def _reached(plan: Plan, m: Memory, c: int, drive: Drive, last: int) -> None:
 def missed_effects(plan: Plan, m: Memory, p: int, drive: Drive, last: int, mode: int) -> int:
     """Compute, in `effect`, how the outputs of row p of Direct change with the end values that their inputs missed.
 
-    The step has been accepted, and ended at the drive's point `last`. Outputs are not read again with these values set,
-    because FMI forbids to read outputs between a change of inputs and a step.
+    The step was accepted, and ended at the drive's point `last`. FMI forbids to read outputs with these values set.
     """
     direct, at = plan.direct, m.at
     c = direct.part[p]
@@ -355,10 +349,7 @@ def _step(plan: Plan, m: Memory, c: int, drive: Drive, step: Step, mode: int, fi
 
 @shared
 def _keep_inputs(plan: Plan, m: Memory, c: int, mode: int) -> None:
-    """Copy the inputs that part c had from the start of the step to `value`, where errors find them.
-
-    Held inputs are there already.
-    """
+    """Copy the inputs that part c had from the step's start to `value`, for errors; held inputs are there already."""
     if plan.parts.ramps[c] == 1 or _stands_still(plan, c, mode):
         for i in range(plan.parts.inputs[c], plan.parts.inputs[c + 1]):
             m.value[i] = m.start[i]
@@ -535,7 +526,7 @@ def _begin(plan: Plan, m: Memory, g: int, step: Step) -> int:
     """Predict the unknowns from the last steps, and save the states; return 1 if a part refused."""
     for u in range(plan.loops.unknowns[g], plan.loops.unknowns[g + 1]):
         s = plan.loops.signal[u]
-        m.guess[s] = on_parabola(m, s, step)
+        m.guess[s] = _on_parabola(m, s, step)
     return save_parts(plan, m, plan.loops.parts[g], plan.loops.parts[g + 1], _OWN_STATE)
 
 

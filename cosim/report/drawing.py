@@ -159,13 +159,7 @@ class Group:
 
 
 def groups(names: Sequence[str], joined: Sequence[Arrow], sources: Mapping[str, str]) -> tuple[Group, ...]:
-    """Sort components and their connections into groups, and merge groups that are alike.
-
-    Args:
-        names: Names of the components.
-        joined: All connections.
-        sources: File of each component.
-    """
+    """Sort components and their connections into groups, and merge groups that are alike."""
     distinct: dict[_Likeness, Group] = {}
     for group in _connected(names, joined):
         likeness = _likeness(group, sources)
@@ -341,12 +335,7 @@ class _Box:
 
 
 def graph(group: Group, sources: Mapping[str, str]) -> str:
-    """Draw components that are connected.
-
-    Args:
-        group: Components and connections.
-        sources: File of each component, written below its name.
-    """
+    """Draw components that are connected."""
     center = middle(group.components, group.arrows)
     others = order(group.components, group.arrows, center)
     shown = {"", center, *others[:_SHOWN]}

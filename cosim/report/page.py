@@ -68,7 +68,7 @@ def origins(result: Result, files: Mapping[str, Path]) -> tuple[Origin, ...]:
     )
 
 
-def drive_digest(drive: Drivefile) -> str:
+def _drive_digest(drive: Drivefile) -> str:
     """Return the SHA-256 of the contents of a drive, independent of its file format.
 
     It is computed from one line `name [unit]` per channel in UTF-8, then the times and the values, channel
@@ -251,7 +251,7 @@ def facts(result: Result, scenario: Scenario) -> Iterator[tuple[str, str]]:
     if scenario.drive is None:
         yield "Drive", "none"
     else:
-        names, digest = listed(scenario.drive.names), drive_digest(scenario.drive)
+        names, digest = listed(scenario.drive.names), _drive_digest(scenario.drive)
         text = '{}; from {:g} s of the drive file; <span class="digest">SHA-256 {}</span>'
         yield "Drive", Markup(text).format(names, scenario.drive_start, digest)
     yield "Versions", versions()

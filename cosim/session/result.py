@@ -36,7 +36,7 @@ SCHEMA = 1
 _SERIES = "series_sha256"
 
 
-class RunChannels(Recording):
+class _RunChannels(Recording):
     """Channels of a run: by name, as tables and as a picture."""
 
     __slots__ = ()
@@ -60,7 +60,7 @@ class RunChannels(Recording):
 
 
 @dataclass(frozen=True, repr=False)
-class Result(RunData, RunChannels):
+class Result(RunData, _RunChannels):
     """Result of one run: its data, which `RunData` describes, with verdict, pictures and files."""
 
     @cached_property
@@ -126,7 +126,7 @@ class Result(RunData, RunChannels):
 
 
 @dataclass(frozen=True, repr=False)
-class SavedRun(RunChannels):
+class SavedRun(_RunChannels):
     """A run that `Result.write` wrote."""
 
     series: TimeSeries  #: Recorded channels without the settling time.

@@ -155,14 +155,8 @@ def verify(
 _MOST_VALUES = 20_000_000
 
 
-class DenseRuns:
-    """Runs of one system at several steps.
-
-    Args:
-        request: Request, with the channels that the final result has to record.
-        record_step: Time between samples of the final result [s].
-        planned: Number of coupling steps of the runs that are certain to be made.
-    """
+class _DenseRuns:
+    """Runs of one system at several steps."""
 
     def __init__(self, request: Request, record_step: float, planned: float = 0.0) -> None:
         self._request, self._scenario, self._record_step = request, request.scenario, record_step
@@ -239,7 +233,7 @@ def _run_at_step(request: Request, algorithm: Algorithm, step: float) -> Result:
     """
     Session(request.system, request.scenario, algorithm, step)  # raises errors before the recording is changed
     planned = (1.5 if request.compared else 1.0) * request.scenario.stop / step
-    runs = DenseRuns(request, request.scenario.record_step or step, planned)
+    runs = _DenseRuns(request, request.scenario.record_step or step, planned)
     result = runs.run(algorithm, step)
     if request.compared and not result.partial and request.system.only_step is not None:
         only = [name for name, c in request.system.components.items() if c.capabilities.only_step]
@@ -257,7 +251,7 @@ def _run_at_step(request: Request, algorithm: Algorithm, step: float) -> Result:
 class _Companions:
     """Runs that one run is compared with."""
 
-    runs: DenseRuns
+    runs: _DenseRuns
     request: Request
     algorithm: Algorithm
     run: Result
@@ -345,7 +339,7 @@ class _Refinement:
         stop, first = request.scenario.stop, min(FIRST_STEP, request.scenario.stop)
         self._record_step = request.scenario.record_step or first
         self._parts = max(1, ceil(self._record_step / first * (1.0 - 1e-12)))
-        self._dense = DenseRuns(request, self._record_step, planned=(1.0 + 2.0) * stop / self._step)
+        self._dense = _DenseRuns(request, self._record_step, planned=(1.0 + 2.0) * stop / self._step)
         self._scheme: GaussSeidel | Implicit = default_scheme()
         self._last: Result | None = None
         self._comparisons: list[Comparison] = []

@@ -111,11 +111,7 @@ def among(times: Times, chosen: Times, stop: float) -> NDArray[np.bool_]:
 
 
 def _recorded_steps(scenario: Scenario, step: float, count: int) -> Integers:
-    """Return 1 for each of the communication points 0 to `count` that is recorded: the first, the last, and every n-th.
-
-    Raises:
-        InputError: The record step is not a whole number of coupling steps.
-    """
+    """Return 1 for each communication point from 0 to `count` that is recorded: first, last, and every n-th."""
     every, stride = scenario.record_step, 1
     if every is not None:
         stride = round(every / step)
@@ -167,7 +163,7 @@ class _Link:
 
 
 @dataclass
-class DiscreteExchange:
+class _DiscreteExchange:
     """Discrete variables of a system, and their current values."""
 
     components: Mapping[str, Component]  #: All components by name.
@@ -180,7 +176,7 @@ class DiscreteExchange:
     _set: dict[str, float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, system: System, scenario: Scenario, names: Iterable[str]) -> DiscreteExchange:
+    def of(cls, system: System, scenario: Scenario, names: Iterable[str]) -> _DiscreteExchange:
         """Collect the discrete variables that a system couples, drives and records."""
         driven = {
             target: (index, system.input(target).type)
@@ -376,7 +372,7 @@ class Layout:
         return tuple(sum(counts) for counts in self.levels)
 
 
-def lay_out(coupling: Coupling, order: Sequence[str]) -> Layout:
+def _lay_out(coupling: Coupling, order: Sequence[str]) -> Layout:
     """Return the numbering of everything; `order` is the order of stepping."""
     takes = {name: {term.part for feed in coupling.feeds[name] for term in feed.terms} for name in order}
     groups = _groups(takes, order)
@@ -434,7 +430,7 @@ class RunSetup:
     times: Times  #: Communication points (K+1,) [s]; for an adaptive run those that may be recorded.
     recorded: Integers  #: 1 for each communication point that is recorded (K+1,).
     #: Exchange of Integer, Boolean and enumeration variables, which the loop does not handle.
-    discrete: DiscreteExchange
+    discrete: _DiscreteExchange
 
     @classmethod
     def of(cls, system: System, scenario: Scenario, algorithm: Algorithm, step: float) -> RunSetup:
@@ -448,12 +444,12 @@ class RunSetup:
         reals = tuple(name for name in names if system.output(name).type == "Real")
         limits = _LimitWatch(system)
         coupling = Coupling(system, scenario, every_step=limits.names, recorded=reals)
-        layout = lay_out(coupling, algorithm.order(coupling))
+        layout = _lay_out(coupling, algorithm.order(coupling))
         grid = scenario.record_step or step if isinstance(algorithm, Adaptive) else step
         times = coupling_times(scenario.stop, grid)
         recorded = _recorded_steps(scenario, grid, times.size - 1)
         _check_abilities(system, algorithm, times, step)
-        discrete = DiscreteExchange.of(system, scenario, names)
+        discrete = _DiscreteExchange.of(system, scenario, names)
         return cls(system, scenario, algorithm, step, names, limits, coupling, layout, times, recorded, discrete)
 
     @cached_property
@@ -504,11 +500,7 @@ def _can_follow(capabilities: Capabilities) -> bool:
 
 
 def _check_abilities(system: System, algorithm: Algorithm, times: Times, step: float) -> None:
-    """Refuse steps of several sizes, with `times` (K+1,) [s], and repeated steps, for components that cannot make them.
-
-    Raises:
-        WiringError: A component cannot make the steps.
-    """
+    """Refuse repeated steps, and steps of several sizes, `times` (K+1,) [s], if a component cannot make them."""
     adaptive = isinstance(algorithm, Adaptive)
     is_even = not adaptive and abs(times[-1] - times[-2] - step) <= 1e-9 * step
     for name, component in system.components.items():

@@ -222,12 +222,7 @@ def _channel(name: str, fed: Mapping[str, tuple[str, float]], recorded: frozense
 
 
 def _model_reasons(models: Mapping[str, Model], series: TimeSeries) -> Iterator[Reason]:
-    """Yield the reasons that follow from the models themselves, and from their ranges.
-
-    Args:
-        models: Models by component.
-        series: Series of the run without its settling time.
-    """
+    """Yield the reasons that follow from the models themselves, and from their ranges."""
     even = series if len(series) < _FEWEST or series.is_uniform else series.resample(series.sample_rate)
     for name, model in models.items():
         if model.validity is None:

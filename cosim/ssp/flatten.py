@@ -73,10 +73,6 @@ def compose(first: Conversion, then: Conversion) -> Conversion:
 class Network:
     """Links of all systems of a description, each with its direction.
 
-    Args:
-        top: Top system.
-        variables: Variables of each FMU, by path.
-
     Raises:
         WiringError: A link does not connect an output and an input, an input has two sources, or a name is unknown.
     """

@@ -56,11 +56,6 @@ def tag(name: str) -> str:
 def read_document(content: bytes, where: str, root: str) -> ET.Element:
     """Read an XML file of SSP 1.x or 2.x, which share their namespaces.
 
-    Args:
-        content: Contents of the file.
-        where: Name of the file for messages.
-        root: Required root element: `ssd:SystemStructureDescription`.
-
     Raises:
         InputError: The file is not XML, declares a document type, or has another root element or SSP version.
     """
@@ -154,13 +149,7 @@ def type_of(element: ET.Element) -> str:
 
 
 def read_units(root: ET.Element, units: str, where: str) -> dict[str, UnitDefinition]:
-    """Return the units that a file defines; a unit without base units is looked up by its name later.
-
-    Args:
-        root: Root element of the file.
-        units: Name of the element with the units: `ssd:Units`.
-        where: Name of the file for messages.
-    """
+    """Return the units that a file defines; a unit without base units is looked up by its name later."""
     definitions = {}
     for unit in root.iterfind(f"{tag(units)}/{tag('ssc:Unit')}"):
         name, base = attribute(unit, "name", where), unit.find(tag("ssc:BaseUnit"))

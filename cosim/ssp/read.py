@@ -48,9 +48,6 @@ def _read_values(network: Network) -> Values:
 
     A set bound at a higher level takes precedence over one at a lower level; of two at one level the later one does. A
     value at a system's connector reaches the variables that the connector feeds. An input fed by another FMU gets none.
-
-    Raises:
-        WiringError: A value has the wrong type or unit.
     """
     given, notes = _assigned(network)
     parameters: dict[Port, Value] = {}
@@ -158,7 +155,7 @@ def _item(name: str, target: Port, variable: Variable, assignment: Assignment) -
 
 
 @dataclass(frozen=True)
-class OpenInputs:
+class _OpenInputs:
     """Inputs for numbers that no other FMU feeds."""
 
     network: Network  #: Network of the package.
@@ -378,7 +375,7 @@ def _case(
     names = flatten.flat_names(tuple(elements))
     components, files = _load(elements, names, swaps, load)
     network = flatten.Network(structure.system, {path: components[names[path]].variables for path in elements})
-    values, inputs = _read_values(network), OpenInputs(network, names)
+    values, inputs = _read_values(network), _OpenInputs(network, names)
     drive = None if given.drive is None else inputs.drive(Drivefile.read(given.drive))
     fixed = inputs.fixed(values.inputs, given.inputs, () if drive is None else drive.names)
     idle = inputs.idle((*fixed, *(() if drive is None else drive.names)))

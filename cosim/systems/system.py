@@ -23,12 +23,8 @@ from eightpost.wiring import Wire, Wiring
 # ---- Variables of components by name, and the values that they take -------------------------------------------------
 
 
-def find_variable(components: Mapping[str, Component], name: str) -> Variable:
-    """Return the variable `component.variable`.
-
-    Raises:
-        WiringError: There is no such component or variable; the message lists similar names.
-    """
+def _find_variable(components: Mapping[str, Component], name: str) -> Variable:
+    """Return the variable `component.variable`."""
     component, _, variable = name.partition(".")
     if component not in components:
         raise WiringError(f"{name}: there is no component {component!r}; {suggestion(component, components)}")
@@ -46,7 +42,7 @@ def own_unit(components: Mapping[str, Component], name: str, value: bool | float
     Raises:
         WiringError: There is no such component or variable, or the unit does not fit.
     """
-    variable = find_variable(components, name)
+    variable = _find_variable(components, name)
     if isinstance(value, np.generic):
         value = value.item()
     if variable.type == "Enumeration" and isinstance(value, str):
@@ -90,11 +86,7 @@ _KINDS: Mapping[str, tuple[type, ...]] = {
 
 
 def _check_value(name: str, variable: Variable, value: object) -> None:
-    """Refuse a value of the wrong type or outside the range that the component declares.
-
-    Raises:
-        WiringError: The value has the wrong type, or is outside the range.
-    """
+    """Refuse a value of the wrong type or outside the range that the component declares."""
     if type(value) not in _KINDS.get(variable.type, (type(value),)):
         raise WiringError(f"{name} = {value!r}: it is a {variable.type} variable and takes no {type(value).__name__}")
     if not isinstance(value, (int, float)) or isinstance(value, bool):
@@ -389,7 +381,7 @@ class System(Summarized):
         Raises:
             WiringError: There is no such component or variable.
         """
-        return find_variable(self.components, name)
+        return _find_variable(self.components, name)
 
     def input(self, name: str) -> Variable:
         """Return the input `component.variable`.
@@ -397,7 +389,7 @@ class System(Summarized):
         Raises:
             WiringError: There is no such component or variable, or it is not an input for numbers.
         """
-        variable = find_variable(self.components, name)
+        variable = _find_variable(self.components, name)
         if variable.causality != "input" or variable.type not in ("Real", *DISCRETE):
             raise WiringError(
                 f"{name} is a {variable.type} {variable.causality}, not an input for numbers; in a bond the vehicle "
@@ -448,12 +440,12 @@ class System(Summarized):
     def _check_parameters(self) -> None:
         for component, values in self.parameters.items():
             for name, value in values.items():
-                variable = find_variable(self.components, f"{component}.{name}")
+                variable = _find_variable(self.components, f"{component}.{name}")
                 if not can_be_set(variable):
                     raise WiringError(f"{component}.{name} is an {variable.causality}, not a parameter")
                 _check_value(f"{component}.{name}", variable, value)
         for name, constant in self.constants.items():
-            _check_value(name, find_variable(self.components, name), constant)
+            _check_value(name, _find_variable(self.components, name), constant)
 
     def _check_gas_springs(self) -> None:
         """Refuse a gas spring whose displacement is constant: its force would be wrong (docs/reference/ports.md)."""

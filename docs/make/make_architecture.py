@@ -7,7 +7,6 @@ them does not exist.
 
 from __future__ import annotations
 
-import ast
 import subprocess
 import sys
 import tempfile
@@ -57,24 +56,23 @@ _RECIPES = (
 
 #: Steps of a study in their order, each with its module.
 _STUDY = (
-    ("one method for each verb, for commands and notebooks", "eightpost/api/study_folder.py"),
-    ("the study file: builds, corners, drives, measures, objective", "cosim/study/study_file.py"),
-    ("all setups in chunks, with their cached results", "cosim/study/running/sweep.py"),
-    ("setups in the lanes of the machine, the others through their FMUs", "cosim/study/running/evaluator.py"),
+    ("one method for each verb", "eightpost/api/study_folder.py"),
+    ("the study file", "cosim/study/study_file.py"),
+    ("setups in chunks, with their cached results", "cosim/study/running/sweep.py"),
+    ("setups on the machine, or through their FMUs", "cosim/study/running/evaluator.py"),
     ("the table of results", "cosim/study/table.py"),
     ("how sure the choice is", "cosim/study/choice/assess.py"),
-    ("setups for the rig, and what their records change", "cosim/study/choice/rig_day.py"),
+    ("setups for the rig, and their records", "cosim/study/choice/rig_day.py"),
     ("verdict; page, ranking and workbook", "cosim/study/page.py"),
 )
 
 _INTRODUCTION = """# Architecture
 
-This page is generated from the code: `python docs/make/make_architecture.py` writes it.
+`python docs/make/make_architecture.py` writes this page from the code.
 
-`eightpost` is the library: files, units, signals, laws of shocks, vehicles, virtual rigs, identification. `builder`
-turns its models into FMUs and checks FMUs of any maker. `cosim` simulates coupled FMUs and knows no physics. `fmus`
-contains the C and Python sources that FMUs contain. The commands (`eightpost.app`) use all of these and contain none of
-the work. Imports run downwards only and form no cycles; `lint-imports` checks the contracts of `pyproject.toml`.
+`eightpost` is the library. `builder` turns its models into FMUs and checks FMUs of any maker; `fmus` has the sources
+that these contain. `cosim` simulates coupled FMUs and knows no physics. The commands (`eightpost.app`) use all of these
+and contain none of the work. Imports run downwards only; the `__init__.py` of a folder says what it contains.
 
 ![folders and their imports](../pictures/architecture.png)
 
@@ -86,9 +84,7 @@ def main() -> None:
     given = Path(sys.argv[1]) if len(sys.argv) > 1 else None
     files = sources(ROOT)
     draw(folders(files), (given or ROOT / "docs" / "pictures") / "architecture.png")
-    ((given or ROOT / "docs" / "development") / "architecture.md").write_text(
-        page(files, traced_run()), encoding="utf-8"
-    )
+    ((given or ROOT / "docs" / "development") / "architecture.md").write_text(page(traced_run()), encoding="utf-8")
 
 
 # ---- The picture --------------------------------------------------------------------------------------------------
@@ -255,24 +251,9 @@ def _quarter_car(folder: Path) -> Path:
 # ---- The page -----------------------------------------------------------------------------------------------------
 
 
-def page(files: list[Source], trace: Trace) -> str:
+def page(trace: Trace) -> str:
     """Return the text of the page."""
-    return _INTRODUCTION + _folder_table(files) + _run_section(trace) + _study_section() + _recipes()
-
-
-def _folder_table(files: list[Source]) -> str:
-    rows = ["## Folders", "", "| folder | content |", "|---|---|"]
-    rows += [f"| `{name}` | {_summary(files, name)} |" for name in sorted({folder_of(file.module) for file in files})]
-    return "\n".join(rows) + "\n\n"
-
-
-def _summary(files: list[Source], module: str) -> str:
-    """Return the first sentence of a module's or package's docstring."""
-    if module == "fmus":
-        return "Sources of the FMUs: C that all share, and a folder for each law and the vehicle"
-    trees = {file.module: file.tree for file in files}
-    text = ast.get_docstring(trees[module]) if module in trees else ""
-    return " ".join((text or "").split("\n\n")[0].split()).rstrip(".")
+    return _INTRODUCTION + _run_section(trace) + _study_section() + _recipes()
 
 
 def _run_section(trace: Trace) -> str:
@@ -280,8 +261,8 @@ def _run_section(trace: Trace) -> str:
         "## One run, from the command to C and back",
         "",
         "The first call into each folder while `eightpost run` runs the quarter car, indented by the number of own",
-        f"functions that are active; at most {trace.deepest} are. A session hands arrays and the addresses of C",
-        "functions of the FMUs to the compiled loop over coupling steps, which returns at the end of the run.",
+        f"functions that are active; at most {trace.deepest} are. The compiled loop gets arrays and addresses of C",
+        "functions, and returns at the end of the run.",
         "",
     ]
     calls = [f"{'  ' * (depth - 1)}{module}: {function}()" for depth, module, function in trace.calls]

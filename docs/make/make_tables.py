@@ -9,7 +9,7 @@ import re
 import tomllib
 from pathlib import Path
 
-from eightpost.report.glossary import glossary
+from eightpost.report.page import glossary
 from eightpost.verdict import Grade
 
 DOCS = Path(__file__).resolve().parents[1]

@@ -280,15 +280,7 @@ def _is_study_result(path: Path) -> bool:
 
 
 def _record_kind(path: Path, channel_map: ChannelMap | None = None) -> Kind:
-    """Return the kind of a record, by the names of its channels.
-
-    Args:
-        path: File of the record.
-        channel_map: Columns by channel.
-
-    Raises:
-        FileFormatError: The file cannot be read.
-    """
+    """Return the kind of a record, by the names of its channels."""
     from eightpost.rig.peak_velocity_columns import holds_peak_velocities
     from eightpost.signals import read_records
 

@@ -105,12 +105,8 @@ VERIFIED = ("best of the bank", "targets", "nearest builds of the bank", "neares
 # ---- The search -----------------------------------------------------------------------------------------------------
 
 
-def shapes_of_bank(sources: Mapping[str, Path]) -> dict[str, ShapeFit]:
-    """Return the shape of each build of a bank from its shock file.
-
-    Raises:
-        InputError: There is no shock file.
-    """
+def _shapes_of_bank(sources: Mapping[str, Path]) -> dict[str, ShapeFit]:
+    """Return the shape of each build of a bank from its shock file."""
     if not sources:
         raise InputError(
             "no build of the bank is a shock file (.json), so the range of shapes is not known; name shock files in "
@@ -155,7 +151,7 @@ class Curves:
         return float(np.mean(self.gains > 0.0))
 
 
-def find_curves(
+def _find_curves(
     requested: Sweep,
     sources: Mapping[str, Path],
     workers: Workers,
@@ -166,10 +162,10 @@ def find_curves(
 ) -> Curves:
     """Search for the curves to aim at and their band; see `aim` for the arguments and errors."""
     study = requested.study
-    fits = shapes_of_bank(sources)
+    fits = _shapes_of_bank(sources)
     known, best = _best_of_bank(requested, workers, coupling, request.objective)
     bank = known.setup(best).builds
-    car = drawn_car(known, best, certainty, request.objective) if request.uncertain else None
+    car = _drawn_car(known, best, certainty, request.objective) if request.uncertain else None
     groups = searched_groups(study, request.corners)
     bases = {group: _base(fits, bank[group[0]]) for group in groups}
     folder = requested.folder / "shapes"
@@ -227,7 +223,7 @@ def aim(
     Raises:
         InputError: A corner, number or limit is wrong, or the bank has no shock file.
     """
-    found = find_curves(requested, sources, workers, coupling, request, certainty, progress)
+    found = _find_curves(requested, sources, workers, coupling, request, certainty, progress)
     shapes = found.shapes_at(found.optimum.point)
     problem = Problem(found.trials, found.space, objective=request.objective)
     targets = targets_of(problem, found.optimum, found.band, shapes, found.bases, found.fits, sources)
@@ -280,14 +276,8 @@ def _best_of_bank(requested: Sweep, workers: Workers, coupling: Coupling, object
     return result, int(rows[0])
 
 
-def drawn_car(result: StudyResult, best: int, certainty: Certainty | None, objective: str = "") -> DrawnCar | None:
-    """Return the cars that the true one may be, given the rig runs so far; None if the vehicle states no uncertainty.
-
-    Args:
-        best: Row of its best setup, which others are compared with.
-        certainty: Certainty with the rig runs; None: the study was not compared with the rig.
-        objective: Measure to minimise; empty: the objective of the study.
-    """
+def _drawn_car(result: StudyResult, best: int, certainty: Certainty | None, objective: str = "") -> DrawnCar | None:
+    """Return the cars that the true one may be, given the rig runs; None if the vehicle states no uncertainty."""
     known = Knowledge.of(certainty) if certainty else Knowledge()
     draws = VehicleDraws.of(result, posterior_of(result, known))
     name = objective or (OBJECTIVE if result.study.objective else result.measures[0].name)
@@ -375,7 +365,7 @@ def _objectives(result: StudyResult, measure: str) -> Array:
 
 
 @dataclass(frozen=True, slots=True)
-class Neighbour:
+class _Neighbour:
     """A build of the bank near a target."""
 
     build: str  #: Name of the build.
@@ -396,7 +386,7 @@ class Target:
     #: Interval of each varied number that keeps the gain while the others stay [SI].
     alone: Mapping[str, tuple[float, float]]
     at_limit: tuple[str, ...]  #: Numbers that are at an end of their range.
-    neighbours: tuple[Neighbour, ...]  #: Builds of the bank, nearest first.
+    neighbours: tuple[_Neighbour, ...]  #: Builds of the bank, nearest first.
     valving: NearestValving  #: Nearest valving of the virtual damper.
     valving_shape: Shape  #: Shape of its static curve, with the lag of the target.
     valving_objective: float  #: Objective with that shape at the target's corners and the targets elsewhere.
@@ -445,7 +435,7 @@ def targets_of(
         neighbours = []
         for name in fits:
             apart = difference(shape, read_shock(sources[name]).law.curve.force)
-            neighbours.append(Neighbour(name, *apart, objectives[group, name]))
+            neighbours.append(_Neighbour(name, *apart, objectives[group, name]))
         neighbours.sort(key=lambda one: one.difference)
         alone, limits = _intervals(space, optimum, kept, place)
         found.append(Target(group, shape, _VELOCITY, low, high, alone, limits, tuple(neighbours), valvings[group],

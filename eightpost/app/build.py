@@ -29,18 +29,7 @@ VERSIONS = ("2", "3", "all")
 
 
 def _assemble_with_progress(console: Console, source: Path, output: Path, *, fmi: int = 2) -> Assembled:
-    """Build one FMU from a system file.
-
-    Args:
-        console: Console for the progress bar.
-        source: System file.
-        output: File name of the FMU (.fmu), or a folder, in which the FMU is named after the system file.
-        fmi: FMI version, 2 or 3.
-
-    Raises:
-        FmuError: The system cannot be assembled; the message names each component that cannot.
-        WiringError: The system does not fit together.
-    """
+    """Build one FMU from a system file."""
     from builder.assembly import assemble
     from builder.build import fmu_identifier
     from cosim.system_file import read_case

@@ -70,7 +70,7 @@ def check(
             if isinstance(report, CheckReport):
                 show_report(console, report)
         for name, steps in systems.items():
-            show_host_steps(console, name, steps)
+            _show_host_steps(console, name, steps)
     for report in refused:
         Console(stderr=True, soft_wrap=True).print(f"[bold red]error:[/] {escape(report.error)}", highlight=False)
     ctx.exit(2 if refused else int(not all(report.acceptable for report in reports)))
@@ -131,7 +131,7 @@ def _host_steps(path: Path) -> HostSteps:
         return host_steps(read_case(existing_toml(path, "system")))
 
 
-def show_host_steps(console: Console, name: str, found: HostSteps) -> None:
+def _show_host_steps(console: Console, name: str, found: HostSteps) -> None:
     """Print the largest steps of each loop for a host that integrates the car."""
     from cosim.study.host_steps import LIMITS, LOOPS
     from eightpost.app.show import show_table, show_text

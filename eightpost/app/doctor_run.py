@@ -21,11 +21,7 @@ _FREQUENCY = sqrt(STIFFNESS / MASS)
 
 
 def coupled_run(engine: str) -> cosim.Result:
-    """Run the mass and the damper as two components, which exchange velocity and force at every coupling step.
-
-    Args:
-        engine: Loop to use, `compiled` or `python`.
-    """
+    """Run the mass and the damper as two components, which exchange velocity and force at every coupling step."""
     system = cosim.System(
         {"wheel": _Wheel(), "shock": _Shock()},
         connections=(

@@ -205,7 +205,7 @@ def _show_record_file(
     channel_map = channels.channel_map
     records = read_records(path)
     for record in records:
-        show_record(console, record)
+        _show_record(console, record)
     if _is_rig(records[0], channel_map):
         _show_map(console, records[0], rig_map(records[0], channel_map).flipped(channels.of(path)["flip"]))
         return _show_rig_test(console, read_rig_test(path, **channels.of(path)), mass)
@@ -221,16 +221,12 @@ def _show_record_file(
     tests = read_dyno_tests(path, **channels.of(path))
     for test in tests:
         show_test(console, test)
-    show_runs(console, [run for test in tests for run in split_runs(test)])
+    _show_runs(console, [run for test in tests for run in split_runs(test)])
     return any(test.warnings for test in tests)
 
 
 def _show_proposed(console: Console, path: Path, proposed: ProposedMap, folder: Path | None) -> NoReturn:
-    """Write a proposed channel map into a folder, or show it with -v; then refuse the file, which needs a map.
-
-    Raises:
-        InputError: Always.
-    """
+    """Write a proposed channel map into a folder, or show it with -v; then refuse the file, which needs a map."""
     channels = proposed.toml()
     more = details(console)
     more.print("proposed channel map; check its columns, and the signs (docs/reference/signs_and_units.md):")
@@ -252,7 +248,7 @@ def _show_proposed(console: Console, path: Path, proposed: ProposedMap, folder: 
     raise InputError(f"{path} {proposed.finding}; check columns and signs of {target}, and inspect again")
 
 
-def show_record(console: Console, record: RawRecord) -> None:
+def _show_record(console: Console, record: RawRecord) -> None:
     """Print the columns of a table as they are in the file; with -v, also its preamble."""
     line = f", header in line {record.origin.header_line}" if record.origin.header_line else ""
     columns = [f"{name} [{unit}]" if unit else f"{name} (no unit)"
@@ -314,7 +310,7 @@ def _conditions(test: DynoTest) -> list[str]:
     return lines
 
 
-def show_runs(console: Console, runs: list[DynoTest]) -> None:
+def _show_runs(console: Console, runs: list[DynoTest]) -> None:
     """Print the runs, and the effect of temperature over repeated runs."""
     from eightpost.rig import temperature_effect
     from eightpost.rig.dyno_test import temperature_drift
@@ -380,11 +376,7 @@ def _show_map(console: Console, record: RawRecord, mapping: ChannelMap) -> None:
 
 
 def _show_rig_test(console: Console, test: RigTest, mass: float | None) -> bool:
-    """Print channels, conditions and lags of a rig test; return whether something is suspicious.
-
-    Raises:
-        ConstantChannelError: A channel becomes constant during the record.
-    """
+    """Print channels, conditions and lags of a rig test; return whether something is suspicious."""
     from eightpost.ident.preparation import check_lost_channels
     from eightpost.ident.preparation.plausibility import record_findings
 

@@ -244,13 +244,7 @@ INTERVAL = float(os.environ.get("EIGHTPOST_PROGRESS", "30"))
 
 
 class _Lines:
-    """Progress as lines with the time that is left, for output that is not a terminal, such as the log of a job.
-
-    Args:
-        console: Console of the lines.
-        text: Name of the work.
-        total: Total amount, as of `bar`.
-    """
+    """Progress as lines with the time that is left, for output that is not a terminal, such as the log of a job."""
 
     def __init__(self, console: Console, text: str, total: float | None) -> None:
         self._console, self._text, self._total = console, text, total
@@ -294,11 +288,7 @@ def each(console: Console, items: Iterable[Item], text: str, total: int) -> Iter
 
 
 class ConsoleListener(Listener):
-    """Listener that prints notes and sentences, with a progress bar for each work.
-
-    Args:
-        console: Console.
-    """
+    """Listener that prints notes and sentences, with a progress bar for each work."""
 
     def __init__(self, console: Console) -> None:
         self._console = console

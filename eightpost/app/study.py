@@ -324,13 +324,13 @@ def optimise(
     result, optimum = folder.optimise(search)
     show_result(console, result, rank=objectives[0] if objectives else None)
     if len(objectives) > 1:
-        show_table(console, front_table(result, optimum, objectives), most=2)
+        show_table(console, _front_table(result, optimum, objectives), most=2)
     show_text(console, f"{optimum.status}; the study has {len(folder.study.space)} setups")
     show_files(console, [folder.sweep.path, folder.write_page()])
     ctx.exit(0 if optimum.best is not None else 1)
 
 
-def front_table(result: StudyResult, optimum: Optimum, objectives: tuple[str, ...]) -> Table:
+def _front_table(result: StudyResult, optimum: Optimum, objectives: tuple[str, ...]) -> Table:
     """Return a table of the Pareto front, sorted by the first measure."""
     titles = [escape(f"{name} [{result.display(name)}]") for name in objectives]
     columns = ["setup", *unbroken(" ".join(result.study.corners)), *titles]
@@ -377,10 +377,10 @@ def whatif(
 
     clicks = {side: count for side, count in (("rebound", rebound), ("compression", compression)) if count}
     study = saved(console := Console(), folder, workers)
-    show_table(console, effect_table(study.what_if(corners, clicks, share=share, speeds=speeds, setup=setup)))
+    show_table(console, _effect_table(study.what_if(corners, clicks, share=share, speeds=speeds, setup=setup)))
 
 
-def effect_table(effects: Sequence[MeasureChange]) -> Table:
+def _effect_table(effects: Sequence[MeasureChange]) -> Table:
     """Return a table of effects; a change that is within the coupling error is in brackets."""
     rows = []
     for one in effects:
@@ -415,11 +415,11 @@ def sensitivity(
     study = saved(console, folder)
     results = study.sensitivity(output)
     show_text(console, f"{study.study.name}: {len(study.result)} setups, {results[0].method}")
-    show_table(console, share_table(results))
+    show_table(console, _share_table(results))
     show_files(console, [output])
 
 
-def share_table(results: Sequence[Sensitivity]) -> Table:
+def _share_table(results: Sequence[Sensitivity]) -> Table:
     """Return a table of shares of the variance [%]: corners, interactions and the rest, a row for each measure."""
     names = [factor.name for factor in results[0].factors]
     rows = []

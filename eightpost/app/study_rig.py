@@ -71,7 +71,7 @@ def select(
     study = saved(console, folder)
     names, share = _measures_and_counts(measures)
     selection = study.select(names, total=total, share=share, pool=pool, twice=twice)
-    show_table(console, selection_table(selection, study.result))
+    show_table(console, _selection_table(selection, study.result))
     if marked := sum(bool(selected.marks) for selected in selection.chosen):
         show_text(console, f"* {marked} predictions have a mark: see the column marks of the list")
     show_text(console, f"any two setups differ at {selection.closest} or more corners")
@@ -92,7 +92,7 @@ def _measures_and_counts(measures: tuple[str, ...]) -> tuple[tuple[str, ...], di
     return tuple(counted), {name: int(count) for name, count in counted.items()}
 
 
-def selection_table(selection: Selection, result: StudyResult) -> Table:
+def _selection_table(selection: Selection, result: StudyResult) -> Table:
     """Return a table of the selected setups, as Table 7.5; an asterisk means that the prediction has a mark."""
     from eightpost import units
 
@@ -144,15 +144,15 @@ def confirm(
     before, after = study.confirm(records, measures=measures, **channels.record_options)
     result, new = study.result, after.runs[len(before.runs) :]
     show_text(console, f"{len(new)} new runs of {len({run.setup for run in new})} setups; {len(after.runs)} in all")
-    show_table(details(console), before_and_after(result, before, after))
+    show_table(details(console), _before_and_after(result, before, after))
     show_certainty(console, result, after)
-    show_contradictions(console, result, after)
+    _show_contradictions(console, result, after)
     show_verdict(console, study_verdict(result, after).about("choice", "rig runs"))
     show_files(console, [folder / CERTAINTY, study.write_page()], f"; the previous certainty is {PREVIOUS}")
     ctx.exit(1 if after.contradictions else 0)
 
 
-def before_and_after(result: StudyResult, before: Certainty, after: Certainty) -> Table:
+def _before_and_after(result: StudyResult, before: Certainty, after: Certainty) -> Table:
     """Return a table of the leading setups: probability of being the best and level, before and after the rig runs."""
     setups = list(dict.fromkeys([*after.ties[:_SHOWN], *before.ties[:_SHOWN]]))[: 2 * _SHOWN]
     rows = []
@@ -181,7 +181,7 @@ def _level(result: StudyResult, certainty: Certainty, setup: int) -> str:
     return f"{low:.4g} to {high:.4g}"
 
 
-def show_contradictions(console: Console, result: StudyResult, certainty: Certainty) -> None:
+def _show_contradictions(console: Console, result: StudyResult, certainty: Certainty) -> None:
     """Print the measured levels that the prediction does not explain."""
     from cosim.study.choice.certainty import chance_text
     from eightpost import units
@@ -257,8 +257,8 @@ def compare(
         entries, verdict, picture = study.compare(
             measured, output, measures=measures, rank=rank, level=level, **channels.record_options
         )
-        show_table(console, rank_table(entries))
-        show_table(details(console), level_table(entries, study.result))
+        show_table(console, _rank_table(entries))
+        show_table(details(console), _level_table(entries, study.result))
         show_files(console, [picture, picture.with_name("comparison.json")])
     else:
         raise InputError(f"with --measured, compare takes the folder of one study, not {len(folders)} folders")
@@ -282,7 +282,7 @@ def _compare_runs(console: Console, folders: tuple[Path, ...], vehicle: str, out
     return compared.verdict
 
 
-def rank_table(entries: Sequence[Comparison]) -> Table:
+def _rank_table(entries: Sequence[Comparison]) -> Table:
     """Return a table of how the prediction ranks setups by each measure, and of its best-fit line."""
     rows = []
     for one in entries:
@@ -298,7 +298,7 @@ def rank_table(entries: Sequence[Comparison]) -> Table:
     return console_table([*folded("measure"), *columns], rows, title="Ranks and trend")
 
 
-def level_table(entries: Sequence[Comparison], result: StudyResult) -> Table:
+def _level_table(entries: Sequence[Comparison], result: StudyResult) -> Table:
     """Return a table of the errors of each measure's levels, and of the setups within bands and intervals."""
     rows = []
     for one in entries:

@@ -43,9 +43,6 @@ def _synchronised(series: TimeSeries, problem: Problem, drive: Array, path: Path
 
     The record is shifted so that its commands (`lf.road_command`), or otherwise its wheelloader positions (`lf.road`),
     agree with the drive. The logger may have started earlier; the rests at both ends may be shorter.
-
-    Raises:
-        DataError: The record is not one of this drive.
     """
     target, count = problem.target, problem.target.lines.samples
 
@@ -105,9 +102,6 @@ def _check_signs(problem: Problem, H: Complex, drive: Array, rows: Array, path: 
     """Return notes on channels (p, N) of a record that do not agree with the prediction.
 
     The prediction is that of the response H (K, p, m) before the pass for the commands (m, N) that were played.
-
-    Raises:
-        WrongSignError: A channel has the opposite sign of its prediction.
     """
     target = problem.target
     predicted = np.einsum("kij,kj->ki", H, target.lines.spectrum(drive - drive[:, :1]))

@@ -219,7 +219,7 @@ _UNKNOWN = 0.6
 _NO_STEP = 1e-16
 
 
-class PassSpectra(NamedTuple):
+class _PassSpectra(NamedTuple):
     """Lines of one pass."""
 
     drive: Complex  #: Commands (K, m).
@@ -234,7 +234,7 @@ class Correction:
     coherence: Array  #: Coherence of the predicted and the measured change in the last step (K, p) [1].
 
 
-def correction(H: Complex, passes: Sequence[PassSpectra], lines: Lines, width: float) -> Correction:
+def correction(H: Complex, passes: Sequence[_PassSpectra], lines: Lines, width: float) -> Correction:
     """Return the correction from the changes between successive passes, in bands of a width [Hz].
 
     A step from one pass to the next changes the drive by dX and the record by dY. With the prediction dP = H dX by the
@@ -248,7 +248,7 @@ def correction(H: Complex, passes: Sequence[PassSpectra], lines: Lines, width: f
     measured = np.zeros((len(H), H.shape[1]), dtype=np.complex128)
     predicted = np.zeros(measured.shape)
     coherence = np.ones(measured.shape)
-    before = PassSpectra(np.zeros_like(passes[0].drive), np.zeros_like(passes[0].record))
+    before = _PassSpectra(np.zeros_like(passes[0].drive), np.zeros_like(passes[0].record))
     for now in passes:
         dP = np.einsum("kij,kj->ki", H, now.drive - before.drive)
         dY = now.record - before.record
@@ -274,7 +274,7 @@ def _coherence(cross: Complex, power: Array, dY: Complex, lines: Lines, width: f
     return np.asarray(np.clip((raw - 1.0 / count) / (1.0 - 1.0 / count), 0.0, 1.0))
 
 
-def start_gains(coherence: Array | None, shape: tuple[int, int], highest: float) -> Array:
+def _start_gains(coherence: Array | None, shape: tuple[int, int], highest: float) -> Array:
     """Return the gains (K, p) of the first pass from the identification's coherence (p, K); None is taken as 1."""
     if coherence is None:
         return np.full(shape, highest)
@@ -418,9 +418,9 @@ def advance(problem: Problem, passes: Sequence[Pass]) -> Outcome:
     best, rejections = _history([one.total for one in errors])
     moving = [target.without_means(one.record)[0] for one in passes]
     H = problem.response
-    gain = start_gains(problem.start.response.coherence, problem.wanted.shape, settings.gain)
+    gain = _start_gains(problem.start.response.coherence, problem.wanted.shape, settings.gain)
     if passes and settings.is_updated:
-        spectra = [PassSpectra(lines.spectrum(one.drive - one.drive[:, :1]), lines.spectrum(rows))
+        spectra = [_PassSpectra(lines.spectrum(one.drive - one.drive[:, :1]), lines.spectrum(rows))
                    for one, rows in zip(passes, moving, strict=True)]  # fmt: skip
         corrected = correction(H, spectra, lines, settings.width)
         H, gain = H * corrected.factor[:, :, None], gains(corrected.coherence, settings.gain)

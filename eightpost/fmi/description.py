@@ -260,7 +260,7 @@ _SECTIONS_3 = {
 _Types = Mapping[str, tuple[str, Attributes]]
 
 
-def is_version_3(root: ET.Element) -> bool:
+def _is_version_3(root: ET.Element) -> bool:
     """Return whether a model description is of FMI 3.0."""
     return root.get("fmiVersion", "").startswith("3.")
 
@@ -272,7 +272,7 @@ def read_description(root: ET.Element, build: ET.Element | None = None) -> Descr
         root: Root element of modelDescription.xml.
         build: Root element of sources/buildDescription.xml of FMI 3.0; None if the file is missing.
     """
-    is_3, types = is_version_3(root), dict(_types(root))
+    is_3, types = _is_version_3(root), dict(_types(root))
     sections, index = (_SECTIONS_3, "valueReference") if is_3 else (_SECTIONS_2, "index")
     unknowns = [
         _unknown(name, e, index) for name, tag in sections.items() for e in root.iterfind(f"ModelStructure/{tag}")
@@ -324,7 +324,7 @@ def _interface(element: ET.Element | None, is_3: bool) -> Attributes | None:
 
 def _sources(root: ET.Element, kind: str, build: ET.Element | None) -> Sources:
     interface = root.find(kind)
-    if not is_version_3(root):
+    if not _is_version_3(root):
         return Sources(_named(root.iterfind(f"{kind}/SourceFiles/File")))
     if build is None or interface is None:
         return Sources()
@@ -344,7 +344,7 @@ def _named(elements: Iterable[ET.Element]) -> tuple[str, ...]:
 
 def _types(root: ET.Element) -> Iterator[tuple[str, tuple[str, Attributes]]]:
     for element in root.iterfind("TypeDefinitions/*"):
-        child = element if is_version_3(root) else _typed(element)
+        child = element if _is_version_3(root) else _typed(element)
         if child is not None and (child is element or element.tag == "SimpleType"):
             yield element.get("name", ""), (child.tag.removesuffix("Type"), dict(child.attrib))
 

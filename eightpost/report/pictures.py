@@ -31,8 +31,8 @@ with needs("report", "drawing pictures"):
     from matplotlib.ticker import LogLocator, NullLocator
 
 __all__ = [
-    "Axes", "Circle", "FancyBboxPatch", "Figure", "Picture", "Rectangle", "color_cells", "drawable",
-    "new_figure", "panels_of", "plain_style", "plain_text", "png", "save", "ticks_at_1_2_5",
+    "Axes", "Circle", "FancyBboxPatch", "Figure", "Picture", "Rectangle", "color_cells",
+    "new_figure", "panels_of", "plain_style", "png", "save", "ticks_at_1_2_5",
 ]  # fmt: skip
 
 
@@ -50,14 +50,7 @@ def new_figure(width: float, height: float, **options: Any) -> Figure:
 
 
 def panels_of(figure: Figure, count: int, columns: int, **options: Any) -> list[Axes]:
-    """Return the panels of a grid, row by row.
-
-    Args:
-        figure: Figure to which the panels are added.
-        count: Number of panels.
-        columns: Number of panels in a row.
-        options: Options of matplotlib's subplots.
-    """
+    """Return the panels of a grid, row by row."""
     rows = -(-count // columns)
     panels = list(figure.subplots(rows, columns, squeeze=False, **options).ravel())
     for panel in panels[count:]:
@@ -65,12 +58,8 @@ def panels_of(figure: Figure, count: int, columns: int, **options: Any) -> list[
     return panels[:count]
 
 
-def drawable(values: Array) -> Array:
-    """Return values with NaN, which is not drawn, where they are too large for the axes of matplotlib.
-
-    Args:
-        values: Values of any shape, as of a run that diverged.
-    """
+def _drawable(values: Array) -> Array:
+    """Return values with NaN, which is not drawn, where they are too large for the axes of matplotlib."""
     return np.where(np.abs(values) <= _LARGEST, values, np.nan)
 
 
@@ -78,7 +67,7 @@ def drawable(values: Array) -> Array:
 _LARGEST = 1e300
 
 
-def plain_text(text: str) -> str:
+def _plain_text(text: str) -> str:
     """Return a name of the user so that it is drawn as it is, and not as mathematics, if it contains dollar signs."""
     return text.replace("$", r"\$")
 
@@ -184,17 +173,17 @@ def traces(
     for panel, channel in zip(panels, channels, strict=True):
         for (label, series), color in zip(runs.items(), COLORS, strict=False):
             shown = series.window(start, stop)
-            values = drawable(displayed(shown, channel))
-            panel.plot(shown.time, values, lw=1.0, color=color, label=plain_text(label))
+            values = _drawable(displayed(shown, channel))
+            panel.plot(shown.time, values, lw=1.0, color=color, label=_plain_text(label))
         _label(panel, runs, channel)
     panels[-1].set_xlabel("time [s]")
     if len(runs) > 1:
         panels[0].legend(loc="upper right", ncols=len(runs), frameon=False)
-    figure.suptitle(plain_text(title), y=1.0 - 0.1 / height, va="top")
+    figure.suptitle(_plain_text(title), y=1.0 - 0.1 / height, va="top")
     return figure
 
 
-def excerpt(series: Series) -> tuple[float, float]:
+def _excerpt(series: Series) -> tuple[float, float]:
     """Return start and end [s] of the middle of a long series, of the whole of one that is short or has few samples."""
     first, last = float(series.time[0]), float(series.time[-1])
     begin, end = 0.5 * (first + last - _SHOWN), 0.5 * (first + last + _SHOWN)
@@ -230,7 +219,7 @@ def picture(
         raise InputError(f"a picture over time needs two samples and 1 to {_MOST} channels; these are "
                          f"{len(series)} samples of {len(shown)} channels")  # fmt: skip
     series = series.select(shown)
-    begin, end = excerpt(series) if start is None and stop is None else (float(series.time[0]), float(series.time[-1]))
+    begin, end = _excerpt(series) if start is None and stop is None else (float(series.time[0]), float(series.time[-1]))
     begin, end = begin if start is None else start, end if stop is None else stop
     if not (max(begin, series.time[0]) < min(end, series.time[-1])):
         span = f"{series.time[0]:g} to {series.time[-1]:g} s"
@@ -239,20 +228,13 @@ def picture(
 
 
 def loop(series: Series, across: str, up: str, *, title: str = "") -> Picture:
-    """Return a picture of one channel over another.
-
-    Args:
-        series: Series to show.
-        across: Channel of the horizontal axis.
-        up: Channel of the vertical axis.
-        title: Title of the figure.
-    """
+    """Return a picture of one channel over another."""
     figure = new_figure(6.0, 4.5)
     axes = figure.subplots()
-    axes.plot(drawable(displayed(series, across)), drawable(displayed(series, up)), lw=0.5, color=COLORS[0])
-    axes.set_xlabel(f"{plain_text(across)} [{display_unit(series, across)}]")
-    axes.set_ylabel(f"{plain_text(up)} [{display_unit(series, up)}]")
-    axes.set_title(plain_text(title))
+    axes.plot(_drawable(displayed(series, across)), _drawable(displayed(series, up)), lw=0.5, color=COLORS[0])
+    axes.set_xlabel(f"{_plain_text(across)} [{display_unit(series, across)}]")
+    axes.set_ylabel(f"{_plain_text(up)} [{display_unit(series, up)}]")
+    axes.set_title(_plain_text(title))
     axes.grid(alpha=0.3)
     return Picture(figure)
 
@@ -269,7 +251,7 @@ def displayed(series: Series, channel: str) -> Array:
 
 
 def _label(panel: Axes, runs: Mapping[str, Series], channel: str) -> None:
-    panel.set_ylabel(f"{plain_text(channel)}\n[{display_unit(next(iter(runs.values())), channel)}]", fontsize=9)
+    panel.set_ylabel(f"{_plain_text(channel)}\n[{display_unit(next(iter(runs.values())), channel)}]", fontsize=9)
     panel.yaxis.set_label_coords(-0.055, 0.5)
     panel.grid(alpha=0.3)
 
@@ -299,14 +281,9 @@ class Cloud(NamedTuple):
 
 
 def cloud(points: Cloud, *, title: str = "") -> Picture:
-    """Return a picture of points.
-
-    Args:
-        points: Points to draw.
-        title: Title of the figure.
-    """
+    """Return a picture of points."""
     figure = new_figure(6.0, 4.5)
-    axes, (x, y), kept = figure.subplots(), (drawable(one) for one in points.values), points.kept
+    axes, (x, y), kept = figure.subplots(), (_drawable(one) for one in points.values), points.kept
     size = _SMALL if kept.size > _MANY else 2.0 * _SMALL
     axes.plot(x[~kept], y[~kept], ".", color="0.75", markersize=size)
     axes.plot(x[kept], y[kept], ".", color=COLORS[0], markersize=size)

@@ -46,8 +46,6 @@ from eightpost.units import shown_difference
 from eightpost.verdict import Grade, Reason
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from eightpost.report.pictures import Picture
     from eightpost.signals.timeseries import TimeSeries
 
@@ -473,15 +471,12 @@ def _stretches(test: DynoTest, path: Array, pause: float) -> list[tuple[int, int
     resting = maximum_filter1d(still.astype(np.int8), width).astype(bool)
     turns = np.array(turning_points(path, threshold=SMALLEST * float(np.ptp(path))))
     for start, stop in faults.runs(resting):
-        if stop - start < PAUSE_SHARE * _half_cycle_beside(turns, start, stop):
+        # The number of samples between a pause and the farther of the two adjacent turning points
+        before, after = turns[turns < start], turns[turns >= stop]
+        half_cycle_beside = float(max(start - before[-1] if before.size else 0, after[0] - stop if after.size else 0))
+        if stop - start < PAUSE_SHARE * half_cycle_beside:
             resting[start:stop] = False
     return faults.runs(~resting) or [(0, path.size)]
-
-
-def _half_cycle_beside(turns: NDArray[np.int64], start: int, stop: int) -> float:
-    """Return the number of samples between a pause and the farther of the two adjacent turning points."""
-    before, after = turns[turns < start], turns[turns >= stop]
-    return float(max(start - before[-1] if before.size else 0, after[0] - stop if after.size else 0))
 
 
 def _blocks(test: DynoTest, path: Array, start: int, stop: int) -> list[tuple[int, int]]:
@@ -567,7 +562,13 @@ def temperature_effect(tests: Iterable[DynoTest]) -> TemperatureEffect | None:
             logs.append(force - force.mean())
     if not temperatures or max(float(np.ptp(heat)) for heat in temperatures) < SMALLEST_SPREAD:
         return None
-    return _regress(temperatures, logs)
+    heat, force = np.concatenate(temperatures), np.concatenate(logs)
+    slope = float(heat @ force / (heat @ heat))
+    free = heat.size - len(temperatures) - 1
+    residual = force - slope * heat
+    error = float(np.sqrt(residual @ residual / free / (heat @ heat))) if free > 0 else float("nan")
+    spread = max(float(np.ptp(group)) for group in temperatures)
+    return TemperatureEffect(slope, error, heat.size, spread)
 
 
 def _groups(tests: Sequence[DynoTest]) -> list[list[DynoTest]]:
@@ -583,16 +584,6 @@ def _groups(tests: Sequence[DynoTest]) -> list[list[DynoTest]]:
 
 def _speed(test: DynoTest) -> float:
     return float(test.series["velocity"].std())
-
-
-def _regress(temperatures: list[Array], logs: list[Array]) -> TemperatureEffect:
-    heat, force = np.concatenate(temperatures), np.concatenate(logs)
-    slope = float(heat @ force / (heat @ heat))
-    free = heat.size - len(temperatures) - 1
-    residual = force - slope * heat
-    error = float(np.sqrt(residual @ residual / free / (heat @ heat))) if free > 0 else float("nan")
-    spread = max(float(np.ptp(group)) for group in temperatures)
-    return TemperatureEffect(slope, error, heat.size, spread)
 
 
 # ==== Change of the temperature within a record ======================================================================

@@ -137,7 +137,7 @@ _KNOTS, _DENSE = 8, 1.8
 _LEAST, _RIDGE, _FINE, _FEWEST_STEPS = 1e-8, 1e-9, 2e-5, 5
 
 
-class ForceLag(NamedTuple):
+class _ForceLag(NamedTuple):
     """Delay of the force behind the velocity; negative if it leads."""
 
     seconds: float  #: Delay [s].
@@ -150,7 +150,7 @@ class ForceLag(NamedTuple):
         return f"{1e3 * self.seconds:.3g} ms ({1e3 * self.low:.3g} to {1e3 * self.high:.3g} ms)"
 
 
-def force_lag(series: TimeSeries) -> ForceLag | None:
+def force_lag(series: TimeSeries) -> _ForceLag | None:
     """Return the delay of the force of a record behind its velocity; None if it is unknown."""
     even = series if series.is_uniform else series.resample(series.sample_rate)
     rows = _compared(np.stack([even["velocity"], displacement_of(even), even["force"]]), even.sample_rate)
@@ -182,7 +182,7 @@ def _curve(velocity: Array) -> Array:
     return np.stack([column for column in sides if column.any()], axis=1)
 
 
-def _lag(values: Array, reference: Array, columns: Array, spring: Array, period: float) -> ForceLag | None:
+def _lag(values: Array, reference: Array, columns: Array, spring: Array, period: float) -> _ForceLag | None:
     """Return the delay of values (N,) that makes columns (N, C) and a spring (N,) explain most of them."""
     reach = SHARE * period
     steps = np.arange(int(max(EARLIEST, -reach) * _RATE), int(min(LATEST, reach) * _RATE) + 1)
@@ -202,7 +202,7 @@ def _lag(values: Array, reference: Array, columns: Array, spring: Array, period:
     nearest = shifted[:, int(np.argmin(np.abs(lags - fine[best])))]
     independent = _independent(nearest - model @ _weights(model, model.T @ nearest))
     found = _interval(fine, profile, best, independent)
-    return None if found is None else ForceLag(float(fine[best]), *found, float(stiffness[best]))
+    return None if found is None else _ForceLag(float(fine[best]), *found, float(stiffness[best]))
 
 
 def _about(rows: Array) -> Array:
@@ -273,7 +273,7 @@ def lag_faults(series: TimeSeries) -> Iterator[Fault]:
     if lag.low > LAG:
         yield fault("late force", "the force is later than a shock makes it", f"by {lag}")
     elif lag.high < -max(LEAD, SAMPLES / series.sample_rate):
-        lead = ForceLag(-lag.seconds, -lag.high, -lag.low)
+        lead = _ForceLag(-lag.seconds, -lag.high, -lag.low)
         yield fault("early force", "the force is earlier than a shock makes it", f"by {lead}")
 
 

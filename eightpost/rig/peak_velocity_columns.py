@@ -206,7 +206,7 @@ class Point(NamedTuple):
     force: float
 
 
-class StrokeColumn(NamedTuple):
+class _StrokeColumn(NamedTuple):
     """A column of forces of one stroke at one setting."""
 
     place: int
@@ -219,7 +219,7 @@ def stroke_above(record: RawRecord) -> str | None:
     return next((stroke for cells in reversed(record.preamble) if (stroke := _stroke_of(" ".join(cells)))), None)
 
 
-def is_peak_velocity(record: RawRecord, channel_map: ChannelMap | None = None) -> bool:
+def _is_peak_velocity(record: RawRecord, channel_map: ChannelMap | None = None) -> bool:
     """Return whether a record is a peak-velocity table: it has a speed and strokes, but no time."""
     record = in_columns(record, channel_map)
     names = record.names
@@ -235,7 +235,7 @@ def holds_peak_velocities(records: Sequence[RawRecord], channel_map: ChannelMap 
     """Return whether a file has peak-velocity tables: its first table is one, and none is a record over time."""
     if any(has_channels(dyno_map(record)) for record in records) or (channel_map and channel_map.time):
         return False
-    return is_peak_velocity(records[0], channel_map)
+    return _is_peak_velocity(records[0], channel_map)
 
 
 def _split(name: str) -> tuple[str, str]:
@@ -320,13 +320,13 @@ class Columns:
     # ---- Columns of one stroke --------------------------------------------------------------------------------------
 
     @cached_property
-    def _strokes(self) -> tuple[StrokeColumn, ...]:
+    def _strokes(self) -> tuple[_StrokeColumn, ...]:
         """Columns of forces of one stroke; what else a name with a stroke may mean is left out with a note.
 
         These are slopes and temperatures, statistics beside the mean, and columns without a unit if others have one.
         """
         above = self._above()
-        named = [StrokeColumn(i, *_split(name)) for i, name in enumerate(self.record.names)]
+        named = [_StrokeColumn(i, *_split(name)) for i, name in enumerate(self.record.names)]
         if above:
             named = [one._replace(clicks=above[one.place]) if _is_plain(one) else one for one in named]
         named = [one for one in named if one.stroke and not (one.clicks and _is_kind(one.clicks, "speed"))]
@@ -354,7 +354,7 @@ class Columns:
             return []
         cells = [cell.strip() for cell in row] + [""] * (len(self.record.names) - len(row))
         above = [next((c for c in cells[i::-1] if c), "") for i in range(len(cells))]
-        named = [StrokeColumn(i, *_split(name)) for i, name in enumerate(self.record.names)]
+        named = [_StrokeColumn(i, *_split(name)) for i, name in enumerate(self.record.names)]
         forces = [(one.stroke, above[one.place]) for one in named if one.stroke and _is_plain(one)]
         forces = forces or [("", above[i]) for i in range(len(above)) if self._is_force(i)]
         return above if len(set(forces)) == len(forces) else []  # a line of other words is no row of settings
@@ -448,12 +448,12 @@ class Columns:
         return convert(raw, unit, si)
 
 
-def _is_plain(column: StrokeColumn) -> bool:
+def _is_plain(column: _StrokeColumn) -> bool:
     """Return whether a column's name has the stroke alone, at most with the mark of a repeated name."""
     return not column.clicks or bool(_REPEATED.fullmatch(column.clicks))
 
 
-def _words(column: StrokeColumn) -> set[str]:
+def _words(column: _StrokeColumn) -> set[str]:
     return set(re.findall(r"[a-z]+", column.clicks.lower()))
 
 

@@ -67,7 +67,7 @@ def record_faults(
     yield from _rest_faults(series, conditions or DynoConditions())
     yield from motion_faults(series, measured)
     if not suspicious:
-        yield from spectrum_faults(series, measured)
+        yield from _spectrum_faults(series, measured)
         yield from lag_faults(series)
     if (correlation := _correlation(series["force"], series["velocity"])) < WEAK:
         figure = f"their correlation is {correlation:.2f}"
@@ -282,7 +282,7 @@ NARROWEST = 4.0
 WIDTH, FLOOR = 0.1, 0.25
 
 
-def spectrum_faults(series: TimeSeries, measured: tuple[str, ...]) -> Iterator[Fault]:
+def _spectrum_faults(series: TimeSeries, measured: tuple[str, ...]) -> Iterator[Fault]:
     """Yield a fault for each channel with hum, and for a force that is a moving average."""
     force, velocity, rate = series["force"], series["velocity"], series.sample_rate
     for name in ("force", "velocity", "displacement"):

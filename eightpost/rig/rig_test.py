@@ -37,12 +37,8 @@ if TYPE_CHECKING:
 SAME = 0.8
 
 
-def check_rig_units(series: TimeSeries, corners: tuple[str, ...], *, origin: Origin) -> None:
-    """Check the sample rate, and the slope of each shock's displacement against its measured velocity.
-
-    Raises:
-        UnknownUnitError: The sample rate is below 20 Hz, or slope and velocity differ by the ratio of two units.
-    """
+def _check_rig_units(series: TimeSeries, corners: tuple[str, ...], *, origin: Origin) -> None:
+    """Check the sample rate, and the slope of each shock's displacement against its measured velocity."""
     if series.sample_rate < LOWEST_SAMPLING:
         what = (
             f"the file has {series.sample_rate:.4g} samples per second, and a rig records {LOWEST_SAMPLING:g} or more: "
@@ -229,7 +225,7 @@ def read_rig_test(
     _check_channels(series, corners, needs, record, path)
     if len(series) < 2:
         raise record.origin.header_fault(TooShortError, "it has only one sample")
-    check_rig_units(series, corners, origin=record.origin)
+    _check_rig_units(series, corners, origin=record.origin)
     complete, derived = _with_velocities(series, corners)
     check_rig_record(complete, corners, origin=record.origin)
     not_checked = unchecked(series, complete, corners)

@@ -40,7 +40,7 @@ class Beyond:
     intervals: float  #: The same, in multiples of the nearest interval between measured settings; infinite without one.
 
 
-def settings_beyond(settings: Settings, setting: Sequence[float]) -> tuple[Beyond, ...]:
+def _settings_beyond(settings: Settings, setting: Sequence[float]) -> tuple[Beyond, ...]:
     """Return the axes on which a setting (a value per axis) is outside the measured settings."""
     return tuple(
         Beyond(axis, value, axis.beyond(value), axis.intervals_beyond(value))
@@ -60,14 +60,14 @@ FARTHEST = 1.0
 RULES = Rules.read(Path(__file__).with_suffix(".txt"), ABOUT, farthest=FARTHEST)
 
 
-def setting_reasons(settings: Settings, setting: Sequence[float], origin: str) -> tuple[Reason, ...]:
+def _setting_reasons(settings: Settings, setting: Sequence[float], origin: str) -> tuple[Reason, ...]:
     """Return the reasons of a verdict on a setting (a value per axis)."""
     return tuple(_reasons(settings, setting, origin))
 
 
 def _reasons(settings: Settings, setting: Sequence[float], origin: str) -> Iterator[Reason]:
     where = setting_text(settings, setting)
-    outside = settings_beyond(settings, setting)
+    outside = _settings_beyond(settings, setting)
     for one in outside:
         rule = "far beyond the measured settings" if one.intervals > FARTHEST else "beyond the measured settings"
         figure = (
@@ -116,11 +116,6 @@ def force_half_width(settings: Settings, law: ShockLaw, setting: Sequence[float]
 
     The band includes the scatter of the measurements, the error of the interpolation between settings, the growth of
     that error beyond the measured settings, and the unknown interaction of an untested combination.
-
-    Args:
-        settings: Effect of the settings.
-        law: Law at the reference setting.
-        setting: Value per axis.
     """
     squares = [0.0] * KNOTS
     base = law.curve.knot_force
@@ -198,7 +193,7 @@ def _bend(nodes: Sequence[float], curves: Mapping[float, Sequence[float]], i: in
     return [abs((1.0 - w) * a + w * c - b) for a, b, c in zip(before, here, after, strict=True)]
 
 
-def band_section(law: ShockLaw, half_width: Sequence[float], level: float) -> dict[str, Any]:
+def _band_section(law: ShockLaw, half_width: Sequence[float], level: float) -> dict[str, Any]:
     """Return a curve's band as in the fit section of a shock file."""
     return {
         "level": level,
@@ -296,14 +291,14 @@ class Shock(Summarized):
         law = self.settings.law_at(self.law, setting)
         half_width = force_half_width(self.settings, self.law, setting)
         where = setting_text(self.settings, setting)
-        reasons = Verdict(setting_reasons(self.settings, setting, f"the settings of {self.name}"))
+        reasons = Verdict(_setting_reasons(self.settings, setting, f"the settings of {self.name}"))
         level = self.fit.get("curve_band", {}).get("level", 0.95)
         return judged(
             self,
             name=f"{self.name}, {where}",
             law=law,
             conditions=dict(self.conditions) | {"clicks": where},
-            fit=dict(self.fit) | {"curve_band": band_section(law, half_width, level)},
+            fit=dict(self.fit) | {"curve_band": _band_section(law, half_width, level)},
             validity=Validity.with_verdict(self.validity, reasons),
             settings=None,
         )
@@ -455,7 +450,7 @@ def _read_document(path: Path) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FittedParameters:
+class _FittedParameters:
     """Parameters of a fitted shock's FMU that are not known exactly. n parameters."""
 
     names: tuple[str, ...]  #: Names of the parameters.
@@ -468,7 +463,7 @@ class FittedParameters:
     left_out: LeftOutBlocks | None = None
 
 
-def fitted_parameters(shock: Shock) -> FittedParameters | None:
+def fitted_parameters(shock: Shock) -> _FittedParameters | None:
     """Return the uncertainty that a shock states; None if it states none, because it was not fitted.
 
     The law's own parameters vary independently by their standard errors, within the fit's bounds. A parameter at a
@@ -489,7 +484,7 @@ def fitted_parameters(shock: Shock) -> FittedParameters | None:
     free = {name: entry for name, entry in own.items() if entry["standard_error"] and not entry["at_bound"]}
     held = tuple(f"{name} is kept at its fitted value: {_why(own[name])}" for name in own if name not in free)
     scales = dict(_scales(band))
-    return FittedParameters(
+    return _FittedParameters(
         (*free, *scales),
         np.array([*(entry["value"] for entry in free.values()), *(1.0 for _ in scales)]),
         np.diag([*(entry["standard_error"] ** 2 for entry in free.values()), *(d**2 for d in scales.values())]),
@@ -513,7 +508,7 @@ def shock_uncertainty(shock: Shock) -> ModelUncertainty | None:
         return None
 
 
-def _of_fit(found: FittedParameters, shock: Shock) -> ModelUncertainty:
+def _of_fit(found: _FittedParameters, shock: Shock) -> ModelUncertainty:
     builds = shock.fit.get("between_builds") or {}
     copies = {name: float(entry["standard_deviation"]) for name, entry in builds.get("parameters", {}).items()}
     deviations = found.covariance.diagonal() ** 0.5

@@ -61,7 +61,7 @@ def advance_core(
     """
     u, after = states[0], states[0]
     for _ in range(2):
-        tau = time_constant_at(0.5 * (u + after), own, valve.curve)
+        tau = _time_constant_at(0.5 * (u + after), own, valve.curve)
         after = advance(u, piece.velocity_start, piece.velocity_end, tau, piece.step)
     return after, _travel(states[1], piece, own[_YIELD], own[_TIME])
 
@@ -72,8 +72,8 @@ def force_core(
     """Return F_v [N] at a damper velocity [m/s] and its F_s [N]; the port's scales apply to f0 and f1."""
     scale = valve.compression_scale if velocity > 0.0 else valve.rebound_scale
     lagged_scale = valve.compression_scale if states[0] > 0.0 else valve.rebound_scale
-    fixed = static_force - scale * lagged_curve(velocity, own, valve.curve)
-    return fixed + lagged_scale * lagged_curve(states[0], own, valve.curve) + own[_STIFFNESS] * states[1]
+    fixed = static_force - scale * _lagged_curve(velocity, own, valve.curve)
+    return fixed + lagged_scale * _lagged_curve(states[0], own, valve.curve) + own[_STIFFNESS] * states[1]
 
 
 def weight_core(static_force: float, own: tuple[float, ...]) -> float:
@@ -81,7 +81,7 @@ def weight_core(static_force: float, own: tuple[float, ...]) -> float:
     return 1.0
 
 
-def lagged_curve(velocity: float, own: tuple[float, ...], curve: CurveNumbers | StaticCurve) -> float:
+def _lagged_curve(velocity: float, own: tuple[float, ...], curve: CurveNumbers | StaticCurve) -> float:
     """Return f1 [N] at a velocity [m/s]: the integral of the slopes c, which are linear between knots."""
     knots = curve.knot_velocity
     inside = min(max(velocity, knots[0]), knots[KNOTS - 1])
@@ -101,7 +101,7 @@ def lagged_curve(velocity: float, own: tuple[float, ...], curve: CurveNumbers | 
     return force + (own[KNOTS - 1] if velocity > 0.0 else own[0]) * (velocity - inside)
 
 
-def time_constant_at(velocity: float, own: tuple[float, ...], curve: CurveNumbers | StaticCurve) -> float:
+def _time_constant_at(velocity: float, own: tuple[float, ...], curve: CurveNumbers | StaticCurve) -> float:
     """Return tau [s] at a lagged velocity [m/s]: its logarithm is linear up to half of the fitted speeds."""
     speed = curve.compression_speed if velocity >= 0.0 else curve.rebound_speed
     end = own[_TAU + 2] if velocity >= 0.0 else own[_TAU]

@@ -26,7 +26,7 @@ Band = TypedDict("Band", {
 })  # fmt: skip
 
 
-class FittedValue(TypedDict):
+class _FittedValue(TypedDict):
     """A fitted parameter."""
 
     value: float
@@ -59,7 +59,7 @@ Fit = TypedDict("Fit", {
     "rms [N]": NotRequired[float],
     "percent": NotRequired[float],
     "percent_of_static_curve": NotRequired[float],
-    "parameters": NotRequired[dict[str, FittedValue]],
+    "parameters": NotRequired[dict[str, _FittedValue]],
     "curve_band": NotRequired[Band],
     "held_out": NotRequired[HeldOut],
     "between_builds": NotRequired[Builds],
@@ -76,5 +76,5 @@ class Sections(TypedDict):
     inputs: NotRequired[list[dict[str, str]]]
 
 
-for _kind in (Conditions, Band, FittedValue, Spread, Builds, HeldOut, Fit, Sections):
+for _kind in (Conditions, Band, _FittedValue, Spread, Builds, HeldOut, Fit, Sections):
     with_config(OPEN)(_kind)

@@ -265,7 +265,7 @@ class Settings:
             name: _scaled(getattr(law, name), exp(deviation))
             for name, deviation in zip(self.factors, deviations[-1 - len(self.factors) : -1], strict=True)
         }
-        curve = curve_with_slopes(law.curve, deviations[:KNOTS])
+        curve = _curve_with_slopes(law.curve, deviations[:KNOTS])
         if hasattr(law, LAGGED_SLOPE):
             changes = deviations[KNOTS : 2 * KNOTS] if self.has_lagged_slope else None
             own[LAGGED_SLOPE] = _lagged_slope(law, curve, changes)
@@ -289,7 +289,7 @@ def _scaled(value: Any, factor: float) -> Any:
     return tuple(part * factor for part in value) if isinstance(value, tuple) else value * factor
 
 
-def curve_with_slopes(curve: StaticCurve, deviations: tuple[float, ...]) -> StaticCurve:
+def _curve_with_slopes(curve: StaticCurve, deviations: tuple[float, ...]) -> StaticCurve:
     """Return a curve whose slopes at the knots deviate (25,) [N.s/m]; none becomes negative.
 
     The forces at the knots change by the trapezoids of the changes in slope, from zero velocity outwards. A spline of

@@ -64,7 +64,7 @@ class Side:
 
     def slope(self, speed: Array) -> Array:
         """Return the slope (N,) [N.s/m] at speeds (N,) [m/s]."""
-        return np.asarray(slope_weights(speed, self.knee) @ np.array([self.bleed, self.low, self.high, self.rise]))
+        return np.asarray(_slope_weights(speed, self.knee) @ np.array([self.bleed, self.low, self.high, self.rise]))
 
 
 #: SI unit of each number of a side.
@@ -160,7 +160,7 @@ def unit_of(number: str) -> str:
     return {"lag": "s", "lag_force": "N", "gas": "N"}.get(number) or UNITS[number.partition(".")[2]]
 
 
-def slope_weights(speed: Array, knee: float) -> Array:
+def _slope_weights(speed: Array, knee: float) -> Array:
     """Return the weights (N, 4) of bleed, low, high and rise in the slope at speeds (N,) [m/s]."""
     at_rest = np.exp(-((speed / (BLEED_SHARE * knee)) ** 2))
     closed = 1.0 / (1.0 + (speed / knee) ** 2)
@@ -261,13 +261,13 @@ def fit_law(law: ShockLaw) -> ShapeFit:
     return replace(found, shape=shape)
 
 
-def fit_shape(curve: StaticCurve, reach: float = REACH) -> ShapeFit:
+def _fit_shape(curve: StaticCurve, reach: float = REACH) -> ShapeFit:
     """Fit a shape to a curve by least squares of the force, at equal steps of the root of the speed."""
     return fit_force(curve.force, min(reach, curve.compression_speed), min(reach, curve.rebound_speed))
 
 
 def fit_force(force: Callable[[float], float], compression_speed: float, rebound_speed: float) -> ShapeFit:
-    """Fit a shape to a force [N] over velocity [m/s], as `fit_shape`, up to a speed of each side [m/s]."""
+    """Fit a shape to a force [N] over velocity [m/s], as `_fit_shape`, up to a speed of each side [m/s]."""
     speeds = np.stack([compression_speed * _SPEEDS, rebound_speed * _SPEEDS])
     forces = np.array([[force(v) for v in speeds[0].tolist()], [-force(-v) for v in speeds[1].tolist()]])
     scales = np.sqrt(np.mean(forces**2, axis=1))  # each side counts by its own force
@@ -324,11 +324,11 @@ class _Problem:
 
     def _design(self, knees: Array) -> Array:
         """Return the matrix M (2 N, 8) at knee speeds (2,) [m/s]."""
-        return np.asarray(self.weights @ block_diag(*(slope_weights(_KNOTS, knee) for knee in knees)))
+        return np.asarray(self.weights @ block_diag(*(_slope_weights(_KNOTS, knee) for knee in knees)))
 
 
 def _knee_weights(knee: float) -> Array:
-    """Return the derivatives (K, 4) of `slope_weights` at the knots by the logarithm of the knee speed."""
+    """Return the derivatives (K, 4) of `_slope_weights` at the knots by the logarithm of the knee speed."""
     square = (_KNOTS / knee) ** 2
     at_rest, closed = np.exp(-square / BLEED_SHARE**2), 1.0 / (1.0 + square)
     by_rest, by_closed = 2.0 * square / BLEED_SHARE**2 * at_rest, 2.0 * square * closed**2

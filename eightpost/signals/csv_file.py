@@ -90,7 +90,7 @@ def text_records(lines: list[str], path: Path, *, may_be_cut: bool = False) -> t
     lines, signs = with_minus_signs(lines)
     plain, comments = _without_comments(lines, _cells_of)
     notes = (_comment_note(lines, comments),) if comments else ()
-    if (first := first_row_of_channels(plain)) is not None:
+    if (first := _first_row_of_channels(plain)) is not None:
         (block,) = _find_blocks(upright := _with_upright_table(plain, first))
         record = _record(upright, block, path, notes=notes, steps=signs, may_be_cut=False)
         rows = np.full(record.columns[0].size, first + 1)
@@ -113,7 +113,7 @@ def _record(
     numbers = np.array([i for i, line in enumerate(lines[first - 1 : stop], first) if line.strip()])
     if may_be_cut and numbers.size:
         ends = [cells[i - first][-1] for i in numbers]
-        if is_cut_off(ends, has_end=int(numbers[-1]) < len(lines)):
+        if _is_cut_off(ends, has_end=int(numbers[-1]) < len(lines)):
             notes = (*notes, CUT_NOTE.format(line=numbers[-1], cell=ends[-1]))
             numbers = numbers[:-1]
     rows = (layout.filled(lines[i - 1]) for i in numbers)
@@ -258,9 +258,6 @@ def _find_layout(lines: list[str], path: Path, *, offset: int = 0) -> Layout:
     table, or the line before that if there is a row of units in between.
 
     `offset` is the number of lines of the file above the first of `lines`.
-
-    Raises:
-        FileFormatError: There is no table of numbers, or its header has another number of columns.
     """
     delimiter, rows = _delimiter(lines[:_LAYOUT_LINES], path)
     first = rows[-1]
@@ -362,7 +359,7 @@ def _numbers_in(line: str, delimiter: str) -> int:
 _MOST_CHANNELS = 60
 
 
-def first_row_of_channels(lines: list[str]) -> int | None:
+def _first_row_of_channels(lines: list[str]) -> int | None:
     """Return the index of the first line of a table whose rows are channels (`Velocity (mm/s),25,50`), or None.
 
     Every line with numbers begins with a name, and all its other cells are numbers.
@@ -530,7 +527,7 @@ _RARE = 0.01
 _FAR = 2.0
 
 
-def is_cut_off(cells: Sequence[str], *, has_end: bool) -> bool:
+def _is_cut_off(cells: Sequence[str], *, has_end: bool) -> bool:
     """Return whether the last of the numbers that end each row was cut off: it has fewer digits than all above it.
 
     If the file ends with a line end, only a change of a fixed number of decimals counts, because the program that

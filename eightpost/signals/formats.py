@@ -2,36 +2,254 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import datetime
+import html
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from statistics import median
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from eightpost.confined import read_confined
 from eightpost.errors import FileFormatError
+from eightpost.extras import is_installed, requirement
 from eightpost.files import reading, sha256_of
-from eightpost.signals.confined_files import read_mdf, read_spreadsheet, read_tdms
-from eightpost.signals.csv_file import read_delimited, write_csv
+from eightpost.signals.csv_file import read_delimited, text_records, write_csv
+from eightpost.signals.faults import Origin
 from eightpost.signals.logger_files import read_ld, read_rpc, read_vbo, read_xrk, write_rpc
 from eightpost.signals.lvm_file import read_lvm
 from eightpost.signals.mat_file import read_json, read_mat, read_script, write_mat
 from eightpost.signals.parquet_file import read_parquet, write_parquet
-from eightpost.signals.raw_record import RawRecord, find_time, identity_map, mapped_series
+from eightpost.signals.raw_record import (
+    TIME_NAMES,
+    RawRecord,
+    by_time,
+    find_time,
+    identity_map,
+    mapped_series,
+    temperatures_at,
+)
+from eightpost.signals.table_text import split_header
 from eightpost.units import note_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from eightpost.confined.readers import Sheet, Signal, Table
     from eightpost.signals.raw_record import ChannelMap
     from eightpost.signals.timeseries import TimeSeries
+
+# ---- Spreadsheets (.xlsx, .xls, .ods), read with python-calamine: every sheet with a table --------------------------
+
+#: The library rounds dates and times of day to 1 ms. If that makes more than this share of the steps uneven, and they
+#: are below this many seconds, the rounding changes a velocity by several percent.
+_UNEVEN, _SHORT = 0.1, 0.02
+
+_Clock = datetime.datetime | datetime.time | datetime.timedelta
+
+
+def _read_spreadsheet(path: str | Path) -> tuple[RawRecord, ...]:
+    """Read the tables of all sheets; line numbers in messages are row numbers of the sheet.
+
+    Hidden sheets are read only if no other sheet has a table; a note names those that were left out.
+
+    Raises:
+        FileFormatError: python-calamine is not installed, the file cannot be read, no sheet has a table, or a column of
+            dates or times of day is sampled too fast for a resolution of 1 ms.
+    """
+    path = Path(path)
+    if not is_installed("python_calamine"):
+        raise FileFormatError(requirement("reading spreadsheets", "python_calamine", "files"), path=path)
+    sheets: list[Sheet] = read_confined("eightpost.confined.readers:load_spreadsheet", path, kind="a spreadsheet")
+    hidden = [sheet for sheet in sheets if sheet.is_hidden]
+    records, faults = _tables([sheet for sheet in sheets if not sheet.is_hidden], path)
+    if records:
+        left_out = tuple(
+            f"the sheet {sheet.name!r} is hidden and was not read" for sheet in hidden if _has_table(sheet, path)
+        )
+        return tuple(replace(record, notes=(*record.notes, *left_out)) for record in records)
+    records, more = _tables(hidden, path)
+    if not records:
+        sheet_names = ", ".join(repr(sheet.name) for sheet in sheets)
+        empty = FileFormatError(f"the sheets {sheet_names} are empty", path=path)
+        raise next(iter((*faults, *more)), empty)
+    return tuple(records)
+
+
+def _tables(sheets: Sequence[Sheet], path: Path) -> tuple[list[RawRecord], list[FileFormatError]]:
+    """Return the tables of sheets, and the errors of the sheets without one."""
+    records: list[RawRecord] = []
+    faults: list[FileFormatError] = []
+    for sheet in sheets:
+        _check_clocks(sheet.rows, sheet.name, path)
+        try:
+            records += text_records(["\t".join(map(_text, row)) for row in sheet.rows], path)
+        except FileFormatError as error:
+            faults.append(error)
+    return records, faults
+
+
+def _has_table(sheet: Sheet, path: Path) -> bool:
+    try:
+        return bool(_tables([sheet], path)[0])
+    except FileFormatError:  # a table with a fault
+        return True
+
+
+def _check_clocks(rows: Sequence[Sequence[Any]], sheet: str, path: Path) -> None:
+    """Check that dates and times of day of a sheet are not coarser than its samples."""
+    for number in range(max(map(len, rows), default=0)):
+        cells = (row[number] for row in rows if number < len(row))
+        seconds = [_seconds(cell) for cell in cells if isinstance(cell, _Clock)]
+        steps = [later - earlier for earlier, later in pairwise(seconds)]
+        if not steps or not 0.0 < (step := median(steps)) < _SHORT:
+            continue
+        if sum(abs(one - step) > 1e-4 for one in steps) > _UNEVEN * len(steps):
+            raise FileFormatError(
+                f"sheet {sheet!r}, column {number + 1}: its dates or times of day are read to 1 ms, too coarse for "
+                f"samples every {1e3 * step:.2g} ms or so; write elapsed seconds as numbers, or export the record as "
+                "text",
+                path=path,
+            )
+
+
+def _seconds(cell: _Clock) -> float:
+    """Return the seconds since midnight, or of an elapsed time."""
+    if isinstance(cell, datetime.timedelta):
+        return cell.total_seconds()
+    return 3600.0 * cell.hour + 60.0 * cell.minute + cell.second + 1e-6 * cell.microsecond
+
+
+def _text(cell: Any) -> str:
+    """Return a cell as text that the text reader reads to the same value."""
+    if isinstance(cell, bool):
+        return str(cell)
+    if isinstance(cell, (int, float)):
+        return repr(cell)
+    if isinstance(cell, datetime.timedelta) and cell.total_seconds() >= 0.0:
+        minutes, seconds = divmod(cell.total_seconds(), 60.0)
+        return f"{minutes // 60.0:.0f}:{minutes % 60.0:02.0f}:{seconds:09.6f}"
+    if isinstance(cell, (datetime.datetime, datetime.time)):
+        return cell.isoformat()
+    return " ".join(str(cell).split())
+
+
+# ---- LabVIEW measurements in .tdms files, read with npTDMS ----------------------------------------------------------
+
+
+def _read_tdms(path: str | Path) -> tuple[RawRecord, ...]:
+    """Read a .tdms file: one table per group; without a column of time, a waveform's increment gives the time [s].
+
+    Groups of single values become the preamble of the other tables. A channel with another increment or start than the
+    others is left out with a note.
+
+    Raises:
+        FileFormatError: npTDMS is not installed, or the file cannot be read or has no channel of numbers.
+    """
+    path = Path(path)
+    if not is_installed("nptdms"):
+        raise FileFormatError(requirement("reading TDMS files", "nptdms", "files"), path=path)
+    tables: list[Table] = read_confined("eightpost.confined.readers:load_tdms", path, kind="a TDMS file")
+    tables = [table for table in tables if table.columns]
+    if not tables:
+        raise FileFormatError("it contains no channel of numbers", path=path)
+    settings = [table for table in tables if all(len(column) == 1 for _, _, column in table.columns)]
+    facts = tuple(f"{name}: {float(column[0]):.9g} {unit}".strip()
+                  for table in settings for name, unit, column in table.columns)  # fmt: skip
+    samples = [table for table in tables if not any(table is one for one in settings)] or tables
+    return tuple(_record(table._replace(preamble=(*table.preamble, *facts)), path) for table in samples)
+
+
+def _record(table: Table, path: Path) -> RawRecord:
+    """Return a table with a time column; only columns as long as the time are kept."""
+    names, units, columns = [], [], []
+    for name, unit, column in table.columns:
+        plain, stated = (name, unit) if unit else split_header(name)
+        names.append(plain)
+        units.append(stated or None)
+        columns.append(np.asarray(column, dtype=np.float64))
+    if not {name.lower() for name in names} & set(TIME_NAMES) and table.step:
+        names, units = ["time", *names], ["s", *units]
+        columns = [np.asarray(table.start + table.step * np.arange(columns[0].size), dtype=np.float64), *columns]
+    times = [i for i, name in enumerate(names) if name.lower() in TIME_NAMES] or [0]
+    kept = [i for i, column in enumerate(columns) if column.size == columns[times[0]].size]
+    kept = [i for i in kept if names[i] not in dict(table.others)]
+    preamble = tuple((line,) for line in table.preamble)
+    notes = tuple(f"the channel {name!r} was left out: {why}" for name, why in table.others)
+    notes += tuple(
+        f"the channel {names[i]!r} was left out: it has {columns[i].size} samples, and the time has "
+        f"{columns[times[0]].size}"
+        for i in range(len(columns))
+        if columns[i].size != columns[times[0]].size
+    )
+    return RawRecord(
+        Origin(path),
+        tuple(names[i] for i in kept),
+        tuple(units[i] for i in kept),
+        tuple(columns[i] for i in kept),
+        preamble,
+        notes,
+    )
+
+
+# ---- ASAM MDF files (.mf4, .mdf), read with asammdf -----------------------------------------------------------------
+
+#: Name of the time axis in the record.
+_TIME = "time"
+
+
+def _read_mdf(path: str | Path) -> tuple[RawRecord, ...]:
+    """Read the numeric channels of an MDF file: one table per time axis, which becomes its column `time` [s].
+
+    Channel groups with the same sample times make one table. Tables with many channels come first, then long ones.
+    Temperatures change slowly, so the first table has those of the other tables too, interpolated. The comment in the
+    file's header becomes the preamble of each table.
+
+    Raises:
+        FileFormatError: asammdf is not installed or cannot read the file, or there is no numeric channel.
+    """
+    path = Path(path)
+    if not is_installed("asammdf"):
+        raise FileFormatError(requirement("reading MDF files", "asammdf", "mdf"), path=path)
+    found, comment = read_confined("eightpost.confined.readers:load_mdf", path, kind="an MDF file that asammdf reads")
+    signals: list[Signal] = [signal for signal in found if signal.name.lower() != _TIME]
+    if not signals:
+        raise FileFormatError("it contains no numeric channel", path=path)
+    for signal in signals:
+        if signal.samples.size != signal.times.size:
+            what = f"it has {signal.samples.size} samples and {signal.times.size} times: the file is damaged"
+            raise FileFormatError(what, path=path, channel=signal.name)
+    first, *others = by_time(signals)
+    first = [*first, *temperatures_at(first[0].times, others)]
+    return tuple(_table(table, path, comment) for table in (first, *others))
+
+
+def _table(signals: list[Signal], path: Path, comment: str) -> RawRecord:
+    names, units = (_TIME, *(signal.name for signal in signals)), ("s", *(signal.unit or None for signal in signals))
+    columns = (signals[0].times, *(signal.samples for signal in signals))
+    return RawRecord(Origin(path), names, units, columns, _lines(comment))
+
+
+def _lines(comment: str) -> tuple[tuple[str, ...], ...]:
+    """Return the lines of the header's comment, which MDF 4 may wrap in XML."""
+    found = re.search(r"<TX>(.*?)</TX>", comment, flags=re.DOTALL)
+    lines = html.unescape(found[1] if found else comment).splitlines()
+    return tuple((line.strip(),) for line in lines if line.strip())
+
 
 # ---- Reading --------------------------------------------------------------------------------------------------------
 
 #: Reader of the tables of a file, by its suffix.
 _READERS: dict[str, Callable[[Path], tuple[RawRecord, ...]]] = {
     **dict.fromkeys((".csv", ".txt", ".tsv", ".dat"), read_delimited),
-    **dict.fromkeys((".xlsx", ".xlsm", ".xls", ".ods"), read_spreadsheet),
-    ".parquet": read_parquet, ".mat": read_mat, ".m": read_script, ".json": read_json, ".tdms": read_tdms,
-    ".lvm": read_lvm, ".mf4": read_mdf, ".mdf": read_mdf, ".pvp": read_delimited,
+    **dict.fromkeys((".xlsx", ".xlsm", ".xls", ".ods"), _read_spreadsheet),
+    ".parquet": read_parquet, ".mat": read_mat, ".m": read_script, ".json": read_json, ".tdms": _read_tdms,
+    ".lvm": read_lvm, ".mf4": _read_mdf, ".mdf": _read_mdf, ".pvp": read_delimited,
     **dict.fromkeys((".rsp", ".drv", ".tim", ".rpc"), read_rpc), ".ld": read_ld, ".vbo": read_vbo,
     ".xrk": read_xrk, ".xrz": read_xrk,
 }  # fmt: skip

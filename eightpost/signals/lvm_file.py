@@ -304,10 +304,6 @@ def _readable_lines(lines: Sequence[str], path: Path) -> tuple[list[str], tuple[
     A last sample without a line end is left out. Special blocks and repeated empty lines are removed, empty lines
     within a table too. The tag `Channels` gets as many cells as the table has, and a missing `Decimal_Separator` is
     added if the numbers have a decimal comma.
-
-    Raises:
-        FileFormatError: A table without X values is interrupted, so that the times behind the gap are unknown, or a
-            segment has no names of channels.
     """
     separator = _separator_of(lines)
     kept, notes = list(lines), []

@@ -122,11 +122,7 @@ def _record(content: dict[str, Any], path: Path) -> RawRecord:
 
 
 def _texts(struct: object, name: str, path: Path) -> dict[str, str]:
-    """Return the texts of a struct by field; empty for an empty array in place of the struct.
-
-    Raises:
-        FileFormatError: The value is not a struct, or a field is not a text.
-    """
+    """Return the texts of a struct by field; empty for an empty array in place of the struct."""
     if not isinstance(struct, dict):
         if isinstance(struct, np.ndarray) and struct.size == 0:
             return {}

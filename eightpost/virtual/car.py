@@ -161,7 +161,7 @@ _GRAVITY = convert(1.0, "g_0", "m/s2")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shell:
+class _Shell:
     """Chassis without engine: three rigid motions and two elastic modes.
 
     Height at x ahead and y left of the centre of gravity, positive up:
@@ -213,17 +213,17 @@ class Suspension:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sliders:
+class _Sliders:
     """Springs in series with dry contacts: they stick exactly up to the breakaway force, then slide."""
 
     sliding: Array  #: Sliding forces (n,) [N].
     breakaway: Array  #: Breakaway forces (n,) [N], at least the sliding forces.
     stiffness: Array  #: Stiffness while sticking (n,) [N/m].
 
-    def scaled(self, factor: float) -> Sliders:
+    def scaled(self, factor: float) -> _Sliders:
         """Return sliders with forces multiplied by `factor` and the same distance before they slide."""
         stiffness = self.stiffness * max(factor, 1e-9)
-        return Sliders(self.sliding * factor, self.breakaway * factor, stiffness)
+        return _Sliders(self.sliding * factor, self.breakaway * factor, stiffness)
 
     def numbers(self) -> Array:
         """Return sliding force, breakaway force and stiffness (n, 3)."""
@@ -231,7 +231,7 @@ class Sliders:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CurvedTires:
+class _CurvedTires:
     """Tires that stiffen with deflection d, lose energy to dry hysteresis, and push but do not pull.
 
     N = max(0, W + k d + q max(d, -k / 2q)^2 + c d' + hysteresis)
@@ -241,11 +241,11 @@ class CurvedTires:
     stiffness: Array  #: Stiffness k at the static load (4,) [N/m].
     stiffening: Array  #: Coefficients q (4,) [N/m2].
     damping: Array  #: Damping c (4,) [N.s/m].
-    hysteresis: Sliders  #: Two sliders per tire, eight in all.
+    hysteresis: _Sliders  #: Two sliders per tire, eight in all.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FlexibleCar:
+class _FlexibleCar:
     """A car whose structure differs from that of the stand-in and of every model that is identified.
 
     It has eleven coordinates: heave, pitch, roll, bending and torsion of the shell, heave and pitch of the engine, and
@@ -254,13 +254,13 @@ class FlexibleCar:
     """
 
     name: str  #: Name of the car.
-    shell: Shell  #: Chassis.
+    shell: _Shell  #: Chassis.
     engine: Engine  #: Engine on its mounts.
     wheels: Array  #: Masses of the wheels (4,) [kg].
     suspension: Suspension  #: Springs, motion ratios and anti-roll bars.
     #: Six sliders: one between the wheel and the chassis of each corner, one along each anti-roll bar.
-    friction: Sliders
-    tires: CurvedTires  #: Tires.
+    friction: _Sliders
+    tires: _CurvedTires  #: Tires.
     geometry: Geometry  #: Positions of axles, actuators and measurements.
     tracks: tuple[float, float]  #: Distances between the front and between the rear wheels [m].
     driver: tuple[float, float] = (-0.5, 0.4)  #: Position of the driver ahead and left of the centre of gravity [m].
@@ -315,12 +315,12 @@ class FlexibleCar:
         """Static loads of the tires (4, 1) [N]."""
         return self.tires.static_load[:, None]
 
-    def changed(self, friction: float, tire: float) -> FlexibleCar:
+    def changed(self, friction: float, tire: float) -> _FlexibleCar:
         """Return the car with its friction and the stiffness of its tires multiplied by factors."""
         tires = replace(self.tires, stiffness=self.tires.stiffness * tire)
         return replace(self, friction=self.friction.scaled(friction), tires=tires)
 
-    def without_friction(self) -> FlexibleCar:
+    def without_friction(self) -> _FlexibleCar:
         """Return the same car without friction at its uprights and anti-roll bars."""
         return self.changed(0.0, 1.0)
 
@@ -402,7 +402,7 @@ class _Rows(NamedTuple):
 
 
 #: A car that the virtual rig can test.
-AnyCar = Car | FlexibleCar
+AnyCar = Car | _FlexibleCar
 
 
 # ==== The car, and cars drawn at random around it ====================================================================
@@ -428,12 +428,12 @@ class _Spread(NamedTuple):
         return np.repeat(self.many(2, deviation), 2) * self.many(4, between_sides)
 
 
-def base_car() -> FlexibleCar:
+def base_car() -> _FlexibleCar:
     """Return the flexible car with its base parameters; all of them are our own choice."""
     return _car(_Spread(None), "flexible")
 
 
-def flexible_truth(seed: int) -> FlexibleCar:
+def flexible_truth(seed: int) -> _FlexibleCar:
     """Return a car drawn around `base_car`: another seed is another car.
 
     Masses have standard deviations of 6 to 10 %, springs, bars and tires 8 to 20 %, natural frequencies 6 to 8 %,
@@ -445,13 +445,13 @@ def flexible_truth(seed: int) -> FlexibleCar:
     return _car(_Spread(np.random.default_rng([8, seed])), f"flexible:{seed}")
 
 
-def _car(spread: _Spread, name: str) -> FlexibleCar:
+def _car(spread: _Spread, name: str) -> _FlexibleCar:
     axle, geometry, tracks = 0.02, _geometry(spread), (1.62 * spread.one(0.02), 1.58 * spread.one(0.02))
     shell = _shell(spread)
     engine = _engine(spread)
     wheels = np.array([43.0, 43.0, 48.0, 48.0]) * spread.corners(0.08, axle)
     sprung = _corner_loads(shell, engine, geometry) * spread.corners(0.0)
-    return FlexibleCar(
+    return _FlexibleCar(
         name=name,
         shell=shell,
         engine=engine,
@@ -469,11 +469,11 @@ def _geometry(spread: _Spread) -> Geometry:
     return Geometry(front, rear, front + 0.30, rear + 0.22, 1.05, 1.05, 0.95, 0.95)
 
 
-def _shell(spread: _Spread) -> Shell:
+def _shell(spread: _Spread) -> _Shell:
     bending = (480.0 * spread.one(0.1), 23.0 * spread.one(0.06), 0.03 * spread.one(0.2))
     torsion = (260.0 * spread.one(0.1), 17.0 * spread.one(0.08), 0.03 * spread.one(0.2))
     mass = 930.0 * spread.one(0.06)
-    return Shell(mass, 1.45 * mass * spread.one(0.06), 0.44 * mass * spread.one(0.06), bending, torsion, 1.37)
+    return _Shell(mass, 1.45 * mass * spread.one(0.06), 0.44 * mass * spread.one(0.06), bending, torsion, 1.37)
 
 
 def _engine(spread: _Spread) -> Engine:
@@ -486,7 +486,7 @@ def _engine(spread: _Spread) -> Engine:
     return Engine(mass, 0.12 * mass * spread.one(0.08), 0.95, (0.20, -0.70), stiffness, damping)
 
 
-def _corner_loads(shell: Shell, engine: Engine, geometry: Geometry) -> Array:
+def _corner_loads(shell: _Shell, engine: Engine, geometry: Geometry) -> Array:
     """Return the static loads (4,) of the sprung mass [N]."""
     base = geometry.front_axle + geometry.rear_axle
     moment = engine.mass * engine.ahead
@@ -510,22 +510,22 @@ def _suspension(spread: _Spread) -> Suspension:
     )
 
 
-def _friction(spread: _Spread) -> Sliders:
+def _friction(spread: _Spread) -> _Sliders:
     sliding = np.concatenate(
         (np.array([48.0, 48.0, 60.0, 60.0]) * spread.corners(0.3, 0.1), np.array([32.0, 20.0]) * spread.many(2, 0.3))
     )
     reach = np.array([3e-5, 3e-5, 4e-5, 4e-5, 6e-5, 6e-5]) * spread.many(6, 0.3)
-    return Sliders(sliding, 1.12 * sliding, sliding / reach)
+    return _Sliders(sliding, 1.12 * sliding, sliding / reach)
 
 
-def _tires(spread: _Spread, static_load: Array) -> CurvedTires:
+def _tires(spread: _Spread, static_load: Array) -> _CurvedTires:
     stiffness = np.array([310e3, 310e3, 330e3, 330e3]) * spread.corners(0.08, 0.015)
     share = np.tile([0.03, 0.03], 4) * np.repeat(spread.corners(0.3), 2)
     sliding = np.tile([12.0, 45.0], 4) * np.repeat(spread.corners(0.3), 2)
-    return CurvedTires(
+    return _CurvedTires(
         static_load=static_load,
         stiffness=stiffness,
         stiffening=np.array([3.0, 3.0, 3.0, 3.0]) * stiffness * spread.corners(0.4),
         damping=np.array([250.0, 250.0, 250.0, 250.0]) * spread.corners(0.25),
-        hysteresis=Sliders(sliding, sliding, np.repeat(stiffness, 2) * share),
+        hysteresis=_Sliders(sliding, sliding, np.repeat(stiffness, 2) * share),
     )

@@ -218,7 +218,7 @@ HIGHEST_GAS = 400.0 * PSI
 
 
 @dataclass(frozen=True, slots=True)
-class Shims:
+class _Shims:
     """Codes of Table 7.2 for the three shim stacks of a shock."""
 
     compression: str  #: Compression stack on the main piston.
@@ -236,7 +236,7 @@ class Setting:
 
 
 #: The three builds of 3.2.2: baseline, softer compression shims on the head valve, and softer ones on the main piston.
-SHIMS_OF_BUILD = {1: Shims("B", "B", "B"), 2: Shims("B", "B", "A+"), 4: Shims("A", "B", "B")}
+SHIMS_OF_BUILD = {1: _Shims("B", "B", "B"), 2: _Shims("B", "B", "A+"), 4: _Shims("A", "B", "B")}
 
 #: Rows of Table 3.1, numbered from 1.
 CONFIGURATIONS = {
@@ -281,16 +281,12 @@ def shim_build(name: str, *, clicks: int = 1, gas_pressure: float = 150.0 * PSI)
     compression, slash, rebound = name.partition("/")
     if not slash:
         raise ParameterError(f"{name!r} is not a build; write it as COMPRESSION/REBOUND, such as {BUILDS[5]}")
-    shims = Shims(compression, rebound)
+    shims = _Shims(compression, rebound)
     return _shimmed_shock(shims, clicks=clicks, gas_pressure=gas_pressure, dish=0.0, jet_area=0.3 * _MM2)
 
 
-def _shimmed_shock(shims: Shims, *, clicks: int, gas_pressure: float, dish: float, jet_area: float) -> PhysicalDamper:
-    """Return a shock with shims, a piston with a dish [m] (0: flat) and a bleed jet [m2].
-
-    Raises:
-        ParameterError: A shim code does not exist, or clicks or pressure are out of range.
-    """
+def _shimmed_shock(shims: _Shims, *, clicks: int, gas_pressure: float, dish: float, jet_area: float) -> PhysicalDamper:
+    """Return a shock with shims, a piston with a dish [m] (0: flat) and a bleed jet [m2]."""
     if not 0.0 <= gas_pressure <= HIGHEST_GAS:
         given, most = gas_pressure / PSI, HIGHEST_GAS / PSI
         raise ParameterError(f"the gas pressure must be 0 to {most:g} psi gauge, not {given:g} psi")
@@ -350,7 +346,7 @@ class Valving:
             ParameterError: A code does not exist, or clicks or pressure are out of range.
         """
         return _shimmed_shock(
-            Shims(self.compression, self.rebound, self.head),
+            _Shims(self.compression, self.rebound, self.head),
             clicks=self.clicks,
             gas_pressure=self.gas_pressure,
             dish=self.dish,

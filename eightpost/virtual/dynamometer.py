@@ -107,7 +107,7 @@ STEADY, LONGEST = 3.0, 3600.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SineTest:
+class _SineTest:
     """A sine test of the dynamometer."""
 
     amplitude: float  #: Amplitude [m].
@@ -126,7 +126,7 @@ class SineTest:
         return f"{convert(self.amplitude, 'm', 'in'):.3g}in_{convert(self.speed, 'm/s', 'in/s'):.3g}ips"
 
 
-def sine_test(amplitude: float, speed: float, *, cycles: int = 3, rate: float = 2000.0) -> SineTest:
+def sine_test(amplitude: float, speed: float, *, cycles: int = 3, rate: float = 2000.0) -> _SineTest:
     """Return a sine that starts from rest.
 
         x = A w(t) sin(omega t),  w a raised cosine from 0 to 1 over the first whole cycles, half a second or more
@@ -161,10 +161,10 @@ def sine_test(amplitude: float, speed: float, *, cycles: int = 3, rate: float = 
     fade = 0.5 - 0.5 * np.cos(np.pi * np.minimum(time / start, 1.0))
     displacement = amplitude * fade * np.sin(2.0 * np.pi * frequency * time)
     series = TimeSeries.from_channels(time, {"displacement": ("m", displacement)})
-    return SineTest(amplitude, speed, start, Drivefile(series))
+    return _SineTest(amplitude, speed, start, Drivefile(series))
 
 
-def sine_tests() -> tuple[SineTest, ...]:
+def sine_tests() -> tuple[_SineTest, ...]:
     """Return the 14 sines of Table 3.3 in the order of the table."""
     table = [(convert(a, "in", "m"), convert(v, "in/s", "m/s")) for a, v in TABLE_3_3]
     return tuple(sine_test(amplitude, speed) for amplitude, speed in table)

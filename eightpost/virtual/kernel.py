@@ -205,21 +205,10 @@ def _record(row: Array, q: Array, v: Array, a: Array, outputs: Array) -> None:
 
 
 @compiled
-def march_shock(
+def _march_shock(
     kind: int, numbers: Array, law: Any, places: Array, speeds: Array, h: float, steps: int, states: Array
 ) -> None:
-    """Fill the states (N, STATES) of a shock at every `steps` samples of a motion; the first row is the initial state.
-
-    Args:
-        kind: Type of the shock.
-        numbers: Parameters (NUMBERS,).
-        law: Law as a record of `LAW_NUMBERS`.
-        places: Displacements (steps (N - 1) + 1,) [m].
-        speeds: Velocities at the same times [m/s].
-        h: Time between them [s].
-        steps: Steps from one row to the next.
-        states: Output array.
-    """
+    """Fill the states (N, STATES) of a shock at every `steps` samples of a motion; the first row is the start."""
     state, work = states[0].copy(), np.empty((10, 3))
     for k in range(1, places.size):
         shock_force(kind, numbers, law, state, speeds[k - 1], speeds[k], places[k], h, work)
@@ -265,7 +254,7 @@ def along(
         part = states[block : block + _BLOCK + 1]
         fine = time[block] + np.arange(steps * (len(part) - 1) + 1) / (rate * steps)
         h = 1.0 / (rate * steps)
-        march_shock(row.kind, numbers, np.zeros(1, LAW_NUMBERS)[0], spline(fine), spline(fine, 1), h, steps, part)
+        _march_shock(row.kind, numbers, np.zeros(1, LAW_NUMBERS)[0], spline(fine), spline(fine, 1), h, steps, part)
     if not np.isfinite(states).all():
         raise StepError("the integration of the damper failed: a state is not finite; check its parts and its motion")
     return time, places, speeds, states

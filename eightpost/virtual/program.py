@@ -351,7 +351,7 @@ Draws = Literal["same", "other"]
 
 
 @dataclass(frozen=True, slots=True)
-class PlannedTest:
+class _PlannedTest:
     """One test of a program."""
 
     name: str  #: Name of the output file, without suffix.
@@ -362,7 +362,7 @@ class PlannedTest:
 
 def identification_program(
     car: AnyCar, seed: int, *, duration: float | None = None, draws: Draws = "same"
-) -> tuple[PlannedTest, ...]:
+) -> tuple[_PlannedTest, ...]:
     """Return `baseline` and one `alternate_<corner>` per corner with the random drive file (6.1.5).
 
     Args:
@@ -372,22 +372,22 @@ def identification_program(
         draws: "other" uses the following seeds for the alternate tests, which gives the local polynomial method and the
             global H1 estimator more information. The difference method of the dissertation (Eq 4.26) needs "same".
     """
-    length = duration or random_length(car)
-    first = cache(partial(random_test, car, seed, duration=length))
-    planned = [PlannedTest("baseline", _random(length, seed), first)]
+    length = duration or _random_length(car)
+    first = cache(partial(_random_test, car, seed, duration=length))
+    planned = [_PlannedTest("baseline", _random(length, seed), first)]
     for k, corner in enumerate(car.corners, start=1):
         own = seed + k if draws == "other" else seed
-        draw = cache(partial(random_test, car, own, duration=length)) if draws == "other" else first
-        planned.append(PlannedTest(f"alternate_{corner}".rstrip("_"), _random(length, own), draw, corner))
+        draw = cache(partial(_random_test, car, own, duration=length)) if draws == "other" else first
+        planned.append(_PlannedTest(f"alternate_{corner}".rstrip("_"), _random(length, own), draw, corner))
     return tuple(planned)
 
 
-def random_length(car: AnyCar) -> float:
+def _random_length(car: AnyCar) -> float:
     """Return the duration of the random test in the dissertation for a car [s]."""
     return RANDOM if len(car.corners) == 4 else QUARTER_RANDOM
 
 
-def random_test(car: AnyCar, seed: int, *, duration: float) -> Drivefile:
+def _random_test(car: AnyCar, seed: int, *, duration: float) -> Drivefile:
     """Return a car's random drive file: noise of Table 6.3, for a quarter car the multisine of Table 4.3."""
     if len(car.corners) == 1:
         return quarter_random(seed, duration=duration)
@@ -401,10 +401,10 @@ def bump_test(car: AnyCar, *, duration: float | None = None) -> Drivefile:
     return bump_drive(car, duration=duration or 50.0)
 
 
-def _single_program(car: AnyCar, seed: int) -> tuple[PlannedTest, ...]:
+def _single_program(car: AnyCar, seed: int) -> tuple[_PlannedTest, ...]:
     """Return `single_<input>` for each input alone, 100 s each (6.1.3), each with another draw."""
     return tuple(
-        PlannedTest(
+        _PlannedTest(
             f"single_{name.replace('.', '_')}",
             f"{name} alone, random, {SINGLE:g} s, seed {seed + k}",
             partial(random_drive, car, seed + k, duration=SINGLE, active=(name,)),
@@ -413,13 +413,13 @@ def _single_program(car: AnyCar, seed: int) -> tuple[PlannedTest, ...]:
     )
 
 
-def _sine_program(car: AnyCar) -> tuple[PlannedTest, ...]:
+def _sine_program(car: AnyCar) -> tuple[_PlannedTest, ...]:
     """Return `sine_<mode>_<frequency>hz` of Table 6.2 in heave, pitch and roll, or of Table 4.4 for a quarter car."""
     tables = {"heave": HEAVE_SINES, "pitch": TILT_SINES, "roll": TILT_SINES}
     if len(car.corners) == 1:
         tables = {"heave": TABLE_4_4}
     return tuple(
-        PlannedTest(
+        _PlannedTest(
             f"sine_{mode}_{frequency:g}hz",
             f"sine, {mode}, {frequency:g} Hz, {amplitude:g} in",
             partial(sine_drive, car, frequency, amplitude * _INCH, mode=mode),
@@ -429,24 +429,24 @@ def _sine_program(car: AnyCar) -> tuple[PlannedTest, ...]:
     )
 
 
-def _static_program(car: AnyCar) -> tuple[PlannedTest, ...]:
+def _static_program(car: AnyCar) -> tuple[_PlannedTest, ...]:
     """Return `static_<mode>` and `static_<corner>` of the spring rating (6.1.3); none for a car without aeroloaders."""
     if car.loads != car.named("aero"):
         return ()
     kinds = {mode: mode for mode in SIGNS} | dict(zip(car.corners, car.loads, strict=True))
     return tuple(
-        PlannedTest(f"static_{name}", f"static loading, {name}", partial(static_drive, car, kind))
+        _PlannedTest(f"static_{name}", f"static loading, {name}", partial(static_drive, car, kind))
         for name, kind in kinds.items()
     )
 
 
-def _track_program(car: AnyCar, seed: int) -> tuple[PlannedTest, ...]:
+def _track_program(car: AnyCar, seed: int) -> tuple[_PlannedTest, ...]:
     """Return `track_baseline` and `track_alternate_<corner>` (6.1.5); none for a quarter car."""
     if car.geometry is None:
         return ()
     lap, words = cache(partial(track_drive, car, seed)), f"track, seed {seed}"
-    baseline = PlannedTest("track_baseline", words, lap)
-    return (baseline, *(PlannedTest(f"track_alternate_{corner}", words, lap, corner) for corner in car.corners))
+    baseline = _PlannedTest("track_baseline", words, lap)
+    return (baseline, *(_PlannedTest(f"track_alternate_{corner}", words, lap, corner) for corner in car.corners))
 
 
 #: Names of the programs on the command line.
@@ -455,7 +455,7 @@ PROGRAMS = ("identification", "single", "sine", "bump", "static", "track", "all"
 
 def program(
     name: str, car: AnyCar, seed: int, *, duration: float | None = None, draws: Draws = "same"
-) -> tuple[PlannedTest, ...]:
+) -> tuple[_PlannedTest, ...]:
     """Return a program's tests.
 
     Args:
@@ -470,12 +470,12 @@ def program(
     """
     if name not in PROGRAMS:
         raise ParameterError(f"there is no program {name!r}; there are {', '.join(PROGRAMS)}")
-    programs: dict[str, Callable[[], tuple[PlannedTest, ...]]] = {
+    programs: dict[str, Callable[[], tuple[_PlannedTest, ...]]] = {
         "identification": partial(identification_program, car, seed, duration=duration, draws=draws),
         # Other seeds than the identification, because validation records must differ from those of the fit.
         "single": partial(_single_program, car, seed + 100),
         "sine": partial(_sine_program, car),
-        "bump": lambda: (PlannedTest("bump", "bump", partial(bump_test, car)),),
+        "bump": lambda: (_PlannedTest("bump", "bump", partial(bump_test, car)),),
         "static": partial(_static_program, car),
         "track": partial(_track_program, car, seed + 200),
     }
@@ -546,7 +546,7 @@ class Bench:
             conditions=RigConditions(drivefile=words, shocks=tuple(shocks), synthetic=self.note),
         )
 
-    def record_planned(self, planned: PlannedTest, number: int, baseline: Sequence[str], alternate: str) -> RigTest:
+    def record_planned(self, planned: _PlannedTest, number: int, baseline: Sequence[str], alternate: str) -> RigTest:
         """Run a test of a program, with the shock `alternate` at the corner that the test names."""
         corners = zip(self.car.corners, baseline, strict=True)
         names = [alternate if corner == planned.alternate else shock for corner, shock in corners]
@@ -577,7 +577,7 @@ class Bench:
                 raise InputError(f"--test single needs --set only, one of {', '.join(car.inputs)}")
             return random_drive(car, seed, duration=duration or SINGLE, active=(only,))
         if test == "random":
-            return random_test(car, seed, duration=duration or random_length(car))
+            return _random_test(car, seed, duration=duration or _random_length(car))
         if test == "sine":
             return sine_drive(car, frequency, amplitude, mode=mode, duration=duration or 20.0)
         if test == "bump":

@@ -42,7 +42,7 @@ _POUND = convert(1.0, "lbf", "N")
 
 
 @dataclass(frozen=True, slots=True)
-class ValveSide:
+class _ValveSide:
     """One side of the piston: a bleed orifice in parallel with a blow-off stack.
 
         bleed:     |F| = R u + Q u^2
@@ -80,8 +80,8 @@ class TruthDamper:
     Here v is the velocity, x the displacement and g the flow velocity of the valve, which differs between the sides.
     """
 
-    compression: ValveSide  #: Valve side for positive force.
-    rebound: ValveSide  #: Valve side for negative force.
+    compression: _ValveSide  #: Valve side for positive force.
+    rebound: _ValveSide  #: Valve side for negative force.
     fluid_stiffness: float  #: Fluid stiffness k0 at zero force [N/m].
     stiffening_force: float  #: Force F1 at which the fluid is twice as stiff [N].
     gas_stiffness: float = convert(4.0, "lbf/in", "N/m")  #: Gas stiffness K [N/m]; about 4 lbf/in at 150 psi (Eq 3.14).
@@ -156,7 +156,7 @@ def demo_damper(build: str) -> TruthDamper:
         raise ParameterError(f"no demonstration build {build!r}; there are {', '.join(_BUILDS)}")
     *sides, stiffness, stiffening = _BUILDS[build]
     compression, rebound = (
-        ValveSide(bleed * _DAMPING, square * _DAMPING / 0.0254, opening * _POUND, 0.15 * opening * _POUND,
+        _ValveSide(bleed * _DAMPING, square * _DAMPING / 0.0254, opening * _POUND, 0.15 * opening * _POUND,
                   damping * _DAMPING)
         for bleed, square, opening, damping in sides
     )  # fmt: skip

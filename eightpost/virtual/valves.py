@@ -337,7 +337,7 @@ CAVITATION_SHARE = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class Cavitation:
+class _Cavitation:
     """Cavitation in a run."""
 
     share: float  #: Share of samples with a chamber below 30 kPa absolute [1].
@@ -349,7 +349,7 @@ class Cavitation:
         return self.share > CAVITATION_SHARE
 
 
-def cavitation(response: TimeSeries) -> Cavitation:
+def cavitation(response: TimeSeries) -> _Cavitation:
     """Return the cavitation in a response of `PhysicalDamper.respond`."""
     lower = np.minimum(response["compression_pressure"], response["rebound_pressure"])
-    return Cavitation(float(np.mean(lower < CAVITATION_PRESSURE)), float(lower.min()))
+    return _Cavitation(float(np.mean(lower < CAVITATION_PRESSURE)), float(lower.min()))

@@ -48,15 +48,7 @@ def columns_of(record: Path) -> Columns:
 def name_channels(
     window: Window, columns: Columns, channels: Sequence[str], path: Path, done: Callable[[], Awaitable[None]]
 ) -> None:
-    """Show a list for each channel, from which its column is chosen, and its sign.
-
-    Args:
-        window: The window.
-        columns: Columns of the record, with the ones proposed.
-        channels: Channels that the record may have.
-        path: Channel map to write.
-        done: Function that is called when it is written.
-    """
+    """Show a list for each channel, from which its column is chosen, and its sign."""
     raw, guess = columns
     record = Path(raw.origin.path or "")
     labels = {name: f"{name} [{unit}]" if unit else name for name, unit in zip(raw.names, raw.units, strict=True)}
@@ -81,13 +73,7 @@ def name_channels(
 
 
 def write_map(path: Path, columns: Mapping[str, str], reversed_channels: set[str]) -> None:
-    """Write a channel map.
-
-    Args:
-        path: File of the map.
-        columns: Column of each channel.
-        reversed_channels: Channels whose sign is changed.
-    """
+    """Write a channel map."""
     lines = []
     for channel, column in columns.items():
         lines += [f"[channels.{json.dumps(channel)}]", f"source = {json.dumps(column, ensure_ascii=False)}"]

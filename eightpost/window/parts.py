@@ -140,11 +140,7 @@ _HEADER = """
 
 
 class Window:
-    """What all screens share, whichever browser shows them: the folder, commands and chosen files.
-
-    Args:
-        folder: Folder of work.
-    """
+    """What all screens share, whichever browser shows them: the folder, commands and chosen files."""
 
     def __init__(self, folder: Folder) -> None:
         self.folder = folder

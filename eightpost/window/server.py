@@ -1,4 +1,4 @@
-"""The server of the window: its address, its pages, and its end."""
+"""The server of the window: its address, who may talk to it, its pages, and its end."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ import socket
 import webbrowser
 from collections.abc import Awaitable, Callable
 from functools import partial
+from http.cookies import SimpleCookie
 from pathlib import Path
 from types import FrameType
 from typing import Any
+from urllib.parse import parse_qs
 
 from eightpost.errors import OutputError
 from eightpost.extras import needs
@@ -20,9 +22,10 @@ with needs("app", "the window"):
     import uvicorn
     from fastapi import FastAPI
     from nicegui import app, events, ui
-    from starlette.responses import FileResponse, PlainTextResponse, Response
+    from starlette.responses import FileResponse, PlainTextResponse, RedirectResponse, Response
+    from starlette.types import ASGIApp, Receive, Scope, Send
 
-from eightpost.window import car, dyno, guard, parts, study, system
+from eightpost.window import car, dyno, parts, study, system
 
 _SCREENS: dict[str, Callable[[parts.Window], Awaitable[None]]] = {
     "Dyno": dyno.show, "Car": car.show, "Run": system.show, "Study": study.show,
@@ -93,7 +96,7 @@ def _web(window: parts.Window, port: int, token: str) -> FastAPI:
     app.get("/file/{name:path}")(partial(_file, window))
     web = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
     ui.run_with(web, dark=None, language="en-US", show_welcome_message=False, tailwind=False, unocss="mini")
-    web.add_middleware(guard.Guard, port=port, token=token)
+    web.add_middleware(_Guard, port=port, token=token)
     return web
 
 
@@ -127,3 +130,60 @@ def _file(window: parts.Window, name: str) -> Response:
     if path.suffix == ".html":
         return FileResponse(path, media_type="text/html")
     return FileResponse(path, filename=path.name)
+
+
+# ---- Who may talk to the window: the browser that opened its link, from this machine, on this address ----------------
+
+
+class _Guard:
+    """Middleware that refuses requests with another host, another origin, or without the token.
+
+    A page of another site in the same browser could otherwise reach the window: by its own requests (origin), or under
+    a name that it points to this machine (host).
+
+    Args:
+        app: Application behind it.
+        port: Port of the window.
+        token: Token of the link, which becomes a cookie.
+    """
+
+    def __init__(self, app: ASGIApp, port: int, token: str) -> None:
+        self._app, self._token, self._cookie = app, token, f"eightpost_{port}"
+        self._hosts = {f"127.0.0.1:{port}", f"localhost:{port}"}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on, or refuse it."""
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
+        host = headers.get("host", "")
+        if host not in self._hosts or headers.get("origin", f"http://{host}") != f"http://{host}":
+            await self._refuse(scope, receive, send, "This window serves its own address only.")
+        elif self._is_token(self._in_cookie(headers.get("cookie", ""))):
+            await self._app(scope, receive, send)
+        elif scope["type"] == "http" and self._is_token(_in_link(scope)):
+            answer = RedirectResponse("/", 303)
+            answer.set_cookie(self._cookie, self._token, httponly=True, samesite="strict")
+            await answer(scope, receive, send)
+        else:
+            await self._refuse(scope, receive, send, "Open the link that `eightpost app` printed; it has a token.")
+
+    def _is_token(self, text: str) -> bool:
+        return secrets.compare_digest(text.encode(), self._token.encode())
+
+    def _in_cookie(self, header: str) -> str:
+        morsel = SimpleCookie(header).get(self._cookie)
+        return morsel.value if morsel else ""
+
+    @staticmethod
+    async def _refuse(scope: Scope, receive: Receive, send: Send, text: str) -> None:
+        if scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008})
+        else:
+            await PlainTextResponse(text, 403)(scope, receive, send)
+
+
+def _in_link(scope: Scope) -> str:
+    query: str = scope["query_string"].decode("latin-1")
+    return parse_qs(query).get("token", [""])[0]

@@ -38,7 +38,7 @@ async def show(window: Window) -> None:
             ui.notify("choose a car, a drive file and at least two shocks")
             return
         folder = window.folder.path / "studies" / str(chosen["name"])
-        write_study(folder / "study.toml", {**chosen, "bank": bank}, window.folder.path)
+        _write_study(folder / "study.toml", {**chosen, "bank": bank}, window.folder.path)
         product = window.folder.name(folder)
         window.start("study", f"Study {chosen['name']}", [["study", f"{product}/study.toml", "-o", product]], folder)
 
@@ -76,15 +76,8 @@ async def show(window: Window) -> None:
     await result.refresh()
 
 
-def write_study(path: Path, chosen: Mapping[str, Any], root: Path) -> None:
-    """Write a study file.
-
-    Args:
-        path: File to write.
-        chosen: `car`, `drive`, `baseline` and the list `bank` as paths in the folder; `name`, `objective`; `alike`,
-            whether left and right are alike; `stop`, length of the drive [s].
-        root: Folder of all paths.
-    """
+def _write_study(path: Path, chosen: Mapping[str, Any], root: Path) -> None:
+    """Write a study file."""
 
     def text(value: object) -> str:
         return json.dumps(str(value), ensure_ascii=False)

@@ -83,7 +83,7 @@ class _Screen:
             return
         folder = self.window.folder.path / "runs" / str(self.chosen["name"])
         sources = list(dict.fromkeys([self.chosen["car"], *(self.chosen[corner] for corner in CORNERS)]))
-        write_system(folder / "system.toml", self.chosen, self.window.folder.path)
+        _write_system(folder / "system.toml", self.chosen, self.window.folder.path)
         product = self.window.folder.name(folder)
         commands = [["build", *sources, "-o", "fmus"], ["run", f"{product}/system.toml", "-o", product, "--report"]]
         self.window.start("run", f"Run {self.chosen['name']}", commands, folder)
@@ -127,15 +127,8 @@ def _choice(chosen: dict[str, Any], key: str, options: Mapping[str, str], label:
     ui.select(dict(options), label=label).bind_value(chosen, key).classes("w-full").props("dense")
 
 
-def write_system(path: Path, chosen: Mapping[str, Any], root: Path) -> None:
-    """Write the system file of a car with a shock at each corner.
-
-    Args:
-        path: File to write.
-        chosen: `car`, `drive` and the shock at each corner as paths in the folder; `name`; `stop`, the
-            length of the run [s].
-        root: Folder of all paths; the FMUs are in its folder `fmus`.
-    """
+def _write_system(path: Path, chosen: Mapping[str, Any], root: Path) -> None:
+    """Write the system file of a car with a shock at each corner."""
 
     def text(value: object) -> str:
         return json.dumps(str(value), ensure_ascii=False)

@@ -25,7 +25,7 @@ _END = getattr(signal, "SIGKILL", signal.SIGTERM)
 _LOOK = 0.05
 
 
-class Heartbeats:
+class _Heartbeats:
     """Heartbeat counters of the workers of one pool, with the time of their last change."""
 
     def __init__(self, count: int, context: SpawnContext) -> None:
@@ -155,9 +155,9 @@ class Pool:
         self._pool.shutdown(wait=wait, cancel_futures=True)
         self._heartbeats.end_working(_GRACE)
 
-    def _start(self) -> tuple[ProcessPoolExecutor, Heartbeats]:
+    def _start(self) -> tuple[ProcessPoolExecutor, _Heartbeats]:
         context = _Context()
-        heartbeats = Heartbeats(self.count, context)
+        heartbeats = _Heartbeats(self.count, context)
         pool = ProcessPoolExecutor(
             self.count, mp_context=context, initializer=_start_worker, initargs=(os.getpid(), *heartbeats.shared)
         )

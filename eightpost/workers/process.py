@@ -33,7 +33,7 @@ _LOOK, _PATIENCE = 0.5, 1.0
 # ---- Command of a Python process ------------------------------------------------------------------------------------
 
 
-def import_path() -> list[str]:
+def _import_path() -> list[str]:
     """Return this process's import path for a child: absolute, and without the current folder.
 
     Python searches the current folder first (`python -m`, `python -c`, a notebook), and a user's file there may have
@@ -57,7 +57,7 @@ def python_command(module: str, *arguments: str, bare: str = "", folder: str = "
         folder: Folder that the new process removes when this one has ended.
     """
     code = (
-        f"import sys; sys.path[:] = {import_path()!r}; from eightpost.workers import process; "
+        f"import sys; sys.path[:] = {_import_path()!r}; from eightpost.workers import process; "
         f"process.end_with({os.getpid()}, {folder!r}); process.run_module({module!r}, {bare!r})"
     )
     return [sys.executable, "-P", "-c", code, *arguments]

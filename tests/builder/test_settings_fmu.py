@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from builder.build import build
-from builder.native_fmu import c_sources
+from builder.native_fmu import _c_sources
 from builder.product import shock_product
 from cosim import Bond, FmuComponent, GaussSeidel, Scenario, System, run
 from eightpost.errors import FmuError
@@ -141,7 +141,7 @@ def test_the_interface_and_the_code_without_settings_do_not_mention_them():
     plain = replace(shock_of("lpf1"), settings=None)
     product = shock_product(plain, "plain")
     assert not [v.name for v in product.interface.variables if v.name in (*NAMES, *REPORTED[1:])]
-    sources = c_sources(product, product.interface, "0")
+    sources = _c_sources(product, product.interface, "0")
     assert "settings_data.h" not in sources
     assert b"HAS_SETTINGS" not in sources["interface.h"]
 

@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 import cosim
-from builder.ssp import setup_member, write_ssp
+from builder.ssp import _setup_member, write_ssp
 from eightpost.__main__ import main
 from eightpost.archive import read_archive, write_archive
 from eightpost.corners import CORNERS
@@ -58,7 +58,7 @@ def test_the_description_is_valid_and_contains_the_annotations_that_tools_need(c
     schemas = Path(pyssp_standard.__file__).parent / "resources"
     for name, schema in (
         ("SystemStructure.ssd", "SystemStructureDescription.xsd"),
-        (setup_member("lf"), "SystemStructureParameterValues.xsd"),
+        (_setup_member("lf"), "SystemStructureParameterValues.xsd"),
     ):
         (tmp_path / "document.xml").write_bytes(members[name])
         xmlschema.XMLSchema(str(schemas / schema)).validate(str(tmp_path / "document.xml"))
@@ -71,7 +71,7 @@ def test_the_setup_files_contain_only_variables_that_can_be_set(car, tmp_path):
     write_ssp(tmp_path / "car.ssp", car)
     members = read_archive(tmp_path / "car.ssp")
     for component, fmu in car.fmus.items():
-        setup = ET.fromstring(members[setup_member(component)])
+        setup = ET.fromstring(members[_setup_member(component)])
         named = {p.get("name") for p in setup.iter() if p.tag.endswith("Parameter")}
         variables = fmpy.read_model_description(str(fmu)).modelVariables
         assert named and named <= {v.name for v in variables if v.causality == "parameter"}
@@ -173,9 +173,9 @@ def test_changing_only_a_setup_file_changes_the_shock_of_one_corner(car, tmp_pat
     write_ssp(tmp_path / "car.ssp", car)
     members = read_archive(tmp_path / "car.ssp")
     entry = rb'(name="compression_scale">\s*<ssv:Real value=")1.0"'
-    setup, count = re.subn(entry, rb'\g<1>1.7"', members[setup_member("lf")])
+    setup, count = re.subn(entry, rb'\g<1>1.7"', members[_setup_member("lf")])
     assert count == 1
-    write_archive(tmp_path / "changed.ssp", {**members, setup_member("lf"): setup})
+    write_archive(tmp_path / "changed.ssp", {**members, _setup_member("lf"): setup})
     expected = jacobi(car, lf={"compression_scale": 1.7})
     found = libcosim(tmp_path / "changed.ssp")
     agree(found, expected)
@@ -200,5 +200,5 @@ stop = "1 s"
     assert ran.exit_code == 0, ran.output
     assert "car.road" in ran.output
     members = read_archive(tmp_path / "corner.ssp")
-    assert re.search(rb'name="compression_scale">\s*<ssv:Real value="1.2"', members[setup_member("shock")])
-    assert b'name="aero_force"' in members[setup_member("car")]
+    assert re.search(rb'name="compression_scale">\s*<ssv:Real value="1.2"', members[_setup_member("shock")])
+    assert b'name="aero_force"' in members[_setup_member("car")]

@@ -23,7 +23,7 @@ from eightpost.api.shape_page import (
     robust_table,
     write_aim,
 )
-from eightpost.api.shapes import Aim, Curves, Neighbour, Request, Target
+from eightpost.api.shapes import Aim, Curves, Request, Target, _Neighbour
 from eightpost.shock.shape import Shape, ShapeFit, Side
 from eightpost.verdict import is_intact
 from eightpost.virtual.damper import NearestValving, Valving
@@ -35,7 +35,7 @@ VALVING = NearestValving(Valving(), -25.0, 12.0, 0.02, VELOCITY, 900.0 * VELOCIT
 BAND = Band(0.8, 0.12, 0.96, np.zeros((60, 1)), np.array([[0.0, 1.0]]))
 TARGET = Target(
     CORNERS, SHAPE, VELOCITY, 800.0 * VELOCITY - 1.0, 800.0 * VELOCITY + 1.0, {"rebound.low": (1200.0, 1900.0)},
-    ("rebound.low",), (Neighbour("soft", 30.0, 0.05, 9.5),), VALVING, SHAPE, 9.7,
+    ("rebound.low",), (_Neighbour("soft", 30.0, 0.05, 9.5),), VALVING, SHAPE, 9.7,
 )  # fmt: skip
 OPTIMUM = ShapeOptimum(
     np.array([0.4]), 9.3, 9.0, 0.15, 9.4, True, ((10.0, 9.1), (11.0, 9.0)), 50, ("converged", "steps")

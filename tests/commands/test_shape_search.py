@@ -12,7 +12,7 @@ import pytest
 from cosim.study.choice.shape_search import Evaluation, Robustness, ShapeOptimum
 from cosim.study.definition import Build
 from eightpost.api import shapes as shape_search
-from eightpost.api.shapes import Curves, Request, bank_plan, find_curves, searched_groups, shapes_of_bank
+from eightpost.api.shapes import Curves, Request, _find_curves, _shapes_of_bank, bank_plan, searched_groups
 from eightpost.errors import InputError
 from eightpost.shock import Shock, read_shock, write_shock
 from eightpost.shock.shape import Shape, ShapeFit, Side
@@ -55,7 +55,7 @@ def test_a_bank_without_a_setup_that_runs_is_refused():
 
 def test_a_bank_without_shock_files_is_refused():
     with pytest.raises(InputError, match=r"no build of the bank is a shock file \(\.json\)"):
-        shapes_of_bank({})
+        _shapes_of_bank({})
 
 
 def test_the_groups_of_the_named_corners_are_searched(monkeypatch):
@@ -141,16 +141,16 @@ def test_gains_are_counted_from_the_best_of_the_bank_and_a_band_needs_an_assured
 
     counted = []
     for name, stub in {
-        "Problem": Problem, "search": search, "band": band, "shapes_of_bank": lambda _sources: FITS,
+        "Problem": Problem, "search": search, "band": band, "_shapes_of_bank": lambda _sources: FITS,
         "_best_of_bank": lambda *_: (SimpleNamespace(setup=lambda row: SimpleNamespace(builds=dict.fromkeys(
             CORNERS, "stiff" if row == 3 else "soft"))), 3),
-        "drawn_car": lambda *_: "cars", "searched_groups": lambda *_: (CORNERS,), "_fmu": lambda *_: Path("any.fmu"),
+        "_drawn_car": lambda *_: "cars", "searched_groups": lambda *_: (CORNERS,), "_fmu": lambda *_: Path("any.fmu"),
         "Trials": lambda *_: SimpleNamespace(count=77),
     }.items():  # fmt: skip
         monkeypatch.setattr(shape_search, name, stub)
     asked = Request(vary=("rebound.low",), robustness=Robustness(6, 2.0), keep=0.7, objective="grip")
     study = SimpleNamespace(bank={}, baseline={})
-    found = find_curves(
+    found = _find_curves(
         SimpleNamespace(study=study, folder=Path("out"), units={}), {}, None, None, asked, None, counted.append
     )
     assert found.gains.tolist() == [1.0, 0.5, -1.0]
@@ -238,6 +238,6 @@ def test_the_objective_is_the_named_measure_the_studys_or_its_first_measure():
 
 def test_shapes_of_a_bank_are_fitted_to_its_shock_files(tmp_path):
     write_shock(Shock("stiff", STIFF.law()), tmp_path / "stiff.json")
-    found = shapes_of_bank({"stiff": tmp_path / "stiff.json"})["stiff"]
+    found = _shapes_of_bank({"stiff": tmp_path / "stiff.json"})["stiff"]
     assert found.relative < 1e-3
     assert found.shape.numbers()["rebound.low"] == pytest.approx(3000.0, rel=0.02)

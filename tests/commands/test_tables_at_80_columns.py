@@ -16,7 +16,7 @@ from cosim.study.measures import Measure
 from eightpost.api.shape_page import number_table
 from eightpost.api.shapes import bank_plan
 from eightpost.app.check import _table as findings_table
-from eightpost.app.study import front_table, show_study
+from eightpost.app.study import _front_table, show_study
 from eightpost.app.study_rig import measure_table
 from eightpost.corners import CORNERS
 from eightpost.report.tables import ResultTable, result_table
@@ -101,7 +101,7 @@ def test_the_front_of_optimise_has_the_builds_of_a_setup_in_one_cell():
         rows_of=lambda front, _by: np.arange(front.size),
     )  # fmt: skip
     optimum = Optimum(np.array([7, 2400]), np.array([[1.0, 2.0], [2.0, 1.0]]), np.empty((2, 0)), 0, "")
-    text = shown(front_table(result, optimum, ("front ride height, RMS", "total tire force, RMS")))
+    text = shown(_front_table(result, optimum, ("front ride height, RMS", "total tire force, RMS")))
     assert "Pareto front" in text and "lf rf lr rr" in text
     assert [row[:2] for row in rows_of(text)] == [["7", " ".join(builds.values())], ["2400", " ".join(builds.values())]]
 

@@ -71,13 +71,13 @@ def test_an_adaptive_run_is_compared_at_eight_times_its_tolerance_and_if_needed_
     parts: Any, monkeypatch: pytest.MonkeyPatch, relative: float, others: list[float]
 ) -> None:
     made = []
-    plain = run_module.DenseRuns.run
+    plain = run_module._DenseRuns.run
 
     def spied(self: Any, scheme: Any, step: float) -> Result:
         made.append(scheme.relative / relative)
         return plain(self, scheme, step)
 
-    monkeypatch.setattr(run_module.DenseRuns, "run", spied)
+    monkeypatch.setattr(run_module._DenseRuns, "run", spied)
     result = ran(parts(), Adaptive(relative=relative, largest=0.2), step=0.1, stop=0.3)
     assert made == pytest.approx([1.0, *others])
     assert result.coupling_error is not None

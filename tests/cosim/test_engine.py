@@ -33,7 +33,7 @@ from cosim import (
     System,
     run,
 )
-from cosim.components.fmu_component import FmuInstance
+from cosim.components.fmu_component import _FmuInstance
 from cosim.engine import march
 from cosim.systems.algorithm import VALUES
 from eightpost.errors import StepError
@@ -179,13 +179,13 @@ def test_a_system_runs_again_from_the_start_without_new_fmu_instances(
 ) -> None:
     """Between the two runs, the same components run in another system with other parameters and another step."""
     made: list[str] = []
-    new = FmuInstance._new
+    new = _FmuInstance._new
 
-    def counted(instance: FmuInstance) -> Any:
+    def counted(instance: _FmuInstance) -> Any:
         made.append(instance.name)
         return new(instance)
 
-    monkeypatch.setattr(FmuInstance, "_new", counted)
+    monkeypatch.setattr(_FmuInstance, "_new", counted)
     system, scenario = quarter_cars(), Scenario(0.5, bumps, {"a": "car_a.road"})
     first = run(system, scenario, algorithm=algorithm, step=2e-3, compared=False)
     assert sorted(made) == ["car_a", "shock_a"]

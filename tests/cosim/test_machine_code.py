@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cosim.engine import machine_code
 from cosim.engine.blocks import Block, described
-from cosim.engine.fmi3_calls import is_refused
+from cosim.engine.fmi3_calls import _is_refused
 from cosim.engine.machine_code import Request, object_file
 from cosim.engine.march import compiled
 from eightpost.cache import keep, recall
@@ -163,5 +163,5 @@ def test_the_engine_loads_without_importing_numba() -> None:
 
 
 def test_a_warning_of_an_fmu_is_no_refusal():
-    refused = getattr(is_refused, "py_func", is_refused)
+    refused = getattr(_is_refused, "py_func", _is_refused)
     assert [refused(status) for status in (0, 1, 2, 3, -1)] == [False, False, True, True, True]

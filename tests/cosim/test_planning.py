@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cosim import Scenario, System
-from cosim.session.setup import Layout, lay_out
+from cosim.session.setup import Layout, _lay_out
 from cosim.systems.coupling import Coupling
 from cosim.systems.system import Connection
 
@@ -42,7 +42,7 @@ def laid_out(make: Any, wiring: Wiring) -> tuple[Layout, dict[str, str]]:
         connections=tuple(Connection(f"{source}.y", f"{name}.u") for name, source in takes.items()),
         constants={f"{name}.u": 0.0 for name in NAMES if name not in takes},
     )
-    return lay_out(Coupling(system, Scenario(1.0), every_step=(), recorded=()), order), takes
+    return _lay_out(Coupling(system, Scenario(1.0), every_step=(), recorded=()), order), takes
 
 
 @pytest.mark.nightly

@@ -348,7 +348,7 @@ def test_compared_runs_record_every_step_or_the_shortest_interval_that_fits_in_m
     make: Any, monkeypatch: pytest.MonkeyPatch, record_step: float, fewest: int, every: float
 ) -> None:
     system, scenario = coupled(make, 60.0), Scenario(1.2, record=("car.velocity",))
-    runs = run_module.DenseRuns(
+    runs = run_module._DenseRuns(
         run_module.Request(system, scenario, GaussSeidel(), 0.001, engine="python"), record_step
     )
     # There are two decisive channels, i.e. 2400 values at 1 ms.

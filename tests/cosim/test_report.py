@@ -17,7 +17,7 @@ from cosim import Bond, Connection, Result, Scenario, System
 from cosim.report import page as page_module
 from cosim.report import write_report
 from cosim.report.drawing import arrows, groups
-from cosim.report.page import drive_digest
+from cosim.report.page import _drive_digest
 from cosim.session.verdict import BondEnergy, Coupled
 from eightpost import __version__
 from eightpost.errors import OutputError
@@ -119,7 +119,7 @@ def test_every_component_bond_channel_and_unit_is_on_the_page(run):
     text = _read(result, system, scenario).text
     for name in (*system.components, *(bond.name for bond in system.bonds), *result.series.names, "push"):
         assert name in text
-    for value in ("mass.fmu", "damper.fmu", *result.identities.values(), drive_digest(scenario.drive)):
+    for value in ("mass.fmu", "damper.fmu", *result.identities.values(), _drive_digest(scenario.drive)):
         assert value in text
     for unit in ("m/s", "in/s", "lbf", "J"):
         assert unit in text
@@ -322,7 +322,7 @@ def test_files_are_listed_with_their_digest_and_generation_tool(run, fmus):
 
 def test_the_digest_of_a_drive_depends_on_its_content_only():
     first, same, other = _drive(1.0), _drive(1.0), _drive(2.0)
-    assert drive_digest(first) == drive_digest(same) != drive_digest(other)
+    assert _drive_digest(first) == _drive_digest(same) != _drive_digest(other)
 
 
 def test_a_failed_write_leaves_the_old_page_unchanged(run, tmp_path, monkeypatch):

@@ -24,7 +24,7 @@ from cosim import (
 )
 from cosim.engine import sweep
 from cosim.engine.plan import EXTRAPOLATED, HELD
-from cosim.engine.sweep import _broyden, _invert, on_parabola, step_from
+from cosim.engine.sweep import _broyden, _invert, _on_parabola, step_from
 from cosim.systems.algorithm import VALUES
 from eightpost.errors import InputError
 
@@ -172,7 +172,7 @@ def test_a_parabola_is_extrapolated_exactly_for_any_step_sizes(steps: tuple[floa
     y = 3.0 - 2.0 * t + 5.0 * t**2
     past = past_of(t[:3], y[:3])
     step = step_from(past, t[2], steps[2], 4, 7)
-    assert on_parabola(past, 0, step) == pytest.approx(y[3], rel=1e-13)
+    assert _on_parabola(past, 0, step) == pytest.approx(y[3], rel=1e-13)
     assert (step.time, step.size, step.first, step.last) == (t[2], steps[2], 4, 7)
     assert step.per_second == pytest.approx(1.0 / steps[2], rel=1e-14)
     assert step.line == pytest.approx(steps[2] / steps[1], rel=1e-14)

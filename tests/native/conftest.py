@@ -17,7 +17,7 @@ from builder.assembly import Assembly, read_parts
 from builder.assembly.assembled_fmu import _unbuilt as assembled_source
 from builder.assembly.assembled_fmu import assembly_sources
 from builder.assembly.plan import assembly_interface
-from builder.native_fmu import c_sources, compiled, version_files
+from builder.native_fmu import _c_sources, compiled, version_files
 from builder.product import shock_product, vehicle_product
 from builder.toolchain import find_toolchain, fmi_headers
 from eightpost.archive import extract_archive, write_archive
@@ -61,7 +61,7 @@ def _source_folders(
     products += [vehicle_product(read_vehicle(shipped(name)), name) for name in ("seven_dof", "quarter_car")]
     products.append(vehicle_product(car_with_seat(), "car_with_seat"))
     products.append(vehicle_product(car_with_friction(), "car_with_friction"))
-    found = {product.identifier: c_sources(product, product.interface, "0") for product in products}
+    found = {product.identifier: _c_sources(product, product.interface, "0") for product in products}
     found["assembly"] = assembly_sources(assembly, assembly_interface(assembly), "0")
     folders = {}
     for model, files in found.items():

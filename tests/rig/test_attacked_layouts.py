@@ -12,7 +12,7 @@ from nptdms import ChannelObject, TdmsWriter
 from eightpost.errors import InputError, UnknownUnitError
 from eightpost.rig import read_dyno_test, read_dyno_tests, read_peak_velocity
 from eightpost.rig.peak_velocity import peak_velocity_tables
-from eightpost.rig.rig_test import check_rig_units
+from eightpost.rig.rig_test import _check_rig_units
 from eightpost.signals import TimeSeries, read_record, read_series
 from eightpost.signals.faults import IN_MEMORY
 from eightpost.units import convert
@@ -368,17 +368,17 @@ def pair(*, time=T, displacement=X):
 
 
 def test_units_of_a_rig_record_that_contradict_each_other_are_refused():
-    check_rig_units(pair(), ("lf",), origin=IN_MEMORY)
+    _check_rig_units(pair(), ("lf",), origin=IN_MEMORY)
     with pytest.raises(UnknownUnitError, match="displacement is in inches but labelled mm"):
-        check_rig_units(pair(displacement=X / 25.4), ("lf",), origin=IN_MEMORY)
+        _check_rig_units(pair(displacement=X / 25.4), ("lf",), origin=IN_MEMORY)
     with pytest.raises(UnknownUnitError, match=r"0\.4 samples per second.*in ms but labelled s"):
-        check_rig_units(pair(time=1e3 * T), ("lf",), origin=IN_MEMORY)
+        _check_rig_units(pair(time=1e3 * T), ("lf",), origin=IN_MEMORY)
 
 
 def test_shock_at_rest_does_not_show_the_units_of_its_corner():
     noise = np.random.default_rng(1).standard_normal((2, COUNT)) * 1e-4
     series = TimeSeries.from_channels(T, {"displacement": ("m", noise[0]), "velocity": ("m/s", noise[1])})
-    check_rig_units(series, ("",), origin=IN_MEMORY)
+    _check_rig_units(series, ("",), origin=IN_MEMORY)
 
 
 AT = datetime.datetime(2026, 11, 12, 10, 59, 59, 500000)

@@ -6,7 +6,7 @@ import pytest
 from eightpost import errors
 from eightpost.ident.shock.peak_velocity import fit_peak_velocity
 from eightpost.rig import read_peak_velocity
-from eightpost.rig.peak_velocity_columns import is_peak_velocity
+from eightpost.rig.peak_velocity_columns import _is_peak_velocity
 from eightpost.signals import read_record
 
 SPEED, COMPRESSION, REBOUND = (
@@ -44,7 +44,7 @@ def written(folder, content, name="table.csv"):
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_every_layout_gives_the_same_table(tmp_path, layout):
     path = written(tmp_path, LAYOUTS[layout])
-    assert is_peak_velocity(read_record(path))
+    assert _is_peak_velocity(read_record(path))
     first, *others = read_peak_velocity(path)
     for name, expected in (("speed", SPEED), ("compression", COMPRESSION), ("rebound", REBOUND)):
         np.testing.assert_allclose(getattr(first, name), expected)
@@ -65,7 +65,7 @@ def test_strokes_with_different_speeds_are_interpolated_linearly(tmp_path):
 
 def test_a_time_record_is_not_a_peak_velocity_table(tmp_path):
     content = "t_s,x_mm,v_mm_s,F_N\n0,1,2,3\n1,2,3,4\n"
-    assert not is_peak_velocity(read_record(written(tmp_path, content)))
+    assert not _is_peak_velocity(read_record(written(tmp_path, content)))
 
 
 HEAD = "speed [m/s],comp [N],reb [N]\n"
@@ -131,7 +131,7 @@ def test_a_loop_without_time_is_read_as_the_mean_of_its_branches(tmp_path):
     force = 2000.0 * v + 30.0 * np.cos(phase)
     lines = "".join(f"{a:.9g},{b:.9g}\n" for a, b in zip(v, force, strict=True))
     path = written(tmp_path, "Velocity [m/s],Force [N]\n" + lines)
-    assert is_peak_velocity(read_record(path))
+    assert _is_peak_velocity(read_record(path))
     (table,) = read_peak_velocity(path)
     np.testing.assert_allclose(table.compression, 2000.0 * table.speed, rtol=0.02)
     np.testing.assert_allclose(table.rebound, -2000.0 * table.speed, rtol=0.02)

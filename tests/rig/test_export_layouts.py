@@ -12,7 +12,7 @@ from nptdms import ChannelObject, TdmsWriter
 
 from eightpost.errors import InputError
 from eightpost.rig import read_dyno_test, read_dyno_tests
-from eightpost.signals.csv_file import _split_cells, is_cut_off
+from eightpost.signals.csv_file import _is_cut_off, _split_cells
 from eightpost.signals.table_text import split_header
 from eightpost.units import convert
 
@@ -300,7 +300,7 @@ def test_a_number_without_its_last_digits_is_left_out_or_close_to_its_neighbours
     cells = [form.format(value).replace(".", "," if comma else ".") for value in forces]
     cut = cells[-1][:kept]
     assume(any(letter.isdigit() for letter in cut))
-    assume(not is_cut_off([*cells[:-1], cut], has_end=False))
+    assume(not _is_cut_off([*cells[:-1], cut], has_end=False))
     bends = np.abs(np.diff(forces, 2))
     assert float(cut.replace(",", ".")) == pytest.approx(forces[-1], abs=4.0 * bends.max())
 
@@ -310,7 +310,7 @@ def test_a_number_of_an_ended_line_is_cut_off_only_if_all_above_it_have_more_dec
     """A program that leaves out zeros at the end writes short numbers anywhere."""
     cells = ["0.123"] * 60
     cells[30] = above
-    assert is_cut_off([*cells, "0.12"], has_end=True) == is_cut
+    assert _is_cut_off([*cells, "0.12"], has_end=True) == is_cut
 
 
 @pytest.mark.parametrize("form", FORMS)

@@ -13,7 +13,7 @@ from eightpost.rig.motion import (
     LATEST,
     LEAD,
     WIDEST,
-    ForceLag,
+    _ForceLag,
     force_lag,
     lag_faults,
     lag_statement,
@@ -252,7 +252,7 @@ def test_channels_at_rest_have_no_lag():
 
 def test_the_statement_has_the_lag_and_its_interval():
     found = force_lag(record(sines()))
-    assert str(ForceLag(2e-3, 1.25e-3, 0.01)) == "2 ms (1.25 to 10 ms)"
+    assert str(_ForceLag(2e-3, 1.25e-3, 0.01)) == "2 ms (1.25 to 10 ms)"
     assert f"lag of the force behind velocity: {found}" in lag_statement(record(sines()))
 
 
@@ -273,7 +273,7 @@ def test_a_lead_is_stated_without_a_minus():
     series = record(random_motion(), lag=-5e-3)
     (reason,) = lag_faults(series)
     lag = force_lag(series)
-    assert reason.figure == f"by {ForceLag(-lag.seconds, -lag.high, -lag.low)}"
+    assert reason.figure == f"by {_ForceLag(-lag.seconds, -lag.high, -lag.low)}"
     assert 0.0 < -lag.high < -lag.low
 
 

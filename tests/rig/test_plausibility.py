@@ -16,7 +16,7 @@ from eightpost.rig import read_dyno_test
 from eightpost.rig.dyno_conditions import reversed_channels
 from eightpost.rig.motion import run_down
 from eightpost.rig.one_setting import rest_force, setting_faults
-from eightpost.rig.plausibility import _level, rectified_force, spectrum_faults
+from eightpost.rig.plausibility import _level, _spectrum_faults, rectified_force
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade
 
@@ -126,7 +126,7 @@ def test_the_harmonics_of_a_sine_and_the_ends_of_a_record_are_no_moving_average(
     noise = 0.3 * np.random.default_rng(0).standard_normal(time.size)
     channels = {"velocity": ("m/s", speed), "force": ("N", force + 180.0 + 3000.0 * path + noise)}
     series = TimeSeries.from_channels(time, channels)
-    assert list(spectrum_faults(series, series.names)) == []
+    assert list(_spectrum_faults(series, series.names)) == []
 
 
 def test_a_good_record_has_no_reason(tmp_path):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from builder.build import imported_files
+from builder.build import _imported_files
 from eightpost.shock import LAWS
 
 ROOT = Path(__file__).parents[2]
@@ -150,7 +150,7 @@ def test_the_commands_of_the_page_use_it_everywhere(copy, platforms):
 
 @pytest.mark.parametrize("law", LAWS)
 def test_a_law_and_what_it_ships_are_standard_library_only(law):
-    files = imported_files(ROOT / "eightpost" / "shock" / f"{law}.py")
+    files = _imported_files(ROOT / "eightpost" / "shock" / f"{law}.py")
     assert len(files) > 1
     for file in files:
         text = file.read_text(encoding="utf-8")

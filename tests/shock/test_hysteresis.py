@@ -24,7 +24,7 @@ from eightpost.shock import (
     write_shock,
 )
 from eightpost.shock.compiled import law_step
-from eightpost.shock.hysteresis import REST, lagged_curve, time_constant_at
+from eightpost.shock.hysteresis import REST, _lagged_curve, _time_constant_at
 from eightpost.shock.records import law_numbers, stepped_force
 
 from .example_curve import curve, knot_curve
@@ -44,7 +44,7 @@ def rates(law, t, state):
     u, e = state
     v = law.port.motion_ratio * velocity(t)
     creep = copysign(max(abs(e) - law.stop_yield, 0.0), e) / law.stop_time
-    return [(v - u) / time_constant_at(u, law.own, law.curve), v - creep]
+    return [(v - u) / _time_constant_at(u, law.own, law.curve), v - creep]
 
 
 def stepped(law, times, move):
@@ -80,7 +80,7 @@ def test_sub_steps_keep_a_step_of_five_milliseconds_accurate(exact):
         u, e = y
         v = SCALED.port.motion_ratio * float(np.interp(t, times, ramps))
         creep = copysign(max(abs(e) - SCALED.stop_yield, 0.0), e) / SCALED.stop_time
-        return [(v - u) / time_constant_at(u, SCALED.own, SCALED.curve), v - creep]
+        return [(v - u) / _time_constant_at(u, SCALED.own, SCALED.curve), v - creep]
 
     begin = SCALED.start(velocity(0.0))
     reference = solve_ivp(straight, (0.0, 0.3), begin, rtol=1e-9, atol=1e-12, max_step=1e-3).y[:, -1]
@@ -113,15 +113,15 @@ def test_the_lagged_curve_is_the_integral_of_its_slopes():
     places = np.linspace(-1.6, 1.7, 2001)
     slopes = np.interp(places, CURVE.knot_velocity, LAGGED)
     fine = np.concatenate(([0.0], np.cumsum(0.5 * (slopes[1:] + slopes[:-1]) * np.diff(places))))
-    found = np.array([lagged_curve(v, LAW.own, CURVE) for v in places.tolist()])
+    found = np.array([_lagged_curve(v, LAW.own, CURVE) for v in places.tolist()])
     assert found - found[0] == pytest.approx(fine, abs=1e-4 * abs(fine[-1]))
-    assert lagged_curve(0.0, LAW.own, CURVE) == 0.0
+    assert _lagged_curve(0.0, LAW.own, CURVE) == 0.0
 
 
 def test_the_time_constant_is_geometric_between_its_nodes_and_constant_beyond():
     values = {-2.0: 0.004, -0.55: 0.004, -0.275: 0.002, 0.0: 0.001, 0.3: 0.001 * 2.0**0.5, 0.6: 0.002, 1.5: 0.002}
     for u, tau in values.items():
-        assert time_constant_at(u, LAW.own, CURVE) == pytest.approx(tau, rel=1e-14)
+        assert _time_constant_at(u, LAW.own, CURVE) == pytest.approx(tau, rel=1e-14)
 
 
 # ---- Passivity ------------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ import pytest
 
 from eightpost import errors
 from eightpost.signals import TimeSeries, read_records, read_series, write_csv
-from eightpost.signals.csv_file import first_row_of_channels
+from eightpost.signals.csv_file import _first_row_of_channels
 
 
 def written(folder: Path, text: str, encoding: str = "utf-8") -> Path:
@@ -111,7 +111,7 @@ def test_a_line_that_cannot_belong_to_a_table_is_refused_by_number(tmp_path, row
 @pytest.mark.parametrize(("rows", "remark", "expected"), [(60, [], 0), (61, [], None), (2, ["remark"] * 300, 0)])
 def test_channels_in_rows_are_at_most_60_and_lines_without_numbers_may_follow(rows, remark, expected):
     lines = [f"channel {k} (N),{k},2.5,3.5" for k in range(rows)]
-    assert first_row_of_channels(lines + remark) == expected
+    assert _first_row_of_channels(lines + remark) == expected
 
 
 def test_quoted_numbers_that_all_have_three_digits_behind_a_comma_have_decimals_and_a_note(tmp_path):

@@ -9,7 +9,7 @@ from eightpost.corners import CORNERS
 from eightpost.errors import ParameterError
 from eightpost.units import convert
 from eightpost.virtual import bump_test, identification_program, program, quarter_truth, seven_dof_truth, stand_in_truth
-from eightpost.virtual.program import random_length
+from eightpost.virtual.program import _random_length
 
 INCH = convert(1.0, "in", "m")
 CAR, QUARTER = stand_in_truth(), quarter_truth()
@@ -27,7 +27,7 @@ def test_an_identification_changes_one_shock_at_a_time():
 
 
 def test_identification_tests_share_one_drive_file_unless_draws_is_other():
-    assert (random_length(CAR), random_length(QUARTER)) == (800.0, 120.0)
+    assert (_random_length(CAR), _random_length(QUARTER)) == (800.0, 120.0)
     same = [test.draw() for test in identification_program(CAR, 1, duration=2.0)]
     assert all(drivefile is same[0] for drivefile in same)
     other = [test.draw().series["lf.road"] for test in identification_program(CAR, 1, duration=2.0, draws="other")]

@@ -8,7 +8,7 @@ pytest.importorskip("nicegui")
 
 from starlette.responses import PlainTextResponse
 
-from eightpost.window.guard import Guard
+from eightpost.window.server import _Guard
 
 _PORT, _TOKEN = 8000, "token-of-the-link"
 
@@ -31,7 +31,7 @@ def _answer(*, kind="http", query=b"", **headers):
         "type": kind, "method": "GET", "path": "/", "query_string": query,
         "headers": [(name.encode(), value.encode()) for name, value in given.items()],
     }  # fmt: skip
-    asyncio.run(Guard(app, _PORT, _TOKEN)(scope, None, send))
+    asyncio.run(_Guard(app, _PORT, _TOKEN)(scope, None, send))
     first = sent[0]
     return first.get("status") or first["type"], {k.decode(): v.decode() for k, v in first.get("headers", [])}
 

@@ -50,7 +50,7 @@ def main(folder: Path, progress: Path, patience: float, budget: float, reach: in
         )
         completed = True
         for result in _results(probe, folder, progress, reach, process):
-            completed &= not isinstance(result, Stopped)
+            completed &= not isinstance(result, _Stopped)
             reach = int(result.value) if isinstance(result, Measured) and result.name == REACH else reach
             _write(channel, **_line(result))
         _write(channel, completed=completed)
@@ -58,7 +58,7 @@ def main(folder: Path, progress: Path, patience: float, budget: float, reach: in
             return
 
 
-class Stopped(Finding):
+class _Stopped(Finding):
     """A finding after which the group cannot go on."""
 
 
@@ -71,9 +71,9 @@ def _results(probe: Callable[[Bench], Results], *bench_of: Any) -> Iterator[Resu
             yield Skip(str(error), "remaining calls")
         yield from _undeclared(bench)
     except OSError as error:
-        yield Stopped(RULES["loads"], str(error))
+        yield _Stopped(RULES["loads"], str(error))
     except (CallError, MissingFunctionError) as error:
-        yield Stopped(RULES["simulates"], str(error))
+        yield _Stopped(RULES["simulates"], str(error))
 
 
 def _undeclared(bench: Bench) -> Iterator[Finding]:

@@ -55,7 +55,7 @@ class Message:
 
 
 @dataclass(frozen=True)
-class Birth:
+class _Birth:
     """Arguments of fmi2Instantiate; `kind` is fmi2Type."""
 
     guid: str
@@ -88,7 +88,7 @@ _ENVIRONMENTS = itertools.count(0x1000, 0x10)
 class Instance:
     """An instance of an FMU; `address` is None if fmi2Instantiate returned NULL."""
 
-    def __init__(self, library: FmuLibrary, birth: Birth) -> None:
+    def __init__(self, library: FmuLibrary, birth: _Birth) -> None:
         self.library = library
         self.messages: list[Message] = []
         self._logger = Logger(self._log)
@@ -327,12 +327,12 @@ class Bench:
         self.timing = timing if reach is None else replace(timing, count=max(1, min(timing.count, reach)))
 
     @property
-    def birth(self) -> Birth:
+    def birth(self) -> _Birth:
         """Arguments of fmi2Instantiate."""
-        return Birth(self.description.guid, (self.folder.resolve() / "resources").as_uri())
+        return _Birth(self.description.guid, (self.folder.resolve() / "resources").as_uri())
 
     @contextmanager
-    def instance(self, birth: Birth | None = None) -> Iterator[Instance]:
+    def instance(self, birth: _Birth | None = None) -> Iterator[Instance]:
         """Provide an instance that is freed at the end.
 
         Raises:

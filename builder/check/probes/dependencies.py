@@ -116,7 +116,7 @@ _MOST_POINTS = 10
 
 
 @dataclass(frozen=True)
-class Route:
+class _Route:
     """The run to a point: inputs `scale` amplitudes from their start values, changed parameters if `moves`."""
 
     seed: int
@@ -143,7 +143,7 @@ class Place:
 
 
 @contextmanager
-def place(bench: Bench, route: Route) -> Iterator[Place]:
+def place(bench: Bench, route: _Route) -> Iterator[Place]:
     """Provide the point to which a route leads.
 
     Raises:
@@ -168,7 +168,7 @@ def _points(bench: Bench) -> int:
     return min(_MOST_POINTS, bench.timing.count)
 
 
-def _go(bench: Bench, instance: Instance, route: Route) -> Values:
+def _go(bench: Bench, instance: Instance, route: _Route) -> Values:
     draw = random.Random(route.seed)
     bench.enter(instance)
     if route.moves:
@@ -312,7 +312,7 @@ def probe_dependencies(bench: Bench) -> Results:
     refusals = []
     for seed, (scale, moves) in enumerate(_POINTS):
         try:
-            with place(bench, Route(seed, scale, moves)) as there:
+            with place(bench, _Route(seed, scale, moves)) as there:
                 _perturb(bench, there, pairs)
         except CallError as error:
             refusals.append(str(error))
@@ -492,7 +492,7 @@ def _over_steps(bench: Bench) -> Results:
         return
     wrong: dict[str, str] = {}
     for seed in range(_DERIVATIVE_POINTS):
-        with place(bench, Route(seed, 1.0, moves=False)) as there:
+        with place(bench, _Route(seed, 1.0, moves=False)) as there:
             for unknown, known in _pairs(bench, "Outputs"):
                 if known in bench.inputs and (fault := _compare_step(there, unknown, known)):
                     wrong.setdefault(f"{unknown.name} by {known.name}", fault)

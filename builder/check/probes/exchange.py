@@ -32,7 +32,7 @@ from eightpost.fmi.description import Variable, whole_number
 _MOST_ITERATIONS = 100
 
 
-class Host:
+class _Host:
     """Instances for model exchange, and what the description says about them."""
 
     def __init__(self, bench: Bench) -> None:
@@ -71,7 +71,7 @@ class Host:
         """Provide an instance in continuous-time mode; None if the FMU ends the simulation at once."""
         with self.instance() as created:
             self.bench.initialize(created)
-            if iterate_events(created).terminateSimulation:
+            if _iterate_events(created).terminateSimulation:
                 yield None
                 return
             created.need("EnterContinuousTimeMode")
@@ -104,12 +104,8 @@ def _is_state(variable: Variable) -> bool:
     return variable.type == "Real" and (variable.is_callable or variable.is_array)
 
 
-def iterate_events(instance: Instance) -> EventInfo:
-    """Do an event iteration; return what the FMU asks for at its end, or when it ends the simulation.
-
-    Raises:
-        CallError: A call was rejected, or the iteration does not end.
-    """
+def _iterate_events(instance: Instance) -> EventInfo:
+    """Do an event iteration; return what the FMU asks for at its end, or when it ends the simulation."""
     for _ in range(_MOST_ITERATIONS):
         info = EventInfo()
         instance.need("NewDiscreteStates", ctypes.byref(info))
@@ -142,7 +138,7 @@ def probe_model_exchange(bench: Bench) -> Results:
             yield Skip("its model exchange has no binary for this platform")
             return
         bench.library = library_of(bench.description, path, bench.library.progress)
-    host = Host(bench)
+    host = _Host(bench)
     if not host.has_all_sizes:
         yield Skip("the sizes of its arrays of states are not known")
         return
@@ -161,7 +157,7 @@ _Rates = Callable[[float, Values], Values]
 _Method = Callable[[_Rates, float, float, Values], Values]
 
 
-def _integrated(host: Host) -> Iterator[Finding]:
+def _integrated(host: _Host) -> Iterator[Finding]:
     """Do a few tiny steps of Euler's method."""
     with host.continuous() as instance:
         if instance is None:
@@ -178,7 +174,7 @@ def _integrated(host: Host) -> Iterator[Finding]:
         if now is None:
             return
         instance.need("EnterEventMode")
-        info = iterate_events(instance)
+        info = _iterate_events(instance)
         if info.nextEventTimeDefined and not info.nextEventTime >= now:
             yield RULES["event-requests"].finding(f"at {now!r} s, the next event is at {info.nextEventTime!r} s")
         tunable = [v for v in host.bench.description.of("parameter") if v.variability == "tunable"]
@@ -192,7 +188,7 @@ def _integrated(host: Host) -> Iterator[Finding]:
         instance.need("Terminate")
 
 
-def _small_steps(host: Host, instance: Instance) -> Generator[Finding, None, float | None]:
+def _small_steps(host: _Host, instance: Instance) -> Generator[Finding, None, float | None]:
     """Do the steps, with an event wherever the FMU asks for one; return the time [s], or None after a finding."""
     states, requests, now = host.vector(instance, "GetContinuousStates"), 0, host.bench.timing.start
     for point in range(1, _STEPS + 1):
@@ -216,7 +212,7 @@ def _small_steps(host: Host, instance: Instance) -> Generator[Finding, None, flo
         if enter.value:
             requests += 1
             instance.need("EnterEventMode")
-            iterate_events(instance)
+            _iterate_events(instance)
             instance.need("EnterContinuousTimeMode")
             states = host.vector(instance, "GetContinuousStates")
     if requests == _STEPS:
@@ -225,7 +221,7 @@ def _small_steps(host: Host, instance: Instance) -> Generator[Finding, None, flo
     return now
 
 
-def _modes(host: Host) -> Iterator[Finding]:
+def _modes(host: _Host) -> Iterator[Finding]:
     """Call functions in modes in which they are not allowed."""
     buffer = (c_double * max(host.count, 1))(*[0.0] * max(host.count, 1))
     states = [("SetContinuousStates", (buffer, host.count))] if host.count else []
@@ -251,7 +247,7 @@ def _is_refused(instance: Instance, name: str, arguments: tuple[object, ...]) ->
         return True
 
 
-def _arrays(host: Host) -> Iterator[Finding]:
+def _arrays(host: _Host) -> Iterator[Finding]:
     """Set states, and read states and derivatives as arrays and as variables."""
     with host.continuous() as instance:
         if instance is None or not host.count:
@@ -276,7 +272,7 @@ def _arrays(host: Host) -> Iterator[Finding]:
                     return
 
 
-def _repeated(host: Host) -> Iterator[Finding]:
+def _repeated(host: _Host) -> Iterator[Finding]:
     """Evaluate two points in turns, and change the inputs alone."""
     with host.continuous() as instance:
         if instance is None:
@@ -300,7 +296,7 @@ def _repeated(host: Host) -> Iterator[Finding]:
                 yield RULES["derivatives-repeatable"].finding("a change of inputs alone is ignored or used late")
 
 
-def _evaluations(host: Host, instance: Instance, base: tuple[Values, Values]) -> Callable[[int, float], Values]:
+def _evaluations(host: _Host, instance: Instance, base: tuple[Values, Values]) -> Callable[[int, float], Values]:
     """Return a function of a known's index and a change of it: derivatives, then outputs."""
     count = len(host.inputs)
 
@@ -312,17 +308,17 @@ def _evaluations(host: Host, instance: Instance, base: tuple[Values, Values]) ->
     return at
 
 
-def _changes(host: Host, start: Values) -> Values:
+def _changes(host: _Host, start: Values) -> Values:
     """Return a change of each input and state."""
     return [1e-3 * amplitude(v) for v in host.inputs] + [1e-3 * max(size, abs(x)) for x, size in host.sizes(start)]
 
 
-def _declared(host: Host) -> dict[str, set[str]]:
+def _declared(host: _Host) -> dict[str, set[str]]:
     description = host.bench.description
     return declared_pairs(description, "Outputs") | declared_pairs(description, "Derivatives")
 
 
-def _dependencies(host: Host) -> Iterator[Finding]:
+def _dependencies(host: _Host) -> Iterator[Finding]:
     """Change every input and state; whatever follows must be declared."""
     knowns, unknowns = [*host.inputs, *host.states], [*host.derivatives, *host.bench.outputs]
     declared, hidden = _declared(host), set()
@@ -344,12 +340,12 @@ def _dependencies(host: Host) -> Iterator[Finding]:
         yield RULES["derivative-hidden"].finding(listed(sorted(hidden)))
 
 
-def _aliases(host: Host, variable: Variable) -> set[str]:
+def _aliases(host: _Host, variable: Variable) -> set[str]:
     alike = host.bench.description.variables
     return {v.name for v in alike if (v.type, v.reference) == (variable.type, variable.reference)}
 
 
-def _directional(host: Host) -> Results:
+def _directional(host: _Host) -> Results:
     """Compare directional derivatives with central differences where the functions are smooth."""
     if not host.bench.description.can_exchange("providesDirectionalDerivative"):
         yield Skip("providesDirectionalDerivative of ModelExchange is not true", "directional derivatives by states")
@@ -384,7 +380,7 @@ def _directional(host: Host) -> Results:
         yield RULES["exchange-directional"].finding(listed(shown, most=3))
 
 
-def _sums(host: Host, instance: Instance, knowns: list[Variable], unknowns: list[Variable]) -> dict[str, str]:
+def _sums(host: _Host, instance: Instance, knowns: list[Variable], unknowns: list[Variable]) -> dict[str, str]:
     """Compare the derivative of each unknown by all knowns at once with the sum of those by one."""
     wrong = {}
     knowns = [known for known in knowns if not known.is_array]
@@ -401,7 +397,7 @@ def _sums(host: Host, instance: Instance, knowns: list[Variable], unknowns: list
     return wrong
 
 
-def _restored(host: Host) -> Results:
+def _restored(host: _Host) -> Results:
     """Save an FMU state in continuous-time mode, move on, and restore it."""
     if not host.bench.description.can_exchange("canGetAndSetFMUstate"):
         yield Skip("canGetAndSetFMUstate of ModelExchange is not true", "FMU states in model exchange")
@@ -424,7 +420,7 @@ def _restored(host: Host) -> Results:
 # ---- The same results as co-simulation ------------------------------------------------------------------------------
 
 
-def _agreement(host: Host) -> Results:
+def _agreement(host: _Host) -> Results:
     """Integrate a few communication steps with held inputs, and compare the outputs with those of co-simulation.
 
     Outputs that declare no dependency describe the run, not the model, and are left out.
@@ -473,14 +469,14 @@ def _stepped(bench: Bench, points: range, parts: int) -> list[Values]:
     return rows
 
 
-def _difference(host: Host, exchanged: list[Values], stepped: list[Values]) -> float:
+def _difference(host: _Host, exchanged: list[Values], stepped: list[Values]) -> float:
     """Return the largest difference of the outputs that depend on something or are states, relative to their sizes."""
     declared, states = _declared(host), {state.reference for state in host.states}
     compared = [k for k, v in enumerate(host.bench.outputs) if declared.get(v.name) != set() or v.reference in states]
     return differ(*([[row[k] for k in compared] for row in rows] for rows in (exchanged, stepped)))
 
 
-def _marched(host: Host, points: range, parts: int, stage: _Method) -> list[Values] | None:
+def _marched(host: _Host, points: range, parts: int, stage: _Method) -> list[Values] | None:
     """Return the outputs after each communication step in several steps of a method; None after an event."""
     bench, rows = host.bench, []
     with host.continuous() as instance:

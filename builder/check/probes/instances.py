@@ -484,11 +484,7 @@ def _serialized(bench: Bench) -> Iterator[Finding]:
 
 
 def _restored(bench: Bench, instance: Instance, content: bytes) -> list[Values]:
-    """Run the second half from a serialized state; return the outputs at the state and after each step.
-
-    Raises:
-        CallError: A call was rejected.
-    """
+    """Run the second half from a serialized state; return the outputs at the state and after each step."""
     status, state = instance.deserialize(content)
     if refused(status):
         raise CallError(

@@ -15,6 +15,7 @@ from eightpost.array_types import Array
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError, ParameterError
 from eightpost.files import document_kind, sha256_of
+from eightpost.ident.dyno_report.cycles import STROKES, Found, Stroke, Unknown, known, mean_of
 from eightpost.ident.dyno_report.entry import (
     Entry,
     ForceBand,
@@ -23,7 +24,7 @@ from eightpost.ident.dyno_report.entry import (
     entry_of_test,
     with_gas_of_slow_runs,
 )
-from eightpost.ident.dyno_report.loop import STROKES, Found, Stroke, Unknown, VelocityCurve, forces_at, known, mean_of
+from eightpost.ident.dyno_report.loop import VelocityCurve, forces_at
 from eightpost.rig import read_dyno_tests, split_runs
 from eightpost.rig.columns import flips_of
 from eightpost.rig.dyno_conditions import DynoConditions

@@ -10,27 +10,29 @@ from typing import Any, Literal
 import numpy as np
 
 from eightpost.array_types import Array
-from eightpost.ident.dyno_report.loop import (
+from eightpost.ident.dyno_report.cycles import (
     SLOW,
     STROKES,
-    Branches,
     Cycles,
     Found,
     SlowFigures,
     Stroke,
-    StrokeFigures,
     Unknown,
+    cycles_of,
+    energy_over_time,
+    force_at_rest,
+    slow_figures,
+)
+from eightpost.ident.dyno_report.loop import (
+    Branches,
+    StrokeFigures,
     VelocityCurve,
     branches_of,
     closed_loop,
     curve_of_law,
     curve_of_series,
     curve_of_table,
-    cycles_of,
-    energy_over_time,
-    force_at_rest,
     force_at_zero,
-    slow_figures,
     stroke_figures,
 )
 from eightpost.rig.dyno_test import DynoTest, temperature_drift

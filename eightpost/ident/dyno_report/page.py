@@ -20,20 +20,9 @@ from eightpost.ident.dyno_report.builds import (
     mean_force,
     repeated_runs,
 )
+from eightpost.ident.dyno_report.cycles import STROKES, Cycles, Found, Stroke, Unknown, crossings_of, mean_of
 from eightpost.ident.dyno_report.entry import Entry, ForceBand
-from eightpost.ident.dyno_report.loop import (
-    BEND,
-    STROKES,
-    Branches,
-    Cycles,
-    Found,
-    Stroke,
-    Unknown,
-    VelocityCurve,
-    crossings_of,
-    mean_of,
-    ratio_at,
-)
+from eightpost.ident.dyno_report.loop import BEND, Branches, VelocityCurve, ratio_at
 from eightpost.report.charts import COLORS, Axis, Figure, Panel, row_figure
 from eightpost.report.numbers import plain
 from eightpost.report.page import Block, Section, digest, document, soft, write_page

@@ -169,7 +169,7 @@ def _offset(solution: Solution) -> list[str]:
 
 ABOUT = "fit of the shock"
 
-#: Limits of the error, in percent of the force's standard deviation (benchmarks/verdicts).
+#: Limits of the error, in percent of the force's standard deviation (docs/reference/verdict.md).
 GOOD, POOR = 2.5, 15.0
 
 #: Share of the force that a late force turns into stiffness, from which it is reported [1].

@@ -13,7 +13,7 @@ from numpy.polynomial import polynomial
 from scipy.signal import cont2discrete
 
 from builder.product import vehicle_product
-from builder.reference import vehicle_reference
+from builder.reference import _vehicle_reference
 from eightpost.shock import StaticCurve
 from eightpost.vehicle import Channel, Friction, IdentifiedVehicle, StateSpace, StructuralVehicle, read_vehicle, shipped
 
@@ -110,7 +110,7 @@ def test_an_identified_vehicles_reference_includes_friction_at_the_ports():
     model = read_vehicle(shipped("quarter_car")).coupled()
     smooth = IdentifiedVehicle("car", model)
     rubbing = IdentifiedVehicle("car", model, friction={"": Friction(200.0, 0.01)})
-    found = [vehicle_reference(v, vehicle_product(v, "car").interface) for v in (smooth, rubbing)]
+    found = [_vehicle_reference(v, vehicle_product(v, "car").interface) for v in (smooth, rubbing)]
     place = found[0].outputs.index("velocity")
     sizes = [float(np.std(one.y[:, place])) for one in found]
     assert sizes[1] < 0.9 * sizes[0]

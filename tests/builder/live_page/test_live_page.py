@@ -15,7 +15,7 @@ from fmpy.model_description import read_model_description
 
 from builder import toolchain
 from builder.assembly import assemble
-from builder.live_page import CAR, SHOCK, Control, read_models, shock_controls, write_live_page
+from builder.live_page import CAR, SHOCK, Control, _read_models, _shock_controls, write_live_page
 from eightpost.__main__ import main
 from eightpost.errors import FmuError
 from eightpost.shock import LAWS
@@ -105,7 +105,7 @@ def law(request):
 @pytest.mark.slow
 @pytest.mark.parametrize("curve", ["polynomials", "knots"])
 def test_the_shock_of_the_page_gives_the_numbers_of_the_native_fmu(fmus, law, curve, knots):
-    model = read_models(fmus[law], fmus["quarter_car"]).shock
+    model = _read_models(fmus[law], fmus["quarter_car"]).shock
     parameters = {"rebound_scale": 1.3, "motion_ratio": 0.8} | (knots if curve == "knots" else {})
     outputs = ["force", "static_force", "dissipated_power"]
     inputs = motion(np.random.default_rng(5))
@@ -121,13 +121,13 @@ def test_the_car_of_the_page_gives_the_numbers_of_the_assembled_fmu(fmus, tmp_pa
     native = assemble(Wiring("car", parts, wires, step=1e-3, stop=1.0), tmp_path / "car.fmu").path
     road = {"car.road": 0.02 * np.sin(np.arange(COUNT) * 0.05) ** 2}
     parameters, outputs = {"shock.compression_scale": 0.7}, ["car.tire_force", "car.velocity", "shock.force"]
-    found = in_node(read_models(fmus["lpnl2"], fmus["quarter_car"]).car, parameters, road, outputs)
+    found = in_node(_read_models(fmus["lpnl2"], fmus["quarter_car"]).car, parameters, road, outputs)
     expected = natively(native, parameters, road, outputs)
     assert all(within(found[name], expected[name]) for name in outputs)
 
 
 def test_a_refusal_of_the_fmu_reaches_the_page_with_its_reason(fmus):
-    model = read_models(fmus["lpnl2"], fmus["quarter_car"]).shock
+    model = _read_models(fmus["lpnl2"], fmus["quarter_car"]).shock
     found = in_node(model, {"lag_full_force": 1e4}, motion(np.random.default_rng(1)), ["force"])
     assert "lag_zero_force must be greater than lag_full_force" in found["message"]
 
@@ -136,8 +136,8 @@ def test_a_refusal_of_the_fmu_reaches_the_page_with_its_reason(fmus):
 def test_every_tunable_parameter_but_the_curve_has_a_control_that_can_reach_its_start_and_nothing_that_is_refused(
     shocks, fmus, law
 ):
-    interface = read_models(fmus[law], fmus["quarter_car"]).shock.interface
-    controls = {control.name: control for control in shock_controls(interface)}
+    interface = _read_models(fmus[law], fmus["quarter_car"]).shock.interface
+    controls = {control.name: control for control in _shock_controls(interface)}
     tunable = {v.name: v for v in interface.variables if v.variability == "tunable" and not v.name.startswith("curve.")}
     assert controls.keys() == tunable.keys()
     for name, variable in tunable.items():
@@ -164,7 +164,7 @@ def test_a_control_knows_both_units():
 )
 def test_files_that_are_not_a_shock_and_a_quarter_car_are_refused(fmus, shock, vehicle, reason):
     with pytest.raises(FmuError, match=reason):
-        read_models(fmus[shock], fmus[vehicle])
+        _read_models(fmus[shock], fmus[vehicle])
 
 
 def test_without_zig_the_error_names_the_package(fmus, tmp_path, monkeypatch):

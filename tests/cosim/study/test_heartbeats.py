@@ -8,13 +8,13 @@ from multiprocessing import get_context
 import pytest
 
 from eightpost.workers import pool as module
-from eightpost.workers.pool import Heartbeats, heartbeat, register_worker, working
+from eightpost.workers.pool import _Heartbeats, heartbeat, register_worker, working
 
 
 @pytest.fixture
 def pool():
     """Heartbeats of one worker: a process that only waits; this process sends its heartbeats."""
-    found = Heartbeats(1, get_context("spawn"))
+    found = _Heartbeats(1, get_context("spawn"))
     process = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
     register_worker(*found.shared)
     found.shared[1][0] = process.pid

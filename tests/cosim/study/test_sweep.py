@@ -28,7 +28,7 @@ from cosim.study.verdict import study_verdict
 from eightpost.corners import CORNERS
 from eightpost.errors import FileFormatError, InputError
 from eightpost.signals import Drivefile
-from eightpost.workers.pool import Heartbeats
+from eightpost.workers.pool import _Heartbeats
 
 from .conftest import WorkersHere
 from .constructed import result
@@ -223,13 +223,13 @@ def test_a_setup_that_hangs_is_ended_and_listed_and_the_rest_is_kept(small_study
         "    return response.total.std()\n"
     )
     own = Measure("own", ("car.front.ride_height",), function=f"{tmp_path}/mine.py:rms")
-    end = Heartbeats.end_unresponsive
+    end = _Heartbeats.end_unresponsive
 
     def patient(heartbeats, patience):
         hung = any((tmp_path / f"hung_{process}").exists() for process in heartbeats._processes[:])
         return end(heartbeats, patience if hung else 300.0)
 
-    monkeypatch.setattr(Heartbeats, "end_unresponsive", patient)
+    monkeypatch.setattr(_Heartbeats, "end_unresponsive", patient)
     workers = ProcessWorkers(1, patience=2.0)
     try:
         sweep = Sweep(small_study(corners=corners, measures=(own,)), tmp_path / "hanging")

@@ -24,8 +24,8 @@ from eightpost.ident.dyno_report.builds import (
     repeated_runs,
     short_names,
 )
+from eightpost.ident.dyno_report.cycles import STROKES, Cycles, Unknown
 from eightpost.ident.dyno_report.entry import entry_of_shock, entry_of_table, entry_of_test
-from eightpost.ident.dyno_report.loop import STROKES, Cycles, Unknown
 from eightpost.ident.dyno_report.page import (
     RULES,
     difference_table,

@@ -9,8 +9,8 @@ import pytest
 from scipy.signal import lfilter
 
 from eightpost.ident.dyno_report.builds import CarCorner, dyno_report
+from eightpost.ident.dyno_report.cycles import STROKES, Unknown
 from eightpost.ident.dyno_report.entry import EntrySetting, entry_of_test
-from eightpost.ident.dyno_report.loop import STROKES, Unknown
 from eightpost.ident.dyno_report.page import (
     branch_table,
     branches_figure,

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from eightpost.__main__ import main
 from eightpost.ident.dyno_report.builds import Reading, dyno_report, read_entries
+from eightpost.ident.dyno_report.cycles import Unknown, crossings_of
 from eightpost.ident.dyno_report.entry import entry_of_test
-from eightpost.ident.dyno_report.loop import Unknown, crossings_of
 from eightpost.ident.dyno_report.page import explained, sections_of
 from eightpost.rig import DynoTest
 from eightpost.signals import TimeSeries

@@ -19,13 +19,13 @@ from eightpost.uncertainty import (
     REACH,
     MeasuredLevel,
     MeasureUncertainty,
+    _drive_distance,
+    _student_probability,
+    _student_quantile,
     band_shares,
-    drive_distance,
     local_features,
     separation,
     setup_distance,
-    student_probability,
-    student_quantile,
 )
 from eightpost.validity import ModelUncertainty
 
@@ -83,7 +83,7 @@ def test_the_order_of_setups_is_less_sure_if_other_measures_differ_but_never_sur
     """Without any other difference, the order is that of a slope error `own` against a slope of 1."""
     one = MeasureUncertainty(0.0, own)
     below = one.probability_below(1.0, math.exp(change), distance=distance)
-    assert below <= student_probability(1.0 / own) + 1e-12
+    assert below <= _student_probability(1.0 / own) + 1e-12
     assert below == pytest.approx(student.cdf(change / (own * separation(distance, change)), DEGREES))
 
 
@@ -140,9 +140,9 @@ def test_the_uncertainty_of_earlier_versions_is_that_of_their_tests():
 
 @given(probability=st.floats(1e-6, 1.0 - 1e-6))
 def test_the_closed_forms_are_students_distribution(probability):
-    value = student_quantile(probability)
+    value = _student_quantile(probability)
     assert value == pytest.approx(student.ppf(probability, DEGREES), rel=1e-6, abs=1e-7)
-    assert student_probability(value) == pytest.approx(probability, abs=1e-9)
+    assert _student_probability(value) == pytest.approx(probability, abs=1e-9)
 
 
 # ---- Measured errors and other drives -------------------------------------------------------------------------------
@@ -162,10 +162,10 @@ def test_the_bands_share_the_power_of_the_lines_by_their_frequencies():
 
 
 def test_the_distance_of_two_drives_counts_power_where_the_records_have_none_most():
-    assert drive_distance(TESTS, TESTS) == 0.0
-    assert drive_distance(LAP, TESTS) == pytest.approx(math.sqrt(2.0 * 0.16 / 0.505))
+    assert _drive_distance(TESTS, TESTS) == 0.0
+    assert _drive_distance(LAP, TESTS) == pytest.approx(math.sqrt(2.0 * 0.16 / 0.505))
     beyond = (*(0.0,) * 10, 1.0)
-    assert drive_distance(beyond, TESTS) == pytest.approx(math.sqrt(1.0 / 0.005 + 2.0 * 0.25 / 0.505))
+    assert _drive_distance(beyond, TESTS) == pytest.approx(math.sqrt(1.0 / 0.005 + 2.0 * 0.25 / 0.505))
 
 
 def test_on_the_tests_own_drive_the_error_is_as_sure_as_the_tests_show():
@@ -188,7 +188,7 @@ def test_predictions_are_corrected_by_the_bias():
 
 
 def test_another_drive_is_less_certain_by_the_spread_over_the_bands():
-    one, apart = MeasureUncertainty.of_levels([level()], 0.03), drive_distance(LAP, TESTS)
+    one, apart = MeasureUncertainty.of_levels([level()], 0.03), _drive_distance(LAP, TESTS)
     moved = one.on_drive(LAP)
     assert moved.common == pytest.approx(math.hypot(0.01, 1.6 * 0.02 * apart))
     assert moved.own == pytest.approx(math.hypot(0.03, 1.5 * 0.02 * apart))
@@ -197,12 +197,12 @@ def test_another_drive_is_less_certain_by_the_spread_over_the_bands():
 
 def test_power_above_that_of_the_records_is_as_uncertain_as_the_output_there():
     low = (0.5, 0.25, 0.25, *(0.0,) * 8)
-    apart = drive_distance(low, TESTS)
+    apart = _drive_distance(low, TESTS)
     assert MeasureUncertainty.of_levels([level()], 0.03).on_drive(low).common == pytest.approx(
         math.hypot(0.01, 1.6 * 0.02 * apart)
     )
     half = (0.0, 0.25, 0.25, *(0.0,) * 7, 0.5)
-    moved, apart = MeasureUncertainty.of_levels([level()], 0.03).on_drive(half), drive_distance(half, TESTS)
+    moved, apart = MeasureUncertainty.of_levels([level()], 0.03).on_drive(half), _drive_distance(half, TESTS)
     assert moved.common == pytest.approx(math.hypot(0.01, 1.6 * 0.02 * apart, 0.25))
     assert moved.own == pytest.approx(math.hypot(0.03, 1.5 * 0.02 * apart, 0.25))
 
@@ -211,7 +211,7 @@ def test_a_record_counts_the_more_the_nearer_its_drive_is():
     lap = level(error=0.04, shares=LAP)
     one = MeasureUncertainty.of_levels([level(), lap], 0.03)
     there, here = one.on_drive(LAP), one.on_drive(TESTS)
-    far = math.hypot(0.01, 1.6 * 0.02 * drive_distance(LAP, TESTS))
+    far = math.hypot(0.01, 1.6 * 0.02 * _drive_distance(LAP, TESTS))
     weight = 0.01**-2 / (0.01**-2 + far**-2)
     assert there.bias == pytest.approx(0.04 * weight)
     assert there.common == pytest.approx((0.01**-2 + far**-2) ** -0.5)

@@ -1,1 +1,0 @@
-"""Benchmark of the verdicts of shock fits."""
