@@ -1,0 +1,44 @@
+"""The benchmark of the verdicts: its damper has the stated force, its table counts what each verdict is worth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.verdicts.__main__ import _median, report
+from benchmarks.verdicts.cases import stepped
+from benchmarks.verdicts.dampers import RATE, Damper
+
+
+def row(case, grade, error, *, within=True, covered=None):
+    return {"case": case, "grade": grade, "error": error, "within": within, "covered": covered}
+
+
+def test_the_table_has_the_tails_of_each_verdict_and_counts_good_fits():
+    rows = [row("a", "usable", 1.0, covered=90.0), row("a", "usable", 6.0), row("b", "usable", 2.0, covered=100.0)]
+    rows += [row("c", "usable within limits", 5.0), row("c", "usable within limits", 12.0, within=False)]
+    text = report([*rows, {"case": "d", "refused": "too short"}])
+    assert "| usable | within the range | 3 of 2 fits | 6 | 5.6 | 5.2 | 2 | 33 % | 0 % |" in text
+    assert "| usable within limits | outside | 1 of 1 fits | 12 | 12 | 12 | 12 | 100 % | 100 % |" in text
+    assert "at most 5 % on all records within their range: 2, of which green: 1." in text
+    assert "Bands of 2 pairs of green halves agree at 95 % of the speeds, at worst 90 %. Refused: 1." in text
+
+
+def test_the_median_stroke_is_that_of_the_time():
+    assert _median(np.array([3.0, 1.0, 2.0]), np.array([0.2, 0.6, 0.2])) == 1.0
+    assert _median(np.array([3.0, 1.0, 2.0]), np.array([0.6, 0.2, 0.2])) == 3.0
+
+
+def test_stepped_sines_have_three_cycles_each_and_no_jump():
+    x = stepped(0.01, np.array([1.0, 2.0]))
+    assert x.size == round(4.5 * RATE)
+    assert np.abs(np.diff(x)).max() < 1.01 * 0.01 * 2 * np.pi * 2.0 / RATE
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(("speed", "force"), [(0.05, 4000.0 * 0.05), (-0.05, -6000.0 * 0.05)])
+def test_the_force_of_a_laminar_valve_is_proportional_to_the_speed(speed, force):
+    damper = Damper(bleed=(0.0, 0.0), blow_off=(1e5, 1e5), orifice=0.0, friction=20.0, gas=100.0, gas_stiffness=0.0)
+    found, temperature = damper.respond(speed * np.arange(800) / RATE)
+    assert found[-1] == pytest.approx(force + np.sign(speed) * 20.0 + 100.0, rel=1e-3)
+    assert not temperature.any()
