@@ -19,7 +19,6 @@ from eightpost.shock.curve import KNOTS, StaticCurve
 from eightpost.shock.law import ShockLaw
 from eightpost.shock.laws import FORMER, LAWS, law_name, law_title, named_law, own_parameters, parameter_units
 from eightpost.shock.settings import TEMPERATURE, Axis, Settings, is_tested, setting_of
-from eightpost.units import shown, shown_range
 from eightpost.validity import ModelUncertainty, ParameterUncertainty, Range, Validity, judged
 from eightpost.verdict import Reason, Rules, Verdict
 
@@ -324,6 +323,8 @@ def _stated(value: Any) -> Any:
 
 def _own_texts(law: ShockLaw) -> Iterator[str]:
     """Yield the law's own parameters that are single numbers, as text with the unit."""
+    from eightpost.units import shown  # noqa: PLC0415 -- numpy takes long to load, and help texts need the laws
+
     units = parameter_units(type(law))
     for name in own_parameters(type(law)):
         value = getattr(law, name)
@@ -337,11 +338,15 @@ _SHOWN = 0.1
 
 
 def _range_text(known: Range) -> str:
+    from eightpost.units import shown_range  # noqa: PLC0415 -- numpy takes long to load, and help texts need the laws
+
     variable = "frequency" if known.kind == "frequency" else known.variable
     return f"{variable} {shown_range(known.low, known.high, known.unit)}"
 
 
 def _curve_text(law: ShockLaw) -> str:
+    from eightpost.units import shown  # noqa: PLC0415 -- numpy takes long to load, and help texts need the laws
+
     (compression, unit), (rebound, _) = (shown(law.curve.force(sign * _SHOWN), "N") for sign in (1.0, -1.0))
     speed, per = shown(_SHOWN, "m/s")
     return f"{compression:.4g} {unit} and {rebound:.4g} {unit} at {speed:.3g} {per} in compression and rebound"
