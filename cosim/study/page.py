@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import csv
-import re
-import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
-from functools import cache
 from itertools import islice
 from math import isfinite
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
-from xml.sax.saxutils import escape
 
 import numpy as np
 
@@ -47,7 +43,6 @@ from eightpost.signals import TimeSeries
 with needs("report", "writing workbooks"):
     import xlsxwriter
     import xlsxwriter.exceptions
-    from xlsxwriter.utility import xl_col_to_name
 
 # ---- CSV tables in the layout of data-logging tools -----------------------------------------------------------------
 
@@ -141,70 +136,33 @@ def write_workbook(sheet: Sheet, path: Path) -> Path:
     Raises:
         OutputError: The file cannot be written.
     """
+    # Rows are written to disk at once, so that the memory does not grow with their number.
     options = {"strings_to_formulas": False, "strings_to_urls": False, "constant_memory": True}
     try:
-        with atomic_path(path) as temporary:
-            with xlsxwriter.Workbook(temporary, options) as workbook:
-                _ranking(workbook, sheet)
-                _units(workbook, sheet)
-                _provenance(workbook, sheet)
-            _add_rows(temporary, islice(_ranking_rows(sheet), MOST_ROWS))
+        with atomic_path(path) as temporary, xlsxwriter.Workbook(temporary, options) as workbook:
+            _ranking(workbook, sheet)
+            _units(workbook, sheet)
+            _provenance(workbook, sheet)
     except xlsxwriter.exceptions.XlsxWriterException as error:  # wraps the operating system's error
         raise OutputError(f"{path}: cannot be written ({error}); free disk space, or choose another folder") from error
     return path
 
 
 def _ranking(workbook: Any, sheet: Sheet) -> None:
-    """Write the frozen header row above one row per setup, with filters and shading by level (white: the minimum)."""
+    """Write one row per setup below a frozen header row, with filters and shading by level (white: the minimum)."""
     columns, count = shown_columns(sheet), min(sheet.numbers.size, MOST_ROWS)
     heads = [f"{column.name} [{column.scale.us.unit}]" for column in columns]
     names = ["rank", "setup", *(corner.upper() for corner in sheet.corners), *heads, "coupling error [%]", "remark"]
     page = workbook.add_worksheet("Ranking")
     first = 2 + len(sheet.corners)
     digits = {k: _digits(column.scale.us(column.extremes[1])) for k, column in enumerate(columns, start=first)}
-    _table(workbook, page, names, (), digits)
+    _table(workbook, page, names, islice(_ranking_rows(sheet), count), digits)
     for k in digits:
         shades = {"type": "2_color_scale", "min_color": "#FFFFFF", "max_color": "#9CC3E6"}
         page.conditional_format(1, k, max(1, count), k, shades)
     page.freeze_panes(1, first)
     page.autofilter(0, 0, max(1, count), len(names) - 1)
     page.set_column(len(names) - 1, len(names) - 1, 40)
-
-
-def _add_rows(path: Path, rows: Iterable[Sequence[Cell]]) -> None:
-    """Add rows below the header row of a workbook's first sheet, whose library takes ten times as long for a cell."""
-    name = "xl/worksheets/sheet1.xml"
-    with zipfile.ZipFile(path) as archive:
-        members = {member: archive.read(member) for member in archive.namelist()}
-    text = members[name].decode()
-    last = xl_col_to_name(text.count("<c r=") - 1)
-    styles = {int(column): f' s="{style}"' for column, style in _STYLE.findall(text)}
-    lines = ["".join(_row_xml(k, row, styles)) for k, row in enumerate(rows, start=2)]
-    text = text.replace(f'<dimension ref="A1:{last}1"/>', f'<dimension ref="A1:{last}{len(lines) + 1}"/>', 1)
-    members[name] = text.replace("</sheetData>", f"{''.join(lines)}</sheetData>", 1).encode()
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for member, content in members.items():
-            archive.writestr(member, content)
-
-
-#: Style of a column, and what no XML document can have.
-_STYLE, _NO_XML = re.compile(r'<col min="(\d+)"[^>]* style="(\d+)"'), re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f]")
-
-
-def _row_xml(number: int, row: Sequence[Cell], styles: Mapping[int, str]) -> Iterator[str]:
-    yield f'<row r="{number}">'
-    for column, cell in enumerate(row, start=1):
-        place = f'r="{_letters(column)}{number}"{styles.get(column, "")}'
-        if isinstance(cell, str):
-            yield f'<c {place} t="inlineStr"><is><t>{escape(_NO_XML.sub(" ", cell))}</t></is></c>' if cell else ""
-        else:
-            yield f"<c {place}><v>{cell:.16G}</v></c>"
-    yield "</row>"
-
-
-@cache
-def _letters(column: int) -> str:
-    return str(xl_col_to_name(column - 1))
 
 
 def _digits(value: float) -> str:
