@@ -25,7 +25,7 @@ def compiled_by(program: str, question: bytes, *, bare: str = "") -> bytes:
 
     Args:
         program: Module.
-        question: Its standard input.
+        question: Bytes that the program reads from its standard input.
         bare: Package whose own imports are skipped; see `python_command`.
 
     Raises:
