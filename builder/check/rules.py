@@ -90,8 +90,9 @@ LIMITS = (
 #: All rules by identifier.
 RULES = {rule.identifier: rule for rule in _rules()}
 
-#: What static rules say: the identifier of each rule, and what is wrong, or an empty text.
-Faults = Iterable[tuple[str, str]]
+#: What a rule or probe says: the identifier of the rule, and what is wrong, or an empty text.
+Fault = tuple[str, str]
+Faults = Iterable[Fault]
 
 
 def findings(faults: Faults) -> Iterator[Finding]:
@@ -99,16 +100,16 @@ def findings(faults: Faults) -> Iterator[Finding]:
     return (RULES[rule].finding(message) for rule, message in faults if message)
 
 
-def listed(names: list[str], *, most: int = 6) -> str:
+def listed(names: Sequence[str], *, most: int = 6) -> str:
     """Return the first names and the number of further names as text."""
     shown = ", ".join(names[:most])
     return f"{shown} and {len(names) - most} more" if len(names) > most else shown
 
 
-def some(names: Iterable[str], before: str = "", after: str = "") -> str:
+def some(names: Iterable[str], before: str = "", after: str = "", *, most: int = 6) -> str:
     """Return names between two texts; an empty text if there are no names."""
     known = list(names)
-    return f"{before}{listed(known)}{after}" if known else ""
+    return f"{before}{listed(known, most=most)}{after}" if known else ""
 
 
 # ==== Groups of checks. A probe calls the FMU in a process of its own ================================================

@@ -49,14 +49,13 @@ def probed(monkeypatch, output, can=True, variability="continuous"):
         held=lambda _: [],
         timing=SimpleNamespace(start=START, step=0.01),
     )
-    return list(simulation.probe_first_outputs(bench))
+    return [one for one in simulation.probe_first_outputs(bench) if isinstance(one, Skip) or one[1]]
 
 
 @pytest.mark.parametrize("output", [jump, jump_to_rest, jump_where_it_can_start])
 def test_an_output_that_jumps_in_a_tiny_step_is_found(monkeypatch, output):
-    found = probed(monkeypatch, output)
-    assert {one.rule.identifier for one in found} == {"first-outputs"}
-    assert found[0].message == "y is 1 before the first step, 2 1e-07 s later"
+    jumps = [("first-outputs", "y is 1 before the first step, 2 1e-07 s later")]
+    assert probed(monkeypatch, output) == 2 * jumps
 
 
 @pytest.mark.parametrize("output", [moving, internal_steps, jump_at_the_start_time])

@@ -16,7 +16,7 @@ from typing import Any, TextIO
 from builder.check.probes.bench import REACH, Bench, CallError, Measured, Result, Results, Skip, TerminatedError
 from builder.check.probes.instances import process_state
 from builder.check.probes.library import FmuLibrary, MissingFunctionError
-from builder.check.rules import GROUPS, RULES, Finding
+from builder.check.rules import GROUPS, Fault
 
 #: Time that a call may take that uses no processor time [s].
 _STILL = 60.0
@@ -52,14 +52,15 @@ def main(folder: Path, progress: Path, patience: float, budget: float, reach: in
         for result in _results(probe, folder, progress, reach, process):
             completed &= not isinstance(result, _Stopped)
             reach = int(result.value) if isinstance(result, Measured) and result.name == REACH else reach
-            _write(channel, **_line(result))
+            if line := _line(result):
+                _write(channel, **line)
         _write(channel, completed=completed)
         if not completed and group == "simulation":
             return
 
 
-class _Stopped(Finding):
-    """A finding after which the group cannot go on."""
+class _Stopped(tuple[str, str]):
+    """A fault after which the group cannot go on."""
 
 
 def _results(probe: Callable[[Bench], Results], *bench_of: Any) -> Iterator[Result]:
@@ -71,18 +72,18 @@ def _results(probe: Callable[[Bench], Results], *bench_of: Any) -> Iterator[Resu
             yield Skip(str(error), "remaining calls")
         yield from _undeclared(bench)
     except OSError as error:
-        yield _Stopped(RULES["loads"], str(error))
+        yield _Stopped(("loads", str(error)))
     except (CallError, MissingFunctionError) as error:
-        yield _Stopped(RULES["simulates"], str(error))
+        yield _Stopped(("simulates", str(error)))
 
 
-def _undeclared(bench: Bench) -> Iterator[Finding]:
+def _undeclared(bench: Bench) -> Iterator[Fault]:
     """Yield one finding per undeclared log category, so that findings of several probes are equal."""
     names = {category.decode("utf-8", "replace").strip()[:200] for category in bench.library.categories}
     for name in sorted(names - set(bench.description.categories)):
-        yield RULES["log-undeclared"].finding(f"it uses the category {name!r}")
+        yield "log-undeclared", f"it uses the category {name!r}"
     if bench.library.has_mixed:
-        yield RULES["log-environment"].finding("an instance called the logger with that of another one")
+        yield "log-environment", "an instance called the logger with that of another one"
 
 
 def _watch(channel: TextIO, patience: float, budget: float) -> None:
@@ -106,11 +107,12 @@ _started = 0.0
 
 
 def _line(result: Result) -> dict[str, Any]:
-    if isinstance(result, Finding):
-        return {"rule": result.rule.identifier, "message": result.message}
     if isinstance(result, Skip):
         return {"skipped": result.what, "reason": result.reason}
-    return {"value": result.name, "is": result.value}
+    if isinstance(result, Measured):
+        return {"value": result.name, "is": result.value}
+    rule, message = result
+    return {"rule": rule, "message": message} if message else {}
 
 
 def _write(channel: TextIO, **line: Any) -> None:

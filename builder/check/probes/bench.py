@@ -29,7 +29,7 @@ from builder.check.probes.library import (
     library_of,
     memory_functions,
 )
-from builder.check.rules import RULES, Finding, Rule, listed
+from builder.check.rules import Fault, listed
 from eightpost.fmi.description import Description, Variable, read_description
 
 # ==== One instance and the calls of a host; calls return their status, and only `need` and similar methods raise =====
@@ -176,6 +176,22 @@ class Instance:
         """Do a step, after which earlier states will not be restored (noSetFMUStatePriorToCurrentPoint)."""
         return self.call("DoStep", time, h, 1, note=f" from {time!r} by {h!r} s")
 
+    def advance(self, time: float, h: float) -> None:
+        """Do a step that must succeed.
+
+        Raises:
+            TerminatedError: The FMU has ended the simulation, which is allowed.
+            CallError: The step was rejected, or it failed: some FMUs report that as an end of the simulation and log an
+                error.
+        """
+        before = len(self.messages)
+        status = self.step(time, h)
+        is_fault = any(m.status >= ERROR for m in self.messages[before:])
+        if status == DISCARD and not is_fault and self.has_terminated():
+            raise TerminatedError(f"the FMU ended the simulation itself in the step from {time!r} s by {h!r} s")
+        if refused(status):
+            raise CallError(f"fmi2DoStep from {time!r} by {h!r} s returned {status_name(status)}{self.last_message()}")
+
     def has_terminated(self) -> bool:
         """Return whether the step that returned fmi2Discard has ended the simulation (fmi2Terminated)."""
         value = c_int()
@@ -275,7 +291,7 @@ class Measured:
 #: Name of the value for the number of steps after which the FMU ends the simulation itself.
 REACH = "steps"
 
-Result = Finding | Skip | Measured
+Result = Fault | Skip | Measured
 Results = Iterator[Result]
 Values = list[float]
 
@@ -322,7 +338,8 @@ class Bench:
         self.library = library_of(self.description, binary, progress)
         self.inputs = self.description.of("input")
         self.outputs = self.description.of("output")
-        self._sines = [_sine_of(variable) for variable in self.inputs]
+        #: Start value, amplitude and limits of the sine on each input; computed once, because every step uses them.
+        self._sines = [(v.number("start") or 0.0, amplitude(v), *_limits(v)) for v in self.inputs]
         timing = _timing(self.description)
         self.timing = timing if reach is None else replace(timing, count=max(1, min(timing.count, reach)))
 
@@ -377,7 +394,11 @@ class Bench:
     def excitation(self, time: float, scale: float = 1.0) -> Values:
         """Return the inputs at a time [s]: a sine around each start value, between min and max."""
         phase = 2 * math.pi * _CYCLES * (time - self.timing.start) / (self.timing.step * self.timing.count)
-        return [sine.at(math.sin(phase + 0.7 * k) * scale) for k, sine in enumerate(self._sines)]
+        sines = (math.sin(phase + 0.7 * k) * scale for k in range(len(self._sines)))
+        return [
+            min(max(start + size * sine, low), high)
+            for sine, (start, size, low, high) in zip(sines, self._sines, strict=True)
+        ]
 
     def held(self, _time: float) -> Values:
         """Return the inputs at their start values."""
@@ -393,9 +414,13 @@ class Bench:
         for point in points:
             time = self.timing.at(point)
             self.drive(instance, signal(time))
-            step(instance, time, self.timing.step)
+            instance.advance(time, self.timing.step)
             rows.append(instance.reals(self.outputs))
         return rows
+
+    def trace(self, instance: Instance, points: range) -> list[Values]:
+        """Return the outputs now, and after each step through points with varying inputs."""
+        return [instance.reals(self.outputs), *self.run(instance, self.excitation, points)]
 
     def drive(self, instance: Instance, values: Values) -> None:
         """Set all Real inputs, which must succeed.
@@ -412,23 +437,6 @@ class Bench:
         return range(self.timing.count)
 
 
-def step(instance: Instance, time: float, h: float) -> None:
-    """Do a step that must succeed.
-
-    Raises:
-        TerminatedError: The FMU has ended the simulation, which is allowed.
-        CallError: The step was rejected, or it failed: some FMUs report that as an end of the simulation and log an
-            error.
-    """
-    before = len(instance.messages)
-    status = instance.step(time, h)
-    is_fault = any(m.status >= ERROR for m in instance.messages[before:])
-    if status == DISCARD and not is_fault and instance.has_terminated():
-        raise TerminatedError(f"the FMU ended the simulation itself in the step from {time!r} s by {h!r} s")
-    if refused(status):
-        raise CallError(f"fmi2DoStep from {time!r} by {h!r} s returned {status_name(status)}{instance.last_message()}")
-
-
 #: Sizes of parameters with the start value zero by unit, where 0.1 in SI units has no visible effect.
 _FROM_ZERO = {"N/m": 1e3, "N/m2": 1e5}
 
@@ -437,16 +445,18 @@ def amplitude(variable: Variable) -> float:
     """Return the amplitude of an input around its start value, limited by its range."""
     start = variable.number("start") or 0.0
     size = _AMPLITUDES.get(variable.unit or "") or max(0.1 * abs(start), 0.1)
-    low, high = variable.number("min"), variable.number("max")
-    room = [abs(end - start) for end in (low, high) if end is not None and abs(end - start) > 0]
-    return min([size, *room])
+    return min([size, *(abs(end - start) for end in _limits(variable) if abs(end - start) > 0)])
 
 
 def inside(variable: Variable, value: float) -> float:
     """Return a value clipped to a variable's min and max."""
+    low, high = _limits(variable)
+    return min(max(value, low), high)
+
+
+def _limits(variable: Variable) -> tuple[float, float]:
     low, high = variable.number("min"), variable.number("max")
-    value = value if low is None else max(value, low)
-    return value if high is None else min(value, high)
+    return -math.inf if low is None else low, math.inf if high is None else high
 
 
 def other_value(variable: Variable, draw: random.Random) -> float:
@@ -481,25 +491,6 @@ def _from_zero(variable: Variable) -> float:
     return _FROM_ZERO.get(variable.unit or "", 0.1)
 
 
-@dataclass(frozen=True)
-class _Sine:
-    """A sine around the start value of an input, between its min and max; computed once, because every step uses it."""
-
-    start: float
-    size: float
-    low: float
-    high: float
-
-    def at(self, sine: float) -> float:
-        return min(max(self.start + self.size * sine, self.low), self.high)
-
-
-def _sine_of(variable: Variable) -> _Sine:
-    low, high = variable.number("min"), variable.number("max")
-    limits = (-math.inf if low is None else low, math.inf if high is None else high)
-    return _Sine(variable.number("start") or 0.0, amplitude(variable), *limits)
-
-
 def differ(first: Sequence[Values], second: Sequence[Values]) -> float:
     """Return the largest difference of two runs, relative to the size of each output (0 if they are equal)."""
     sizes = [max((abs(v) for v in column), default=0.0) for column in zip(*first, strict=True)]
@@ -511,22 +502,22 @@ def differ(first: Sequence[Values], second: Sequence[Values]) -> float:
     return worst
 
 
-def wrong_times(bench: Bench, instance: Instance, now: float) -> Iterator[Finding]:
+def wrong_times(bench: Bench, instance: Instance, now: float) -> Iterator[Fault]:
     """Compare the time variables with the time [s] that the host has set."""
     for time in bench.description.of("independent"):
         (found,) = instance.reals([time])
         if abs(found - now) > _TOLERANCE * max(1.0, abs(now)):
-            yield RULES["time-variable"].finding(f"{time.name} is {found!r} s where the host is at {now!r} s")
+            yield "time-variable", f"{time.name} is {found!r} s where the host is at {now!r} s"
 
 
-def compare(pair: tuple[Rule, Rule], what: str, first: Sequence[Values], again: Sequence[Values]) -> Iterator[Finding]:
+def compare(pair: tuple[str, str], what: str, first: Sequence[Values], again: Sequence[Values]) -> Iterator[Fault]:
     """Compare two runs that must be equal: the first rule of the pair is for errors, the second one for rounding."""
     differs, rounds = pair
     worst = differ(first, again) if len(first) == len(again) else math.inf
     if worst > _TOLERANCE:
-        yield differs.finding(f"{what} by {worst:.1e} of the outputs' size")
+        yield differs, f"{what} by {worst:.1e} of the outputs' size"
     elif worst > 0.0:
-        yield rounds.finding(f"{what} by {worst:.1e}")
+        yield rounds, f"{what} by {worst:.1e}"
 
 
 def _own_step(duration: float, description: Description) -> float:

@@ -7,7 +7,9 @@ import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import groupby
 from math import ceil, log2
+from operator import itemgetter
 
 from builder.check.probes.bench import (
     Bench,
@@ -24,9 +26,8 @@ from builder.check.probes.bench import (
     refused,
     set_other_parameters,
     status_name,
-    step,
 )
-from builder.check.rules import RULES, Finding, Rule, listed
+from builder.check.rules import Fault, Faults, listed, some
 from eightpost.fmi.description import Description, Variable
 
 # ==== Probes of dependencies at initialization and over a step, compared with the declared ones ======================
@@ -35,6 +36,8 @@ from eightpost.fmi.description import Description, Variable
 
 #: Changes relative to the unknown's size (at least its nominal value): possible by rounding, and never by rounding.
 _ROUNDING, _CERTAIN = 1e-13, 1e-9
+
+_HIDDEN, _FALSE = ", which it does not declare", ", which it declares"
 
 
 def declared_pairs(description: Description, section: str) -> dict[str, set[str]]:
@@ -84,30 +87,14 @@ class Pairs:
         """Return the knowns of all declared pairs that were not observed."""
         return {known for _, known in self._unseen()}
 
-    def findings(self, where: str, false: Rule) -> Iterator[Finding]:
-        """Compare both; `false` is the rule for declared dependencies that were never observed."""
-        hidden: dict[str, list[str]] = {}
-        for unknown, known in sorted(self._certain):
-            if known not in self._declared.get(unknown, {known}):
-                hidden.setdefault(unknown, []).append(known)
-        for unknown, knowns in hidden.items():
-            yield RULES["dependency-hidden"].finding(
-                f"{where} {unknown} depends on {listed(knowns)}, which it does not declare"
-            )
-        never: dict[str, list[str]] = {}
-        for unknown, known in self._unseen():
-            never.setdefault(unknown, []).append(known)
-        for unknown, knowns in never.items():
-            rule = (
-                RULES["dependency-velocity"]
-                if false is RULES["dependency-velocity"] and _is_velocity(unknown)
-                else RULES["dependency-false"]
-            )
-            yield rule.finding(f"{where} {unknown} never depended on {listed(knowns)}, which it declares")
-
-
-def _is_velocity(name: str) -> bool:
-    return name.rpartition(".")[2] == "velocity"
+    def faults(self, where: str, *, velocities: str = "dependency-false") -> Faults:
+        """Compare both; `velocities` is the rule for declared dependencies of velocities that were never observed."""
+        hidden = [(u, known) for u, known in sorted(self._certain) if known not in self._declared.get(u, {known})]
+        for unknown, knowns in groupby(hidden, key=itemgetter(0)):
+            yield "dependency-hidden", some((k for _, k in knowns), f"{where} {unknown} depends on ", _HIDDEN)
+        for unknown, knowns in groupby(self._unseen(), key=itemgetter(0)):
+            rule = velocities if unknown.rpartition(".")[2] == "velocity" else "dependency-false"
+            yield rule, some((k for _, k in knowns), f"{where} {unknown} never depended on ", _FALSE)
 
 
 # ---- Points of a run to which an instance can return ----------------------------------------------------------------
@@ -138,7 +125,7 @@ class Place:
         """Return the outputs after a step of h [s] from this point with these inputs."""
         self.back()
         self.bench.drive(self.instance, inputs)
-        step(self.instance, self.time, h)
+        self.instance.advance(self.time, h)
         return self.instance.reals(self.bench.outputs)
 
 
@@ -212,7 +199,7 @@ def probe_initial_dependencies(bench: Bench) -> Results:
             for known in knowns:
                 point.perturb(known, pairs, change_of(known))
     _sweep(bench, unknowns, pairs)
-    yield from pairs.findings("in initialization mode", RULES["dependency-false"])
+    yield from pairs.faults("in initialization mode")
 
 
 def _unknowns(bench: Bench) -> list[Variable]:
@@ -291,6 +278,7 @@ def _spread(variable: Variable, count: int) -> Iterator[float]:
 # ---- Feedthrough over a tiny step -----------------------------------------------------------------------------------
 
 _LONG, _SHORT = 1e-6, 1e-7  # s
+_FIXED = "it only supports a fixed step size"
 
 #: Minimum share of the change over the short step that must remain at step size zero to count as feedthrough.
 _SHARE = 0.05
@@ -319,7 +307,7 @@ def probe_dependencies(bench: Bench) -> Results:
     if len(refusals) == len(_POINTS):
         yield Skip(f"steps of {_SHORT:g} s fail: {refusals[0]}")
         return
-    yield from pairs.findings("over a step", RULES["dependency-velocity"])
+    yield from pairs.faults("over a step", velocities="dependency-velocity")
 
 
 def _reason_to_skip(bench: Bench, declared: dict[str, set[str]]) -> str:
@@ -327,9 +315,7 @@ def _reason_to_skip(bench: Bench, declared: dict[str, set[str]]) -> str:
         return "there are no Real inputs, or no Real outputs"
     if not declared:
         return "no dependencies are declared"
-    return (
-        "" if bench.description.can("canHandleVariableCommunicationStepSize") else "it only supports a fixed step size"
-    )
+    return "" if bench.description.can("canHandleVariableCommunicationStepSize") else _FIXED
 
 
 def _perturb(bench: Bench, there: Place, pairs: Pairs) -> None:
@@ -412,7 +398,7 @@ def probe_derivatives(bench: Bench) -> Results:
     yield from _output_derivatives(bench)
 
 
-def _in_initialization(bench: Bench) -> Iterator[Finding]:
+def _in_initialization(bench: Bench) -> Iterator[Fault]:
     wrong: dict[str, str] = {}
     for seed in range(_DERIVATIVE_POINTS):
         with bench.initializing() as instance:
@@ -488,7 +474,7 @@ def _over_steps(bench: Bench) -> Results:
         yield Skip("it needs FMU states", "directional derivatives over steps")
         return
     if not bench.description.can("canHandleVariableCommunicationStepSize"):
-        yield Skip("it only supports a fixed step size", "directional derivatives over steps")
+        yield Skip(_FIXED, "directional derivatives over steps")
         return
     wrong: dict[str, str] = {}
     for seed in range(_DERIVATIVE_POINTS):
@@ -514,13 +500,12 @@ def _compare_step(there: Place, unknown: Variable, known: Variable) -> str:
     return "rejected" if refused(status) else _judge(stated, at, unknown, known, 10.0)
 
 
-def _findings(where: str, wrong: dict[str, str]) -> Iterator[Finding]:
-    if wrong:
-        shown = [f"{pair} is {fault}" for pair, fault in wrong.items()]
-        yield RULES["directional-derivative"].finding(f"{where} {listed(shown, most=3)}")
+def _findings(where: str, wrong: dict[str, str]) -> Iterator[Fault]:
+    shown = (f"{pair} is {fault}" for pair, fault in wrong.items())
+    yield "directional-derivative", some(shown, f"{where} ", most=3)
 
 
-def _input_derivatives(bench: Bench) -> Iterator[Finding]:
+def _input_derivatives(bench: Bench) -> Iterator[Fault]:
     h, t = bench.timing.step, bench.timing.start
     moving = bench.description.interpolated_inputs
     ends = []
@@ -529,19 +514,15 @@ def _input_derivatives(bench: Bench) -> Iterator[Finding]:
             bench.drive(instance, bench.held(t))
             status = instance.set_derivatives(moving, [size * amplitude(v) / h for v in moving])
             if refused(status):
-                yield RULES["input-derivatives"].finding(
-                    f"fmi2SetRealInputDerivatives rejects order 1{instance.last_message()}"
-                )
+                yield "input-derivatives", f"fmi2SetRealInputDerivatives rejects order 1{instance.last_message()}"
                 return
-            step(instance, t, h)
+            instance.advance(t, h)
             ends.append(instance.reals(bench.outputs))
     if bench.outputs and ends[0] == ends[1]:
-        yield RULES["interpolates"].finding(
-            "a step with derivatives of all inputs gives the same outputs as a step without"
-        )
+        yield "interpolates", "a step with derivatives of all inputs gives the same outputs as a step without"
 
 
-def _output_derivatives(bench: Bench) -> Iterator[Finding]:
+def _output_derivatives(bench: Bench) -> Iterator[Fault]:
     """Read all declared orders after a few steps."""
     outputs = [v for v in bench.outputs if v.variability == "continuous"]
     for order in range(1, bench.description.output_derivative_order + 1 if outputs else 1):
@@ -554,5 +535,5 @@ def _output_derivatives(bench: Bench) -> Iterator[Finding]:
                 what = f"returned values that are not finite for {listed(wrong)}"
             else:
                 continue
-        yield RULES["output-derivatives"].finding(f"fmi2GetRealOutputDerivatives of order {order} {what}")
+        yield "output-derivatives", f"fmi2GetRealOutputDerivatives of order {order} {what}"
         return

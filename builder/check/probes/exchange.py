@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from ctypes import c_double, c_int
 from dataclasses import replace
 
@@ -19,17 +19,20 @@ from builder.check.probes.bench import (
     amplitude,
     differ,
     refused,
-    step,
     wrong_times,
 )
 from builder.check.probes.dependencies import declared_pairs, judged
 from builder.check.probes.library import MODEL_EXCHANGE, EventInfo, MissingFunctionError, binary_path, library_of
-from builder.check.rules import RULES, Finding, listed
+from builder.check.rules import Fault, listed, some
 from eightpost.fmi.description import Variable, whole_number
 
 # ==== An integrator's side of model exchange: instances, their states and derivatives ================================
 
 _MOST_ITERATIONS = 100
+
+
+class _EndedError(Exception):
+    """The FMU ends the simulation at once, so that there is nothing to check."""
 
 
 class _Host:
@@ -46,6 +49,7 @@ class _Host:
         self.has_all_sizes = all(lengths.get(derivative.name, 1) for derivative, _ in pairs)
         self.indicators = whole_number(bench.description.event_indicators) or 0
         self.inputs = [v for v in bench.inputs if v.variability == "continuous"]
+        self.knowns, self.unknowns = [*self.inputs, *self.states], [*self.derivatives, *bench.outputs]
 
     def vector(self, instance: Instance, name: str, count: int | None = None) -> Values:
         """Return the array that a function fills; nothing is called for an empty one."""
@@ -60,22 +64,27 @@ class _Host:
         if self.count:
             instance.need("SetContinuousStates", (c_double * self.count)(*values), self.count)
 
-    @contextmanager
-    def instance(self) -> Iterator[Instance]:
+    def instance(self) -> AbstractContextManager[Instance]:
         """Provide an instance after fmi2Instantiate."""
-        with self.bench.instance(replace(self.bench.birth, kind=MODEL_EXCHANGE)) as created:
-            yield created
+        return self.bench.instance(replace(self.bench.birth, kind=MODEL_EXCHANGE))
 
     @contextmanager
-    def continuous(self) -> Iterator[Instance | None]:
-        """Provide an instance in continuous-time mode; None if the FMU ends the simulation at once."""
+    def continuous(self) -> Iterator[tuple[Instance, Values]]:
+        """Provide an instance in continuous-time mode, and its states at the start.
+
+        Raises:
+            _EndedError: The FMU ends the simulation at once.
+        """
         with self.instance() as created:
             self.bench.initialize(created)
             if _iterate_events(created).terminateSimulation:
-                yield None
-                return
+                raise _EndedError
             created.need("EnterContinuousTimeMode")
-            yield created
+            yield created, self.states_of(created)
+
+    def states_of(self, instance: Instance) -> Values:
+        """Return the continuous states."""
+        return self.vector(instance, "GetContinuousStates")
 
     def point(self, start: Values, k: int) -> tuple[Values, Values]:
         """Return inputs and states near the start, different ones for each k."""
@@ -97,6 +106,10 @@ class _Host:
         if refused(instance.set_reals(self.inputs, inputs)):
             raise CallError(f"fmi2SetReal of inputs is rejected in continuous-time mode{instance.last_message()}")
         self.set_states(instance, states)
+        return self.results(instance)
+
+    def results(self, instance: Instance) -> Values:
+        """Return the derivatives, then the outputs."""
         return [*self.vector(instance, "GetDerivatives"), *instance.reals(self.bench.outputs)]
 
 
@@ -144,9 +157,10 @@ def probe_model_exchange(bench: Bench) -> Results:
         return
     try:
         for check in (_integrated, _modes, _arrays, _repeated, _dependencies, _directional, _restored):
-            yield from check(host)
+            with suppress(_EndedError):
+                yield from check(host)
     except (CallError, MissingFunctionError) as error:
-        yield RULES["model-exchange"].finding(f"instantiated for model exchange, {error}")
+        yield "model-exchange", f"instantiated for model exchange, {error}"
         return
     if bench.description.co_simulation is not None and name == bench.description.identifier:
         yield from _agreement(host)
@@ -157,74 +171,75 @@ _Rates = Callable[[float, Values], Values]
 _Method = Callable[[_Rates, float, float, Values], Values]
 
 
-def _integrated(host: _Host) -> Iterator[Finding]:
+def _integrated(host: _Host) -> Iterator[Fault]:
     """Do a few tiny steps of Euler's method."""
-    with host.continuous() as instance:
-        if instance is None:
-            return
+    with host.continuous() as (instance, states):
         nominals = host.vector(instance, "GetNominalsOfContinuousStates")
         if not all(math.isfinite(value) and value > 0.0 for value in nominals):
-            yield RULES["nominals-agree"].finding(f"not positive: {nominals[:6]}")
-        stated = [state.number("nominal") for state in host.states]
-        wrong = [s.name for s, own, text in zip(host.states, nominals, stated, strict=True)
-                 if text is not None and not math.isclose(own, text, rel_tol=1e-6)]  # fmt: skip
-        if wrong:
-            yield RULES["nominals-agree"].finding(f"different from the description for {listed(wrong)}")
-        now = yield from _small_steps(host, instance)
+            yield "nominals-agree", f"not positive: {nominals[:6]}"
+        stated = [(s.name, own, s.number("nominal")) for s, own in zip(host.states, nominals, strict=True)]
+        wrong = (name for name, own, text in stated if text is not None and not math.isclose(own, text, rel_tol=1e-6))
+        yield "nominals-agree", some(wrong, "different from the description for ")
+        now = yield from _small_steps(host, instance, states)
         if now is None:
             return
         instance.need("EnterEventMode")
         info = _iterate_events(instance)
         if info.nextEventTimeDefined and not info.nextEventTime >= now:
-            yield RULES["event-requests"].finding(f"at {now!r} s, the next event is at {info.nextEventTime!r} s")
-        tunable = [v for v in host.bench.description.of("parameter") if v.variability == "tunable"]
-        locked = [v.name for v in tunable if refused(instance.set(v, v.number("start") or 0.0))]
-        if locked:
-            yield RULES["exchange-inputs"].finding(f"rejected in event mode: {listed(locked)}")
-        before = host.vector(instance, "GetContinuousStates")
+            yield "event-requests", f"at {now!r} s, the next event is at {info.nextEventTime!r} s"
+        tunable = (v for v in host.bench.description.of("parameter") if v.variability == "tunable")
+        locked = (v.name for v in tunable if refused(instance.set(v, v.number("start") or 0.0)))
+        yield "exchange-inputs", some(locked, "rejected in event mode: ")
+        before = host.states_of(instance)
         instance.need("EnterContinuousTimeMode")
-        if host.vector(instance, "GetContinuousStates") != before:
-            yield RULES["states-set"].finding("the values change when continuous-time mode is entered")
+        if host.states_of(instance) != before:
+            yield "states-set", "the values change when continuous-time mode is entered"
         instance.need("Terminate")
 
 
-def _small_steps(host: _Host, instance: Instance) -> Generator[Finding, None, float | None]:
+def _small_steps(host: _Host, instance: Instance, states: Values) -> Generator[Fault, None, float | None]:
     """Do the steps, with an event wherever the FMU asks for one; return the time [s], or None after a finding."""
-    states, requests, now = host.vector(instance, "GetContinuousStates"), 0, host.bench.timing.start
+    requests, now = 0, host.bench.timing.start
     for point in range(1, _STEPS + 1):
         slopes = host.vector(instance, "GetDerivatives")
         if not all(map(math.isfinite, slopes)):
-            yield RULES["derivatives-finite"].finding(f"at the start: {slopes[:6]}")
+            yield "derivatives-finite", f"at the start: {slopes[:6]}"
             return None
         now = host.bench.timing.start + point * _H
         instance.need("SetTime", now)
         yield from wrong_times(host.bench, instance, now)
         states = [x + _H * slope for x, slope in zip(states, slopes, strict=True)]
         host.set_states(instance, states)
-        enter, end = c_int(), c_int()
-        instance.need("CompletedIntegratorStep", 1, ctypes.byref(enter), ctypes.byref(end))
+        wants_event, ends = _completed(instance)
         if not all(map(math.isfinite, host.vector(instance, "GetEventIndicators", host.indicators))):
-            yield RULES["derivatives-finite"].finding("an event indicator is not finite near the start")
+            yield "derivatives-finite", "an event indicator is not finite near the start"
             return None
-        if end.value:
-            yield RULES["event-requests"].finding(f"the simulation is ended {point * _H:g} s after its start")
+        if ends:
+            yield "event-requests", f"the simulation is ended {point * _H:g} s after its start"
             return None
-        if enter.value:
+        if wants_event:
             requests += 1
             instance.need("EnterEventMode")
             _iterate_events(instance)
             instance.need("EnterContinuousTimeMode")
-            states = host.vector(instance, "GetContinuousStates")
+            states = host.states_of(instance)
     if requests == _STEPS:
-        yield RULES["event-requests"].finding(f"after each of {_STEPS} steps of {_H:g} s")
+        yield "event-requests", f"after each of {_STEPS} steps of {_H:g} s"
         return None
     return now
 
 
-def _modes(host: _Host) -> Iterator[Finding]:
+def _completed(instance: Instance) -> tuple[bool, bool]:
+    """Return whether the FMU asks for an event after a step, and whether it ends the simulation."""
+    enter, end = c_int(), c_int()
+    instance.need("CompletedIntegratorStep", 1, ctypes.byref(enter), ctypes.byref(end))
+    return bool(enter.value), bool(end.value)
+
+
+def _modes(host: _Host) -> Iterator[Fault]:
     """Call functions in modes in which they are not allowed."""
-    buffer = (c_double * max(host.count, 1))(*[0.0] * max(host.count, 1))
-    states = [("SetContinuousStates", (buffer, host.count))] if host.count else []
+    zeros = (c_double * max(host.count, 1))(*[0.0] * max(host.count, 1))
+    states = [("SetContinuousStates", (zeros, host.count))] if host.count else []
     step_call = [("DoStep", (host.bench.timing.start, host.bench.timing.step, 1))]
     accepted = []
     with host.instance() as instance:
@@ -234,33 +249,23 @@ def _modes(host: _Host) -> Iterator[Finding]:
     with host.instance() as instance:
         host.bench.initialize(instance)
         for name, arguments in (*states, *step_call):
-            if not _is_refused(instance, name, arguments):
-                accepted.append(f"fmi2{name} in event mode")
-    if accepted:
-        yield RULES["exchange-order"].finding(f"accepted: {listed(accepted)}")
+            with suppress(MissingFunctionError):
+                if not refused(instance.call(name, *arguments)):
+                    accepted.append(f"fmi2{name} in event mode")
+    yield "exchange-order", some(accepted, "accepted: ")
 
 
-def _is_refused(instance: Instance, name: str, arguments: tuple[object, ...]) -> bool:
-    try:
-        return refused(instance.call(name, *arguments))
-    except MissingFunctionError:
-        return True
-
-
-def _arrays(host: _Host) -> Iterator[Finding]:
+def _arrays(host: _Host) -> Iterator[Fault]:
     """Set states, and read states and derivatives as arrays and as variables."""
-    with host.continuous() as instance:
-        if instance is None or not host.count:
-            return
-        start = host.vector(instance, "GetContinuousStates")
-        for k in range(2):
+    with host.continuous() as (instance, start):
+        for k in range(2 if host.count else 0):
             inputs, states = host.point(start, k)
             slopes = host.go(instance, inputs, states)[: host.count]
             if not all(map(math.isfinite, slopes)):
-                yield RULES["derivatives-finite"].finding(f"near the start: {slopes[:6]}")
+                yield "derivatives-finite", f"near the start: {slopes[:6]}"
                 return
-            if host.vector(instance, "GetContinuousStates") != states:
-                yield RULES["states-set"].finding("the values differ from those that were set")
+            if host.states_of(instance) != states:
+                yield "states-set", "the values differ from those that were set"
                 return
             for what, variables, values in (("states", host.states, states), ("derivatives", host.derivatives, slopes)):
                 scalars = [(v, value) for v, value in zip(variables, values, strict=True) if not v.is_array]
@@ -268,32 +273,27 @@ def _arrays(host: _Host) -> Iterator[Finding]:
                 wrong = [v.name for (v, a), b in zip(scalars, read, strict=True)
                          if not math.isclose(a, b, rel_tol=1e-9, abs_tol=1e-300)]  # fmt: skip
                 if wrong:
-                    yield RULES["states-variables"].finding(f"{what} differ: {listed(wrong)}")
+                    yield "states-variables", f"{what} differ: {listed(wrong)}"
                     return
 
 
-def _repeated(host: _Host) -> Iterator[Finding]:
+def _repeated(host: _Host) -> Iterator[Fault]:
     """Evaluate two points in turns, and change the inputs alone."""
-    with host.continuous() as instance:
-        if instance is None:
-            return
-        start = host.vector(instance, "GetContinuousStates")
+    with host.continuous() as (instance, start):
         first, second = (host.point(start, k) for k in (0, 1))
         rows = [host.go(instance, *point) for point in (first, second, first, first)]
         if not all(math.isfinite(value) for row in rows for value in row):
-            yield RULES["derivatives-finite"].finding("near the start, derivatives or outputs are not finite")
+            yield "derivatives-finite", "near the start, derivatives or outputs are not finite"
         elif not rows[0] == rows[2] == rows[3]:
-            yield RULES["derivatives-repeatable"].finding(
-                "the same inputs and states gave other derivatives or outputs after others"
-            )
+            yield "derivatives-repeatable", "the same inputs and states gave other derivatives or outputs after others"
         elif host.inputs:
             host.go(instance, *second)
             expected = host.go(instance, second[0], first[1])
             for point in (second, first):
                 host.go(instance, *point)
             instance.set_reals(host.inputs, second[0])
-            if [*host.vector(instance, "GetDerivatives"), *instance.reals(host.bench.outputs)] != expected:
-                yield RULES["derivatives-repeatable"].finding("a change of inputs alone is ignored or used late")
+            if host.results(instance) != expected:
+                yield "derivatives-repeatable", "a change of inputs alone is ignored or used late"
 
 
 def _evaluations(host: _Host, instance: Instance, base: tuple[Values, Values]) -> Callable[[int, float], Values]:
@@ -301,9 +301,9 @@ def _evaluations(host: _Host, instance: Instance, base: tuple[Values, Values]) -
     count = len(host.inputs)
 
     def at(known: int, change: float) -> Values:
-        inputs, states = list(base[0]), list(base[1])
-        (inputs if known < count else states)[known - (0 if known < count else count)] += change
-        return host.go(instance, inputs, states)
+        values = [*base[0], *base[1]]
+        values[known] += change
+        return host.go(instance, values[:count], values[count:])
 
     return at
 
@@ -318,26 +318,21 @@ def _declared(host: _Host) -> dict[str, set[str]]:
     return declared_pairs(description, "Outputs") | declared_pairs(description, "Derivatives")
 
 
-def _dependencies(host: _Host) -> Iterator[Finding]:
+def _dependencies(host: _Host) -> Iterator[Fault]:
     """Change every input and state; whatever follows must be declared."""
-    knowns, unknowns = [*host.inputs, *host.states], [*host.derivatives, *host.bench.outputs]
     declared, hidden = _declared(host), set()
-    with host.continuous() as instance:
-        if instance is None:
-            return
-        start = host.vector(instance, "GetContinuousStates")
+    with host.continuous() as (instance, start):
         for point in range(2):
             at = _evaluations(host, instance, host.point(start, point))
             for k, change in enumerate(_changes(host, start)):
                 before, after = at(k, 0.0), at(k, 30.0 * change)
-                for unknown, a, b in zip(unknowns, before, after, strict=True):
+                for unknown, a, b in zip(host.unknowns, before, after, strict=True):
                     names = declared.get(unknown.name)
                     is_moved = abs(b - a) > 1e-9 * max(abs(a), abs(b), abs(unknown.number("nominal") or 1e-3))
                     # An output that is a state depends on itself, which the description need not state.
-                    if is_moved and names is not None and not _aliases(host, knowns[k]) & {unknown.name, *names}:
-                        hidden.add(f"{unknown.name} depends on {knowns[k].name}")
-    if hidden:
-        yield RULES["derivative-hidden"].finding(listed(sorted(hidden)))
+                    if is_moved and names is not None and not _aliases(host, host.knowns[k]) & {unknown.name, *names}:
+                        hidden.add(f"{unknown.name} depends on {host.knowns[k].name}")
+    yield "derivative-hidden", some(sorted(hidden))
 
 
 def _aliases(host: _Host, variable: Variable) -> set[str]:
@@ -350,50 +345,40 @@ def _directional(host: _Host) -> Results:
     if not host.bench.description.can_exchange("providesDirectionalDerivative"):
         yield Skip("providesDirectionalDerivative of ModelExchange is not true", "directional derivatives by states")
         return
-    knowns, unknowns = [*host.inputs, *host.states], [*host.derivatives, *host.bench.outputs]
     wrong: dict[str, str] = {}
-    with host.continuous() as instance:
-        if instance is None:
-            return
-        start = host.vector(instance, "GetContinuousStates")
+    with host.continuous() as (instance, start):
         for point in range(2):
             base = host.point(start, point)
             at = _evaluations(host, instance, base)
-            for k, change in enumerate(_changes(host, start)):
+            for k, (known, change) in enumerate(zip(host.knowns, _changes(host, start), strict=True)):
                 rows = [at(k, share * change) for share in (-1.0, -0.5, 0.5, 1.0)]
                 host.go(instance, *base)
-                for i, unknown in enumerate(unknowns):
-                    if unknown.is_array or knowns[k].is_array or unknown.name in _aliases(host, knowns[k]):
+                for i, unknown in enumerate(host.unknowns):
+                    if unknown.is_array or known.is_array or unknown.name in _aliases(host, known):
                         continue
-                    status, stated = instance.directional(unknown, knowns[k])
+                    status, stated = instance.directional(unknown, known)
                     ends = [row[i] for row in rows]
-                    fault = (
-                        "rejected"
-                        if refused(status)
-                        else judged(stated, ends, change, 1e-12 * max(map(abs, ends)), 0.0)
-                    )
-                    if fault:
-                        wrong.setdefault(f"{unknown.name} by {knowns[k].name}", fault)
-        wrong |= _sums(host, instance, knowns, unknowns)
+                    fault = judged(stated, ends, change, 1e-12 * max(map(abs, ends)), 0.0)
+                    if fault := "rejected" if refused(status) else fault:
+                        wrong.setdefault(f"{unknown.name} by {known.name}", fault)
+        wrong |= _sums(host, instance)
     if wrong:
-        shown = [f"{pair} is {fault}" for pair, fault in wrong.items()]
-        yield RULES["exchange-directional"].finding(listed(shown, most=3))
+        yield "exchange-directional", listed([f"{pair} is {fault}" for pair, fault in wrong.items()], most=3)
 
 
-def _sums(host: _Host, instance: Instance, knowns: list[Variable], unknowns: list[Variable]) -> dict[str, str]:
+def _sums(host: _Host, instance: Instance) -> dict[str, str]:
     """Compare the derivative of each unknown by all knowns at once with the sum of those by one."""
     wrong = {}
-    knowns = [known for known in knowns if not known.is_array]
-    for unknown in unknowns:
-        others = [known for known in knowns if unknown.name not in _aliases(host, known)]
+    for unknown in host.unknowns:
+        others = [known for known in host.knowns if not known.is_array and unknown.name not in _aliases(host, known)]
         single = [instance.directional(unknown, known) for known in others]
         if unknown.is_array or len(others) < 2 or any(refused(status) for status, _ in single):
             continue
         status, total = instance.directional(unknown, *others)
         expected, size = sum(value for _, value in single), sum(abs(value) for _, value in single)
         if refused(status) or not abs(total - expected) <= 1e-9 * size:
-            found = "rejected" if refused(status) else f"{total!r}, not {expected!r}"
-            wrong[f"{unknown.name} by {len(others)} variables at once"] = found
+            fault = "rejected" if refused(status) else f"{total!r}, not {expected!r}"
+            wrong[f"{unknown.name} by {len(others)} variables at once"] = fault
     return wrong
 
 
@@ -402,18 +387,14 @@ def _restored(host: _Host) -> Results:
     if not host.bench.description.can_exchange("canGetAndSetFMUstate"):
         yield Skip("canGetAndSetFMUstate of ModelExchange is not true", "FMU states in model exchange")
         return
-    with host.continuous() as instance:
-        if instance is None:
-            return
-        start = host.vector(instance, "GetContinuousStates")
+    with host.continuous() as (instance, start):
         before = host.go(instance, *host.point(start, 0))
-        kept = host.vector(instance, "GetContinuousStates")
+        states = host.states_of(instance)
         state = instance.state()
         host.go(instance, *host.point(start, 1))
         instance.need("SetFMUstate", state)
-        again = [*host.vector(instance, "GetDerivatives"), *instance.reals(host.bench.outputs)]
-        if again != before or host.vector(instance, "GetContinuousStates") != kept:
-            yield RULES["exchange-state"].finding("after fmi2SetFMUstate states, derivatives or outputs differ")
+        if host.results(instance) != before or host.states_of(instance) != states:
+            yield "exchange-state", "after fmi2SetFMUstate states, derivatives or outputs differ"
         instance.call("FreeFMUstate", ctypes.byref(state))
 
 
@@ -447,13 +428,11 @@ def _agreement(host: _Host) -> Results:
         return
     text = f"outputs differ by {100.0 * worst:.2g} % of their size in {len(points)} steps"
     if finer < 0.5 * worst:
-        yield RULES["exchange-accuracy"].finding(
-            f"{text}, and by {100.0 * finer:.2g} % with {_FINER} steps in place of one"
-        )
+        yield "exchange-accuracy", f"{text}, and by {100.0 * finer:.2g} % with {_FINER} steps in place of one"
     elif is_euler:
-        yield RULES["exchange-accuracy"].finding(f"{text}: its solver is Euler's with this step")
+        yield "exchange-accuracy", f"{text}: its solver is Euler's with this step"
     else:
-        yield RULES["exchange-agrees"].finding(text)
+        yield "exchange-agrees", text
 
 
 def _stepped(bench: Bench, points: range, parts: int) -> list[Values]:
@@ -464,7 +443,7 @@ def _stepped(bench: Bench, points: range, parts: int) -> list[Values]:
             begin = bench.timing.at(point)
             bench.drive(instance, bench.excitation(begin))
             for part in range(parts):
-                step(instance, begin + part * h, h)
+                instance.advance(begin + part * h, h)
             rows.append(instance.reals(bench.outputs))
     return rows
 
@@ -478,11 +457,9 @@ def _difference(host: _Host, exchanged: list[Values], stepped: list[Values]) -> 
 
 def _marched(host: _Host, points: range, parts: int, stage: _Method) -> list[Values] | None:
     """Return the outputs after each communication step in several steps of a method; None after an event."""
-    bench, rows = host.bench, []
-    with host.continuous() as instance:
-        if instance is None:
-            return None
-        x, h = host.vector(instance, "GetContinuousStates"), bench.timing.step / parts
+    bench, rows, h = host.bench, [], host.bench.timing.step / parts
+    with suppress(_EndedError), host.continuous() as (instance, start):
+        x = start
 
         def rates(time: float, states: Values) -> Values:
             instance.need("SetTime", time)
@@ -495,12 +472,11 @@ def _marched(host: _Host, points: range, parts: int, stage: _Method) -> list[Val
             for part in range(parts):
                 x = stage(rates, begin + part * h, h, x)
             rates(begin + bench.timing.step, x)
-            enter, end = c_int(), c_int()
-            instance.need("CompletedIntegratorStep", 1, ctypes.byref(enter), ctypes.byref(end))
-            if enter.value or end.value or host.indicators:
+            if any(_completed(instance)) or host.indicators:
                 return None
             rows.append(instance.reals(bench.outputs))
-    return rows
+        return rows
+    return None
 
 
 def _euler(rates: _Rates, time: float, h: float, x: Values) -> Values:

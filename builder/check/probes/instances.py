@@ -31,10 +31,9 @@ from builder.check.probes.bench import (
     differ,
     refused,
     set_other_parameters,
-    step,
 )
 from builder.check.probes.library import FmuLibrary, MissingFunctionError
-from builder.check.rules import RULES, Finding, Rule, listed
+from builder.check.rules import Fault, listed, some
 from eightpost.workers.process import python_command, run
 
 # ==== Probes of instances: several at once, after a reset, and their effects on the process ==========================
@@ -73,19 +72,17 @@ def probe_instances(bench: Bench) -> Results:
         yield Skip("memory is only measured on Linux", "growth")
 
 
-def _interleaved(bench: Bench, alone: list[Values]) -> Iterator[Finding]:
+def _interleaved(bench: Bench, alone: list[Values]) -> Iterator[Fault]:
     rows = []
     with bench.running() as one, bench.running() as other:
         for point in bench.all_points():
             rows += bench.run(one, bench.excitation, range(point, point + 1))
             bench.run(other, lambda time: bench.excitation(time, -0.4), range(point, point + 1))
     if worst := differ(alone, rows):
-        yield RULES["instances"].finding(
-            f"interleaved with another instance, its outputs differ by {worst:.1e} of their size"
-        )
+        yield "instances", f"interleaved with another instance, its outputs differ by {worst:.1e} of their size"
 
 
-def _threads(bench: Bench, alone: list[Values]) -> Iterator[Finding]:
+def _threads(bench: Bench, alone: list[Values]) -> Iterator[Fault]:
     results: list[list[Values]] = []
 
     def work(instance: Instance) -> None:
@@ -102,26 +99,26 @@ def _threads(bench: Bench, alone: list[Values]) -> Iterator[Finding]:
         threading.stack_size(usual)
         FmuLibrary.place = ""
     if len(results) < 4 or any(differ(alone, rows) for rows in results):
-        yield RULES["threads"].finding("the outputs of four instances in threads differ from those of one alone")
+        yield "threads", "the outputs of four instances in threads differ from those of one alone"
 
 
-def _fifty(bench: Bench, alone: list[Values]) -> Iterator[Finding]:
+def _fifty(bench: Bench, alone: list[Values]) -> Iterator[Fault]:
     try:
         with ExitStack() as stack:
             instances = [stack.enter_context(bench.running()) for _ in range(_MANY)]
             last = [bench.run(instance, bench.excitation, range(min(5, len(alone)))) for instance in instances]
     except CallError as error:
-        yield RULES["fifty-instances"].finding(str(error))
+        yield "fifty-instances", str(error)
         return
     if any(differ(alone[:5], rows) for rows in last):
-        yield RULES["fifty-instances"].finding("their outputs differ from those of one alone")
+        yield "fifty-instances", "their outputs differ from those of one alone"
 
 
 def _descriptors() -> int:
     return len(list(Path("/proc/self/fd").iterdir()))
 
 
-def _instance_growth(bench: Bench) -> Iterator[Finding]:
+def _instance_growth(bench: Bench) -> Iterator[Fault]:
     def cycle() -> None:
         with bench.running() as instance:
             bench.run(instance, bench.held, range(1))
@@ -135,9 +132,9 @@ def _instance_growth(bench: Bench) -> Iterator[Finding]:
         cycle()
     grown, opened = _resident() - before, _descriptors() - files
     if opened >= _CYCLES // 2:
-        yield RULES["descriptors"].finding(f"after {_CYCLES} instances {opened} more descriptors are open")
+        yield "descriptors", f"after {_CYCLES} instances {opened} more descriptors are open"
     if grown > _INSTANCE_GROWTH:
-        yield RULES["growth"].finding(f"creating and freeing {_CYCLES} instances leaked {grown / 1e6:.1f} MB")
+        yield "growth", f"creating and freeing {_CYCLES} instances leaked {grown / 1e6:.1f} MB"
 
 
 # ---- Runs after a reset ---------------------------------------------------------------------------------------------
@@ -150,16 +147,16 @@ _RESET_PATIENCE = 1.2  # s of processor time
 def probe_reset(bench: Bench) -> Results:
     """Run, disturb, reset, run again: from the middle, from initialization mode, after the end."""
     with bench.instance() as instance:
-        first = _run(bench, instance)
+        first = _whole_run(bench, instance)
         for where in ("between steps", "in initialization mode", "after fmi2Terminate"):
             _disturb(bench, instance, where)
             instance.need("Reset", note=f" {where}")
-            yield from _compare(where, first, _run(bench, instance))
+            yield from _compare(where, first, _whole_run(bench, instance))
             instance.need("Reset")
     yield from _late(bench)
 
 
-def _late(bench: Bench) -> Iterator[Finding | Skip]:
+def _late(bench: Bench) -> Iterator[Fault | Skip]:
     """Reset after the default experiment and repeat the run: some defects only occur or show late."""
     most = int(_LATE * bench.timing.whole)
     with bench.instance() as instance:
@@ -177,25 +174,25 @@ def _late(bench: Bench) -> Iterator[Finding | Skip]:
         yield Skip(str(first.refusal or "it would take too long"), f"a reset later than {end:g} s")
 
 
-def _repeated(bench: Bench, instance: Instance, first: _LongRun) -> Iterator[Finding]:
+def _repeated(bench: Bench, instance: Instance, first: _LongRun) -> Iterator[Fault]:
     where = f"at {bench.timing.at(first.steps):g} s"
     instance.need("Reset", note=f" {where}")
     again = _long_run(bench, instance, first.steps, patient=True)
     if again.refusal is not None:
-        yield RULES["reset"].finding(f"after fmi2Reset {where} the same run ends earlier: {again.refusal}")
+        yield "reset", f"after fmi2Reset {where} the same run ends earlier: {again.refusal}"
         return
     common = min(len(first.rows), len(again.rows))
     yield from _compare(where, first.rows[:common], again.rows[:common])
 
 
-def _after_the_end(bench: Bench, instance: Instance) -> Iterator[Finding]:
+def _after_the_end(bench: Bench, instance: Instance) -> Iterator[Fault]:
     """Reset an instance that has ended the simulation itself."""
     try:
         instance.need("Reset", note=" after the FMU ended the simulation")
         bench.initialize(instance)
         bench.run(instance, bench.excitation, range(1))
     except CallError as error:
-        yield RULES["reset-ended"].finding(str(error))
+        yield "reset-ended", str(error)
 
 
 @dataclass(frozen=True)
@@ -220,16 +217,16 @@ def _long_run(bench: Bench, instance: Instance, most: int, *, patient: bool = Fa
                     break
                 rows.append(instance.reals(bench.outputs))
                 bench.drive(instance, bench.excitation(bench.timing.at(point)))
-            step(instance, bench.timing.at(point), bench.timing.step)
+            instance.advance(bench.timing.at(point), bench.timing.step)
             point += 1
     except CallError as error:  # after the end of its experiment an FMU may have no data
         return _LongRun(rows, point, error)
     return _LongRun(rows, point, None)
 
 
-def _run(bench: Bench, instance: Instance) -> list[Values]:
+def _whole_run(bench: Bench, instance: Instance) -> list[Values]:
     bench.initialize(instance)
-    return [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, bench.all_points())]
+    return bench.trace(instance, bench.all_points())
 
 
 def _disturb(bench: Bench, instance: Instance, where: str) -> None:
@@ -237,8 +234,7 @@ def _disturb(bench: Bench, instance: Instance, where: str) -> None:
     if where == "between steps":  # the instance has just run
         instance.need("Reset")
     bench.enter(instance)
-    draw = random.Random(1)
-    set_other_parameters(bench, instance, draw)
+    set_other_parameters(bench, instance, random.Random(1))
     bench.drive(instance, bench.excitation(bench.timing.at(17)))
     if where == "in initialization mode":
         return
@@ -248,10 +244,8 @@ def _disturb(bench: Bench, instance: Instance, where: str) -> None:
         instance.need("Terminate")
 
 
-def _compare(where: str, first: list[Values], second: list[Values]) -> Iterator[Finding]:
-    yield from compare(
-        (RULES["reset"], RULES["reset-bits"]), f"after fmi2Reset {where} the same run differs", first, second
-    )
+def _compare(where: str, first: list[Values], second: list[Values]) -> Iterator[Fault]:
+    yield from compare(("reset", "reset-bits"), f"after fmi2Reset {where} the same run differs", first, second)
 
 
 # ---- Effects of steps on the process --------------------------------------------------------------------------------
@@ -272,13 +266,12 @@ def probe_footprint(bench: Bench) -> Results:
     for what in dict.fromkeys((*bench.process, *now)) if bench.process else ():
         before, after = (state.get(what, "none") for state in (bench.process, now))
         if after != before:
-            rule = RULES["locale" if what == "locale" else "process-state"]
-            yield rule.finding(f"it changed the {what} from {before} to {after}")
+            rule = "locale" if what == "locale" else "process-state"
+            yield rule, f"it changed the {what} from {before} to {after}"
     if printed:
         text = printed[:80].decode("utf-8", "replace")
-        yield RULES["standard-output"].finding(
-            f"a run of {bench.timing.count} steps printed {len(printed)} bytes, starting with {text!r}"
-        )
+        text = f"a run of {bench.timing.count} steps printed {len(printed)} bytes, starting with {text!r}"
+        yield "standard-output", text
     yield from _step_growth(bench) if sys.platform == "linux" else [Skip("memory is only measured on Linux", "memory")]
     _unload(bench)
 
@@ -358,7 +351,7 @@ def _flush() -> None:
         ctypes.CDLL(None).fflush(None)
 
 
-def _step_growth(bench: Bench) -> Iterator[Finding | Skip]:
+def _step_growth(bench: Bench) -> Iterator[Fault | Skip]:
     """Measure memory over two blocks of steps: memory that is allocated once, e.g. a table, does not grow in both."""
     try:
         with bench.running() as instance:
@@ -372,9 +365,8 @@ def _step_growth(bench: Bench) -> Iterator[Finding | Skip]:
         return
     first, second = (after - before for before, after in itertools.pairwise(sizes))
     if min(first, second) > _STEP_GROWTH:
-        yield RULES["step-growth"].finding(
-            f"after {done} steps of one instance the process still grows: by {second / 1e6:.1f} MB in the last block"
-        )
+        text = f"after {done} steps of one instance the process still grows: by {second / 1e6:.1f} MB in the last block"
+        yield "step-growth", text
 
 
 def _walk(bench: Bench, instance: Instance, points: range) -> int:
@@ -384,7 +376,7 @@ def _walk(bench: Bench, instance: Instance, points: range) -> int:
         if time.process_time() > end:
             return point
         bench.drive(instance, bench.excitation(bench.timing.at(point)))
-        step(instance, bench.timing.at(point), bench.timing.step)
+        instance.advance(bench.timing.at(point), bench.timing.step)
         instance.reals(bench.outputs)
         instance.messages.clear()  # log messages would count as memory of this process
     return points.stop
@@ -417,21 +409,19 @@ def _halves(bench: Bench) -> tuple[range, range]:
     return range(middle), range(middle, bench.timing.count)
 
 
-def _rollback(bench: Bench) -> Iterator[Finding]:
+def _rollback(bench: Bench) -> Iterator[Fault]:
     before, after = _halves(bench)
     with bench.running() as instance:
         bench.run(instance, bench.excitation, before)
         state = instance.state()
-        there = instance.reals(bench.outputs)
-        first = [there, *bench.run(instance, bench.excitation, after)]
+        first = bench.trace(instance, after)
         for _ in range(2):
             instance.need("SetFMUstate", state)
-            again = [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, after)]
-            yield from _compare_runs(RULES["rollback"], "after a rollback", first, again)
+            yield from _compare_runs("rollback", "after a rollback", first, bench.trace(instance, after))
         instance.call("FreeFMUstate", ctypes.byref(state))
 
 
-def _start(bench: Bench) -> Iterator[Finding]:
+def _start(bench: Bench) -> Iterator[Fault]:
     """Check that a state saved right after initialization restores the start of the run."""
     with bench.running() as instance:
         state = instance.state()
@@ -439,23 +429,23 @@ def _start(bench: Bench) -> Iterator[Finding]:
         instance.need("SetFMUstate", state)
         again = bench.run(instance, bench.excitation, bench.all_points())
         instance.call("FreeFMUstate", ctypes.byref(state))
-        yield from _compare_runs(RULES["rollback"], "after a rollback to the start", first, again)
+        yield from _compare_runs("rollback", "after a rollback to the start", first, again)
 
 
-def _freed(bench: Bench) -> Iterator[Finding]:
+def _freed(bench: Bench) -> Iterator[Fault]:
     with bench.running() as instance:
         state = instance.state()
         status = instance.call("FreeFMUstate", ctypes.byref(state))
         if refused(status) or state.value is not None:
-            yield RULES["state-freed"].finding("the pointer is not NULL after fmi2FreeFMUstate")
+            yield "state-freed", "the pointer is not NULL after fmi2FreeFMUstate"
         elif refused(instance.call("FreeFMUstate", ctypes.byref(state), note=" of NULL")):
-            yield RULES["state-freed"].finding("fmi2FreeFMUstate of NULL is rejected")
+            yield "state-freed", "fmi2FreeFMUstate of NULL is rejected"
 
 
 _STATES, _STATE_GROWTH = 1000, 5e4  # states, and bytes in each of two blocks of them
 
 
-def _state_growth(bench: Bench) -> Iterator[Finding]:
+def _state_growth(bench: Bench) -> Iterator[Fault]:
     with bench.running() as instance:
         sizes = []
         for count in (_STATES // 10, _STATES, _STATES):
@@ -464,22 +454,20 @@ def _state_growth(bench: Bench) -> Iterator[Finding]:
                 instance.call("FreeFMUstate", ctypes.byref(state))
             sizes.append(_resident())
     if (grown := min(after - before for before, after in itertools.pairwise(sizes))) > _STATE_GROWTH:
-        yield RULES["state-growth"].finding(f"{_STATES} states that were freed leaked {grown / 1e6:.2f} MB")
+        yield "state-growth", f"{_STATES} states that were freed leaked {grown / 1e6:.2f} MB"
 
 
-def _serialized(bench: Bench) -> Iterator[Finding]:
+def _serialized(bench: Bench) -> Iterator[Fault]:
     before, after = _halves(bench)
     with bench.running() as instance:
         bench.run(instance, bench.excitation, before)
         state = instance.state()
         content = instance.serialized(state)
         if content != instance.serialized(state) or content != instance.serialized(instance.state()):
-            yield RULES["serialized-same"].finding("two serializations of the same state differ")
-        first = [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, after)]
+            yield "serialized-same", "two serializations of the same state differ"
+        first = bench.trace(instance, after)
     with bench.running() as other:  # after the first was freed: some FMUs allow only one instance at a time
-        yield from _compare_runs(
-            RULES["serialized-state"], "in another instance", first, _restored(bench, other, content)
-        )
+        yield from _compare_runs("serialized-state", "in another instance", first, _restored(bench, other, content))
     yield from _other_process(bench, content, first)
 
 
@@ -491,10 +479,10 @@ def _restored(bench: Bench, instance: Instance, content: bytes) -> list[Values]:
             f"fmi2DeSerializeFMUstate rejected a state that the FMU itself serialized{instance.last_message()}"
         )
     instance.need("SetFMUstate", state)
-    return [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, _halves(bench)[1])]
+    return bench.trace(instance, _halves(bench)[1])
 
 
-def _other_process(bench: Bench, content: bytes, first: list[Values]) -> Iterator[Finding]:
+def _other_process(bench: Bench, content: bytes, first: list[Values]) -> Iterator[Fault]:
     with tempfile.TemporaryDirectory() as folder:
         saved, progress = Path(folder) / "state", Path(folder) / "progress"
         saved.write_bytes(content)
@@ -504,18 +492,18 @@ def _other_process(bench: Bench, content: bytes, first: list[Values]) -> Iterato
         bench.library.begin("restoring a serialized state in another process")
         ran = run(command, _TIMEOUT)
     if ran.code is None:
-        yield RULES["serialized-process"].finding(f"restoring did not end within {_TIMEOUT:g} s")
+        yield "serialized-process", f"restoring did not end within {_TIMEOUT:g} s"
         return
     if ran.code != 0:
         last = ran.errors.decode("utf-8", "replace").strip().splitlines()[-1:] or [f"code {ran.code}"]
-        yield RULES["serialized-process"].finding(f"restoring failed: {last[0]}")
+        yield "serialized-process", f"restoring failed: {last[0]}"
         return
     rows = [[float.fromhex(word) for word in line.split()] for line in ran.output.decode().splitlines()]
-    yield from _compare_runs(RULES["serialized-process"], "in another process", first, rows)
+    yield from _compare_runs("serialized-process", "in another process", first, rows)
 
 
-def _compare_runs(rule: Rule, where: str, first: list[Values], again: list[Values]) -> Iterator[Finding]:
-    yield from compare((rule, RULES["rollback-bits"]), f"{where} the same steps differ", first, again)
+def _compare_runs(rule: str, where: str, first: list[Values], again: list[Values]) -> Iterator[Fault]:
+    yield from compare((rule, "rollback-bits"), f"{where} the same steps differ", first, again)
 
 
 # ---- Damaged serialized states --------------------------------------------------------------------------------------
@@ -537,8 +525,7 @@ def probe_corrupt_state(bench: Bench) -> Results:
             bench.library.begin(f"fmi2DeSerializeFMUstate of bytes {what}")
             status, _ = instance.deserialize(damaged)
             accepted += [] if refused(status) else [what]
-    if accepted:
-        yield RULES["serialized-corrupt"].finding(f"accepted: {listed(accepted)}")
+    yield "serialized-corrupt", some(accepted, "accepted: ")
 
 
 def _damaged(content: bytes) -> Iterator[tuple[str, bytes]]:

@@ -12,25 +12,7 @@ import re
 import shutil
 import sys
 import tempfile
-from ctypes import (
-    POINTER,
-    byref,
-    c_bool,
-    c_char_p,
-    c_double,
-    c_float,
-    c_int,
-    c_int8,
-    c_int16,
-    c_int32,
-    c_int64,
-    c_uint,
-    c_uint8,
-    c_uint16,
-    c_uint32,
-    c_uint64,
-    c_void_p,
-)
+from ctypes import POINTER, byref, c_bool, c_char_p, c_double, c_float, c_int, c_int32, c_int64, c_uint, c_void_p
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -213,10 +195,9 @@ Update = ctypes.CFUNCTYPE(None, c_void_p, c_double, c_bool, c_bool, c_bool, c_bo
 
 Clock = ctypes.CFUNCTYPE(None, c_void_p)
 
-TYPES: Final[dict[str, Any]] = {
-    "Float64": c_double, "Float32": c_float, "Int8": c_int8, "UInt8": c_uint8, "Int16": c_int16, "UInt16": c_uint16,
-    "Int32": c_int32, "UInt32": c_uint32, "Int64": c_int64, "UInt64": c_uint64, "Boolean": c_bool, "String": c_char_p,
-    "Enumeration": c_int64,
+_INTEGERS = [f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)]
+TYPES: Final[dict[str, Any]] = {name: getattr(ctypes, f"c_{name.lower()}") for name in _INTEGERS} | {
+    "Float64": c_double, "Float32": c_float, "Boolean": c_bool, "String": c_char_p, "Enumeration": c_int64,
 }  # fmt: skip
 
 #: Type of FMI 3.0 for a reference that no variable has.
@@ -255,12 +236,6 @@ class FmuLibrary3(FmuLibrary):
         self._description = description
         self._natives = {int(v.reference): v.native for v in description.variables if v.is_callable}
         self._instances: dict[int, _Live] = {}
-
-    def unload(self) -> None:
-        """Unload the binary, after which nothing of it may be called."""
-        if sys.platform != "win32":
-            self.begin("unloading of the binary")
-            _ctypes.dlclose(self._library._handle)
 
     def _copied(self, path: Path) -> FmuLibrary:
         return FmuLibrary3(self._description, path, self.progress)

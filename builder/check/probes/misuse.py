@@ -19,10 +19,9 @@ from builder.check.probes.bench import (
     base_type,
     refused,
     status_name,
-    step,
 )
 from builder.check.probes.library import ERROR, FATAL, FREEING_NOTHING, MissingFunctionError
-from builder.check.rules import RULES, Finding, Rule, listed
+from builder.check.rules import Fault, listed, some
 from eightpost.fmi.description import Variable
 
 # ---- Calls in the wrong order, invalid steps, locked variables ------------------------------------------------------
@@ -33,7 +32,7 @@ class _Misuse:
     """A call that must be rejected: its title, the rule, the preparation of the instance, and the call."""
 
     title: str
-    rule: Rule
+    rule: str
     instance: Callable[[], AbstractContextManager[Instance]]
     call: Callable[[Instance], int]
 
@@ -43,31 +42,25 @@ def probe_state_machine(bench: Bench) -> Results:
     yield from _refusals(bench, list(_misuses(bench)))
     yield from _guid(bench)
     yield from _tunable(bench)
-    nan_step = _Misuse(
-        "fmi2DoStep of NaN", RULES["step-arguments"], bench.running, _stepping(bench.timing.start, math.nan)
-    )
-    yield from _refusals(bench, [nan_step])
+    nan = _Misuse("fmi2DoStep of NaN", "step-arguments", bench.running, _stepping(bench.timing.start, math.nan))
+    yield from _refusals(bench, [nan])
 
 
-def _refusals(bench: Bench, misuses: list[_Misuse]) -> Iterator[Finding]:
+def _refusals(bench: Bench, misuses: list[_Misuse]) -> Iterator[Fault]:
     silent, stuck, fatal = [], [], []
     for misuse in misuses:
         with misuse.instance() as instance:
             before = len(instance.messages)
             status = misuse.call(instance)
             if not refused(status):
-                yield misuse.rule.finding(f"{misuse.title} returned {status_name(status)}")
+                yield misuse.rule, f"{misuse.title} returned {status_name(status)}"
                 continue
             silent += [] if len(instance.messages) > before else [misuse.title]
             fatal += [misuse.title] if status == FATAL else []
             stuck += [] if status == FATAL or _runs_after_reset(bench, instance) else [misuse.title]
-    for rule, titles in (
-        (RULES["refusal-logged"], silent),
-        (RULES["never-fatal"], fatal),
-        (RULES["usable-after-refusal"], stuck),
-    ):
-        if titles:
-            yield rule.finding(listed(titles))
+    yield "refusal-logged", some(silent)
+    yield "never-fatal", some(fatal)
+    yield "usable-after-refusal", some(stuck)
 
 
 def _stepping(time: float, size: float) -> Callable[[Instance], int]:
@@ -80,42 +73,29 @@ def _misuses(bench: Bench) -> Iterator[_Misuse]:
     def calling(name: str) -> Callable[[Instance], int]:
         return lambda instance: instance.call(name)
 
-    enter, leave = "EnterInitializationMode", "ExitInitializationMode"
-    for title, rule, instance, call in (
-        ("fmi2DoStep before initialization", "call-order", bench.instance, _stepping(t, h)),
-        ("fmi2DoStep in initialization mode", "call-order", bench.initializing, _stepping(t, h)),
-        (f"fmi2{leave} before initialization mode", "call-order", bench.instance, calling(leave)),
-        (f"fmi2{enter} twice", "call-order", bench.initializing, calling(enter)),
-        (f"fmi2{enter} after initialization", "call-order", bench.running, calling(enter)),
-        ("fmi2DoStep after fmi2Terminate", "call-order", bench.running, _terminated(bench)),
-        ("fmi2DoStep from a wrong point", "step-arguments", bench.running, _stepping(t + 10 * h, h)),
-        ("fmi2DoStep of zero length", "step-arguments", bench.running, _stepping(t, 0.0)),
-        ("fmi2DoStep of negative length", "step-arguments", bench.running, _stepping(t, -h)),
-        ("fmi2DoStep past the stop time", "stop-time", bench.instance, _past_the_end(bench)),
-    ):
-        yield _Misuse(title, RULES[rule], instance, call)
-    yield from _locked(bench)
-
-
-def _terminated(bench: Bench) -> Callable[[Instance], int]:
-    def call(instance: Instance) -> int:
+    def terminated(instance: Instance) -> int:
         instance.need("Terminate")
-        return instance.step(bench.timing.start, bench.timing.step)
+        return instance.step(t, h)
 
-    return call
-
-
-def _past_the_end(bench: Bench) -> Callable[[Instance], int]:
-    t, h = bench.timing.start, bench.timing.step
-
-    def call(instance: Instance) -> int:
+    def past_the_end(instance: Instance) -> int:
         bench.enter(instance, stop=t + 3 * h)
         instance.need("ExitInitializationMode")
         for point in range(3):
-            step(instance, bench.timing.at(point), h)
+            instance.advance(bench.timing.at(point), h)
         return instance.step(t + 3 * h, h)
 
-    return call
+    enter, leave = "EnterInitializationMode", "ExitInitializationMode"
+    yield _Misuse("fmi2DoStep before initialization", "call-order", bench.instance, _stepping(t, h))
+    yield _Misuse("fmi2DoStep in initialization mode", "call-order", bench.initializing, _stepping(t, h))
+    yield _Misuse(f"fmi2{leave} before initialization mode", "call-order", bench.instance, calling(leave))
+    yield _Misuse(f"fmi2{enter} twice", "call-order", bench.initializing, calling(enter))
+    yield _Misuse(f"fmi2{enter} after initialization", "call-order", bench.running, calling(enter))
+    yield _Misuse("fmi2DoStep after fmi2Terminate", "call-order", bench.running, terminated)
+    yield _Misuse("fmi2DoStep from a wrong point", "step-arguments", bench.running, _stepping(t + 10 * h, h))
+    yield _Misuse("fmi2DoStep of zero length", "step-arguments", bench.running, _stepping(t, 0.0))
+    yield _Misuse("fmi2DoStep of negative length", "step-arguments", bench.running, _stepping(t, -h))
+    yield _Misuse("fmi2DoStep past the stop time", "stop-time", bench.instance, past_the_end)
+    yield from _locked(bench)
 
 
 def _locked(bench: Bench) -> Iterator[_Misuse]:
@@ -126,12 +106,10 @@ def _locked(bench: Bench) -> Iterator[_Misuse]:
 
     fixed = [v for v in bench.description.of("parameter") if v.variability == "fixed"]
     for variable in fixed[:1]:
-        value = variable.number("start") or 0.0
-        yield _Misuse(
-            f"setting the fixed {variable.name} between steps", RULES["locked"], bench.running, setting(variable, value)
-        )
+        call, title = setting(variable, variable.number("start") or 0.0), f"the fixed {variable.name} between steps"
+        yield _Misuse(f"setting {title}", "locked", bench.running, call)
     for variable in bench.outputs[:1]:
-        yield _Misuse(f"setting the output {variable.name}", RULES["locked"], bench.running, setting(variable, 0.0))
+        yield _Misuse(f"setting the output {variable.name}", "locked", bench.running, setting(variable, 0.0))
 
 
 def _runs_after_reset(bench: Bench, instance: Instance) -> bool:
@@ -144,14 +122,14 @@ def _runs_after_reset(bench: Bench, instance: Instance) -> bool:
     return True
 
 
-def _guid(bench: Bench) -> Iterator[Finding]:
+def _guid(bench: Bench) -> Iterator[Fault]:
     created = Instance(bench.library, replace(bench.birth, guid="{00000000-0000-0000-0000-000000000000}"))
     if created.address is not None:
         created.free()
-        yield RULES["guid-checked"].finding("fmi2Instantiate with a wrong GUID returned an instance")
+        yield "guid-checked", "fmi2Instantiate with a wrong GUID returned an instance"
 
 
-def _tunable(bench: Bench) -> Iterator[Finding]:
+def _tunable(bench: Bench) -> Iterator[Fault]:
     wrong = []
     live = [v for v in bench.description.of("parameter") if v.variability == "tunable"]
     for variable in [*live, *bench.inputs]:
@@ -160,8 +138,7 @@ def _tunable(bench: Bench) -> Iterator[Finding]:
             if status < ERROR and not refused(status):
                 status = instance.step(bench.timing.start, bench.timing.step)
             wrong += [variable.name] if refused(status) else []
-    if wrong:
-        yield RULES["tunable"].finding(f"rejected when set to the start value between steps: {listed(wrong)}")
+    yield "tunable", some(wrong, "rejected when set to the start value between steps: ")
 
 
 # ---- Unknown references and invalid values --------------------------------------------------------------------------
@@ -173,7 +150,7 @@ def probe_values(bench: Bench) -> Results:
     yield from _bad_values(bench)
 
 
-def _unknown_references(bench: Bench) -> Iterator[Finding]:
+def _unknown_references(bench: Bench) -> Iterator[Fault]:
     accepted = []
     for kind, buffer_type in C_TYPES.items():
         used = {int(v.reference) for v in bench.description.variables if v.is_callable and base_type(v) == kind}
@@ -181,60 +158,42 @@ def _unknown_references(bench: Bench) -> Iterator[Finding]:
             for way in ("Get", "Set"):
                 with bench.running() as instance:
                     content = (buffer_type * 1)(b"x" if kind == "String" else 0)
-                    status = instance.call(
-                        f"{way}{kind}",
-                        (c_uint * 1)(reference),
-                        1,
-                        content,
-                        note=f" of the unknown reference {reference}",
-                    )
+                    note = f" of the unknown reference {reference}"
+                    status = instance.call(f"{way}{kind}", (c_uint * 1)(reference), 1, content, note=note)
                     accepted += [] if refused(status) else [f"fmi2{way}{kind} of {reference}"]
-    if accepted:
-        yield RULES["bad-reference"].finding(f"accepted: {listed(accepted)}")
+    yield "bad-reference", some(accepted, "accepted: ")
 
 
-class _Subject:
-    """An instance in initialization mode, which is replaced after it accepts an invalid value or changes a value."""
-
-    def __init__(self, bench: Bench, stack: ExitStack) -> None:
-        self._bench, self._stack = bench, stack
-        self.fresh()
-
-    def fresh(self) -> None:
-        """Create a new instance."""
-        self._stack.close()
-        self.instance: Instance = self._stack.enter_context(self._bench.initializing())
-
-
-def _bad_values(bench: Bench) -> Iterator[Finding]:
-    accepted: dict[Rule, list[str]] = {}
+def _bad_values(bench: Bench) -> Iterator[Fault]:
+    """Set invalid values; the instance is replaced after it accepts one or changes a value."""
+    accepted: dict[str, list[str]] = {}
     changed: list[str] = []
     settable = [v for v in bench.description.variables if v.type == "Real" and v.is_settable_at_start]
     with ExitStack() as stack:
-        subject = _Subject(bench, stack)
-        for variable in settable:
-            for rule, value in _bad(variable):
-                if not refused(subject.instance.set(variable, value)):
-                    accepted.setdefault(rule, []).append(f"{variable.name} = {value}")
-                    subject.fresh()
-                elif not _is_unchanged(subject.instance, variable):
-                    changed.append(variable.name)
-                    subject.fresh()
-        if not accepted and not _continues(bench, subject.instance):
+        instance = stack.enter_context(bench.initializing())
+        for variable, rule, value in ((v, *case) for v in settable for case in _bad(v)):
+            if not refused(instance.set(variable, value)):
+                accepted.setdefault(rule, []).append(f"{variable.name} = {value}")
+            elif _is_unchanged(instance, variable):
+                continue
+            else:
+                changed.append(variable.name)
+            stack.close()
+            instance = stack.enter_context(bench.initializing())
+        if not accepted and not _continues(bench, instance):
             changed.append("the step after rejected values")
     for rule, names in accepted.items():
-        yield rule.finding(f"accepted: {listed(names)}")
-    if changed:
-        yield RULES["old-value"].finding(f"changed: {listed(changed)}")
+        yield rule, f"accepted: {listed(names)}"
+    yield "old-value", some(changed, "changed: ")
 
 
-def _bad(variable: Variable) -> Iterator[tuple[Rule, float]]:
+def _bad(variable: Variable) -> Iterator[tuple[str, float]]:
     for value in (math.nan, math.inf, -math.inf):
-        yield RULES["not-finite"], value
+        yield "not-finite", value
     for end, sign in (("min", -1.0), ("max", 1.0)):
         limit = variable.number(end)
         if limit is not None and abs(limit) < 1e300:
-            yield RULES["out-of-range"], limit + sign * max(1.0, abs(limit))
+            yield "out-of-range", limit + sign * max(1.0, abs(limit))
 
 
 def _is_unchanged(instance: Instance, variable: Variable) -> bool:
@@ -266,8 +225,7 @@ def probe_null(bench: Bench) -> Results:
         with bench.running() as instance:
             status = instance.call(name, *arguments, note=" with NULL")
             accepted += [] if refused(status) else [f"fmi2{name}"]
-    if accepted:
-        yield RULES["null-argument"].finding(f"accepted by {listed(list(dict.fromkeys(accepted)))}")
+    yield "null-argument", some(dict.fromkeys(accepted), "accepted by ")
 
 
 def _calls(bench: Bench) -> Iterator[tuple[str, tuple[Any, ...]]]:

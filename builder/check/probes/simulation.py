@@ -32,11 +32,10 @@ from builder.check.probes.bench import (
     other_value,
     refused,
     status_name,
-    step,
     wrong_times,
 )
 from builder.check.probes.library import DISCARD, ERROR, MissingFunctionError
-from builder.check.rules import RULES, Finding, listed
+from builder.check.rules import Fault, listed, some
 from eightpost.fmi.description import Variable
 
 # ==== Probes of valid runs: constant and varying inputs, irregular steps, the first outputs, model exchange ==========
@@ -55,7 +54,7 @@ def probe_simulation(bench: Bench) -> Results:
     yield from _versions(bench)
     with bench.instance() as instance, suppress(MissingFunctionError):
         if refused(instance.call("SetDebugLogging", 1, 0, None)):
-            yield RULES["debug-logging"].finding(instance.last_message().removeprefix(": "))
+            yield "debug-logging", instance.last_message().removeprefix(": ") or "it is refused without a message"
     with bench.instance(replace(bench.birth, logging=True)) as instance:
         bench.initialize(instance)
         reached = _count_steps(bench, instance, bench.held)
@@ -73,20 +72,20 @@ def probe_simulation(bench: Bench) -> Results:
     try:
         runs = [_recorded(bench, logging) for logging in (True, False)]
     except CallError as error:
-        yield RULES["simulates-excited"].finding(str(error))
+        yield "simulates-excited", str(error)
         return
     (first, messages), (second, unasked) = runs
     yield from _finite(bench, first)
     if (count := sum(m.status == 0 for m in unasked)) > 0.5 * bench.timing.count:
-        yield RULES["log-flood"].finding(f"{count} messages of the status OK in {bench.timing.count} steps")
+        yield "log-flood", f"{count} messages of the status OK in {bench.timing.count} steps"
     if first and differ(first, second):
-        yield RULES["deterministic"].finding("a second run in the same process gave different outputs")
+        yield "deterministic", "a second run in the same process gave different outputs"
     else:
         yield from _with_stop(bench, first)
     yield from _messages(messages)
 
 
-def _with_stop(bench: Bench, rows: list[Values]) -> Iterator[Finding]:
+def _with_stop(bench: Bench, rows: list[Values]) -> Iterator[Fault]:
     """Compare a run that ends at a stop time with one that has none, whose outputs are given."""
     last = bench.timing.count - 1
     with suppress(CallError):  # other probes report this
@@ -94,19 +93,19 @@ def _with_stop(bench: Bench, rows: list[Values]) -> Iterator[Finding]:
         before = differ(rows[:-1], limited[:-1])
         if before > _OTHER or (before == 0.0 and differ(rows[-1:], limited[-1:])):
             where = "at the stop time" if before == 0.0 else "before the stop time"
-            yield RULES["stop-independent"].finding(f"outputs {where} differ from those of a run without one")
+            yield "stop-independent", f"outputs {where} differ from those of a run without one"
 
 
-def _versions(bench: Bench) -> Iterator[Finding]:
+def _versions(bench: Bench) -> Iterator[Fault]:
     """Compare what the binary says about itself with the description."""
     stated = bench.description.attributes.get("fmiVersion", "")
     returned = {name: (bench.library.native(name)() or b"").decode("utf-8", "replace")
                 for name in ("GetVersion", "GetTypesPlatform")[: 4 - bench.description.fmi]}  # fmt: skip
     version = returned["GetVersion"]
     if version != stated and (bench.description.fmi == 2 or version.split(".")[:2] != stated.split(".")[:2]):
-        yield RULES["version-string"].finding(f"it returns {version!r}, the description states {stated!r}")
+        yield "version-string", f"it returns {version!r}, the description states {stated!r}"
     if returned.get("GetTypesPlatform", "default") != "default":
-        yield RULES["types-platform"].finding(f"it returns {returned['GetTypesPlatform']!r}")
+        yield "types-platform", f"it returns {returned['GetTypesPlatform']!r}"
 
 
 def _count_steps(bench: Bench, instance: Instance, signal: Callable[[float], Values]) -> int:
@@ -125,12 +124,12 @@ def _recorded(bench: Bench, logging: bool, stop: float | None = None) -> tuple[l
     with bench.instance(replace(bench.birth, logging=logging)) as instance:
         bench.enter(instance, stop=stop)
         instance.need("ExitInitializationMode")
-        rows = [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, bench.all_points())]
+        rows = bench.trace(instance, bench.all_points())
         instance.need("Terminate")
         return rows, instance.messages
 
 
-def _time_variable(bench: Bench, instance: Instance) -> Iterator[Finding]:
+def _time_variable(bench: Bench, instance: Instance) -> Iterator[Fault]:
     times = bench.description.of("independent")
     if not times:
         return
@@ -141,9 +140,7 @@ def _time_variable(bench: Bench, instance: Instance) -> Iterator[Finding]:
         point += 1
     if late:
         side = "behind" if late > 0.0 else "ahead"
-        yield RULES["time-variable"].finding(
-            f"{times[0].name} is {abs(late)!r} s {side} at {bench.timing.at(point)!r} s"
-        )
+        yield "time-variable", f"{times[0].name} is {abs(late)!r} s {side} at {bench.timing.at(point)!r} s"
 
 
 def _lateness(bench: Bench, instance: Instance, time: Variable, point: int) -> float:
@@ -152,37 +149,29 @@ def _lateness(bench: Bench, instance: Instance, time: Variable, point: int) -> f
     return 0.0 if abs(found - there) <= 1e-9 * max(1.0, abs(there)) else there - found
 
 
-def _reads(bench: Bench) -> Iterator[Finding]:
+def _reads(bench: Bench) -> Iterator[Fault]:
     """Read variables twice after some steps, the second time in reverse order."""
     variables = [v for v in bench.description.variables if v.is_callable][:_MOST_READ]
     with bench.running() as instance, suppress(CallError):  # other probes report this
         bench.run(instance, bench.held, range(min(_FEW, bench.timing.count)))
         first = [instance.get(variable) for variable in variables]
         again = [instance.get(variable) for variable in reversed(variables)][::-1]
-        changed = [v.name for v, one, other in zip(variables, first, again, strict=True) if repr(one) != repr(other)]
-        if changed:
-            yield RULES["reads-repeatable"].finding(f"different when they are read again: {listed(changed)}")
+        changed = (v.name for v, one, other in zip(variables, first, again, strict=True) if repr(one) != repr(other))
+        yield "reads-repeatable", some(changed, "different when they are read again: ")
 
 
-def _start_values(bench: Bench) -> Iterator[Finding]:
+def _start_values(bench: Bench) -> Iterator[Fault]:
     wrong = []
+    stated = (v for v in bench.description.variables if v.start is not None and v.is_callable)
     with bench.initializing() as instance:
-        for variable in bench.description.variables:
-            if variable.start is None or not _has_start(variable):
-                continue
+        for variable in (v for v in stated if v.causality == "input" or v.effective_initial == "exact"):
             status, value = instance.get(variable)
             if refused(status):
-                raise CallError(
-                    f"fmi2Get of {variable.name} in initialization mode was rejected{instance.last_message()}"
-                )
+                why = f"in initialization mode was rejected{instance.last_message()}"
+                raise CallError(f"fmi2Get of {variable.name} {why}")
             if not _agrees(variable, value):
                 wrong.append(f"{variable.name} is {value!r}, but {variable.start} in the XML")
-    if wrong:
-        yield RULES["start-agrees"].finding("; ".join(wrong[:5]) + (" ..." if len(wrong) > 5 else ""))
-
-
-def _has_start(variable: Variable) -> bool:
-    return variable.is_callable and (variable.causality == "input" or variable.effective_initial == "exact")
+    yield "start-agrees", "; ".join(wrong[:5]) + (" ..." if len(wrong) > 5 else "")
 
 
 def _agrees(variable: Variable, value: Value) -> bool:
@@ -198,19 +187,16 @@ def _agrees(variable: Variable, value: Value) -> bool:
     return stated is None or math.isclose(float(value), stated, rel_tol=rounding)
 
 
-def _finite(bench: Bench, rows: list[Values]) -> Iterator[Finding]:
+def _finite(bench: Bench, rows: list[Values]) -> Iterator[Fault]:
     columns = zip(bench.outputs, zip(*rows, strict=True), strict=True)
-    wrong = [v.name for v, column in columns if not all(map(math.isfinite, column))]
-    if wrong:
-        yield RULES["finite-outputs"].finding(f"not finite: {listed(wrong)}")
+    yield "finite-outputs", some((v.name for v, c in columns if not all(map(math.isfinite, c))), "not finite: ")
 
 
-def _messages(messages: list[Message]) -> Iterator[Finding]:
-    errors = list(dict.fromkeys(_shown(m.text) for m in messages if m.status >= ERROR))
-    if errors:
-        yield RULES["error-logged-while-fine"].finding(f"it logged {listed(errors, most=2)}")
+def _messages(messages: list[Message]) -> Iterator[Fault]:
+    errors = (m.text.decode("utf-8", "replace").strip()[:200] for m in messages if m.status >= ERROR)
+    yield "error-logged-while-fine", some(dict.fromkeys(errors), "it logged ", most=2)
     if wrong := next((m for m in messages if _is_unformatted(m)), None):
-        yield RULES["log-text"].finding(f"it logged {wrong.text[:200]!r}")
+        yield "log-text", f"it logged {wrong.text[:200]!r}"
 
 
 def _is_unformatted(message: Message) -> bool:
@@ -219,10 +205,6 @@ def _is_unformatted(message: Message) -> bool:
     except UnicodeDecodeError:
         return True
     return bool(_CONVERSION.search(message.text)) or not all(c.isprintable() or c in "\n\t\r" for c in text)
-
-
-def _shown(text: bytes) -> str:
-    return text.decode("utf-8", "replace").strip()[:200]
 
 
 # ---- Inputs and tunable parameters ----------------------------------------------------------------------------------
@@ -234,12 +216,11 @@ def probe_inputs(bench: Bench) -> Results:
     """Set inputs once, and tunable parameters between steps."""
     yield from _kept(bench)
     parameters = [v for v in bench.description.of("parameter") if v.variability == "tunable"][:_MOST_TUNED]
-    idle = [variable.name for variable in parameters if _is_idle(bench, variable)]
-    if idle:
-        yield RULES["tunable-used"].finding(f"without effect between steps, but with one before: {listed(idle)}")
+    idle = (variable.name for variable in parameters if _is_idle(bench, variable))
+    yield "tunable-used", some(idle, "without effect between steps, but with one before: ")
 
 
-def _kept(bench: Bench) -> Iterator[Finding]:
+def _kept(bench: Bench) -> Iterator[Fault]:
     """Compare steps after inputs that are set in initialization mode only with steps before each of which they are."""
     values = [other_value(variable, random.Random(4)) for variable in bench.inputs]
     rows: list[list[Values]] = []
@@ -255,17 +236,17 @@ def _kept(bench: Bench) -> Iterator[Finding]:
                 for point in range(min(_FEW, bench.timing.count)):
                     if is_repeated:
                         bench.drive(instance, values)
-                    step(instance, bench.timing.at(point), bench.timing.step)
+                    instance.advance(bench.timing.at(point), bench.timing.step)
                     rows[-1].append(instance.reals(bench.outputs))
                 read.append(instance.reals(bench.inputs))
     except CallError:
         return  # other probes report this
     for when, found in zip(("at the end of initialization", "in a step"), read, strict=True):
         if lost := [v.name for v, a, b in zip(bench.inputs, values, found, strict=True) if abs(a - b) > 1e-6 * abs(a)]:
-            yield RULES["inputs-kept"].finding(f"changed {when}: {listed(lost)}")
+            yield "inputs-kept", f"changed {when}: {listed(lost)}"
             return
     if differ(*rows) > _EQUAL:
-        yield RULES["inputs-kept"].finding("outputs differ from those after the same inputs are set before each step")
+        yield "inputs-kept", "outputs differ from those after the same inputs are set before each step"
 
 
 _EQUAL = 1e-9
@@ -316,13 +297,13 @@ def probe_steps(bench: Bench) -> Results:
                 bench.enter(instance, start=start)
                 instance.need("ExitInitializationMode")
             except CallError as error:
-                yield RULES["start-time"].finding(f"at {start!r} s, {error}")
+                yield "start-time", f"at {start!r} s, {error}"
                 return
             yield from wrong_times(bench, instance, start)
             yield from _walk(bench, instance, start)
 
 
-def _walk(bench: Bench, instance: Instance, start: float) -> Iterator[Finding]:
+def _walk(bench: Bench, instance: Instance, start: float) -> Iterator[Fault]:
     time = start
     for round_number in range(4):
         for length in _LENGTHS:
@@ -332,14 +313,12 @@ def _walk(bench: Bench, instance: Instance, start: float) -> Iterator[Finding]:
                 return
             if refused(status):
                 is_usual = start == bench.timing.start  # after the end of its experiment an FMU may have no data
-                rule = RULES["irregular-steps"] if status >= ERROR and is_usual else RULES["irregular-discarded"]
-                yield rule.finding(f"from {time!r} s by {length:g} s: {status_name(status)}{instance.last_message()}")
+                rule = "irregular-steps" if status >= ERROR and is_usual else "irregular-discarded"
+                yield rule, f"from {time!r} s by {length:g} s: {status_name(status)}{instance.last_message()}"
                 return
             time += length
             if not all(map(math.isfinite, instance.reals(bench.outputs))):
-                yield RULES["finite-outputs"].finding(
-                    f"after irregular steps up to {length:g} s, at {time:g} s, round {round_number}"
-                )
+                yield "finite-outputs", f"after irregular steps up to {length:g} s, at {time:g} s, round {round_number}"
                 return
 
 
@@ -360,19 +339,10 @@ def probe_first_outputs(bench: Bench) -> Results:
         yield Skip("it has no Real outputs, or only supports a fixed step size")
         return
     for inputs in (bench.held(0.0), [other_value(v, random.Random(2)) for v in bench.inputs]):
-        wrong = _jumps(bench, inputs, bench.timing.start)
-        if wrong:
-            wrong = {name: jump for name, jump in wrong.items() if name in _jumps_elsewhere(bench, inputs, wrong)}
-        if wrong:
-            yield RULES["first-outputs"].finding(listed(list(wrong.values()), most=3))
-
-
-def _jumps_elsewhere(bench: Bench, inputs: Values, found: dict[str, str]) -> dict[str, str]:
-    """Return the jumps at another start time; return `found` if the FMU cannot start there."""
-    try:
-        return _jumps(bench, inputs, bench.timing.start + _ELSEWHERE)
-    except CallError:
-        return found
+        jumps = elsewhere = _jumps(bench, inputs, bench.timing.start)
+        with suppress(CallError):  # the FMU cannot start at the other time
+            elsewhere = _jumps(bench, inputs, bench.timing.start + _ELSEWHERE) if jumps else {}
+        yield "first-outputs", some((jump for name, jump in jumps.items() if name in elsewhere), most=3)
 
 
 def _jumps(bench: Bench, inputs: Values, start: float) -> dict[str, str]:
@@ -397,7 +367,7 @@ def _outputs(bench: Bench, inputs: Values, start: float, h: float) -> Values:
         instance.need("ExitInitializationMode")
         if h > 0.0:
             bench.drive(instance, inputs)
-            step(instance, start, h)
+            instance.advance(start, h)
         return instance.reals(bench.outputs)
 
 
@@ -412,8 +382,7 @@ def _is_at_rest(bench: Bench, inputs: Values, start: float, outputs: Values) -> 
 def probe_surroundings(bench: Bench) -> Results:
     """Run and yield the digest of the outputs."""
     with bench.running() as instance:
-        rows = [instance.reals(bench.outputs), *bench.run(instance, bench.excitation, bench.all_points())]
-    flat = [value for row in rows for value in row]
+        flat = [value for row in bench.trace(instance, bench.all_points()) for value in row]
     yield Measured("outputs", hashlib.sha256(struct.pack(f"<{len(flat)}d", *flat)).hexdigest())
 
 
@@ -457,7 +426,7 @@ def _ports(bench: Bench, velocity: str, force: str) -> Iterator[_Port]:
             yield _Port(v, other, beside if beside and beside.causality == velocity else None)
 
 
-def _cycle(bench: Bench, port: _Port, size: float) -> Iterator[Finding]:
+def _cycle(bench: Bench, port: _Port, size: float) -> Iterator[Fault]:
     """Drive a shock through closed cycles and check the last one."""
     h = 1 / (_FREQUENCY * _POINTS)
     if not bench.description.can("canHandleVariableCommunicationStepSize"):
@@ -465,15 +434,13 @@ def _cycle(bench: Bench, port: _Port, size: float) -> Iterator[Finding]:
     velocities, forces = _driven(bench, port, size, h)
     up = [f for v, f in zip(velocities, forces, strict=True) if v > 0.5 * size]
     down = [f for v, f in zip(velocities, forces, strict=True) if v < -0.5 * size]
-    if up and down and sum(up) / len(up) <= sum(down) / len(down):
-        yield RULES["shock-sign"].finding(
-            f"{port.force.name} is {sum(up) / len(up):.4g} N in compression at {size:g} m/s, "
-            f"{sum(down) / len(down):.4g} N in rebound"
-        )
+    if up and down and (high := sum(up) / len(up)) <= (low := sum(down) / len(down)):
+        text = f"{port.force.name} is {high:.4g} N in compression at {size:g} m/s, {low:.4g} N in rebound"
+        yield "shock-sign", text
     powers = [v * f for v, f in zip(velocities, forces, strict=True)]
     energy, scale = sum(powers) * h, sum(map(abs, powers)) * h
     if energy < -_ENERGY_TOLERANCE * scale:
-        yield RULES["passive"].finding(f"{port.force.name} produced {-energy:.4g} J in a cycle of {size:g} m/s")
+        yield "passive", f"{port.force.name} produced {-energy:.4g} J in a cycle of {size:g} m/s"
 
 
 def _driven(bench: Bench, port: _Port, size: float, h: float) -> tuple[Values, Values]:
@@ -490,25 +457,24 @@ def _driven(bench: Bench, port: _Port, size: float, h: float) -> tuple[Values, V
                 inputs.append(port.displacement)
                 values.append(inside(port.displacement, -size / rate * math.cos(phase)))
             instance.set_reals(inputs, values)
-            step(instance, bench.timing.start + point * h, h)
+            instance.advance(bench.timing.start + point * h, h)
             velocities.append(velocity)
             forces += instance.reals([port.force])
     return velocities[-_POINTS:], forces[-_POINTS:]
 
 
-def _push(bench: Bench, port: _Port) -> Iterator[Finding]:
+def _push(bench: Bench, port: _Port) -> Iterator[Fault]:
     """Apply a positive force at one port of a vehicle from the start of a run: the shock there must extend."""
     ends = []
     for force in (0.0, _FORCE):
         with bench.running() as instance:
             instance.set(port.force, (port.force.number("start") or 0.0) + force)
             for point in range(5):
-                step(instance, bench.timing.at(point), bench.timing.step)
+                instance.advance(bench.timing.at(point), bench.timing.step)
             ends += instance.reals([port.velocity])
     if ends[1] >= ends[0]:
-        yield RULES["vehicle-sign"].finding(
-            f"{_FORCE:g} N on {port.force.name} moved {port.velocity.name} by {ends[1] - ends[0]:+.3g} m/s"
-        )
+        text = f"{_FORCE:g} N on {port.force.name} moved {port.velocity.name} by {ends[1] - ends[0]:+.3g} m/s"
+        yield "vehicle-sign", text
 
 
 # ==== Probe of the reference results in extra/ (files of the FMI cross-check: NAME_ref.csv, NAME_in.csv, NAME_ref.opt)
@@ -526,23 +492,21 @@ def probe_reference(bench: Bench) -> Results:
         try:
             yield from _compare_file(bench, path)
         except (CallError, ValueError, KeyError, IndexError, OSError) as error:
-            yield RULES["reference-results"].finding(f"{path.name}: {error}")
+            yield "reference-results", f"{path.name}: {error}"
 
 
-def _compare_file(bench: Bench, path: Path) -> Iterator[Finding]:
+def _compare_file(bench: Bench, path: Path) -> Iterator[Fault]:
     stem = path.name.removesuffix("_ref.csv")
-    expected = _columns(path)
-    inputs = _columns(path.with_name(f"{stem}_in.csv")) if path.with_name(f"{stem}_in.csv").is_file() else {}
+    expected, given = _columns(path), path.with_name(f"{stem}_in.csv")
+    inputs = _columns(given) if given.is_file() else {}
     options = _options(path.with_name(f"{stem}_ref.opt"))
     names = [name for name in expected if name != "time" and name in bench.description.by_name]
     got = _run_rows(bench, expected["time"], inputs, names)
     tolerance = options.get("RelTol", _TOLERANCE)
-    wrong = {name: worst for name in names if not (worst := _worst(got[name], expected[name])) <= tolerance}
-    if wrong:
-        shown = listed([f"{name} by {worst:.1e}" for name, worst in wrong.items()])
-        yield RULES["reference-results"].finding(
-            f"{path.name}: outputs differ by more than {tolerance:g} of their size: {shown}"
-        )
+    errors = ((name, _worst(got[name], expected[name])) for name in names)
+    wrong = (f"{name} by {worst:.1e}" for name, worst in errors if not worst <= tolerance)
+    what = f"{path.name}: outputs differ by more than {tolerance:g} of their size: "
+    yield "reference-results", some(wrong, what)
 
 
 def _worst(got: list[float], expected: list[float]) -> float:
@@ -561,16 +525,14 @@ def _run_rows(bench: Bench, times: list[float], inputs: Columns, names: list[str
         rows.append(instance.reals(variables))
         for begin, end in itertools.pairwise(times):
             _set_inputs(bench, instance, inputs, begin)
-            step(instance, begin, end - begin)
+            instance.advance(begin, end - begin)
             rows.append(instance.reals(variables))
     return {name: [row[k] for row in rows] for k, name in enumerate(names)}
 
 
 def _set_inputs(bench: Bench, instance: Instance, inputs: Columns, time: float) -> None:
     driven = [v for v in bench.inputs if v.name in inputs]
-    values = [_at(inputs, v.name, time) for v in driven]
-    status = instance.set_reals(driven, values)
-    if refused(status):
+    if refused(instance.set_reals(driven, [_at(inputs, v.name, time) for v in driven])):
         raise CallError(f"inputs at {time:g} s were rejected{instance.last_message()}")
 
 

@@ -20,7 +20,7 @@ from builder.check.probes.library import (
     Update,
     path_of,
 )
-from builder.check.rules import RULES, Finding, listed
+from builder.check.rules import Fault, some
 from eightpost.fmi.description import Variable, whole_number
 
 _STEPS = 20
@@ -45,7 +45,7 @@ def probe_version_3(bench: Bench) -> Results:
     yield from _adjoint(bench, library)
 
 
-def _undeclared(bench: Bench, library: FmuLibrary3) -> Iterator[Finding]:
+def _undeclared(bench: Bench, library: FmuLibrary3) -> Iterator[Fault]:
     """Try to instantiate interface types that the description does not declare."""
     description = bench.description
     for kind, declared, name in (
@@ -56,10 +56,10 @@ def _undeclared(bench: Bench, library: FmuLibrary3) -> Iterator[Finding]:
             with_kind = _created(bench, library, kind)
             if with_kind is not None:
                 with_kind.free()
-                yield RULES["undeclared-type"].finding(f"an instance for {name} was created")
+                yield "undeclared-type", f"an instance for {name} was created"
 
 
-def _declared(bench: Bench, library: FmuLibrary3) -> Iterator[Finding]:
+def _declared(bench: Bench, library: FmuLibrary3) -> Iterator[Fault]:
     """Instantiate with event mode and for scheduled execution, if the description declares them."""
     birth, log = bench.birth, Logger3(lambda *_: None)
     first = (b"probe", birth.guid.encode(), path_of((birth.resources or "").encode()), False, False)
@@ -76,7 +76,7 @@ def _declared(bench: Bench, library: FmuLibrary3) -> Iterator[Finding]:
             library.begin(f"fmi3Instantiate{function}", f" for {name}")
             address = library.native(f"Instantiate{function}")(*first, *arguments)
             if address is None:
-                yield RULES["declared-kind"].finding(f"fmi3Instantiate{function} with {name} returned NULL")
+                yield "declared-kind", f"fmi3Instantiate{function} with {name} returned NULL"
             else:
                 library.native("FreeInstance")(address)
 
@@ -90,7 +90,7 @@ def _created(bench: Bench, library: FmuLibrary3, kind: int) -> Instance | None:
     return created if created.address is not None else None
 
 
-def _steps(bench: Bench, library: FmuLibrary3) -> Iterator[Finding]:
+def _steps(bench: Bench, library: FmuLibrary3) -> Iterator[Fault]:
     """Step with varying inputs, and look at the results of each step and at its intermediate updates.
 
     Before a second run, all results have values that a step must replace.
@@ -113,15 +113,14 @@ def _steps(bench: Bench, library: FmuLibrary3) -> Iterator[Finding]:
                 outside += [t for t in live.requests if not time - margin <= t <= end + margin]
                 requested += len(live.requests)
     library.unset = False
-    if wrong:
-        yield RULES["step-results"].finding(listed(list(dict.fromkeys(wrong)), most=3))
+    yield "step-results", some(dict.fromkeys(wrong), most=3)
     if outside:
-        yield RULES["intermediate-update"].finding(f"called at {outside[0]!r} s, outside the step")
+        yield "intermediate-update", f"called at {outside[0]!r} s, outside the step"
     if library.intermediate_inputs and steps and not requested:
-        yield RULES["intermediate-inputs"].finding(f"never requested in {steps} steps")
+        yield "intermediate-inputs", f"never requested in {steps} steps"
 
 
-def _counts(bench: Bench, library: FmuLibrary3) -> Iterator[Finding]:
+def _counts(bench: Bench, library: FmuLibrary3) -> Iterator[Fault]:
     """Get and set one variable with a wrong number of values."""
     variables = [v for v in (*bench.inputs, *bench.outputs) if v.native == "Float64"][:1]
     accepted = []
@@ -133,11 +132,10 @@ def _counts(bench: Bench, library: FmuLibrary3) -> Iterator[Finding]:
                     library.begin(f"fmi3{name} with {count} values for one variable")
                     status = library.native(name)(instance.address, references, 1, values, count)
                 accepted += [] if refused(status) else [f"fmi3{name} with {count} values"]
-    if accepted:
-        yield RULES["value-count"].finding(f"accepted for one variable: {listed(accepted)}")
+    yield "value-count", some(accepted, "accepted for one variable: ")
 
 
-def _arrays(bench: Bench, library: FmuLibrary3) -> Iterator[Finding]:
+def _arrays(bench: Bench, library: FmuLibrary3) -> Iterator[Fault]:
     """Compare the start values of arrays."""
     description = bench.description
     arrays = [v for v in description.variables if description.lengths.get(v.name) and v.start and v.native in TYPES]
@@ -150,11 +148,9 @@ def _arrays(bench: Bench, library: FmuLibrary3) -> Iterator[Finding]:
             read = _read_array(library, instance, variable, len(stated))
             if read is None:
                 count = f"{len(stated)} values of {variable.name}"
-                yield RULES["array-start"].finding(f"{count} cannot be read{instance.last_message()}")
+                yield "array-start", f"{count} cannot be read{instance.last_message()}"
             elif any(not math.isclose(a, b, rel_tol=1e-6, abs_tol=1e-300) for a, b in zip(read, stated, strict=True)):
-                yield RULES["array-start"].finding(
-                    f"{variable.name} is {read[:6]} in the binary, {stated[:6]} in the XML"
-                )
+                yield "array-start", f"{variable.name} is {read[:6]} in the binary, {stated[:6]} in the XML"
 
 
 def _start_values(variable: Variable, length: int) -> list[float] | None:
@@ -178,7 +174,7 @@ def _read_array(library: FmuLibrary3, instance: Instance, variable: Variable, le
     return None if refused(status) else [float(value) for value in values]
 
 
-def _numbers(bench: Bench, library: FmuLibrary3) -> Iterator[Finding]:
+def _numbers(bench: Bench, library: FmuLibrary3) -> Iterator[Fault]:
     """Compare the numbers of states and event indicators; arrays count with all their elements."""
     description = bench.description
     if description.model_exchange is None:
@@ -194,13 +190,11 @@ def _numbers(bench: Bench, library: FmuLibrary3) -> Iterator[Finding]:
         variables = [description.variable(unknown.index) for unknown in description.in_section(section)]
         listed_count = sum(description.lengths.get(v.name, 1) for v in variables if v is not None)
         if refused(status) or count.value != listed_count:
-            yield RULES["number-of-states"].finding(
-                f"fmi3{name} returns {count.value}, the description lists {listed_count}"
-            )
+            yield "number-of-states", f"fmi3{name} returns {count.value}, the description lists {listed_count}"
     created.free()
 
 
-def _adjoint(bench: Bench, library: FmuLibrary3) -> Iterator[Finding]:
+def _adjoint(bench: Bench, library: FmuLibrary3) -> Iterator[Fault]:
     """Compare adjoint with directional derivatives of all outputs by all inputs."""
     description = bench.description
     if not (description.can("providesAdjointDerivatives") and description.can("providesDirectionalDerivative")):
@@ -217,7 +211,7 @@ def _adjoint(bench: Bench, library: FmuLibrary3) -> Iterator[Finding]:
         expected = sum(s * d for s, d in zip(seed, row, strict=True))
         size = sum(abs(s * d) for s, d in zip(seed, row, strict=True))
         if not abs(came - expected) <= 1e-9 * size:
-            yield RULES["adjoint-derivative"].finding(f"by {variable.name}: {came!r}, not {expected!r}")
+            yield "adjoint-derivative", f"by {variable.name}: {came!r}, not {expected!r}"
             return
 
 
