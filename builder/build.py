@@ -12,6 +12,7 @@ import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from importlib.metadata import PackageNotFoundError, distribution, version
 from pathlib import Path
 from types import MappingProxyType
@@ -20,7 +21,6 @@ from typing import Any
 import eightpost.shock
 import eightpost.vehicle.friction
 from builder.interface import (
-    Description,
     Interface,
     content_guid,
     friction_ports,
@@ -30,7 +30,7 @@ from builder.interface import (
 )
 from builder.native_fmu import native_fmus
 from builder.product import Product, shock_product, vehicle_product
-from builder.reference import Disclosure, Subject, validity_of
+from builder.reference import Disclosure, validity_of
 from builder.toolchain import find_toolchain
 from eightpost import __version__
 from eightpost.archive import read_archive, write_archive
@@ -78,12 +78,14 @@ def _python_fmu(product: Product) -> dict[str, bytes]:
     with tempfile.TemporaryDirectory() as folder:
         staged = _stage(slave, Path(folder))
         members = _pack(staged, Path(folder) / "out")
-    subject = Subject(product.identifier, product.text, product.interface, source)
     from builder.documents import documents  # noqa: PLC0415 -- drawing starts slowly
 
-    members |= documents(subject, disclosure=Disclosure.FULL)
-    _describe(product, members)
-    return members
+    members |= documents(product, disclosure=Disclosure.FULL)
+    tool = f"eightpost {__version__} with PythonFMU {version('pythonfmu')}"
+    describe = partial(
+        model_description, product.identifier, product.text, product.interface, tool=tool, co_simulation=CAPABILITIES
+    )
+    return members | {"modelDescription.xml": describe(guid=content_guid(describe(), members))}
 
 
 def _shock_slave(product: Product, shock: Shock) -> _Slave:
@@ -110,7 +112,9 @@ def _vehicle_slave(product: Product, vehicle: Vehicle) -> _Slave:
     }
     code = _imported_files(Path(eightpost.vehicle.friction.__file__))  # includes the kernel
     fmus = source_folder()
-    return _Slave(product, fmus / product.sources / "slave.py", (*code, fmus / "common" / "table_slave.py"), data)
+    return _Slave(
+        product, fmus / product.interface.kind / "slave.py", (*code, fmus / "common" / "table_slave.py"), data
+    )
 
 
 def _imported_files(source: Path) -> tuple[Path, ...]:
@@ -193,21 +197,6 @@ def _clean_imports(name: str) -> Iterator[None]:
         for module in [key for key in sys.modules if key.split(".")[0] in ours]:
             del sys.modules[module]
         sys.modules |= earlier
-
-
-def _describe(product: Product, members: dict[str, bytes]) -> None:
-    """Add modelDescription.xml; its GUID is a digest of the whole archive."""
-    library = version("pythonfmu")
-    description = Description(
-        identifier=product.identifier,
-        guid="",
-        text=product.text,
-        interface=product.interface,
-        capabilities=CAPABILITIES,
-        generation_tool=f"eightpost {__version__} with PythonFMU {library}",
-    )
-    guid = content_guid(model_description(description), members)
-    members["modelDescription.xml"] = model_description(replace(description, guid=guid))
 
 
 # ==== Build ==========================================================================================================

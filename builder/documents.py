@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import lru_cache
 from typing import Any
 
 from builder.interface import source_folder
 from builder.page import LOOP_FREQUENCY, Contents, page, shock_picture, terminals_and_icons, vehicle_picture
-from builder.reference import SECRET, Disclosure, Subject, customary, quantity, results, validity_member
+from builder.product import Product
+from builder.reference import SECRET, Disclosure, customary, quantity, results, validity_member
 from eightpost import units
 from eightpost.extras import needs
 from eightpost.report.static import Column, Picture, Section, bullets, paragraph, table
@@ -217,59 +218,47 @@ def _modes(vehicle: Vehicle) -> str:
 # ---- The documents of one FMU ---------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Disclosed:
-    """The information about a subject that may be disclosed: variables, picture, origin, recorded outputs."""
-
-    subject: Subject
-    picture: Picture
-    origin: Sequence[Section]
-    recorded: tuple[str, ...]
+#: What may be disclosed about a product: variables and text, picture, origin, recorded outputs.
+_Disclosed = tuple[Product, Picture, Sequence[Section], tuple[str, ...]]
 
 
-def documents(subject: Subject, *, disclosure: Disclosure, fmi: int = 2) -> dict[str, bytes]:
+def documents(product: Product, *, disclosure: Disclosure, fmi: int = 2) -> dict[str, bytes]:
     """Return the documents of an archive, for people and for tools: member name -> content.
 
-    The same subject gives the same bytes. A confidential archive contains no curve picture, no coefficients, and
-    neither names nor digests of source files. It also omits the subject's name, which is often the name of its file.
+    The same product gives the same bytes. A confidential archive contains no curve picture, no coefficients, and
+    neither names nor digests of source files. It also omits the product's name, which is often the name of its file.
     `fmi` is the FMI version, 2 or 3, which only the page names.
     """
-    disclosed = _full(subject) if disclosure is Disclosure.FULL else _confidential(subject)
-    shown, picture = disclosed.subject, disclosed.picture
-    reference = results(shown, disclosed.recorded)
-    contents = Contents(shown.identifier, shown.text, shown.interface, picture, disclosed.origin, bool(reference), fmi)
+    shown, picture, origin, recorded = (_full if disclosure is Disclosure.FULL else _confidential)(product)
+    reference = results(shown, recorded)
+    contents = Contents(shown.identifier, shown.text, shown.interface, picture, origin, bool(reference), fmi)
     return {
         "model.png": picture.png,
         "documentation/index.html": page(contents),
         "documentation/licenses/license.txt": (source_folder() / "LICENSE.txt").read_bytes(),
         "terminalsAndIcons/terminalsAndIcons.xml": terminals_and_icons(shown.interface),
         "terminalsAndIcons/icon.png": icon(shown.source),
-        **validity_member(subject.source, subject.identifier, disclosure),
+        **validity_member(product, disclosure),
         **reference,
     }
 
 
-def _full(subject: Subject) -> _Disclosed:
-    source = subject.source
+def _full(product: Product) -> _Disclosed:
+    source = product.source
     if isinstance(source, Shock):
         caption = (
             "Force at the port without gas force. Shaded: fitted range. If the law has lag, the loop is its "
             f"response to a sine of {LOOP_FREQUENCY:g} Hz."
         )
-        return _Disclosed(subject, Picture(shock_picture(source), caption), _shock_origin(source), Response._fields)
+        return product, Picture(shock_picture(source), caption), _shock_origin(source), Response._fields
     caption = "Frequency responses with the linear dampers of the vehicle's source file. The FMU itself has no dampers."
-    return _Disclosed(subject, Picture(vehicle_picture(source), caption), _vehicle_origin(source), ())
+    return product, Picture(vehicle_picture(source), caption), _vehicle_origin(source), ()
 
 
-def _confidential(subject: Subject) -> _Disclosed:
-    interface = subject.interface
+def _confidential(product: Product) -> _Disclosed:
+    interface, source = product.interface, product.source
     shown = replace(interface, variables=tuple(v for v in interface.variables if not v.name.startswith(SECRET)))
-    source = subject.source
+    picture = Picture(icon(source), "A confidential build: its sources are not in this archive.", "icon")
     origin = open_shock_origin(source) if isinstance(source, Shock) else []
     origin += [] if isinstance(source, StructuralVehicle) else _edits(source)
-    return _Disclosed(
-        replace(subject, text=interface.description, interface=shown),
-        Picture(icon(subject.source), "A confidential build: its sources are not in this archive.", "icon"),
-        origin,
-        ("force",),
-    )
+    return replace(product, text=interface.description, interface=shown), picture, origin, ("force",)

@@ -79,6 +79,12 @@ def source_folder() -> Path:
     raise FmuError(f"there is no fmus/ folder inside or next to {_PACKAGE}; reinstall eightpost")
 
 
+def source_files(folder: str) -> dict[str, bytes]:
+    """Return the C files in a folder of fmus/: name -> content."""
+    files = sorted((source_folder() / folder).iterdir())
+    return {file.name: file.read_bytes() for file in files if file.suffix in (".c", ".h", ".inc")}
+
+
 def shock_kinds() -> tuple[str, ...]:
     """Return the names of the shock interfaces: the folders fmus/shock_<law>/."""
     return tuple(sorted(path.parent.name for path in source_folder().glob("shock_*/interface.toml")))
@@ -417,22 +423,8 @@ _LOG_CATEGORIES = {
 _NAMESPACE = uuid.uuid5(uuid.NAMESPACE_DNS, "fmu.eightpost")
 
 
-@dataclass(frozen=True)
-class Description:
-    """Content of modelDescription.xml: the interface and everything else."""
-
-    identifier: str  #: Model identifier and model name.
-    guid: str  #: GUID, without braces.
-    text: str  #: Description of the model.
-    interface: Interface  #: Variables and their dependencies.
-    capabilities: Mapping[str, str]  #: Attributes of the CoSimulation element.
-    generation_tool: str  #: Name and version of the tools that built the FMU.
-    source_files: tuple[str, ...] = ()  #: Names of the C files in sources/ that a rebuild compiles.
-    #: Attributes of the ModelExchange element; None for an FMU that offers co-simulation only.
-    exchange: Mapping[str, str] | None = None
-    stop_time: float = 30.0  #: Stop time of the default experiment [s].
-    step_size: float = 1e-3  #: Step size of the default experiment [s].
-
+#: The default experiment [s].
+_EXPERIMENT = {"startTime": "0.0", "stopTime": "30.0", "stepSize": "0.001"}
 
 #: The independent variable of FMI 3.0; its value reference is that in fmus/fmi3/fmi3_instance.h.
 _TIME = Variable(
@@ -450,42 +442,63 @@ _RENAMED = {
 _TYPES = {"Real": "Float64", "Boolean": "Boolean"}
 
 
-def model_description(description: Description, fmi: int = 2) -> bytes:
-    """Return modelDescription.xml of FMI 2.0 or 3.0; the same description gives the same bytes.
+def model_description(
+    identifier: str,
+    text: str,
+    interface: Interface,
+    *,
+    tool: str,
+    co_simulation: Mapping[str, str],
+    exchange: Mapping[str, str] | None = None,
+    source_files: Sequence[str] = (),
+    guid: str = "",
+    fmi: int = 2,
+) -> bytes:
+    """Return modelDescription.xml of FMI 2.0 or 3.0; the same arguments give the same bytes.
 
     The variables and their value references are the same in both versions; FMI 3.0 adds the variable `time`.
+
+    Args:
+        identifier: Model identifier and model name.
+        text: Description of the model.
+        interface: Variables and their dependencies.
+        tool: Name and version of the tools that built the FMU.
+        co_simulation: Attributes of the element CoSimulation.
+        exchange: Attributes of the element ModelExchange; None for an FMU that offers co-simulation only.
+        source_files: Names of the C files in sources/ that a rebuild compiles.
+        guid: GUID, without braces.
+        fmi: FMI version, 2 or 3.
     """
-    interface, is_3 = description.interface, fmi == 3
+    is_3 = fmi == 3
     variables = (_TIME, *interface.variables) if is_3 else interface.variables
     root = ET.Element(
         "fmiModelDescription",
         {
             "fmiVersion": "3.0" if is_3 else "2.0",
-            "modelName": description.identifier,
-            "instantiationToken" if is_3 else "guid": f"{{{description.guid}}}",
+            "modelName": identifier,
+            "instantiationToken" if is_3 else "guid": f"{{{guid}}}",
         },
-        description=description.text,
+        description=text,
         author="eightpost",
         version=__version__,
         license="MIT",
-        generationTool=description.generation_tool,
+        generationTool=tool,
         variableNamingConvention="structured",
         **({} if is_3 else {"numberOfEventIndicators": "0"}),
     )
-    for kind, flags in (("ModelExchange", description.exchange), ("CoSimulation", description.capabilities)):
+    for kind, flags in (("ModelExchange", exchange), ("CoSimulation", co_simulation)):
         if flags is not None:
             own = _flags_3(kind, flags) if is_3 else flags
-            element = ET.SubElement(root, kind, {"modelIdentifier": description.identifier, **own})
-            if description.source_files and not is_3:  # FMI 3.0 lists them in buildDescription.xml
+            element = ET.SubElement(root, kind, {"modelIdentifier": identifier, **own})
+            if source_files and not is_3:  # FMI 3.0 lists them in buildDescription.xml
                 files = ET.SubElement(element, "SourceFiles")
-                for file in description.source_files:
+                for file in source_files:
                     ET.SubElement(files, "File", name=file)
     _unit_definitions(root, variables)
     categories = ET.SubElement(root, "LogCategories")
-    for name, text in _LOG_CATEGORIES.items():
-        ET.SubElement(categories, "Category", name=name, description=text)
-    times = {"startTime": 0.0, "stopTime": description.stop_time, "stepSize": description.step_size}
-    ET.SubElement(root, "DefaultExperiment", {name: repr(value) for name, value in times.items()})
+    for name, meaning in _LOG_CATEGORIES.items():
+        ET.SubElement(categories, "Category", name=name, description=meaning)
+    ET.SubElement(root, "DefaultExperiment", _EXPERIMENT)
     note = ET.Element("Interface", name=interface.kind, version=interface.version)
     number = {v.name: v.reference if is_3 else position for position, v in enumerate(variables, start=1)}
     if not is_3:

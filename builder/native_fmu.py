@@ -8,15 +8,15 @@ import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import version
 from pathlib import Path
 
 import builder
 import eightpost
-from builder.interface import Description, Interface, content_guid, model_description, source_folder
+from builder.interface import Interface, content_guid, model_description, source_files, source_folder
 from builder.product import Product
-from builder.reference import SECRET, Disclosure, Subject
+from builder.reference import SECRET, Disclosure
 from builder.tables import interface_header, interface_source, kept_numbers, layout, settings_data, vehicle_data
 from builder.toolchain import Library, Toolchain, compile_libraries, fmi_headers, headers_of
 from eightpost import __version__
@@ -70,16 +70,6 @@ _HIDDEN = """
 #endif
 """
 
-#: C sources of FMI 3.0, which pass calls on to the core (fmus/fmi3).
-_FMI3 = (
-    "fmi3_exchange.c",
-    "fmi3_instance.h",
-    "fmi3_lifecycle.c",
-    "fmi3_other_types.c",
-    "fmi3_step.c",
-    "fmi3_variables.c",
-)
-
 
 def version_files(identifier: str, fmi: int) -> dict[str, bytes]:
     """Return the files of sources/ that depend on the FMI version: prefix.h, and the functions of FMI 3.0."""
@@ -87,7 +77,7 @@ def version_files(identifier: str, fmi: int) -> dict[str, bytes]:
         return {"prefix.h": _PREFIX.format(identifier=identifier, fmi=2, core="", hidden="").encode()}
     hidden = _HIDDEN.format(identifier=identifier)
     prefix = _PREFIX.format(identifier=identifier, fmi=3, core=_CORE, hidden=hidden)
-    return {"prefix.h": prefix.encode()} | {name: (source_folder() / "fmi3" / name).read_bytes() for name in _FMI3}
+    return {"prefix.h": prefix.encode()} | source_files("fmi3")
 
 
 def build_description(identifier: str, files: Iterable[str]) -> bytes:
@@ -121,71 +111,40 @@ _PROGRAM = (".py", ".c", ".h", ".css", ".html", ".js", ".txt", ".toml", ".json")
 
 # ---- The C sources of one FMU ---------------------------------------------------------------------------------------
 
-COMMON = (
-    "calls.h",
-    "component.h",
-    "derivatives.c",
-    "elementary.c",
-    "elementary.h",
-    "exchange.c",
-    "fmu_state.c",
-    "fresh.h",
-    "instance.h",
-    "lifecycle.c",
-    "logging.c",
-    "memory.c",
-    "message.c",
-    "message.h",
-    "model_exchange.c",
-    "names.h",
-    "real.h",
-    "refusals.c",
-    "state_check.c",
-    "step.c",
-    "update.c",
-    "variables.c",
-    "wide.h",
-)
-SHOCK = ("curve.h", "lag.h", "settings.h", "shock.c", "shock.h")
-#: Files of fmus/vehicle_ss besides model.c.
-VEHICLE = (
-    "advance.h",
-    "coupled.h",
-    "factors.h",
-    "modal.h",
-    "phi.h",
-    "friction.h",
-    "port_forces.h",
-    "rates.c",
-    "steady_state.h",
-    "sub_steps.h",
-)
+#: Files of fmus/common that shocks have, and those that only a toolchain adds.
+_SHOCK, _APART = ("curve.h", "lag.h", "settings.h", "shock.c", "shock.h"), ("browser.c", "windows_entry.c")
+
+
+def common_files() -> dict[str, bytes]:
+    """Return the C files of fmus/common that every FMU has: name -> content."""
+    return {name: text for name, text in source_files("common").items() if name not in (*_SHOCK, *_APART)}
+
+
+def model_files(kind: str) -> dict[str, bytes]:
+    """Return the C files of a kind's model, including those of all shocks: name -> content."""
+    common = source_files("common") if kind.startswith("shock_") else {}
+    return {name: text for name, text in common.items() if name in _SHOCK} | source_files(kind)
 
 
 def _c_sources(product: Product, visible: Interface, guid: str) -> dict[str, bytes]:
     """Return the sources that both FMI versions have, by file name; a host can see the variables of `visible`."""
-    folder = source_folder()
-    model = {"model.c": (folder / product.sources / "model.c").read_bytes()}
-    states = 0
+    source, states = product.source, 0
     generated: dict[str, str] = {}
-    if isinstance(product.source, Shock):
-        model |= {name: (folder / "common" / name).read_bytes() for name in SHOCK}
-        if product.source.settings is not None:
-            law = product.source.law
-            generated = {"settings_data.h": settings_data(product.source.settings, law, product.interface)}
-    else:
-        space = product.source.coupled()
+    if not isinstance(source, Shock):
+        space = source.coupled()
         form = modal_form(space)
         states = kept_numbers(form, product.interface)
-        model |= {name: (folder / product.sources / name).read_bytes() for name in VEHICLE}
         generated = {"vehicle_data.h": vehicle_data(space, form, product.interface)}
+    elif source.settings is not None:
+        generated = {"settings_data.h": settings_data(source.settings, source.law, product.interface)}
     plan = layout(product.interface, states)
     generated |= {
         "interface.h": interface_header(plan, product.identifier, guid),
         "interface.c": interface_source(plan, visible.variables),
     }
-    common = {name: (folder / "common" / name).read_bytes() for name in COMMON}
-    return common | model | {name: text.encode() for name, text in generated.items()}
+    return (
+        common_files() | model_files(product.interface.kind) | {name: text.encode() for name, text in generated.items()}
+    )
 
 
 # ---- Construction of native FMUs ------------------------------------------------------------------------------------
@@ -307,19 +266,9 @@ def _without_binaries(product: Product, disclosure: Disclosure, fmi: int) -> Sou
     visible = _visible(product.interface, disclosure)
     # By default, a shock has the name of its record, which is confidential.
     text = product.text if disclosure is Disclosure.FULL else visible.description
-    subject = Subject(product.identifier, text, visible, product.source)
-    members = documents(subject, disclosure=disclosure, fmi=fmi)
-    description = Description(
-        identifier=product.identifier,
-        guid="",
-        text=text,
-        interface=visible,
-        capabilities=CAPABILITIES,
-        generation_tool=f"eightpost {__version__}",
-        exchange=EXCHANGE,
-    )
+    members = documents(replace(product, text=text, interface=visible), disclosure=disclosure, fmi=fmi)
     return sealed(
-        description,
+        (product.identifier, text, visible),
         members,
         lambda guid: _c_sources(product, visible, guid),
         fmi=fmi,
@@ -334,7 +283,7 @@ _PLACES_3 = {"model.png": "documentation/diagram.png"}
 
 
 def sealed(
-    description: Description,
+    described: tuple[str, str, Interface],
     members: Mapping[str, bytes],
     code: Callable[[str], dict[str, bytes]],
     *,
@@ -346,7 +295,7 @@ def sealed(
     """Return an FMU without its binaries, with a GUID that is a digest of its whole content.
 
     Args:
-        description: Content of modelDescription.xml, without GUID and source files.
+        described: C name of the FMU, one-line description, and visible variables.
         members: Documents.
         code: Function that returns the C sources for a GUID.
         fmi: FMI version, 2 or 3.
@@ -354,19 +303,24 @@ def sealed(
         is_one_unit: Whether the C files can be compiled as one translation unit (see `Library`).
         is_wide: Whether they are also compiled for processors with AVX, which helps models with many sums of products.
     """
-    version = version_files(description.identifier, fmi)
+    identifier = described[0]
+    version = version_files(identifier, fmi)
     drafted = code("") | version
     members = {_PLACES_3.get(name, name) if fmi == 3 else name: content for name, content in members.items()}
     named = {f"sources/{name}": content for name, content in drafted.items()}
+    files: tuple[str, ...] = ()
     if disclosure is Disclosure.FULL:
-        description = replace(description, source_files=tuple(n for n in sorted(drafted) if n.endswith(".c")))
-        members = {**members, **_build_members(description.identifier, description.source_files, fmi)}
-    guid = content_guid(model_description(description, fmi), {**members, **named})
+        files = tuple(name for name in sorted(drafted) if name.endswith(".c"))
+        members |= _build_members(identifier, files, fmi)
+    describe = partial(
+        model_description, *described, tool=f"eightpost {__version__}", co_simulation=CAPABILITIES, exchange=EXCHANGE,
+        source_files=files, fmi=fmi,
+    )  # fmt: skip
+    guid = content_guid(describe(), {**members, **named})
     found = code(guid) | version
-    sources = {f"sources/{name}": content for name, content in found.items()} if description.source_files else {}
-    xml = model_description(replace(description, guid=guid), fmi)
-    library = Library(description.identifier, found, is_one_unit=is_one_unit, is_wide=is_wide, fmi=fmi)
-    return Source({**members, "modelDescription.xml": xml, **sources}, library)
+    sources = {f"sources/{name}": content for name, content in found.items()} if files else {}
+    library = Library(identifier, found, is_one_unit=is_one_unit, is_wide=is_wide, fmi=fmi)
+    return Source({**members, "modelDescription.xml": describe(guid=guid), **sources}, library)
 
 
 def _visible(interface: Interface, disclosure: Disclosure) -> Interface:

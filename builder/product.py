@@ -249,11 +249,6 @@ class Product:
     interface: Interface
     source: Shock | Vehicle
 
-    @property
-    def sources(self) -> str:
-        """Name of the folder under fmus/ that contains its code."""
-        return self.interface.kind
-
 
 def shock_product(shock: Shock, identifier: str, *, temperature_input: bool = False) -> Product:
     """Return the product for a shock.

@@ -1,4 +1,4 @@
-"""What the documents of an FMU are about, the validity of its model, and its reference results."""
+"""Validity of an FMU's model and its reference results, and how its documents show quantities."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from builder.interface import Interface, Variable, friction_ports, spring_ports
+from builder.product import Product
 from eightpost import units
 from eightpost.array_types import Array
 from eightpost.errors import InputError
@@ -24,20 +25,10 @@ from eightpost.verdict import Reason, Rules, Verdict
 
 # ==== Reference results of an FMU, computed by the library ===========================================================
 
-# ---- The subject of an FMU's documents, and how much of it they disclose --------------------------------------------
+# ---- How much of an FMU's source its documents disclose -------------------------------------------------------------
 
 #: Prefix of the variables that disclose the shape of a curve.
 SECRET = "curve."
-
-
-@dataclass(frozen=True)
-class Subject:
-    """One FMU to document: its C name, a one-line description, its variables, and its shock or vehicle."""
-
-    identifier: str
-    text: str
-    interface: Interface
-    source: Shock | Vehicle
 
 
 class Disclosure(Enum):
@@ -197,14 +188,13 @@ def reference_files(reference: Reference, identifier: str) -> dict[str, bytes]:
     }
 
 
-def results(subject: Subject, outputs: Sequence[str]) -> dict[str, bytes]:
-    """Return the files of a subject's reference results; `outputs` selects the outputs of a shock."""
-    source = subject.source
-    if isinstance(source, Shock):
-        reference: Reference | None = _shock_reference(source, outputs)
+def results(product: Product, outputs: Sequence[str]) -> dict[str, bytes]:
+    """Return the files of a product's reference results; `outputs` selects the outputs of a shock."""
+    if isinstance(product.source, Shock):
+        reference: Reference | None = _shock_reference(product.source, outputs)
     else:
-        reference = _vehicle_reference(source, subject.interface)
-    return reference_files(reference, subject.identifier) if reference else {}
+        reference = _vehicle_reference(product.source, product.interface)
+    return reference_files(reference, product.identifier) if reference else {}
 
 
 def _offsets(interface: Interface, outputs: Sequence[str]) -> Array:
@@ -245,8 +235,7 @@ def rounded(values: Array) -> Array:
     """
     largest = np.abs(values).max(axis=0, initial=0.0)
     digits = 12 - np.ceil(np.log10(np.maximum(largest, 1e-3))).astype(int)
-    columns = [np.round(values[:, k], digit) + 0.0 for k, digit in enumerate(digits.tolist())]
-    return np.column_stack(columns)
+    return np.column_stack([np.round(values[:, k], digit) + 0.0 for k, digit in enumerate(digits.tolist())])
 
 
 def csv(names: Sequence[str], values: Array) -> bytes:
@@ -262,9 +251,6 @@ def csv(names: Sequence[str], values: Array) -> bytes:
 # ==== resources/eightpost.json: the validity of an FMU's model, which a run of the FMU reads =========================
 
 RULES = Rules.read(Path(__file__).with_suffix(".txt"))
-
-_WHY = "the usual ranges cover karts, sedans, GT and formula cars (eightpost/vehicle/structural.py)"
-_CHECK = "check the values and their units in the vehicle file"
 
 
 def validity_of(source: Shock | Vehicle) -> Validity:
@@ -289,11 +275,12 @@ def _doubtful(source: StructuralVehicle) -> Iterator[Reason]:
         yield RULES.reason(rule, statement, figure=doubt.summary, origin=source.name, remedy=doubt.remedy)
 
 
-def validity_member(source: Shock | Vehicle, identifier: str, disclosure: Disclosure) -> dict[str, bytes]:
+def validity_member(product: Product, disclosure: Disclosure) -> dict[str, bytes]:
     """Return the archive's member; a confidential archive has the FMU's name in place of file names."""
-    known = validity_of(source)
+    known = validity_of(product.source)
     if disclosure is Disclosure.CONFIDENTIAL:
-        known = _with_origin(known, identifier)
+        reasons = (replace(reason, origin=product.identifier) for reason in known.verdict.reasons)
+        known = replace(known, verdict=Verdict(reasons))
     return _member(known)
 
 
@@ -328,10 +315,6 @@ def _read_validity(content: bytes | None) -> Validity | None:
 def _unknown(rule: str, origin: str) -> Validity:
     reason = RULES.reason(rule, "how good the fit is was not recorded", figure="0 findings stated", origin=origin)
     return Validity(Verdict([reason]))
-
-
-def _with_origin(known: Validity, origin: str) -> Validity:
-    return replace(known, verdict=Verdict(replace(reason, origin=origin) for reason in known.verdict.reasons))
 
 
 def _member(known: Validity) -> dict[str, bytes]:

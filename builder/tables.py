@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -47,26 +46,19 @@ class _Member:
     position: int | None
 
 
-def _shock_member(variable: Variable, _earlier: Sequence[_Member]) -> _Member:
-    """Return the member for a shock's variable: curve.inner[2] is curve_inner[1]."""
-    found = re.fullmatch(r"(.+?)(?:\[(\d+)\])?", variable.name)
-    assert found is not None
-    return _Member(found[1].replace(".", "_"), int(found[2]) - 1 if found[2] else None)
+def _member(kind: str, variable: Variable, earlier: Sequence[_Member]) -> _Member:
+    """Return the member for a variable of an interface kind.
 
-
-def _vehicle_member(variable: Variable, earlier: Sequence[_Member]) -> _Member:
-    """Return the member for a vehicle's variable: inputs, outputs and each kind of parameter are arrays."""
-    own = variable.name.rpartition(".")[2]
-    name = variable.causality if variable.causality != "parameter" else own if own in PORT_PARAMETERS else "offset"
+    A shock's variable curve.inner[2] is curve_inner[1]. In a vehicle, inputs, outputs and each kind of parameter are
+    arrays; in an assembly, all variables of a causality are one array.
+    """
+    if kind not in _COMPUTED_WHEN_ASKED:
+        name, _, number = variable.name.rstrip("]").partition("[")
+        return _Member(name.replace(".", "_"), int(number) - 1 if number else None)
+    name, own = variable.causality, variable.name.rpartition(".")[2]
+    if kind == "vehicle_ss" and name == "parameter":
+        name = own if own in PORT_PARAMETERS else "offset"
     return _Member(name, sum(member.name == name for member in earlier))
-
-
-def _assembly_member(variable: Variable, earlier: Sequence[_Member]) -> _Member:
-    """Return the member for an assembly's variable: all variables of a causality are one array."""
-    return _Member(variable.causality, sum(member.name == variable.causality for member in earlier))
-
-
-_PLACES = {"vehicle_ss": _vehicle_member, "assembly": _assembly_member}
 
 
 @dataclass(frozen=True)
@@ -83,9 +75,8 @@ class Layout:
 
     def index(self, variable: Variable) -> int:
         """Return the variable's index in Values.at or in Memory.flag."""
-        return [v.name for v in (self.flags if variable.type == "Boolean" else [v for v, _ in self.reals])].index(
-            variable.name
-        )
+        stored = self.flags if variable.type == "Boolean" else [v for v, _ in self.reals]
+        return [v.name for v in stored].index(variable.name)
 
     def place(self, variable: Variable) -> str:
         """Return the variable's index as C text; continuous states and their derivatives have indices of their own."""
@@ -105,10 +96,9 @@ def layout(interface: Interface, states: int) -> Layout:
     order = (*_SIGNALS, "parameter")
     stored = (v for v in interface.variables if v.type == "Real" and not v.is_computed)
     reals = sorted(stored, key=lambda v: order.index(v.causality))
-    place = _PLACES.get(interface.kind, _shock_member)
     members: list[_Member] = []
     for variable in reals:
-        members.append(place(variable, members))
+        members.append(_member(interface.kind, variable, members))
     flags = tuple(v for v in interface.variables if v.type == "Boolean")
     return Layout(interface, tuple(zip(reals, members, strict=True)), flags, states)
 
@@ -137,6 +127,14 @@ def interface_header(plan: Layout, identifier: str, guid: str) -> str:
         "REFERENCES": _references(interface.variables),
         "OUTPUTS_ARE_KEPT": int(interface.kind not in _COMPUTED_WHEN_ASKED),
     }
+    has_settings, inputs = BEYOND_SETTINGS in interface.names("local"), interface.names("input")
+    switches = {
+        "SEVERAL_STATES": interface.kind.startswith("shock_") and len(interface.states) > 1,
+        "HAS_SETTINGS": has_settings,  # adjusters or temperature are variables (settings.h)
+        "HAS_TEMPERATURE_INPUT": has_settings and "temperature" in inputs,
+    }
+    signals = [m for v, m in plan.reals if v.causality in _SIGNALS]
+    parameters = [m for v, m in plan.reals if v.causality == "parameter"]
     lines = [
         f"/* {interface.kind} {interface.version}: generated from interface.toml; do not edit. */",
         "#ifndef EIGHTPOST_INTERFACE_H",
@@ -145,19 +143,16 @@ def interface_header(plan: Layout, identifier: str, guid: str) -> str:
         f'#define MODEL_IDENTIFIER "{identifier}"',
         f'#define MODEL_GUID "{{{guid}}}"',
         f"#define STATE_TAG UINT64_C({_digest(f'{{{guid}}}'):#x})",
-        *(["#define SEVERAL_STATES"] if interface.kind.startswith("shock_") and len(interface.states) > 1 else []),
-        *_setting_switches(interface),
+        *(f"#define {name}" for name, is_on in switches.items() if is_on),
         "",
         "enum {",
         *(f"    {name} = {value}," for name, value in counts.items()),
         "};",
-        *([] if not plan.flags else ["", "enum { " + ", ".join(_flag_name(v) for v in plan.flags) + " };"]),
+        *(["", "enum { " + ", ".join(v.name.replace(".", "_") for v in plan.flags) + " };"] if plan.flags else []),
         "",
-        *_struct("Signals", [m for v, m in plan.reals if v.causality in _SIGNALS]),
+        *_struct("Signals", signals),
         "",
-        *_struct(
-            "Parameters", [m for v, m in plan.reals if v.causality == "parameter"], _NEEDED.get(interface.kind, ())
-        ),
+        *_struct("Parameters", parameters, _NEEDED.get(interface.kind, ())),
         "",
         "typedef union {",
         "    struct {",
@@ -173,14 +168,6 @@ def interface_header(plan: Layout, identifier: str, guid: str) -> str:
     return "\n".join(lines)
 
 
-def _setting_switches(interface: Interface) -> list[str]:
-    """Return the switches of a shock whose adjusters or temperature are variables (settings.h)."""
-    if BEYOND_SETTINGS not in interface.names("local"):
-        return []
-    has_input = "temperature" in interface.names("input")
-    return ["#define HAS_SETTINGS", *(["#define HAS_TEMPERATURE_INPUT"] if has_input else [])]
-
-
 def _digest(text: str) -> int:
     """Return the FNV-1a hash of a text, 64 bits."""
     value = 14695981039346656037
@@ -191,10 +178,6 @@ def _digest(text: str) -> int:
 
 def _references(variables: Iterable[Variable]) -> int:
     return max(v.reference for v in variables) + 1
-
-
-def _flag_name(variable: Variable) -> str:
-    return variable.name.replace(".", "_")
 
 
 def _struct(name: str, members: Sequence[_Member], needed: Sequence[str] = ()) -> list[str]:
@@ -275,7 +258,7 @@ _LIMITED = """        now->curve_lagged_slope[k] = part < slope ? part : slope;
 
 def settings_data(settings: Settings, law: ShockLaw, interface: Interface) -> str:
     """Return the tables of settings, and the functions that depend on the names of their variables."""
-    names = [axis.name for axis in settings.axes]
+    inputs = interface.names("input")
     most = max(len(axis.nodes) for axis in settings.axes)
     rows = [row for term in settings.terms for row in term.deviations]
     counts = {
@@ -284,7 +267,7 @@ def settings_data(settings: Settings, law: ShockLaw, interface: Interface) -> st
         "TESTED": len(settings.tested),
         "MOST_NODES": most,
         "DEVIATIONS": settings.deviation_count,
-        "TEMPERATURE_INPUT": _temperature_input(interface),
+        "TEMPERATURE_INPUT": inputs.index("temperature") if "temperature" in inputs else -1,
     }
     lines = [
         "/* Effect of the settings: generated from the shock file; do not edit. */",
@@ -299,9 +282,9 @@ def settings_data(settings: Settings, law: ShockLaw, interface: Interface) -> st
         "",
         f"static const int node_counts[AXES] = {{{', '.join(str(len(axis.nodes)) for axis in settings.axes)}}};",
         "static const double axis_nodes[AXES][MOST_NODES] = {",
-        *(f"    {_c_array(_filled(axis.nodes, most))}," for axis in settings.axes),
+        *(f"    {_c_array([*axis.nodes, *[0.0] * (most - len(axis.nodes))])}," for axis in settings.axes),
         "};",
-        f"static const TermTable terms[TERMS] = {{{', '.join(_terms(settings, names))}}};",
+        f"static const TermTable terms[TERMS] = {{{', '.join(_terms(settings))}}};",
         f"static const double deviations[{len(rows)}][DEVIATIONS] = {{",
         *(f"    {_c_array(row)}," for row in rows),
         "};",
@@ -311,7 +294,11 @@ def settings_data(settings: Settings, law: ShockLaw, interface: Interface) -> st
         "",
         "static void read_setting(const Values *v, double *setting)",
         "{",
-        *_readings(settings, interface),
+        *(
+            f"    setting[{k}] = v->named.{'signals' if axis.variable in inputs else 'parameters'}"
+            f".{axis.variable.replace('.', '_')};"
+            for k, axis in enumerate(settings.axes)
+        ),
         "}",
         "",
         "/* Changes the law's own parameters by the deviations that follow those of the curve. */",
@@ -324,28 +311,12 @@ def settings_data(settings: Settings, law: ShockLaw, interface: Interface) -> st
     return "\n".join(lines)
 
 
-def _temperature_input(interface: Interface) -> int:
-    inputs = interface.names("input")
-    return inputs.index("temperature") if "temperature" in inputs else -1
-
-
-def _filled(nodes: Sequence[float], count: int) -> Iterable[float]:
-    return (*nodes, *[0.0] * (count - len(nodes)))
-
-
-def _terms(settings: Settings, names: Sequence[str]) -> Iterator[str]:
-    first = 0
+def _terms(settings: Settings) -> Iterator[str]:
+    first, names = 0, [axis.name for axis in settings.axes]
     for term in settings.terms:
         places = ", ".join(str(names.index(name)) for name in term.axes)
         yield f"{{{len(term.axes)}, {{{places}}}, {len(term.deviations)}, {first}}}"
         first += len(term.deviations)
-
-
-def _readings(settings: Settings, interface: Interface) -> Iterator[str]:
-    inputs = interface.names("input")
-    for k, axis in enumerate(settings.axes):
-        kind = "signals" if axis.variable in inputs else "parameters"
-        yield f"    setting[{k}] = v->named.{kind}.{axis.variable.replace('.', '_')};"
 
 
 def _changes(settings: Settings, law: ShockLaw) -> Iterator[str]:

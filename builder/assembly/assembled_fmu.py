@@ -12,20 +12,13 @@ from itertools import accumulate
 from pathlib import Path
 
 from builder.assembly.documents import assembly_documents
-from builder.assembly.parts import VEHICLE, Part, model_files
+from builder.assembly.parts import VEHICLE, Part
 from builder.assembly.plan import Assembly, assembly_interface, coupling_step
 from builder.build import fmu_identifier
-from builder.interface import (
-    BRISTLE,
-    Description,
-    Interface,
-    friction_ports,
-    source_folder,
-)
-from builder.native_fmu import CAPABILITIES, COMMON, EXCHANGE, Source, compiled, sealed
+from builder.interface import BRISTLE, Interface, friction_ports, source_files
+from builder.native_fmu import common_files, compiled, model_files, sealed
 from builder.tables import c_number, interface_header, interface_source, layout
 from builder.toolchain import Toolchain, find_toolchain
-from eightpost import __version__
 from eightpost.archive import write_archive
 from eightpost.errors import FmuError
 from eightpost.outputs import FMU, check_file
@@ -34,26 +27,10 @@ from eightpost.wiring import Wiring
 
 # ---- The C sources of an assembly -----------------------------------------------------------------------------------
 
-_OWN = (
-    "coupled_start.c",
-    "coupling_error.c",
-    "machine.c",
-    "machine.h",
-    "model.c",
-    "part.h",
-    "part.inc",
-    "part_kinds.h",
-    "part_names.h",
-    "rates.c",
-    "wiring.h",
-)
-
 
 def assembly_sources(assembly: Assembly, interface: Interface, guid: str) -> dict[str, bytes]:
     """Return the sources that both FMI versions have: file name -> content."""
-    folder = source_folder()
-    files = {name: (folder / "common" / name).read_bytes() for name in COMMON}
-    files |= {name: (folder / "assembly" / name).read_bytes() for name in _OWN}
+    files = common_files() | source_files("assembly")
     for unit in _units(assembly):
         files |= _files_of(unit, next(part for part in assembly.parts if part.unit == unit))
     plan = layout(interface, _states(assembly))
@@ -72,13 +49,8 @@ def _units(assembly: Assembly) -> tuple[str, ...]:
 def _files_of(unit: str, example: Part) -> dict[str, bytes]:
     """Return a kind's model under a unique file name, which its compilation unit includes, and unchanged headers."""
     kind = example.kind
-    shared = {name: content for name, content in model_files(kind).items() if name not in COMMON}
-    included = {
-        "model.c": f"{kind}.inc",
-        "shock.c": "shock.inc",
-        "rates.c": f"{kind}_rates.inc",
-    }
-    files = {included.get(name, name): content for name, content in shared.items()}
+    included = {"model.c": f"{kind}.inc", "shock.c": "shock.inc", "rates.c": f"{kind}_rates.inc"}
+    files = {included.get(name, name): content for name, content in model_files(kind).items()}
     if example.is_vehicle:
         files["vehicle_data.h"] = example.data.encode()
     if example.settings is not None:
@@ -292,22 +264,13 @@ def assemble(
     check_file(path, FMU)
     toolchain = toolchain or find_toolchain()
     interface = assembly_interface(assembly)
-    (members,) = compiled([_unbuilt(assembly, interface, fmi)], toolchain=toolchain, progress=progress)
+    source = sealed(
+        (assembly.identifier, assembly.text, interface),
+        assembly_documents(assembly, interface, fmi),
+        lambda guid: assembly_sources(assembly, interface, guid),
+        fmi=fmi,
+    )
+    (members,) = compiled([source], toolchain=toolchain, progress=progress)
     write_archive(path, members)
     platforms = tuple(platform.name for platform in toolchain.platforms)
     return Assembled(path, assembly, interface, platforms, toolchain.limits)
-
-
-def _unbuilt(assembly: Assembly, interface: Interface, fmi: int) -> Source:
-    """Return the FMU without its binaries."""
-    description = Description(
-        identifier=assembly.identifier,
-        guid="",
-        text=assembly.text,
-        interface=interface,
-        capabilities=CAPABILITIES,
-        generation_tool=f"eightpost {__version__}",
-        exchange=EXCHANGE,
-    )
-    members = assembly_documents(assembly, interface, fmi)
-    return sealed(description, members, lambda guid: assembly_sources(assembly, interface, guid), fmi=fmi)

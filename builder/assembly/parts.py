@@ -10,15 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from builder.interface import (
-    Interface,
-    Variable,
-    own_value,
-    shock_kinds,
-    source_folder,
-)
-from builder.native_fmu import SHOCK
-from builder.native_fmu import VEHICLE as VEHICLE_FILES
+from builder.interface import Interface, Variable, own_value, shock_kinds, source_files
+from builder.native_fmu import model_files
 from builder.product import BEYOND_SETTINGS
 from builder.tables import interface_header, layout, settings_data
 from eightpost import __version__
@@ -279,10 +272,9 @@ def _refuse_other_version(root: ET.Element, interface: Interface, members: Mappi
     header = interface_header(
         layout(interface, states), str(root.get("modelName")), str(root.get("guid")).strip("{}")
     ).encode()
-    same = members["sources/interface.h"] == header and all(
-        members.get(f"sources/{name}") == content for name, content in model_files(interface.kind).items()
-    )
-    if not same:
+    beneath = {name: text for name, text in source_files("common").items() if name in _BENEATH}
+    files = {"interface.h": header, **beneath, **model_files(interface.kind)}
+    if any(members.get(f"sources/{name}") != content for name, content in files.items()):
         raise _CannotBeError(_other_version(root))
 
 
@@ -291,14 +283,6 @@ def _other_version(root: ET.Element) -> str:
         f"contains a different model than eightpost {__version__} builds (it was built by "
         f"{root.get('generationTool')}); build it again"
     )
-
-
-def model_files(kind: str) -> dict[str, bytes]:
-    """Return unchanged copies of the files in fmus/ for a kind's model, including the common files that it needs."""
-    folder = source_folder()
-    common = {name: folder / "common" / name for name in (*_BENEATH, *(() if kind == VEHICLE else SHOCK))}
-    own = {name: folder / kind / name for name in ("model.c", *(VEHICLE_FILES if kind == VEHICLE else ()))}
-    return {name: path.read_bytes() for name, path in (common | own).items()}
 
 
 def _found(pattern: str, text: str) -> str:

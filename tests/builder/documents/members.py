@@ -11,7 +11,7 @@ import numpy as np
 import eightpost.shock
 from builder.documents import documents
 from builder.product import Product
-from builder.reference import Disclosure, Subject
+from builder.reference import Disclosure
 
 LAWS = ("polylinear", "lpf1", "lpnl2")
 CARS = ("seven_dof", "quarter_car")
@@ -21,8 +21,7 @@ EXTRA = "extra/eightpost"
 
 
 def members_of(product: Product, disclosure: Disclosure = Disclosure.FULL) -> dict[str, bytes]:
-    subject = Subject(product.identifier, product.text, product.interface, product.source)
-    return documents(subject, disclosure=disclosure)
+    return documents(product, disclosure=disclosure)
 
 
 def page_of(members: dict[str, bytes]) -> str:
