@@ -134,34 +134,25 @@ def _imported_files(source: Path) -> tuple[Path, ...]:
 
 def _stage(slave: _Slave, folder: Path) -> Path:
     """Write the slave, its package and its table under names unique to this FMU; return the slave's file."""
-    table = json.dumps(_table(slave), indent=1, allow_nan=False)
+    rows = []
+    for variable in slave.product.interface.variables:
+        row = asdict(variable)
+        rows.append({"min": row.pop("minimum"), "max": row.pop("maximum"), **row})
+    content = {"identifier": slave.product.identifier, "description": slave.product.text, "variables": rows}
+    table = json.dumps(content | {"model": dict(slave.model)}, indent=1, allow_nan=False)
     digest = hashlib.sha256(table.encode())
     for file in (slave.main, *slave.code):
         digest.update(file.read_bytes())
     name = f"{slave.product.identifier}_{digest.hexdigest()[:8]}"
     package = folder / f"{name}_law"
     package.mkdir()
-    (package / "__init__.py").write_text(
-        '"""Unchanged copies of files of the eightpost library."""\n', encoding="utf-8"
-    )
+    note = '"""Unchanged copies of files of the eightpost library."""\n'
+    (package / "__init__.py").write_text(note, encoding="utf-8")
     for file in slave.code:
         shutil.copyfile(file, package / file.name)
     (folder / f"{name}.json").write_text(table + "\n", encoding="utf-8")
     shutil.copyfile(slave.main, folder / f"{name}.py")
     return folder / f"{name}.py"
-
-
-def _table(slave: _Slave) -> dict[str, Any]:
-    rows = []
-    for variable in slave.product.interface.variables:
-        row = asdict(variable)
-        rows.append({"min": row.pop("minimum"), "max": row.pop("maximum"), **row})
-    return {
-        "identifier": slave.product.identifier,
-        "description": slave.product.text,
-        "variables": rows,
-        "model": dict(slave.model),
-    }
 
 
 def _pack(slave: Path, folder: Path) -> dict[str, bytes]:
@@ -282,7 +273,11 @@ def build(
     if target != "python":
         built += _native(products, Path(folder), VERSIONS[fmi], disclosure, progress)
     if target != "native":
-        built += _python(products, Path(folder), "_python" if target == "all" else "")
+        suffix = "_python" if target == "all" else ""
+        for source, product in products:
+            path = Path(folder) / f"{product.identifier}{suffix}.fmu"
+            item = Built(path, source, product.interface, "python", validity_of(product.source))
+            built.append((item, _python_fmu(product)))
     for item, members in built:
         write_archive(item.path, members)
     return [item for item, _ in built]
@@ -305,35 +300,20 @@ def _native(
     progress: Progress | None,
 ) -> list[Members]:
     toolchain = find_toolchain()
+    suffix = "_fmi3" if len(versions) > 1 else ""  # of FMI 3.0 in a release with both versions
     wanted = [
-        (source, _named_apart(product) if fmi == 3 and len(versions) > 1 else product, fmi)
+        (source, replace(product, identifier=f"{product.identifier}{suffix if fmi == 3 else ''}"), fmi)
         for source, product in products
         for fmi in versions
     ]
-    found = native_fmus(
+    archives = native_fmus(
         [(product, fmi) for _, product, fmi in wanted], toolchain=toolchain, disclosure=disclosure, progress=progress
     )
     built: list[Members] = []
-    for (source, product, fmi), members in zip(wanted, found, strict=True):
-        item = _built(product, folder / f"{product.identifier}.fmu", source, "native")
-        built.append((replace(item, fmi=fmi, limits=toolchain.limits), members))
+    for (source, product, fmi), members in zip(wanted, archives, strict=True):
+        path, validity = folder / f"{product.identifier}.fmu", validity_of(product.source)
+        built.append((Built(path, source, product.interface, "native", validity, fmi, toolchain.limits), members))
     return built
-
-
-def _named_apart(product: Product) -> Product:
-    """Return the product of FMI 3.0 of a release with both versions."""
-    return replace(product, identifier=f"{product.identifier}_fmi3")
-
-
-def _python(products: Sequence[tuple[str, Product]], folder: Path, suffix: str) -> list[Members]:
-    return [
-        (_built(product, folder / f"{product.identifier}{suffix}.fmu", source, "python"), _python_fmu(product))
-        for source, product in products
-    ]
-
-
-def _built(product: Product, path: Path, source: str, target: str) -> Built:
-    return Built(path, source, product.interface, target, validity_of(product.source))
 
 
 def product_of(source: Path, *, temperature_input: bool = False) -> Product:

@@ -384,11 +384,9 @@ def _dependencies(
     depends = {}
     for channel, row in zip(model.outputs, terms, strict=True):
         names = [c.name for c, term in zip(model.inputs, row, strict=True) if term]
-        if offsets:
-            names += ([offset] if (offset := offsets[channel.name]) else []) + (
-                ["start_at_equilibrium"] if names else []
-            )
-        depends[channel.name] = tuple(names)
+        flag = ["start_at_equilibrium"] if names and offsets else []
+        offset = offsets.get(channel.name)
+        depends[channel.name] = (*names, *([offset] if offset else []), *flag)
     return depends
 
 

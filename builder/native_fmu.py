@@ -95,13 +95,11 @@ def _build_members(identifier: str, files: Iterable[str], fmi: int) -> dict[str,
     """Return the FMI headers, their licence and the list of C files as members of the archive."""
     licences = ("FMI_HEADERS_LICENSE.txt", "FMI3_HEADERS_LICENSE.txt")[: fmi - 1]
     headers = {f"sources/{name}": (fmi_headers() / name).read_bytes() for name in headers_of(fmi)}
-    return {
-        **headers,
-        "sources/buildDescription.xml": build_description(identifier, files),
-        "documentation/licenses/fmi_headers.txt": b"\n".join(
-            (source_folder() / name).read_bytes() for name in licences
-        ),
-    }
+    licence = b"\n".join((source_folder() / name).read_bytes() for name in licences)
+    description = build_description(identifier, files)
+    return headers | {
+        "sources/buildDescription.xml": description, "documentation/licenses/fmi_headers.txt": licence
+    }  # fmt: skip
 
 
 # ==== Native FMUs ====================================================================================================
@@ -200,11 +198,8 @@ def native_fmus(
     Raises:
         FmuError: The compiler fails.
     """
-    return compiled(
-        [without_binaries(product, disclosure, fmi) for product, fmi in products],
-        toolchain=toolchain,
-        progress=progress,
-    )
+    sources = [without_binaries(product, disclosure, fmi) for product, fmi in products]
+    return compiled(sources, toolchain=toolchain, progress=progress)
 
 
 def compiled(
@@ -222,15 +217,15 @@ def without_binaries(product: Product, disclosure: Disclosure = Disclosure.FULL,
     Its pictures and texts take long, so it is kept in the cache.
     """
     key = digest((pickle.dumps((product, disclosure, fmi)), *_program()))
-    kept = recall("fmus", key)
-    if kept is None:
-        made = _without_binaries(product, disclosure, fmi)
-        keep("fmus", key, _packed({"members": made.members, "sources": made.library.sources}))
-        return made
-    found = _unpacked(kept)
-    is_wide = not isinstance(product.source, Shock)
-    library = Library(product.identifier, found["sources"], is_one_unit=True, is_wide=is_wide, fmi=fmi)
-    return Source(found["members"], library)
+    stored = recall("fmus", key)
+    if stored is not None:
+        parts = _unpacked(stored)
+        is_wide = not isinstance(product.source, Shock)
+        library = Library(product.identifier, parts["sources"], is_one_unit=True, is_wide=is_wide, fmi=fmi)
+        return Source(parts["members"], library)
+    source = _without_binaries(product, disclosure, fmi)
+    keep("fmus", key, _packed({"members": source.members, "sources": source.library.sources}))
+    return source
 
 
 @cache

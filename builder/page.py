@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from typing import Any
@@ -18,7 +18,7 @@ from eightpost.array_types import Array
 from eightpost.corners import CORNERS
 from eightpost.extras import needs
 from eightpost.report.static import Column, Picture, Section, folded, paragraph, static_page, table
-from eightpost.shock import Port, Shock, ShockLaw
+from eightpost.shock import Shock, ShockLaw
 from eightpost.vehicle import StateSpace, Vehicle
 
 with needs("build", "building FMUs"):
@@ -117,26 +117,14 @@ KIND = "_eightpost.translational_port"
 _FLOW = {"output": "outflow", "input": "inflow"}
 
 
-@dataclass(frozen=True)
-class Terminal:
-    """One port: its name, and its variables by member name, which is the same at every port."""
-
-    name: str
-    members: dict[str, Variable]
-
-
-def terminals(interface: Interface) -> tuple[Terminal, ...]:
-    """Return the ports of a shock or a vehicle: the prefixes that have a velocity and a force."""
-    variables = {v.name: v for v in interface.variables}
-    return tuple(_terminals(variables))
-
-
-def _terminals(variables: dict[str, Variable]) -> Iterator[Terminal]:
+def _terminals(interface: Interface) -> dict[str, dict[str, Variable]]:
+    """Return the variables of each port of a shock or vehicle: of the prefixes that have a velocity and a force."""
+    variables, ports = {v.name: v for v in interface.variables}, {}
     for prefix in ("", *(f"{corner}." for corner in CORNERS)):
-        members = {name: variables.get(f"{prefix}{name}") for name in ("velocity", "displacement", "force")}
-        found = {name: variable for name, variable in members.items() if variable is not None}
-        if "velocity" in found and "force" in found:
-            yield Terminal(prefix.rstrip(".") or "port", found)
+        names = [name for name in ("velocity", "displacement", "force") if f"{prefix}{name}" in variables]
+        if "velocity" in names and "force" in names:
+            ports[prefix.rstrip(".") or "port"] = {name: variables[f"{prefix}{name}"] for name in names}
+    return ports
 
 
 def terminals_and_icons(interface: Interface) -> bytes:
@@ -150,15 +138,15 @@ def terminals_and_icons(interface: Interface) -> bytes:
     """
     root = ET.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
     parent = ET.SubElement(root, "Terminals")
-    for terminal in terminals(interface):
+    for port, members in _terminals(interface).items():
         attributes = {
-            "name": terminal.name,
+            "name": port,
             "matchingRule": "plug",
             "terminalKind": KIND,
             "description": "Velocity, displacement and force of a shock, all positive in compression",
         }
         element = ET.SubElement(parent, "Terminal", attributes)
-        for member, variable in terminal.members.items():
+        for member, variable in members.items():
             kind = _FLOW[variable.causality] if member == "force" else "signal"
             names = {"variableName": variable.name, "memberName": member, "variableKind": kind}
             ET.SubElement(element, "TerminalMemberVariable", names)
@@ -223,24 +211,16 @@ class Contents:
 
 def page(contents: Contents) -> bytes:
     """Return documentation/index.html."""
-    sections = [*_variables(contents.interface), *contents.origin, *_usage(contents)]
-    places = [("equations", "Equations"), ("limits", "Limits"), *((s.name, s.heading) for s in sections)]
-    body = equations(contents.interface.kind) + "".join(str(section) for section in sections)
-    text, facts = contents.text, _facts(contents)
-    return static_page(contents.identifier, text, facts, places, contents.picture, body).encode()
-
-
-def _facts(contents: Contents) -> str:
     interface = contents.interface
-    return (
-        f"Interface {interface.kind} {interface.version} · FMI {contents.fmi}.0 {_kinds(interface)} · "
+    sections = [*_variables(interface), *contents.origin, *_usage(contents)]
+    places = [("equations", "Equations"), ("limits", "Limits"), *((s.name, s.heading) for s in sections)]
+    body = equations(interface.kind) + "".join(str(section) for section in sections)
+    exchange = " and model exchange" if interface.states or interface.kind == "shock_polylinear" else ""
+    facts = (
+        f"Interface {interface.kind} {interface.version} · FMI {contents.fmi}.0 co-simulation{exchange} · "
         f"SI at the interface · built with eightpost {__version__}"
     )
-
-
-def _kinds(interface: Interface) -> str:
-    is_exchanged = bool(interface.states) or interface.kind == "shock_polylinear"
-    return "co-simulation and model exchange" if is_exchanged else "co-simulation"
+    return static_page(contents.identifier, contents.text, facts, places, contents.picture, body).encode()
 
 
 def _variables(interface: Interface) -> list[Section]:
@@ -281,7 +261,7 @@ def _row(variable: Variable) -> tuple[str, ...]:
 
 
 def _usage(contents: Contents) -> list[Section]:
-    ports = ", ".join(f"<code>{escape(terminal.name)}</code>" for terminal in terminals(contents.interface))
+    ports = ", ".join(f"<code>{port}</code>" for port in _terminals(contents.interface))
     connecting = _CONNECT.format(ports=ports) if ports else ""
     sections = [Section("Import", _IMPORT.format(identifier=escape(contents.identifier)) + connecting)]
     if contents.has_reference:
@@ -336,15 +316,11 @@ def curves_picture(title: str, laws: Mapping[str, ShockLaw]) -> bytes:
         alike.setdefault(_without_gas(law), []).append(name)
     with plain_style():
         figure, (axes,) = _figure(1)
-        axes.axhline(0.0, color="0.45", linewidth=0.9)
-        axes.axvline(0.0, color="0.45", linewidth=0.9)
+        _draw_zero(axes)
         for k, (law, names) in enumerate(alike.items()):
-            ratio = law.port.motion_ratio
-            velocity = np.linspace(-law.curve.rebound_speed / ratio, law.curve.compression_speed / ratio, 1001)
-            style = _STYLES[k % len(_STYLES)]
-            axes.plot(
-                _inches(velocity), _pounds(_static(law, velocity)), **style, linewidth=3.0, label=", ".join(names)
-            )
+            velocity, style = np.linspace(*_range(law), 1001), _STYLES[k % len(_STYLES)]
+            force = _pounds(_static(law, velocity))
+            axes.plot(_inches(velocity), force, **style, linewidth=3.0, label=", ".join(names))
         _label_curve(axes)
         axes.set_title(title, fontsize=13, parse_math=False)
         return png(figure)
@@ -377,19 +353,16 @@ def _figure(panels: int) -> tuple[Figure, Sequence[Axes]]:
 
 
 def _without_gas(law: ShockLaw) -> ShockLaw:
-    port: Port = replace(law.port, gas_stiffness=0.0, gas_preload=0.0)
-    return replace(law, port=port)
+    return replace(law, port=replace(law.port, gas_stiffness=0.0, gas_preload=0.0))
 
 
 def _draw_curve(axes: Axes, law: ShockLaw) -> None:
     """Draw the static curve at the port, the fitted range and, if the law has lag, a loop."""
-    ratio = law.port.motion_ratio
-    low, high = -law.curve.rebound_speed / ratio, law.curve.compression_speed / ratio
+    low, high = _range(law)
     velocity = np.linspace(1.3 * low, 1.3 * high, 1001)
     fitted = (velocity >= low) & (velocity <= high)
     axes.axvspan(*_inches([low, high]), color="#eef3f9", zorder=0)
-    axes.axhline(0.0, color="0.45", linewidth=0.9)
-    axes.axvline(0.0, color="0.45", linewidth=0.9)
+    _draw_zero(axes)
     if law.lag_weight(0.0) > 0.0:
         loop = _loop(law, 0.95 * min(-low, high))
         axes.plot(_inches(loop[0]), _pounds(loop[1]), color=_ORANGE, linewidth=2.4, label=f"{LOOP_FREQUENCY:g} Hz sine")
@@ -399,6 +372,17 @@ def _draw_curve(axes: Axes, law: ShockLaw) -> None:
     )
     axes.plot(_inches(velocity), np.where(fitted, curve, np.nan), color=_BLUE, linewidth=3.6, label="static curve")
     _label_curve(axes)
+
+
+def _range(law: ShockLaw) -> tuple[float, float]:
+    """Return the fitted range of the velocity at the port [m/s]."""
+    ratio = law.port.motion_ratio
+    return -law.curve.rebound_speed / ratio, law.curve.compression_speed / ratio
+
+
+def _draw_zero(axes: Axes) -> None:
+    axes.axhline(0.0, color="0.45", linewidth=0.9)
+    axes.axvline(0.0, color="0.45", linewidth=0.9)
 
 
 def _label_curve(axes: Axes) -> None:
