@@ -35,7 +35,6 @@
 
 #include <math.h>
 #include <stdarg.h>
-#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -63,22 +62,28 @@ typedef struct {
     void *environment;
 } ForceLawCallbacks;
 
+/* Each function: type, member of ForceLawCalls, name, arguments. */
+#define FORCE_LAW_FUNCTIONS(X)                                                                                                 \
+    X(void *, instantiate, fmi2Instantiate, (const char *name, int kind, const char *guid, const char *resources,              \
+                                             const ForceLawCallbacks *callbacks, int visible, int logging))                    \
+    X(void, free_instance, fmi2FreeInstance, (void *))                                                                         \
+    X(int, setup, fmi2SetupExperiment, (void *, int has_tolerance, double tolerance, double start, int has_stop, double stop)) \
+    X(int, enter, fmi2EnterInitializationMode, (void *))                                                                       \
+    X(int, leave, fmi2ExitInitializationMode, (void *))                                                                        \
+    X(int, terminate, fmi2Terminate, (void *))                                                                                 \
+    X(int, reset, fmi2Reset, (void *))                                                                                         \
+    X(int, set_real, fmi2SetReal, (void *, const unsigned *references, size_t count, const double *values))                    \
+    X(int, get_real, fmi2GetReal, (void *, const unsigned *references, size_t count, double *values))                          \
+    X(int, set_slopes, fmi2SetRealInputDerivatives, (void *, const unsigned *references, size_t count, const int *orders,      \
+                                                     const double *slopes))                                                    \
+    X(int, step, fmi2DoStep, (void *, double time, double size, int final))                                                    \
+    X(int, get_state, fmi2GetFMUstate, (void *, void **state))                                                                 \
+    X(int, set_state, fmi2SetFMUstate, (void *, void *state))                                                                  \
+    X(int, free_state, fmi2FreeFMUstate, (void *, void **state))
+#define FORCE_LAW_MEMBER(type, member, name, arguments) type(*member) arguments;
+
 typedef struct {
-    void *(*instantiate)(const char *name, int kind, const char *guid, const char *resources,
-                         const ForceLawCallbacks *callbacks, int visible, int logging);
-    void (*free_instance)(void *instance);
-    int (*setup)(void *instance, int has_tolerance, double tolerance, double start, int has_stop, double stop);
-    int (*enter)(void *instance);
-    int (*leave)(void *instance);
-    int (*terminate)(void *instance);
-    int (*reset)(void *instance);
-    int (*set_real)(void *instance, const unsigned *references, size_t count, const double *values);
-    int (*get_real)(void *instance, const unsigned *references, size_t count, double *values);
-    int (*set_slopes)(void *instance, const unsigned *references, size_t count, const int *orders, const double *values);
-    int (*step)(void *instance, double time, double size, int final);
-    int (*get_state)(void *instance, void **state);
-    int (*set_state)(void *instance, void *state);
-    int (*free_state)(void *instance, void **state);
+    FORCE_LAW_FUNCTIONS(FORCE_LAW_MEMBER)
 } ForceLawCalls;
 
 /* ---- The force law --------------------------------------------------------------------------------------------------- */
@@ -119,10 +124,9 @@ static inline void force_law_log(void *environment, const char *instance, int st
                                  ...)
 {
     ForceLaw *law = (ForceLaw *)environment;
-    va_list arguments;
-    (void)instance;
-    (void)category;
+    (void)instance, (void)category;
     if (law != NULL && status > 0) {
+        va_list arguments;
         va_start(arguments, text);
         vsnprintf(law->message, sizeof law->message, text, arguments);
         va_end(arguments);
@@ -140,6 +144,9 @@ static inline int force_law_checked(ForceLaw *law, int status, const char *call)
                            status > 1 && status < 6 ? names[status] : "an unknown status", law->time,
                            law->message[0] ? law->message : "nothing");
 }
+
+/* Ends a function with -1 if a call in it fails. */
+#define FORCE_LAW_TRY(call) do { if ((call) != 0) { return -1; } } while (0)
 
 /* ---- Opening --------------------------------------------------------------------------------------------------------- */
 
@@ -189,10 +196,8 @@ static inline int force_law_variable(ForceLaw *law, const char *name, unsigned *
 
 static inline int force_law_instantiate(ForceLaw *law, const char *guid, const char *resources)
 {
-    law->callbacks.logger = force_law_log;
-    law->callbacks.allocate = calloc;
-    law->callbacks.release = free;
-    law->callbacks.environment = law;
+    const ForceLawCallbacks callbacks = {force_law_log, calloc, free, NULL, law};
+    law->callbacks = callbacks;
     law->instance = law->calls.instantiate("shock", 1, guid, resources, &law->callbacks, 0, 1);
     if (law->instance == NULL) {
         return force_law_fails(law, "fmi2Instantiate failed; the FMU says: %s", law->message[0] ? law->message : "nothing");
@@ -207,46 +212,21 @@ static inline void force_law_clear(ForceLaw *law)
 }
 
 #ifdef FORCE_LAW_PREFIX
-
 #define FORCE_LAW_JOIN(a, b) a##b
 #define FORCE_LAW_NAME(prefix, name) FORCE_LAW_JOIN(prefix, name)
 #define FORCE_LAW_LINKED(name) FORCE_LAW_NAME(FORCE_LAW_PREFIX, name)
 
-void *FORCE_LAW_LINKED(fmi2Instantiate)(const char *, int, const char *, const char *, const ForceLawCallbacks *, int, int);
-void FORCE_LAW_LINKED(fmi2FreeInstance)(void *);
-int FORCE_LAW_LINKED(fmi2SetupExperiment)(void *, int, double, double, int, double);
-int FORCE_LAW_LINKED(fmi2EnterInitializationMode)(void *);
-int FORCE_LAW_LINKED(fmi2ExitInitializationMode)(void *);
-int FORCE_LAW_LINKED(fmi2Terminate)(void *);
-int FORCE_LAW_LINKED(fmi2Reset)(void *);
-int FORCE_LAW_LINKED(fmi2SetReal)(void *, const unsigned *, size_t, const double *);
-int FORCE_LAW_LINKED(fmi2GetReal)(void *, const unsigned *, size_t, double *);
-int FORCE_LAW_LINKED(fmi2SetRealInputDerivatives)(void *, const unsigned *, size_t, const int *, const double *);
-int FORCE_LAW_LINKED(fmi2DoStep)(void *, double, double, int);
-int FORCE_LAW_LINKED(fmi2GetFMUstate)(void *, void **);
-int FORCE_LAW_LINKED(fmi2SetFMUstate)(void *, void *);
-int FORCE_LAW_LINKED(fmi2FreeFMUstate)(void *, void **);
+#define FORCE_LAW_DECLARATION(type, member, name, arguments) type FORCE_LAW_LINKED(name) arguments;
+#define FORCE_LAW_ENTRY(type, member, name, arguments) FORCE_LAW_LINKED(name),
+FORCE_LAW_FUNCTIONS(FORCE_LAW_DECLARATION)
 
 /* Uses linked sources of an FMU with input derivatives and states. The GUID and the value references of velocity,
    displacement and force are in its modelDescription.xml. */
 static inline int force_law_link(ForceLaw *law, const char *guid, const unsigned references[3])
 {
-    ForceLawCalls *calls = &law->calls;
+    const ForceLawCalls calls = {FORCE_LAW_FUNCTIONS(FORCE_LAW_ENTRY)};
     force_law_clear(law);
-    calls->instantiate = FORCE_LAW_LINKED(fmi2Instantiate);
-    calls->free_instance = FORCE_LAW_LINKED(fmi2FreeInstance);
-    calls->setup = FORCE_LAW_LINKED(fmi2SetupExperiment);
-    calls->enter = FORCE_LAW_LINKED(fmi2EnterInitializationMode);
-    calls->leave = FORCE_LAW_LINKED(fmi2ExitInitializationMode);
-    calls->terminate = FORCE_LAW_LINKED(fmi2Terminate);
-    calls->reset = FORCE_LAW_LINKED(fmi2Reset);
-    calls->set_real = FORCE_LAW_LINKED(fmi2SetReal);
-    calls->get_real = FORCE_LAW_LINKED(fmi2GetReal);
-    calls->set_slopes = FORCE_LAW_LINKED(fmi2SetRealInputDerivatives);
-    calls->step = FORCE_LAW_LINKED(fmi2DoStep);
-    calls->get_state = FORCE_LAW_LINKED(fmi2GetFMUstate);
-    calls->set_state = FORCE_LAW_LINKED(fmi2SetFMUstate);
-    calls->free_state = FORCE_LAW_LINKED(fmi2FreeFMUstate);
+    law->calls = calls;
     memcpy(law->references, references, sizeof law->references);
     law->width = 2;
     law->ramps = law->states = 1;
@@ -255,35 +235,29 @@ static inline int force_law_link(ForceLaw *law, const char *guid, const unsigned
 
 #else
 
+/* Folder and suffix of the library for this platform. */
 #if defined(_WIN64)
-#define FORCE_LAW_PLATFORM "win64"
-#define FORCE_LAW_SUFFIX ".dll"
+#define FORCE_LAW_LIBRARY "%s/binaries/win64/%s.dll"
 #elif defined(_WIN32)
-#define FORCE_LAW_PLATFORM "win32"
-#define FORCE_LAW_SUFFIX ".dll"
+#define FORCE_LAW_LIBRARY "%s/binaries/win32/%s.dll"
 #elif defined(__APPLE__)
-#define FORCE_LAW_PLATFORM "darwin64"
-#define FORCE_LAW_SUFFIX ".dylib"
+#define FORCE_LAW_LIBRARY "%s/binaries/darwin64/%s.dylib"
 #elif defined(__aarch64__)
-#define FORCE_LAW_PLATFORM "aarch64-linux"
-#define FORCE_LAW_SUFFIX ".so"
+#define FORCE_LAW_LIBRARY "%s/binaries/aarch64-linux/%s.so"
 #else
-#define FORCE_LAW_PLATFORM "linux64"
-#define FORCE_LAW_SUFFIX ".so"
+#define FORCE_LAW_LIBRARY "%s/binaries/linux64/%s.so"
 #endif
 
 /* Reads modelDescription.xml without its comments. */
 static inline int force_law_read(ForceLaw *law, const char *folder)
 {
     char path[4096], *comment;
-    FILE *file;
-    long size;
     snprintf(path, sizeof path, "%s/modelDescription.xml", folder);
-    file = fopen(path, "rb");
+    FILE *file = fopen(path, "rb");
     if (file == NULL) {
         return force_law_fails(law, "%s cannot be read; unpack the .fmu, which is a zip archive, into that folder", path);
     }
-    size = fseek(file, 0, SEEK_END) == 0 ? ftell(file) : -1;
+    const long size = fseek(file, 0, SEEK_END) == 0 ? ftell(file) : -1;
     rewind(file);
     law->description = size > 0 ? (char *)calloc((size_t)size + 1, 1) : NULL;
     if (law->description == NULL || fread(law->description, 1, (size_t)size, file) != (size_t)size) {
@@ -292,8 +266,7 @@ static inline int force_law_read(ForceLaw *law, const char *folder)
     }
     fclose(file);
     while ((comment = strstr(law->description, "<!--")) != NULL) {
-        const char *end = strstr(comment, "-->");
-        const char *rest = end == NULL ? comment + strlen(comment) : end + 3;
+        const char *end = strstr(comment, "-->"), *rest = end == NULL ? comment + strlen(comment) : end + 3;
         memmove(comment, rest, strlen(rest) + 1);
     }
     return 0;
@@ -315,15 +288,14 @@ static inline void *force_law_symbol(ForceLaw *law, const char *identifier, cons
     return found;
 }
 
+#define FORCE_LAW_TEXT(type, member, name, arguments) #name,
+
 static inline int force_law_load(ForceLaw *law, const char *folder, const char *identifier)
 {
-    static const char *const names[] = {
-        "fmi2Instantiate", "fmi2FreeInstance", "fmi2SetupExperiment", "fmi2EnterInitializationMode",
-        "fmi2ExitInitializationMode", "fmi2Terminate", "fmi2Reset", "fmi2SetReal", "fmi2GetReal",
-        "fmi2SetRealInputDerivatives", "fmi2DoStep", "fmi2GetFMUstate", "fmi2SetFMUstate", "fmi2FreeFMUstate"};
+    static const char *const names[] = {FORCE_LAW_FUNCTIONS(FORCE_LAW_TEXT)};
     enum { NEEDED = 11, ALL = 14, RESET = 6, SLOPES = 9 };
     char path[4096];
-    snprintf(path, sizeof path, "%s/binaries/" FORCE_LAW_PLATFORM "/%s" FORCE_LAW_SUFFIX, folder, identifier);
+    snprintf(path, sizeof path, FORCE_LAW_LIBRARY, folder, identifier);
 #ifdef _WIN32
     law->library = (void *)LoadLibraryA(path);
     if (law->library == NULL) {
@@ -350,13 +322,10 @@ static inline int force_law_open(ForceLaw *law, const char *folder, const char *
                                  const char *force)
 {
     char identifier[256] = "", guid[256] = "", resources[4200];
-    const char *root, *kind;
     force_law_clear(law);
-    if (force_law_read(law, folder) != 0) {
-        return -1;
-    }
-    root = strstr(law->description, "<fmiModelDescription");
-    kind = strstr(law->description, "<CoSimulation");
+    FORCE_LAW_TRY(force_law_read(law, folder));
+    const char *root = strstr(law->description, "<fmiModelDescription");
+    const char *kind = strstr(law->description, "<CoSimulation");
     if (root == NULL || kind == NULL || force_law_attribute(root, "guid", guid, sizeof guid) != 0 ||
         force_law_attribute(kind, "modelIdentifier", identifier, sizeof identifier) != 0) {
         return force_law_fails(law, "%s is not an FMI 2.0 FMU for co-simulation; export it again as such", folder);
@@ -364,11 +333,10 @@ static inline int force_law_open(ForceLaw *law, const char *folder, const char *
     law->ramps = force_law_flag(kind, "canInterpolateInputs");
     law->states = force_law_flag(kind, "canGetAndSetFMUstate");
     law->width = displacement == NULL ? 1 : 2;
-    if (force_law_variable(law, velocity, &law->references[0]) != 0 ||
-        (displacement != NULL && force_law_variable(law, displacement, &law->references[1]) != 0) ||
-        force_law_variable(law, force, &law->references[2]) != 0 || force_law_load(law, folder, identifier) != 0) {
-        return -1;
-    }
+    FORCE_LAW_TRY(force_law_variable(law, velocity, &law->references[0]));
+    FORCE_LAW_TRY(displacement == NULL ? 0 : force_law_variable(law, displacement, &law->references[1]));
+    FORCE_LAW_TRY(force_law_variable(law, force, &law->references[2]));
+    FORCE_LAW_TRY(force_law_load(law, folder, identifier));
     snprintf(resources, sizeof resources, "file://%s%s/resources", folder[0] == '/' ? "" : "/", folder);
     return force_law_instantiate(law, guid, resources);
 }
@@ -378,9 +346,7 @@ static inline int force_law_parameter(ForceLaw *law, const char *name, double va
 {
     enum { MOST = sizeof law->parameters / sizeof *law->parameters };
     unsigned reference;
-    if (force_law_variable(law, name, &reference) != 0) {
-        return -1;
-    }
+    FORCE_LAW_TRY(force_law_variable(law, name, &reference));
     if (law->parameter_count == MOST) {
         return force_law_fails(law, "more than %d parameters are set; build the FMU with these values", (int)MOST);
     }
@@ -404,15 +370,13 @@ static inline void force_law_close(ForceLaw *law)
         law->calls.free_instance(law->instance);
     }
     free(law->description);
+    if (law->library != NULL) {
 #ifdef _WIN32
-    if (law->library != NULL) {
         FreeLibrary((HMODULE)law->library);
-    }
 #elif !defined(FORCE_LAW_PREFIX)
-    if (law->library != NULL) {
         dlclose(law->library);
-    }
 #endif
+    }
     law->description = NULL;
     law->instance = law->library = law->state = NULL;
     law->started = 0;
@@ -423,36 +387,28 @@ static inline void force_law_close(ForceLaw *law)
 /* Sets the inputs to the point that lies this share of the way from the accepted to the trial point. */
 static inline int force_law_set(ForceLaw *law, double share)
 {
-    double values[2];
-    values[0] = law->scale[0] * ((1.0 - share) * law->velocity + share * law->trial[1]);
-    values[1] = law->scale[1] * ((1.0 - share) * law->displacement + share * law->trial[2]);
+    const double values[2] = {law->scale[0] * ((1.0 - share) * law->velocity + share * law->trial[1]),
+                              law->scale[1] * ((1.0 - share) * law->displacement + share * law->trial[2])};
     return force_law_checked(law, law->calls.set_real(law->instance, law->references, (size_t)law->width, values),
                              "fmi2SetReal");
 }
 
-static inline int force_law_do(ForceLaw *law, double time, double h)
-{
-    return force_law_checked(law, law->calls.step(law->instance, time, h, 0), "fmi2DoStep");
-}
-
 static inline int force_law_held(ForceLaw *law, double share, double time, double h)
 {
-    return force_law_set(law, share) != 0 ? -1 : force_law_do(law, time, h);
+    FORCE_LAW_TRY(force_law_set(law, share));
+    return force_law_checked(law, law->calls.step(law->instance, time, h, 0), "fmi2DoStep");
 }
 
 static inline int force_law_ramped(ForceLaw *law, double h)
 {
     static const int orders[2] = {1, 1};
-    double slopes[2];
-    slopes[0] = law->scale[0] * (law->trial[1] - law->velocity) / h;
-    slopes[1] = law->scale[1] * (law->trial[2] - law->displacement) / h;
-    if (force_law_set(law, 0.0) != 0 ||
-        force_law_checked(law,
-                          law->calls.set_slopes(law->instance, law->references, (size_t)law->width, orders, slopes),
-                          "fmi2SetRealInputDerivatives") != 0) {
-        return -1;
-    }
-    return force_law_do(law, law->time, h);
+    const double slopes[2] = {law->scale[0] * (law->trial[1] - law->velocity) / h,
+                              law->scale[1] * (law->trial[2] - law->displacement) / h};
+    FORCE_LAW_TRY(force_law_set(law, 0.0));
+    FORCE_LAW_TRY(force_law_checked(
+        law, law->calls.set_slopes(law->instance, law->references, (size_t)law->width, orders, slopes),
+        "fmi2SetRealInputDerivatives"));
+    return force_law_checked(law, law->calls.step(law->instance, law->time, h, 0), "fmi2DoStep");
 }
 
 /* Steps from the accepted to the trial point. */
@@ -465,18 +421,14 @@ static inline int force_law_advance(ForceLaw *law)
     if (law->ramps) {
         return force_law_ramped(law, h);
     }
-    if (force_law_held(law, (0.5 - FORCE_LAW_END_PART) / (1.0 - FORCE_LAW_END_PART), law->time, first) != 0) {
-        return -1;
-    }
+    FORCE_LAW_TRY(force_law_held(law, (0.5 - FORCE_LAW_END_PART) / (1.0 - FORCE_LAW_END_PART), law->time, first));
     return force_law_held(law, 1.0, law->time + first, h - first);
 }
 
 static inline int force_law_get(ForceLaw *law, double *force)
 {
     double value = 0.0;
-    if (force_law_checked(law, law->calls.get_real(law->instance, law->references + 2, 1, &value), "fmi2GetReal") != 0) {
-        return -1;
-    }
+    FORCE_LAW_TRY(force_law_checked(law, law->calls.get_real(law->instance, law->references + 2, 1, &value), "fmi2GetReal"));
     *force = value / law->scale[2];
     return 0;
 }
@@ -523,26 +475,21 @@ static inline int force_law_start(ForceLaw *law, double time, double velocity, d
     if (law->started && calls->reset == NULL) {
         return force_law_fails(law, "the FMU has no fmi2Reset; close the force law and open it again");
     }
-    if (law->started && (force_law_checked(law, calls->reset(law->instance), "fmi2Reset") != 0 ||
-                         force_law_checked(law,
-                                           calls->set_real(law->instance, law->parameters, (size_t)law->parameter_count,
-                                                           law->parameter_values),
-                                           "fmi2SetReal") != 0)) {
-        return -1;
+    if (law->started) {
+        const size_t count = (size_t)law->parameter_count;
+        FORCE_LAW_TRY(force_law_checked(law, calls->reset(law->instance), "fmi2Reset"));
+        FORCE_LAW_TRY(force_law_checked(
+            law, calls->set_real(law->instance, law->parameters, count, law->parameter_values), "fmi2SetReal"));
     }
     law->started = 1;
     law->time = time;
     law->rate = 0.0;
-    if (force_law_try(law, time, velocity, displacement) != 0) {
-        return -1;
-    }
-    if (force_law_checked(law, calls->setup(law->instance, 0, 0.0, time, 0, 0.0), "fmi2SetupExperiment") != 0 ||
-        force_law_checked(law, calls->enter(law->instance), "fmi2EnterInitializationMode") != 0 ||
-        force_law_set(law, 1.0) != 0 ||
-        force_law_checked(law, calls->leave(law->instance), "fmi2ExitInitializationMode") != 0 ||
-        force_law_get(law, force) != 0) {
-        return -1;
-    }
+    FORCE_LAW_TRY(force_law_try(law, time, velocity, displacement));
+    FORCE_LAW_TRY(force_law_checked(law, calls->setup(law->instance, 0, 0.0, time, 0, 0.0), "fmi2SetupExperiment"));
+    FORCE_LAW_TRY(force_law_checked(law, calls->enter(law->instance), "fmi2EnterInitializationMode"));
+    FORCE_LAW_TRY(force_law_set(law, 1.0));
+    FORCE_LAW_TRY(force_law_checked(law, calls->leave(law->instance), "fmi2ExitInitializationMode"));
+    FORCE_LAW_TRY(force_law_get(law, force));
     force_law_keep(law, *force);
     return law->states ? force_law_checked(law, calls->get_state(law->instance, &law->state), "fmi2GetFMUstate") : 0;
 }
@@ -553,17 +500,14 @@ static inline int force_law_start(ForceLaw *law, double time, double velocity, d
 static inline int force_law_force(ForceLaw *law, double time, double velocity, double displacement, double *force)
 {
     law->has_trial = 0;
-    if (force_law_try(law, time, velocity, displacement) != 0) {
-        return -1;
-    }
+    FORCE_LAW_TRY(force_law_try(law, time, velocity, displacement));
     if (!law->states) {
         return force_law_fails(law, "the FMU cannot save its state (canGetAndSetFMUstate is false); use force_law_hold or "
                                     "force_law_extrapolate with a smaller step");
     }
-    if (force_law_checked(law, law->calls.set_state(law->instance, law->state), "fmi2SetFMUstate") != 0 ||
-        force_law_advance(law) != 0 || force_law_get(law, force) != 0) {
-        return -1;
-    }
+    FORCE_LAW_TRY(force_law_checked(law, law->calls.set_state(law->instance, law->state), "fmi2SetFMUstate"));
+    FORCE_LAW_TRY(force_law_advance(law));
+    FORCE_LAW_TRY(force_law_get(law, force));
     law->has_trial = 1;
     return 0;
 }
@@ -573,12 +517,9 @@ static inline int force_law_accept(ForceLaw *law, double time, double velocity, 
 {
     const int is_there = law->has_trial && law->trial[0] == time && law->trial[1] == velocity &&
                          law->trial[2] == displacement;
-    if (is_there ? force_law_get(law, force) != 0 : force_law_force(law, time, velocity, displacement, force) != 0) {
-        return -1;
-    }
-    if (time - law->time > FORCE_LAW_SHORTEST &&
-        force_law_checked(law, law->calls.get_state(law->instance, &law->state), "fmi2GetFMUstate") != 0) {
-        return -1;
+    FORCE_LAW_TRY(is_there ? force_law_get(law, force) : force_law_force(law, time, velocity, displacement, force));
+    if (time - law->time > FORCE_LAW_SHORTEST) {
+        FORCE_LAW_TRY(force_law_checked(law, law->calls.get_state(law->instance, &law->state), "fmi2GetFMUstate"));
     }
     force_law_keep(law, *force);
     return 0;
@@ -590,21 +531,18 @@ static inline int force_law_accept(ForceLaw *law, double time, double velocity, 
 static inline int force_law_slope(ForceLaw *law, const double point[3], int which, double *slope)
 {
     double slopes[4], last = 0.0, before = 0.0;
-    int inner;
     for (int j = 0; j < 5; j++) {
         double at[3], force = 0.0;
         memcpy(at, point, sizeof at);
         at[which] += (j - 2) * FORCE_LAW_DIFFERENCE;
-        if (force_law_force(law, at[0], at[1], at[2], &force) != 0) {
-            return -1;
-        }
+        FORCE_LAW_TRY(force_law_force(law, at[0], at[1], at[2], &force));
         if (j > 0) {
             slopes[j - 1] = (force - last) / (at[which] - before);
         }
         last = force;
         before = at[which];
     }
-    inner = fabs(slopes[1] - slopes[2]) <= fabs(slopes[0] - slopes[3]);
+    const int inner = fabs(slopes[1] - slopes[2]) <= fabs(slopes[0] - slopes[3]);
     *slope = inner ? 0.5 * (slopes[1] + slopes[2]) : 0.5 * (slopes[0] + slopes[3]);
     return 0;
 }
@@ -613,16 +551,12 @@ static inline int force_law_slope(ForceLaw *law, const double point[3], int whic
 static inline int force_law_jacobian(ForceLaw *law, double time, double velocity, double displacement, double *by_velocity,
                                      double *by_displacement)
 {
-    double point[3];
-    int failed;
-    point[0] = time;
-    point[1] = velocity;
-    point[2] = displacement;
+    const double point[3] = {time, velocity, displacement};
     *by_displacement = 0.0;
-    failed = force_law_slope(law, point, 1, by_velocity) != 0 ||
-             (law->width == 2 && force_law_slope(law, point, 2, by_displacement) != 0);
+    FORCE_LAW_TRY(force_law_slope(law, point, 1, by_velocity));
+    FORCE_LAW_TRY(law->width == 2 ? force_law_slope(law, point, 2, by_displacement) : 0);
     law->has_trial = 0;
-    return failed ? -1 : 0;
+    return 0;
 }
 
 /* ---- Loops A and B: one force for each step of a host that cannot repeat ------------------------------------------------ */
@@ -634,10 +568,9 @@ static inline int force_law_hold(ForceLaw *law, double time, double h, double ve
         return force_law_fails(law, "the step from %.9g s by %g s must be positive and begin where the last one ended, at "
                                     "%.9g s", time, h, law->time);
     }
-    if (force_law_try(law, law->time + h, velocity, displacement) != 0 || force_law_held(law, 1.0, law->time, h) != 0 ||
-        force_law_get(law, force) != 0) {
-        return -1;
-    }
+    FORCE_LAW_TRY(force_law_try(law, law->time + h, velocity, displacement));
+    FORCE_LAW_TRY(force_law_held(law, 1.0, law->time, h));
+    FORCE_LAW_TRY(force_law_get(law, force));
     force_law_keep(law, *force);
     return 0;
 }
@@ -648,13 +581,10 @@ static inline int force_law_extrapolate(ForceLaw *law, double time, double h, do
 {
     const double passed = time - law->time, before = law->force;
     double now = before;
-    if (force_law_try(law, time, velocity, displacement) != 0) {
-        return -1;
-    }
+    FORCE_LAW_TRY(force_law_try(law, time, velocity, displacement));
     if (passed > FORCE_LAW_SHORTEST) {
-        if (force_law_advance(law) != 0 || force_law_get(law, &now) != 0) {
-            return -1;
-        }
+        FORCE_LAW_TRY(force_law_advance(law));
+        FORCE_LAW_TRY(force_law_get(law, &now));
         force_law_keep(law, now);
         law->rate = (now - before) / passed;
     }
