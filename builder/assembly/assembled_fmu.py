@@ -16,7 +16,7 @@ from builder.assembly.parts import VEHICLE, Part
 from builder.assembly.plan import Assembly, assembly_interface, coupling_step
 from builder.build import fmu_identifier
 from builder.interface import BRISTLE, Interface, friction_ports, source_files
-from builder.native_fmu import common_files, compiled, model_files, sealed
+from builder.native_fmu import Source, common_files, compiled, model_files, sealed
 from builder.tables import c_number, interface_header, interface_source, layout
 from builder.toolchain import Toolchain, find_toolchain
 from eightpost.archive import write_archive
@@ -218,6 +218,13 @@ def _feeds(assembly: Assembly, interface: Interface) -> tuple[list[list[object]]
 # ---- The FMU --------------------------------------------------------------------------------------------------------
 
 
+def without_binaries(assembly: Assembly, interface: Interface, fmi: int) -> Source:
+    """Return the FMU of an FMI version, 2 or 3, without its binaries."""
+    described = assembly.identifier, assembly.text, interface
+    members = assembly_documents(assembly, interface, fmi)
+    return sealed(described, members, lambda guid: assembly_sources(assembly, interface, guid), fmi=fmi)
+
+
 @dataclass(frozen=True)
 class Assembled:
     """An assembled FMU that was written: its file, assembly, interface, platforms, and limits of its toolchain."""
@@ -264,13 +271,7 @@ def assemble(
     check_file(path, FMU)
     toolchain = toolchain or find_toolchain()
     interface = assembly_interface(assembly)
-    source = sealed(
-        (assembly.identifier, assembly.text, interface),
-        assembly_documents(assembly, interface, fmi),
-        lambda guid: assembly_sources(assembly, interface, guid),
-        fmi=fmi,
-    )
-    (members,) = compiled([source], toolchain=toolchain, progress=progress)
+    (members,) = compiled([without_binaries(assembly, interface, fmi)], toolchain=toolchain, progress=progress)
     write_archive(path, members)
     platforms = tuple(platform.name for platform in toolchain.platforms)
     return Assembled(path, assembly, interface, platforms, toolchain.limits)

@@ -102,12 +102,6 @@ def test_a_python_fmu_breaks_three_rules_of_the_standard_and_declares_that_it_ne
     assert not report.acceptable
 
 
-@pytest.mark.nightly
-def test_the_standard_scope_leaves_only_errors(python_fmus):
-    report = check(python_fmus["lpnl2"], scope=Scope.STANDARD, groups=("static", "state_machine"))
-    assert rules(report) == {"stop-time", "guid-checked"}
-
-
 @pytest.fixture(scope="module")
 def container(tmp_path_factory, fmus):
     """Return a container of two FMUs built by fmu-manipulation-toolbox, with a foreign binary and description."""
@@ -195,14 +189,6 @@ def test_an_undeclared_log_category_of_a_refused_call_is_reported(tmp_path):
     assert [f.message for f in report.findings if f.rule.identifier == "log-undeclared"] == [
         "it uses the category 'refusals'"
     ]
-
-
-@pytest.mark.nightly
-def test_the_full_check_reports_drop_in_findings_but_no_error_for_a_foreign_fmu(tmp_path):
-    report = check(foreign_fmu("van_der_pol", tmp_path))
-    assert report.of(Level.ERROR) == ()
-    assert {"platforms", "unit-missing", "dependencies-declared", "documentation"} <= rules(report)
-    assert rules(report).isdisjoint({"working-folder", "locale", "standard-output", "step-growth", "growth"})
 
 
 def test_a_defect_of_a_foreign_fmu_is_reported(tmp_path):

@@ -99,12 +99,6 @@ def test_the_command_warns_that_it_runs_foreign_code_and_is_not_a_sandbox(fmus, 
     assert "not a sandbox" in " ".join(CliRunner().invoke(command, ["--help"]).output.split())
 
 
-def test_json_output_is_valid_if_every_file_is_bad(quickly, tmp_path):
-    shown = quickly("--json", tmp_path / "missing.fmu")
-    (entry,) = json.loads(shown.stdout)["reports"]
-    assert shown.exit_code == 2 and not entry["acceptable"]
-
-
 def test_a_folder_is_rejected(quickly, tmp_path):
     shown = quickly(tmp_path)
     assert shown.exit_code == 2

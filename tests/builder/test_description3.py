@@ -44,12 +44,6 @@ def test_the_xml_files_are_valid_against_the_schemas_of_fmi_3(fmus3, name):
         etree.XMLSchema(etree.parse(str(folder / schema))).assertValid(etree.fromstring(members[member]))
 
 
-@pytest.mark.nightly
-@pytest.mark.parametrize("name", ALL)
-def test_the_validator_of_fmpy_reports_nothing(fmus3, name):
-    assert validate_fmu(str(fmus3[name])) == []
-
-
 @pytest.mark.parametrize("name", ALL)
 def test_every_variable_is_that_of_fmi_2_and_time_is_added(both, fmus3, name):
     old, new = both(name)
@@ -199,26 +193,6 @@ def test_build_writes_the_versions_that_are_asked_for_with_the_same_bytes_each_t
     assert (tmp_path / "three" / "lpnl2.fmu").read_bytes() == fmus3["lpnl2"].read_bytes()
     # Beside the FMU of FMI 2.0 it has an identifier of its own, so that a program can link both.
     assert xml_of(tmp_path / "all" / "lpnl2_fmi3.fmu").find("CoSimulation").get("modelIdentifier") == "lpnl2_fmi3"
-
-
-@pytest.mark.nightly
-def test_a_confidential_fmu_has_no_sources_and_gives_the_same_outputs(run, shock, fmus3, tmp_path):
-    run(shock, "--fmi", "3", "--confidential", "-o", tmp_path / "out")
-    (path,) = (tmp_path / "out").glob("*.fmu")
-    members = read_archive(path)
-    assert not [m for m in members if m.startswith("sources/")]
-    assert b"curve." not in members["modelDescription.xml"]
-    for word in (b"model.c", b"shock.c", b"fmi3_step", b"lpnl2.json", str(tmp_path).encode()):
-        assert all(word not in content for content in members.values()), word
-    assert validate_fmu(str(path)) == []
-    time = np.arange(0.0, 0.1, 1e-3)
-    signals = np.zeros(time.size, dtype=[("time", "f8"), ("velocity", "f8")])
-    signals["time"], signals["velocity"] = time, 0.6 * np.sin(30.0 * time)
-    found = [
-        simulate_fmu(str(p), stop_time=0.09, output_interval=1e-3, input=signals, output=["force"])
-        for p in (fmus3["lpnl2"], path)
-    ]
-    assert found[0].tobytes() == found[1].tobytes()
 
 
 @pytest.mark.parametrize(

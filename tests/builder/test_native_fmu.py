@@ -41,14 +41,6 @@ def test_an_archive_contains_binaries_sources_documents_and_reference_results(un
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_the_listed_sources_are_exactly_the_c_files(fmus, name):
-    members = read_archive(fmus[name])
-    root = ET.fromstring(members["modelDescription.xml"])
-    listed = {f"sources/{f.get('name')}" for f in root.iter("File")}
-    assert listed == {m for m in members if m.endswith(".c")}
-
-
-@pytest.mark.parametrize("name", ALL)
 def test_the_binary_contains_its_guid_which_is_a_digest_of_the_content(fmus, name):
     members = read_archive(fmus[name])
     guid = ET.fromstring(members["modelDescription.xml"]).get("guid")
@@ -107,16 +99,6 @@ def test_a_confidential_fmu_discloses_neither_the_curve_nor_its_sources(shocks, 
                 assert not is_disclosed(value, content), (name, value)
 
 
-@pytest.mark.nightly
-def test_the_picture_of_a_confidential_shock_is_not_drawn_from_its_curve(shocks, tmp_path):
-    pictures = []
-    for law in ("lpf1", "lpnl2"):
-        write_shock(shocks[law], tmp_path / "front.json")
-        (built,) = build([tmp_path / "front.json"], tmp_path, disclosure=Disclosure.CONFIDENTIAL)
-        pictures.append(read_archive(built.path)["model.png"])
-    assert pictures[0] == pictures[1]
-
-
 def test_a_confidential_fmu_gives_the_same_output_as_the_open_one(shocks, fmus, tmp_path):
     write_shock(shocks["lpnl2"], tmp_path / "front.json")
     (built,) = build([tmp_path / "front.json"], tmp_path, disclosure=Disclosure.CONFIDENTIAL)
@@ -128,12 +110,6 @@ def test_a_confidential_fmu_gives_the_same_output_as_the_open_one(shocks, fmus, 
         for path in (fmus["lpnl2"], built.path)
     ]
     assert found[0].tobytes() == found[1].tobytes()
-
-
-def test_a_python_fmu_cannot_be_confidential(shocks, tmp_path):
-    write_shock(shocks["lpf1"], tmp_path / "front.json")
-    with pytest.raises(FmuError, match="must be native"):
-        build([tmp_path / "front.json"], tmp_path, target="python", disclosure=Disclosure.CONFIDENTIAL)
 
 
 @pytest.mark.slow

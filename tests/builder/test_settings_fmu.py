@@ -103,21 +103,6 @@ def test_the_verdict_of_a_run_states_where_the_setting_is(built, fmus, parameter
 
 
 @pytest.mark.nightly
-def test_fmi_3_gives_the_same_forces_as_fmi_2(built):
-    forces = []
-    for fmi in ("2", "3"):
-        fmu = FmuComponent(built("lpf1", fmi=fmi), "shock")
-        fmu.begin(0.0, 1.0, {"clicks.rebound": 17.0})
-        fmu.end_initialization()
-        forces.append([])
-        for k in range(20):
-            fmu.set(("velocity", "clicks.compression"), (0.05 * k, float(k % 4)))
-            fmu.step(0.01 * k, 0.01)
-            forces[-1] += fmu.get(("force",))
-    assert forces[0] == forces[1]
-
-
-@pytest.mark.nightly
 def test_a_restored_state_continues_with_its_own_setting(built):
     fmu = FmuComponent(built("lpf1"), "shock")
     fmu.begin(0.0, 1.0, {})

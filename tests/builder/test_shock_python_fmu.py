@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 import eightpost.shock
 from builder.build import build
@@ -16,48 +14,6 @@ from eightpost.errors import StepError
 from eightpost.shock import LAWS
 
 OUTPUTS = ("force", "static_force", "lagged_force", "lag_weight", "dissipated_power", "beyond_fit")
-PARAMETERS = {
-    "motion_ratio": st.floats(0.5, 1.5),
-    "compression_scale": st.floats(0.0, 2.0),
-    "rebound_scale": st.floats(0.0, 2.0),
-    "gas_stiffness": st.floats(0.0, 5e3),
-    "gas_preload": st.floats(-500.0, 500.0),
-    "seal_friction": st.floats(0.0, 50.0),
-    "friction_velocity": st.floats(1e-3, 0.1),
-    "time_constant": st.floats(1e-5, 0.1),
-    "lag_full_force": st.floats(0.0, 1e3),
-    "lag_zero_force": st.floats(1.1e3, 1e4),
-    "series_stiffness": st.floats(1e5, 1e9),
-    "curve.inner[1]": st.floats(-5e3, 5e3),
-    "curve.rebound[4]": st.floats(-5e2, 5e2),
-    "curve.transition_speed": st.floats(0.2, 0.6),
-}
-steps = st.lists(st.tuples(st.floats(1e-7, 0.05), st.floats(-2.0, 2.0), st.floats(-0.05, 0.05)), min_size=1, max_size=8)
-
-
-def parameters_of(name, variables):
-    """Return values for the parameters that an FMU has."""
-    ranges = PARAMETERS
-    if name == "hysteresis":  # its curve has knots, which must fit together
-        ranges = {n: s for n, s in ranges.items() if not n.startswith("curve.")}
-    return st.fixed_dictionaries({n: s for n, s in ranges.items() if n in variables})
-
-
-def law_with(law, values):
-    """Return the library's law with the FMU's parameter values."""
-    curve = {name: getattr(law.curve, name) for name in law.curve.__slots__}
-    for name, value in values.items():
-        if name.startswith("curve.") and "lagged_slope" not in name:
-            field, _, index = name.removeprefix("curve.").rstrip("]").partition("[")
-            if index:
-                changed = list(curve[field])
-                changed[int(index) - 1] = value
-                curve[field] = tuple(changed)
-            else:
-                curve[field] = value
-    port = {name: values.get(name, getattr(law.port, name)) for name in law.port.__slots__}
-    own = {name: values.get(name, getattr(law, name)) for name in eightpost.shock.own_parameters(type(law))}
-    return type(law)(curve=type(law.curve)(**curve), port=type(law.port)(**port), **own)
 
 
 def run_library(law, moves):
@@ -78,20 +34,6 @@ def run_fmu(fmu, moves):
         time += step
         rows.append(fmu.get(OUTPUTS))
     return np.array(rows)
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("name", LAWS)
-@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(data=st.data(), moves=steps)
-def test_the_fmu_equals_the_law_over_random_inputs_parameters_and_steps(name, data, moves, python_component, shocks):
-    probe = python_component(name)
-    values = data.draw(parameters_of(name, probe.variables))
-    expected = run_library(law_with(shocks[name].law, values), moves)
-    fmu = python_component(name, **values)
-    np.testing.assert_allclose(run_fmu(fmu, moves), expected, rtol=1e-12, atol=1e-9)
-    fmu.finish()
-    probe.finish()
 
 
 def test_two_shocks_stepped_alternately_in_one_process_do_not_interact(python_component, shocks):
@@ -127,17 +69,6 @@ def test_two_fmus_never_share_a_module_name(python_fmus):
         with zipfile.ZipFile(python_fmus[name]) as archive:
             names.add(archive.read("resources/slavemodule.txt"))
     assert len(names) == len(LAWS)
-
-
-@pytest.mark.parametrize("name", LAWS)
-def test_a_shock_starts_in_equilibrium_and_initialization_may_be_iterated(python_component, shocks, name):
-    fmu, law = python_component(name), shocks[name].law
-    for velocity in (0.3, -0.2, 0.05):
-        fmu.set(("velocity", "displacement"), (velocity, 0.01))
-        expected = law.response(law.start(velocity), velocity, 0.01)
-        assert fmu.get(("force", "lagged_force")) == [expected.force, expected.lagged_force]
-    fmu.end_initialization()
-    assert fmu.get(("lagged_force",)) == [law.valve_force(law.start(0.05), 0.05)]
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -203,11 +134,6 @@ def test_a_step_that_is_not_positive_is_rejected_and_the_next_one_succeeds(pytho
     with pytest.raises(StepError, match="must be positive"):
         fmu.step(0.0, step)
     fmu.step(0.0, 1e-3)
-
-
-def test_a_refused_parameter_ends_initialization_with_the_reason(python_component):
-    with pytest.raises(StepError, match=r"failed to set motion_ratio = -1.0.*is not between"):
-        python_component("lpnl2", motion_ratio=-1.0)
 
 
 def test_an_unknown_value_reference_fails_only_the_next_step(python_component):

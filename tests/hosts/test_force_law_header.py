@@ -105,20 +105,8 @@ def test_the_sources_compile_as_cpp_without_warnings(source, tmp_path):
     compiler = shutil.which("g++") or shutil.which("clang++")
     if compiler is None:
         pytest.skip("there is no C++ compiler here")
-    line = [
-        compiler,
-        "-x",
-        "c++",
-        "-std=c++11",
-        *STRICT,
-        "-I",
-        str(HOSTS),
-        "-c",
-        str(source),
-        "-o",
-        str(tmp_path / "o"),
-    ]
-    subprocess.run(line, check=True)
+    line = [compiler, "-x", "c++", "-std=c++11", *STRICT, "-I", str(HOSTS), "-c", str(source)]
+    subprocess.run([*line, "-o", str(tmp_path / "o")], check=True)
 
 
 def test_the_c_host_compiles_as_c99_without_warnings(compiler, tmp_path):

@@ -224,6 +224,7 @@ def assert_agree(found, expected):
     assert (np.abs(found - expected).max(axis=0) < 1e-9 * peak).all()
 
 
+@pytest.mark.repeated(2)
 @pytest.mark.parametrize("name", NAMES)
 def test_fmpy_gives_the_outputs_of_our_component(fmus, tmp_path, name):
     case = case_of(fmus[name])

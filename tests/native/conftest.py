@@ -14,8 +14,7 @@ from types import ModuleType
 import pytest
 
 from builder.assembly import Assembly, read_parts
-from builder.assembly.assembled_fmu import _unbuilt as assembled_source
-from builder.assembly.assembled_fmu import assembly_sources
+from builder.assembly.assembled_fmu import assembly_sources, without_binaries
 from builder.assembly.plan import assembly_interface
 from builder.native_fmu import _c_sources, compiled, version_files
 from builder.product import shock_product, vehicle_product
@@ -181,8 +180,8 @@ def assembled_3(assembly: Assembly, tmp_path_factory: pytest.TempPathFactory) ->
 
 def _assembled(assembly: Assembly, factory: pytest.TempPathFactory, fmi: int) -> Path:
     path = factory.mktemp("assembled") / "assembly.fmu"
-    unbuilt = assembled_source(assembly, assembly_interface(assembly), fmi)
-    (members,) = compiled([unbuilt], toolchain=find_toolchain())
+    source = without_binaries(assembly, assembly_interface(assembly), fmi)
+    (members,) = compiled([source], toolchain=find_toolchain())
     write_archive(path, members)
     return path
 

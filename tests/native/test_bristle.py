@@ -168,14 +168,6 @@ def test_springs_without_a_steady_state_are_refused_with_their_name(component, p
         fmu.end_initialization()
 
 
-def test_too_many_sub_steps_are_refused_without_effect(component):
-    fmu = component("quarter_car", bristle_force=1e7, bristle_reach=1e-6)
-    fmu.end_initialization()
-    with pytest.raises(StepError, match="too stiff for a step of this length"):
-        fmu.step(0.0, 1.0)
-    fmu.step(0.0, 1e-5)
-
-
 # ---- Rollback and model exchange ------------------------------------------------------------------------------------
 
 
@@ -197,32 +189,6 @@ def exchanged(fmu, name):
     assert fmu.set_named(parameters(name)) == OK
     assert fmu.call("EnterContinuousTimeMode") == OK
     return fmu
-
-
-@pytest.mark.parametrize("name", CARS)
-def test_a_restored_and_a_serialized_state_continue_bit_for_bit(host, name):
-    fmu = started(host(name), name)
-    roads = [f"{port}road" for port in PORTS[name]]
-    for k in range(20):
-        assert fmu.set_named(dict.fromkeys(roads, 0.003 * np.sin(k))) == OK
-        assert fmu.step(1e-3 * k, 1e-3) == OK
-    deflections = fmu.get(*(f"{port}bristle_deflection" for port in PORTS[name]))
-    assert all(z != 0.0 for k, z in enumerate(deflections) if k != 1)
-    saved, size = ctypes.c_void_p(), ctypes.c_size_t()
-    assert fmu.call("GetFMUstate", ctypes.byref(saved)) == OK
-    assert fmu.call("SerializedFMUstateSize", saved, ctypes.byref(size)) == OK
-    packed = (ctypes.c_char * size.value)()
-    assert fmu.call("SerializeFMUstate", saved, packed, size) == OK
-    assert fmu.step(0.02, 2e-3) == OK
-    first = fmu.all()
-    assert fmu.call("SetFMUstate", saved) == OK
-    assert fmu.step(0.02, 2e-3) == OK
-    assert fmu.all() == first
-    other, again = started(host(name), name), ctypes.c_void_p()
-    assert other.call("DeSerializeFMUstate", packed, size, ctypes.byref(again)) == OK
-    assert other.call("SetFMUstate", again) == OK
-    assert other.step(0.02, 2e-3) == OK
-    assert other.all() == first
 
 
 def moved(fmu, seed):

@@ -8,10 +8,11 @@ import pytest
 from eightpost.shock import LAWS
 
 ALL = (*LAWS, "seven_dof", "quarter_car")
+SOME = ("hysteresis", "seven_dof")  #: For what every FMU shares.
 OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", SOME)
 def test_a_step_is_refused_before_initialization_and_after_the_end(host, name):
     fmu = host(name)
     assert fmu.step(0.0) == ERROR
@@ -105,7 +106,7 @@ def test_the_message_on_a_refused_call_names_function_variable_and_reason(host):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", SOME)
 def test_values_that_are_not_finite_are_refused_by_name_and_the_next_valid_step_succeeds(host, name):
     fmu = host(name).start()
     for variable in fmu.inputs():
@@ -195,7 +196,8 @@ def test_a_transition_that_reaches_zero_velocity_keeps_initialization_open(host,
     assert fmu.call("EnterInitializationMode") == OK
     assert fmu.set_named({"curve.transition_width": 2.0003 * speed}) == OK
     assert fmu.call("ExitInitializationMode") == ERROR
-    assert fmu.set_named({"curve.transition_width": 0.0127}) == OK
+    assert "transition_width must be less than twice" in fmu.messages_text()
+    assert fmu.set_named({"curve.transition_width": 1.9997 * speed}) == OK
     assert fmu.call("ExitInitializationMode") == OK
 
 
@@ -224,7 +226,7 @@ def test_contradicting_parameters_keep_initialization_open_until_they_are_correc
     assert fmu.call("ExitInitializationMode") == OK
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", SOME)
 def test_null_and_unknown_references_are_errors_and_reset_restores_the_instance(host, name):
     fmu = host(name).start()
     one, number = ctypes.c_size_t(1), (ctypes.c_double * 1)()
@@ -264,7 +266,7 @@ def test_a_boolean_that_is_set_is_returned(host):
         assert flag[0] == expected
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", SOME)
 def test_output_derivatives_are_refused_and_an_empty_list_of_them_is_accepted(host, name):
     fmu = host(name).start()
     reference, order, value = (ctypes.c_uint * 1)(0), (ctypes.c_int * 1)(1), (ctypes.c_double * 1)()

@@ -176,18 +176,6 @@ def test_inputs_of_an_intermediate_update_equal_input_derivatives_of_fmi_2(both,
     assert equal[0] == equal[1]
 
 
-@pytest.mark.parametrize("name", ALL)
-def test_an_update_that_sets_nothing_equals_held_inputs(both, memories, name):
-    (old, new), rng, time = both(name, update=lambda *_: None), np.random.default_rng(6), 0.0
-    for fmu in (old, new):
-        fmu.start()
-    for _ in range(10):
-        time = random_step(old, new, rng, time)
-    assert len(new.updates) >= 10
-    equal = memories(old, new)
-    assert equal[0] == equal[1]
-
-
 def unchanged(fmu, c_level_3, status, *step):
     """Check that a step has a status and changes nothing."""
     before = c_level_3.packed(fmu, c_level_3.saved(fmu))

@@ -2,7 +2,6 @@
 
 import ctypes
 import math
-import re
 
 import numpy as np
 import pytest
@@ -320,15 +319,3 @@ def test_instances_of_both_kinds_side_by_side_do_not_affect_each_other(exchange,
     again = exchange(name)
     moved(again, 9)
     assert fmu.all() == again.all()
-
-
-@pytest.mark.parametrize("name", ALL)
-def test_the_derivative_attribute_connects_every_state_with_its_derivative(host, name):
-    fmu = host(name)
-    for state, rate in zip(fmu.state_names, fmu.derivative_names, strict=True):
-        assert rate == f"der({state})"
-        assert re.fullmatch(
-            r"(\w+\.)?(lagged_force|lagged_velocity|stop_travel|mode\.(real|imaginary)\[\d+\]|(\w+\.)?bristle_deflection)",
-            state,
-        )
-    assert len(set(fmu.state_names)) == len(fmu.state_names)

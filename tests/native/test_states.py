@@ -8,7 +8,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from eightpost.shock import LAWS
@@ -17,10 +16,12 @@ ALL = (*LAWS, "seven_dof", "quarter_car")
 OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", [*ALL, "assembly"])
 def test_a_restored_state_continues_bit_for_bit_also_in_another_instance(host, name, c_level):
-    fmu = host(name).start()
-    fmu.run(7)
+    fmu = host(name)
+    bristles = [v for v in fmu.references if v.endswith("bristle_force")]  # with them, cars keep deflections too
+    assert fmu.set_named(dict.fromkeys(bristles, 150.0)) == OK
+    fmu.start().run(7)
     state = c_level.saved(fmu)
     content = c_level.packed(fmu, state)
     ahead = fmu.run(20, time=7e-3, seed=5)
@@ -108,7 +109,7 @@ NOT_A_NUMBER = struct.pack("<d", math.nan)
         (FIRST_SLOPE, NOT_A_NUMBER, "a number is not finite"),
     ],
 )
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", ["lpnl2", "seven_dof"])
 def test_an_invalid_state_with_a_correct_checksum_is_refused(host, name, c_level, place, word, reason):
     fmu = host(name).start()
     fmu.run(3)
@@ -164,26 +165,6 @@ def derivative(fmu, output, known):
     ]
     status = fmu.call("GetDirectionalDerivative", *arguments, ctypes.c_size_t(1), (ctypes.c_double * 1)(1.0), result)
     return status, result[0]
-
-
-@pytest.mark.parametrize("name", ALL)
-def test_directional_derivatives_between_steps_equal_finite_differences(host, name, c_level):
-    fmu, change = host(name).start(), 1e-6
-    fmu.set_named(dict.fromkeys(fmu.inputs(), 0.11))
-    fmu.step(0.0, 0.02)
-    outputs = [v.name for v in fmu.description.modelVariables if v.causality == "output"]
-    state = c_level.saved(fmu)
-    for known in fmu.inputs():
-        ends = []
-        for side in (-1.0, 1.0):
-            fmu.call("SetFMUstate", state)
-            fmu.set_named({known: 0.11 + side * change})
-            fmu.step(0.02, 1e-13)
-            ends.append(np.array(fmu.get(*outputs)))
-        fmu.call("SetFMUstate", state)
-        differences = (ends[1] - ends[0]) / (2.0 * change)
-        found = np.array([derivative(fmu, output, known)[1] for output in outputs])
-        np.testing.assert_allclose(found, differences, rtol=1e-5, atol=1e-4 * (1.0 + np.abs(differences).max()))
 
 
 #: Parameters that are refused if they change alone.

@@ -23,6 +23,12 @@ from eightpost.vehicle import friction as port_friction
 CARS = ("seven_dof", "quarter_car")
 
 
+@pytest.fixture(params=["component", "python_component"], ids=["native", "python"])
+def either(request):
+    """Load native FMUs, then those with a slave in Python."""
+    return request.getfixturevalue(request.param)
+
+
 def model_of(name):
     return read_vehicle(shipped(name)).coupled()
 
@@ -183,24 +189,24 @@ def test_a_cars_library_uses_avx_only_if_the_processor_supports_it(fmus):
     assert wide == content.keys() & {"linux64", "win64", "darwin64"}
 
 
-def test_a_step_too_long_for_the_friction_is_refused_without_effect(component):
-    fmu = component("quarter_car", friction_force=1e5, friction_velocity=1e-4)
+def test_a_step_too_long_for_the_friction_is_refused_without_effect(either):
+    fmu = either("quarter_car", friction_force=1e5, friction_velocity=1e-4)
     fmu.end_initialization()
     fmu.set(("force",), (500.0,))
     fmu.step(0.0, 1e-6)
     before = fmu.get(model_of("quarter_car").output_names)
-    with pytest.raises(StepError, match="too stiff for a step of this length"):
+    with pytest.raises(StepError, match="too stiff for a step of"):
         fmu.step(1e-6, 0.05)
     assert fmu.get(model_of("quarter_car").output_names) == before
     fmu.step(1e-6, 1e-6)
 
 
 @pytest.mark.parametrize("name", CARS)
-def test_the_fmu_starts_and_stays_in_the_steady_state_of_its_inputs(component, name):
+def test_the_fmu_starts_and_stays_in_the_steady_state_of_its_inputs(either, name):
     model = model_of(name)
     u = np.linspace(-1.0, 1.0, len(model.inputs)) * scale_of(model)
     expected = model.dc_gain() @ u
-    fmu = component(name)
+    fmu = either(name)
     for scale in (3.0, 1.0):
         fmu.set(model.input_names, scale * u)
         np.testing.assert_allclose(fmu.get(model.output_names), scale * expected, rtol=1e-9, atol=1e-7)
@@ -209,15 +215,15 @@ def test_the_fmu_starts_and_stays_in_the_steady_state_of_its_inputs(component, n
     np.testing.assert_allclose(fmu.get(model.output_names), expected, rtol=1e-7, atol=1e-6)
 
 
-def test_the_equilibrium_start_can_be_disabled(component):
-    fmu = component("quarter_car", start_at_equilibrium=False)
+def test_the_equilibrium_start_can_be_disabled(either):
+    fmu = either("quarter_car", start_at_equilibrium=False)
     fmu.set(("aero_force",), (1000.0,))
     fmu.end_initialization()
     assert fmu.get(("displacement", "tire_force")) == [0.0, 0.0]
 
 
-def test_static_values_are_added_to_the_outputs(component):
-    fmu = component("seven_dof", **{"lf.static_tire_force": 3000.0, "rear.static_ride_height": 0.2})
+def test_static_values_are_added_to_the_outputs(either):
+    fmu = either("seven_dof", **{"lf.static_tire_force": 3000.0, "rear.static_ride_height": 0.2})
     fmu.end_initialization()
     assert fmu.get(("lf.tire_force", "rf.tire_force", "rear.ride_height")) == [3000.0, 0.0, 0.2]
 
