@@ -156,7 +156,6 @@ def _stage(slave: _Slave, folder: Path) -> Path:
 
 
 def _pack(slave: Path, folder: Path) -> dict[str, bytes]:
-    """Pack the slave with PythonFMU; return the archive's members."""
     package = slave.with_name(f"{slave.stem}_law")
     with _clean_imports(slave.stem):
         with needs("build", "building python FMUs"):

@@ -49,7 +49,6 @@ def _drawn(draw: Callable[[Axes], None]) -> bytes:
 
 
 def _draw_shock(axes: Axes) -> None:
-    """Draw a monotube shock with its eyes and a coil around it."""
     edge: dict[str, Any] = {"edgecolor": _INK, "linewidth": 2.5}
     axes.add_patch(Rectangle((46.5, 48), 7, 36, facecolor=_PART, **edge))
     axes.add_patch(FancyBboxPatch((37, 17), 26, 38, "round,pad=0,rounding_size=4", facecolor=_BODY, **edge))
@@ -60,7 +59,6 @@ def _draw_shock(axes: Axes) -> None:
 
 
 def _draw_vehicle(axes: Axes) -> None:
-    """Draw a stock car from the side: body, window, two wheels, road."""
     edge: dict[str, Any] = {"edgecolor": _INK, "joinstyle": "round"}
     axes.fill(*_CAR, facecolor=_BODY, linewidth=3.5, **edge)
     axes.fill(*_WINDOW, facecolor="white", linewidth=2.5, **edge)
@@ -83,7 +81,6 @@ _FILES = (Column("file", "tight"), Column("SHA-256", "digest"))
 
 
 def _shock_origin(shock: Shock) -> list[Section]:
-    """Return all information about a shock's measurement and fit."""
     sections = [Section("Conditions of the measurement", _quantities(shock.conditions)), *_edits(shock)]
     if shock.fit:
         sections.append(Section("Fit", _fit(shock.fit)))
@@ -108,7 +105,6 @@ def _edits(source: Shock | IdentifiedVehicle) -> list[Section]:
 
 
 def _vehicle_origin(vehicle: Vehicle) -> list[Section]:
-    """Return a vehicle's parameters, if it has any, and its modes."""
     if isinstance(vehicle, StructuralVehicle):
         sections = [Section("Vehicle", table(_QUANTITIES, _parameters(vehicle.parameters)))]
     else:

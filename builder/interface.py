@@ -58,7 +58,6 @@ def _forces(terms: Terms, steady: Terms, model: StateSpace, ports: Sequence[str]
 
 
 def _moved(steady: Terms, model: StateSpace, ports: Sequence[str]) -> Terms:
-    """Return which inputs move the springs (springs, m)."""
     return steady[[model.output_names.index(f"{port}displacement") for port in ports]]
 
 

@@ -375,7 +375,6 @@ def _draw_curve(axes: Axes, law: ShockLaw) -> None:
 
 
 def _range(law: ShockLaw) -> tuple[float, float]:
-    """Return the fitted range of the velocity at the port [m/s]."""
     ratio = law.port.motion_ratio
     return -law.curve.rebound_speed / ratio, law.curve.compression_speed / ratio
 

@@ -51,7 +51,6 @@ class _Fmu:
 
 
 def _setup_member(component: str) -> str:
-    """Return the path of a component's parameter values in the package."""
     return f"resources/{component}.ssv"
 
 

@@ -45,7 +45,6 @@ def _start_values(assembly: Assembly, part: Part) -> dict[str, float | bool]:
 
 
 def _shock_law(assembly: Assembly, part: Part) -> ShockLaw:
-    """Return a shock's law with its start values."""
     values = _start_values(assembly, part)
     law = law_of(part.kind, values)
     return law if part.settings is None else part.settings.law_at(law, _setting(part.settings, values))
@@ -76,18 +75,11 @@ class _Shock:
         return self._laws[setting]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _VehicleModel:
-    """A vehicle: its linear model in modal coordinates, its friction, and the offsets of its outputs."""
-
-    stepper: LinearStepper
-    friction: PortFriction
-    offsets: Array
-    starts_at_equilibrium: bool
+#: A vehicle's linear model in modal coordinates, its friction, the offsets of its outputs, and whether it starts at rest.
+_VehicleModel = tuple[LinearStepper, PortFriction, Array, bool]
 
 
 def _vehicle_model(assembly: Assembly) -> _VehicleModel:
-    """Return the vehicle with its start values."""
     part = assembly.vehicle
     values, data, named = _start_values(assembly, part), _Data(part.data), part.interface
     inputs, outputs = named.names("input"), named.names("output")
@@ -100,7 +92,7 @@ def _vehicle_model(assembly: Assembly) -> _VehicleModel:
     added = [name for name in added if name.rpartition(".")[2] not in PORT_PARAMETERS]
     for output, place in enumerate(data.integers("OFFSET_OF")):
         offsets[output] = float(values[added[place]]) if place >= 0 else 0.0
-    return _VehicleModel(stepper, port_friction, offsets, bool(values["start_at_equilibrium"]))
+    return stepper, port_friction, offsets, bool(values["start_at_equilibrium"])
 
 
 class _Data:
@@ -135,11 +127,8 @@ class _Data:
         return A, B, C, self._direct(inputs, outputs)
 
     def _direct(self, inputs: int, outputs: int) -> Array:
-        begins, columns, terms = (
-            self.integers("DIRECT_BEGIN"),
-            self.integers("DIRECT_INPUT"),
-            self._arrays["DIRECT_TERM"],
-        )
+        begins, columns = self.integers("DIRECT_BEGIN"), self.integers("DIRECT_INPUT")
+        terms = self._arrays["DIRECT_TERM"]
         D = np.zeros((outputs, inputs))
         for row in range(outputs):
             for k in range(begins[row], begins[row + 1]):
@@ -181,9 +170,9 @@ class _Run:
     def __init__(self, assembly: Assembly, inputs: tuple[str, ...], names: tuple[str, ...]) -> None:
         self.inputs, self.names = inputs, names
         self._assembly = assembly
-        self._vehicle: _VehicleModel = _vehicle_model(assembly)
+        self._stepper, self._friction, self._offsets, self._starts_at_rest = _vehicle_model(assembly)
         self._laws: dict[str, _Shock] = {part.name: _Shock(assembly, part) for part in assembly.shocks}
-        self._state = np.zeros(self._vehicle.stepper.A.shape[0] + self._vehicle.friction.states)
+        self._state = np.zeros(self._stepper.A.shape[0] + self._friction.states)
         self._lagged = dict.fromkeys(self._laws, 0.0)
         self._now: dict[str, float] = {}
         self._slope = {f"{name}.force": 0.0 for name in self._laws}
@@ -210,10 +199,10 @@ class _Run:
         self._start_under(u, dict(zip(forces, found.tolist(), strict=True)))
 
     def _start_under(self, u: Array, forces: dict[str, float]) -> Array:
-        model, self._now = self._vehicle, dict(forces)
+        self._now = dict(forces)
         fed = self._fed(self._assembly.vehicle.name, u, self._now)
-        if model.starts_at_equilibrium:
-            self._state = friction.equilibrium(model.stepper, model.friction, fed)
+        if self._starts_at_rest:
+            self._state = friction.equilibrium(self._stepper, self._friction, fed)
         self._take_vehicle(fed)
         for name, shock in self._laws.items():
             fed = self._fed(name, u, self._now)
@@ -236,32 +225,26 @@ class _Run:
         for name, assumed in ahead.items():
             came, (missed, mean, spread) = self._now[name], self._meters[name]
             nearer = mean + (came - mean) * h / self._time
-            self._meters[name] = (
-                missed + h * (assumed - came) ** 2,
-                nearer,
-                spread + h * (came - mean) * (came - nearer),
-            )
+            spread += h * (came - mean) * (came - nearer)
+            self._meters[name] = missed + h * (assumed - came) ** 2, nearer, spread
             self._slope[name] = (came - before[name]) / h
 
     def _step_vehicle(self, u: Array, before: dict[str, float], ahead: dict[str, float], h: float) -> None:
-        model, name = self._vehicle, self._assembly.vehicle.name
+        name = self._assembly.vehicle.name
         u0, u1 = self._fed(name, u, before), self._fed(name, u, ahead)
-        self._state = friction.advance(model.stepper, model.friction, self._state, u0, u1, h)
+        self._state = friction.advance(self._stepper, self._friction, self._state, u0, u1, h)
         self._take_vehicle(u1)
 
     def _take_vehicle(self, u: Array) -> None:
-        model, part = self._vehicle, self._assembly.vehicle
-        y = friction.output(model.stepper, model.friction, self._state, u) + model.offsets
+        part = self._assembly.vehicle
+        y = friction.output(self._stepper, self._friction, self._state, u) + self._offsets
         for name, value in zip(part.interface.names("output"), y.tolist(), strict=True):
             self._now[f"{part.name}.{name}"] = value
 
     def _fed(self, component: str, u: Array, now: dict[str, float]) -> Array:
-        """Return the inputs of a part."""
+        rows = self._wires[component]
         return np.array(
-            [
-                (0.0 if outside is None else u[outside]) + sum(_through(link, now) for link in links)
-                for outside, links in self._wires[component]
-            ]
+            [(0.0 if at is None else u[at]) + sum(_through(link, now) for link in links) for at, links in rows]
         )
 
     def outputs(self, u: Array) -> list[float]:
@@ -298,12 +281,13 @@ def assembly_documents(assembly: Assembly, interface: Interface, fmi: int = 2) -
     """Return the documents of an archive: member name -> content; the same assembly gives the same bytes."""
     picture = curves_picture(assembly.identifier, {part.name: _shock_law(assembly, part) for part in assembly.shocks})
     reference = _assembly_reference(assembly, interface)
+    parts = [(part.name, part.file, part.text, part.guid) for part in assembly.parts]
     contents = Contents(
         assembly.identifier,
         assembly.text,
         interface,
         Picture(picture, _CAPTION),
-        [_parts(assembly), _connections(assembly), _equations(assembly)],
+        [Section("Parts", table(_PARTS, parts)), _connections(assembly), _equations(assembly)],
         reference is not None,
         fmi,
     )
@@ -319,11 +303,6 @@ def assembly_documents(assembly: Assembly, interface: Interface, fmi: int = 2) -
         ),
         **(reference_files(reference, assembly.identifier) if reference else {}),
     }
-
-
-def _parts(assembly: Assembly) -> Section:
-    rows = [(part.name, part.file, part.text, part.guid) for part in assembly.parts]
-    return Section("Parts", table(_PARTS, rows))
 
 
 def _connections(assembly: Assembly) -> Section:

@@ -81,7 +81,6 @@ def _parameters(data: str) -> tuple[str, ...]:
 
 
 def _rows(table: str) -> tuple[tuple[float, ...], ...]:
-    """Return the rows of numbers of a C initializer of two levels."""
     return tuple(tuple(float(cell) for cell in row.split(",")) for row in re.findall(r"\{([^{}]+)\}", table))
 
 
@@ -127,7 +126,6 @@ def _variable(variable: fmi.Variable, fmu: Description) -> Variable:
 
 
 def _existing(fmu: Description, index: str) -> str:
-    """Return the name of the variable with an index."""
     variable = fmu.variable(index)
     if variable is None:
         raise ValueError(f"{index!r} is not the index of a variable")

@@ -269,7 +269,6 @@ def _from_zero(interface: Interface) -> Mapping[str, tuple[str, ...]]:
 
 
 def _offsets(assembly: Assembly, output: str) -> tuple[str, ...]:
-    """Return the parameters that the vehicle adds to an output."""
     interface = assembly.vehicle.interface
     added = {v.name for v in interface.variables if v.causality == "parameter" and v.type == "Real"}
     springs = {f"{port}port_spring" for port in spring_ports(interface)}

@@ -57,15 +57,7 @@ class Binary:
         return frozenset(name.removeprefix(f"{identifier}_") for name in self.exports)
 
 
-_MACHINES = {
-    "AMD64": "x86_64",
-    "X86_64": "x86_64",
-    "I386": "x86",
-    "X86": "x86",
-    "ARM64": "aarch64",
-    "AARCH64": "aarch64",
-}
-
+_MACHINES = {"amd64": "x86_64", "i386": "x86", "arm64": "aarch64"}
 
 #: Number of bytes that identify the format of a file.
 _HEAD = 4096
@@ -96,8 +88,8 @@ def _read_checked(name: str, platform: str, content: bytes) -> Binary:
 
 
 def _machine(value: Any) -> str:
-    text = str(value).rpartition(".")[2]
-    return _MACHINES.get(text.upper(), text.lower())
+    text = str(value).rpartition(".")[2].lower()
+    return _MACHINES.get(text, text)
 
 
 def _truncated(end: int, size: int) -> str:
@@ -197,7 +189,6 @@ def _ends_of_slices(content: bytes) -> list[int]:
 
 
 def _plain(symbol: Any) -> str:
-    """Return the C name of a Mach-O symbol, without the additional underscore."""
     return str(symbol).removeprefix("_")
 
 
@@ -251,7 +242,7 @@ def read_subject(path: str | Path) -> CheckedFmu:
     with open_archive(path) as archive:
         entries = tuple(archive.infolist())
         members = {e.orig_filename: archive.read(e) for e in entries if not e.is_dir()}
-    if not any(PurePosixPath(name.replace("\\", "/")).name == XML for name in members):
+    if not list(_descriptions(members)):
         raise FmuError(f"{path}: is not an FMU: it contains no {XML}")
     if XML not in members:
         return CheckedFmu(path, entries, members, "", None)
@@ -262,6 +253,11 @@ def read_subject(path: str | Path) -> CheckedFmu:
     if root.get("fmiVersion", "2").startswith("1."):
         raise FmuError(f"{path}: is an FMU of FMI {root.get('fmiVersion')}; check supports FMI 2.0 and 3.0")
     return CheckedFmu(path, entries, members, "", read_description(root, _build_description(members)))
+
+
+def _descriptions(names: Iterable[str]) -> Iterator[str]:
+    """Yield the entries named modelDescription.xml in any folder."""
+    return (name for name in names if PurePosixPath(name.replace("\\", "/")).name == XML)
 
 
 def _build_description(members: Mapping[str, bytes]) -> ET.Element | None:
@@ -281,15 +277,12 @@ _DATE = "{:04}-{:02}-{:02} {:02}:{:02}:{:02}"
 def entries(subject: CheckedFmu) -> Faults:
     """Yield faults of the entries of the archive, and of the XML as text."""
     if XML not in subject.members:
-        found = next(name for name in subject.members if PurePosixPath(name.replace("\\", "/")).name == XML)
-        yield "archive-root", f"it is at {found!r}; nothing else could be checked"
+        yield "archive-root", f"it is at {next(_descriptions(subject.members))!r}; nothing else could be checked"
     for entry in subject.entries:
         if reason := unsafe_reason(entry):
             yield "archive-path", f"the entry {entry.orig_filename!r} {reason}"
-    yield (
-        "archive-path",
-        some((name for name in ("binaries", "resources", "sources") if name in subject.members), "no folder: "),
-    )
+    files = (name for name in ("binaries", "resources", "sources") if name in subject.members)
+    yield "archive-path", some(files, "no folder: ")
     counts = Counter(entry.filename for entry in subject.entries)
     for name, count in counts.items():
         if count > 1:
@@ -433,12 +426,9 @@ def terminals(subject: CheckedFmu, fmu: Description) -> Faults:
 
 def _members(terminal: ET.Element, variables: Mapping[str, Variable]) -> dict[str, _Member]:
     """Return the members with existing variables by their names in the terminal."""
-    elements = [(e, e.get("variableName", "")) for e in terminal.iterfind("TerminalMemberVariable")]
-    return {
-        e.get("memberName", name): (e.get("variableKind", ""), variables[name])
-        for e, name in elements
-        if name in variables
-    }
+    elements = ((e, e.get("variableName", "")) for e in terminal.iterfind("TerminalMemberVariable"))
+    known = ((e, name) for e, name in elements if name in variables)
+    return {e.get("memberName", name): (e.get("variableKind", ""), variables[name]) for e, name in known}
 
 
 def _contradictions(members: Mapping[str, _Member]) -> Iterator[str]:

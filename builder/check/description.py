@@ -202,11 +202,9 @@ def exchange(fmu: Description) -> Faults:
     if offered and not re.fullmatch(r"\d+", fmu.event_indicators, flags=re.ASCII):
         yield "event-indicators", f"it is {fmu.event_indicators!r}"
     for unknown in fmu.in_section("Derivatives"):
-        known = [v for v in fmu.named(unknown.dependencies or ()) if v.causality not in ("input", "independent")]
-        yield (
-            "derivative-known",
-            some((v.name for v in known if v.index not in states), f"{fmu.name_of(unknown)} lists "),
-        )
+        known = (v for v in fmu.named(unknown.dependencies or ()) if v.causality not in ("input", "independent"))
+        wrong = [v.name for v in known if v.index not in states]
+        yield "derivative-known", some(wrong, f"{fmu.name_of(unknown)} lists ")
     if fmu.can_exchange("canSerializeFMUstate") and not fmu.can_exchange("canGetAndSetFMUstate"):
         yield "exchange-serialize", _SERIALIZE
     if offered:
@@ -270,7 +268,6 @@ def variables(fmu: Description) -> Faults:
 
 
 def _initials(variable: Variable) -> tuple[str, ...]:
-    """Return the allowed values of `initial`."""
     if variable.causality in ("parameter", "structuralParameter") or variable.variability == "constant":
         return ("exact",)
     if variable.causality == "calculatedParameter" or variable.variability in ("fixed", "tunable"):
@@ -317,9 +314,7 @@ def _start_presence(fmu: Description) -> Faults:
 
 def _is_value(variable: Variable, text: str) -> bool:
     """Return whether a text is a finite value of a variable's type, or a list of them for an array."""
-    if variable.is_array:
-        return all(_is_scalar(variable, part) for part in text.split())
-    return _is_scalar(variable, text)
+    return all(_is_scalar(variable, part) for part in (text.split() if variable.is_array else [text]))
 
 
 def _is_scalar(variable: Variable, text: str) -> bool:

@@ -127,9 +127,7 @@ class Group:
     crash: str = "crash"
 
 
-def _misuse(title: str, module: str) -> Group:
-    return Group(title, module, "crash-misuse")
-
+_MISUSE = "crash-misuse"
 
 GROUPS = {
     "static": Group("archive, description, units, model structure, capabilities, binaries, documents"),
@@ -141,9 +139,11 @@ GROUPS = {
     "inputs": Group(
         "inputs kept after initialization and after steps; tunable parameters changed between steps", "simulation"
     ),
-    "state_machine": _misuse("calls in the wrong order, invalid steps, stop time, locked variables, GUID", "misuse"),
-    "values": _misuse("unknown references, NaN, infinity and out-of-range values", "misuse"),
-    "null": _misuse("NULL arguments", "misuse"),
+    "state_machine": Group(
+        "calls in the wrong order, invalid steps, stop time, locked variables, GUID", "misuse", _MISUSE
+    ),
+    "values": Group("unknown references, NaN, infinity and out-of-range values", "misuse", _MISUSE),
+    "null": Group("NULL arguments", "misuse", _MISUSE),
     "first_outputs": Group("outputs before the first step compared with those after a tiny step", "simulation"),
     "model_exchange": Group(
         "model exchange, if it is declared: modes, states, derivatives, dependencies, FMU states, the results of "
@@ -155,7 +155,7 @@ GROUPS = {
         "instances",
     ),
     "state": Group("FMU state: rollback; serialized, restored in another instance and another process", "instances"),
-    "corrupt_state": _misuse("damaged serialized states", "instances"),
+    "corrupt_state": Group("damaged serialized states", "instances", _MISUSE),
     "initial_dependencies": Group("dependencies at initialization: every known variable perturbed", "dependencies"),
     "dependencies": Group("dependencies over a tiny step: every input perturbed", "dependencies"),
     "derivatives": Group(

@@ -26,10 +26,10 @@ from builder.check.rules import (
     CheckReport,
     Finding,
     Level,
-    Rule,
     Scope,
     Skipped,
     finding_in_version_3,
+    findings,
     listed,
     text_in_version_3,
 )
@@ -56,6 +56,11 @@ class Outcome:
     completed: bool = True  #: Whether the group finished.
     used: float = 0.0  #: Processor time of the process, if it was ended because groups take too long [s].
     values: Mapping[str, str] = field(default_factory=dict)  #: Measured values by name.
+
+
+def _skipped(reason: str) -> Outcome:
+    """Return the outcome of a group that was not run."""
+    return Outcome(skipped=(("", reason),))
 
 
 @dataclass(frozen=True)
@@ -88,8 +93,7 @@ def _probed(groups: Sequence[str], unpacked: Unpacked) -> Iterator[tuple[str, Ou
         yield from outcomes
         budget -= outcome.used
         if budget < _LEAST:
-            skipped = Outcome(skipped=(("", "it would take too much processor time"),))
-            yield from ((group, skipped) for group in remaining)
+            yield from ((group, _skipped("it would take too much processor time")) for group in remaining)
             return
         if last == "simulation" and not outcome.completed:
             return
@@ -179,20 +183,16 @@ def surroundings(unpacked: Unpacked, plain: Outcome) -> Outcome:
         needed = {name: os.environ[name] for name in ("SYSTEMROOT",) if name in os.environ}
         shutil.copytree(unpacked.folder, folder / _ODD)
         odd = replace(unpacked, folder=folder / _ODD)
-        return Outcome(
-            (
-                *differences(RULES["bare-environment"], plain, trace(unpacked, bare, needed)),
-                *differences(RULES["odd-path"], plain, trace(odd, folder)),
-            )
-        )
+        runs = {"bare-environment": trace(unpacked, bare, needed), "odd-path": trace(odd, folder)}
+        return Outcome(tuple(finding for rule, run in runs.items() for finding in differences(rule, plain, run)))
 
 
-def differences(rule: Rule, plain: Outcome, other: Outcome) -> Iterator[Finding]:
+def differences(rule: str, plain: Outcome, other: Outcome) -> Iterator[Finding]:
     """Compare a run elsewhere with a plain one."""
     if not other.completed or other.findings:
-        yield rule.finding("; ".join(finding.message for finding in other.findings))
+        yield RULES[rule].finding("; ".join(finding.message for finding in other.findings))
     elif other.values != plain.values:
-        yield rule.finding("it runs, but the outputs differ")
+        yield RULES[rule].finding("it runs, but the outputs differ")
 
 
 # ==== Third-party tools ==============================================================================================
@@ -204,16 +204,12 @@ _SUMMARY = ("This FMU does not validate", "semantic error(s)")
 
 def _tool_findings(subject: CheckedFmu) -> Iterator[Finding]:
     """Apply both checkers to an FMU, and the schemas of the documents that they do not look at."""
-    for problem in _fmpy(subject):
-        yield RULES["fmpy-validate"].finding(problem)
-    for message in _fmutool(subject.path):
-        if not any(text in message for text in _SUMMARY):
-            yield RULES["fmutool-check"].finding(message)
+    own = [message for message in _fmutool(subject.path) if not any(text in message for text in _SUMMARY)]
+    faults = [("fmpy-validate", problem) for problem in _fmpy(subject)] + [("fmutool-check", text) for text in own]
     for member, schema in _SCHEMAS.items():
         if member in subject.members:
-            yield from (
-                RULES["schema"].finding(f"{member}: {fault}") for fault in _faults(subject.members[member], schema)
-            )
+            faults += [("schema", f"{member}: {fault}") for fault in _faults(subject.members[member], schema)]
+    return findings(faults)
 
 
 #: Documents with their schemas, which are those of FMI 3.0 in both versions.
@@ -317,21 +313,16 @@ def rebuild(subject: CheckedFmu, unpacked: Unpacked, plain: Outcome) -> Outcome:
     """Compile the sources with the C compiler of this machine, and compare a run with that of the FMU's binary."""
     fmu = subject.description
     if fmu is None or not fmu.sources.files:
-        return Outcome(skipped=(("", "no sources are listed"),))
+        return _skipped("no sources are listed")
     if any(f"sources/{name}" not in subject.members for name in fmu.sources.files):
-        return Outcome(skipped=(("", "sources are missing"),))
-    names = (
-        ("c++", "g++", "clang++") if any(not n.endswith(".c") for n in fmu.sources.files) else ("cc", "gcc", "clang")
-    )
+        return _skipped("sources are missing")
+    is_c = all(name.endswith(".c") for name in fmu.sources.files)
+    names = ("cc", "gcc", "clang") if is_c else ("c++", "g++", "clang++")
     compiler = next(filter(None, map(shutil.which, names)), "")
-    if not compiler:
-        return Outcome(skipped=(("", f"the sources could not be compiled here: there is no {names[0]}"),))
+    if fault := _trial(compiler) if compiler else f"there is no {names[0]}":
+        return _skipped(f"the sources could not be compiled here: {fault}")
     with tempfile.TemporaryDirectory(prefix="eightpost_rebuild_") as name:
         folder = Path(name)
-        if fault := _trial(compiler):
-            return Outcome(
-                skipped=(("", f"the sources could not be compiled here: {compiler} does not work ({fault})"),)
-            )
         copy = folder / "fmu"
         shutil.copytree(unpacked.folder, copy, ignore=shutil.ignore_patterns("binaries"))
         binary = copy / binary_members(fmu.identifier, fmu.fmi)[0]
@@ -341,11 +332,10 @@ def rebuild(subject: CheckedFmu, unpacked: Unpacked, plain: Outcome) -> Outcome:
         command = [compiler, *_OPTIONS, *definitions, *includes, *fmu.sources.files, "-o", str(binary), "-lm"]
         if message := _compile(command, copy / "sources", _TOOL_TIMEOUT):
             return Outcome((RULES["sources-compile"].finding(message),))
-        return Outcome(tuple(differences(RULES["rebuilt-same"], plain, trace(replace(unpacked, folder=copy), folder))))
+        return Outcome(tuple(differences("rebuilt-same", plain, trace(replace(unpacked, folder=copy), folder))))
 
 
 def _headers() -> Path:
-    """Return the folder with the headers of FMI 2.0 and 3.0."""
     with needs("check", "checking FMUs"):
         import fmpy  # noqa: PLC0415 - slow to import
 
@@ -361,7 +351,8 @@ def _trial(compiler: str) -> str:
     with tempfile.TemporaryDirectory(prefix="eightpost_trial_") as name:
         folder = Path(name)
         (folder / "trial.c").write_text("int eightpost_trial(void) { return 0; }\n", encoding="utf-8")
-        return _compile([compiler, "-shared", "-fPIC", "trial.c", "-o", "trial.so"], folder, _TRIAL_TIMEOUT)
+        fault = _compile([compiler, "-shared", "-fPIC", "trial.c", "-o", "trial.so"], folder, _TRIAL_TIMEOUT)
+    return f"{compiler} does not work ({fault})" if fault else ""
 
 
 def _compile(command: list[str], folder: Path, patience: float) -> str:
@@ -412,17 +403,16 @@ def run(path: Path, scope: Scope, groups: Collection[str]) -> CheckReport:
     if "static" in groups:
         ledger.enter("static", Outcome(tuple(static_findings(subject))))
     if "tools" in groups:
-        ledger.enter("tools", _tools(subject))
+        is_safe, reason = subject.is_safe, "the archive is not safe to unpack"
+        ledger.enter("tools", Outcome(tuple(_tool_findings(subject))) if is_safe else _skipped(reason))
     _call(subject, [group for group in GROUPS if group in groups], ledger)
-    findings = [finding for finding in dict.fromkeys(ledger.findings) if scope.covers(finding.rule.level)]
+    found = [finding for finding in dict.fromkeys(ledger.findings) if scope.covers(finding.rule.level)]
     if subject.description is not None and subject.description.fmi == 3:
-        findings = [finding_in_version_3(finding) for finding in findings]
-        ledger.skipped = [
-            Skipped(text_in_version_3(item.what), text_in_version_3(item.reason)) for item in ledger.skipped
-        ]
-    order = list(Level)
-    findings.sort(key=lambda finding: order.index(finding.rule.level))
-    return CheckReport(path, scope, _identity(subject), tuple(ledger.groups), tuple(ledger.skipped), tuple(findings))
+        found = [finding_in_version_3(finding) for finding in found]
+        texts = [map(text_in_version_3, (item.what, item.reason)) for item in ledger.skipped]
+        ledger.skipped = [Skipped(*pair) for pair in texts]
+    found.sort(key=lambda finding: list(Level).index(finding.rule.level))
+    return CheckReport(path, scope, _identity(subject), tuple(ledger.groups), tuple(ledger.skipped), tuple(found))
 
 
 def _identity(subject: CheckedFmu) -> dict[str, str]:
@@ -432,18 +422,10 @@ def _identity(subject: CheckedFmu) -> dict[str, str]:
     return {**stated, "sha256": sha256_of(subject.path)}
 
 
-def _tools(subject: CheckedFmu) -> Outcome:
-    if not subject.is_safe:
-        return Outcome(skipped=(("", "the archive is not safe to unpack"),))
-    return Outcome(tuple(_tool_findings(subject)))
-
-
 def _call(subject: CheckedFmu, groups: list[str], ledger: _Ledger) -> None:
     """Apply the groups that call the FMU: first the simulation, then the others if the simulation works."""
     description = subject.description
-    left_out = (
-        ("static", "tools", "version_3") if description is not None and description.fmi == 2 else ("static", "tools")
-    )
+    left_out = ["static", "tools", *(["version_3"] if description and description.fmi == 2 else [])]
     selected = [group for group in groups if group not in left_out]
     if not selected:
         return

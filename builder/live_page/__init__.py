@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 from builder.assembly import Assembly, Part, read_parts
 from builder.assembly.assembled_fmu import assembly_sources
@@ -96,17 +96,8 @@ BUMP = (
 )
 
 
-def _shock_controls(interface: Interface) -> tuple[Control, ...]:
-    """Return a control for each parameter of a shock that may be changed at any time, except those of its curve."""
-    return tuple(_controls(interface))
-
-
-def to_json(controls: tuple[Control, ...]) -> list[dict[str, Any]]:
-    """Return controls as JSON objects."""
-    return [asdict(control) for control in controls]
-
-
-def _controls(interface: Interface) -> Iterator[Control]:
+def _shock_controls(interface: Interface) -> Iterator[Control]:
+    """Yield a control for each parameter of a shock that may be changed at any time, except those of its curve."""
     for variable in interface.variables:
         is_tunable = variable.causality == "parameter" and variable.variability == "tunable"
         if is_tunable and variable.type == "Real" and not variable.name.startswith(SECRET):
@@ -135,26 +126,15 @@ SHOCK, CAR = "shock", "car"
 _NEEDED = ("force", "road", "velocity", "displacement", "tire_force", "wheel_position", "chassis_position")
 
 
-@dataclass(frozen=True)
-class Model:
+class Model(NamedTuple):
     """An FMU for a page."""
 
     interface: Interface  #: Variables of the FMU.
     module: bytes  #: WebAssembly module of the FMU's C code.
 
 
-@dataclass(frozen=True)
-class Models:
-    """The models of a page."""
-
-    shock: Model  #: Shock alone.
-    car: Model  #: Quarter car with the shock, coupled inside.
-    title: str  #: Description of the shock's FMU.
-    validity: bytes | None  #: Validity that the shock's FMU states for its model, as JSON; None if it states none.
-
-
-def _read_models(shock: Path, vehicle: Path) -> Models:
-    """Return the models of a page."""
+def _read_models(shock: Path, vehicle: Path) -> tuple[Model, Model, Part]:
+    """Return the shock alone, the quarter car with the shock coupled inside, and the shock as a part of it."""
     with tempfile.TemporaryDirectory() as folder:
         fmus = {CAR: _fmu(vehicle, Path(folder) / "car.fmu"), SHOCK: _fmu(shock, Path(folder) / "shock.fmu")}
         wires = tuple(
@@ -164,15 +144,12 @@ def _read_models(shock: Path, vehicle: Path) -> Models:
         wiring = Wiring(f"{vehicle.stem} with {shock.stem}", fmus, wires, step=1e-3, stop=1.0)
         _refuse_others(wiring, shock, vehicle)
         assembly = Assembly.of(wiring, "car_with_shock")
-        sources = read_archive(fmus[SHOCK])
-    part = assembly.shocks[0]
-    library = Library("shock", _code(sources), is_one_unit=True)
-    return Models(
-        shock=Model(part.interface, compile_for_browser(library)),
-        car=_coupled(assembly),
-        title=part.text,
-        validity=part.validity,
-    )
+        members = read_archive(fmus[SHOCK])
+    part, interface = assembly.shocks[0], assembly_interface(assembly)
+    code = {name.removeprefix("sources/"): text for name, text in members.items() if name.startswith("sources/")}
+    coupled = assembly_sources(assembly, interface, "page") | version_files(assembly.identifier, 2)
+    alone = Model(part.interface, compile_for_browser(Library("shock", code, is_one_unit=True)))
+    return alone, Model(interface, compile_for_browser(Library(assembly.identifier, coupled))), part
 
 
 def _fmu(source: Path, path: Path) -> Path:
@@ -183,29 +160,16 @@ def _fmu(source: Path, path: Path) -> Path:
     return path
 
 
-def _code(members: dict[str, bytes]) -> dict[str, bytes]:
-    return {name.removeprefix("sources/"): text for name, text in members.items() if name.startswith("sources/")}
-
-
-def _coupled(assembly: Assembly) -> Model:
-    interface = assembly_interface(assembly)
-    sources = assembly_sources(assembly, interface, "page") | version_files(assembly.identifier, 2)
-    return Model(interface, compile_for_browser(Library(assembly.identifier, sources)))
-
-
 def _refuse_others(wiring: Wiring, shock: Path, vehicle: Path) -> None:
-    car, found = read_parts(wiring.fmus)
-    if found.kind == VEHICLE:
+    car, other = read_parts(wiring.fmus)
+    if other.kind == VEHICLE:
         raise FmuError(f"{shock} is a vehicle; give a shock file (eightpost fit) or the FMU of a shock")
-    if missing := [name for name in _NEEDED if name not in _names(car)]:
+    names = {variable.name for variable in car.interface.variables}
+    if missing := [name for name in _NEEDED if name not in names]:
         raise FmuError(
             f"{vehicle} is not a quarter car with one port, a road, a tire and positions: it has no "
             f"{', '.join(missing)}; choose one such as examples/corner.toml (--car)"
         )
-
-
-def _names(part: Part) -> set[str]:
-    return {variable.name for variable in part.interface.variables}
 
 
 # ---- The page -------------------------------------------------------------------------------------------------------
@@ -217,8 +181,7 @@ _SCRIPTS = ("fmu", "controls", "dynamometer", "hand", "bump", "drawing", "page")
 _PLACES = (("dynamometer", "Dynamometer"), ("bump", "Quarter car over a bump"), ("about", "About this page"))
 
 
-@dataclass(frozen=True)
-class _LivePage:
+class LivePage(NamedTuple):
     """A page that was written."""
 
     path: Path  #: HTML file.
@@ -226,7 +189,7 @@ class _LivePage:
     verdict: Verdict  #: Verdict that the shock's FMU carries.
 
 
-def write_live_page(shock: str | Path, path: str | Path, *, vehicle: str | Path) -> _LivePage:
+def write_live_page(shock: str | Path, path: str | Path, *, vehicle: str | Path) -> LivePage:
     """Write a page in one file, which needs no network: the FMUs' C code runs in it as WebAssembly.
 
     The numbers on the page are those of the native FMUs: the same C code without fused operations.
@@ -241,40 +204,30 @@ def write_live_page(shock: str | Path, path: str | Path, *, vehicle: str | Path)
         InputError: A file cannot be read.
     """
     check_file(Path(path), PAGE)
-    models = _read_models(Path(shock), Path(vehicle))
-    verdict = Validity.from_json(json.loads(models.validity)).verdict if models.validity else Verdict()
-    controls = _shock_controls(models.shock.interface)
+    alone, coupled, part = _read_models(Path(shock), Path(vehicle))
+    verdict = Validity.from_json(json.loads(part.validity)).verdict if part.validity else Verdict()
+    controls = tuple(_shock_controls(alone.interface))
+    groups = {"shock": ("Shock", controls), "dynamometer": ("Motion", DYNAMOMETER), "bump": ("Road", BUMP)}
+    shown = {unit: Control.of(unit, unit, unit, (0.0, 1.0), 0.0) for unit in ("m/s", "m", "N", "J", "s")}
     content = {
-        SHOCK: _references(models.shock),
-        CAR: _references(models.car),
+        SHOCK: {variable.name: variable.reference for variable in alone.interface.variables},
+        CAR: {variable.name: variable.reference for variable in coupled.interface.variables},
         "prefix": f"{SHOCK}.",
-        "controls": {"shock": to_json(controls), "dynamometer": to_json(DYNAMOMETER), "bump": to_json(BUMP)},
-        "units": {unit: _shown(unit) for unit in ("m/s", "m", "N", "J", "s")},
+        "controls": {name: [asdict(control) for control in group] for name, (_, group) in groups.items()},
+        "units": {unit: {"us": control.us, "si": control.si} for unit, control in shown.items()},
     }
+    modules = {"shock-module": html.compressed(alone.module), "car-module": html.compressed(coupled.module)}
     text = html.page(
         "builder.live_page",
         [f"script/{name}.js" for name in _SCRIPTS],
         title=Path(shock).stem,
         verdict=verdict,
         places=_PLACES,
-        subtitle=models.title,
+        subtitle=part.text,
         vehicle=Path(vehicle).name,
         fold=0,
         words={control.name: control.text for control in controls},
-        groups=[("shock", "Shock", controls), ("dynamometer", "Motion", DYNAMOMETER), ("bump", "Road", BUMP)],
-        data={"models": content, "shock-module": _packed(models.shock), "car-module": _packed(models.car)},
+        groups=[(name, heading, group) for name, (heading, group) in groups.items()],
+        data={"models": content, **modules},
     )
-    return _LivePage(html.write_page(path, text), controls, verdict)
-
-
-def _references(model: Model) -> dict[str, int]:
-    return {variable.name: variable.reference for variable in model.interface.variables}
-
-
-def _packed(model: Model) -> str:
-    return html.compressed(model.module)
-
-
-def _shown(unit: str) -> dict[str, Any]:
-    control = Control.of(unit, unit, unit, (0.0, 1.0), 0.0)
-    return {"us": control.us, "si": control.si}
+    return LivePage(html.write_page(path, text), controls, verdict)

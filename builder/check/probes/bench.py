@@ -487,7 +487,6 @@ def change_of(variable: Variable) -> float:
 
 
 def _from_zero(variable: Variable) -> float:
-    """Return a size of a parameter whose start value is zero."""
     return _FROM_ZERO.get(variable.unit or "", 0.1)
 
 

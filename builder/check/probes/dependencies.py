@@ -217,8 +217,6 @@ def _set_all(bench: Bench, instance: Instance, draw: random.Random, scale: float
 
 
 class _Point:
-    """An instance in initialization mode, at one set of knowns."""
-
     def __init__(self, instance: Instance, unknowns: Sequence[Variable]) -> None:
         self._instance, self._unknowns = instance, unknowns
 
@@ -523,7 +521,6 @@ def _input_derivatives(bench: Bench) -> Iterator[Fault]:
 
 
 def _output_derivatives(bench: Bench) -> Iterator[Fault]:
-    """Read all declared orders after a few steps."""
     outputs = [v for v in bench.outputs if v.variability == "continuous"]
     for order in range(1, bench.description.output_derivative_order + 1 if outputs else 1):
         with bench.running() as instance:

@@ -230,7 +230,6 @@ def _small_steps(host: _Host, instance: Instance, states: Values) -> Generator[F
 
 
 def _completed(instance: Instance) -> tuple[bool, bool]:
-    """Return whether the FMU asks for an event after a step, and whether it ends the simulation."""
     enter, end = c_int(), c_int()
     instance.need("CompletedIntegratorStep", 1, ctypes.byref(enter), ctypes.byref(end))
     return bool(enter.value), bool(end.value)
@@ -309,7 +308,6 @@ def _evaluations(host: _Host, instance: Instance, base: tuple[Values, Values]) -
 
 
 def _changes(host: _Host, start: Values) -> Values:
-    """Return a change of each input and state."""
     return [1e-3 * amplitude(v) for v in host.inputs] + [1e-3 * max(size, abs(x)) for x, size in host.sizes(start)]
 
 
@@ -480,13 +478,10 @@ def _marched(host: _Host, points: range, parts: int, stage: _Method) -> list[Val
 
 
 def _euler(rates: _Rates, time: float, h: float, x: Values) -> Values:
-    """Return the states after one step of Euler's method."""
     return [a + h * b for a, b in zip(x, rates(time, x), strict=True)]
 
 
 def _stage(rates: _Rates, time: float, h: float, x: Values) -> Values:
-    """Return the states after one step of the classical Runge-Kutta method."""
-
     def moved(slope: Values, share: float) -> Values:
         return [a + share * h * b for a, b in zip(x, slope, strict=True)]
 

@@ -345,7 +345,6 @@ def _read(caught: IO[bytes]) -> bytes:
 
 
 def _flush() -> None:
-    """Flush the output buffers of Python and the C library."""
     sys.stdout.flush()
     if sys.platform != "win32":  # on Windows, each library may have its own C runtime
         ctypes.CDLL(None).fflush(None)
@@ -404,7 +403,6 @@ def probe_state(bench: Bench) -> Results:
 
 
 def _halves(bench: Bench) -> tuple[range, range]:
-    """Return the points before and after the middle of a run."""
     middle = max(bench.timing.count // 2, 1)
     return range(middle), range(middle, bench.timing.count)
 

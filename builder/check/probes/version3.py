@@ -136,7 +136,6 @@ def _counts(bench: Bench, library: FmuLibrary3) -> Iterator[Fault]:
 
 
 def _arrays(bench: Bench, library: FmuLibrary3) -> Iterator[Fault]:
-    """Compare the start values of arrays."""
     description = bench.description
     arrays = [v for v in description.variables if description.lengths.get(v.name) and v.start and v.native in TYPES]
     with bench.instance() as instance:
