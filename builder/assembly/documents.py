@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from math import ceil
 
 import numpy as np
@@ -75,7 +74,7 @@ class _Shock:
         return self._laws[setting]
 
 
-#: A vehicle's linear model in modal coordinates, its friction, the offsets of its outputs, and whether it starts at rest.
+#: Linear model in modal coordinates, friction, offsets of the outputs, and whether the vehicle starts at rest.
 _VehicleModel = tuple[LinearStepper, PortFriction, Array, bool]
 
 
