@@ -225,33 +225,6 @@ def test_an_fmu_without_a_binary_for_this_machine_breaks_no_rule_of_the_standard
     assert {"simulation", "rebuild"} <= set(skipped.what.split(", "))
 
 
-PLAIN = """
-from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Integer, Real
-
-class Plain(Fmi2Slave):
-    def __init__(self, **kwargs):
-        super().__init__(**kwargs)
-        self.u, self.gain, self.y, self.n = 0.0, 2.0, 0.0, 3
-        self.register_variable(Real("u", causality=Fmi2Causality.input))
-        self.register_variable(Real("gain", causality=Fmi2Causality.parameter, variability=Fmi2Variability.tunable))
-        self.register_variable(Integer("n", causality=Fmi2Causality.parameter, variability=Fmi2Variability.tunable))
-        self.register_variable(Real("y", causality=Fmi2Causality.output))
-
-    def do_step(self, time, step):
-        self.y += step * (self.gain * self.u - self.y)
-        return True
-"""
-
-
-@pytest.mark.nightly
-def test_an_fmu_built_only_with_pythonfmu_breaks_the_known_rules(tmp_path):
-    (tmp_path / "plain.py").write_text(PLAIN, encoding="utf-8")
-    line = [sys.executable, "-m", "pythonfmu", "build", "-f", "plain.py"]
-    subprocess.run(line, cwd=tmp_path, check=True, capture_output=True)
-    report = check(tmp_path / "Plain.fmu", scope=Scope.STANDARD)
-    assert rules(report) == {"fmpy-validate", "initial-unknowns", "stop-time", "guid-checked"}
-
-
 @pytest.mark.repeated
 @pytest.mark.parametrize(
     ("alter", "rule", "message"),

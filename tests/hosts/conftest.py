@@ -19,9 +19,8 @@ def program():
 
     def imported(name, *packages):
         for package in packages:
-            pytest.importorskip(
-                package, reason=f"{package} is not installed (see the extras host-... in pyproject.toml)"
-            )
+            reason = f"{package} is not installed (see the extras host-... in pyproject.toml)"
+            pytest.importorskip(package, reason=reason, exc_type=ImportError)
         return importlib.import_module(name)
 
     yield imported

@@ -1,14 +1,11 @@
 """The programs of examples/hosts have the errors that docs/how_to/hosts.md states, and agree with each other."""
 
-import importlib
 import math
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from builder.build import build
 from eightpost.compilers import find_compiler
 from eightpost.errors import FmuError
 
@@ -17,51 +14,31 @@ SECONDS = 1.0
 
 
 @pytest.fixture(scope="module")
-def hosts():
-    """Import a module of examples/hosts."""
-    sys.path.insert(0, str(HOSTS))
-    yield importlib.import_module
-    sys.path.remove(str(HOSTS))
+def run(program, motion_of):
+    """Run a loop of a host program by its name: run("python_host", "C", 2e-3) returns its motion."""
 
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory, hosts):
-    """A folder with car.fmu and shock.fmu."""
-    made, reference = tmp_path_factory.mktemp("host_fmus"), hosts("reference")
-    build([reference.CAR, reference.SHOCK], made)
-    return made
-
-
-@pytest.fixture(scope="module")
-def run(hosts, folder):
-    """Run a loop of a host program: run("python_host", "C", 2e-3) returns its motion; each case runs once."""
-    kept = {}
-
-    def once(program, loop, step):
-        if (program, loop, step) not in kept:
-            if program in ("c_host", "chrono_host"):
-                try:
-                    find_compiler()
-                except FmuError:
-                    pytest.skip("there is no C compiler here")
-            if program == "libcosim_host":
-                pytest.importorskip("libcosimpy", reason="libcosimpy has no wheel for this platform")
-            case = hosts("reference").Case(step, SECONDS, folder / "shock.fmu", folder / "car.fmu")
-            kept[program, loop, step] = hosts(program).LOOPS[loop](case)
-        return kept[program, loop, step]
+    def once(name, loop, step):
+        if name in ("c_host", "chrono_host"):
+            try:
+                find_compiler()
+            except FmuError:
+                pytest.skip("there is no C compiler here")
+        if name == "libcosim_host":
+            pytest.importorskip("libcosimpy", reason="libcosimpy has no wheel for this platform")
+        return motion_of(program(name), loop, step)
 
     return once
 
 
 @pytest.fixture(scope="module")
-def error(hosts, run):
+def error(program, run):
     """Error of the shock velocity and the tire force at a step [%]."""
-    return lambda program, loop, step: hosts("reference").errors(run(program, loop, step), SECONDS)
+    return lambda *case: program("reference").errors(run(*case), SECONDS)
 
 
 @pytest.mark.nightly
-def test_the_reference_is_the_monolithic_solution_of_the_tests(hosts, monolithic):
-    reference = hosts("reference")
+def test_the_reference_is_the_monolithic_solution_of_the_tests(program, monolithic):
+    reference = program("reference")
     law, found = reference.read_shock(reference.SHOCK).law, reference.reference(SECONDS)
     shock = monolithic.Shock(
         np.vectorize(law.static_force, otypes=[float]), np.vectorize(law.lag_weight, otypes=[float]), law.time_constant
@@ -120,8 +97,8 @@ def test_hosts_that_step_in_parallel_have_errors_of_several_percent_at_1_ms(erro
     assert 3.0 < max(error(program, "J", 1e-3)) < 9.0
 
 
-def test_an_error_needs_points_of_the_grid_and_a_diverged_run_has_an_infinite_one(hosts):
-    reference = hosts("reference")
+def test_an_error_needs_points_of_the_grid_and_a_diverged_run_has_an_infinite_one(program):
+    reference = program("reference")
     exact = reference.reference(SECONDS)
     assert reference.errors(exact, SECONDS) == (0.0, 0.0)
     off = reference.Motion(exact.time + 0.4e-3, exact.velocity, exact.tire_force)
@@ -132,8 +109,8 @@ def test_an_error_needs_points_of_the_grid_and_a_diverged_run_has_an_infinite_on
         assert reference.errors(wild, SECONDS) == (math.inf, math.inf)
 
 
-def test_an_error_is_that_of_the_worst_corner(hosts):
-    reference = hosts("reference")
+def test_an_error_is_that_of_the_worst_corner(program):
+    reference = program("reference")
     exact = reference.reference(SECONDS)
     settled = exact.time >= 0.5 * SECONDS
     shifted = exact.velocity.copy()

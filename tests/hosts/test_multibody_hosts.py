@@ -3,51 +3,25 @@
 They need the packages of the extras host-mujoco, host-drake and host-exudyn.
 """
 
-import importlib
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from builder.build import build
-
-HOSTS = Path(__file__).parents[2] / "examples" / "hosts"
-PACKAGES = {"mujoco_host": "mujoco", "drake_host": "pydrake", "exudyn_host": "exudyn", "full_vehicle": "mujoco"}
-SECONDS = 1.0
+PACKAGES = {"mujoco_host": "mujoco", "drake_host": "pydrake", "exudyn_host": "exudyn"}
 
 pytestmark = pytest.mark.nightly
 
 
 @pytest.fixture(scope="module")
-def hosts():
-    """Import a module of examples/hosts, if its package is installed."""
-
-    def module(name):
-        if name in PACKAGES:
-            reason = f"{PACKAGES[name]} is not installed (see the extras host-... in pyproject.toml)"
-            pytest.importorskip(PACKAGES[name], reason=reason, exc_type=ImportError)
-        return importlib.import_module(name)
-
-    sys.path.insert(0, str(HOSTS))
-    yield module
-    sys.path.remove(str(HOSTS))
+def error(program, error_of):
+    """Errors of the shock velocity and the tire force [%] of a loop at a step."""
+    return lambda name, loop, step: error_of(program(name, PACKAGES[name]), loop, step)
 
 
 @pytest.fixture(scope="module")
-def error(hosts, tmp_path_factory):
-    """Errors of the shock velocity and the tire force [%] of a loop at a step; each case runs once."""
-    reference, folder, kept = hosts("reference"), tmp_path_factory.mktemp("multibody_fmus"), {}
-    build([reference.CAR, reference.SHOCK], folder)
-
-    def once(program, loop, step):
-        if (program, loop, step) not in kept:
-            case = reference.Case(step, SECONDS, folder / "shock.fmu", folder / "car.fmu")
-            kept[program, loop, step] = reference.errors(hosts(program).LOOPS[loop](case), SECONDS)
-        return kept[program, loop, step]
-
-    return once
+def full_vehicle(program):
+    return program("full_vehicle", "mujoco")
 
 
 def order(error, program, loop):
@@ -101,21 +75,20 @@ def test_error_control_in_drake_rejects_steps_and_keeps_its_accuracy(error):
 
 
 @pytest.fixture(scope="module")
-def vehicle(hosts, tmp_path_factory):
+def vehicle(full_vehicle, tmp_path_factory):
     """The program of the full vehicle, its FMUs, and the reference with both shocks at the left front."""
-    program, seconds = hosts("full_vehicle"), 1.5
+    program, seconds = full_vehicle, 1.5
     fmus = program.fmus_in(tmp_path_factory.mktemp("full_vehicle"))
     exact = [program.directly([program.SHOCKS[one] for one in car], seconds, 0.5e-3) for car in program.CARS]
     return program, [[fmus[one] for one in car] for car in program.CARS], exact, seconds
 
 
-def test_the_full_vehicle_starts_in_equilibrium(hosts):
-    program = hosts("full_vehicle")
-    car = program.Vehicle(1e-3, 1.0)
+def test_the_full_vehicle_starts_in_equilibrium(full_vehicle):
+    car = full_vehicle.Vehicle(1e-3, 1.0)
     tires = car.push()
-    program.mujoco.mj_forward(car.model, car.data)
+    full_vehicle.mujoco.mj_forward(car.model, car.data)
     assert np.abs(car.data.qacc).max() < 1e-9
-    np.testing.assert_allclose(tires, program.static_loads(), rtol=1e-9)
+    np.testing.assert_allclose(tires, full_vehicle.static_loads(), rtol=1e-9)
 
 
 def test_a_shock_fmu_in_the_full_vehicle_is_as_exact_as_in_the_linear_car(vehicle):

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import ctypes
-import importlib.util
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
@@ -24,6 +22,9 @@ from eightpost.shock import Shock
 from eightpost.vehicle import CORNERS, Bristle, Friction, IdentifiedVehicle, read_vehicle, shipped
 from eightpost.wiring import Wire
 from tests.double_modes import car_with_seat
+
+from . import host as host_module
+from . import host3 as host3_module
 
 STRICT = ("-std=c99", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Werror")
 #: Plain function names in programs, too.
@@ -127,23 +128,13 @@ def elementary(compiler: Callable[..., Path], tmp_path_factory: pytest.TempPathF
 @pytest.fixture(scope="session")
 def c_level() -> ModuleType:
     """Return the module tests/native/host.py."""
-    return _beside("host")
+    return host_module
 
 
 @pytest.fixture(scope="session")
 def c_level_3() -> ModuleType:
     """Return the module tests/native/host3.py."""
-    return _beside("host3")
-
-
-def _beside(module_name: str) -> ModuleType:
-    name = f"eightpost_tests_{module_name}"
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{module_name}.py"))
-        assert spec is not None and spec.loader is not None
-        module = sys.modules[name] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    return sys.modules[name]
+    return host3_module
 
 
 @pytest.fixture(scope="session")

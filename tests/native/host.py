@@ -12,6 +12,9 @@ MODEL_EXCHANGE, CO_SIMULATION = fmi2.fmi2ModelExchange, fmi2.fmi2CoSimulation
 class Host:
     """An instance whose C functions are called directly: statuses are returned, messages are kept."""
 
+    #: Names that differ between FMI 2.0 and 3.0.
+    DERIVATIVES, STATE, DESERIALIZE = "GetDerivatives", "FMUstate", "DeSerializeFMUstate"
+
     def __init__(self, folder, *, logging=False, guid=None, name="instance", kind=fmi2.fmi2CoSimulation):
         self.description = read_model_description(str(folder))
         self.references = {v.name: v.valueReference for v in self.description.modelVariables}
@@ -51,24 +54,22 @@ class Host:
     def set(self, **values):
         return self.set_named({name.replace("__", "."): value for name, value in values.items()})
 
+    def of(self, names):
+        """Return the value references of variables."""
+        return (ctypes.c_uint * max(1, len(names)))(*(self.references[n] for n in names))
+
     def set_named(self, values):
-        references = (ctypes.c_uint * len(values))(*(self.references[n] for n in values))
-        return self.call(
-            "SetReal", references, ctypes.c_size_t(len(values)), (ctypes.c_double * len(values))(*values.values())
-        )
+        count, numbers = len(values), (ctypes.c_double * len(values))(*values.values())
+        return self.call("SetReal", self.of(values), ctypes.c_size_t(count), numbers)
 
     def set_slopes(self, values, order=1):
-        references = (ctypes.c_uint * len(values))(*(self.references[n] for n in values))
         orders = (ctypes.c_int * len(values))(*[order] * len(values))
         slopes = (ctypes.c_double * len(values))(*values.values())
-        return self.call("SetRealInputDerivatives", references, ctypes.c_size_t(len(values)), orders, slopes)
+        return self.call("SetRealInputDerivatives", self.of(values), ctypes.c_size_t(len(values)), orders, slopes)
 
     def get(self, *names):
-        references, values = (
-            (ctypes.c_uint * len(names))(*(self.references[n] for n in names)),
-            (ctypes.c_double * len(names))(),
-        )
-        assert self.call("GetReal", references, ctypes.c_size_t(len(names)), values) == OK
+        values = (ctypes.c_double * len(names))()
+        assert self.call("GetReal", self.of(names), ctypes.c_size_t(len(names)), values) == OK
         return list(values)
 
     def step(self, time, step=1e-3):
@@ -120,7 +121,7 @@ class Host:
         return self._numbers("GetContinuousStates")
 
     def derivatives(self):
-        return self._numbers("GetDerivatives")
+        return self._numbers(self.DERIVATIVES)
 
     def nominals(self):
         return self._numbers("GetNominalsOfContinuousStates")
@@ -128,15 +129,9 @@ class Host:
     def tangent(self, unknowns, knowns, direction):
         """Return the status and the results of fmi2GetDirectionalDerivative."""
         results = (ctypes.c_double * max(1, len(unknowns)))(*[np.nan] * len(unknowns))
-        status = self.call(
-            "GetDirectionalDerivative",
-            (ctypes.c_uint * max(1, len(unknowns)))(*(self.references[n] for n in unknowns)),
-            ctypes.c_size_t(len(unknowns)),
-            (ctypes.c_uint * max(1, len(knowns)))(*(self.references[n] for n in knowns)),
-            ctypes.c_size_t(len(knowns)),
-            (ctypes.c_double * max(1, len(knowns)))(*direction),
-            results,
-        )
+        seed, size = (ctypes.c_double * max(1, len(knowns)))(*direction), ctypes.c_size_t
+        status = self.call("GetDirectionalDerivative", self.of(unknowns), size(len(unknowns)), self.of(knowns),
+                           size(len(knowns)), seed, results)  # fmt: skip
         return status, np.array(results[: len(unknowns)])
 
     def outputs(self):
@@ -155,24 +150,18 @@ class Host:
 
 def saved(fmu):
     state = ctypes.c_void_p()
-    assert fmu.call("GetFMUstate", ctypes.byref(state)) == OK
+    assert fmu.call(f"Get{fmu.STATE}", ctypes.byref(state)) == OK
     return state
 
 
 def packed(fmu, state):
     size = ctypes.c_size_t()
-    assert fmu.call("SerializedFMUstateSize", state, ctypes.byref(size)) == OK
+    assert fmu.call(f"Serialized{fmu.STATE}Size", state, ctypes.byref(size)) == OK
     content = (ctypes.c_char * size.value)()
-    assert fmu.call("SerializeFMUstate", state, content, size) == OK
+    assert fmu.call(f"Serialize{fmu.STATE}", state, content, size) == OK
     return content.raw
 
 
 def unpacked(fmu, content):
-    state = ctypes.c_void_p()
-    status = fmu.call(
-        "DeSerializeFMUstate",
-        (ctypes.c_char * len(content))(*content),
-        ctypes.c_size_t(len(content)),
-        ctypes.byref(state),
-    )
-    return status, state
+    state, data = ctypes.c_void_p(), (ctypes.c_char * len(content))(*content)
+    return fmu.call(fmu.DESERIALIZE, data, ctypes.c_size_t(len(content)), ctypes.byref(state)), state

@@ -8,15 +8,28 @@ from fmpy import fmi3, read_model_description
 
 from builder.toolchain import this_platform
 
-OK, WARNING, DISCARD, ERROR, FATAL = range(5)
+from .host import OK, Host, packed, saved, unpacked
+
+__all__ = ["CO_SIMULATION", "MODEL_EXCHANGE", "Host3", "packed", "saved", "unpacked"]
+
+#: Types of which an FMU has no variables.
+OTHER_TYPES = ("Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64", "String")
+
+#: Functions of clocks, and the number of arrays that follow the value references.
+CLOCKS = {"GetClock": 1, "SetClock": 1, "GetIntervalDecimal": 2, "GetIntervalFraction": 3, "GetShiftDecimal": 1,
+          "GetShiftFraction": 2, "SetIntervalDecimal": 1, "SetIntervalFraction": 2, "SetShiftDecimal": 1,
+          "SetShiftFraction": 2}  # fmt: skip
+
 CO_SIMULATION, MODEL_EXCHANGE, SCHEDULED_EXECUTION = "CoSimulation", "ModelExchange", "ScheduledExecution"
 
 
-class Host3:
+class Host3(Host):
     """An instance whose C functions are called directly.
 
     `update` is called as update(host, time) in every intermediate update, and `updates` keeps all arguments of each.
     """
+
+    DERIVATIVES, STATE, DESERIALIZE = "GetContinuousStateDerivatives", "FMUState", "DeserializeFMUState"
 
     def __init__(self, folder, *, logging=False, token=None, name="instance", kind=CO_SIMULATION, update=None,
                  required=(), event_mode=False, has_log=True):  # fmt: skip
@@ -65,17 +78,10 @@ class Host3:
         assert self.call("ExitInitializationMode") == OK
         return self
 
-    def set(self, **values):
-        return self.set_named({name.replace("__", "."): value for name, value in values.items()})
-
     def set_named(self, values):
         count = c_size_t(len(values))
         numbers = (c_double * len(values))(*values.values())
         return self.call("SetFloat64", self.of(values), count, numbers, count)
-
-    def of(self, names):
-        """Return the value references of variables."""
-        return (c_uint * max(1, len(names)))(*(self.references[n] for n in names))
 
     def read(self, *names):
         """Return the status and the values."""
@@ -95,12 +101,6 @@ class Host3:
         """Return all variables that FMI 2.0 has, too."""
         return self.get(*(v.name for v in self.description.modelVariables if v.type == "Float64" and v.name != "time"))
 
-    def inputs(self):
-        return [v.name for v in self.description.modelVariables if v.causality == "input"]
-
-    def outputs(self):
-        return [v.name for v in self.description.modelVariables if v.causality == "output"]
-
     def exchange(self, time=0.0):
         """Start an instance for model exchange, up to continuous-time mode."""
         self.start(time)
@@ -114,32 +114,6 @@ class Host3:
         status = self.call("UpdateDiscreteStates", *map(byref, flags), byref(time))
         return status, [flag.value for flag in flags], time.value
 
-    @property
-    def derivative_names(self):
-        return [unknown.variable.name for unknown in self.description.derivatives]
-
-    @property
-    def state_names(self):
-        return [unknown.variable.derivative.name for unknown in self.description.derivatives]
-
-    def set_states(self, values):
-        return self.call("SetContinuousStates", (c_double * max(1, len(values)))(*values), c_size_t(len(values)))
-
-    def _numbers(self, function):
-        count = len(self.state_names)
-        values = (c_double * max(1, count))()
-        assert self.call(function, values, c_size_t(count)) == OK
-        return np.array(values[:count])
-
-    def states(self):
-        return self._numbers("GetContinuousStates")
-
-    def derivatives(self):
-        return self._numbers("GetContinuousStateDerivatives")
-
-    def nominals(self):
-        return self._numbers("GetNominalsOfContinuousStates")
-
     def tangent(self, unknowns, knowns, seed, *, function="GetDirectionalDerivative"):
         """Return the status and the results of fmi3GetDirectionalDerivative, or of fmi3GetAdjointDerivative."""
         known_seed = function == "GetDirectionalDerivative"
@@ -149,9 +123,6 @@ class Host3:
         status = self.call(function, self.of(unknowns), c_size_t(len(unknowns)), self.of(knowns),
                            c_size_t(len(knowns)), given, c_size_t(len(seed)), results, c_size_t(count))  # fmt: skip
         return status, np.array(results[:count])
-
-    def messages_text(self):
-        return " ".join(message for _, _, message in self.messages)
 
     def categories(self, on, *names):
         texts = (c_char_p * len(names))(*(name.encode() for name in names)) if names else None
@@ -163,25 +134,3 @@ class Host3:
             free.argtypes, free.restype = None, None
             free(c_void_p(self.c))
             self.c = None
-
-
-def saved(fmu):
-    state = c_void_p()
-    assert fmu.call("GetFMUState", byref(state)) == OK
-    return state
-
-
-def packed(fmu, state):
-    size = c_size_t()
-    assert fmu.call("SerializedFMUStateSize", state, byref(size)) == OK
-    content = (ctypes.c_char * size.value)()
-    assert fmu.call("SerializeFMUState", state, content, size) == OK
-    return content.raw
-
-
-def unpacked(fmu, content):
-    state = c_void_p()
-    status = fmu.call(
-        "DeserializeFMUState", (ctypes.c_char * len(content))(*content), c_size_t(len(content)), byref(state)
-    )
-    return status, state

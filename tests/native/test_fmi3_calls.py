@@ -11,18 +11,12 @@ import pytest
 
 from eightpost.shock import LAWS
 
+from .host3 import CLOCKS, OTHER_TYPES
+
 ALL = (*LAWS, "seven_dof", "quarter_car", "assembly")
 SOME = ("lpnl2", "seven_dof", "assembly")
 OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 NOTHING, ONE = c_size_t(0), c_size_t(1)
-
-#: Types of which an FMU has no variables.
-OTHER_TYPES = ("Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64", "String")
-
-#: Functions of clocks, and the number of arrays that follow the value references.
-CLOCKS = {"GetClock": 1, "SetClock": 1, "GetIntervalDecimal": 2, "GetIntervalFraction": 3, "GetShiftDecimal": 1,
-          "GetShiftFraction": 2, "SetIntervalDecimal": 1, "SetIntervalFraction": 2, "SetShiftDecimal": 1,
-          "SetShiftFraction": 2}  # fmt: skip
 
 
 @pytest.fixture

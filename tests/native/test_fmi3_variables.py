@@ -8,18 +8,12 @@ import pytest
 
 from eightpost.shock import LAWS
 
+from .host3 import CLOCKS, OTHER_TYPES
+
 ALL = (*LAWS, "seven_dof", "quarter_car", "assembly")
 SOME = ("lpnl2", "seven_dof", "assembly")
 OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 NOTHING, ONE = c_size_t(0), c_size_t(1)
-
-#: Types of which an FMU has no variables.
-OTHER_TYPES = ("Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64", "String")
-
-#: Functions of clocks, and the number of arrays that follow the value references.
-CLOCKS = {"GetClock": 1, "SetClock": 1, "GetIntervalDecimal": 2, "GetIntervalFraction": 3, "GetShiftDecimal": 1,
-          "GetShiftFraction": 2, "SetIntervalDecimal": 1, "SetIntervalFraction": 2, "SetShiftDecimal": 1,
-          "SetShiftFraction": 2}  # fmt: skip
 
 
 @pytest.fixture
@@ -198,26 +192,20 @@ def test_states_of_model_exchange_are_counted_and_wrong_arrays_are_refused(excha
         assert count == 0 or fmu.call(function, None, c_size_t(count)) == ERROR
     assert fmu.call("GetEventIndicators", numbers, ONE) == ERROR
     assert fmu.call("SetTime", c_double(math.nan)) == ERROR
+    flags = [c_bool(True), c_bool(True)]
+    assert fmu.call("CompletedIntegratorStep", False, *map(byref, flags)) == OK
+    assert [flag.value for flag in flags] == [False, False]
     flag = byref(c_bool())
     for arguments in ((None, flag), (flag, None)):
         assert fmu.call("CompletedIntegratorStep", True, *arguments) == ERROR
     for function in ("GetNumberOfContinuousStates", "GetNumberOfEventIndicators"):
         assert fmu.call(function, None) == ERROR
     assert fmu.call("EnterEventMode") == OK
+    assert fmu.discrete() == (OK, [False] * 5, 0.0)
     for k in range(6):
         arguments = [flag] * 5 + [byref(c_double())]
         assert fmu.call("UpdateDiscreteStates", *arguments[:k], None, *arguments[k + 1 :]) == ERROR
     assert fmu.all() == before
-
-
-@pytest.mark.parametrize("name", ALL)
-def test_there_are_no_events(exchange, name):
-    fmu = exchange(name).start(3.0)
-    assert fmu.discrete() == (OK, [False] * 5, 0.0)
-    assert fmu.call("EnterContinuousTimeMode") == OK
-    flags = [c_bool(True), c_bool(True)]
-    assert fmu.call("CompletedIntegratorStep", False, *map(byref, flags)) == OK
-    assert [flag.value for flag in flags] == [False, False]
 
 
 @pytest.mark.parametrize("name", ["lpnl2", "seven_dof"])
