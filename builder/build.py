@@ -20,14 +20,7 @@ from typing import Any
 
 import eightpost.shock
 import eightpost.vehicle.friction
-from builder.interface import (
-    Interface,
-    content_guid,
-    friction_ports,
-    model_description,
-    source_folder,
-    spring_ports,
-)
+from builder.interface import Interface, content_guid, friction_ports, model_description, source_folder, spring_ports
 from builder.native_fmu import native_fmus
 from builder.product import Product, shock_product, vehicle_product
 from builder.reference import Disclosure, validity_of

@@ -352,8 +352,9 @@ def compile_libraries(
                 for platform, parts in zip(toolchain.platforms, parts_of, strict=True):
                     while progress and wait(parts, timeout=_INTERVAL).not_done:
                         progress(done, total)
-                    content = _joined([part.result() for part in parts])
-                    members[-1][platform.member(library.identifier, library.fmi)] = content
+                    content = [part.result() for part in parts]
+                    path = platform.member(library.identifier, library.fmi)
+                    members[-1][path] = content[0] if len(content) == 1 else universal(content)
                     done += 1
                     if progress:
                         progress(done, total)
@@ -393,16 +394,10 @@ def compile_for_browser(library: Library) -> bytes:
     return _slice(toolchain, replace(library, sources={**library.sources, "browser.c": browser}), BROWSER, target)
 
 
-def _joined(slices: Sequence[bytes]) -> bytes:
-    """Return a binary of its slices: several make a universal one."""
-    return slices[0] if len(slices) == 1 else universal(slices)
-
-
 def _slice(toolchain: Toolchain, library: Library, platform: Platform, target: str) -> bytes:
     command = toolchain.command(library.identifier, platform, target, library.units)
     key = _key(toolchain, library, target or platform.name, command)
-    content = recall("binaries", key)
-    if content is None:
+    if (content := recall("binaries", key)) is None:
         content = _compile(toolchain, library, platform, command)
         keep("binaries", key, content)
     return content

@@ -10,23 +10,9 @@ import numpy as np
 
 from builder.assembly.parts import Part, law_of
 from builder.assembly.plan import Assembly, coupling_step
-from builder.interface import (
-    PORT_PARAMETERS,
-    Interface,
-    friction_ports,
-    source_folder,
-    spring_ports,
-)
+from builder.interface import PORT_PARAMETERS, Interface, friction_ports, source_folder, spring_ports
 from builder.page import Contents, curves_picture, equations, page
-from builder.reference import (
-    COUNT,
-    STEP,
-    Reference,
-    combined_member,
-    reference_files,
-    rounded,
-    vehicle_inputs,
-)
+from builder.reference import COUNT, STEP, Reference, combined_member, reference_files, rounded, vehicle_inputs
 from eightpost.array_types import Array
 from eightpost.report.static import Column, Picture, Section, folded, paragraph, table
 from eightpost.shock import Settings, ShockLaw

@@ -7,14 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from builder.assembly.parts import Part, read_parts
-from builder.interface import (
-    RATES,
-    Interface,
-    Variable,
-    read_table,
-    spring_ports,
-    variable_of,
-)
+from builder.interface import RATES, Interface, Variable, read_table, spring_ports, variable_of
 from eightpost.errors import FmuError
 from eightpost.wiring import Wire, Wiring
 
@@ -158,9 +151,8 @@ def assembly_interface(assembly: Assembly) -> Interface:
     """Return the interface of an assembly."""
     table = read_table(KIND)
     own = {row["name"]: row for row in table["variable"]}
-    variables = [
-        variable_of(row, name, row["reference"], row.get("start")) for name, row in own.items() if name != _ERROR
-    ]
+    rows = [row for name, row in own.items() if name != _ERROR]
+    variables = [variable_of(row, row["name"], row["reference"], row.get("start")) for row in rows]
     for number, part in enumerate(assembly.parts, start=1):
         variables += _of_part(assembly, part, REFERENCES_PER_PART * number)
         if not part.is_vehicle:
@@ -249,18 +241,15 @@ def _steady(assembly: Assembly) -> Mapping[str, tuple[str, ...]]:
     depends on springs there: accelerations of a fitted vehicle have small constant parts.
     """
     interface = assembly.vehicle.interface
-    units = {v.name: v.unit for v in interface.variables}
-    springs = {f"{port}port_spring" for port in spring_ports(interface)}
-    known_at_rest = {*interface.names("input"), *springs}
-    at_rest = {*interface.derivatives}
     if "HAS_EQUILIBRIUM = 0" in assembly.vehicle.data:
         return _from_zero(interface)
-    return {
-        name: ()
-        if (units[name] in RATES and springs.isdisjoint(names)) or name in at_rest
-        else tuple(known for known in names if known in known_at_rest)
-        for name, names in interface.initial.items()
-    }
+    units = {v.name: v.unit for v in interface.variables}
+    springs = {f"{port}port_spring" for port in spring_ports(interface)}
+    known_at_rest, found = {*interface.names("input"), *springs}, {}
+    for name, names in interface.initial.items():
+        is_zero = name in interface.derivatives or (units[name] in RATES and springs.isdisjoint(names))
+        found[name] = () if is_zero else tuple(known for known in names if known in known_at_rest)
+    return found
 
 
 def _from_zero(interface: Interface) -> Mapping[str, tuple[str, ...]]:

@@ -367,16 +367,20 @@ class Bench:
             created.free()
 
     @contextmanager
-    def initializing(self) -> Iterator[Instance]:
-        """Provide an instance in initialization mode."""
-        with self.instance() as created:
-            self.enter(created)
+    def initializing(self, birth: _Birth | None = None, **times: float | None) -> Iterator[Instance]:
+        """Provide an instance in initialization mode; `times` are those of `enter`."""
+        with self.instance(birth) as created:
+            self.enter(created, **times)
             yield created
 
     @contextmanager
-    def running(self) -> Iterator[Instance]:
-        """Provide an initialized instance."""
-        with self.initializing() as created:
+    def running(
+        self, inputs: Values | None = None, birth: _Birth | None = None, **times: float | None
+    ) -> Iterator[Instance]:
+        """Provide an initialized instance, with inputs that are set in initialization mode."""
+        with self.initializing(birth, **times) as created:
+            if inputs is not None:
+                self.drive(created, inputs)
             created.need("ExitInitializationMode")
             yield created
 

@@ -55,8 +55,7 @@ def probe_simulation(bench: Bench) -> Results:
     with bench.instance() as instance, suppress(MissingFunctionError):
         if refused(instance.call("SetDebugLogging", 1, 0, None)):
             yield "debug-logging", instance.last_message().removeprefix(": ") or "it is refused without a message"
-    with bench.instance(replace(bench.birth, logging=True)) as instance:
-        bench.initialize(instance)
+    with bench.running(birth=replace(bench.birth, logging=True)) as instance:
         reached = _count_steps(bench, instance, bench.held)
         if reached == bench.timing.count:
             yield from _time_variable(bench, instance)
@@ -121,9 +120,7 @@ def _count_steps(bench: Bench, instance: Instance, signal: Callable[[float], Val
 
 
 def _recorded(bench: Bench, logging: bool, stop: float | None = None) -> tuple[list[Values], list[Message]]:
-    with bench.instance(replace(bench.birth, logging=logging)) as instance:
-        bench.enter(instance, stop=stop)
-        instance.need("ExitInitializationMode")
+    with bench.running(birth=replace(bench.birth, logging=logging), stop=stop) as instance:
         rows = bench.trace(instance, bench.all_points())
         instance.need("Terminate")
         return rows, instance.messages
@@ -227,10 +224,7 @@ def _kept(bench: Bench) -> Iterator[Fault]:
     read: list[Values] = []
     try:
         for is_repeated in (True, False):
-            with bench.instance() as instance:
-                bench.enter(instance)
-                bench.drive(instance, values)
-                instance.need("ExitInitializationMode")
+            with bench.running(values) as instance:
                 read = [instance.reals(bench.inputs)]
                 rows.append([])
                 for point in range(min(_FEW, bench.timing.count)):
@@ -361,10 +355,7 @@ def _jumps(bench: Bench, inputs: Values, start: float) -> dict[str, str]:
 
 def _outputs(bench: Bench, inputs: Values, start: float, h: float) -> Values:
     """Return the outputs after a step of h [s], or before any step."""
-    with bench.instance() as instance:
-        bench.enter(instance, start=start)
-        bench.drive(instance, inputs)
-        instance.need("ExitInitializationMode")
+    with bench.running(inputs, start=start) as instance:
         if h > 0.0:
             bench.drive(instance, inputs)
             instance.advance(start, h)
