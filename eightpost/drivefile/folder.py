@@ -31,8 +31,7 @@ from eightpost.virtual.program import Bench
 #: Minimum correlation of a record's commands, or of its wheelloader positions, with the drive file [1].
 _SAME_DRIVE = 0.9
 
-#: Lag of positions that is attributed to the wheelloaders, not to the logger [s].
-_FOLLOWING = 0.02
+_FOLLOWING = 0.02  #: Lag of positions that is attributed to the wheelloaders, not to the logger [s].
 
 #: Correlation of the measured and the predicted channel below which the sign is wrong, and below which it is noted [1].
 _OPPOSITE, _UNLIKE = -0.3, 0.3
@@ -124,18 +123,15 @@ def _check_signs(problem: Problem, H: Complex, drive: Array, rows: Array, path: 
 
 # ==== The folder =====================================================================================================
 
-#: Newest schema of iteration.json that can be read; it is also the one that is written.
-SCHEMA = 1
+SCHEMA = 1  #: Newest schema of iteration.json that can be read; it is also the one that is written.
 
 Format = Literal["parquet", "csv", "mat", "drv"]
 
-#: File formats in which drive files are written.
-FORMATS = get_args(Format)
+FORMATS = get_args(Format)  #: File formats in which drive files are written.
 
 _STATE = "iteration.json"
 
-#: Largest change of a channel per steady input [SI]; an edited file may have any.
-_LARGEST = 1e12
+_LARGEST = 1e12  #: Largest change of a channel per steady input [SI]; an edited file may have any.
 
 
 @dataclass(frozen=True)
@@ -356,8 +352,7 @@ def _write_json(path: Path, content: Any) -> None:
 
 # ==== Passes on the virtual rig ======================================================================================
 
-#: Name of the rig's record in the folder of a pass.
-RECORD = "rig.parquet"
+RECORD = "rig.parquet"  #: Name of the rig's record in the folder of a pass.
 
 
 def iterate(

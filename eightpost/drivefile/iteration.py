@@ -22,8 +22,7 @@ from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace, Structura
 
 # ==== Response to the commands of the rig, from an identified car or a car's parameters ==============================
 
-#: Low-pass of displacements before differentiation, as for the rig's records [Hz].
-_CUTOFF = 50.0
+_CUTOFF = 50.0  #: Low-pass of displacements before differentiation, as for the rig's records [Hz].
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,8 +149,7 @@ def _static(model: StateSpace, notes: list[str]) -> Array:
 #: Amplitude of an input that counts as much as that of another unit: the scale of the regularisation, by SI unit.
 TYPICAL = {"m": 0.002, "N": 700.0, "N.m": 1000.0}
 
-#: Minimum amplitude of a channel in a band, relative to its largest one, to which errors are scaled [1].
-_FLOOR = 0.01
+_FLOOR = 0.01  #: Minimum amplitude of a channel in a band, relative to its largest one, to which errors are scaled [1].
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,20 +201,15 @@ def regularised_inverse(H: Complex, outputs: Array, units: tuple[str, ...], regu
 
 # ==== Correction of the response between passes, and gains from coherence, by channel and band =======================
 
-#: Weight of a step relative to the step after it [1].
-_MEMORY = 0.5
+_MEMORY = 0.5  #: Weight of a step relative to the step after it [1].
 
-#: Weight of the starting response relative to that of the steps [1].
-_PRIOR = 0.1
+_PRIOR = 0.1  #: Weight of the starting response relative to that of the steps [1].
 
-#: Minimum gain relative to the maximum gain [1]; a channel without coherence is not abandoned.
-_LOWEST = 0.15
+_LOWEST = 0.15  #: Minimum gain relative to the maximum gain [1]; a channel without coherence is not abandoned.
 
-#: Gain where the identification has no coherence, for example above its band [1].
-_UNKNOWN = 0.6
+_UNKNOWN = 0.6  #: Gain where the identification has no coherence, for example above its band [1].
 
-#: Power of a step, relative to that of the target, below which it carries no information [1].
-_NO_STEP = 1e-16
+_NO_STEP = 1e-16  #: Power of a step, relative to that of the target, below which it carries no information [1].
 
 
 class _PassSpectra(NamedTuple):
@@ -296,14 +289,12 @@ def gains(coherence: Array, highest: float) -> Array:
 #: a rig at rest is also rejected.
 REJECTED = 1.5
 
-#: Number of rejected passes in a row after which the iteration has diverged.
-PATIENCE = 3
+PATIENCE = 3  #: Number of rejected passes in a row after which the iteration has diverged.
 
 #: Number of passes that must reduce the smallest error by `_PROGRESS`; otherwise the iteration has stalled.
 _RECENT, _PROGRESS = 3, 0.05
 
-#: Smallest direction of the steady loads that is used, relative to the largest [1].
-_STEADY = 0.05
+_STEADY = 0.05  #: Smallest direction of the steady loads that is used, relative to the largest [1].
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,8 +20,7 @@ from eightpost.verdict import Reason, Rules, Verdict
 
 ABOUT = "drive file"
 
-#: Error of a mean displacement, relative to the RMS of the displacement, above which it is reported [1].
-_MEAN = 0.5
+_MEAN = 0.5  #: Error of a mean displacement, relative to the RMS of the displacement, above which it is reported [1].
 
 RULES = Rules.read(Path(__file__).with_suffix(".txt"), ABOUT, patience=PATIENCE, rejected=REJECTED, mean=100.0 * _MEAN)
 
@@ -64,8 +63,7 @@ def _error_summary(errors: PassErrors) -> str:
 
 # ==== The page =======================================================================================================
 
-#: Time that a time plot shows around the largest error [s].
-_SHOWN = 3.0
+_SHOWN = 3.0  #: Time that a time plot shows around the largest error [s].
 
 _PERCENT = "% of the target's RMS"
 _ERRORS = (

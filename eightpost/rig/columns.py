@@ -77,8 +77,7 @@ _QUALIFIERS = {
 }  # fmt: skip
 
 
-#: Qualifiers of this value are those of a command.
-_COMMAND = 9
+_COMMAND = 9  #: Qualifiers of this value are those of a command.
 
 #: A factor in a name, as in `Force/10`: the column is not the quantity itself.
 _ARITHMETIC = re.compile(r"[*/^\u00d7]\s*\(?\s*[-+]?\d")
@@ -245,11 +244,9 @@ def _is_heat(record: RawRecord, name: str) -> bool:
 
 # ---- Columns that must not prevent reading, and further columns of time ---------------------------------------------
 
-#: Minimum number of temperatures in a column with empty cells.
-FEWEST = 10
+FEWEST = 10  #: Minimum number of temperatures in a column with empty cells.
 
-#: Largest difference of two columns of time that are the same, in median steps.
-SAME_TIME = 0.01
+SAME_TIME = 0.01  #: Largest difference of two columns of time that are the same, in median steps.
 
 _IS_COMMAND = "it is a command, not a measurement"
 _EMPTY, _CONSTANT = _DEAD = ("it is empty", "it is constant")
@@ -414,16 +411,14 @@ _COUNTERS = (
 )  # fmt: skip
 #: Units of measured motion, force and temperature: such a column is another sensor, not a setting.
 _MEASURED = ("m", "m/s", "m/s2", "N", "K", "s", "rad", "Hz", "Pa", "N.m", "W", "J")
-#: Units of a control, which may vary all the time.
-_CONTROL = ("V", "A")
+_CONTROL = ("V", "A")  #: Units of a control, which may vary all the time.
 #: Number of parts of a record, minimum relative change, and minimum share of the variance between the parts.
 PARTS, CHANGE, BETWEEN = 24, 0.02, 0.8
 #: Largest share of the variance within two levels, and share of the variance that slow changes of a control have.
 WITHIN, SLOW = 0.1, 0.9
 #: Correlation with a channel that is read, from which a column is the same sensor; with time, that of a counter.
 SAME, COUNTER = 0.9, 0.9999
-#: Number of times that are named, and of values of a column of texts.
-NAMED, TEXTS = 4, 8
+NAMED, TEXTS = 4, 8  #: Number of times that are named, and of values of a column of texts.
 
 
 def column_faults(record: RawRecord, mapping: ChannelMap, series: TimeSeries) -> Iterator[Fault]:
@@ -523,8 +518,7 @@ _QUANTITIES = {
 _COMMAND_WORDS = {"cmd", "command", "demand", "target"}
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 
-#: Number of columns at each corner from which a file looks like a rig record.
-_FEWEST = 2
+_FEWEST = 2  #: Number of columns at each corner from which a file looks like a rig record.
 
 
 @dataclass(frozen=True, slots=True)

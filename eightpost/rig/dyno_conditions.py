@@ -162,8 +162,7 @@ _CHANNELS = {
     ("force",): r"force|load",
     ("displacement", "velocity"): r"displacement|position|travel|stroke|motion|velocity|speed",
 }
-#: Largest number of words of a clause that states a sign.
-_WORDS = 8
+_WORDS = 8  #: Largest number of words of a clause that states a sign.
 
 
 def reversed_channels(preamble: Iterable[tuple[str, ...]], path: Path) -> tuple[dict[str, bool], str]:

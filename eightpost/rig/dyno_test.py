@@ -54,11 +54,9 @@ if TYPE_CHECKING:
 
 # ---- Shock dynamometer tests ----------------------------------------------------------------------------------------
 
-#: Low-pass cut-off for dynamometer data in the dissertation (3.3) [Hz].
-CUTOFF = 50.0
+CUTOFF = 50.0  #: Low-pass cut-off for dynamometer data in the dissertation (3.3) [Hz].
 
-#: Minimum duration [s] and minimum number of samples of a record.
-SHORTEST, FEWEST = 0.5, 200
+SHORTEST, FEWEST = 0.5, 200  #: Minimum duration [s] and minimum number of samples of a record.
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -394,18 +392,13 @@ def _with_velocity(series: TimeSeries, cutoff: float | None) -> tuple[TimeSeries
 
 # ==== Splitting at pauses and at changes of amplitude or frequency of a sine =========================================
 
-#: The shock is at rest if it moves by less than this share of the record's stroke, ...
-REST_SHARE = 0.01
-#: ... for at least this time [s], ...
-PAUSE = 0.5
+REST_SHARE = 0.01  #: The shock is at rest if it moves by less than this share of the record's stroke, ...
+PAUSE = 0.5  #: ... for at least this time [s], ...
 #: ... and for this share of the adjacent half cycle: a sine stays within 1 % of its stroke for 13 % of a half cycle.
 PAUSE_SHARE = 0.5
-#: Half cycles belong to one block if stroke and duration are within this share of the block's median.
-ALIKE = 0.1
-#: Minimum stroke of a half cycle, as a share of the stroke of the section; smaller motions are noise.
-SMALLEST = 0.02
-#: Minimum number of half cycles in a block.
-FEWEST_HALVES = 6
+ALIKE = 0.1  #: Half cycles belong to one block if stroke and duration are within this share of the block's median.
+SMALLEST = 0.02  #: Minimum stroke of a half cycle, as a share of the stroke of the section; smaller motions are noise.
+FEWEST_HALVES = 6  #: Minimum number of half cycles in a block.
 #: Minimum share of a section that blocks must fill. Otherwise the section is one run, for example a random drive.
 FILLED = 0.75
 
@@ -518,10 +511,8 @@ def _run(test: DynoTest, piece: tuple[int, int], name: str) -> DynoTest:
 
 # ==== Effect of temperature on the force =============================================================================
 
-#: Runs are repetitions if the standard deviations of their velocities agree within this share.
-REPEATED = 0.05
-#: Minimum range of temperature [K] for an estimate.
-SMALLEST_SPREAD = 1.0
+REPEATED = 0.05  #: Runs are repetitions if the standard deviations of their velocities agree within this share.
+SMALLEST_SPREAD = 1.0  #: Minimum range of temperature [K] for an estimate.
 
 
 @dataclass(frozen=True, slots=True)

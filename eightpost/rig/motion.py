@@ -20,16 +20,11 @@ from eightpost.signals.timeseries import TimeSeries
 
 # ==== Path, turning points of half cycles, and where a steady sine ends ==============================================
 
-#: Half cycles are alike if stroke and duration are within this share of their medians.
-ALIKE = 0.1
-#: Minimum share of half cycles that are alike in a steady sine.
-STEADY = 0.6
-#: Minimum number of half cycles of a steady sine.
-FEWEST = 6
-#: Minimum number of half cycles of another steady sine that follows.
-FEWEST_OTHER = 3
-#: Minimum stroke of a half cycle, as a share of the stroke of the record; smaller motions are noise.
-SMALLEST = 0.02
+ALIKE = 0.1  #: Half cycles are alike if stroke and duration are within this share of their medians.
+STEADY = 0.6  #: Minimum share of half cycles that are alike in a steady sine.
+FEWEST = 6  #: Minimum number of half cycles of a steady sine.
+FEWEST_OTHER = 3  #: Minimum number of half cycles of another steady sine that follows.
+SMALLEST = 0.02  #: Minimum stroke of a half cycle, as a share of the stroke of the record; smaller motions are noise.
 #: The motion runs down if its RMS velocity after the last steady half cycle is below this share of that before.
 SLOWED = 0.7
 
@@ -128,10 +123,8 @@ LAG, LEAD, SAMPLES = 0.01, 5e-4, 0.6
 #: Rate at which channels are compared, their cut-off frequency [Hz], the ends that are left out [s], where filters
 #: ring, and fewest samples.
 _RATE, _CUTOFF, _END, _FEWEST = 500.0, 50.0, 0.1, 200
-#: Parts of a long record that are used, and their length [s].
-_PARTS, _PART = 16, 4.0
-#: Knots of each stroke, and exponent of their spacing.
-_KNOTS, _DENSE = 8, 1.8
+_PARTS, _PART = 16, 4.0  #: Parts of a long record that are used, and their length [s].
+_KNOTS, _DENSE = 8, 1.8  #: Knots of each stroke, and exponent of their spacing.
 #: Smallest share of the variance that a residual has, share that keeps columns apart, resolution of a delay [s], and
 #: fewest delays that are tried.
 _LEAST, _RIDGE, _FINE, _FEWEST_STEPS = 1e-8, 1e-9, 2e-5, 5
@@ -291,18 +284,13 @@ RATIOS = {
     60.0: "time is in min but labelled s",
     1.0 / 60.0: "velocity is per minute but labelled per second",
 }
-#: Relative tolerance of such a ratio.
-RATIO_TOLERANCE = 0.08
+RATIO_TOLERANCE = 0.08  #: Relative tolerance of such a ratio.
 #: Maximum lag of velocity behind the slope of displacement [samples], and its standard deviations that are allowed.
 LAG_SAMPLES, DEVIATIONS = 1.5, 2.0
-#: Maximum relative difference in size between measured velocity and the slope of displacement, ...
-SLOPE_SHARE = 0.05
-#: ... maximum difference of their means as a share of the standard deviation of velocity, ...
-OFFSET_SHARE = 0.02
-#: ... and maximum difference at any sample as a share of the range of velocity.
-APART = 0.2
-#: Largest travel of a shock [m], by which the mean of a velocity without displacement is judged.
-TRAVEL = 0.6
+SLOPE_SHARE = 0.05  #: Maximum relative difference in size between measured velocity and the slope of displacement, ...
+OFFSET_SHARE = 0.02  #: ... maximum difference of their means as a share of the standard deviation of velocity, ...
+APART = 0.2  #: ... and maximum difference at any sample as a share of the range of velocity.
+TRAVEL = 0.6  #: Largest travel of a shock [m], by which the mean of a velocity without displacement is judged.
 
 
 def motion_faults(series: TimeSeries, measured: tuple[str, ...]) -> Iterator[Fault]:

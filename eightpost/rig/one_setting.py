@@ -17,8 +17,7 @@ from eightpost.signals.timeseries import TimeSeries
 
 # ---- Force at standstill: gas force, and an error of the load cell's zero -------------------------------------------
 
-#: Speeds below this share of the peak count as standstill.
-SLOW = 0.05
+SLOW = 0.05  #: Speeds below this share of the peak count as standstill.
 
 
 def rest_force(velocity: Array, force: Array) -> tuple[float, float] | None:
@@ -39,29 +38,22 @@ def rest_force(velocity: Array, force: Array) -> tuple[float, float] | None:
 # nothing smooth explains, neither a drift nor a warming towards a constant value, is a change of the shock. Low
 # speeds are examined by themselves, because a bleed acts there, and its force is small.
 
-#: Maximum and minimum number of blocks of a record.
-BLOCKS, FEWEST_BLOCKS = 20, 5
-#: Number of classes of velocity.
-CLASSES = 15
+BLOCKS, FEWEST_BLOCKS = 20, 5  #: Maximum and minimum number of blocks of a record.
+CLASSES = 15  #: Number of classes of velocity.
 #: Bands of speed that are examined, as shares of the peak, and what a figure calls them.
 BANDS = {"": (0.15, 1.0), " at low speed": (0.04, 0.3), " at high speed": (0.6, 1.0)}
-#: Speeds above this share of the peak separate the strokes of a cycle.
-MOVING = 0.15
+MOVING = 0.15  #: Speeds above this share of the peak separate the strokes of a cycle.
 #: Step of the force between two parts of a record that is reported, and that makes it not usable, ...
 STEP, LARGE_STEP = 0.03, 0.08
-#: ... in multiples of the scatter within these parts, ...
-STEP_SCATTER = 6.0
-#: ... and maximum share of the scatter about a smooth course that the scatter about a step may have.
-STEP_SHARE = 0.3
+STEP_SCATTER = 6.0  #: ... in multiples of the scatter within these parts, ...
+STEP_SHARE = 0.3  #: ... and maximum share of the scatter about a smooth course that the scatter about a step may have.
 #: Time constants of a smooth course, as shares of the record; in addition to a straight drift.
 SETTLING = (0.05, 0.1, 0.2, 0.4, 0.8)
 #: Ratio of the sizes of the motion before and after a step above which the motion changed, and the shock perhaps did
 #: not: the force at a velocity depends on frequency and stroke.
 MOTION = 1.3
-#: Size of the velocity, relative to its median over all cycles, below which a cycle is part of a fade-in.
-FADE = 0.5
-#: Smallest number of other cycles on each side of a step.
-FEWEST_MOVING = 2
+FADE = 0.5  #: Size of the velocity, relative to its median over all cycles, below which a cycle is part of a fade-in.
+FEWEST_MOVING = 2  #: Smallest number of other cycles on each side of a step.
 #: Minimum share of the record on each side of a step: a shock that cavitates needs some cycles to reach its state.
 FEWEST_SHARE = 0.15
 
@@ -190,16 +182,13 @@ def _smooth_scatter(places: NDArray[np.intp], sizes: Array) -> float:
 
 #: Number of knots of the curve over velocity, and of the effect of acceleration (a lag) over velocity.
 KNOTS, LAG_KNOTS = 15, 5
-#: Knots of both at these shares of the highest speed.
-NEAR_ZERO = (-0.02, 0.0, 0.02)
+NEAR_ZERO = (-0.02, 0.0, 0.02)  #: Knots of both at these shares of the highest speed.
 #: Fewest blocks of cycles, and smallest size of the motion in a block relative to the median.
 DRIFT_BLOCKS, DRIFT_FADE = 5, 0.5
-#: Relative change of a gain, and change of a level relative to the range, that is reported, ...
-CHANGE = 0.05
+CHANGE = 0.05  #: Relative change of a gain, and change of a level relative to the range, that is reported, ...
 #: ... in multiples of its standard error; and range of the logarithm of a motion's size that is the same motion.
 ERRORS, SAME = 6.0, 0.02
-#: Change of the stroke of a sine above which it is a sweep.
-SWEEP = 0.25
+SWEEP = 0.25  #: Change of the stroke of a sine above which it is a sweep.
 
 
 class Explained(NamedTuple):

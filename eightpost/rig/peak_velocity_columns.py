@@ -120,8 +120,7 @@ def _speed(name: str) -> float | None:
 
 #: Speeds at which the curve of rates is sampled, in knees: it is rounded between those nearest to the knee.
 _AT = (0.5, 0.97, 1.0, 1.03, 2.0)
-#: Highest speed of the curve, in knees and at least [m/s].
-_TOP, _LEAST_TOP = 4.0, 0.5
+_TOP, _LEAST_TOP = 4.0, 0.5  #: Highest speed of the curve, in knees and at least [m/s].
 
 
 def _of_rates(record: RawRecord) -> RawRecord:
@@ -174,8 +173,7 @@ def _is_numeric(column: NDArray[np.generic]) -> bool:
 
 # ---- Names of columns -----------------------------------------------------------------------------------------------
 
-#: Both strokes.
-STROKES = tuple(STROKE_WORDS)
+STROKES = tuple(STROKE_WORDS)  #: Both strokes.
 #: Name of a column of one stroke: a word for the stroke, optionally followed by the clicks.
 _COLUMN = {
     stroke: re.compile(
@@ -193,8 +191,7 @@ _STATISTICS = {
     "target", "ref", "reference", "tol", "tolerance", "limit", "upper", "lower", "hyst", "hysteresis", "ratio", "slope",
 }  # fmt: skip
 _MEANS = {"avg", "mean", "average"}
-#: Mark of a repeated name.
-_REPEATED = re.compile(r"\(\d+\)$")
+_REPEATED = re.compile(r"\(\d+\)$")  #: Mark of a repeated name.
 
 
 class Point(NamedTuple):
@@ -464,10 +461,8 @@ def _without_mean(clicks: str) -> str:
 
 # ==== Static points from the loops of a continuous-velocity plot (CVP) without time ==================================
 
-#: Number of classes of speed on each side.
-CLASSES = 25
-#: A table with more rows than this, or whose velocity turns back, is a loop and not a list of peaks.
-MOST_PEAKS = 200
+CLASSES = 25  #: Number of classes of speed on each side.
+MOST_PEAKS = 200  #: A table with more rows than this, or whose velocity turns back, is a loop and not a list of peaks.
 
 
 def _is_loop(velocity: Array) -> bool:

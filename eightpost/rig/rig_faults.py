@@ -26,8 +26,7 @@ RELATED = (("force", "velocity"), ("velocity", "displacement"), ("hub_accelerati
 #: Minimum difference of correlations [1] by which another corner must fit better for corners to be swapped.
 SWAPPED_BY = 0.15
 
-#: Correlation below which a sign is wrong [1]; weaker negative correlations are not significant.
-REVERSED = -0.2
+REVERSED = -0.2  #: Correlation below which a sign is wrong [1]; weaker negative correlations are not significant.
 
 #: A better explanation of a hub's motion must explain this additional share of its variance [1] ...
 EXPLAINS_MORE = 0.15
@@ -35,10 +34,8 @@ EXPLAINS_MORE = 0.15
 #: and noise never explains as much.
 LEAVES = 0.5
 
-#: A tire whose force is within this share of its range [1] from the minimum or maximum ...
-AT_ITS_END = 0.01
-#: ... for more than this share of the record [1] (0.06 for a sine) is in the air, and is not a spring.
-LIFTS = 0.15
+AT_ITS_END = 0.01  #: A tire whose force is within this share of its range [1] from the minimum or maximum ...
+LIFTS = 0.15  #: ... for more than this share of the record [1] (0.06 for a sine) is in the air, and is not a spring.
 
 #: A corner is not checked if its motion in the band is below this share [1] of the largest motion of the corners, or of
 #: its own motion at all frequencies.
@@ -48,8 +45,7 @@ RESTING = 0.2
 #: for noise is 1 / sqrt(samples), and that of a difference is (1 - correlation^2) / sqrt(samples).
 CERTAIN = 5.0
 
-#: Band limit for the comparisons [Hz], at most 0.4 of the sample rate.
-_BAND = 12.0
+_BAND = 12.0  #: Band limit for the comparisons [Hz], at most 0.4 of the sample rate.
 
 #: Approximate sample rate of the comparisons [Hz]; filters at the rig's rate would take seconds each for 800 s.
 _RATE = 250.0
@@ -262,13 +258,10 @@ def _unit(rows: Array) -> Array:
 
 # ---- Checks of rig records for dead, clipped, slowly sampled, reversed and swapped channels, each -------------------
 
-#: Minimum duration [s] and minimum number of samples of a record.
-SHORTEST, FEWEST = 4.0, 1000
+SHORTEST, FEWEST = 4.0, 1000  #: Minimum duration [s] and minimum number of samples of a record.
 
-#: Share of samples that repeat the previous one, above which a channel was sampled at a lower rate ...
-HELD = 0.4
-#: ... if it changes over at least this share of the record.
-MOVING = 0.9
+HELD = 0.4  #: Share of samples that repeat the previous one, above which a channel was sampled at a lower rate ...
+MOVING = 0.9  #: ... if it changes over at least this share of the record.
 
 _RESPONSES = ("tire_force", "displacement", "velocity", "force", "hub_acceleration", "chassis_acceleration")
 

@@ -50,8 +50,7 @@ def _settings_beyond(settings: Settings, setting: Sequence[float]) -> tuple[Beyo
 
 # ---- The verdict on a setting ---------------------------------------------------------------------------------------
 
-#: Subject of the reasons.
-ABOUT = "setting"
+ABOUT = "setting"  #: Subject of the reasons.
 
 #: Distance beyond the measured settings, in intervals between them, up to which the continuation can be used.
 FARTHEST = 1.0
@@ -106,8 +105,7 @@ _CURVATURE = 0.5
 _DIFFERENCE = 0.02
 _DIFFERENCE_OF_TWO = 0.3
 
-#: Half-width for an untested combination, as a share of the smaller effects of its adjusters.
-_INTERACTION = 0.5
+_INTERACTION = 0.5  #: Half-width for an untested combination, as a share of the smaller effects of its adjusters.
 
 
 def force_half_width(settings: Settings, law: ShockLaw, setting: Sequence[float]) -> tuple[float, ...]:
@@ -204,8 +202,7 @@ def _band_section(law: ShockLaw, half_width: Sequence[float], level: float) -> d
 
 SCHEMA = 1
 
-#: Sections of a shock file that `Shock` has as they are.
-_SECTIONS = ("conditions", "fit", "inputs")
+_SECTIONS = ("conditions", "fit", "inputs")  #: Sections of a shock file that `Shock` has as they are.
 
 
 @dataclass(frozen=True, repr=False)
@@ -333,8 +330,7 @@ def _own_texts(law: ShockLaw) -> Iterator[str]:
             yield f"{name} {number:.4g} {unit}".rstrip()
 
 
-#: Velocity at which a summary states both forces [m/s].
-_SHOWN = 0.1
+_SHOWN = 0.1  #: Velocity at which a summary states both forces [m/s].
 
 
 def _range_text(known: Range) -> str:

@@ -105,8 +105,7 @@ STRAIGHT = 0.01
 MOST_PIECES = 1000
 
 
-#: State of a law between steps: F_lag [N], or a tuple of floats if the law has several states.
-State = Any
+State = Any  #: State of a law between steps: F_lag [N], or a tuple of floats if the law has several states.
 
 
 class FitParameter(NamedTuple):

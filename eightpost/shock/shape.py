@@ -29,14 +29,11 @@ from eightpost.shock.lpnl2 import Lpnl2
 # c_bleed is the slope at rest, where an open bleed lets the oil pass; c_low applies from a quarter of the knee speed
 # v_k to the knee; beyond it the valve is open, with the slope c_high and its growth a, which ports cause at high speed.
 
-#: Sides of a curve, in the order of the numbers of a shape.
-SIDES = ("compression", "rebound")
+SIDES = ("compression", "rebound")  #: Sides of a curve, in the order of the numbers of a shape.
 
-#: Highest speed of the knots of a shape's curve [m/s]: that of the shipped bank's dynamometer tests.
-REACH = 1.3
+REACH = 1.3  #: Highest speed of the knots of a shape's curve [m/s]: that of the shipped bank's dynamometer tests.
 
-#: Speed up to which the bleed acts, as a share of the knee speed.
-BLEED_SHARE = 0.25
+BLEED_SHARE = 0.25  #: Speed up to which the bleed acts, as a share of the knee speed.
 
 #: Speeds of the knots of one side, as shares of the highest [1]: closer at low speed, where the slope changes most.
 SHARES = np.linspace(0.0, 1.0, KNOTS // 2 + 1) ** 2.2
@@ -176,8 +173,7 @@ def joined(rebound: Array, compression: Array) -> tuple[float, ...]:
 #: Numbers of the curve: all but lag and gas.
 CURVE_NUMBERS = tuple(f"{side}.{name}" for side in SIDES for name in UNITS)
 
-#: Names of all numbers of a shape.
-NUMBERS = (*CURVE_NUMBERS, "lag", "lag_force", "gas")
+NUMBERS = (*CURVE_NUMBERS, "lag", "lag_force", "gas")  #: Names of all numbers of a shape.
 
 
 def range_of(shapes: Sequence[Shape], number: str) -> tuple[float, float]:
@@ -202,20 +198,13 @@ def range_of(shapes: Sequence[Shape], number: str) -> tuple[float, float]:
 #
 # Linear fits at pairs of knee speeds give the starts, from which all ten numbers are searched with exact derivatives.
 
-#: Number of speeds of a side at which a shape is compared with a curve.
-_COMPARED = 80
+_COMPARED = 80  #: Number of speeds of a side at which a shape is compared with a curve.
 
 #: Those speeds, as shares of the highest [1]: at equal steps of their root.
 _SPEEDS = np.linspace(0.0, 1.0, _COMPARED + 1)[1:] ** 2
 
 #: Bounds of each number of a side [SI].
-BOUNDS = {
-    "bleed": (200.0, 3e4),
-    "low": (200.0, 3e4),
-    "knee": (0.02, 0.4),
-    "high": (50.0, 2e4),
-    "rise": (1.0, 1e4),
-}
+BOUNDS = {"bleed": (200.0, 3e4), "low": (200.0, 3e4), "knee": (0.02, 0.4), "high": (50.0, 2e4), "rise": (1.0, 1e4)}
 
 #: The same as logarithms (10, 2), and their middles (10,).
 _BOUNDS = np.log([BOUNDS[name] for name in UNITS] * 2)
@@ -225,15 +214,13 @@ _MIDDLE = _BOUNDS.mean(axis=1)
 _KNEE = np.flatnonzero([name == "knee" for name in UNITS] * 2)
 _LINEAR = np.flatnonzero([name != "knee" for name in UNITS] * 2)
 
-#: Knee speeds of the linear fits of each side [m/s].
-_KNEES = np.geomspace(0.025, 0.39, 8)
+_KNEES = np.geomspace(0.025, 0.39, 8)  #: Knee speeds of the linear fits of each side [m/s].
 
 #: Weight of the distance from the middle of the bounds, as a share of the RMS force: a number that the curve does not
 #: determine stays in the middle.
 _PULL = 1e-3
 
-#: Speeds of the knots of a side (K,) [m/s].
-_KNOTS = REACH * SHARES
+_KNOTS = REACH * SHARES  #: Speeds of the knots of a side (K,) [m/s].
 
 
 @dataclass(frozen=True, slots=True)
@@ -369,8 +356,7 @@ def difference(one: Shape, other: Callable[[float], float], reach: float = REACH
 
 # ---- A curve with a steeper or flatter side: what a click would do to a shock without a fitted adjuster -------------
 
-#: Speed at which a change of the low-speed slope has fallen to a quarter [m/s].
-LOW_SPEED = 0.1
+LOW_SPEED = 0.1  #: Speed at which a change of the low-speed slope has fallen to a quarter [m/s].
 
 
 def with_slope(curve: StaticCurve, side: str, share: float, speeds: str) -> tuple[StaticCurve, StaticCurve]:

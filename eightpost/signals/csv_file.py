@@ -46,12 +46,10 @@ if TYPE_CHECKING:
 
 # ---- Delimited text files with preamble, header with units, and decimal comma ---------------------------------------
 
-#: A format that no cell has, so that times of day and dates stay texts.
-_NO_TIMES = "%%never%%"
+_NO_TIMES = "%%never%%"  #: A format that no cell has, so that times of day and dates stay texts.
 #: Maximum share of filled cells of a column without a name that is left out: it has remarks beside some samples.
 _REMARKS = 0.5
-#: Maximum number of characters in a line, enough for about ten thousand channels.
-_LONGEST_LINE = 2**18
+_LONGEST_LINE = 2**18  #: Maximum number of characters in a line, enough for about ten thousand channels.
 
 
 def read_delimited(path: str | Path) -> tuple[RawRecord, ...]:
@@ -355,8 +353,7 @@ def _numbers_in(line: str, delimiter: str) -> int:
 
 # ---- Tables whose rows are channels ---------------------------------------------------------------------------------
 
-#: Largest number of channels of such a table.
-_MOST_CHANNELS = 60
+_MOST_CHANNELS = 60  #: Largest number of channels of such a table.
 
 
 def _first_row_of_channels(lines: list[str]) -> int | None:
@@ -384,8 +381,7 @@ def _with_upright_table(lines: list[str], first: int) -> list[str]:
 
 #: First characters of a line of numbers; other lines may be headers.
 _NUMBER_BEGINS = frozenset("0123456789-+., \t;\"'")
-#: Minimum share of the first block's column names in a line that is the header of another block.
-_SHARED = 0.5
+_SHARED = 0.5  #: Minimum share of the first block's column names in a line that is the header of another block.
 
 
 @dataclass(frozen=True, slots=True)
@@ -473,8 +469,7 @@ def _cells(line: str, delimiter: str) -> list[str]:
 
 _COMMENT = re.compile(r"\s*(?:#|%|//)")
 
-#: Maximum number of characters of a comment in a note.
-_SHOWN = 60
+_SHOWN = 60  #: Maximum number of characters of a comment in a note.
 
 
 def _without_comments(lines: Sequence[str], split: Callable[[str], list[str]]) -> tuple[list[str], list[int]]:
@@ -517,11 +512,9 @@ def _comment_note(lines: Sequence[str], places: Sequence[int]) -> str:
 
 _DIGITS = re.compile(r"[^eE]*?(?:[.,](?P<decimals>\d*))?(?:[eE][+-]?(?P<exponent>\d*))?")
 
-#: Minimum number of rows of a table whose last row can be judged; peak-velocity tables are shorter.
-_FEWEST_ROWS = 50
+_FEWEST_ROWS = 50  #: Minimum number of rows of a table whose last row can be judged; peak-velocity tables are shorter.
 
-#: Share of the numbers that may have even fewer digits: programs leave out zeros at the end.
-_RARE = 0.01
+_RARE = 0.01  #: Share of the numbers that may have even fewer digits: programs leave out zeros at the end.
 
 #: A short number at the end is cut off if it is this many times farther from its predecessors' line than any other.
 _FAR = 2.0

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from eightpost.signals.timeseries import TimeSeries
 
 
-#: Minimum share of equal time steps for which the other steps are gaps.
-_EVEN_SHARE = 0.9
+_EVEN_SHARE = 0.9  #: Minimum share of equal time steps for which the other steps are gaps.
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -41,11 +40,7 @@ class Drivefile(Recording):
 
     @classmethod
     def read(
-        cls,
-        path: str | Path,
-        *,
-        channel_map: ChannelMap | None = None,
-        units: Mapping[str, str] | None = None,
+        cls, path: str | Path, *, channel_map: ChannelMap | None = None, units: Mapping[str, str] | None = None
     ) -> Drivefile:
         """Read a drive file in any format that `read_series` reads.
 

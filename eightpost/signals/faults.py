@@ -50,27 +50,22 @@ class Origin:
         return kind(what, path=self.path, line=self.header_line, channel=channel)
 
 
-#: A correlation above minus this is not one of a wrong sign.
-WEAK_SIGN = 0.3
+WEAK_SIGN = 0.3  #: A correlation above minus this is not one of a wrong sign.
 
-#: Origin of a record created in memory.
-IN_MEMORY = Origin()
+IN_MEMORY = Origin()  #: Origin of a record created in memory.
 
 
 # ---- Checks for faults in measured records; each fault has its own exception, which says where and ------------------
 
-#: A step longer than this many median steps is a gap.
-GAP_FACTOR = 1.5
+GAP_FACTOR = 1.5  #: A step longer than this many median steps is a gap.
 
 #: A channel is clipped if sequences of at least this many samples are equal to its maximum or minimum, ...
 CLIP_RUN = 5
-#: ... if these samples are at least this share of the record, ...
-CLIP_SHARE = 0.005
+CLIP_SHARE = 0.005  #: ... if these samples are at least this share of the record, ...
 #: ... and if they exceed this multiple of the samples at the next level (a rounded sine reaches 2.5).
 CLIP_CROWDING = 5.0
 
-#: No sensor measures that (SI); its square is still a number.
-_LARGEST = 1e100
+_LARGEST = 1e100  #: No sensor measures that (SI); its square is still a number.
 
 
 def check_finite(values: Array, *, channel: str, origin: Origin = IN_MEMORY) -> None:

@@ -199,8 +199,7 @@ def _record(table: Table, path: Path) -> RawRecord:
 
 # ---- ASAM MDF files (.mf4, .mdf), read with asammdf -----------------------------------------------------------------
 
-#: Name of the time axis in the record.
-_TIME = "time"
+_TIME = "time"  #: Name of the time axis in the record.
 
 
 def _read_mdf(path: str | Path) -> tuple[RawRecord, ...]:
@@ -255,10 +254,8 @@ _READERS: dict[str, Callable[[Path], tuple[RawRecord, ...]]] = {
 }  # fmt: skip
 #: First bytes of files of programs that do not document their layout, and the program. A text file .pvp is read.
 _CLOSED = {".dctw": (b"", "CTW Probe"), ".pvp": (b"\xd0\xcf\x11\xe0", "the Shock program of Roehrig and MTS")}
-#: Largest file whose tables are kept [bytes].
-_KEPT = 2**24
-#: Suffixes of files that can be read.
-SUFFIXES = tuple(_READERS)
+_KEPT = 2**24  #: Largest file whose tables are kept [bytes].
+SUFFIXES = tuple(_READERS)  #: Suffixes of files that can be read.
 
 
 def read_record(path: str | Path) -> RawRecord:

@@ -184,12 +184,9 @@ def _seconds(clock: NDArray[np.float64]) -> NDArray[np.float64]:
 _NAME, _ENTRY, _PER_BLOCK = 32, 128, 4
 _ORDERS = {"BINARY_IEEE_LITTLE_END": "<", "BINARY": "<", "BINARY_IEEE_BIG_END": ">"}
 _RPC_KINDS = {"SHORT_INTEGER": "i2", "FLOATING_POINT": "f4"}
-#: Entries that become the preamble.
-_FACTS = ("DATE", "OPERATION", "TIME_TYPE", "PARENT_1")
-#: Fewest repeated samples of all channels at the end of the last frame that count as its filling.
-_FILLED = 3
-#: Points of a frame and largest integer of a file that is written.
-_POINTS, _FULL_SCALE = 2048, 32752
+_FACTS = ("DATE", "OPERATION", "TIME_TYPE", "PARENT_1")  #: Entries that become the preamble.
+_FILLED = 3  #: Fewest repeated samples of all channels at the end of the last frame that count as its filling.
+_POINTS, _FULL_SCALE = 2048, 32752  #: Points of a frame and largest integer of a file that is written.
 
 
 def read_rpc(path: str | Path) -> tuple[RawRecord, ...]:

@@ -29,14 +29,11 @@ if TYPE_CHECKING:
 
 # ==== Reading ========================================================================================================
 
-#: Largest difference between two axes of time that are the same, in median steps.
-_SAME = 0.01
+_SAME = 0.01  #: Largest difference between two axes of time that are the same, in median steps.
 
-#: Largest deviation of the time between two segments that follow each other from one step, in steps.
-_FOLLOWS = 0.25
+_FOLLOWS = 0.25  #: Largest deviation of the time between two segments that follow each other from one step, in steps.
 
-#: Times above this are not relative to the start of the segment but to 1904 [s].
-_ABSOLUTE = 1e9
+_ABSOLUTE = 1e9  #: Times above this are not relative to the start of the segment but to 1904 [s].
 
 _COMMENT, _X = "Comment", "X_Value"
 

@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 
 # ==== Header: schema version, tool version, units and sources ========================================================
 
-#: Version of the time-series schema that this tool writes, and the newest that it reads.
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 1  #: Version of the time-series schema that this tool writes, and the newest that it reads.
 
 
 def time_series_header(units: Mapping[str, str], *, sources: Mapping[str, str] | None = None, note: str = "") -> str:

@@ -81,8 +81,7 @@ class ChannelMap:
     channels: Mapping[str, MappedChannel] = field(default_factory=dict)  #: Column of each channel, by channel name.
     time: MappedChannel | None = None  #: Time column; None to use the column with a usual name (`TIME_NAMES`).
     path: Path | None = None  #: Path of the file that the map was read from.
-    #: Largest number of samples in a row that are NaN or empty and are replaced by a straight line.
-    bridge: int = 0
+    bridge: int = 0  #: Largest number of samples in a row that are NaN or empty and are replaced by a straight line.
 
     @classmethod
     def read(cls, path: str | Path) -> ChannelMap:
@@ -478,8 +477,7 @@ def by_time(signals: Sequence[Signal]) -> list[list[Signal]]:
     return sorted(tables.values(), key=lambda table: (len(table), table[0].times.size), reverse=True)
 
 
-#: Largest range of the deviations of even times that were rounded to whole units, in units.
-_ROUNDED = 1.1
+_ROUNDED = 1.1  #: Largest range of the deviations of even times that were rounded to whole units, in units.
 
 
 def spread_evenly(times: NDArray[np.float64]) -> NDArray[np.float64]:

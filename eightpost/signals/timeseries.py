@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 
 # ---- Time series ----------------------------------------------------------------------------------------------------
 
-#: Maximum deviation from an even grid, in steps, that is attributed to rounding of time by a logger.
-JITTER = 0.25
+JITTER = 0.25  #: Maximum deviation from an even grid, in steps, that is attributed to rounding of time by a logger.
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -159,10 +159,7 @@ def test_files_of_programs_whose_layout_is_not_documented_are_refused_with_how_t
         read_dyno_test(path)
 
 
-NEGATIVE = {
-    "in parentheses": re.compile(r"-([\d.]+)"),
-    "with the minus of a typesetter": re.compile("-"),
-}
+NEGATIVE = {"in parentheses": re.compile(r"-([\d.]+)"), "with the minus of a typesetter": re.compile("-")}
 
 
 @pytest.mark.parametrize(

@@ -40,8 +40,7 @@ from eightpost.vehicle import QuarterCar, StructuralVehicle, read_vehicle
 
 # ==== Limits of a curve: a master curve with tolerances, and whether measured curves are within them =================
 
-#: Beginning of the name of a column of tolerances, in letters of any case.
-_TOLERANCE = "tol"
+_TOLERANCE = "tol"  #: Beginning of the name of a column of tolerances, in letters of any case.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,14 +157,11 @@ def _column(record: RawRecord, path: Path | None) -> tuple[Array, Array, str] | 
 
 # ==== Builds with their clicks =======================================================================================
 
-#: Minimum share of the highest speed of a build's entries for an entry to represent it.
-FAST = 0.9
-#: Runs repeat each other if the standard deviations of their velocities agree within this share.
-ALIKE = 0.05
+FAST = 0.9  #: Minimum share of the highest speed of a build's entries for an entry to represent it.
+ALIKE = 0.05  #: Runs repeat each other if the standard deviations of their velocities agree within this share.
 #: Speeds of the tables [m/s] unless others are given: 1 to 20 in/s, as far as any curve goes.
 SPEEDS = tuple(float(convert(speed, "in/s", "m/s")) for speed in (1.0, 2.0, 3.0, 5.0, 10.0, 15.0, 20.0))
-#: Names are shortened if one has more letters than this.
-LONG_NAME = 20
+LONG_NAME = 20  #: Names are shortened if one has more letters than this.
 
 
 def short_names(names: Iterable[str]) -> dict[str, str]:

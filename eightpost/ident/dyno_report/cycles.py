@@ -27,8 +27,7 @@ class Unknown:
     reason: str  #: Reason why it is unknown, a clause without a full stop.
 
 
-#: A value in SI, or the reason why it is unknown.
-Found = float | Unknown
+Found = float | Unknown  #: A value in SI, or the reason why it is unknown.
 
 
 def known(values: Iterable[Found]) -> list[float]:
@@ -47,14 +46,11 @@ def mean_of(values: Iterable[Found]) -> Found:
 
 # ---- Cycles: peaks of velocity with their forces, force at zero velocity, hysteresis and energy ---------------------
 
-#: Force and time at zero velocity are interpolated between samples at this share of the highest speed.
-REACHED = 0.03
-#: A peak is the mean of the samples above this share of a half cycle's highest speed.
-PEAK = 0.99
+REACHED = 0.03  #: Force and time at zero velocity are interpolated between samples at this share of the highest speed.
+PEAK = 0.99  #: A peak is the mean of the samples above this share of a half cycle's highest speed.
 #: Cycles are alike if stroke and duration are within this share of the median; minimum share of cycles that are alike.
 ALIKE, STEADY = 0.1, 0.6
-#: Minimum number of cycles for a mean.
-FEWEST_CYCLES = 2
+FEWEST_CYCLES = 2  #: Minimum number of cycles for a mean.
 
 #: Minimum number of changes of direction at each end, and minimum spread of their accelerations over their mean.
 FEWEST_TURNS, SPREAD = 20, 0.3
@@ -277,14 +273,11 @@ SLOW, GENTLE = 0.010, 0.05
 RESTING, SETTLED = 0.001, 0.5
 #: Time left out on either side of a start or stop, in which the low-passed velocity is not the true one [s].
 BESIDE = 0.1
-#: Minimum standard deviation of the speed, over its mean, to distinguish friction from the valves.
-VARIED = 0.2
+VARIED = 0.2  #: Minimum standard deviation of the speed, over its mean, to distinguish friction from the valves.
 #: Minimum duration of all slow parts together [s], and minimum share of them in each direction.
 ENOUGH, EACH_WAY = 1.0, 0.1
-#: Minimum range of displacement in the slow parts for a stiffness, as a share of the stroke.
-RANGE = 0.2
-#: Cut-off frequency of the velocity that decides what is slow [Hz].
-CUTOFF = 10.0
+RANGE = 0.2  #: Minimum range of displacement in the slow parts for a stiffness, as a share of the stroke.
+CUTOFF = 10.0  #: Cut-off frequency of the velocity that decides what is slow [Hz].
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,8 +43,7 @@ from eightpost.signals import TimeSeries
 
 Kind = Literal["run", "table", "law"]
 
-#: Correlation of force and velocity below which a closed loop has no meaning.
-CORRELATED = 0.3
+CORRELATED = 0.3  #: Correlation of force and velocity below which a closed loop has no meaning.
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,8 +91,7 @@ class Entry:
     strokes: Mapping[Stroke, StrokeFigures]  #: Knee and slopes of each stroke.
     offset: Found  #: Force at zero velocity [N], of a run after its lag is removed.
     level: Found  #: Constant part of the force [N] that the curve is without: gas force of a slow run, else `offset`.
-    #: Cycles of a run, with the peaks of its closed loop, or the reason why they are unknown.
-    cycles: Cycles | Unknown
+    cycles: Cycles | Unknown  #: Cycles of a run, with the peaks of its closed loop, or the reason why they are unknown.
     lag: Found  #: Lag of force behind velocity [s]; of a law its time constant, at zero velocity if it has several.
     #: Gas force and friction.
     slow: SlowFigures

@@ -21,35 +21,26 @@ from eightpost.units import convert
 
 # ---- Branches and lag -----------------------------------------------------------------------------------------------
 
-#: Number of classes of speed in each stroke, and their growth with speed.
-CLASSES, GROWTH = 40, 1.5
+CLASSES, GROWTH = 40, 1.5  #: Number of classes of speed in each stroke, and their growth with speed.
 #: Smallest and largest minimum number of samples of a branch in a class; in between it grows with the record.
 FEWEST_SAMPLES = (3, 12)
-#: The force at zero velocity is extrapolated from the speeds below this share of the highest one.
-NEAR_ZERO = 0.1
+NEAR_ZERO = 0.1  #: The force at zero velocity is extrapolated from the speeds below this share of the highest one.
 #: Cut-off frequency of the acceleration that distinguishes the branches, over the usual frequency of the motion.
 HARMONICS = 6.0
 #: Lags of the search [s]: from that of a late velocity to a share of a period, which is within these limits.
 EARLIEST, LONGEST, SHARE = -0.01, (0.03, 0.05), 0.2
-#: Step of the search [s].
-STEP = 0.002
+STEP = 0.002  #: Step of the search [s].
 #: Forms of a lag, and how much less open the loop must be in squares to prefer another form than the first.
 FORMS, CLEARLY = ("delay", "first order", "series"), 0.6
-#: Cut-off frequency of the rate of force in the equation of a first-order lag [Hz].
-FORCE_CUTOFF = 200.0
+FORCE_CUTOFF = 200.0  #: Cut-off frequency of the rate of force in the equation of a first-order lag [Hz].
 
-#: Number of speeds of a law's curve in each stroke.
-LAW_POINTS = 120
+LAW_POINTS = 120  #: Number of speeds of a law's curve in each stroke.
 #: Minimum number of points of a stroke for two lines, and minimum number of points on either side of the knee.
 FEWEST_POINTS, BESIDE_KNEE = 6, 3
-#: A knee is below this share of the highest speed, because the branches of a loop meet at its end.
-LAST = 0.85
-#: Minimum change of slope at a knee, as a share of the steeper slope.
-BEND = 0.2
-#: Maximum sum of squares about two lines, as a share of that about one line.
-BETTER = 0.5
-#: Largest force at which a sum of squares is rounding, as a share of the force's range.
-_ROUNDING = 1e-9
+LAST = 0.85  #: A knee is below this share of the highest speed, because the branches of a loop meet at its end.
+BEND = 0.2  #: Minimum change of slope at a knee, as a share of the steeper slope.
+BETTER = 0.5  #: Maximum sum of squares about two lines, as a share of that about one line.
+_ROUNDING = 1e-9  #: Largest force at which a sum of squares is rounding, as a share of the force's range.
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -36,16 +36,11 @@ _WHOLE = (0.0, 1.0)
 _LIMITS = "limits"
 #: Colours of limits and of shaft speeds, and of what only sets the range of an axis.
 _GREY, _DARK, _INVISIBLE = "#5b6675", "#4d4d4d", "rgba(0,0,0,0)"
-#: Numbers of dots of a run and of points of a line; more would only fill the page.
-_DOTS, _POINTS = 700, 600
-#: Number of cycles shown over time, and duration shown of a record without cycles [s].
-_CYCLES, _SPAN = 2, 1.0
-#: Longest time of the runs shown together, over the shortest.
-_LONGEST = 2.0
-#: Panels of runs in a row, and largest number of them.
-_COLUMNS, _MOST = 4, 12
-#: Classes of shaft speed on a track.
-_BARS = 60
+_DOTS, _POINTS = 700, 600  #: Numbers of dots of a run and of points of a line; more would only fill the page.
+_CYCLES, _SPAN = 2, 1.0  #: Number of cycles shown over time, and duration shown of a record without cycles [s].
+_LONGEST = 2.0  #: Longest time of the runs shown together, over the shortest.
+_COLUMNS, _MOST = 4, 12  #: Panels of runs in a row, and largest number of them.
+_BARS = 60  #: Classes of shaft speed on a track.
 
 
 def colors(report: DynoReport) -> dict[str, str]:
@@ -265,10 +260,8 @@ def _reasons(entry: Entry) -> Iterator[Reason]:
 Row = Sequence[Cell | Found | None]
 
 BASES = ("measured", "law")
-#: Columns that are left out if all rows have the usual text.
-_USUAL = {"basis": "measured", "kind": "run"}
-#: Peaks of both strokes belong together if their speeds agree within this share.
-SAME_SPEED = 0.1
+_USUAL = {"basis": "measured", "kind": "run"}  #: Columns that are left out if all rows have the usual text.
+SAME_SPEED = 0.1  #: Peaks of both strokes belong together if their speeds agree within this share.
 
 
 def explained(title: str, columns: Sequence[str | Amount], rows: Iterable[Row], unit: str = "N") -> list[Block]:

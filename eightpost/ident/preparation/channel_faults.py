@@ -153,10 +153,8 @@ def _peaks(flat: NDArray[np.bool_], high: NDArray[np.bool_]) -> int:
 
 # ---- Check for channels that fail during a record: a cable breaks, or a logger repeats its last value ---------------
 
-#: Time for which a failed channel repeats one value [s] ...
-LOST_SPAN = 0.25
-#: ... and fraction of its samples in which another channel changes if it moves [1].
-MOVING = 0.5
+LOST_SPAN = 0.25  #: Time for which a failed channel repeats one value [s] ...
+MOVING = 0.5  #: ... and fraction of its samples in which another channel changes if it moves [1].
 
 _RESPONSES = ("tire_force", "displacement", "force", "hub_acceleration", "chassis_acceleration")
 
@@ -203,14 +201,11 @@ def _others_move(series: TimeSeries, names: Sequence[str], own: str, held: slice
 
 # ---- Time lags between channels, loggers and runs, estimated by cross-correlation -----------------------------------
 
-#: Longest time between the starts of two runs [s].
-LONGEST_START = 10.0
+LONGEST_START = 10.0  #: Longest time between the starts of two runs [s].
 
-#: Upper end of the band of the comparisons [Hz], at most 0.4 of the sample rate.
-BAND = 20.0
+BAND = 20.0  #: Upper end of the band of the comparisons [Hz], at most 0.4 of the sample rate.
 
-#: Length of record that is compared [s]; longer ones take seconds and give no better result.
-SPAN = 60.0
+SPAN = 60.0  #: Length of record that is compared [s]; longer ones take seconds and give no better result.
 
 #: Longest lag of a potentiometer in a sound record [s]: rubber in series with its shock makes it late by up to 6 ms. A
 #: single late potentiometer follows from the laws of the corners (`plausibility`).
@@ -220,14 +215,11 @@ TRAVEL_LAG = 8e-3
 #: measured, shifts it by up to 30 ms. Shorter delays of tire forces follow from the law of the tire (`plausibility`).
 LOAD_LAG = 50e-3
 
-#: Longest change of a lag within a sound record [s]; that of the tire forces may reach `LOAD_LAG`.
-DRIFT = 4e-3
+DRIFT = 4e-3  #: Longest change of a lag within a sound record [s]; that of the tire forces may reach `LOAD_LAG`.
 
-#: Number of its standard deviations by which a lag must exceed the threshold.
-DEVIATIONS = 5.0
+DEVIATIONS = 5.0  #: Number of its standard deviations by which a lag must exceed the threshold.
 
-#: Smallest correlation of a lag; below it the lag is chance or has another cause.
-SMALLEST_CORRELATION = 0.6
+SMALLEST_CORRELATION = 0.6  #: Smallest correlation of a lag; below it the lag is chance or has another cause.
 
 
 class Lag(NamedTuple):

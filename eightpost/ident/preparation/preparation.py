@@ -94,8 +94,7 @@ class Decimation:
 
 # ==== Math channels 45 to 62 of Table 6.1, computed from measured channels (6.1.2) ===================================
 
-#: Highest cut-off of a low-pass before a derivative, as a fraction of the sample rate [1].
-HIGHEST_CUTOFF = 0.4
+HIGHEST_CUTOFF = 0.4  #: Highest cut-off of a low-pass before a derivative, as a fraction of the sample rate [1].
 
 
 class MathChannels(NamedTuple):
@@ -146,8 +145,7 @@ def _math_channels(
     return MathChannels(channels, tuple(steps))
 
 
-#: Channels 49 to 52.
-_MODE_FORCES = ("aero.heave_force", "aero.pitch_moment", "aero.roll_moment", "aero.warp_moment")
+_MODE_FORCES = ("aero.heave_force", "aero.pitch_moment", "aero.roll_moment", "aero.warp_moment")  #: Channels 49 to 52.
 
 
 def _corners(series: TimeSeries, quantity: str) -> Array | None:
@@ -212,8 +210,7 @@ def _places(names: Sequence[str], findings: Sequence[Sequence[Fault]]) -> Iterat
 
 # ---- Preparation of recorded rig tests for an identification (6.1.2, 6.4.1) -----------------------------------------
 
-#: Minimum number of samples that a record must have after preparation.
-_FEWEST = 100
+_FEWEST = 100  #: Minimum number of samples that a record must have after preparation.
 
 
 @dataclass(frozen=True, slots=True)
@@ -420,8 +417,7 @@ def _notes(singles: Sequence[_Single], shared: Sequence[str], how: Preparation) 
 
 # ==== Files with settings ============================================================================================
 
-#: Numbers of a file and their units.
-_NUMBERS = {"rate": "Hz", "pot_cutoff": "Hz", "settling": "s", "mass": "kg"}
+_NUMBERS = {"rate": "Hz", "pot_cutoff": "Hz", "settling": "s", "mass": "kg"}  #: Numbers of a file and their units.
 
 
 def read_preparation(path: str | Path) -> Preparation:

@@ -251,10 +251,7 @@ def test_speeds_are_the_given_ones_or_those_that_a_curve_reaches():
 
 @pytest.mark.parametrize(
     ("options", "message"),
-    [
-        ({"fitted_to": {"lf": "Q"}}, "--corner lf=Q"),
-        ({"speeds": [-1.0]}, "--set speed must be above 0"),
-    ],
+    [({"fitted_to": {"lf": "Q"}}, "--corner lf=Q"), ({"speeds": [-1.0]}, "--set speed must be above 0")],
 )
 def test_a_wrong_name_or_speed_is_an_error(options, message):
     with pytest.raises(InputError, match=message):

@@ -10,14 +10,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from eightpost.ident.dyno_report.builds import CarCorner
-from eightpost.ident.dyno_report.cycles import (
-    STROKES,
-    Unknown,
-    crossings_of,
-    cycles_of,
-    force_at_rest,
-    slow_figures,
-)
+from eightpost.ident.dyno_report.cycles import STROKES, Unknown, crossings_of, cycles_of, force_at_rest, slow_figures
 from eightpost.ident.dyno_report.entry import entry_of_test, with_gas_of_slow_runs
 from eightpost.ident.dyno_report.loop import BEND, forces_at, ratio_at
 from eightpost.signals import TimeSeries
