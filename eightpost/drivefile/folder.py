@@ -206,7 +206,8 @@ class IterationFolder:
             target = Target(track, state.high)
         except InputError as error:
             raise FileFormatError(f"{error}: {_AGAIN}", path=path / "target.parquet") from error
-        response, static = read_response(path / "response.npz"), _matrix(state.static)
+        response = read_response(path / "response.npz")
+        static = np.array(state.static) if len({len(row) for row in state.static}) == 1 else np.zeros((0, 0))
         if response.output_names != target.names or not np.array_equal(response.frequency, target.lines.frequency):
             what = f"does not belong to {_STATE} and target.parquet"
             raise FileFormatError(f"{what}: {_AGAIN}", path=path / "response.npz")
@@ -305,14 +306,10 @@ class IterationFolder:
         """
         outcome, number = self.outcome(), self.played
         if number:
-            state = {
-                "pass": number,
-                "status": outcome.status.value,
-                "best": outcome.best + 1,
-                "rejections": outcome.rejections,
-                "total": outcome.errors[-1].total,
-            }
-            _write_json(self.pass_path(number) / "errors.json", state | asdict(outcome.errors[-1]))
+            errors = outcome.errors[-1]
+            state = {"pass": number, "status": outcome.status.value, "best": outcome.best + 1,
+                     "rejections": outcome.rejections, "total": errors.total}  # fmt: skip
+            _write_json(self.pass_path(number) / "errors.json", state | asdict(errors))
         if outcome.best >= 0:
             self._write_drive(self.path / "best_drive", self.drive(outcome.best + 1))
         if outcome.status is not Status.DIVERGED:
@@ -338,11 +335,6 @@ class IterationFolder:
         if not path.is_file():
             return ()
         return tuple(map(str, checked(list[LimitHit], json_content(path), path=path)))
-
-
-def _matrix(rows: Sequence[Sequence[float]]) -> Array:
-    """Return rows as an array (p, m); an empty one if they differ in length."""
-    return np.array(rows) if len({len(row) for row in rows}) == 1 else np.zeros((0, 0))
 
 
 def _write_json(path: Path, content: Any) -> None:

@@ -171,12 +171,6 @@ class Inverse:
         return np.asarray(self.kept.sum(axis=1))
 
 
-def _output_scale(lines: Lines, target: Complex, width: float) -> Array:
-    """Return the amplitude of each target channel in the band around each line (K, p), for target lines (K, p)."""
-    amplitude = np.sqrt(lines.band_mean(np.abs(target) ** 2, width))
-    return np.asarray(np.maximum(amplitude, _FLOOR * amplitude.max(axis=0)))
-
-
 def regularised_inverse(H: Complex, outputs: Array, units: tuple[str, ...], regularisation: float) -> Inverse:
     """Return the Tikhonov-regularised inverse of a response H (K, p, m) at each line.
 
@@ -219,16 +213,11 @@ class _PassSpectra(NamedTuple):
     record: Complex  #: Target channels measured on the rig (K, p).
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Correction:
-    """Correction of the starting response by the passes so far."""
-
-    factor: Complex  #: Factor of each target channel (K, p), by which the starting response is multiplied.
-    coherence: Array  #: Coherence of the predicted and the measured change in the last step (K, p) [1].
-
-
-def correction(H: Complex, passes: Sequence[_PassSpectra], lines: Lines, width: float) -> Correction:
+def correction(H: Complex, passes: Sequence[_PassSpectra], lines: Lines, width: float) -> tuple[Complex, Array]:
     """Return the correction from the changes between successive passes, in bands of a width [Hz].
+
+    It is the factor of each target channel (K, p) by which the starting response is multiplied. The second result is
+    the coherence of the predicted and the measured change in the last step (K, p) [1].
 
     A step from one pass to the next changes the drive by dX and the record by dY. With the prediction dP = H dX by the
     starting response (K, p, m), the factor c of a channel in a band minimises
@@ -256,7 +245,7 @@ def correction(H: Complex, passes: Sequence[_PassSpectra], lines: Lines, width: 
     known = predicted > 0.0
     total = np.where(known, (1.0 + _PRIOR) * predicted, 1.0)
     factor = np.where(known, (measured + _PRIOR * predicted) / total, 1.0)
-    return Correction(np.asarray(factor, dtype=np.complex128), np.asarray(coherence, dtype=np.float64))
+    return np.asarray(factor, dtype=np.complex128), np.asarray(coherence, dtype=np.float64)
 
 
 def _coherence(cross: Complex, power: Array, dY: Complex, lines: Lines, width: float) -> Array:
@@ -413,9 +402,10 @@ def advance(problem: Problem, passes: Sequence[Pass]) -> Outcome:
     if passes and settings.is_updated:
         spectra = [_PassSpectra(lines.spectrum(one.drive - one.drive[:, :1]), lines.spectrum(rows))
                    for one, rows in zip(passes, moving, strict=True)]  # fmt: skip
-        corrected = correction(H, spectra, lines, settings.width)
-        H, gain = H * corrected.factor[:, :, None], gains(corrected.coherence, settings.gain)
-    scale = _output_scale(lines, problem.wanted, settings.width)
+        factor, coherence = correction(H, spectra, lines, settings.width)
+        H, gain = H * factor[:, :, None], gains(coherence, settings.gain)
+    scale = np.sqrt(lines.band_mean(np.abs(problem.wanted) ** 2, settings.width))
+    scale = np.maximum(scale, _FLOOR * scale.max(axis=0))
     inverse = regularised_inverse(H, scale, problem.units, settings.regularisation)
     gain = gain * 0.5**rejections
     before, error, base = np.zeros((len(problem.units), lines.samples)), problem.wanted, None

@@ -33,12 +33,8 @@ _OF_STATUS = {
 }
 
 
-def _iteration_verdict(problem: Problem, outcome: Outcome, hits: Sequence[str] = ()) -> Verdict:
-    """Return the verdict on an iteration; `hits` are sentences on limits that changed the drive of the best pass."""
-    return Verdict(_reasons(problem, outcome, hits))
-
-
 def _reasons(problem: Problem, outcome: Outcome, hits: Sequence[str]) -> Iterator[Reason]:
+    """Yield the reasons on an iteration; `hits` are sentences on limits that changed the drive of the best pass."""
     (rule, statement), number = _OF_STATUS[outcome.status], outcome.best + 1
     place = f"best pass {number} of {len(outcome.errors)}" if number else f"{len(outcome.errors)} passes"
     figure = _error_summary(outcome.errors[outcome.best]) if number else "no pass is better than a rig at rest"
@@ -88,8 +84,8 @@ def write_iteration_page(folder: IterationFolder) -> Path:
 def verdict_of(folder: IterationFolder) -> Verdict:
     """Return the verdict on the iteration in a folder, with the limits that changed its best drive."""
     outcome = folder.outcome()
-    own = _iteration_verdict(folder.problem, outcome, folder.limit_hits(outcome.best + 1))
-    return Verdict.combined([own, folder.edits])
+    reasons = _reasons(folder.problem, outcome, folder.limit_hits(outcome.best + 1))
+    return Verdict([*reasons, *folder.edits.reasons])
 
 
 def _sections(folder: IterationFolder, outcome: Outcome) -> Iterator[Section]:
@@ -99,9 +95,10 @@ def _sections(folder: IterationFolder, outcome: Outcome) -> Iterator[Section]:
         blocks = [error_table(problem, outcome), _pass_figure(problem, outcome)]
     yield Section("passes", "Errors by pass", blocks)
     if passes:
-        shown = _shown_passes(outcome)
-        yield Section("spectra", "Errors by frequency", [_band_table(problem, outcome),
-                                                         _spectrum_figure(problem, passes, shown)])  # fmt: skip
+        last = len(outcome.errors) - 1
+        shown = sorted({0, min(1, last), last // 2, last, *([outcome.best] if outcome.best >= 0 else [])})
+        spectra: list[Block] = [_band_table(problem, outcome), _spectrum_figure(problem, passes, shown)]
+        yield Section("spectra", "Errors by frequency", spectra)
         yield Section("time", "Time signals", [_time_figure(problem, outcome, passes)])
     response: list[Block] = [_CONDITION, _response_figure(problem, outcome), _reach_table(problem, outcome)]
     yield Section("response", "Response and gains", response, folded=True)
@@ -178,12 +175,6 @@ def _pass_figure(problem: Problem, outcome: Outcome) -> Figure:
         figure.marks(0, numbers, values, name=quantity.replace("_", " "), color=color)
         figure.level(0, 100.0 * problem.accepted(name))
     return figure
-
-
-def _shown_passes(outcome: Outcome) -> list[int]:
-    """Return the indices of the passes whose spectra are drawn: first, second, middle, best and last."""
-    last = len(outcome.errors) - 1
-    return sorted({0, min(1, last), last // 2, last, *([outcome.best] if outcome.best >= 0 else [])})
 
 
 def _spectrum_figure(problem: Problem, passes: Sequence[Pass], shown: Sequence[int]) -> Figure:

@@ -175,6 +175,11 @@ def _first(names: list[str]) -> MappedChannel | None:
     return MappedChannel(names[0]) if names else None
 
 
+def _is_unit_of(unit: str | None, *quantities: str) -> bool:
+    """Return whether a column has a unit of one of the quantities, which are named by their SI units."""
+    return bool(unit) and is_unit(unit or "") and any(compatible(unit or "", si) for si in quantities)
+
+
 def _candidates(record: RawRecord, channel: str, taken: set[str]) -> list[str]:
     """Return the columns that can be a channel, best first."""
     si = _SI[channel]
@@ -183,14 +188,15 @@ def _candidates(record: RawRecord, channel: str, taken: set[str]) -> list[str]:
         rank = _rank(name, channel)
         if name in taken or rank is None:
             continue
-        if unit is not None and not (is_unit(unit) and compatible(unit, si)):
+        if unit is not None and not _is_unit_of(unit, si):
             if channel == "temperature" and is_unit(unit):
                 continue
             rank += 100  # for a message about its unit if there is no other column
         ranked.append((rank, i, name))
     ranked.sort()
     if channel == "time":
-        ranked = [entry for entry in ranked if entry[2] != "T" or (len(ranked) == 1 and not _is_heat(record, "T"))]
+        is_time = len(ranked) == 1 and not _is_unit_of(record.units[ranked[0][1]], "K")
+        ranked = [entry for entry in ranked if entry[2] != "T" or is_time]
     usable = [entry for entry in ranked if entry[0] < 100] or ranked[:1]
     return [name for _, _, name in usable]
 
@@ -234,12 +240,6 @@ def _without_accents(name: str) -> str:
 
 #: Combining grave, acute, circumflex, tilde, diaeresis, ring and cedilla.
 _ACCENTS = "\u0300\u0301\u0302\u0303\u0308\u030a\u0327"
-
-
-def _is_heat(record: RawRecord, name: str) -> bool:
-    """Return whether a column has a temperature unit."""
-    unit = record.units[record.names.index(name)]
-    return unit is not None and is_unit(unit) and compatible(unit, "K")
 
 
 # ---- Columns that must not prevent reading, and further columns of time ---------------------------------------------
@@ -309,7 +309,7 @@ def _unreadable(record: RawRecord, channel: str, pick: MappedChannel, units: Map
         return ""
     if unit is None:
         return f"it has no unit; give it in the header or with --channel '{channel}=[unit]'"
-    if not (is_unit(unit) and compatible(unit, DYNO_UNITS[channel])):
+    if not _is_unit_of(unit, DYNO_UNITS[channel]):
         return f"its unit {unit!r} is not one of a {channel}"
     if is_command(pick.source, channel):
         return _IS_COMMAND
@@ -333,12 +333,8 @@ def _fault_of_samples(column: NDArray[Any], channel: str) -> str:
 def _without(record: RawRecord, source: str) -> RawRecord:
     """Return a record without a column."""
     kept = [i for i, name in enumerate(record.names) if name != source]
-    return replace(
-        record,
-        names=tuple(record.names[i] for i in kept),
-        units=tuple(record.units[i] for i in kept),
-        columns=tuple(record.columns[i] for i in kept),
-    )
+    names, units = tuple(record.names[i] for i in kept), tuple(record.units[i] for i in kept)
+    return replace(record, names=names, units=units, columns=tuple(record.columns[i] for i in kept))
 
 
 def _with_filled_temperature(record: RawRecord, mapping: ChannelMap) -> RawRecord:
@@ -351,8 +347,7 @@ def _with_filled_temperature(record: RawRecord, mapping: ChannelMap) -> RawRecor
     if values.dtype == object or not (known := np.isfinite(values)).any():
         return record
     rows = np.arange(values.size)
-    filled = np.interp(rows, rows[known], values[known])
-    return replace(record, columns=(*record.columns[:place], filled, *record.columns[place + 1 :]))
+    return record.with_column(place, np.interp(rows, rows[known], values[known]))
 
 
 def check_one_time(record: RawRecord, mapping: ChannelMap, given: ChannelMap | None) -> None:
@@ -366,7 +361,8 @@ def check_one_time(record: RawRecord, mapping: ChannelMap, given: ChannelMap | N
         return
     used = record.names.index(mapping.time.source)
     name = _bare(mapping.time.source)
-    times = [i for i, one in enumerate(record.names) if _bare(one) == name and _is_time(record.units[i])]
+    units = enumerate(zip(record.names, record.units, strict=True))
+    times = [i for i, (one, unit) in units if _bare(one) == name and (unit is None or _is_unit_of(unit, "s"))]
     for channel, pick in mapping.channels.items():
         place = record.names.index(pick.source) if pick.source in record.names else -1
         own = max((i for i in times if i < place), default=used)
@@ -381,10 +377,6 @@ def check_one_time(record: RawRecord, mapping: ChannelMap, given: ChannelMap | N
 def _bare(name: str) -> str:
     """Return a name without case, number and marks: `t (2)` and `T` are `t`."""
     return letters_of(name) or name
-
-
-def _is_time(unit: str | None) -> bool:
-    return unit is None or (is_unit(unit) and compatible(unit, "s"))
 
 
 def _is_same(record: RawRecord, first: int, second: int) -> bool:
@@ -427,8 +419,7 @@ def column_faults(record: RawRecord, mapping: ChannelMap, series: TimeSeries) ->
     for name, unit, column in zip(record.names, record.units, record.columns, strict=True):
         if name in used or _is_sensor(name, unit) or column.size != series.time.size:
             continue
-        is_control = bool(unit) and is_unit(unit or "") and any(compatible(unit or "", known) for known in _CONTROL)
-        is_text = column.dtype == object
+        is_control, is_text = _is_unit_of(unit, *_CONTROL), column.dtype == object
         figure = _text_change(column, series.time) if is_text else _change(column, series, is_control=is_control)
         if figure:
             figure += f" [{unit}]" if unit else ""
@@ -437,11 +428,8 @@ def column_faults(record: RawRecord, mapping: ChannelMap, series: TimeSeries) ->
 
 def _is_sensor(name: str, unit: str | None) -> bool:
     letters = letters_of(name)
-    if any(letters == word or letters.startswith(word) or letters.endswith(word) for word in _COUNTERS):
-        return True
-    if "temp" in letters:
-        return True
-    return bool(unit) and is_unit(unit or "") and any(compatible(unit or "", known) for known in _MEASURED)
+    is_counter = any(letters.startswith(word) or letters.endswith(word) for word in _COUNTERS)
+    return is_counter or "temp" in letters or _is_unit_of(unit, *_MEASURED)
 
 
 def _change(column: Array, series: TimeSeries, *, is_control: bool) -> str:

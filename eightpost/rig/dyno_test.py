@@ -50,9 +50,7 @@ if TYPE_CHECKING:
     from eightpost.signals.timeseries import TimeSeries
 
 
-# ==== Tests ==========================================================================================================
-
-# ---- Shock dynamometer tests ----------------------------------------------------------------------------------------
+# ==== Shock dynamometer tests ========================================================================================
 
 CUTOFF = 50.0  #: Low-pass cut-off for dynamometer data in the dissertation (3.3) [Hz].
 
@@ -320,8 +318,7 @@ def _with_even_time(record: RawRecord, mapping: ChannelMap) -> RawRecord:
         return record
     moved = float(np.abs(new - old).max())
     note = f"the times were rounded to whole numbers; they were spread evenly, which moved them by at most {moved:.2g}"
-    columns = (*record.columns[:place], new, *record.columns[place + 1 :])
-    return replace(record, columns=columns, steps=(*record.steps, note))
+    return replace(record.with_column(place, new), steps=(*record.steps, note))
 
 
 def _check_channels(record: RawRecord, mapping: ChannelMap) -> None:
@@ -367,10 +364,9 @@ def _check_force(series: TimeSeries, origin: Origin, derived: tuple[str, ...], s
 
 def _check_displacement_sign(series: TimeSeries, origin: Origin, stated: str) -> None:
     """Check the displacement's sign by comparison with the measured velocity."""
-    rate = series.sample_rate
+    rate, velocity = series.sample_rate, series["velocity"]
     slope = velocity_from_displacement(series["displacement"], rate, _default_cutoff(rate))
-    against = "velocity"
-    faults.check_sign(slope, series[against], channel="displacement", against=against, origin=origin, stated=stated)
+    faults.check_sign(slope, velocity, channel="displacement", against="velocity", origin=origin, stated=stated)
 
 
 def _default_cutoff(rate: float) -> float:
@@ -442,10 +438,12 @@ def split_runs(test: DynoTest, *, pause: float = PAUSE) -> tuple[DynoTest, ...]:
     path = path_of(test.series)
     stretches = _stretches(test, path, pause)
     pieces = [piece for stretch in stretches for piece in _blocks(test, path, *stretch)]
-    kept = [piece for piece in pieces if _long_enough(test, *piece)]
+    time = test.series.time
+    kept = [(start, stop) for start, stop in pieces
+            if stop - start >= FEWEST and float(time[stop - 1] - time[start]) >= SHORTEST]  # fmt: skip
     if len(kept) < 2 and len(pieces) < 2:
         return (test,)
-    runs = [_run(test, piece, f"run {i} of {len(kept)}") for i, piece in enumerate(kept, 1)]
+    runs = [_run(test, *piece, f"run {i} of {len(kept)}") for i, piece in enumerate(kept, 1)]
     if runs and len(kept) < len(pieces):
         count = len(pieces) - len(kept)
         left_out = f"{count} runs with less than {SHORTEST:g} s or {FEWEST} samples are left out"
@@ -497,13 +495,7 @@ def _halves(time: Array, path: Array, offset: int) -> list[_Half]:
     ]
 
 
-def _long_enough(test: DynoTest, start: int, stop: int) -> bool:
-    time = test.series.time
-    return stop - start >= FEWEST and float(time[stop - 1] - time[start]) >= SHORTEST
-
-
-def _run(test: DynoTest, piece: tuple[int, int], name: str) -> DynoTest:
-    start, stop = piece
+def _run(test: DynoTest, start: int, stop: int, name: str) -> DynoTest:
     series = test.series.window(test.series.time[start], test.series.time[stop - 1])
     section = f"{name}: {series.time[0]:.4g} to {series.time[-1]:.4g} s of the record"
     return replace(test, series=series, derived=(*test.derived, section), notes=()).judged()
@@ -575,9 +567,6 @@ def _groups(tests: Sequence[DynoTest]) -> list[list[DynoTest]]:
 
 def _speed(test: DynoTest) -> float:
     return float(test.series["velocity"].std())
-
-
-# ==== Change of the temperature within a record ======================================================================
 
 
 def temperature_drift(series: TimeSeries) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +13,6 @@ from eightpost.checks.fault import Fault
 from eightpost.rig.motion import slopes
 from eightpost.signals.filters import lowpass
 from eightpost.signals.timeseries import TimeSeries
-
-# ---- Force at standstill: gas force, and an error of the load cell's zero -------------------------------------------
 
 SLOW = 0.05  #: Speeds below this share of the peak count as standstill.
 
@@ -69,20 +66,20 @@ def setting_faults(series: TimeSeries) -> Iterator[Fault]:
     phase = _phase(series)
     for side, sign in (("compression", 1.0), ("rebound", -1.0)):
         speed, stroke_force = sign * velocity / float(np.abs(velocity).max()), sign * (force - rest[0])
-        found = []
+        steps = []
         for where, (low, high) in BANDS.items():
             chosen = (speed > low) & (speed <= high)
             if np.count_nonzero(chosen) < CLASSES * FEWEST_BLOCKS:
                 continue
             sizes = _block_sizes(speed[chosen], stroke_force[chosen], phase[:, chosen], block[chosen], count)
             step = _step_of(sizes)
-            if step and _has_one_motion(phase, velocity, block, step.block):
-                found.append((step, where))
-        if found:
-            step, where = max(found, key=lambda one: abs(one[0].change))
-            at = float(series.time[np.argmax(block == step.block)])
-            figure = f"{side} force {100.0 * step.change:+.0f} % at the same velocity{where} from about {at:.4g} s on"
-            rule = "the shock changed" if abs(step.change) >= LARGE_STEP else "the shock changed a little"
+            if step and _has_one_motion(phase, velocity, block, step[0]):
+                steps.append((*step, where))
+        if steps:
+            first, change, where = max(steps, key=lambda step: abs(step[1]))
+            at = float(series.time[np.argmax(block == first)])
+            figure = f"{side} force {100.0 * change:+.0f} % at the same velocity{where} from about {at:.4g} s on"
+            rule = "the shock changed" if abs(change) >= LARGE_STEP else "the shock changed a little"
             yield fault(rule, "the shock changed during the record", figure)
 
 
@@ -133,15 +130,11 @@ def _block_sizes(speed: Array, force: Array, phase: Array, block: NDArray[np.int
     return np.asarray(sizes)
 
 
-class _Step(NamedTuple):
-    """A step: number of the first block after it, relative change [1]."""
+def _step_of(sizes: Array) -> tuple[int, float] | None:
+    """Return the step of a sequence (K,), if it is one step and not a drift or scatter.
 
-    block: int
-    change: float
-
-
-def _step_of(sizes: Array) -> _Step | None:
-    """Return the step of a sequence (K,), if it is one step and not a drift or scatter."""
+    It is the number of the first block after the step, and the relative change [1].
+    """
     places = np.flatnonzero(np.isfinite(sizes))
     sizes = sizes[places]
     if sizes.size < FEWEST_BLOCKS:
@@ -157,7 +150,7 @@ def _step_of(sizes: Array) -> _Step | None:
         return None
     if scatter > STEP_SHARE * _smooth_scatter(places, sizes):
         return None
-    return _Step(int(places[split]), float(change))
+    return int(places[split]), float(change)
 
 
 def _scatter(sizes: Array, split: int) -> float:
@@ -191,17 +184,10 @@ ERRORS, SAME = 6.0, 0.02
 SWEEP = 0.25  #: Change of the stroke of a sine above which it is a sweep.
 
 
-class Explained(NamedTuple):
-    """Force that a curve over velocity, gas and a lag explain (N,) [N], and the force at standstill [N]."""
+def explained(series: TimeSeries) -> tuple[Array, float]:
+    """Return the force (N,) [N] that velocity, displacement and acceleration explain, and that at standstill [N].
 
-    force: Array
-    rest: float
-
-
-def explained(series: TimeSeries) -> Explained:
-    """Return the force that velocity, displacement and acceleration explain by least squares.
-
-    F = f(v) + a g(v) + k x, with f and g linear between knots; g is the effect of a lag
+    F = f(v) + a g(v) + k x by least squares, with f and g linear between knots; g is the effect of a lag
     """
     rate, force = series.sample_rate, series["force"]
     velocity = lowpass(series["velocity"], rate, min(50.0, 0.2 * rate), order=2)
@@ -213,7 +199,7 @@ def explained(series: TimeSeries) -> Explained:
     design = np.hstack(columns)
     found, *_ = np.linalg.lstsq(design.T @ design, design.T @ force, rcond=None)
     at_rest = int(np.argmin(np.abs(velocity)))
-    return Explained(design @ found, float(curve[at_rest] @ found[: curve.shape[1]]))
+    return design @ found, float(curve[at_rest] @ found[: curve.shape[1]])
 
 
 def _scaled(values: Array) -> Array:
@@ -233,7 +219,7 @@ def _hats(values: Array, count: int) -> Array:
 
 def drift_faults(series: TimeSeries, measured: tuple[str, ...]) -> Iterator[Fault]:
     """Yield a fault if the force drifts at the same motion, or the displacement beside the velocity."""
-    force, model = series["force"], explained(series).force
+    force, model = series["force"], explained(series)[0]
     span = float(np.ptp(model))
     parts = _parts(_cycle_blocks(series["velocity"]), series["velocity"])
     if len(parts) < DRIFT_BLOCKS:

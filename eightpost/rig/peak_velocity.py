@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from eightpost.signals.raw_record import ChannelMap, RawRecord
 
 
-# ---- The table ------------------------------------------------------------------------------------------------------
-
 FEWEST = 2  #: Minimum number of speeds for a curve.
 
 

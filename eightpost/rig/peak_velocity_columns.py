@@ -164,14 +164,7 @@ def _is_setting(name: str) -> bool:
     return letters_of(name) in words and not re.search(r"\d", name)
 
 
-def _is_numeric(column: NDArray[np.generic]) -> bool:
-    """Return whether all cells of a column are numbers."""
-    return column.dtype != object or all(is_number(str(cell)) for cell in column)
-
-
 # ==== A column per stroke or setting =================================================================================
-
-# ---- Names of columns -----------------------------------------------------------------------------------------------
 
 STROKES = tuple(STROKE_WORDS)  #: Both strokes.
 #: Name of a column of one stroke: a word for the stroke, optionally followed by the clicks.
@@ -268,22 +261,19 @@ class Columns:
         Raises:
             DataError: The table has a fault; see read_peak_velocity.
         """
-        sides = next((i for i in self._all("side") if not _is_numeric(self.record.columns[i])), None)
-        if sides is not None:
-            yield from self._by_side(self.record.columns[sides])
-        elif self._strokes:
+        words = [self.record.columns[i] for i in self._all("side")]
+        sides = next(
+            (cells for cells in words if cells.dtype == object and not all(map(is_number, map(str, cells)))), None
+        )
+        if sides is None and self._strokes:
             yield from self._by_stroke()
-        elif self.stroke is not None:
+        elif sides is None and self.stroke is None:
+            yield from self._by_sign()
+        else:
             settings = self._settings()
             for row, v, f in self._pairs(self._need("speed"), self._need("force"), "force"):
-                yield Point(settings[row], self.stroke, abs(v), f)
-        else:
-            yield from self._by_sign()
-
-    def _by_side(self, sides: NDArray[np.object_]) -> Iterator[Point]:
-        settings = self._settings()
-        for row, v, f in self._pairs(self._need("speed"), self._need("force"), "force"):
-            yield Point(settings[row], self._side(str(sides[row]), row), abs(v), f)
+                stroke = self.stroke or "" if sides is None else self._side(str(sides[row]), row)
+                yield Point(settings[row], stroke, abs(v), f)
 
     def _by_stroke(self) -> Iterator[Point]:
         settings = self._settings()

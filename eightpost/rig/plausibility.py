@@ -78,9 +78,6 @@ def part_faults(series: TimeSeries, *, measured: tuple[str, ...], until: float =
         yield fault("run-down of the machine", "the machine stops within the record", figure, remedy)
 
 
-# ---- Units ----------------------------------------------------------------------------------------------------------
-
-
 def _unit_faults(series: TimeSeries, measured: tuple[str, ...]) -> Iterator[Fault]:
     rate = series.sample_rate
     if not LOWEST_SAMPLING <= rate <= HIGHEST_SAMPLING:
@@ -164,9 +161,7 @@ def _rest_faults(series: TimeSeries, conditions: DynoConditions) -> Iterator[Fau
         return
     (rest, error), span = found, float(np.ptp(force))
     share = f"{rest:.4g} N at standstill, {100.0 * rest / span:.2g} % of the force's range"
-    if (
-        rest < -0.5 * REST_SHARE * span and explained(series).rest < -REST_SHARE * span
-    ):  # a lag of a stiff rebound does not count
+    if rest < -0.5 * REST_SHARE * span and explained(series)[1] < -REST_SHARE * span:  # not a lag of a stiff rebound
         what = "the force at standstill is negative, although gas pushes"
         yield fault("negative force at standstill", what, share)
     if rest > max(0.5 * span, STRONG_GAS):
@@ -275,7 +270,7 @@ def _spectrum_faults(series: TimeSeries, measured: tuple[str, ...]) -> Iterator[
     for name in ("force", "velocity", "displacement"):
         figure = _hum(series[name], rate) if name in measured else ""
         if name == "force" and not figure:  # without harmonics of the motion
-            figure = _hum(force - explained(series).force, rate, float(np.ptp(force)))
+            figure = _hum(force - explained(series)[0], rate, float(np.ptp(force)))
         if figure:
             yield fault("hum", f"the {name} has hum", figure)
     frequency = float(velocity.std() / displacement_of(series).std()) / (2.0 * np.pi)

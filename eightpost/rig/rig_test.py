@@ -60,8 +60,6 @@ def _check_rig_units(series: TimeSeries, corners: tuple[str, ...], *, origin: Or
 
 # ==== Rig tests ======================================================================================================
 
-# ---- Names and units of the rig's channels (Table 6.1; docs/explanation/rig.md) --------------------------------------
-
 _AT_CORNERS = {
     "road": "m", "road_command": "m", "aero": "N", "aero_command": "N", "aero_position": "m", "tire_force": "N",
     "displacement": "m", "velocity": "m/s", "force": "N", "hub_acceleration": "m/s2", "chassis_acceleration": "m/s2",

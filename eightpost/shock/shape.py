@@ -248,13 +248,11 @@ def fit_law(law: ShockLaw) -> ShapeFit:
     return replace(found, shape=shape)
 
 
-def _fit_shape(curve: StaticCurve, reach: float = REACH) -> ShapeFit:
-    """Fit a shape to a curve by least squares of the force, at equal steps of the root of the speed."""
-    return fit_force(curve.force, min(reach, curve.compression_speed), min(reach, curve.rebound_speed))
-
-
 def fit_force(force: Callable[[float], float], compression_speed: float, rebound_speed: float) -> ShapeFit:
-    """Fit a shape to a force [N] over velocity [m/s], as `_fit_shape`, up to a speed of each side [m/s]."""
+    """Fit a shape to a force [N] over velocity [m/s], up to a speed of each side [m/s].
+
+    The squares of the force are least at equal steps of the root of the speed.
+    """
     speeds = np.stack([compression_speed * _SPEEDS, rebound_speed * _SPEEDS])
     forces = np.array([[force(v) for v in speeds[0].tolist()], [-force(-v) for v in speeds[1].tolist()]])
     scales = np.sqrt(np.mean(forces**2, axis=1))  # each side counts by its own force
@@ -280,10 +278,12 @@ class _Problem:
     def solution(self) -> Array:
         """Return the logarithms of the numbers (10,) with the smallest errors."""
         low, high = _BOUNDS.T
-        ends = [
-            least_squares(self._residuals, start, self._jacobian, (low, high), x_scale="jac")
-            for start in self._starts()
-        ]
+
+        def residuals(numbers: Array) -> Array:
+            return np.concatenate([self.errors(numbers), _PULL * (numbers - _MIDDLE)])
+
+        starts = self._starts()
+        ends = [least_squares(residuals, start, self._jacobian, (low, high), x_scale="jac") for start in starts]
         return np.asarray(min(ends, key=lambda end: float(end.cost)).x)
 
     def _starts(self) -> list[Array]:
@@ -296,9 +296,6 @@ class _Problem:
         found[:, _KNEE] = np.log(pairs[lowest])
         found[:, _LINEAR] = np.log(np.maximum([fits[place][0] for place in lowest], 1e-9))
         return list(np.clip(found, _BOUNDS[:, 0] + 0.02, _BOUNDS[:, 1] - 0.02))
-
-    def _residuals(self, numbers: Array) -> Array:
-        return np.concatenate([self.errors(numbers), _PULL * (numbers - _MIDDLE)])
 
     def _jacobian(self, numbers: Array) -> Array:
         """Return the derivatives (2 N + 10, 10) of the residuals by the logarithms."""

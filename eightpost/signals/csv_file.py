@@ -6,7 +6,7 @@ import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -42,9 +42,7 @@ if TYPE_CHECKING:
     from eightpost.signals.timeseries import TimeSeries
 
 
-# ==== Reading and writing ============================================================================================
-
-# ---- Delimited text files with preamble, header with units, and decimal comma ---------------------------------------
+# ==== Reading and writing of delimited text files with preamble, header with units, and decimal comma ================
 
 _NO_TIMES = "%%never%%"  #: A format that no cell has, so that times of day and dates stay texts.
 #: Maximum share of filled cells of a column without a name that is left out: it has remarks beside some samples.
@@ -52,7 +50,7 @@ _REMARKS = 0.5
 _LONGEST_LINE = 2**18  #: Maximum number of characters in a line, enough for about ten thousand channels.
 
 
-def read_delimited(path: str | Path) -> tuple[RawRecord, ...]:
+def read_delimited(path: Path) -> tuple[RawRecord, ...]:
     """Read a delimited text file with one or several tables, each with its own header and preamble.
 
     Supported are preamble lines and footers; units in the header (`velocity [in/s]`, `Force (N)`, `x_mm`) or in a row
@@ -63,10 +61,8 @@ def read_delimited(path: str | Path) -> tuple[RawRecord, ...]:
     Raises:
         FileFormatError: There is no table, or a line has another number of columns.
     """
-    path = Path(path)
     with reading(path):
-        content = path.read_bytes()
-    text = decoded(content)
+        text = decoded(path.read_bytes())
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     if "\0" in text:
         number = next(number for number, line in enumerate(lines, 1) if "\0" in line)
@@ -86,11 +82,11 @@ def text_records(lines: list[str], path: Path, *, may_be_cut: bool = False) -> t
         FileFormatError: A table cannot be read; see read_delimited.
     """
     lines, signs = with_minus_signs(lines)
-    plain, comments = _without_comments(lines, _cells_of)
-    notes = (_comment_note(lines, comments),) if comments else ()
+    plain, notes = _without_comments(lines)
     if (first := _first_row_of_channels(plain)) is not None:
-        (block,) = _find_blocks(upright := _with_upright_table(plain, first))
-        record = _record(upright, block, path, notes=notes, steps=signs, may_be_cut=False)
+        table = [cells for line in plain[first:] if len(cells := _cells_of(line)) > 1]
+        upright = [*plain[:first], *("\t".join(column) for column in zip(*table, strict=False))]
+        record = _record(upright, _find_blocks(upright)[0], path, notes=notes, steps=signs, may_be_cut=False)
         rows = np.full(record.columns[0].size, first + 1)
         return (replace(record, origin=Origin(path, rows, first + 1)),)
     blocks = _find_blocks(plain)
@@ -112,10 +108,12 @@ def _record(
     if may_be_cut and numbers.size:
         ends = [cells[i - first][-1] for i in numbers]
         if _is_cut_off(ends, has_end=int(numbers[-1]) < len(lines)):
-            notes = (*notes, CUT_NOTE.format(line=numbers[-1], cell=ends[-1]))
-            numbers = numbers[:-1]
-    rows = (layout.filled(lines[i - 1]) for i in numbers)
-    columns, more = _columns("\n".join(rows), layout, numbers, path)
+            note = (
+                f"the last sample (line {numbers[-1]}) was left out: its last number {ends[-1]!r} has fewer digits "
+                "than the others, so the file is probably not complete; export it again"
+            )
+            notes, numbers = (*notes, note), numbers[:-1]
+    columns, more = _columns("\n".join(layout.filled(lines[i - 1]) for i in numbers), layout, numbers, path)
     origin = Origin(path, numbers, layout.unit_line)
     return RawRecord(origin, layout.names, layout.units, columns, block.preamble, notes, (*steps, *more))
 
@@ -220,8 +218,6 @@ def write_csv(
 
 
 # ==== Layout: delimiter, header, units, and several tables one below the other =======================================
-
-# ---- Layout of a text file ------------------------------------------------------------------------------------------
 
 #: Number of lines from which the layout is found.
 _LAYOUT_LINES = 200
@@ -351,9 +347,7 @@ def _numbers_in(line: str, delimiter: str) -> int:
     return sum(is_number(cell) for cell in _split_cells(line, delimiter))
 
 
-# ---- Tables whose rows are channels ---------------------------------------------------------------------------------
-
-_MOST_CHANNELS = 60  #: Largest number of channels of such a table.
+_MOST_CHANNELS = 60  #: Largest number of channels of a table whose rows are channels.
 
 
 def _first_row_of_channels(lines: list[str]) -> int | None:
@@ -369,12 +363,6 @@ def _first_row_of_channels(lines: list[str]) -> int | None:
     named = all(not is_number(name) and name and all(map(is_number, cells)) for name, *cells in table)
     has_header = rows[0] > 0 and len(_cells_of(lines[rows[0] - 1])) == len(table[0])
     return rows[0] if named and not has_header and len({len(cells) for cells in table}) == 1 else None
-
-
-def _with_upright_table(lines: list[str], first: int) -> list[str]:
-    """Return lines in which the channels of the table from the line `first` on are columns, separated by tabs."""
-    table = [_cells_of(line) for line in lines[first:] if len(_cells_of(line)) > 1]
-    return [*lines[:first], *("\t".join(column) for column in zip(*table, strict=False))]
 
 
 # ---- Blocks of a text file that contains several tables, one below the other, each with its own preamble ------------
@@ -405,8 +393,7 @@ def _find_blocks(lines: list[str]) -> tuple[Block, ...]:
         return (Block(0, len(lines), ()),)
     starts = [0]
     for header in headers[1:]:  # below the last line above it that begins with a number
-        numbers = (i for i in range(header, 0, -1) if is_number(_first_cell(lines[i - 1])))
-        starts.append(next(numbers, 0))
+        starts.append(next((i for i in range(header, 0, -1) if _begins_with_number(lines[i - 1])), 0))
     stops = [*starts[1:], len(lines)]
     return tuple(
         Block(start, stop, _preamble(lines[start:header]))
@@ -441,10 +428,9 @@ def _names_above_numbers(lines: list[str], row: int) -> set[str]:
     return set()
 
 
-def _first_cell(line: str) -> str:
-    cells = [_split_cells(line, delimiter) for delimiter in _DELIMITERS if delimiter in line]
-    numbers = [row[0] for row in cells if row and is_number(row[0])]
-    return numbers[0] if numbers else line
+def _begins_with_number(line: str) -> bool:
+    cells = (_split_cells(line, delimiter)[0] for delimiter in _DELIMITERS if delimiter in line)
+    return any(map(is_number, cells)) or is_number(line)
 
 
 def _preamble(lines: list[str]) -> tuple[tuple[str, ...], ...]:
@@ -465,29 +451,33 @@ def _cells(line: str, delimiter: str) -> list[str]:
 
 # ==== Lines that are left out with a note: comments among the samples, a last sample that was cut off ================
 
-# ---- Comments -------------------------------------------------------------------------------------------------------
-
 _COMMENT = re.compile(r"\s*(?:#|%|//)")
-
 _SHOWN = 60  #: Maximum number of characters of a comment in a note.
 
 
-def _without_comments(lines: Sequence[str], split: Callable[[str], list[str]]) -> tuple[list[str], list[int]]:
-    """Return lines in which comments between two lines of numbers are empty, and the indices of these comments.
+def _without_comments(lines: Sequence[str]) -> tuple[list[str], tuple[str, ...]]:
+    """Return lines in which comments between two lines of numbers are empty, and a note on these comments.
 
     A comment with as many cells as the numbers around it may be a header, and is kept.
     """
-    found: list[int] = []
+    places: list[int] = []
     kept = list(lines)
     for i in (i for i, line in enumerate(lines) if _COMMENT.match(line)):
         before, after = _neighbour(lines, i, -1), _neighbour(lines, i, 1)
         if not before or not after:
             continue
-        cells = [split(line) for line in (before, lines[i], after)]
+        cells = [_cells_of(line) for line in (before, lines[i], after)]
         if all(sum(map(is_number, row)) > 1 for row in (cells[0], cells[2])) and len(cells[1]) < len(cells[0]):
-            found.append(i)
+            places.append(i)
             kept[i] = ""
-    return kept, found
+    if not places:
+        return kept, ()
+    first = lines[places[0]].strip()
+    shown = first if len(first) <= _SHOWN else f"{first[:_SHOWN]}..."
+    return kept, (
+        f"{len(places)} comment lines among the samples were left out, the first is line {places[0] + 1}: {shown!r}; "
+        "if it states a change of the test, fit the parts alone (--set segment)",
+    )
 
 
 def _neighbour(lines: Sequence[str], start: int, step: int) -> str:
@@ -496,16 +486,6 @@ def _neighbour(lines: Sequence[str], start: int, step: int) -> str:
     while 0 <= place < len(lines) and (not lines[place].strip() or _COMMENT.match(lines[place])):
         place += step
     return lines[place] if 0 <= place < len(lines) else ""
-
-
-def _comment_note(lines: Sequence[str], places: Sequence[int]) -> str:
-    """Return a note on comments at the indices `places` of a file's lines."""
-    first = lines[places[0]].strip()
-    shown = first if len(first) <= _SHOWN else f"{first[:_SHOWN]}..."
-    return (
-        f"{len(places)} comment lines among the samples were left out, the first is line {places[0] + 1}: {shown!r}; "
-        "if it states a change of the test, fit the parts alone (--set segment)"
-    )
 
 
 # ---- A sample that was cut off --------------------------------------------------------------------------------------
@@ -532,11 +512,9 @@ def _is_cut_off(cells: Sequence[str], *, has_end: bool) -> bool:
     above = np.sort([_digits(cell) for cell in cells[:-1]], axis=0)
     decimals, exponent = _digits(cells[-1])
     least, most = above[0 if has_end else round(_RARE * len(above))], above[-1]
-    if decimals < least[0] and (not has_end or least[0] == most[0]):
-        return True
     if has_end:
-        return False
-    return exponent < least[1] or _is_off(cells)
+        return bool(decimals < least[0] == most[0])
+    return decimals < least[0] or exponent < least[1] or _is_off(cells)
 
 
 def _digits(cell: str) -> tuple[int, int]:
@@ -557,9 +535,3 @@ def _is_off(cells: Sequence[str]) -> bool:
         return False
     bends = np.abs(np.diff(values, 2))
     return bool(bends[-1] > _FAR * bends[:-1].max())
-
-
-CUT_NOTE = (
-    "the last sample (line {line}) was left out: its last number {cell!r} has fewer digits than the others, so the "
-    "file is probably not complete; export it again"
-)

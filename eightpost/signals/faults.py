@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     from eightpost.errors import DataError
 
 
-# ---- Origin of a record, which error messages use to state the location of a fault ----------------------------------
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Origin:
     """File of a record and line number of each sample."""

@@ -157,8 +157,6 @@ def _mapped(entry: object, where: str, path: Path) -> MappedChannel:
 
 _LOG = logging.getLogger(__name__)
 
-# ---- Raw records ----------------------------------------------------------------------------------------------------
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawRecord:
@@ -224,6 +222,10 @@ class RawRecord:
                          f"{max(map(len, short))} in a row; they were bridged by straight lines")  # fmt: skip
         return replace(self, columns=tuple(columns), steps=(*self.steps, *steps)) if steps else self
 
+    def with_column(self, place: int, values: NDArray[Any]) -> RawRecord:
+        """Return the record with other values (N,) in a column."""
+        return replace(self, columns=(*self.columns[:place], values, *self.columns[place + 1 :]))
+
     def log_notes(self) -> None:
         """Log what was left out, for readers whose result has no notes."""
         for note in (*self.notes, *self.steps):
@@ -240,13 +242,9 @@ class RawRecord:
             "columns by number and their units, --channel 'force=3 [N]'"
         )
 
-    def twins(self, source: str) -> tuple[str, ...]:
-        """Return the names of further columns that had the same name in the file."""
-        return tuple(name for name in self.names if re.fullmatch(rf"{re.escape(source)} \(\d+\)", name))
-
     def check_unique(self, source: str, *, channel: str | None = None) -> None:
         """Raise a FileFormatError if several columns of the file have the name `source`."""
-        if self.twins(source):
+        if any(re.fullmatch(rf"{re.escape(source)} \(\d+\)", name) for name in self.names):
             what = f"the column name {source!r} is not unique; rename one of the columns"
             raise self.origin.header_fault(FileFormatError, what, channel=channel)
 
@@ -491,6 +489,24 @@ def spread_evenly(times: NDArray[np.float64]) -> NDArray[np.float64]:
     places = np.arange(times.size)
     even = np.asarray(np.polyval(np.polyfit(places, times, 1), places), dtype=np.float64)
     return even if np.ptp(even - times) <= _ROUNDED else times
+
+
+def table_of(
+    signals: Sequence[Signal], path: Path, preamble: tuple[tuple[str, ...], ...] = (), notes: tuple[str, ...] = ()
+) -> RawRecord:
+    """Return channels with one axis of time as a table, with the time as its column `time` [s]."""
+    names, units = ("time", *(signal.name for signal in signals)), ("s", *(signal.unit or None for signal in signals))
+    columns = (signals[0].times, *(signal.samples for signal in signals))
+    return RawRecord(Origin(path), names, units, columns, preamble, notes)
+
+
+def tables_of(
+    signals: Sequence[Signal], path: Path, preamble: tuple[tuple[str, ...], ...], notes: tuple[str, ...] = ()
+) -> tuple[RawRecord, ...]:
+    """Return a table for each axis of time; the first one has the temperatures of the others too, interpolated."""
+    first, *others = by_time(signals)
+    tables = ([*first, *temperatures_at(first[0].times, others)], *others)
+    return tuple(table_of(table, path, preamble, notes) for table in tables)
 
 
 def temperatures_at(times: NDArray[np.float64], tables: Sequence[Sequence[Signal]]) -> list[Signal]:

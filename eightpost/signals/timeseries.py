@@ -259,9 +259,6 @@ def _is_read_only(values: NDArray[Any]) -> bool:
     return owner is None
 
 
-# ---- Base of objects with a time series: their display, and their channels as tables --------------------------------
-
-
 class Recording(Summarized):
     """Object with channels over time, which a notebook shows in a few lines and turns into tables."""
 

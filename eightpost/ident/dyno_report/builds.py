@@ -360,15 +360,7 @@ def dyno_report(
     limits: CurveLimits | None = None,
     track: Mapping[str, Array] | None = None,
 ) -> DynoReport:
-    """Return the report of entries.
-
-    Args:
-        entries: Runs, tables and laws.
-        speeds: Speeds of the tables [m/s]; default 1 to 20 in/s as far as any curve goes.
-        corners: Corners for damping ratios.
-        fitted_to: Build of corners of the car.
-        limits: Curve with tolerances for the measured curves.
-        track: Velocities of the shaft on a track [m/s] by name of the file.
+    """Return the report of entries; the arguments are its fields, with speeds of 1 to 20 in/s that a curve reaches.
 
     Raises:
         InputError: A name is not a build of the report, or a speed is not positive.
@@ -377,16 +369,13 @@ def dyno_report(
     fitted = dict(fitted_to or {})
     for corner, build in fitted.items():
         if not any(build in (v.label, v.build) for v in variants):
-            raise InputError(f"--corner {corner}={build}: {build!r} is not one of the builds: {_listed(variants)}")
+            listed = ", ".join(dict.fromkeys(name for variant in variants for name in (variant.build, variant.label)))
+            raise InputError(f"--corner {corner}={build}: {build!r} is not one of the builds: {listed}")
     if wrong := [speed for speed in speeds if not speed > 0.0]:
         raise InputError(f"--set speed must be above 0, not {wrong[0]:g} m/s")
     reached = max((entry.highest for entry in entries), default=0.0)
     shown = tuple(sorted(set(speeds))) or tuple(speed for speed in SPEEDS if speed <= reached) or SPEEDS[:1]
     return DynoReport(tuple(entries), variants, shown, tuple(corners), fitted, limits, dict(track or {}))
-
-
-def _listed(variants: Sequence[BuildVariant]) -> str:
-    return ", ".join(dict.fromkeys(name for variant in variants for name in (variant.build, variant.label)))
 
 
 # ==== Reading of files, and the build to which each of them belongs ==================================================

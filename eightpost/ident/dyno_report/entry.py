@@ -224,8 +224,6 @@ def _without_gas(entry: Entry, slow: Entry) -> Entry:
                    notes=(*entry.notes, note))  # fmt: skip
 
 
-# ---- Tables ---------------------------------------------------------------------------------------------------------
-
 _NO_TIME = Unknown("a peak-velocity table has no time")
 
 

@@ -149,9 +149,7 @@ def _peaks(flat: NDArray[np.bool_], high: NDArray[np.bool_]) -> int:
     return int(np.unique(stretch[flat]).size)
 
 
-# ==== Delays between loggers, and lost channels ======================================================================
-
-# ---- Check for channels that fail during a record: a cable breaks, or a logger repeats its last value ---------------
+# ==== Channels that fail during a record: a cable breaks, or a logger repeats its last value =========================
 
 LOST_SPAN = 0.25  #: Time for which a failed channel repeats one value [s] ...
 MOVING = 0.5  #: ... and fraction of its samples in which another channel changes if it moves [1].
@@ -199,7 +197,7 @@ def _others_move(series: TimeSeries, names: Sequence[str], own: str, held: slice
     return bool(moving) and float(np.mean(moving)) > 0.5
 
 
-# ---- Time lags between channels, loggers and runs, estimated by cross-correlation -----------------------------------
+# ==== Time lags between channels, loggers and runs, estimated by cross-correlation ===================================
 
 LONGEST_START = 10.0  #: Longest time between the starts of two runs [s].
 
@@ -276,11 +274,7 @@ def drifts(series: TimeSeries, corners: Sequence[str]) -> tuple[Lag, ...]:
     """
     span = min(SPAN, 0.5 * series.duration)
     first, last = series.time[0], series.time[-1]
-    pairs = zip(
-        _lags(series.window(first, first + span), corners),
-        _lags(series.window(last - span, last), corners),
-        strict=True,
-    )
+    ends = (series.window(first, first + span), series.window(last - span, last))
     changes = [
         late._replace(
             seconds=late.seconds - early.seconds,
@@ -288,16 +282,14 @@ def drifts(series: TimeSeries, corners: Sequence[str]) -> tuple[Lag, ...]:
             usual=late.usual if late.channel == "tire_force" else DRIFT,
             spread=float(np.hypot(early.spread, late.spread)),
         )
-        for early, late in pairs
+        for early, late in zip(*(_lags(end, corners) for end in ends), strict=True)
     ]
     return tuple(change for change in changes if change.is_notable)
 
 
 def _lags(series: TimeSeries, corners: Sequence[str]) -> tuple[Lag, ...]:
     comparison = _Comparison(series, tuple(corners))
-    lags = [comparison.travel(corner) for corner in corners]
-    lags += [comparison.force(corner) for corner in corners]
-    lags.append(comparison.loads())
+    lags = [*map(comparison.travel, corners), *map(comparison.force, corners), comparison.loads()]
     return tuple(lag for lag in lags if lag is not None)
 
 
@@ -365,17 +357,14 @@ class _Comparison:
         A shock that is mounted inboard on a solid axle moves with both wheels.
         """
         pot = channel(corner, "displacement")
-        across = [other for other in self._axle(corner) if other != corner]
         if not self._there([pot, *self._accelerometers(corner)]):
             return None
-        compared = [corner, *(other for other in across if self._there(self._accelerometers(other)))]
+        axle = self._corners[:2] if corner in self._corners[:2] else self._corners[2:]
+        across = (other for other in axle if other != corner and self._there(self._accelerometers(other)))
+        compared = [corner, *across]
         relative = [self._low[hub] - self._low[chassis] for hub, chassis in map(self._accelerometers, compared)]
         bend = derivative(derivative(self._low[pot], self._rate), self._rate)
         return self._lag(pot, "the accelerometers", bend, np.stack(relative), TRAVEL_LAG)
-
-    def _axle(self, corner: str) -> tuple[str, ...]:
-        front = corner in self._corners[:2]
-        return self._corners[:2] if front else self._corners[2:]
 
     def _accelerometers(self, corner: str) -> tuple[str, str]:
         return channel(corner, "hub_acceleration"), channel(corner, "chassis_acceleration")

@@ -10,7 +10,8 @@ from eightpost.__main__ import main
 from eightpost.errors import InputError, TooShortError
 from eightpost.ident.dyno_report.builds import Reading, dyno_report, read_entries, read_limits, read_track
 from eightpost.ident.dyno_report.entry import entry_of_test
-from eightpost.ident.dyno_report.page import curves_figure, limit_table
+from eightpost.ident.dyno_report.figures import curves_figure
+from eightpost.ident.dyno_report.page import limit_table
 
 from .conftest import run, sine, valve, viscous
 
