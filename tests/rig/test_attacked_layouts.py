@@ -88,11 +88,6 @@ READ = {
         "t [s],x [mm],v [mm/s],F*v [W],E [J],dF [N],F [N]",
         [*CHANNELS[:3], shown(F * V), column("0"), shown(np.gradient(F)), FORCE],
     ),
-    "Chinese": text("时间(s),位移(mm),速度(mm/s),力(N)", CHANNELS),
-    "Korean": text("시간(s),변위(mm),속도(mm/s),하중(N)", CHANNELS),
-    "Portuguese": text("Tempo (s);Deslocamento (mm);Velocidade (mm/s);Força (N)", CHANNELS, sep=";"),
-    "Dutch": text("Tijd (s);Verplaatsing (mm);Snelheid (mm/s);Kracht (N)", CHANNELS, sep=";"),
-    "Swedish": text("Tid (s);Förskjutning (mm);Hastighet (mm/s);Kraft (N)", CHANNELS, sep=";"),
     "full-width digits": text("t [s],x [㎜],v [㎜/s],Ｆ [Ｎ]", [*CHANNELS[:3], [c.translate(WIDE) for c in FORCE]]),
     "a calibration table above": text(
         "t [s],x [mm],v [mm/s],F [N]", CHANNELS, above="Calibration\nmV,N,gain,off\n1,2,3,4\n2,4,6,8\n\n"
@@ -114,10 +109,6 @@ REFUSED = {
     "least and largest force": (
         text("t [s],x [mm],v [mm/s],Force max [N],Force min [N]", [*CHANNELS, FORCE]), "--channel force=",
     ),
-    "counts": (text("t [s],x [mm],v [mm/s],F [counts]", CHANNELS, above="Scale: 0.1 N/count\n"), "'counts' cannot be"),
-    "another rate from the middle on": (
-        text("t [s],x [mm],v [mm/s],F [N]", [c[:240] + c[240::2] for c in CHANNELS]), "gap",
-    ),
     "extension for compression": (
         text("t [s],Extension [mm],Extension velocity [mm/s],Tension [N]", CHANNELS), "--channel force=",
     ),
@@ -136,8 +127,13 @@ def test_full_width_letters_of_text_columns_do_not_matter(tmp_path):
     assert len(record.columns[1]) == COUNT
 
 
-def test_pounds_of_force_are_known_with_a_hyphen():
-    assert convert(1.0, "Pounds-Force", "N") == pytest.approx(convert(1.0, "lbf", "N"))
+@pytest.mark.parametrize(
+    ("spelling", "unit"),
+    [("Pounds-Force", "lbf"), ("lb-f", "lbf"), ("S", "s"), ("MS", "ms"), ("M/S", "m/s"), ("in./sec", "in/s"),
+     ("sec.", "s"), ("mm.s-1", "mm/s"), ("mm*s^-1", "mm/s"), ("mm s^-1", "mm/s")],
+)  # fmt: skip
+def test_spellings_of_loggers_are_units(spelling, unit):
+    assert convert(1.0, spelling, unit) == pytest.approx(1.0)
 
 
 NAMES = ["t [s]", "x [mm]", "v [mm/s]", "F [N]"]
@@ -211,10 +207,6 @@ def units_row(units, *, more=()):
 
 READ |= {
     "a row of units that is shorter than the names": units_row("s,mm,mm/s,N", more=[column("1")]),
-    "seconds, metres and pounds in capitals": text(
-        "TIME [S],DISP [MM],VEL [M/S],LOAD [LBF]", [*SI[:2], ("v", "m/s"), ("F", "lbf")]),
-    "thousandths of an inch as mils": text(
-        "t [s],x [mils],v [in/s],F [lbf]", [SI[0], [f"{1e3 * x / 0.0254:.12g}" for x in X], *US[2:4]]),
     "a hidden sheet with an older run": book({"Old": [NAMES, *OLDER], "Data": [NAMES, *grid()]}, hidden=("Old",)),
     "a sheet that is hidden, and no other": book({"Data": [NAMES, *grid()], "Page": [["Test 7"]]}, hidden=("Data",)),
     "a remark beside one row": sheets(
@@ -253,7 +245,6 @@ REFUSED |= {
 }  # fmt: skip
 
 
-@pytest.mark.repeated(2)
 @pytest.mark.parametrize("layout", LEFT_OUT)
 def test_column_that_is_not_needed_does_not_prevent_reading_and_is_reported(layout, tmp_path):
     write, message = LEFT_OUT[layout]
@@ -293,16 +284,6 @@ def test_column_of_another_number_of_cells_than_the_names_is_refused(tmp_path):
         read_dyno_test(text(H, [*SI, column("7")])(tmp_path))
 
 
-@pytest.mark.parametrize(("capitals", "unit"), [("S", "s"), ("MS", "ms"), ("mS", "ms"), ("M/S", "m/s"), ("m/S", "m/s")])
-def test_capitals_of_seconds_are_not_siemens(capitals, unit):
-    assert convert(1.0, capitals, unit) == 1.0
-
-
-@pytest.mark.parametrize("unit", ["mm.s-1", "mm*s^-1", "mm s^-1", "mm.s^-1"])
-def test_powers_of_units_may_be_negative(unit):
-    assert convert(1.0, unit, "mm/s") == pytest.approx(1.0)
-
-
 # ---- Tables of peak velocities --------------------------------------------------------------------------------------
 
 #: Header and columns of one setting in layouts with more than speed and two forces.
@@ -317,7 +298,6 @@ TABLES = {
         [SPEED, BUMP, DROOP, -DROOP / BUMP, BUMP / SPEED, SPEED]),
     "standard deviations": (
         "Speed [mm/s],Comp [N],Reb [N],Comp Std [N],Reb Std [N]", [SPEED, BUMP, DROOP, BUMP / 99, DROOP / 99]),
-    "targets": ("Speed [mm/s],Comp [N],Reb [N],Comp Target [N],Reb Target [N]", [SPEED, BUMP, DROOP, BUMP, 9 * DROOP]),
     "smallest, mean and largest": (
         "Speed [mm/s],Comp Min [N],Comp Avg [N],Comp Max [N],Reb Min [N],Reb Avg [N],Reb Max [N]",
         [SPEED, BUMP / 2, BUMP, 2 * BUMP, DROOP / 2, DROOP, 2 * DROOP]),
@@ -325,7 +305,6 @@ TABLES = {
         "Speed [mm/s],Peak Comp Force [N],Peak Reb Force [N],Avg Comp Force [N]", [SPEED, BUMP, DROOP, BUMP / 2]),
     "German": ("Geschwindigkeit [mm/s],Druckstufe [N],Zugstufe [N]", [SPEED, BUMP, -DROOP]),
     "French": ("Vitesse [mm/s],Compression [N],D\u00e9tente [N]", [SPEED, BUMP, DROOP]),
-    "Italian": ("Velocit\u00e0 [mm/s],Compressione [N],Estensione [N]", [SPEED, BUMP, DROOP]),
 }  # fmt: skip
 
 
@@ -382,7 +361,6 @@ def test_shock_at_rest_does_not_show_the_units_of_its_corner():
 
 
 AT = datetime.datetime(2026, 11, 12, 10, 59, 59, 500000)
-METRIC = [("t", "s"), ("x", "m"), ("v", "m/s"), ("F", "kN")]
 
 
 def blanks(header, columns=SI, **options):
@@ -428,43 +406,25 @@ def controldesk(names=("Disp", "Vel", "Force"), *, unit="s", axes=1, name="rec_0
 READ |= {
     # Units behind a blank
     "names and units, commas": text("Time s,Disp mm,Vel mm/s,Force N"),
-    "names and units, semicolons": text("Time s;Disp mm;Vel mm/s;Force N", sep=";", decimal=","),
     "words of two parts": text("Time s,Shock Disp in,Shock Vel in/sec,Damper Force lb,Temp deg F", US),
     "capitals behind a blank": text("TIME S,DISP MM,VEL MM/S,FORCE N"),
-    "German with units behind a blank": text("Zeit s;Weg mm;Geschwindigkeit mm/s;Kraft N", sep=";", decimal=","),
     "a count beside a force in a unit": text("Time s,Disp mm,Vel mm/s,Load cell N,Load 2", [*SI, column("1")]),
     # Columns between blanks
     "blanks between names and units": blanks("Time s Disp mm Vel mm/s Force N"),
     "blanks, units in a row": blanks(["Time Disp Vel Force", "s mm mm/s N"]),
     "fixed width": padded("Time [s]  Disp [mm]  Vel [mm/s]  Force [N]"),
-    "fixed width, units behind a blank": padded("Time s  Disp mm  Vel mm/s  Force N"),
     "a word behind the numbers": blanks("t[s] x[mm] v[mm/s] F[N] Phase", [*SI, column("up")]),
-    "a word between the numbers": blanks("t[s] Status x[mm] v[mm/s] F[N]", [SI[0], column("OK"), *SI[1:]]),
     "two words, decimal comma": blanks("t[s] x[mm] v[mm/s] F[N] A B", [*SI, column("a"), column("b")], decimal=","),
-    "words that change": blanks("t[s] x[mm] v[mm/s] F[N] Side", [*SI, ["comp" if v > 0 else "reb" for v in V]]),
     "words above a footer": blanks("t[s] x[mm] v[mm/s] F[N] Phase", [*SI, column("up")], below="End of test\n"),
     "a time between blanks": blanks("Time x[mm] v[mm/s] F[N]", [clock(AT), *SI[1:]]),
     # Dates
     "day, month as a word": dated("%d-%b-%Y %H:%M:%S.%f"),
-    "day, whole month": dated("%d %B %Y %H:%M:%S.%f"),
-    "month as a word, day": dated("%b %d %Y %H:%M:%S.%f"),
-    "month as a word, day, comma": dated("%b %d, %Y %H:%M:%S.%f", quote='"'),
     "weekday": dated("%A, %d %B %Y %H:%M:%S.%f", quote='"'),
-    "German month": dated("12. M\u00e4rz 2026 %H:%M:%S.%f"),
-    "French month": dated("12 ao\u00fbt 2026 %H:%M:%S.%f"),
-    "Spanish month": dated("12 dic 2026 %H:%M:%S.%f"),
-    "year of two digits, dots": dated("%d.%m.%y %H:%M:%S.%f"),
-    "year of two digits, slashes": dated("%m/%d/%y %H:%M:%S.%f"),
-    "year of two digits, month as a word": dated("%d-%b-%y %H:%M:%S.%f"),
-    "half days": dated("%d-%b-%y %I:%M:%S.%f %p"),
-    "slashes, year first": dated("%Y/%m/%d %H:%M:%S.%f"),
     "year of two digits past midnight": dated("%d.%m.%y %H:%M:%S.%f", start=AT.replace(hour=23, minute=59, second=59)),
-    "a T before the time": dated("%d-%b-%YT%H:%M:%S.%f"),
     # ControlDesk
     "a recording": controldesk(),
     "a recording with paths": controldesk(['"Model Root"/"Disp"/"Out1"', '"Model Root"/"Vel"/"Out1"',
                                            '"Model Root"/"Force"/"Out1"']),
-    "a recording with two axes of time": controldesk(axes=2),
     "a recording with a slow signal first": controldesk(axes=2, slow_first=True),
     "a footer with a date": text(H, below="12-Nov-2026 11:00:01,end,,\n"),
 }  # fmt: skip
@@ -481,10 +441,7 @@ REFUSED |= {
         "columns"),
     "a date of three words between blanks": (
         blanks("Time x[mm] v[mm/s] F[N]", [clock(AT, "%d %b %Y %H:%M:%S.%f"), *SI[1:]]), "columns"),
-    "no month": (dated("%d-Foo-%Y %H:%M:%S.%f"), "neither a number nor a time"),
     "a record over days": (dated("%d-%b-%Y %H:%M:%S.%f", days=2), "at other times than midnight"),
-    "a date without a time": (dated("%d-%b-%Y"), "neither a number nor a time"),
-    "a month above twelve is a word": (dated("%d-Mon-%y %H:%M:%S.%f"), "neither a number nor a time"),
     "a recording without a unit of time": (controldesk(unit=""), "'time' has no unit"),
     "a recording without names": (controldesk(["a", "b", "c"]), "force"),
     "a recording without the axis of time of a signal": (controldesk(axes=2, has_index=False), "--channel time=COLUMN"),

@@ -14,7 +14,6 @@ from eightpost.errors import (
     ClippedChannelError,
     ConstantChannelError,
     MissingChannelError,
-    NotANumberError,
     TimeGapError,
     TooShortError,
     WrongSignError,
@@ -82,13 +81,6 @@ def test_a_record_is_read_back_from_its_file_with_conditions_and_digest(record, 
     assert again.sha256 == sha256_of(path)
     assert again.series.names == record.series.names
     assert again.series["lf.tire_force"] == pytest.approx(record.series["lf.tire_force"], rel=1e-6)
-
-
-@pytest.mark.nightly
-def test_a_record_is_read_back_from_csv(record, tmp_path):
-    path = tmp_path / "rig.csv"
-    record.write(path)
-    assert read_rig_test(path).series["rr.force"] == pytest.approx(record.series["rr.force"])
 
 
 def test_heave_of_the_aeroloaders_is_the_chassis_height_over_the_reference_point(record):
@@ -230,18 +222,6 @@ def test_dropped_samples_are_refused(record, tmp_path):
     keep = np.delete(np.arange(len(record.series)), np.arange(2000, 2010))
     with pytest.raises(TimeGapError, match=r"gap of 0\.0088 s"):
         read_rig_test(changed(record, tmp_path, {}, keep=keep))
-
-
-@pytest.mark.nightly
-def test_a_sample_that_is_not_a_number_is_refused(record, tmp_path):
-    path = tmp_path / "rig.csv"
-    record.write(path)
-    lines = path.read_text().split("\n")
-    cells = lines[100].split(",")
-    lines[100] = ",".join([cells[0], "nan", *cells[2:]])
-    path.write_text("\n".join(lines))
-    with pytest.raises(NotANumberError, match=r"lf\.road"):
-        read_rig_test(path)
 
 
 def test_a_channel_of_a_slower_logger_is_refused(record, tmp_path):

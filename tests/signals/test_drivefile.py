@@ -41,7 +41,7 @@ def test_a_mean_equals_the_area_computed_by_hand(start, stop, road):
     assert RAMP.mean(start, stop)[0] == pytest.approx(road, abs=1e-15)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     st.lists(st.floats(-10.0, 10.0), min_size=2, max_size=12),
     st.lists(st.floats(0.01, 1.0), min_size=1, max_size=12),
@@ -63,11 +63,9 @@ def test_times_of_means_must_increase():
         RAMP.means(np.array([0.0, 1.0, 1.0]))
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".mat"])
-def test_a_drive_file_is_read_back_from_its_file(tmp_path, suffix):
-    RAMP.write(tmp_path / f"drive{suffix}")
-    back = Drivefile.read(tmp_path / f"drive{suffix}")
-    np.testing.assert_array_equal(back.series.values, RAMP.series.values)
+def test_a_drive_file_is_read_back_from_its_file(tmp_path):
+    RAMP.write(tmp_path / "drive.parquet")
+    np.testing.assert_array_equal(Drivefile.read(tmp_path / "drive.parquet").series.values, RAMP.series.values)
 
 
 def test_only_an_even_grid_of_times_has_gaps(tmp_path):

@@ -63,11 +63,6 @@ def test_the_judged_speed_is_that_with_the_largest_share_of_the_tolerance(tmp_pa
     assert compression.text == "54.2 lbf at 3.94 in/s, master 45 ± 4.5 lbf"
 
 
-def test_a_tolerance_in_percent_is_that_of_the_masters_force(tmp_path):
-    limits = read_limits(master(tmp_path / "m.csv", tolerance="tol [%]", values=(5.0,) * 4), Reading(), ())
-    assert limits.at(0.2, "compression") == pytest.approx((400.0, 20.0))
-
-
 def test_given_tolerances_belong_to_files_without_one_and_the_larger_counts(tmp_path):
     path = master(tmp_path / "m.csv", tolerance="")
     limits = read_limits(path, Reading(), [(5.0, "%"), (25.0, "N")])
