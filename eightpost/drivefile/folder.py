@@ -30,9 +30,7 @@ from eightpost.virtual.program import Bench
 
 #: Minimum correlation of a record's commands, or of its wheelloader positions, with the drive file [1].
 _SAME_DRIVE = 0.9
-
 _FOLLOWING = 0.02  #: Lag of positions that is attributed to the wheelloaders, not to the logger [s].
-
 #: Correlation of the measured and the predicted channel below which the sign is wrong, and below which it is noted [1].
 _OPPOSITE, _UNLIKE = -0.3, 0.3
 
@@ -130,7 +128,6 @@ Format = Literal["parquet", "csv", "mat", "drv"]
 FORMATS = get_args(Format)  #: File formats in which drive files are written.
 
 _STATE = "iteration.json"
-
 _LARGEST = 1e12  #: Largest change of a channel per steady input [SI]; an edited file may have any.
 
 

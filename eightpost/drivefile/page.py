@@ -19,7 +19,6 @@ from eightpost.verdict import Reason, Rules, Verdict
 # ==== Verdict ========================================================================================================
 
 ABOUT = "drive file"
-
 _MEAN = 0.5  #: Error of a mean displacement, relative to the RMS of the displacement, above which it is reported [1].
 
 RULES = Rules.read(Path(__file__).with_suffix(".txt"), ABOUT, patience=PATIENCE, rejected=REJECTED, mean=100.0 * _MEAN)

@@ -79,12 +79,9 @@ class Lines:
 # ==== The target =====================================================================================================
 
 QUANTITIES = ("hub_acceleration", "displacement")  #: Quantities of the corners that a drive file reproduces.
-
 #: Rest before and after the target in a drive file, and time in which the target fades in and out [s].
 REST, FADE = 3.0, 1.0
-
 _SHORTEST = 8.0  #: Minimum duration of a target [s].
-
 _DEAD = 1e-12  #: Maximum standard deviation of a dead channel, relative to its mean and to the smallest number [1].
 
 
@@ -321,7 +318,6 @@ def pass_errors(target: Target, record: Array) -> PassErrors:
 # ==== Limits: stroke and velocity of wheelloaders, force of aeroloaders ==============================================
 
 _ROUNDS = 12  #: Number of alternating projections onto the limits and the band.
-
 _CLOSE = 1e-9  #: Excess over a limit that counts as rounding [1].
 
 

@@ -36,36 +36,25 @@ if TYPE_CHECKING:
 #: SI unit of each channel of a dynamometer test.
 DYNO_UNITS = {"velocity": "m/s", "force": "N", "displacement": "m", "temperature": "K"}
 _SI = {**DYNO_UNITS, "time": "s", "length": "m"}
-
 #: Column names by channel, in lower case and reduced to letters: English, German, French, Italian, Spanish,
 #: Portuguese, Dutch, Swedish, Japanese, Chinese and Korean.
 #: Files use `F` and `T` in upper and lower case.
-_ALIASES = {
-    "time": {*TIME_NAMES, "elapsedtime", "elapsed", "timeelapsed", "runtime", "testtime", "xvalue", "sec",
-             "runningtime", "millis", "milliseconds", "msec", "micros", "microseconds", "seconds", "datetime",
-             "temps", "tempo", "tiempo", "tijd", "tid", "\u6642\u9593", "\u65f6\u95f4", "\uc2dc\uac04"},
-    "velocity": {
-        "velocity", "vel", "v", "shockvelocity", "shaftvelocity", "dampervelocity", "pistonvelocity", "speed",
-        "shaftspeed", "geschwindigkeit", "geschw", "vitesse", "velocita", "velocidad", "velocidade",
-        "snelheid", "hastighet", "\u901f\u5ea6", "\uc18d\ub3c4",
-    },
-    "force": {"force", "f", "load", "loadcell", "shockforce", "damperforce", "axialforce", "shaftforce", "kraft",
-              "effort", "forza", "fuerza", "carga", "carico", "forca", "kracht",
-              "\u8377\u91cd", "\u529b", "\u8f7d\u8377", "\ud558\uc911"},
-    "displacement": {
-        "displacement", "disp", "displ", "x", "d", "position", "pos", "travel", "stroke", "linearpot",
-        "stringpot", "shocktravel", "dampertravel",
-        "shockposition", "damperposition", "pot", "lvdt", "weg", "deplacement", "course", "spostamento", "corsa",
-        "desplazamiento", "deslocamento", "curso", "verplaatsing", "slag", "forskjutning", "\u4f4d\u79fb",
-        "\ubcc0\uc704", "\u5909\u4f4d", "\u30b9\u30c8\u30ed\u30fc\u30af",
-    },
-    "temperature": {
-        "temperature", "temp", "t", "thermocouple",
-        "shocktemperature", "bodytemperature", "dampertemperature", "tempc", "tempf",
-        "temperatur", "temperatura", "temperatuur", "\u6e29\u5ea6", "\uc628\ub3c4",
-    },
-    "length": {"length", "totallength", "eyetoeye", "eyetoeyelength", "lange", "longueur"},
-}  # fmt: skip
+_NAMES = """
+time: elapsedtime elapsed timeelapsed runtime testtime xvalue sec runningtime millis milliseconds msec micros
+  microseconds seconds datetime temps tempo tiempo tijd tid \u6642\u9593 \u65f6\u95f4 \uc2dc\uac04
+velocity: velocity vel v shockvelocity shaftvelocity dampervelocity pistonvelocity speed shaftspeed geschwindigkeit
+  geschw vitesse velocita velocidad velocidade snelheid hastighet \u901f\u5ea6 \uc18d\ub3c4
+force: force f load loadcell shockforce damperforce axialforce shaftforce kraft effort forza fuerza carga carico forca
+  kracht \u8377\u91cd \u529b \u8f7d\u8377 \ud558\uc911
+displacement: displacement disp displ x d position pos travel stroke linearpot stringpot shocktravel dampertravel
+  shockposition damperposition pot lvdt weg deplacement course spostamento corsa desplazamiento deslocamento curso
+  verplaatsing slag forskjutning \u4f4d\u79fb \ubcc0\uc704 \u5909\u4f4d \u30b9\u30c8\u30ed\u30fc\u30af
+temperature: temperature temp t thermocouple shocktemperature bodytemperature dampertemperature tempc tempf temperatur
+  temperatura temperatuur \u6e29\u5ea6 \uc628\ub3c4
+length: length totallength eyetoeye eyetoeyelength lange longueur
+"""
+_ALIASES = {name: {*words.split()} for name, words in re.findall(r"(\w+): ([^:]+)(?=\n\w+:|\n$)", _NAMES)}
+_ALIASES["time"] |= {*TIME_NAMES}
 
 #: Words that qualify a column, and how much less than one without such a word it is preferred.
 _QUALIFIERS = {
@@ -78,7 +67,6 @@ _QUALIFIERS = {
 
 
 _COMMAND = 9  #: Qualifiers of this value are those of a command.
-
 #: A factor in a name, as in `Force/10`: the column is not the quantity itself.
 _ARITHMETIC = re.compile(r"[*/^\u00d7]\s*\(?\s*[-+]?\d")
 
@@ -245,7 +233,6 @@ _ACCENTS = "\u0300\u0301\u0302\u0303\u0308\u030a\u0327"
 # ---- Columns that must not prevent reading, and further columns of time ---------------------------------------------
 
 FEWEST = 10  #: Minimum number of temperatures in a column with empty cells.
-
 SAME_TIME = 0.01  #: Largest difference of two columns of time that are the same, in median steps.
 
 _IS_COMMAND = "it is a command, not a measurement"
@@ -484,7 +471,6 @@ _CORNER = {"lf": "lf", "fl": "lf", "vl": "lf", "rf": "rf", "fr": "rf", "vr": "rf
            "lr": "lr", "rl": "lr", "hl": "lr", "rr": "rr", "hr": "rr"}  # fmt: skip
 _AXLE = {"front": "front", "frt": "front", "rear": "rear"}
 _SIDES = {("front", "left"): "lf", ("front", "right"): "rf", ("rear", "left"): "lr", ("rear", "right"): "rr"}
-
 #: Words for the part that a sensor belongs to, and the channel of each SI unit there; the first part that fits applies.
 _PARTS: tuple[tuple[Collection[str], Mapping[str, str]], ...] = (
     ({"al", "aero", "aeroloader", "downforce"}, {"m": "aero_position", "N": "aero"}),
@@ -505,7 +491,6 @@ _QUANTITIES = {
 }
 _COMMAND_WORDS = {"cmd", "command", "demand", "target"}
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
-
 _FEWEST = 2  #: Number of columns at each corner from which a file looks like a rig record.
 
 

@@ -40,22 +40,16 @@ class DynoConditions:
 
 
 #: Keys of a preamble by condition, in lower case and reduced to letters.
-_KEYS = {
-    "build": {
-        "shock", "shockid", "shockname", "shocknumber", "shockserial", "shockserialnumber", "damper", "damperid",
-        "dampername", "build", "shockbuild", "serial", "serialnumber", "valving",
-    },
-    "run": {"test", "testname", "run", "runname", "testid", "testtitle", "title"},
-    "date": {"date", "testdate", "datetime", "dateandtime", "dateoftest"},
-    "gas": {
-        "gas", "gaspressure", "preload", "preloadgas", "gaspreload", "gascharge", "nitrogen", "nitrogenpressure",
-        "reservoirpressure", "canisterpressure", "gasforce", "pressure",
-    },
-    "temperature": {
-        "temperature", "temp", "starttemperature", "starttemp", "testtemperature", "testtemp", "oiltemperature",
-        "shocktemperature", "shocktemp", "bodytemperature", "ambienttemperature",
-    },
-}  # fmt: skip
+_KEYS = {name: words.split() for name, words in {
+    "build": "shock shockid shockname shocknumber shockserial shockserialnumber damper damperid dampername build "
+             "shockbuild serial serialnumber valving",
+    "run": "test testname run runname testid testtitle title",
+    "date": "date testdate datetime dateandtime dateoftest",
+    "gas": "gas gaspressure preload preloadgas gaspreload gascharge nitrogen nitrogenpressure reservoirpressure "
+           "canisterpressure gasforce pressure",
+    "temperature": "temperature temp starttemperature starttemp testtemperature testtemp oiltemperature "
+                   "shocktemperature shocktemp bodytemperature ambienttemperature",
+}.items()}  # fmt: skip
 #: Words in a key that make it an adjuster setting.
 _ADJUSTERS = (
     "click",

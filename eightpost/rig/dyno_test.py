@@ -34,7 +34,7 @@ from eightpost.rig.dyno_conditions import (
     reversed_channels,
     stated_units,
 )
-from eightpost.rig.motion import path_of, turning_points
+from eightpost.rig.motion import grouped, path_of, turning_points
 from eightpost.rig.plausibility import SEGMENT, part_faults, record_faults, rectified_force
 from eightpost.signals import faults
 from eightpost.signals.faults import Origin
@@ -53,7 +53,6 @@ if TYPE_CHECKING:
 # ==== Shock dynamometer tests ========================================================================================
 
 CUTOFF = 50.0  #: Low-pass cut-off for dynamometer data in the dissertation (3.3) [Hz].
-
 SHORTEST, FEWEST = 0.5, 200  #: Minimum duration [s] and minimum number of samples of a record.
 
 
@@ -472,13 +471,7 @@ def _stretches(test: DynoTest, path: Array, pause: float) -> list[tuple[int, int
 
 def _blocks(test: DynoTest, path: Array, start: int, stop: int) -> list[tuple[int, int]]:
     """Return the steady sines of a section, or the whole section if they do not fill it."""
-    halves = _halves(test.series.time[start:stop], path[start:stop], start)
-    blocks: list[list[_Half]] = []
-    for half in halves:
-        if blocks and half.like(blocks[-1]):
-            blocks[-1].append(half)
-        else:
-            blocks.append([half])
+    blocks = grouped(_halves(test.series.time[start:stop], path[start:stop], start), _Half.like)
     steady = [block for block in blocks if len(block) >= FEWEST_HALVES]
     filled = sum(block[-1].stop - block[0].start for block in steady)
     if len(steady) < 2 or filled < FILLED * (stop - start):
@@ -537,7 +530,7 @@ def temperature_effect(tests: Iterable[DynoTest]) -> TemperatureEffect | None:
     """
     known = [test for test in tests if "temperature" in test.series]
     temperatures, logs = [], []
-    for group in _groups(known):
+    for group in runs_of_one_speed(known):
         if len(group) > 1:
             heat = np.array([test.series["temperature"].mean() for test in group])
             force = np.array([np.log(test.series["force"].std() / test.series["velocity"].std()) for test in group])
@@ -554,19 +547,13 @@ def temperature_effect(tests: Iterable[DynoTest]) -> TemperatureEffect | None:
     return TemperatureEffect(slope, error, heat.size, spread)
 
 
-def _groups(tests: Sequence[DynoTest]) -> list[list[DynoTest]]:
-    """Return the runs in groups with the same standard deviation of velocity."""
-    groups: list[list[DynoTest]] = []
-    for test in sorted(tests, key=_speed):
-        if groups and _speed(test) <= (1.0 + REPEATED) * _speed(groups[-1][0]):
-            groups[-1].append(test)
-        else:
-            groups.append([test])
-    return groups
+def runs_of_one_speed(tests: Iterable[DynoTest]) -> list[list[DynoTest]]:
+    """Return the runs in groups with the same standard deviation of velocity, slow ones first."""
 
+    def speed(test: DynoTest) -> float:
+        return float(test.series["velocity"].std())
 
-def _speed(test: DynoTest) -> float:
-    return float(test.series["velocity"].std())
+    return grouped(sorted(tests, key=speed), lambda test, group: speed(test) <= (1.0 + REPEATED) * speed(group[0]))
 
 
 def temperature_drift(series: TimeSeries) -> float:

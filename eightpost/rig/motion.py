@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,20 @@ FEWEST_OTHER = 3  #: Minimum number of half cycles of another steady sine that f
 SMALLEST = 0.02  #: Minimum stroke of a half cycle, as a share of the stroke of the record; smaller motions are noise.
 #: The motion runs down if its RMS velocity after the last steady half cycle is below this share of that before.
 SLOWED = 0.7
+
+
+Item = TypeVar("Item")
+
+
+def grouped(items: Iterable[Item], belongs: Callable[[Item, list[Item]], bool]) -> list[list[Item]]:
+    """Return successive items in groups; the first item that does not belong to a group begins the next one."""
+    groups: list[list[Item]] = []
+    for item in items:
+        if groups and belongs(item, groups[-1]):
+            groups[-1].append(item)
+        else:
+            groups.append([item])
+    return groups
 
 
 def displacement_of(series: TimeSeries) -> Array:
@@ -119,7 +133,6 @@ MOST_INDEPENDENT = 20.0
 #: Largest delay that a shock itself has, and smallest lead that is reported [s], at least this share of a sample: a
 #: velocity that is a difference of positions is half a sample late.
 LAG, LEAD, SAMPLES = 0.01, 5e-4, 0.6
-
 #: Rate at which channels are compared, their cut-off frequency [Hz], the ends that are left out [s], where filters
 #: ring, and fewest samples.
 _RATE, _CUTOFF, _END, _FEWEST = 500.0, 50.0, 0.1, 200

@@ -95,7 +95,6 @@ class PeakVelocityTable(Summarized):
 # ---- Files ----------------------------------------------------------------------------------------------------------
 
 SAME_SPEED = 0.05  #: Maximum difference of two forces at the same speed, as a share of the largest force.
-
 #: Suffixes of files that are records over time.
 _RECORDS = (".mf4", ".mdf", ".tdms", ".lvm", ".parquet", ".rsp", ".drv", ".tim", ".rpc", ".ld", ".vbo", ".xrk", ".xrz")
 

@@ -105,9 +105,7 @@ def _of_speeds(record: RawRecord) -> RawRecord:
         ("speed", "m/s", np.tile(np.array(list(speeds.values())), record.columns[0].size)),
         ("force", None, forces.T.ravel()),
     ]
-    lines = record.origin.lines
-    origin = replace(record.origin, lines=None if lines is None else lines[places])
-    return _with_columns(replace(record, origin=origin), columns)
+    return _with_columns(replace(record, origin=record.origin.at(places)), columns)
 
 
 def _speed(name: str) -> float | None:
@@ -142,12 +140,11 @@ def _of_rates(record: RawRecord) -> RawRecord:
     force = below[:, None] * np.minimum(speed, knees[:, None]) + above[:, None] * np.maximum(
         speed - knees[:, None], 0.0
     )
-    sides = np.repeat(record.columns[side], speed.size)
+    places = np.repeat(np.arange(knees.size), speed.size)
     note = f"force from two damping rates per stroke, to {top:.3g} m/s, rounded within 3 % of the knee"
-    lines = record.origin.lines
-    origin = replace(record.origin, lines=None if lines is None else np.repeat(lines, speed.size))
-    columns = [("side", None, sides), ("speed", "m/s", np.tile(speed, knees.size)), ("force", "N", force.ravel())]
-    return _with_columns(replace(record, origin=origin, steps=(*record.steps, note)), columns)
+    columns = [("side", None, record.columns[side][places]), ("speed", "m/s", np.tile(speed, knees.size)),
+               ("force", "N", force.ravel())]  # fmt: skip
+    return _with_columns(replace(record, origin=record.origin.at(places), steps=(*record.steps, note)), columns)
 
 
 def _place(record: RawRecord, test: Callable[[str], bool], what: str) -> int:

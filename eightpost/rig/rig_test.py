@@ -98,7 +98,6 @@ def rig_map(record: RawRecord, channel_map: ChannelMap | None) -> ChannelMap:
 
 #: Quantities of every corner that an identification needs, each with its possible names.
 IDENTIFIED = (("road",), ("tire_force",), ("force",), ("displacement", "velocity"))
-
 CUTOFF = 50.0  #: Low-pass cut-off for a derived shock velocity [Hz], at most 0.4 of the sample rate.
 
 

@@ -19,7 +19,7 @@ from eightpost.shock.curve import KNOTS
 from eightpost.shock.law import ShockLaw
 from eightpost.shock.laws import FORMER, LAWS, law_name, law_title, named_law, own_parameters, parameter_units
 from eightpost.shock.settings import TEMPERATURE, Axis, Settings, is_tested, setting_of
-from eightpost.validity import ModelUncertainty, ParameterUncertainty, Range, Validity, judged
+from eightpost.validity import ModelUncertainty, ParameterUncertainty, Validity, judged
 from eightpost.verdict import Reason, Rules, Verdict
 
 if TYPE_CHECKING:
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 # ---- The verdict on a setting ---------------------------------------------------------------------------------------
 
 ABOUT = "setting"  #: Subject of the reasons.
-
 #: Distance beyond the measured settings, in intervals between them, up to which the continuation can be used.
 FARTHEST = 1.0
 
@@ -67,11 +66,9 @@ def setting_text(settings: Settings, setting: Sequence[float]) -> str:
 #: between its neighbours predicts a measured setting (the larger of the two). Calibrated on random shocks so that the
 #: band covers 95 % (docs/how_to/settings.md).
 _CURVATURE = 0.5
-
 #: The same as a share of the difference between the two curves; it counts alone where there are only two settings.
 _DIFFERENCE = 0.02
 _DIFFERENCE_OF_TWO = 0.3
-
 _INTERACTION = 0.5  #: Half-width for an untested combination, as a share of the smaller effects of its adjusters.
 
 
@@ -158,7 +155,6 @@ def _bend(nodes: Sequence[float], curves: Mapping[float, Sequence[float]], i: in
 
 
 SCHEMA = 1
-
 _SECTIONS = ("conditions", "fit", "inputs")  #: Sections of a shock file that `Shock` has as they are.
 
 
@@ -203,8 +199,15 @@ class Shock(Summarized):
         }
 
     def _summary(self) -> Summary:
+        from eightpost.units import shown_range  # noqa: PLC0415 -- numpy takes long to load, and help texts need the laws
+
         verdict = self.validity.verdict if self.validity else None
         axes = self.settings.axes if self.settings else ()
+        ranges = (
+            f"{known.kind if known.kind == 'frequency' else known.variable} "
+            f"{shown_range(known.low, known.high, known.unit)}"
+            for known in (self.validity.ranges if self.validity else ())
+        )
         return Summary.of(
             f"Shock {self.name}: {law_title(self.law_name)}",
             ("verdict", verdict.headline if verdict else "not stated"),
@@ -212,7 +215,7 @@ class Shock(Summarized):
             ("parameters", some(_own_texts(self.law))),
             ("curve", _curve_text(self.law)),
             ("settings", ", ".join(axis.name for axis in axes)),
-            ("ranges", some(_range_text(one) for one in (self.validity.ranges if self.validity else ()))),
+            ("ranges", some(ranges)),
             ("made from", some(str(entry.get("name", "")) for entry in self.inputs)),
         )
 
@@ -292,13 +295,6 @@ def _own_texts(law: ShockLaw) -> Iterator[str]:
 
 
 _SHOWN = 0.1  #: Velocity at which a summary states both forces [m/s].
-
-
-def _range_text(known: Range) -> str:
-    from eightpost.units import shown_range  # noqa: PLC0415 -- numpy takes long to load, and help texts need the laws
-
-    variable = "frequency" if known.kind == "frequency" else known.variable
-    return f"{variable} {shown_range(known.low, known.high, known.unit)}"
 
 
 def _curve_text(law: ShockLaw) -> str:

@@ -107,5 +107,4 @@ def _laws_in(module: ModuleType) -> dict[str, type[ShockLaw]]:
 
 
 FORMER = ("maxwell",)  #: Laws of earlier versions; their FMUs run, but their shock files cannot be read.
-
 LAWS: Mapping[str, type[ShockLaw]] = _law_classes()  #: All laws by the name used in files and on the command line.

@@ -30,7 +30,6 @@ from .curve import KNOTS, StaticCurve
 from .law import ShockLaw
 
 TEMPERATURE = "temperature"  #: Name of the axis of the temperature; all others are adjusters.
-
 #: Name of the law's parameter that changes by a slope at each knot instead of by a factor.
 LAGGED_SLOPE = "lagged_slope"
 

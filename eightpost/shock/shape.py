@@ -30,11 +30,8 @@ from eightpost.shock.lpnl2 import Lpnl2
 # v_k to the knee; beyond it the valve is open, with the slope c_high and its growth a, which ports cause at high speed.
 
 SIDES = ("compression", "rebound")  #: Sides of a curve, in the order of the numbers of a shape.
-
 REACH = 1.3  #: Highest speed of the knots of a shape's curve [m/s]: that of the shipped bank's dynamometer tests.
-
 BLEED_SHARE = 0.25  #: Speed up to which the bleed acts, as a share of the knee speed.
-
 #: Speeds of the knots of one side, as shares of the highest [1]: closer at low speed, where the slope changes most.
 SHARES = np.linspace(0.0, 1.0, KNOTS // 2 + 1) ** 2.2
 
@@ -172,7 +169,6 @@ def joined(rebound: Array, compression: Array) -> tuple[float, ...]:
 
 #: Numbers of the curve: all but lag and gas.
 CURVE_NUMBERS = tuple(f"{side}.{name}" for side in SIDES for name in UNITS)
-
 NUMBERS = (*CURVE_NUMBERS, "lag", "lag_force", "gas")  #: Names of all numbers of a shape.
 
 
@@ -199,27 +195,20 @@ def range_of(shapes: Sequence[Shape], number: str) -> tuple[float, float]:
 # Linear fits at pairs of knee speeds give the starts, from which all ten numbers are searched with exact derivatives.
 
 _COMPARED = 80  #: Number of speeds of a side at which a shape is compared with a curve.
-
 #: Those speeds, as shares of the highest [1]: at equal steps of their root.
 _SPEEDS = np.linspace(0.0, 1.0, _COMPARED + 1)[1:] ** 2
-
 #: Bounds of each number of a side [SI].
 BOUNDS = {"bleed": (200.0, 3e4), "low": (200.0, 3e4), "knee": (0.02, 0.4), "high": (50.0, 2e4), "rise": (1.0, 1e4)}
-
 #: The same as logarithms (10, 2), and their middles (10,).
 _BOUNDS = np.log([BOUNDS[name] for name in UNITS] * 2)
 _MIDDLE = _BOUNDS.mean(axis=1)
-
 #: Places of the knee speeds among the ten numbers, and of those that the slope is linear in.
 _KNEE = np.flatnonzero([name == "knee" for name in UNITS] * 2)
 _LINEAR = np.flatnonzero([name != "knee" for name in UNITS] * 2)
-
 _KNEES = np.geomspace(0.025, 0.39, 8)  #: Knee speeds of the linear fits of each side [m/s].
-
 #: Weight of the distance from the middle of the bounds, as a share of the RMS force: a number that the curve does not
 #: determine stays in the middle.
 _PULL = 1e-3
-
 _KNOTS = REACH * SHARES  #: Speeds of the knots of a side (K,) [m/s].
 
 

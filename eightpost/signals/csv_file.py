@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 _NO_TIMES = "%%never%%"  #: A format that no cell has, so that times of day and dates stay texts.
 #: Maximum share of filled cells of a column without a name that is left out: it has remarks beside some samples.
 _REMARKS = 0.5
+Block = tuple[int, int, tuple[tuple[str, ...], ...]]
 _LONGEST_LINE = 2**18  #: Maximum number of characters in a line, enough for about ten thousand channels.
 
 
@@ -100,9 +101,10 @@ def _record(
     lines: list[str], block: Block, path: Path, *, notes: tuple[str, ...], steps: tuple[str, ...], may_be_cut: bool
 ) -> RawRecord:
     """Parse one block of the file's lines."""
-    layout = _find_layout(lines[block.start : block.stop], path, offset=block.start)
+    start, end, preamble = block
+    layout = _find_layout(lines[start:end], path, offset=start)
     first = layout.first_line
-    cells = [_split_cells(line, layout.delimiter) or [""] for line in lines[first - 1 : block.stop]]
+    cells = [_split_cells(line, layout.delimiter) or [""] for line in lines[first - 1 : end]]
     stop = first - 1 + without_footer(cells)
     numbers = np.array([i for i, line in enumerate(lines[first - 1 : stop], first) if line.strip()])
     if may_be_cut and numbers.size:
@@ -115,7 +117,7 @@ def _record(
             notes, numbers = (*notes, note), numbers[:-1]
     columns, more = _columns("\n".join(layout.filled(lines[i - 1]) for i in numbers), layout, numbers, path)
     origin = Origin(path, numbers, layout.unit_line)
-    return RawRecord(origin, layout.names, layout.units, columns, block.preamble, notes, (*steps, *more))
+    return RawRecord(origin, layout.names, layout.units, columns, preamble, notes, (*steps, *more))
 
 
 def _columns(
@@ -372,33 +374,22 @@ _NUMBER_BEGINS = frozenset("0123456789-+., \t;\"'")
 _SHARED = 0.5  #: Minimum share of the first block's column names in a line that is the header of another block.
 
 
-@dataclass(frozen=True, slots=True)
-class Block:
-    """A part of a text file with one table."""
+def _find_blocks(lines: list[str]) -> list[Block]:
+    """Return the blocks of a text file with one table each; a second header below a table begins a new block.
 
-    start: int  #: Zero-based number of the first line.
-    stop: int  #: Zero-based number of the line after the last line.
-    preamble: tuple[tuple[str, ...], ...]  #: Lines above the header, one tuple of cells for each.
-
-
-def _find_blocks(lines: list[str]) -> tuple[Block, ...]:
-    """Return the blocks of a text file; a second header below a table begins a new block.
-
+    A block is the numbers of its first line and of the line after its last one, and the cells of its preamble's lines.
     A header is a line of names above numbers, possibly with a row of units in between. Further headers share at least
     half of the names of the first header. The lines between the last line that begins with a number and the header are
     the block's preamble. A file without a header is returned as one block.
     """
     headers = _headers(lines)
     if not headers:
-        return (Block(0, len(lines), ()),)
+        return [(0, len(lines), ())]
     starts = [0]
     for header in headers[1:]:  # below the last line above it that begins with a number
         starts.append(next((i for i in range(header, 0, -1) if _begins_with_number(lines[i - 1])), 0))
-    stops = [*starts[1:], len(lines)]
-    return tuple(
-        Block(start, stop, _preamble(lines[start:header]))
-        for start, stop, header in zip(starts, stops, headers, strict=True)
-    )
+    spans = zip(starts, [*starts[1:], len(lines)], headers, strict=True)
+    return [(start, stop, _preamble(lines[start:header])) for start, stop, header in spans]
 
 
 def _headers(lines: list[str]) -> list[int]:
@@ -491,11 +482,8 @@ def _neighbour(lines: Sequence[str], start: int, step: int) -> str:
 # ---- A sample that was cut off --------------------------------------------------------------------------------------
 
 _DIGITS = re.compile(r"[^eE]*?(?:[.,](?P<decimals>\d*))?(?:[eE][+-]?(?P<exponent>\d*))?")
-
 _FEWEST_ROWS = 50  #: Minimum number of rows of a table whose last row can be judged; peak-velocity tables are shorter.
-
 _RARE = 0.01  #: Share of the numbers that may have even fewer digits: programs leave out zeros at the end.
-
 #: A short number at the end is cut off if it is this many times farther from its predecessors' line than any other.
 _FAR = 2.0
 

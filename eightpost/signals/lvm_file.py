@@ -29,13 +29,10 @@ if TYPE_CHECKING:
 # ==== Reading ========================================================================================================
 
 _SAME = 0.01  #: Largest difference between two axes of time that are the same, in median steps.
-
 _FOLLOWS = 0.25  #: Largest deviation of the time between two segments that follow each other from one step, in steps.
-
 _ABSOLUTE = 1e9  #: Times above this are not relative to the start of the segment but to 1904 [s].
 
 _COMMENT, _X = "Comment", "X_Value"
-
 #: Tags of the header that describe the file, not the test.
 _TECHNICAL = (
     "Writer_Version", "Reader_Version", "Separator", "Decimal_Separator", "Multi_Headings", "X_Columns", "Time_Pref",
@@ -271,7 +268,6 @@ def _words(times: NDArray[np.float64]) -> str:
 
 _END_OF_HEADER = "***End_of_Header***"
 _SPECIAL = ("***Start_Special***", "***End_Special***")
-
 #: Note on a file whose last line has no end.
 _CUT = (
     "the last sample (line {line}) was left out: LabVIEW ends every line, and this one has no line end, so the file is "

@@ -261,7 +261,8 @@ def _rows(value: Any) -> list[Mapping[str, Any]]:
     """Return the structs of a struct or of an array of structs; nothing for other values."""
     if isinstance(value, Mapping):
         return [value]
-    rows = list(value) if isinstance(value, list) or _is_array_of_objects(value) else []
+    is_array = isinstance(value, np.ndarray) and value.dtype == object and value.ndim == 1
+    rows = list(value) if isinstance(value, (list, tuple)) or is_array else []
     return rows if all(isinstance(row, Mapping) for row in rows) else []
 
 
@@ -278,17 +279,13 @@ def _is_empty(units: Any) -> bool:
 
 def _as_struct(value: Any) -> Any:
     """Return an array of structs with names as a struct of channels; other values unchanged."""
-    rows = list(value) if isinstance(value, (list, tuple)) or _is_array_of_objects(value) else []
-    if not rows or not all(isinstance(row, Mapping) for row in rows):
+    rows = _rows(value)
+    if not rows or isinstance(value, Mapping):
         return dict(value) if isinstance(value, Mapping) else value
     names = [_field(row, _NAME) for row in rows]
     if not all(isinstance(name, str) and name for name in names) or len(set(names)) < len(names):
         return value
     return dict(zip(names, map(dict, rows), strict=True))
-
-
-def _is_array_of_objects(value: Any) -> bool:
-    return isinstance(value, np.ndarray) and value.dtype == object and value.ndim == 1
 
 
 def _with_plain_channels(content: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:

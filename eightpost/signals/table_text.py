@@ -315,7 +315,6 @@ _SEPARATED = re.compile(r"^(?P<name>[^/,:]*[^/,:\s])\s*[/,:]\s*(?P<unit>\([^()]+
 #: A column of a matrix in MATLAB's notation, `data(:,2)`, which is a name.
 _MATRIX_COLUMN = re.compile(r":,\d+|\d+,:")
 _BARE_BRACKETS = re.compile(r"^\s*[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
-
 #: Header suffixes that are units after any name: `v_mm_s`, `F_lbf`.
 _SUFFIXES = {
     "mm_per_s": "mm/s", "in_per_s": "in/s", "m_per_s": "m/s", "mm_s": "mm/s", "cm_s": "cm/s", "in_s": "in/s",

@@ -28,7 +28,7 @@ from eightpost.ident.dyno_report.loop import VelocityCurve, forces_at
 from eightpost.rig import read_dyno_tests, split_runs
 from eightpost.rig.columns import flips_of
 from eightpost.rig.dyno_conditions import DynoConditions
-from eightpost.rig.dyno_test import FEWEST, SHORTEST, TemperatureEffect, temperature_effect
+from eightpost.rig.dyno_test import FEWEST, SHORTEST, TemperatureEffect, runs_of_one_speed, temperature_effect
 from eightpost.rig.peak_velocity import peak_velocity_tables
 from eightpost.rig.plausibility import PLAUSIBLE
 from eightpost.shock import read_shock
@@ -158,7 +158,6 @@ def _column(record: RawRecord, path: Path | None) -> tuple[Array, Array, str] | 
 # ==== Builds with their clicks =======================================================================================
 
 FAST = 0.9  #: Minimum share of the highest speed of a build's entries for an entry to represent it.
-ALIKE = 0.05  #: Runs repeat each other if the standard deviations of their velocities agree within this share.
 #: Speeds of the tables [m/s] unless others are given: 1 to 20 in/s, as far as any curve goes.
 SPEEDS = tuple(float(convert(speed, "in/s", "m/s")) for speed in (1.0, 2.0, 3.0, 5.0, 10.0, 15.0, 20.0))
 LONG_NAME = 20  #: Names are shortened if one has more letters than this.
@@ -234,14 +233,10 @@ def mean_force(entries: Iterable[Entry], speed: float, stroke: Stroke) -> Found:
 
 def repeated_runs(variant: BuildVariant) -> tuple[tuple[Entry, ...], ...]:
     """Return the groups of two or more runs with the same gas pressure and standard deviations of velocity."""
-    groups: list[list[Entry]] = []
-    for entry in sorted(variant.runs, key=_motion):
-        if groups and _motion(entry) <= (1.0 + ALIKE) * _motion(groups[-1][0]):
-            groups[-1].append(entry)
-        else:
-            groups.append([entry])
+    entries = {id(entry.test): entry for entry in variant.runs}
     same: list[tuple[Entry, ...]] = []
-    for group in groups:
+    for tests in runs_of_one_speed(entry.test for entry in variant.runs if entry.test):
+        group = [entries[id(test)] for test in tests]
         for pressure in dict.fromkeys(entry.setting.gas_pressure for entry in group):
             same.append(tuple(entry for entry in group if entry.setting.gas_pressure == pressure))
     return tuple(group for group in same if len(group) > 1)
@@ -251,10 +246,6 @@ def deviation_of(group: Iterable[Entry], speed: float, stroke: Stroke) -> Found:
     """Return the standard deviation of the forces [N] of runs at a speed [m/s]."""
     forces = known(forces_at(entry.curve, speed, stroke) for entry in group)
     return float(np.std(forces, ddof=1)) if len(forces) > 1 else Unknown("fewer than two runs reach this speed")
-
-
-def _motion(entry: Entry) -> float:
-    return float(entry.test.series["velocity"].std()) if entry.test else 0.0
 
 
 def heat_effect(variant: BuildVariant) -> TemperatureEffect | None:

@@ -13,7 +13,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from eightpost.array_types import Array
 from eightpost.errors import InputError
-from eightpost.rig.motion import SMALLEST, path_of, turning_points
+from eightpost.rig.motion import SMALLEST, grouped, path_of, turning_points
 from eightpost.signals import TimeSeries
 from eightpost.signals.filters import derivative, lowpass
 
@@ -51,7 +51,6 @@ PEAK = 0.99  #: A peak is the mean of the samples above this share of a half cyc
 #: Cycles are alike if stroke and duration are within this share of the median; minimum share of cycles that are alike.
 ALIKE, STEADY = 0.1, 0.6
 FEWEST_CYCLES = 2  #: Minimum number of cycles for a mean.
-
 #: Minimum number of changes of direction at each end, and minimum spread of their accelerations over their mean.
 FEWEST_TURNS, SPREAD = 20, 0.3
 
@@ -103,21 +102,12 @@ class Cycles:
         """Return the peaks of one direction at each speed that is repeated; nothing for a random motion."""
         chosen = sign * self.peak_velocity > 0.0
         speeds, forces = sign * self.peak_velocity[chosen], sign * self.peak_force[chosen]
-        groups: list[list[int]] = []
-        for k, speed in enumerate(speeds.tolist()):
-            if groups and abs(speed / speeds[groups[-1][0]] - 1.0) <= ALIKE:
-                groups[-1].append(k)
-            else:
-                groups.append([k])
+        groups = grouped(range(speeds.size), lambda k, group: bool(abs(speeds[k] / speeds[group[0]] - 1.0) <= ALIKE))
         repeated = [k for group in groups if len(group) >= FEWEST_CYCLES or self.span for k in group]
         if len(repeated) < STEADY * speeds.size:
             return ()
-        same: list[list[int]] = []
-        for k in sorted(repeated, key=lambda k: float(speeds[k])):
-            if same and speeds[k] <= (1.0 + ALIKE) * speeds[same[-1][0]]:
-                same[-1].append(k)
-            else:
-                same.append([k])
+        ascending = sorted(repeated, key=lambda k: float(speeds[k]))
+        same = grouped(ascending, lambda k, group: bool(speeds[k] <= (1.0 + ALIKE) * speeds[group[0]]))
         return tuple(
             Peaks(float(speeds[group].mean()), float(forces[group].mean()),
                   float(forces[group].std(ddof=1)) if len(group) > 1 else None, len(group))

@@ -145,12 +145,14 @@ def entry_of_test(test: DynoTest, name: str, build: str, *, cycle: str | int = "
     else:
         steady, measured = (one if static.span is None else one.window(*static.span) for one in (closed, series))
         curve, branches = curve_of_series(steady, static, offset), branches_of(measured, offset)
+    delay = force_lag(series)
+    lag = Unknown("the motion does not separate a lag from gas and friction") if delay is None else delay.seconds
     whole = f"all cycles are shown, not the one of --set cycle={cycle}, because the motion is not one steady cycle"
     known = test.conditions
     heat = float(series["temperature"].mean()) if "temperature" in series else known.temperature
     return Entry(
         "run", name, EntrySetting(build, known.clicks, known.gas_pressure, heat), test.source, test.sha256,
-        curve, _strokes_of(curve), offset, offset, cycles, _lag(series), slow_figures(series), _warming(series, test),
+        curve, _strokes_of(curve), offset, offset, cycles, lag, slow_figures(series), _warming(series, test),
         branches, test=replace(test, series=series),
         notes=(*test.derived, *test.notes, *([whole] if cycle != "mean" and cycles.span is None else [])),
     )  # fmt: skip
@@ -163,11 +165,6 @@ def _closed(series: TimeSeries) -> TimeSeries:
     closed = closed_loop(series)
     damped = float(np.corrcoef(closed["force"], closed["velocity"])[0, 1]) >= CORRELATED
     return closed if damped else series
-
-
-def _lag(series: TimeSeries) -> Found:
-    lag = force_lag(series)
-    return Unknown("the motion does not separate a lag from gas and friction") if lag is None else lag.seconds
 
 
 def _warming(series: TimeSeries, test: DynoTest) -> Warming:
@@ -288,10 +285,10 @@ def _band(shock: Shock) -> ForceBand | None:
     if not isinstance(found, Mapping):
         return None
     columns = [_numbers(found.get(key)) for key in ("velocity [m/s]", "force [N]", "half_width [N]")]
-    if any(column is None or column.size < 2 or column.size != columns[0].size for column in columns):  # type: ignore[union-attr]
+    known = [column for column in columns if column is not None and column.size > 1]
+    if len(known) < 3 or len({column.size for column in known}) > 1:
         return None
-    velocity, force, half = columns
-    assert velocity is not None and force is not None and half is not None
+    velocity, force, half = known
     return ForceBand(velocity, force - half, force + half)
 
 

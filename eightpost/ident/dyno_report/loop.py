@@ -33,7 +33,6 @@ STEP = 0.002  #: Step of the search [s].
 #: Forms of a lag, and how much less open the loop must be in squares to prefer another form than the first.
 FORMS, CLEARLY = ("delay", "first order", "series"), 0.6
 FORCE_CUTOFF = 200.0  #: Cut-off frequency of the rate of force in the equation of a first-order lag [Hz].
-
 LAW_POINTS = 120  #: Number of speeds of a law's curve in each stroke.
 #: Minimum number of points of a stroke for two lines, and minimum number of points on either side of the knee.
 FEWEST_POINTS, BESIDE_KNEE = 6, 3
@@ -159,7 +158,7 @@ def closed_loop(series: TimeSeries) -> TimeSeries:
 
     longest = float(np.clip(SHARE / _usual_frequency(series), *LONGEST))
     grids = {form: np.arange(EARLIEST if form == "delay" else 0.0, longest, STEP) for form in FORMS}
-    tried = {form: _least(lambda lag, form=form: opened(form, lag)[0], grid) for form, grid in grids.items()}  # type: ignore[misc]
+    tried = {form: _least(lambda lag, form=form: opened(form, lag)[0], grid, 1e-6) for form, grid in grids.items()}  # type: ignore[misc]
     form = min(tried, key=lambda name: tried[name][1])
     if tried[form][1] > CLEARLY * tried["delay"][1]:
         form = "delay"
@@ -174,12 +173,12 @@ def closed_loop(series: TimeSeries) -> TimeSeries:
     return closed.at(inside)
 
 
-def _least(function: Callable[[float], float], grid: Array) -> tuple[float, float]:
+def _least(function: Callable[[float], float], grid: Array, resolution: float) -> tuple[float, float]:
     """Return where a function is least, from the best point of a grid (G,), and its value there."""
     values = np.array([function(float(at)) for at in grid])
     best = int(np.argmin(values))
     ends = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)]))
-    found = minimize_scalar(function, bounds=ends, method="bounded", options={"xatol": 1e-6})
+    found = minimize_scalar(function, bounds=ends, method="bounded", options={"xatol": resolution})
     return (float(found.x), float(found.fun)) if found.fun < values[best] else (float(grid[best]), float(values[best]))
 
 
@@ -353,19 +352,11 @@ def stroke_figures(curve: VelocityCurve | Unknown, stroke: Stroke) -> StrokeFigu
 
 def _two_lines(speed: Array, force: Array) -> tuple[float, tuple[float, float, float], float]:
     """Return the knee [m/s], (force at 0, slope below, change of slope), and the sum of squares of the best lines."""
-
-    def misfit(knee: float) -> float:
-        return _hinge(speed, force, knee)[1]
-
-    first, last = float(speed[BESIDE_KNEE - 1]), float(min(speed[-BESIDE_KNEE], LAST * speed[-1]))
-    last = max(first, last)
+    first = float(speed[BESIDE_KNEE - 1])
+    last = max(first, float(min(speed[-BESIDE_KNEE], LAST * speed[-1])))
     grid = np.linspace(first, last, 8 * speed.size)
-    best = int(np.argmin([misfit(float(knee)) for knee in grid]))
-    near = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)])
-    refined = minimize_scalar(misfit, bounds=near, method="bounded", options={"xatol": 1e-9 * last})
-    knee = float(refined.x if refined.fun < misfit(float(grid[best])) else grid[best])
-    coefficients, squares = _hinge(speed, force, knee)
-    return knee, coefficients, squares
+    knee, _ = _least(lambda knee: _hinge(speed, force, knee)[1], grid, 1e-9 * last)
+    return knee, *_hinge(speed, force, knee)
 
 
 def _hinge(speed: Array, force: Array, knee: float) -> tuple[tuple[float, float, float], float]:

@@ -258,8 +258,9 @@ def _run_table(report: DynoReport) -> list[Block]:
         setting = entry.setting
         first = (entry.name, build, entry.title, setting.clicks, setting.gas_pressure, entry.highest or None)
         if test is not None and isinstance(cycles, Cycles):
-            rows.append((*first, test.stroke, cycles.frequency, str(cycles.count), _celsius(warming.start),
-                         _kelvin(warming.drift), warming.power))  # fmt: skip
+            heats = [heat if isinstance(heat, Unknown) else shown(heat)
+                     for shown, heat in ((_celsius, warming.start), (_kelvin, warming.drift))]  # fmt: skip
+            rows.append((*first, test.stroke, cycles.frequency, str(cycles.count), *heats, warming.power))
         elif entry.kind == "table":
             rows.append((*first, *(None,) * 6))
     columns = ("entry", "build", "kind", "clicks", "gas pressure [Pa]", "highest speed [m/s]", "stroke [m]",
@@ -267,16 +268,12 @@ def _run_table(report: DynoReport) -> list[Block]:
     return explained("", columns, rows)
 
 
-def _celsius(temperature: Found) -> Cell | Unknown:
-    if isinstance(temperature, Unknown):
-        return temperature
+def _celsius(temperature: float) -> Markup:
     celsius = temperature - 273.15
     return _both(f"{1.8 * celsius + 32.0:.0f} °F", f"{celsius:.1f} °C")
 
 
-def _kelvin(drift: Found) -> Cell | Unknown:
-    if isinstance(drift, Unknown):
-        return drift
+def _kelvin(drift: float) -> Markup:
     return _both(*(text.replace("-", "−") for text in (f"{1.8 * drift:+.1f} °F", f"{drift:+.2f} K")))
 
 

@@ -200,23 +200,16 @@ def _others_move(series: TimeSeries, names: Sequence[str], own: str, held: slice
 # ==== Time lags between channels, loggers and runs, estimated by cross-correlation ===================================
 
 LONGEST_START = 10.0  #: Longest time between the starts of two runs [s].
-
 BAND = 20.0  #: Upper end of the band of the comparisons [Hz], at most 0.4 of the sample rate.
-
 SPAN = 60.0  #: Length of record that is compared [s]; longer ones take seconds and give no better result.
-
 #: Longest lag of a potentiometer in a sound record [s]: rubber in series with its shock makes it late by up to 6 ms. A
 #: single late potentiometer follows from the laws of the corners (`plausibility`).
 TRAVEL_LAG = 8e-3
-
 #: Longest lag of the sum of the tire forces in a sound record [s]: an engine on its mounts, whose acceleration is not
 #: measured, shifts it by up to 30 ms. Shorter delays of tire forces follow from the law of the tire (`plausibility`).
 LOAD_LAG = 50e-3
-
 DRIFT = 4e-3  #: Longest change of a lag within a sound record [s]; that of the tire forces may reach `LOAD_LAG`.
-
 DEVIATIONS = 5.0  #: Number of its standard deviations by which a lag must exceed the threshold.
-
 SMALLEST_CORRELATION = 0.6  #: Smallest correlation of a lag; below it the lag is chance or has another cause.
 
 
