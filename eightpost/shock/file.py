@@ -6,7 +6,7 @@ import dataclasses
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import inf, sqrt
+from math import inf
 from pathlib import Path
 from statistics import NormalDist
 from typing import TYPE_CHECKING, Any
@@ -78,80 +78,66 @@ def force_half_width(settings: Settings, law: ShockLaw, setting: Sequence[float]
     The band includes the scatter of the measurements, the error of the interpolation between settings, the growth of
     that error beyond the measured settings, and the unknown interaction of an untested combination.
     """
-    squares = [0.0] * KNOTS
-    base = law.curve.knot_force
-    effects: list[list[float]] = []
-    for number, value in enumerate(setting):
-        axis = settings.axes[number]
+    import numpy as np  # noqa: PLC0415 -- help texts import the laws without it
+
+    def force_at(number: int, value: float) -> Array:
+        """Return the force at the knots (25,) [N] with one axis at a value and the others at their reference."""
+        place = list(settings.reference)
+        place[number] = value
+        return np.array(settings.law_at(law, tuple(place)).curve.knot_force)
+
+    squares, effects = np.zeros(KNOTS), []
+    for number, (axis, value) in enumerate(zip(settings.axes, setting, strict=True)):
         if value == axis.reference and len(setting) > 1:
             continue
-        curves = {node: _force_on_axis(settings, law, number, node) for node in axis.nodes}
-        between = _interpolation_error(axis, curves, value)
-        scatter = _scatter(settings, number, value)
-        here = _force_on_axis(settings, law, number, value)
-        effects.append([abs(a - b) for a, b in zip(here, base, strict=True)])
-        for k in range(KNOTS):
-            squares[k] += between[k] ** 2 + scatter[k] ** 2
+        curves = [force_at(number, node) for node in axis.nodes]
+        squares += _interpolation_error(axis, curves, value) ** 2 + _scatter(settings, number, value) ** 2
+        effects.append(np.abs(force_at(number, value) - law.curve.knot_force))
     if not effects:
-        squares = [width**2 for width in _scatter(settings, 0, setting[0])]
+        squares = _scatter(settings, 0, setting[0]) ** 2
     if len(effects) > 1 and not is_tested(settings, setting):
-        for k in range(KNOTS):
-            sizes = sorted(effect[k] for effect in effects)
-            squares[k] += (_INTERACTION * sum(sizes[:-1])) ** 2
-    return tuple(sqrt(square) for square in squares)
+        squares += (_INTERACTION * np.sort(effects, axis=0)[:-1].sum(axis=0)) ** 2
+    return tuple(np.sqrt(squares).tolist())
 
 
-def _force_on_axis(settings: Settings, law: ShockLaw, number: int, value: float) -> tuple[float, ...]:
-    """Return the force at the knots (25,) [N] with one axis at a value and the others at their reference."""
-    setting = list(settings.reference)
-    setting[number] = value
-    return settings.law_at(law, tuple(setting)).curve.knot_force
+def _scatter(settings: Settings, number: int, value: float) -> Array:
+    """Return the half-width (25,) [N] of the measurements next to a value of one axis, interpolated between them.
 
+    At a measured setting it is that with the other axes at their reference, or else the largest there.
+    """
+    import numpy as np  # noqa: PLC0415 -- help texts import the laws without it
 
-def _scatter(settings: Settings, number: int, value: float) -> tuple[float, ...]:
-    """Return the half-width (25,) [N] of the measurements next to a value of one axis, interpolated between them."""
-    axis = settings.axes[number]
-    near = axis.neighbours(value)
-    low, high = _scatter_at(settings, number, near[0]), _scatter_at(settings, number, near[-1])
+    rows = dict(zip(settings.tested, map(np.array, settings.half_width), strict=True))
+
+    def half_width(node: float) -> Array:
+        place = list(settings.reference)
+        place[number] = node
+        there = [row for at, row in rows.items() if at[number] == node]
+        return rows[tuple(place)] if tuple(place) in rows else np.max(there or [*rows.values()], axis=0)
+
+    near = settings.axes[number].neighbours(value)
     share = 0.0 if len(near) == 1 else (value - near[0]) / (near[1] - near[0])
-    return tuple((1.0 - share) * a + share * b for a, b in zip(low, high, strict=True))
+    return (1.0 - share) * half_width(near[0]) + share * half_width(near[-1])
 
 
-def _scatter_at(settings: Settings, number: int, node: float) -> tuple[float, ...]:
-    """Return the half-width (25,) [N] at a node with the other axes at their reference, or the largest at the node."""
-    reference = list(settings.reference)
-    reference[number] = node
-    rows = dict(zip(settings.tested, settings.half_width, strict=True))
-    if tuple(reference) in rows:
-        return rows[tuple(reference)]
-    there = [row for at, row in rows.items() if at[number] == node]
-    return tuple(max(column) for column in zip(*(there or settings.half_width), strict=True))
-
-
-def _interpolation_error(axis: Axis, curves: Mapping[float, Sequence[float]], value: float) -> list[float]:
+def _interpolation_error(axis: Axis, curves: Sequence[Array], value: float) -> Array:
     """Return the half-width (25,) [N] for the interpolation at a value of one axis, given the curves at its nodes."""
+    import numpy as np  # noqa: PLC0415 -- help texts import the laws without it
+
     nodes = axis.nodes
     if value in nodes or len(nodes) == 1:
-        return [0.0] * KNOTS
+        return np.zeros(KNOTS)
     j = axis.interval(value)
-    width = nodes[j + 1] - nodes[j]
-    w = (value - nodes[j]) / width
+    w = (value - nodes[j]) / (nodes[j + 1] - nodes[j])
     # Within the interval the error is like 4 w (1 - w); beyond, it grows with the distance.
     shape = 4.0 * w * (1.0 - w) if 0.0 <= w <= 1.0 else 4.0 * max(-w, w - 1.0) * (1.0 + max(-w, w - 1.0))
-    bends = [_bend(nodes, curves, i) for i in (j, j + 1) if 0 < i < len(nodes) - 1]
-    share = _DIFFERENCE if bends else _DIFFERENCE_OF_TWO
-    error = []
-    for k in range(KNOTS):
-        difference = abs(curves[nodes[j + 1]][k] - curves[nodes[j]][k])
-        error.append(shape * (_CURVATURE * max((bend[k] for bend in bends), default=0.0) + share * difference))
+    bends = [np.zeros(KNOTS)]  # errors with which a straight line between its neighbours predicts a node
+    for i in (i for i in (j, j + 1) if 0 < i < len(nodes) - 1):
+        u = (nodes[i] - nodes[i - 1]) / (nodes[i + 1] - nodes[i - 1])
+        bends.append(np.abs((1.0 - u) * curves[i - 1] + u * curves[i + 1] - curves[i]))
+    share = _DIFFERENCE if len(bends) > 1 else _DIFFERENCE_OF_TWO
+    error: Array = shape * (_CURVATURE * np.max(bends, axis=0) + share * np.abs(curves[j + 1] - curves[j]))
     return error
-
-
-def _bend(nodes: Sequence[float], curves: Mapping[float, Sequence[float]], i: int) -> list[float]:
-    """Return the error (25,) [N] with which a straight line between its neighbours predicts node i."""
-    w = (nodes[i] - nodes[i - 1]) / (nodes[i + 1] - nodes[i - 1])
-    before, here, after = (curves[nodes[n]] for n in (i - 1, i, i + 1))
-    return [abs((1.0 - w) * a + w * c - b) for a, b, c in zip(before, here, after, strict=True)]
 
 
 SCHEMA = 1

@@ -357,13 +357,7 @@ def mapped_series(
         expected: SI units by channel name, for channels that must have a given dimension.
 
     Raises:
-        TooShortError: There is no sample.
-        MissingChannelError: A column is missing, or a unit is given for a channel that is not read.
-        MissingUnitError: A column has no unit.
-        UnknownUnitError: A unit is unknown or has the wrong dimension.
-        NotANumberError: A sample is NaN, empty or text.
-        BackwardTimeError: Time decreases.
-        DuplicateTimeError: Time repeats.
+        DataError: A column, a unit or a sample has a fault; the subclass and the message say which and where.
     """
     if not record.columns[0].size:
         raise record.origin.header_fault(TooShortError, "it has no samples")
