@@ -94,18 +94,15 @@ def dyno_map(record: RawRecord, channel_map: ChannelMap | None = None) -> Channe
     taken |= {time.source} if time else set()
     ranked = {name: _candidates(record, name, taken) for name in DYNO_UNITS if name not in given.channels}
     force = given.channels.get("force") or _first(ranked["force"])
-    found = {name: _first(_of_one_number(names, force)) for name, names in ranked.items()}
+    number = re.search(r"\d+$", force.source) if force else None
+    of_number = re.compile(rf"(?<!\d){number[0]}$" if number else "")
+    found = {name: _first(list(filter(of_number.search, names)) or names) for name, names in ranked.items()}
     channels = {name: pick for name, pick in found.items() if pick} | dict(given.channels)
-    if "displacement" not in channels and (lengths := _candidates(record, "length", taken)):
-        channels["displacement"] = _of_length(record, lengths[0])
+    if "displacement" not in channels and (length := _first(_candidates(record, "length", taken))):
+        values = record.columns[record.names.index(length.source)]  # the displacement is 0 in the middle of the stroke
+        middle = 0.0 if values.dtype == object or not values.size else 0.5 * float(values.min() + values.max())
+        channels["displacement"] = replace(length, gain=-1.0, offset=middle)
     return ChannelMap(channels, time, given.path)
-
-
-def _of_length(record: RawRecord, name: str) -> MappedChannel:
-    """Return the displacement of a shock whose length was measured: 0 in the middle of the stroke."""
-    lengths = record.columns[record.names.index(name)]
-    middle = 0.0 if lengths.dtype == object or not lengths.size else 0.5 * float(lengths.min() + lengths.max())
-    return MappedChannel(name, gain=-1.0, offset=middle)
 
 
 def length_note(mapping: ChannelMap) -> tuple[str, ...]:
@@ -151,12 +148,6 @@ def choice_faults(record: RawRecord, mapping: ChannelMap, given: ChannelMap | No
             figure = f"{used!r} was read, and not {', '.join(map(repr, others))}"
             remedy = f"read another column with --channel {name}='{others[0]}', or confirm with '{used}'"
             yield fault("one of several columns", f"several columns could be the {name}", figure, remedy)
-
-
-def _of_one_number(names: list[str], force: MappedChannel | None) -> list[str]:
-    """Return the columns that have the number of the force in their names, or all if no name has it."""
-    number = re.search(r"\d+$", force.source) if force else None
-    return [name for name in names if number and re.search(rf"(?<!\d){number[0]}$", name)] or names
 
 
 def _first(names: list[str]) -> MappedChannel | None:

@@ -261,8 +261,12 @@ class _Reading:
         record = _with_even_time(record, mapping)
         units = {n: unit for n, unit in units.items() if n in (*mapping.channels, *self.units, "time")}
         series = mapped_series(record, mapping, units=units, expected=DYNO_UNITS)
-        _check_record(series, record.origin)
         measured, origin = series.names, record.origin
+        faults.check_gaps(series.time, origin=origin)
+        faults.check_length(series.time, shortest=SHORTEST, fewest=FEWEST, origin=origin)
+        for name in ("velocity", "displacement", "force"):
+            if name in series:
+                faults.check_moves(series[name], channel=name, origin=origin)
         derived: tuple[str, ...] = ()
         if "velocity" not in series:
             series, derived = _with_velocity(series, self.cutoff)
@@ -340,15 +344,6 @@ def _check_channels(record: RawRecord, mapping: ChannelMap) -> None:
         advice = " ".join(f"--channel {name}=COLUMN" for name in missing)
         what = f"no column has a usual name of the {named}; name it with {advice}; the file has: {known}"
         raise record.origin.header_fault(MissingChannelError, what, channel=missing[0])
-
-
-def _check_record(series: TimeSeries, origin: Origin) -> None:
-    """Check the time and that the measured channels vary."""
-    faults.check_gaps(series.time, origin=origin)
-    faults.check_length(series.time, shortest=SHORTEST, fewest=FEWEST, origin=origin)
-    for name in ("velocity", "displacement", "force"):
-        if name in series:
-            faults.check_moves(series[name], channel=name, origin=origin)
 
 
 def _check_force(series: TimeSeries, origin: Origin, derived: tuple[str, ...], stated: str) -> None:

@@ -206,7 +206,9 @@ def _lag(values: Array, reference: Array, columns: Array, spring: Array, period:
     profile = np.where(follows, profile, np.inf)
     best = int(np.argmin(profile))
     nearest = shifted[:, int(np.argmin(np.abs(lags - fine[best])))]
-    independent = _independent(nearest - model @ _weights(model, model.T @ nearest))
+    # Number of independent values of the residual: of equally strong lines with the same spread.
+    power = np.abs(np.fft.rfft(nearest - model @ _weights(model, model.T @ nearest))) ** 2
+    independent = float(min(power.sum() ** 2 / np.sum(power**2), MOST_INDEPENDENT))
     found = _interval(fine, profile, best, independent)
     return None if found is None else _ForceLag(float(fine[best]), *found, float(stiffness[best]))
 
@@ -241,12 +243,6 @@ def _weights(columns: Array, sums: Array) -> Array:
     size = np.sqrt(np.maximum(np.diag(product), np.finfo(float).tiny))
     scaled = product / np.outer(size, size) + _RIDGE * np.eye(size.size)
     return np.asarray((np.linalg.solve(scaled, (sums.T / size).T).T / size).T)
-
-
-def _independent(residual: Array) -> float:
-    """Return the number of independent values of a residual (M,): of equally strong lines with the same spread."""
-    power = np.abs(np.fft.rfft(residual)) ** 2
-    return float(min(power.sum() ** 2 / np.sum(power**2), MOST_INDEPENDENT))
 
 
 def _interval(lags: Array, profile: Array, best: int, independent: float) -> tuple[float, float] | None:

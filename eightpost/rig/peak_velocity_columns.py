@@ -349,11 +349,8 @@ class Columns:
         before = [i for i in own or self._all("speed") if i < place]
         return before[-1] if before else own[0] if own else self._need("speed")
 
-    def _unit(self, i: int) -> str | None:
-        return self.record.units[i] or self.units.get(self.record.names[i]) or self.units.get("force")
-
     def _has_unit(self, i: int, si: str) -> bool:
-        unit = self._unit(i)
+        unit = self.record.units[i] or self.units.get(self.record.names[i]) or self.units.get("force")
         return unit is not None and is_unit(unit) and compatible(unit, si)
 
     # ---- Cells and other columns ------------------------------------------------------------------------------------

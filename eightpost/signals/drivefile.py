@@ -108,4 +108,5 @@ class Drivefile(Recording):
         partial = 0.5 * (values[:, left] + self.sample(np.maximum(times, grid[0]))) * inside
         # Integral from the first sample to each time; the end values are held outside the samples.
         primitive = self._integral[:, left] + partial + values[:, :1] * before
-        return np.diff(primitive, axis=1) / widths
+        means: Array = np.diff(primitive, axis=1) / widths
+        return means

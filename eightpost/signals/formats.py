@@ -180,8 +180,9 @@ def _record(table: Table, path: Path) -> RawRecord:
                for name, column in zip(names, columns, strict=True) if column.size != size]  # fmt: skip
     notes = tuple(f"the channel {name!r} was left out: {why}" for name, why in others)
     kept = [i for i, column in enumerate(columns) if column.size == size and names[i] not in dict(table.others)]
-    picked = (tuple(row[i] for i in kept) for row in (names, units, columns))
-    return RawRecord(Origin(path), *picked, tuple((line,) for line in table.preamble), notes)  # type: ignore[arg-type]
+    names, units, columns = [names[i] for i in kept], [units[i] for i in kept], [columns[i] for i in kept]
+    preamble = tuple((line,) for line in table.preamble)
+    return RawRecord(Origin(path), tuple(names), tuple(units), tuple(columns), preamble, notes)
 
 
 def _read_mdf(path: Path) -> tuple[RawRecord, ...]:

@@ -206,7 +206,7 @@ def read_rpc(path: Path) -> tuple[RawRecord, ...]:
     notes = _half_frames(header, len(data) - np.dtype(kind).itemsize * count * points, path)
     if "SAMPLES" in header:
         values = values[:, : _integer(header, "SAMPLES", path)]
-    elif (filled := _filling(values[:, -frame:])) >= _FILLED:
+    elif (filled := _repeats_at_end(values[:, -frame:])) >= _FILLED:
         values = values[:, : points - filled]
         notes += (f"the last {filled} samples were left out: they fill the last frame with one value of each channel",)
     numbers = range(1, count + 1)
@@ -260,7 +260,7 @@ def _half_frames(header: Mapping[str, str], more: int, path: Path) -> tuple[str,
     return ("it has half frames: its first and last half frame may be a fade, cut them with a time window",)
 
 
-def _filling(frame: NDArray[Any]) -> int:
+def _repeats_at_end(frame: NDArray[Any]) -> int:
     """Return how many samples at the end of a frame (C, N) repeat the one before in all channels."""
     changes = np.flatnonzero((np.diff(frame, axis=1) != 0).any(axis=0))
     return int(frame.shape[1] - 2 - changes[-1]) if changes.size else 0

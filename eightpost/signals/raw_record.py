@@ -368,7 +368,9 @@ def mapped_series(
         if name not in known:
             what = f"a unit is given for this channel, but the channels that are read are: {', '.join(picks)}"
             raise record.origin.header_fault(MissingChannelError, what, channel=name)
-    labels = {name: _label(name, channel_map) for name in picks}
+    # In messages about a channel map of a file, a channel has its key there.
+    keys = {name: name if name == "time" else f"channels.{name}" for name in picks}
+    labels = {n: f"{key} of {channel_map.path}" if channel_map.path else n for n, key in keys.items()}
     columns = {name: record.index(pick.source, channel=labels[name]) for name, pick in picks.items()}
     expected = {"time": "s", **(expected or {})}
     _check_units(record, picks, columns, units or {})
@@ -402,13 +404,6 @@ def _check_units(
         advice = " ".join(f"--channel '{name}=[unit]'" for name in missing)
         what = f"the columns {sources} have no unit; add it to each name as `name [unit]`, or pass `{advice}`"
         raise record.origin.header_fault(MissingUnitError, what, channel=missing[0])
-
-
-def _label(name: str, channel_map: ChannelMap) -> str:
-    """Return the channel for messages: its name, or its key in the channel map's file."""
-    if channel_map.path is None:
-        return name
-    return f"{name if name == 'time' else f'channels.{name}'} of {channel_map.path}"
 
 
 def _target_unit(record: RawRecord, channel: str, unit: str, expected: str | None) -> str:

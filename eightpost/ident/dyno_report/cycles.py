@@ -129,7 +129,9 @@ def cycles_of(series: TimeSeries, cycle: str | int = "mean") -> Cycles:
     peaks = np.array([_peak(series, a.stop, b.start) for a, b in pairwise(crossings)]).reshape(-1, 2)
     times = np.array([crossing.time for crossing in crossings if crossing.upward])
     none = NO_CYCLE if times.size < FEWEST_CYCLES + 1 else UNLIKE
-    duration, stroke = np.diff(times), _strokes(series, times)
+    path = cumulative_trapezoid(series["velocity"], series.time, initial=0)
+    bounds = pairwise(np.searchsorted(series.time, times).tolist())
+    duration, stroke = np.diff(times), np.array([np.ptp(path[a : b + 1]) for a, b in bounds])
     alike = np.zeros(0, dtype=bool)
     if none is UNLIKE:
         usual = (np.median(stroke), np.median(duration))
@@ -246,13 +248,6 @@ def _width(crossings: list[Crossing]) -> Found:
     if not (extended and compressed):
         return Unknown("the velocity does not change its sign in both directions")
     return float(np.mean(compressed)) - float(np.mean(extended))
-
-
-def _strokes(series: TimeSeries, times: Array) -> Array:
-    """Return the stroke between successive times (C + 1,) [s]: the range of the integral of velocity (C,) [m]."""
-    path = cumulative_trapezoid(series["velocity"], series.time, initial=0)
-    bounds = np.searchsorted(series.time, times)
-    return np.array([np.ptp(path[a : b + 1]) for a, b in pairwise(bounds.tolist())])
 
 
 # ---- Slow parts: gas force, gas stiffness and friction, where lag and valves have little effect ---------------------

@@ -164,7 +164,8 @@ def spectra_of(series: TimeSeries) -> Spectra | None:
     for name, values in zip(series.names, series.values, strict=True):
         cut = segments(values)
         rows[name] = transformed(cut - cut.mean(axis=1, keepdims=True))
-    own = {name.removesuffix("velocity"): series[name] for name in series.names if _quantity(name) == "velocity"}
+    velocities = [name for name in series.names if name.rpartition(".")[2] == "velocity"]
+    own = {name.removesuffix("velocity"): series[name] for name in velocities}
     slopes = {f"{place}{DIRECTION}": velocity for place, velocity in own.items()}
     for left, right in AXLES:
         if f"{left}." in own and f"{right}." in own:
@@ -175,10 +176,6 @@ def spectra_of(series: TimeSeries) -> Spectra | None:
 
 def _direction(name: str) -> str:
     return f"{name.removesuffix('velocity')}{DIRECTION}" if name.endswith("velocity") else name
-
-
-def _quantity(name: str) -> str:
-    return name.rpartition(".")[2]
 
 
 # ==== The laws =======================================================================================================
