@@ -15,7 +15,7 @@ from eightpost.array_types import Array
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError, ParameterError
 from eightpost.files import document_kind, sha256_of
-from eightpost.ident.dyno_report.cycles import STROKES, Found, Stroke, Unknown, known, mean_of
+from eightpost.ident.dyno_report.cycles import STROKES, Found, Stroke, Unknown, known, mean_of, of_known
 from eightpost.ident.dyno_report.entry import (
     Entry,
     ForceBand,
@@ -279,9 +279,7 @@ class CarCorner:
 
         The tire is rigid in this equation, and the damper moves r times as far as the wheel.
         """
-        if isinstance(rate, Unknown):
-            return rate
-        return rate * self.motion_ratio**2 / (2.0 * sqrt(self.wheel_rate * self.mass))
+        return of_known(lambda c: c * self.motion_ratio**2 / (2.0 * sqrt(self.wheel_rate * self.mass)), rate)
 
 
 def corners_of_car(path: Path, motion_ratio: float = 1.0) -> tuple[CarCorner, ...]:

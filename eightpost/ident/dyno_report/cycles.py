@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,14 @@ class Unknown:
 
 
 Found = float | Unknown  #: A value in SI, or the reason why it is unknown.
+
+
+Result = TypeVar("Result")
+
+
+def of_known(function: Callable[..., Result], *values: Found) -> Result | Unknown:
+    """Return a function of values; the first reason if a value is unknown."""
+    return next((value for value in values if isinstance(value, Unknown)), None) or function(*values)
 
 
 def known(values: Iterable[Found]) -> list[float]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from eightpost.array_types import Array
-from eightpost.ident.dyno_report.cycles import STROKES, Cycles, Found, Stroke, Unknown
+from eightpost.ident.dyno_report.cycles import STROKES, Cycles, Found, Stroke, Unknown, of_known
 from eightpost.rig.motion import SMALLEST, path_of, turning_points
 from eightpost.rig.peak_velocity import PeakVelocityTable
 from eightpost.shock import ShockLaw
@@ -257,14 +257,13 @@ def force_at_zero(curve: VelocityCurve | Unknown) -> Found:
 
 def ratio_at(curve: VelocityCurve | Unknown, speed: float) -> Found:
     """Return the force in rebound over the force in compression [1] at a speed [m/s]."""
-    compression, rebound = (forces_at(curve, speed, stroke) for stroke in STROKES)
-    if isinstance(compression, Unknown):
-        return compression
-    if isinstance(rebound, Unknown):
-        return rebound
-    if compression <= 0.0 or rebound <= 0.0:
-        return Unknown("a force at this speed acts in the direction of the motion")
-    return rebound / compression
+
+    def ratio(compression: float, rebound: float) -> Found:
+        if compression <= 0.0 or rebound <= 0.0:
+            return Unknown("a force at this speed acts in the direction of the motion")
+        return rebound / compression
+
+    return of_known(ratio, *(forces_at(curve, speed, stroke) for stroke in STROKES))
 
 
 def forces_at(curve: VelocityCurve | Unknown, speed: float, stroke: Stroke) -> Found:

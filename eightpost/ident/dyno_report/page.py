@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from operator import sub
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from eightpost.ident.dyno_report.builds import (
     mean_force,
     repeated_runs,
 )
-from eightpost.ident.dyno_report.cycles import STROKES, Cycles, Found, Stroke, Unknown, mean_of
+from eightpost.ident.dyno_report.cycles import STROKES, Cycles, Found, Stroke, Unknown, mean_of, of_known
 from eightpost.ident.dyno_report.entry import Entry
 from eightpost.ident.dyno_report.figures import branches_figure, curves_figure, loops_figure
 from eightpost.ident.dyno_report.loop import BEND, Branches, ratio_at
@@ -135,7 +136,7 @@ def force_table(report: DynoReport) -> list[Block]:
                     ((*label, stroke), [mean_force(entries, v, stroke) for v in report.speeds]) for stroke in STROKES
                 ]
                 ratios = [mean_of(ratio_at(entry.curve, speed) for entry in entries) for speed in report.speeds]
-                rows.append(((*label, "reb/comp"), [r if isinstance(r, Unknown) else Amount(r, "1") for r in ratios]))
+                rows.append(((*label, "reb/comp"), [of_known(lambda r: Amount(r, "1"), ratio) for ratio in ratios]))
     corner = ("corner",) if report.fitted_to else ()
     return _at_speeds(report, (*corner, "build", "basis", "stroke"), rows)
 
@@ -155,14 +156,8 @@ def difference_table(report: DynoReport) -> list[Block]:
             ours, base = variant.representatives(basis), report.variants[0].representatives(basis)
             for stroke in STROKES if ours and base else ():
                 pairs = [(mean_force(ours, v, stroke), mean_force(base, v, stroke)) for v in report.speeds]
-                rows.append(((variant.label, basis, stroke), [_with_share(_minus(a, b), b) for a, b in pairs]))
+                rows.append(((variant.label, basis, stroke), [_with_share(of_known(sub, a, b), b) for a, b in pairs]))
     return _at_speeds(report, ("build", "basis", "stroke"), rows)
-
-
-def _minus(first: Found, second: Found) -> Found:
-    if isinstance(first, Unknown):
-        return first
-    return second if isinstance(second, Unknown) else first - second
 
 
 def _with_share(value: Found, whole: Found) -> Found | Cell:
@@ -240,10 +235,8 @@ def _ratios(corner: CarCorner, entry: Entry) -> Iterator[Found]:
     """Yield the damping ratios [%] of compression, rebound and their mean, below and then above the knee."""
     for side in ("low", "high"):
         rates: list[Found] = [getattr(entry.strokes[stroke], side) for stroke in STROKES]
-        unknown = next((rate for rate in rates if isinstance(rate, Unknown)), None)
-        for rate in (*rates, unknown or mean_of(rates)):
-            ratio = corner.damping_ratio(rate)
-            yield ratio if isinstance(ratio, Unknown) else 100.0 * ratio
+        for rate in (*rates, of_known(lambda *both: mean_of(both), *rates)):
+            yield of_known(lambda ratio: 100.0 * ratio, corner.damping_ratio(rate))
 
 
 # ---- Runs -----------------------------------------------------------------------------------------------------------
@@ -258,8 +251,7 @@ def _run_table(report: DynoReport) -> list[Block]:
         setting = entry.setting
         first = (entry.name, build, entry.title, setting.clicks, setting.gas_pressure, entry.highest or None)
         if test is not None and isinstance(cycles, Cycles):
-            heats = [heat if isinstance(heat, Unknown) else shown(heat)
-                     for shown, heat in ((_celsius, warming.start), (_kelvin, warming.drift))]  # fmt: skip
+            heats = (of_known(_celsius, warming.start), of_known(_kelvin, warming.drift))
             rows.append((*first, test.stroke, cycles.frequency, str(cycles.count), *heats, warming.power))
         elif entry.kind == "table":
             rows.append((*first, *(None,) * 6))
@@ -285,13 +277,13 @@ def loop_table(report: DynoReport) -> list[Block]:
     """Return energy, width and lag of the loops, gas force, gas stiffness and friction."""
     rows = []
     for _, entry in _labelled(report):
-        cycles, lag, percent = entry.cycles, entry.lag, entry.shock.fit.get("percent") if entry.shock else None
+        cycles, slow, percent = entry.cycles, entry.slow, entry.shock.fit.get("percent") if entry.shock else None
         loop: tuple[Found | None, ...] = (None, None, None)
         if isinstance(cycles, Cycles):
             loop = (cycles.energy, cycles.energy_scatter, cycles.width)
         rows.append((entry.name, entry.title, *loop, entry.offset if entry.kind == "run" else None,
-                     lag if isinstance(lag, Unknown) else 1e3 * lag, entry.slow.gas_force, entry.slow.stiffness,
-                     entry.slow.friction, float(percent) if isinstance(percent, int | float) else None))  # fmt: skip
+                     of_known(lambda lag: 1e3 * lag, entry.lag), slow.gas_force, slow.stiffness, slow.friction,
+                     float(percent) if isinstance(percent, int | float) else None))  # fmt: skip
     columns = ("entry", "kind", "energy per cycle [J]", "its deviation [J]", "width at v = 0 [N]", "force at v = 0 [N]",
                "lag (ms)", "gas force [N]", "gas stiffness [N/m]", "friction [N]", "fit error [%] .2")  # fmt: skip
     return explained("", columns, rows)
@@ -307,10 +299,10 @@ def branch_table(report: DynoReport) -> list[Block]:
 
 
 def _branch_cell(branches: Branches, speed: float, stroke: Stroke) -> Found | Cell:
-    opening, closing = (branches.force_at(speed, stroke, branch) for branch in ("open", "closed"))
-    if isinstance(opening, Unknown) or isinstance(closing, Unknown):
-        return Unknown("the loop does not reach this speed")
-    return Markup(" / ").join(cell_html(Amount(force, "N")) for force in (opening, closing))
+    def cell(*forces: float) -> Markup:
+        return Markup(" / ").join(cell_html(Amount(force, "N")) for force in forces)
+
+    return of_known(cell, *(branches.force_at(speed, stroke, branch) for branch in ("open", "closed")))
 
 
 def peak_table(report: DynoReport) -> list[Block]:
