@@ -25,20 +25,20 @@ def test_a_drive_file_is_linear_between_samples_and_constant_beyond_its_ends():
 
 
 @pytest.mark.parametrize(
-    ("start", "stop", "road"),
+    ("start", "stop", "road", "force"),
     [
-        (0.0, 1.0, 1.0),  # a triangle
-        (0.0, 3.0, 1.0),
-        (0.5, 2.0, (0.75 + 1.5) / 1.5),  # two trapezia: 0.5 * 1.5 + 1 * 1.5
-        (-1.0, 1.0, 0.5),  # held at 0 before the start
-        (1.0, 5.0, 0.5),  # held at 0 after the end
-        (4.0, 5.0, 0.0),
-        (-3.0, -2.0, 0.0),
-        (0.25, 0.25, 0.5),
+        (0.0, 1.0, 1.0, 1.0),  # a triangle
+        (0.0, 3.0, 1.0, 7.0 / 3.0),
+        (0.5, 2.0, (0.75 + 1.5) / 1.5, 2.5 / 1.5),  # two trapezia: 0.5 * 1.5 + 1 * 1.5
+        (-1.0, 1.0, 0.5, 1.0),  # held at 0 and 1 before the start
+        (1.0, 5.0, 0.5, 4.0),  # held at 0 and 5 after the end
+        (4.0, 5.0, 0.0, 5.0),
+        (-3.0, -2.0, 0.0, 1.0),
+        (0.25, 0.25, 0.5, 1.0),
     ],
 )
-def test_a_mean_equals_the_area_computed_by_hand(start, stop, road):
-    assert RAMP.mean(start, stop)[0] == pytest.approx(road, abs=1e-15)
+def test_a_mean_equals_the_area_computed_by_hand(start, stop, road, force):
+    assert RAMP.mean(start, stop) == pytest.approx([road, force], abs=1e-14)
 
 
 @settings(max_examples=30, deadline=None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import takewhile
+from itertools import product, takewhile
 from math import sqrt
 from pathlib import Path
 from typing import Any
@@ -97,50 +97,7 @@ class Judgement:
         return f"{force} lbf at {convert(self.speed, 'm/s', 'in/s'):.3g} in/s, master {master} ± {tolerance} lbf"
 
 
-def judgements(limits: CurveLimits, entries: Sequence[Entry], speeds: Sequence[float]) -> Iterator[Judgement]:
-    """Yield the judgement of each stroke of runs and tables at speeds [m/s] that the entry and the master reach."""
-    for entry in entries:
-        for stroke in STROKES if entry.kind != "law" else ():
-            found = []
-            for speed in speeds:
-                force, limit = forces_at(entry.curve, speed, stroke), limits.at(speed, stroke)
-                if isinstance(force, float) and limit is not None:
-                    found.append((abs(force - limit[0]) / max(limit[1], 1e-12), speed, force, *limit))
-            if found:
-                yield Judgement(entry, stroke, len(found), *max(found)[1:])
-
-
-def limits_of(entry: Entry, records: Sequence[RawRecord], tolerances: Sequence[tuple[float, str]]) -> CurveLimits:
-    """Return the limits of a master curve.
-
-    Args:
-        entry: Entry of the master's file.
-        records: Tables of this file; a column of tolerances (`tolerance [N]` or `[%]`) by speed takes precedence.
-        tolerances: Values with the unit `%` of the master's force or `N`; the largest one counts.
-
-    Raises:
-        InputError: The curve is unknown, or there is no tolerance, or one is not positive.
-    """
-    name = entry.source.name if entry.source else entry.name
-    if isinstance(entry.curve, Unknown):
-        raise InputError(f"--limits {name}: the file has no curve: {entry.curve.reason}")
-    curve = entry.curve
-    columns = [_column(record, entry.source) for record in records]
-    found = next((column for column in columns if column is not None), None)
-    given = [value for value, _ in tolerances] if found is None else found[1].tolist()
-    if wrong := [value for value in given if not value > 0.0]:
-        raise InputError(f"--limits {name}: a tolerance must be above 0, not {wrong[0]:g}")
-    if found is not None:
-        speeds, values, unit = found
-        size = np.interp(np.abs(curve.velocity), speeds, values)
-        return CurveLimits(name, curve, size if unit == "N" else 0.01 * size * np.abs(curve.force))
-    if not tolerances:
-        raise InputError(f"--limits {name} has no column of tolerances; add --tolerance '5 %' or --tolerance '20 N'")
-    sizes = [np.full(curve.force.size, v) if unit == "N" else 0.01 * v * np.abs(curve.force) for v, unit in tolerances]
-    return CurveLimits(name, curve, np.max(sizes, axis=0))
-
-
-def _column(record: RawRecord, path: Path | None) -> tuple[Array, Array, str] | None:
+def _tolerances_in(record: RawRecord, path: Path) -> tuple[Array, Array, str] | None:
     """Return speeds [m/s] and tolerances by speed, with their unit, `N` or `%`; None without such a column."""
     places = [k for k, name in enumerate(record.names) if name.strip().lower().startswith(_TOLERANCE)]
     speeds = [(k, unit) for k, unit in enumerate(record.units) if unit and compatible(unit, "m/s")]
@@ -325,7 +282,15 @@ class DynoReport:
     @property
     def judgements(self) -> tuple[Judgement, ...]:
         """Strokes of runs and tables, judged by the limits; nothing without limits."""
-        return () if self.limits is None else tuple(judgements(self.limits, self.entries, self.speeds))
+        found: list[Judgement] = []
+        if (limits := self.limits) is None:
+            return ()
+        for entry, stroke in product((entry for entry in self.entries if entry.kind != "law"), STROKES):
+            pairs = [(v, forces_at(entry.curve, v, stroke), limits.at(v, stroke)) for v in self.speeds]
+            judged = [(abs(force - limit[0]) / max(limit[1], 1e-12), v, force, *limit)
+                      for v, force, limit in pairs if isinstance(force, float) and limit is not None]  # fmt: skip
+            found += [Judgement(entry, stroke, len(judged), *max(judged)[1:])] if judged else []
+        return tuple(found)
 
     @property
     def unjudged(self) -> tuple[str, ...]:
@@ -477,14 +442,32 @@ def _with_unique_names(entries: Sequence[Entry]) -> tuple[Entry, ...]:
 def read_limits(path: Path, reading: Reading, tolerances: Sequence[tuple[float, str]]) -> CurveLimits:
     """Return the limits of a master curve: of a dynamometer file or a shock file with one curve.
 
+    Args:
+        path: File; its column of tolerances by speed (`tolerance [N]` or `[%]`) takes precedence.
+        reading: Options of reading the file.
+        tolerances: Values with the unit `%` of the master's force or `N`; the largest one counts.
+
     Raises:
-        InputError: The file has several curves, or there is no tolerance.
+        InputError: The file has several curves or an unknown one, or there is no tolerance, or one is not positive.
     """
     entries = read_entries([path], reading)
     if len(entries) > 1:
         raise InputError(f"--limits {path.name} has {len(entries)} curves; give a file with one")
-    records = () if entries[0].shock else read_records(path)
-    return limits_of(entries[0], records, tolerances)
+    curve, name = entries[0].curve, path.name
+    if isinstance(curve, Unknown):
+        raise InputError(f"--limits {name}: the file has no curve: {curve.reason}")
+    columns = [_tolerances_in(record, path) for record in (() if entries[0].shock else read_records(path))]
+    column = next((column for column in columns if column is not None), None)
+    if wrong := [v for v in (column[1].tolist() if column else [v for v, _ in tolerances]) if not v > 0.0]:
+        raise InputError(f"--limits {name}: a tolerance must be above 0, not {wrong[0]:g}")
+    if column is not None:
+        sizes = [(np.interp(np.abs(curve.velocity), *column[:2]), column[2])]
+    else:
+        sizes = [(np.full(curve.force.size, value), unit) for value, unit in tolerances]
+    if not sizes:
+        raise InputError(f"--limits {name} has no column of tolerances; add --tolerance '5 %' or --tolerance '20 N'")
+    forces = [size if unit == "N" else 0.01 * size * np.abs(curve.force) for size, unit in sizes]
+    return CurveLimits(name, curve, np.max(forces, axis=0))
 
 
 def read_track(path: Path, column: str | None = None) -> Array:
