@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from nptdms import ChannelObject, TdmsWriter
 
 from eightpost.errors import InputError
 from eightpost.rig import read_dyno_test, read_dyno_tests
@@ -71,18 +70,8 @@ def fixed(form, sep=","):
 
 def waveforms(steps, starts):
     """Return a writer of a .tdms file of waveforms with their own increments and starts."""
-
-    def write(folder):
-        path = folder / "run.tdms"
-        with TdmsWriter(path) as writer:
-            writer.write_segment([
-                ChannelObject("Data", name, np.asarray(samples),
-                              properties={"unit_string": unit, "wf_increment": step, "wf_start_offset": start})
-                for (name, unit, samples), step, start in zip(CHANNELS, steps, starts, strict=True)
-            ])  # fmt: skip
-        return path
-
-    return write
+    times = [{"wf_increment": step, "wf_start_offset": start} for step, start in zip(steps, starts, strict=True)]
+    return groups({"Data": [(*one, own) for one, own in zip(CHANNELS, times, strict=True)]})
 
 
 def speeds(count):
@@ -92,9 +81,6 @@ def speeds(count):
 
 MOTEC = '"Format","MoTeC CSV File",,,"Workbook",""\n"Sample Rate","400.000","Hz",,"Segment","",\n\n\n'
 READ = {
-    "negative numbers in brackets": text(
-        H, [SI[0], *([re.sub(r"^-(.*)", r"(\1)", c) for c in cells(*one)] for one in SI[1:])]
-    ),
     "channels in rows": raw("\n".join(",".join([n, *cells(*one)]) for n, one in zip(NAMES, SI, strict=True)) + "\n"),
     "everything in quotes, words above": quoted(
         [["Time (sec)", "Position (in)", "Velocity (in/sec)", "Force (lbs)", "Temp (F)"]], US,
