@@ -99,14 +99,6 @@ def test_stacked_blocks_are_settings_and_a_line_above_them_may_name_the_stroke(t
     np.testing.assert_allclose(table.compression, COMPRESSION)
 
 
-def test_bump_and_droop_are_the_strokes(tmp_path):
-    (table,) = read_peak_velocity(
-        written(tmp_path, "Speed [Inches/Sec],Bump [Lbf],Droop [Lbf]\n2,20,40\n4,40,70\n8,60,110\n")
-    )
-    np.testing.assert_allclose(table.speed, np.array([2.0, 4.0, 8.0]) * 0.0254)
-    np.testing.assert_allclose(table.rebound, -np.array([40.0, 70.0, 110.0]) * 4.4482216152605)
-
-
 @pytest.mark.parametrize("rest", ["", "0,150,150\n"], ids=["extrapolated", "at rest"])
 def test_the_gas_force_in_a_table_is_identified_and_subtracted(tmp_path, rest):
     speed = np.array([0.01, 0.02, 0.04, 0.08, 0.15, 0.25])

@@ -63,11 +63,6 @@ def three_decimals(mark, quote="", group=""):
     ]
 
 
-def fixed(form, sep=","):
-    """Return the lines of a table in a number format."""
-    return "\n".join(sep.join(form % value for value in row) for row in zip(*(values(*o) for o in SI), strict=True))
-
-
 def waveforms(steps, starts):
     """Return a writer of a .tdms file of waveforms with their own increments and starts."""
     times = [{"wf_increment": step, "wf_start_offset": start} for step, start in zip(steps, starts, strict=True)]
