@@ -30,10 +30,7 @@ from eightpost.virtual.program import Bench
 
 #: Minimum correlation of a record's commands, or of its wheelloader positions, with the drive file [1].
 _SAME_DRIVE = 0.9
-
-#: Lag of positions that is attributed to the wheelloaders, not to the logger [s].
-_FOLLOWING = 0.02
-
+_FOLLOWING = 0.02  #: Lag of positions that is attributed to the wheelloaders, not to the logger [s].
 #: Correlation of the measured and the predicted channel below which the sign is wrong, and below which it is noted [1].
 _OPPOSITE, _UNLIKE = -0.3, 0.3
 
@@ -124,18 +121,14 @@ def _check_signs(problem: Problem, H: Complex, drive: Array, rows: Array, path: 
 
 # ==== The folder =====================================================================================================
 
-#: Newest schema of iteration.json that can be read; it is also the one that is written.
-SCHEMA = 1
+SCHEMA = 1  #: Newest schema of iteration.json that can be read; it is also the one that is written.
 
 Format = Literal["parquet", "csv", "mat", "drv"]
 
-#: File formats in which drive files are written.
-FORMATS = get_args(Format)
+FORMATS = get_args(Format)  #: File formats in which drive files are written.
 
 _STATE = "iteration.json"
-
-#: Largest change of a channel per steady input [SI]; an edited file may have any.
-_LARGEST = 1e12
+_LARGEST = 1e12  #: Largest change of a channel per steady input [SI]; an edited file may have any.
 
 
 @dataclass(frozen=True)
@@ -210,7 +203,8 @@ class IterationFolder:
             target = Target(track, state.high)
         except InputError as error:
             raise FileFormatError(f"{error}: {_AGAIN}", path=path / "target.parquet") from error
-        response, static = read_response(path / "response.npz"), _matrix(state.static)
+        response = read_response(path / "response.npz")
+        static = np.array(state.static) if len({len(row) for row in state.static}) == 1 else np.zeros((0, 0))
         if response.output_names != target.names or not np.array_equal(response.frequency, target.lines.frequency):
             what = f"does not belong to {_STATE} and target.parquet"
             raise FileFormatError(f"{what}: {_AGAIN}", path=path / "response.npz")
@@ -309,14 +303,10 @@ class IterationFolder:
         """
         outcome, number = self.outcome(), self.played
         if number:
-            state = {
-                "pass": number,
-                "status": outcome.status.value,
-                "best": outcome.best + 1,
-                "rejections": outcome.rejections,
-                "total": outcome.errors[-1].total,
-            }
-            _write_json(self.pass_path(number) / "errors.json", state | asdict(outcome.errors[-1]))
+            errors = outcome.errors[-1]
+            state = {"pass": number, "status": outcome.status.value, "best": outcome.best + 1,
+                     "rejections": outcome.rejections, "total": errors.total}  # fmt: skip
+            _write_json(self.pass_path(number) / "errors.json", state | asdict(errors))
         if outcome.best >= 0:
             self._write_drive(self.path / "best_drive", self.drive(outcome.best + 1))
         if outcome.status is not Status.DIVERGED:
@@ -344,11 +334,6 @@ class IterationFolder:
         return tuple(map(str, checked(list[LimitHit], json_content(path), path=path)))
 
 
-def _matrix(rows: Sequence[Sequence[float]]) -> Array:
-    """Return rows as an array (p, m); an empty one if they differ in length."""
-    return np.array(rows) if len({len(row) for row in rows}) == 1 else np.zeros((0, 0))
-
-
 def _write_json(path: Path, content: Any) -> None:
     with atomic_path(path) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
@@ -356,8 +341,7 @@ def _write_json(path: Path, content: Any) -> None:
 
 # ==== Passes on the virtual rig ======================================================================================
 
-#: Name of the rig's record in the folder of a pass.
-RECORD = "rig.parquet"
+RECORD = "rig.parquet"  #: Name of the rig's record in the folder of a pass.
 
 
 def iterate(

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -22,8 +21,7 @@ from eightpost.vehicle import Friction, IdentifiedVehicle, StateSpace, Structura
 
 # ==== Response to the commands of the rig, from an identified car or a car's parameters ==============================
 
-#: Low-pass of displacements before differentiation, as for the rig's records [Hz].
-_CUTOFF = 50.0
+_CUTOFF = 50.0  #: Low-pass of displacements before differentiation, as for the rig's records [Hz].
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,9 +147,7 @@ def _static(model: StateSpace, notes: list[str]) -> Array:
 
 #: Amplitude of an input that counts as much as that of another unit: the scale of the regularisation, by SI unit.
 TYPICAL = {"m": 0.002, "N": 700.0, "N.m": 1000.0}
-
-#: Minimum amplitude of a channel in a band, relative to its largest one, to which errors are scaled [1].
-_FLOOR = 0.01
+_FLOOR = 0.01  #: Minimum amplitude of a channel in a band, relative to its largest one, to which errors are scaled [1].
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,12 +167,6 @@ class Inverse:
     def rank(self) -> Array:
         """Number of directions (K,) that the inverse uses: the sum of their shares [1]."""
         return np.asarray(self.kept.sum(axis=1))
-
-
-def _output_scale(lines: Lines, target: Complex, width: float) -> Array:
-    """Return the amplitude of each target channel in the band around each line (K, p), for target lines (K, p)."""
-    amplitude = np.sqrt(lines.band_mean(np.abs(target) ** 2, width))
-    return np.asarray(np.maximum(amplitude, _FLOOR * amplitude.max(axis=0)))
 
 
 def regularised_inverse(H: Complex, outputs: Array, units: tuple[str, ...], regularisation: float) -> Inverse:
@@ -203,39 +193,21 @@ def regularised_inverse(H: Complex, outputs: Array, units: tuple[str, ...], regu
 
 # ==== Correction of the response between passes, and gains from coherence, by channel and band =======================
 
-#: Weight of a step relative to the step after it [1].
-_MEMORY = 0.5
-
-#: Weight of the starting response relative to that of the steps [1].
-_PRIOR = 0.1
-
-#: Minimum gain relative to the maximum gain [1]; a channel without coherence is not abandoned.
-_LOWEST = 0.15
-
-#: Gain where the identification has no coherence, for example above its band [1].
-_UNKNOWN = 0.6
-
-#: Power of a step, relative to that of the target, below which it carries no information [1].
-_NO_STEP = 1e-16
+_MEMORY = 0.5  #: Weight of a step relative to the step after it [1].
+_PRIOR = 0.1  #: Weight of the starting response relative to that of the steps [1].
+_LOWEST = 0.15  #: Minimum gain relative to the maximum gain [1]; a channel without coherence is not abandoned.
+_UNKNOWN = 0.6  #: Gain where the identification has no coherence, for example above its band [1].
+_NO_STEP = 1e-16  #: Power of a step, relative to that of the target, below which it carries no information [1].
 
 
-class _PassSpectra(NamedTuple):
-    """Lines of one pass."""
-
-    drive: Complex  #: Commands (K, m).
-    record: Complex  #: Target channels measured on the rig (K, p).
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Correction:
-    """Correction of the starting response by the passes so far."""
-
-    factor: Complex  #: Factor of each target channel (K, p), by which the starting response is multiplied.
-    coherence: Array  #: Coherence of the predicted and the measured change in the last step (K, p) [1].
-
-
-def correction(H: Complex, passes: Sequence[_PassSpectra], lines: Lines, width: float) -> Correction:
+def correction(
+    H: Complex, passes: Sequence[tuple[Complex, Complex]], lines: Lines, width: float
+) -> tuple[Complex, Array]:
     """Return the correction from the changes between successive passes, in bands of a width [Hz].
+
+    A pass is the lines of its commands (K, m) and those of the target channels that the rig measured (K, p).
+    It is the factor of each target channel (K, p) by which the starting response is multiplied. The second result is
+    the coherence of the predicted and the measured change in the last step (K, p) [1].
 
     A step from one pass to the next changes the drive by dX and the record by dY. With the prediction dP = H dX by the
     starting response (K, p, m), the factor c of a channel in a band minimises
@@ -248,22 +220,21 @@ def correction(H: Complex, passes: Sequence[_PassSpectra], lines: Lines, width: 
     measured = np.zeros((len(H), H.shape[1]), dtype=np.complex128)
     predicted = np.zeros(measured.shape)
     coherence = np.ones(measured.shape)
-    before = _PassSpectra(np.zeros_like(passes[0].drive), np.zeros_like(passes[0].record))
-    for now in passes:
-        dP = np.einsum("kij,kj->ki", H, now.drive - before.drive)
-        dY = now.record - before.record
+    last_drive, last_record = (np.zeros_like(rows) for rows in passes[0])
+    for drive, record in passes:
+        dP, dY = np.einsum("kij,kj->ki", H, drive - last_drive), record - last_record
         power, cross = lines.band_sum(np.abs(dP) ** 2, width), lines.band_sum(dY * np.conj(dP), width)
-        moved = power > _NO_STEP * np.max(np.abs(now.record) ** 2, initial=1e-300)
+        moved = power > _NO_STEP * np.max(np.abs(record) ** 2, initial=1e-300)
         likeness = _coherence(cross, power, dY, lines, width)
         weight = np.where(moved, likeness / np.sqrt(np.where(moved, power, 1.0)), 0.0)
         measured = _MEMORY * measured + weight * cross
         predicted = _MEMORY * predicted + weight * power
         coherence = np.where(moved, likeness, coherence)
-        before = now
+        last_drive, last_record = drive, record
     known = predicted > 0.0
     total = np.where(known, (1.0 + _PRIOR) * predicted, 1.0)
     factor = np.where(known, (measured + _PRIOR * predicted) / total, 1.0)
-    return Correction(np.asarray(factor, dtype=np.complex128), np.asarray(coherence, dtype=np.float64))
+    return np.asarray(factor, dtype=np.complex128), np.asarray(coherence, dtype=np.float64)
 
 
 def _coherence(cross: Complex, power: Array, dY: Complex, lines: Lines, width: float) -> Array:
@@ -295,15 +266,10 @@ def gains(coherence: Array, highest: float) -> Array:
 #: Ratio of a pass's error to the smallest error so far above which the pass is rejected [1]; a pass that is worse than
 #: a rig at rest is also rejected.
 REJECTED = 1.5
-
-#: Number of rejected passes in a row after which the iteration has diverged.
-PATIENCE = 3
-
+PATIENCE = 3  #: Number of rejected passes in a row after which the iteration has diverged.
 #: Number of passes that must reduce the smallest error by `_PROGRESS`; otherwise the iteration has stalled.
 _RECENT, _PROGRESS = 3, 0.05
-
-#: Smallest direction of the steady loads that is used, relative to the largest [1].
-_STEADY = 0.05
+_STEADY = 0.05  #: Smallest direction of the steady loads that is used, relative to the largest [1].
 
 
 @dataclass(frozen=True, slots=True)
@@ -375,11 +341,6 @@ class Problem:
         unit = self.target.units[self.target.names.index(name)]
         return self.settings.acceleration if unit == "m/s2" else self.settings.displacement
 
-    def is_accepted(self, errors: PassErrors) -> bool:
-        """Return whether the error of each quantity is within its accepted value."""
-        firsts = {name.rpartition(".")[2]: name for name in self.target.names}
-        return all((errors.of_quantity(q) or 0.0) <= self.accepted(name) for q, name in firsts.items())
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pass:
@@ -420,11 +381,12 @@ def advance(problem: Problem, passes: Sequence[Pass]) -> Outcome:
     H = problem.response
     gain = _start_gains(problem.start.response.coherence, problem.wanted.shape, settings.gain)
     if passes and settings.is_updated:
-        spectra = [_PassSpectra(lines.spectrum(one.drive - one.drive[:, :1]), lines.spectrum(rows))
+        spectra = [(lines.spectrum(one.drive - one.drive[:, :1]), lines.spectrum(rows))
                    for one, rows in zip(passes, moving, strict=True)]  # fmt: skip
-        corrected = correction(H, spectra, lines, settings.width)
-        H, gain = H * corrected.factor[:, :, None], gains(corrected.coherence, settings.gain)
-    scale = _output_scale(lines, problem.wanted, settings.width)
+        factor, coherence = correction(H, spectra, lines, settings.width)
+        H, gain = H * factor[:, :, None], gains(coherence, settings.gain)
+    scale = np.sqrt(lines.band_mean(np.abs(problem.wanted) ** 2, settings.width))
+    scale = np.maximum(scale, _FLOOR * scale.max(axis=0))
     inverse = regularised_inverse(H, scale, problem.units, settings.regularisation)
     gain = gain * 0.5**rejections
     before, error, base = np.zeros((len(problem.units), lines.samples)), problem.wanted, None
@@ -466,7 +428,8 @@ def _steady_loads(problem: Problem, base: Pass | None) -> Array:
 
 
 def _status(problem: Problem, errors: Sequence[PassErrors], best: int, rejections: int) -> Status:
-    if best >= 0 and problem.is_accepted(errors[best]):
+    firsts = {name.rpartition(".")[2]: name for name in problem.target.names}
+    if best >= 0 and all((errors[best].of_quantity(q) or 0.0) <= problem.accepted(n) for q, n in firsts.items()):
         return Status.CONVERGED
     if rejections >= PATIENCE:
         return Status.DIVERGED

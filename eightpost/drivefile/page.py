@@ -19,9 +19,7 @@ from eightpost.verdict import Reason, Rules, Verdict
 # ==== Verdict ========================================================================================================
 
 ABOUT = "drive file"
-
-#: Error of a mean displacement, relative to the RMS of the displacement, above which it is reported [1].
-_MEAN = 0.5
+_MEAN = 0.5  #: Error of a mean displacement, relative to the RMS of the displacement, above which it is reported [1].
 
 RULES = Rules.read(Path(__file__).with_suffix(".txt"), ABOUT, patience=PATIENCE, rejected=REJECTED, mean=100.0 * _MEAN)
 
@@ -34,12 +32,8 @@ _OF_STATUS = {
 }
 
 
-def _iteration_verdict(problem: Problem, outcome: Outcome, hits: Sequence[str] = ()) -> Verdict:
-    """Return the verdict on an iteration; `hits` are sentences on limits that changed the drive of the best pass."""
-    return Verdict(_reasons(problem, outcome, hits))
-
-
 def _reasons(problem: Problem, outcome: Outcome, hits: Sequence[str]) -> Iterator[Reason]:
+    """Yield the reasons on an iteration; `hits` are sentences on limits that changed the drive of the best pass."""
     (rule, statement), number = _OF_STATUS[outcome.status], outcome.best + 1
     place = f"best pass {number} of {len(outcome.errors)}" if number else f"{len(outcome.errors)} passes"
     figure = _error_summary(outcome.errors[outcome.best]) if number else "no pass is better than a rig at rest"
@@ -64,8 +58,7 @@ def _error_summary(errors: PassErrors) -> str:
 
 # ==== The page =======================================================================================================
 
-#: Time that a time plot shows around the largest error [s].
-_SHOWN = 3.0
+_SHOWN = 3.0  #: Time that a time plot shows around the largest error [s].
 
 _PERCENT = "% of the target's RMS"
 _ERRORS = (
@@ -90,8 +83,8 @@ def write_iteration_page(folder: IterationFolder) -> Path:
 def verdict_of(folder: IterationFolder) -> Verdict:
     """Return the verdict on the iteration in a folder, with the limits that changed its best drive."""
     outcome = folder.outcome()
-    own = _iteration_verdict(folder.problem, outcome, folder.limit_hits(outcome.best + 1))
-    return Verdict.combined([own, folder.edits])
+    reasons = _reasons(folder.problem, outcome, folder.limit_hits(outcome.best + 1))
+    return Verdict([*reasons, *folder.edits.reasons])
 
 
 def _sections(folder: IterationFolder, outcome: Outcome) -> Iterator[Section]:
@@ -101,9 +94,10 @@ def _sections(folder: IterationFolder, outcome: Outcome) -> Iterator[Section]:
         blocks = [error_table(problem, outcome), _pass_figure(problem, outcome)]
     yield Section("passes", "Errors by pass", blocks)
     if passes:
-        shown = _shown_passes(outcome)
-        yield Section("spectra", "Errors by frequency", [_band_table(problem, outcome),
-                                                         _spectrum_figure(problem, passes, shown)])  # fmt: skip
+        last = len(outcome.errors) - 1
+        shown = sorted({0, min(1, last), last // 2, last, *([outcome.best] if outcome.best >= 0 else [])})
+        spectra: list[Block] = [_band_table(problem, outcome), _spectrum_figure(problem, passes, shown)]
+        yield Section("spectra", "Errors by frequency", spectra)
         yield Section("time", "Time signals", [_time_figure(problem, outcome, passes)])
     response: list[Block] = [_CONDITION, _response_figure(problem, outcome), _reach_table(problem, outcome)]
     yield Section("response", "Response and gains", response, folded=True)
@@ -180,12 +174,6 @@ def _pass_figure(problem: Problem, outcome: Outcome) -> Figure:
         figure.marks(0, numbers, values, name=quantity.replace("_", " "), color=color)
         figure.level(0, 100.0 * problem.accepted(name))
     return figure
-
-
-def _shown_passes(outcome: Outcome) -> list[int]:
-    """Return the indices of the passes whose spectra are drawn: first, second, middle, best and last."""
-    last = len(outcome.errors) - 1
-    return sorted({0, min(1, last), last // 2, last, *([outcome.best] if outcome.best >= 0 else [])})
 
 
 def _spectrum_figure(problem: Problem, passes: Sequence[Pass], shown: Sequence[int]) -> Figure:

@@ -78,17 +78,11 @@ class Lines:
 
 # ==== The target =====================================================================================================
 
-#: Quantities of the corners that a drive file reproduces.
-QUANTITIES = ("hub_acceleration", "displacement")
-
+QUANTITIES = ("hub_acceleration", "displacement")  #: Quantities of the corners that a drive file reproduces.
 #: Rest before and after the target in a drive file, and time in which the target fades in and out [s].
 REST, FADE = 3.0, 1.0
-
-#: Minimum duration of a target [s].
-_SHORTEST = 8.0
-
-#: Maximum standard deviation of a dead channel, relative to its mean and to the smallest number [1].
-_DEAD = 1e-12
+_SHORTEST = 8.0  #: Minimum duration of a target [s].
+_DEAD = 1e-12  #: Maximum standard deviation of a dead channel, relative to its mean and to the smallest number [1].
 
 
 @dataclass(frozen=True)
@@ -261,8 +255,7 @@ def at_rate(series: TimeSeries, rate: float) -> TimeSeries:
 
 # ==== Errors of a pass: measured minus target, by channel and by band ================================================
 
-#: Edges of the bands in tables [Hz].
-EDGES = (0.0, 1.0, 4.0, 10.0, 16.0, 24.0, 1000.0)
+EDGES = (0.0, 1.0, 4.0, 10.0, 16.0, 24.0, 1000.0)  #: Edges of the bands in tables [Hz].
 
 
 @dataclass(frozen=True, slots=True)
@@ -324,11 +317,8 @@ def pass_errors(target: Target, record: Array) -> PassErrors:
 
 # ==== Limits: stroke and velocity of wheelloaders, force of aeroloaders ==============================================
 
-#: Number of alternating projections onto the limits and the band.
-_ROUNDS = 12
-
-#: Excess over a limit that counts as rounding [1].
-_CLOSE = 1e-9
+_ROUNDS = 12  #: Number of alternating projections onto the limits and the band.
+_CLOSE = 1e-9  #: Excess over a limit that counts as rounding [1].
 
 
 @dataclass(frozen=True, slots=True)

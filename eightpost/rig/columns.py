@@ -36,36 +36,25 @@ if TYPE_CHECKING:
 #: SI unit of each channel of a dynamometer test.
 DYNO_UNITS = {"velocity": "m/s", "force": "N", "displacement": "m", "temperature": "K"}
 _SI = {**DYNO_UNITS, "time": "s", "length": "m"}
-
 #: Column names by channel, in lower case and reduced to letters: English, German, French, Italian, Spanish,
 #: Portuguese, Dutch, Swedish, Japanese, Chinese and Korean.
 #: Files use `F` and `T` in upper and lower case.
-_ALIASES = {
-    "time": {*TIME_NAMES, "elapsedtime", "elapsed", "timeelapsed", "runtime", "testtime", "xvalue", "sec",
-             "runningtime", "millis", "milliseconds", "msec", "micros", "microseconds", "seconds", "datetime",
-             "temps", "tempo", "tiempo", "tijd", "tid", "\u6642\u9593", "\u65f6\u95f4", "\uc2dc\uac04"},
-    "velocity": {
-        "velocity", "vel", "v", "shockvelocity", "shaftvelocity", "dampervelocity", "pistonvelocity", "speed",
-        "shaftspeed", "geschwindigkeit", "geschw", "vitesse", "velocita", "velocidad", "velocidade",
-        "snelheid", "hastighet", "\u901f\u5ea6", "\uc18d\ub3c4",
-    },
-    "force": {"force", "f", "load", "loadcell", "shockforce", "damperforce", "axialforce", "shaftforce", "kraft",
-              "effort", "forza", "fuerza", "carga", "carico", "forca", "kracht",
-              "\u8377\u91cd", "\u529b", "\u8f7d\u8377", "\ud558\uc911"},
-    "displacement": {
-        "displacement", "disp", "displ", "x", "d", "position", "pos", "travel", "stroke", "linearpot",
-        "stringpot", "shocktravel", "dampertravel",
-        "shockposition", "damperposition", "pot", "lvdt", "weg", "deplacement", "course", "spostamento", "corsa",
-        "desplazamiento", "deslocamento", "curso", "verplaatsing", "slag", "forskjutning", "\u4f4d\u79fb",
-        "\ubcc0\uc704", "\u5909\u4f4d", "\u30b9\u30c8\u30ed\u30fc\u30af",
-    },
-    "temperature": {
-        "temperature", "temp", "t", "thermocouple",
-        "shocktemperature", "bodytemperature", "dampertemperature", "tempc", "tempf",
-        "temperatur", "temperatura", "temperatuur", "\u6e29\u5ea6", "\uc628\ub3c4",
-    },
-    "length": {"length", "totallength", "eyetoeye", "eyetoeyelength", "lange", "longueur"},
-}  # fmt: skip
+_NAMES = """
+time: elapsedtime elapsed timeelapsed runtime testtime xvalue sec runningtime millis milliseconds msec micros
+  microseconds seconds datetime temps tempo tiempo tijd tid \u6642\u9593 \u65f6\u95f4 \uc2dc\uac04
+velocity: velocity vel v shockvelocity shaftvelocity dampervelocity pistonvelocity speed shaftspeed geschwindigkeit
+  geschw vitesse velocita velocidad velocidade snelheid hastighet \u901f\u5ea6 \uc18d\ub3c4
+force: force f load loadcell shockforce damperforce axialforce shaftforce kraft effort forza fuerza carga carico forca
+  kracht \u8377\u91cd \u529b \u8f7d\u8377 \ud558\uc911
+displacement: displacement disp displ x d position pos travel stroke linearpot stringpot shocktravel dampertravel
+  shockposition damperposition pot lvdt weg deplacement course spostamento corsa desplazamiento deslocamento curso
+  verplaatsing slag forskjutning \u4f4d\u79fb \ubcc0\uc704 \u5909\u4f4d \u30b9\u30c8\u30ed\u30fc\u30af
+temperature: temperature temp t thermocouple shocktemperature bodytemperature dampertemperature tempc tempf temperatur
+  temperatura temperatuur \u6e29\u5ea6 \uc628\ub3c4
+length: length totallength eyetoeye eyetoeyelength lange longueur
+"""
+_ALIASES = {name: {*words.split()} for name, words in re.findall(r"(\w+): ([^:]+)(?=\n\w+:|\n$)", _NAMES)}
+_ALIASES["time"] |= {*TIME_NAMES}
 
 #: Words that qualify a column, and how much less than one without such a word it is preferred.
 _QUALIFIERS = {
@@ -77,9 +66,7 @@ _QUALIFIERS = {
 }  # fmt: skip
 
 
-#: Qualifiers of this value are those of a command.
-_COMMAND = 9
-
+_COMMAND = 9  #: Qualifiers of this value are those of a command.
 #: A factor in a name, as in `Force/10`: the column is not the quantity itself.
 _ARITHMETIC = re.compile(r"[*/^\u00d7]\s*\(?\s*[-+]?\d")
 
@@ -107,18 +94,15 @@ def dyno_map(record: RawRecord, channel_map: ChannelMap | None = None) -> Channe
     taken |= {time.source} if time else set()
     ranked = {name: _candidates(record, name, taken) for name in DYNO_UNITS if name not in given.channels}
     force = given.channels.get("force") or _first(ranked["force"])
-    found = {name: _first(_of_one_number(names, force)) for name, names in ranked.items()}
+    number = re.search(r"\d+$", force.source) if force else None
+    of_number = re.compile(rf"(?<!\d){number[0]}$" if number else "")
+    found = {name: _first(list(filter(of_number.search, names)) or names) for name, names in ranked.items()}
     channels = {name: pick for name, pick in found.items() if pick} | dict(given.channels)
-    if "displacement" not in channels and (lengths := _candidates(record, "length", taken)):
-        channels["displacement"] = _of_length(record, lengths[0])
+    if "displacement" not in channels and (length := _first(_candidates(record, "length", taken))):
+        values = record.columns[record.names.index(length.source)]  # the displacement is 0 in the middle of the stroke
+        middle = 0.0 if values.dtype == object or not values.size else 0.5 * float(values.min() + values.max())
+        channels["displacement"] = replace(length, gain=-1.0, offset=middle)
     return ChannelMap(channels, time, given.path)
-
-
-def _of_length(record: RawRecord, name: str) -> MappedChannel:
-    """Return the displacement of a shock whose length was measured: 0 in the middle of the stroke."""
-    lengths = record.columns[record.names.index(name)]
-    middle = 0.0 if lengths.dtype == object or not lengths.size else 0.5 * float(lengths.min() + lengths.max())
-    return MappedChannel(name, gain=-1.0, offset=middle)
 
 
 def length_note(mapping: ChannelMap) -> tuple[str, ...]:
@@ -166,14 +150,13 @@ def choice_faults(record: RawRecord, mapping: ChannelMap, given: ChannelMap | No
             yield fault("one of several columns", f"several columns could be the {name}", figure, remedy)
 
 
-def _of_one_number(names: list[str], force: MappedChannel | None) -> list[str]:
-    """Return the columns that have the number of the force in their names, or all if no name has it."""
-    number = re.search(r"\d+$", force.source) if force else None
-    return [name for name in names if number and re.search(rf"(?<!\d){number[0]}$", name)] or names
-
-
 def _first(names: list[str]) -> MappedChannel | None:
     return MappedChannel(names[0]) if names else None
+
+
+def _is_unit_of(unit: str | None, *quantities: str) -> bool:
+    """Return whether a column has a unit of one of the quantities, which are named by their SI units."""
+    return bool(unit) and is_unit(unit or "") and any(compatible(unit or "", si) for si in quantities)
 
 
 def _candidates(record: RawRecord, channel: str, taken: set[str]) -> list[str]:
@@ -184,14 +167,15 @@ def _candidates(record: RawRecord, channel: str, taken: set[str]) -> list[str]:
         rank = _rank(name, channel)
         if name in taken or rank is None:
             continue
-        if unit is not None and not (is_unit(unit) and compatible(unit, si)):
+        if unit is not None and not _is_unit_of(unit, si):
             if channel == "temperature" and is_unit(unit):
                 continue
             rank += 100  # for a message about its unit if there is no other column
         ranked.append((rank, i, name))
     ranked.sort()
     if channel == "time":
-        ranked = [entry for entry in ranked if entry[2] != "T" or (len(ranked) == 1 and not _is_heat(record, "T"))]
+        is_time = len(ranked) == 1 and not _is_unit_of(record.units[ranked[0][1]], "K")
+        ranked = [entry for entry in ranked if entry[2] != "T" or is_time]
     usable = [entry for entry in ranked if entry[0] < 100] or ranked[:1]
     return [name for _, _, name in usable]
 
@@ -237,19 +221,10 @@ def _without_accents(name: str) -> str:
 _ACCENTS = "\u0300\u0301\u0302\u0303\u0308\u030a\u0327"
 
 
-def _is_heat(record: RawRecord, name: str) -> bool:
-    """Return whether a column has a temperature unit."""
-    unit = record.units[record.names.index(name)]
-    return unit is not None and is_unit(unit) and compatible(unit, "K")
-
-
 # ---- Columns that must not prevent reading, and further columns of time ---------------------------------------------
 
-#: Minimum number of temperatures in a column with empty cells.
-FEWEST = 10
-
-#: Largest difference of two columns of time that are the same, in median steps.
-SAME_TIME = 0.01
+FEWEST = 10  #: Minimum number of temperatures in a column with empty cells.
+SAME_TIME = 0.01  #: Largest difference of two columns of time that are the same, in median steps.
 
 _IS_COMMAND = "it is a command, not a measurement"
 _EMPTY, _CONSTANT = _DEAD = ("it is empty", "it is constant")
@@ -312,7 +287,7 @@ def _unreadable(record: RawRecord, channel: str, pick: MappedChannel, units: Map
         return ""
     if unit is None:
         return f"it has no unit; give it in the header or with --channel '{channel}=[unit]'"
-    if not (is_unit(unit) and compatible(unit, DYNO_UNITS[channel])):
+    if not _is_unit_of(unit, DYNO_UNITS[channel]):
         return f"its unit {unit!r} is not one of a {channel}"
     if is_command(pick.source, channel):
         return _IS_COMMAND
@@ -336,12 +311,8 @@ def _fault_of_samples(column: NDArray[Any], channel: str) -> str:
 def _without(record: RawRecord, source: str) -> RawRecord:
     """Return a record without a column."""
     kept = [i for i, name in enumerate(record.names) if name != source]
-    return replace(
-        record,
-        names=tuple(record.names[i] for i in kept),
-        units=tuple(record.units[i] for i in kept),
-        columns=tuple(record.columns[i] for i in kept),
-    )
+    names, units = tuple(record.names[i] for i in kept), tuple(record.units[i] for i in kept)
+    return replace(record, names=names, units=units, columns=tuple(record.columns[i] for i in kept))
 
 
 def _with_filled_temperature(record: RawRecord, mapping: ChannelMap) -> RawRecord:
@@ -354,8 +325,7 @@ def _with_filled_temperature(record: RawRecord, mapping: ChannelMap) -> RawRecor
     if values.dtype == object or not (known := np.isfinite(values)).any():
         return record
     rows = np.arange(values.size)
-    filled = np.interp(rows, rows[known], values[known])
-    return replace(record, columns=(*record.columns[:place], filled, *record.columns[place + 1 :]))
+    return record.with_column(place, np.interp(rows, rows[known], values[known]))
 
 
 def check_one_time(record: RawRecord, mapping: ChannelMap, given: ChannelMap | None) -> None:
@@ -369,7 +339,8 @@ def check_one_time(record: RawRecord, mapping: ChannelMap, given: ChannelMap | N
         return
     used = record.names.index(mapping.time.source)
     name = _bare(mapping.time.source)
-    times = [i for i, one in enumerate(record.names) if _bare(one) == name and _is_time(record.units[i])]
+    units = enumerate(zip(record.names, record.units, strict=True))
+    times = [i for i, (one, unit) in units if _bare(one) == name and (unit is None or _is_unit_of(unit, "s"))]
     for channel, pick in mapping.channels.items():
         place = record.names.index(pick.source) if pick.source in record.names else -1
         own = max((i for i in times if i < place), default=used)
@@ -384,10 +355,6 @@ def check_one_time(record: RawRecord, mapping: ChannelMap, given: ChannelMap | N
 def _bare(name: str) -> str:
     """Return a name without case, number and marks: `t (2)` and `T` are `t`."""
     return letters_of(name) or name
-
-
-def _is_time(unit: str | None) -> bool:
-    return unit is None or (is_unit(unit) and compatible(unit, "s"))
 
 
 def _is_same(record: RawRecord, first: int, second: int) -> bool:
@@ -414,16 +381,14 @@ _COUNTERS = (
 )  # fmt: skip
 #: Units of measured motion, force and temperature: such a column is another sensor, not a setting.
 _MEASURED = ("m", "m/s", "m/s2", "N", "K", "s", "rad", "Hz", "Pa", "N.m", "W", "J")
-#: Units of a control, which may vary all the time.
-_CONTROL = ("V", "A")
+_CONTROL = ("V", "A")  #: Units of a control, which may vary all the time.
 #: Number of parts of a record, minimum relative change, and minimum share of the variance between the parts.
 PARTS, CHANGE, BETWEEN = 24, 0.02, 0.8
 #: Largest share of the variance within two levels, and share of the variance that slow changes of a control have.
 WITHIN, SLOW = 0.1, 0.9
 #: Correlation with a channel that is read, from which a column is the same sensor; with time, that of a counter.
 SAME, COUNTER = 0.9, 0.9999
-#: Number of times that are named, and of values of a column of texts.
-NAMED, TEXTS = 4, 8
+NAMED, TEXTS = 4, 8  #: Number of times that are named, and of values of a column of texts.
 
 
 def column_faults(record: RawRecord, mapping: ChannelMap, series: TimeSeries) -> Iterator[Fault]:
@@ -432,8 +397,7 @@ def column_faults(record: RawRecord, mapping: ChannelMap, series: TimeSeries) ->
     for name, unit, column in zip(record.names, record.units, record.columns, strict=True):
         if name in used or _is_sensor(name, unit) or column.size != series.time.size:
             continue
-        is_control = bool(unit) and is_unit(unit or "") and any(compatible(unit or "", known) for known in _CONTROL)
-        is_text = column.dtype == object
+        is_control, is_text = _is_unit_of(unit, *_CONTROL), column.dtype == object
         figure = _text_change(column, series.time) if is_text else _change(column, series, is_control=is_control)
         if figure:
             figure += f" [{unit}]" if unit else ""
@@ -442,11 +406,8 @@ def column_faults(record: RawRecord, mapping: ChannelMap, series: TimeSeries) ->
 
 def _is_sensor(name: str, unit: str | None) -> bool:
     letters = letters_of(name)
-    if any(letters == word or letters.startswith(word) or letters.endswith(word) for word in _COUNTERS):
-        return True
-    if "temp" in letters:
-        return True
-    return bool(unit) and is_unit(unit or "") and any(compatible(unit or "", known) for known in _MEASURED)
+    is_counter = any(letters.startswith(word) or letters.endswith(word) for word in _COUNTERS)
+    return is_counter or "temp" in letters or _is_unit_of(unit, *_MEASURED)
 
 
 def _change(column: Array, series: TimeSeries, *, is_control: bool) -> str:
@@ -501,7 +462,6 @@ _CORNER = {"lf": "lf", "fl": "lf", "vl": "lf", "rf": "rf", "fr": "rf", "vr": "rf
            "lr": "lr", "rl": "lr", "hl": "lr", "rr": "rr", "hr": "rr"}  # fmt: skip
 _AXLE = {"front": "front", "frt": "front", "rear": "rear"}
 _SIDES = {("front", "left"): "lf", ("front", "right"): "rf", ("rear", "left"): "lr", ("rear", "right"): "rr"}
-
 #: Words for the part that a sensor belongs to, and the channel of each SI unit there; the first part that fits applies.
 _PARTS: tuple[tuple[Collection[str], Mapping[str, str]], ...] = (
     ({"al", "aero", "aeroloader", "downforce"}, {"m": "aero_position", "N": "aero"}),
@@ -522,9 +482,7 @@ _QUANTITIES = {
 }
 _COMMAND_WORDS = {"cmd", "command", "demand", "target"}
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
-
-#: Number of columns at each corner from which a file looks like a rig record.
-_FEWEST = 2
+_FEWEST = 2  #: Number of columns at each corner from which a file looks like a rig record.
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from eightpost import units
 from eightpost.errors import FileFormatError, UnknownUnitError
@@ -40,22 +40,16 @@ class DynoConditions:
 
 
 #: Keys of a preamble by condition, in lower case and reduced to letters.
-_KEYS = {
-    "build": {
-        "shock", "shockid", "shockname", "shocknumber", "shockserial", "shockserialnumber", "damper", "damperid",
-        "dampername", "build", "shockbuild", "serial", "serialnumber", "valving",
-    },
-    "run": {"test", "testname", "run", "runname", "testid", "testtitle", "title"},
-    "date": {"date", "testdate", "datetime", "dateandtime", "dateoftest"},
-    "gas": {
-        "gas", "gaspressure", "preload", "preloadgas", "gaspreload", "gascharge", "nitrogen", "nitrogenpressure",
-        "reservoirpressure", "canisterpressure", "gasforce", "pressure",
-    },
-    "temperature": {
-        "temperature", "temp", "starttemperature", "starttemp", "testtemperature", "testtemp", "oiltemperature",
-        "shocktemperature", "shocktemp", "bodytemperature", "ambienttemperature",
-    },
-}  # fmt: skip
+_KEYS = {name: words.split() for name, words in {
+    "build": "shock shockid shockname shocknumber shockserial shockserialnumber damper damperid dampername build "
+             "shockbuild serial serialnumber valving",
+    "run": "test testname run runname testid testtitle title",
+    "date": "date testdate datetime dateandtime dateoftest",
+    "gas": "gas gaspressure preload preloadgas gaspreload gascharge nitrogen nitrogenpressure reservoirpressure "
+           "canisterpressure gasforce pressure",
+    "temperature": "temperature temp starttemperature starttemp testtemperature testtemp oiltemperature "
+                   "shocktemperature shocktemp bodytemperature ambienttemperature",
+}.items()}  # fmt: skip
 #: Words in a key that make it an adjuster setting.
 _ADJUSTERS = (
     "click",
@@ -80,30 +74,20 @@ def conditions_from(preamble: Iterable[tuple[str, ...]]) -> tuple[DynoConditions
     a colon. A quantity needs a unit: after the value (`150 psi`), in a separate cell, or with the key
     (`Gas Pressure (psi)`).
     """
-    texts: dict[str, str] = {}
-    quantities: dict[str, float] = {}
+    stated: dict[str, Any] = {}
     clicks, notes = [], []
     for key, value in (pair for cells in preamble for pair in pairs(cells)):
         name = _condition(key)
         if name in ("gas", "temperature"):
             try:
-                quantities |= _quantity(name, key, value)
+                stated |= _quantity(name, key, value)
             except UnknownUnitError as error:
                 notes.append(f"the entry {key!r} of the preamble is ignored: {error}")
         elif name == "clicks":
             clicks.append(f"{key} {value}")
         elif name:
-            texts.setdefault(name, value)
-    found = DynoConditions(
-        build=texts.get("build"),
-        clicks="; ".join(clicks) or None,
-        gas_pressure=quantities.get("gas_pressure"),
-        gas_force=quantities.get("gas_force"),
-        temperature=quantities.get("temperature"),
-        run=texts.get("run"),
-        date=texts.get("date"),
-    )
-    return found, tuple(notes)
+            stated.setdefault(name, value)
+    return DynoConditions(**stated, clicks="; ".join(clicks) or None), tuple(notes)
 
 
 def _condition(key: str) -> str | None:
@@ -125,14 +109,8 @@ def pairs(cells: tuple[str, ...]) -> Iterator[tuple[str, str]]:
         key, first = (match[1], [match[2]] if match[2] else []) if match else (head, [])
         words = [word for word in (*first, *rest) if word]
         if key and words:
-            yield key.strip(), _join(words)
-
-
-def _join(words: list[str]) -> str:
-    """Join the cells of a value: a number and its unit with a space, other cells with commas."""
-    if len(words) == 2 and re.fullmatch(r"[-+]?[\d.]+", words[0]) and units.is_unit(words[1]):
-        return " ".join(words)
-    return ", ".join(words)
+            is_quantity = len(words) == 2 and re.fullmatch(r"[-+]?[\d.]+", words[0]) and units.is_unit(words[1])
+            yield key.strip(), (" " if is_quantity else ", ").join(words)
 
 
 def _quantity(name: str, key: str, value: str) -> dict[str, float]:
@@ -162,8 +140,7 @@ _CHANNELS = {
     ("force",): r"force|load",
     ("displacement", "velocity"): r"displacement|position|travel|stroke|motion|velocity|speed",
 }
-#: Largest number of words of a clause that states a sign.
-_WORDS = 8
+_WORDS = 8  #: Largest number of words of a clause that states a sign.
 
 
 def reversed_channels(preamble: Iterable[tuple[str, ...]], path: Path) -> tuple[dict[str, bool], str]:

@@ -34,7 +34,7 @@ from eightpost.rig.dyno_conditions import (
     reversed_channels,
     stated_units,
 )
-from eightpost.rig.motion import path_of, turning_points
+from eightpost.rig.motion import grouped, path_of, turning_points
 from eightpost.rig.plausibility import SEGMENT, part_faults, record_faults, rectified_force
 from eightpost.signals import faults
 from eightpost.signals.faults import Origin
@@ -50,15 +50,10 @@ if TYPE_CHECKING:
     from eightpost.signals.timeseries import TimeSeries
 
 
-# ==== Tests ==========================================================================================================
+# ==== Shock dynamometer tests ========================================================================================
 
-# ---- Shock dynamometer tests ----------------------------------------------------------------------------------------
-
-#: Low-pass cut-off for dynamometer data in the dissertation (3.3) [Hz].
-CUTOFF = 50.0
-
-#: Minimum duration [s] and minimum number of samples of a record.
-SHORTEST, FEWEST = 0.5, 200
+CUTOFF = 50.0  #: Low-pass cut-off for dynamometer data in the dissertation (3.3) [Hz].
+SHORTEST, FEWEST = 0.5, 200  #: Minimum duration [s] and minimum number of samples of a record.
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -266,8 +261,12 @@ class _Reading:
         record = _with_even_time(record, mapping)
         units = {n: unit for n, unit in units.items() if n in (*mapping.channels, *self.units, "time")}
         series = mapped_series(record, mapping, units=units, expected=DYNO_UNITS)
-        _check_record(series, record.origin)
         measured, origin = series.names, record.origin
+        faults.check_gaps(series.time, origin=origin)
+        faults.check_length(series.time, shortest=SHORTEST, fewest=FEWEST, origin=origin)
+        for name in ("velocity", "displacement", "force"):
+            if name in series:
+                faults.check_moves(series[name], channel=name, origin=origin)
         derived: tuple[str, ...] = ()
         if "velocity" not in series:
             series, derived = _with_velocity(series, self.cutoff)
@@ -322,8 +321,7 @@ def _with_even_time(record: RawRecord, mapping: ChannelMap) -> RawRecord:
         return record
     moved = float(np.abs(new - old).max())
     note = f"the times were rounded to whole numbers; they were spread evenly, which moved them by at most {moved:.2g}"
-    columns = (*record.columns[:place], new, *record.columns[place + 1 :])
-    return replace(record, columns=columns, steps=(*record.steps, note))
+    return replace(record.with_column(place, new), steps=(*record.steps, note))
 
 
 def _check_channels(record: RawRecord, mapping: ChannelMap) -> None:
@@ -348,15 +346,6 @@ def _check_channels(record: RawRecord, mapping: ChannelMap) -> None:
         raise record.origin.header_fault(MissingChannelError, what, channel=missing[0])
 
 
-def _check_record(series: TimeSeries, origin: Origin) -> None:
-    """Check the time and that the measured channels vary."""
-    faults.check_gaps(series.time, origin=origin)
-    faults.check_length(series.time, shortest=SHORTEST, fewest=FEWEST, origin=origin)
-    for name in ("velocity", "displacement", "force"):
-        if name in series:
-            faults.check_moves(series[name], channel=name, origin=origin)
-
-
 def _check_force(series: TimeSeries, origin: Origin, derived: tuple[str, ...], stated: str) -> None:
     """Check the force for clipping, and its sign by its correlation with the velocity."""
     velocity, force = series["velocity"], series["force"]
@@ -369,10 +358,9 @@ def _check_force(series: TimeSeries, origin: Origin, derived: tuple[str, ...], s
 
 def _check_displacement_sign(series: TimeSeries, origin: Origin, stated: str) -> None:
     """Check the displacement's sign by comparison with the measured velocity."""
-    rate = series.sample_rate
+    rate, velocity = series.sample_rate, series["velocity"]
     slope = velocity_from_displacement(series["displacement"], rate, _default_cutoff(rate))
-    against = "velocity"
-    faults.check_sign(slope, series[against], channel="displacement", against=against, origin=origin, stated=stated)
+    faults.check_sign(slope, velocity, channel="displacement", against="velocity", origin=origin, stated=stated)
 
 
 def _default_cutoff(rate: float) -> float:
@@ -394,18 +382,13 @@ def _with_velocity(series: TimeSeries, cutoff: float | None) -> tuple[TimeSeries
 
 # ==== Splitting at pauses and at changes of amplitude or frequency of a sine =========================================
 
-#: The shock is at rest if it moves by less than this share of the record's stroke, ...
-REST_SHARE = 0.01
-#: ... for at least this time [s], ...
-PAUSE = 0.5
+REST_SHARE = 0.01  #: The shock is at rest if it moves by less than this share of the record's stroke, ...
+PAUSE = 0.5  #: ... for at least this time [s], ...
 #: ... and for this share of the adjacent half cycle: a sine stays within 1 % of its stroke for 13 % of a half cycle.
 PAUSE_SHARE = 0.5
-#: Half cycles belong to one block if stroke and duration are within this share of the block's median.
-ALIKE = 0.1
-#: Minimum stroke of a half cycle, as a share of the stroke of the section; smaller motions are noise.
-SMALLEST = 0.02
-#: Minimum number of half cycles in a block.
-FEWEST_HALVES = 6
+ALIKE = 0.1  #: Half cycles belong to one block if stroke and duration are within this share of the block's median.
+SMALLEST = 0.02  #: Minimum stroke of a half cycle, as a share of the stroke of the section; smaller motions are noise.
+FEWEST_HALVES = 6  #: Minimum number of half cycles in a block.
 #: Minimum share of a section that blocks must fill. Otherwise the section is one run, for example a random drive.
 FILLED = 0.75
 
@@ -449,10 +432,12 @@ def split_runs(test: DynoTest, *, pause: float = PAUSE) -> tuple[DynoTest, ...]:
     path = path_of(test.series)
     stretches = _stretches(test, path, pause)
     pieces = [piece for stretch in stretches for piece in _blocks(test, path, *stretch)]
-    kept = [piece for piece in pieces if _long_enough(test, *piece)]
+    time = test.series.time
+    kept = [(start, stop) for start, stop in pieces
+            if stop - start >= FEWEST and float(time[stop - 1] - time[start]) >= SHORTEST]  # fmt: skip
     if len(kept) < 2 and len(pieces) < 2:
         return (test,)
-    runs = [_run(test, piece, f"run {i} of {len(kept)}") for i, piece in enumerate(kept, 1)]
+    runs = [_run(test, *piece, f"run {i} of {len(kept)}") for i, piece in enumerate(kept, 1)]
     if runs and len(kept) < len(pieces):
         count = len(pieces) - len(kept)
         left_out = f"{count} runs with less than {SHORTEST:g} s or {FEWEST} samples are left out"
@@ -481,13 +466,7 @@ def _stretches(test: DynoTest, path: Array, pause: float) -> list[tuple[int, int
 
 def _blocks(test: DynoTest, path: Array, start: int, stop: int) -> list[tuple[int, int]]:
     """Return the steady sines of a section, or the whole section if they do not fill it."""
-    halves = _halves(test.series.time[start:stop], path[start:stop], start)
-    blocks: list[list[_Half]] = []
-    for half in halves:
-        if blocks and half.like(blocks[-1]):
-            blocks[-1].append(half)
-        else:
-            blocks.append([half])
+    blocks = grouped(_halves(test.series.time[start:stop], path[start:stop], start), _Half.like)
     steady = [block for block in blocks if len(block) >= FEWEST_HALVES]
     filled = sum(block[-1].stop - block[0].start for block in steady)
     if len(steady) < 2 or filled < FILLED * (stop - start):
@@ -504,13 +483,7 @@ def _halves(time: Array, path: Array, offset: int) -> list[_Half]:
     ]
 
 
-def _long_enough(test: DynoTest, start: int, stop: int) -> bool:
-    time = test.series.time
-    return stop - start >= FEWEST and float(time[stop - 1] - time[start]) >= SHORTEST
-
-
-def _run(test: DynoTest, piece: tuple[int, int], name: str) -> DynoTest:
-    start, stop = piece
+def _run(test: DynoTest, start: int, stop: int, name: str) -> DynoTest:
     series = test.series.window(test.series.time[start], test.series.time[stop - 1])
     section = f"{name}: {series.time[0]:.4g} to {series.time[-1]:.4g} s of the record"
     return replace(test, series=series, derived=(*test.derived, section), notes=()).judged()
@@ -518,10 +491,8 @@ def _run(test: DynoTest, piece: tuple[int, int], name: str) -> DynoTest:
 
 # ==== Effect of temperature on the force =============================================================================
 
-#: Runs are repetitions if the standard deviations of their velocities agree within this share.
-REPEATED = 0.05
-#: Minimum range of temperature [K] for an estimate.
-SMALLEST_SPREAD = 1.0
+REPEATED = 0.05  #: Runs are repetitions if the standard deviations of their velocities agree within this share.
+SMALLEST_SPREAD = 1.0  #: Minimum range of temperature [K] for an estimate.
 
 
 @dataclass(frozen=True, slots=True)
@@ -554,7 +525,7 @@ def temperature_effect(tests: Iterable[DynoTest]) -> TemperatureEffect | None:
     """
     known = [test for test in tests if "temperature" in test.series]
     temperatures, logs = [], []
-    for group in _groups(known):
+    for group in runs_of_one_speed(known):
         if len(group) > 1:
             heat = np.array([test.series["temperature"].mean() for test in group])
             force = np.array([np.log(test.series["force"].std() / test.series["velocity"].std()) for test in group])
@@ -571,22 +542,13 @@ def temperature_effect(tests: Iterable[DynoTest]) -> TemperatureEffect | None:
     return TemperatureEffect(slope, error, heat.size, spread)
 
 
-def _groups(tests: Sequence[DynoTest]) -> list[list[DynoTest]]:
-    """Return the runs in groups with the same standard deviation of velocity."""
-    groups: list[list[DynoTest]] = []
-    for test in sorted(tests, key=_speed):
-        if groups and _speed(test) <= (1.0 + REPEATED) * _speed(groups[-1][0]):
-            groups[-1].append(test)
-        else:
-            groups.append([test])
-    return groups
+def runs_of_one_speed(tests: Iterable[DynoTest]) -> list[list[DynoTest]]:
+    """Return the runs in groups with the same standard deviation of velocity, slow ones first."""
 
+    def speed(test: DynoTest) -> float:
+        return float(test.series["velocity"].std())
 
-def _speed(test: DynoTest) -> float:
-    return float(test.series["velocity"].std())
-
-
-# ==== Change of the temperature within a record ======================================================================
+    return grouped(sorted(tests, key=speed), lambda test, group: speed(test) <= (1.0 + REPEATED) * speed(group[0]))
 
 
 def temperature_drift(series: TimeSeries) -> float:

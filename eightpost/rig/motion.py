@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,18 +20,27 @@ from eightpost.signals.timeseries import TimeSeries
 
 # ==== Path, turning points of half cycles, and where a steady sine ends ==============================================
 
-#: Half cycles are alike if stroke and duration are within this share of their medians.
-ALIKE = 0.1
-#: Minimum share of half cycles that are alike in a steady sine.
-STEADY = 0.6
-#: Minimum number of half cycles of a steady sine.
-FEWEST = 6
-#: Minimum number of half cycles of another steady sine that follows.
-FEWEST_OTHER = 3
-#: Minimum stroke of a half cycle, as a share of the stroke of the record; smaller motions are noise.
-SMALLEST = 0.02
+ALIKE = 0.1  #: Half cycles are alike if stroke and duration are within this share of their medians.
+STEADY = 0.6  #: Minimum share of half cycles that are alike in a steady sine.
+FEWEST = 6  #: Minimum number of half cycles of a steady sine.
+FEWEST_OTHER = 3  #: Minimum number of half cycles of another steady sine that follows.
+SMALLEST = 0.02  #: Minimum stroke of a half cycle, as a share of the stroke of the record; smaller motions are noise.
 #: The motion runs down if its RMS velocity after the last steady half cycle is below this share of that before.
 SLOWED = 0.7
+
+
+Item = TypeVar("Item")
+
+
+def grouped(items: Iterable[Item], belongs: Callable[[Item, list[Item]], bool]) -> list[list[Item]]:
+    """Return successive items in groups; the first item that does not belong to a group begins the next one."""
+    groups: list[list[Item]] = []
+    for item in items:
+        if groups and belongs(item, groups[-1]):
+            groups[-1].append(item)
+        else:
+            groups.append([item])
+    return groups
 
 
 def displacement_of(series: TimeSeries) -> Array:
@@ -124,14 +133,11 @@ MOST_INDEPENDENT = 20.0
 #: Largest delay that a shock itself has, and smallest lead that is reported [s], at least this share of a sample: a
 #: velocity that is a difference of positions is half a sample late.
 LAG, LEAD, SAMPLES = 0.01, 5e-4, 0.6
-
 #: Rate at which channels are compared, their cut-off frequency [Hz], the ends that are left out [s], where filters
 #: ring, and fewest samples.
 _RATE, _CUTOFF, _END, _FEWEST = 500.0, 50.0, 0.1, 200
-#: Parts of a long record that are used, and their length [s].
-_PARTS, _PART = 16, 4.0
-#: Knots of each stroke, and exponent of their spacing.
-_KNOTS, _DENSE = 8, 1.8
+_PARTS, _PART = 16, 4.0  #: Parts of a long record that are used, and their length [s].
+_KNOTS, _DENSE = 8, 1.8  #: Knots of each stroke, and exponent of their spacing.
 #: Smallest share of the variance that a residual has, share that keeps columns apart, resolution of a delay [s], and
 #: fewest delays that are tried.
 _LEAST, _RIDGE, _FINE, _FEWEST_STEPS = 1e-8, 1e-9, 2e-5, 5
@@ -200,7 +206,9 @@ def _lag(values: Array, reference: Array, columns: Array, spring: Array, period:
     profile = np.where(follows, profile, np.inf)
     best = int(np.argmin(profile))
     nearest = shifted[:, int(np.argmin(np.abs(lags - fine[best])))]
-    independent = _independent(nearest - model @ _weights(model, model.T @ nearest))
+    # Number of independent values of the residual: of equally strong lines with the same spread.
+    power = np.abs(np.fft.rfft(nearest - model @ _weights(model, model.T @ nearest))) ** 2
+    independent = float(min(power.sum() ** 2 / np.sum(power**2), MOST_INDEPENDENT))
     found = _interval(fine, profile, best, independent)
     return None if found is None else _ForceLag(float(fine[best]), *found, float(stiffness[best]))
 
@@ -235,12 +243,6 @@ def _weights(columns: Array, sums: Array) -> Array:
     size = np.sqrt(np.maximum(np.diag(product), np.finfo(float).tiny))
     scaled = product / np.outer(size, size) + _RIDGE * np.eye(size.size)
     return np.asarray((np.linalg.solve(scaled, (sums.T / size).T).T / size).T)
-
-
-def _independent(residual: Array) -> float:
-    """Return the number of independent values of a residual (M,): of equally strong lines with the same spread."""
-    power = np.abs(np.fft.rfft(residual)) ** 2
-    return float(min(power.sum() ** 2 / np.sum(power**2), MOST_INDEPENDENT))
 
 
 def _interval(lags: Array, profile: Array, best: int, independent: float) -> tuple[float, float] | None:
@@ -291,18 +293,13 @@ RATIOS = {
     60.0: "time is in min but labelled s",
     1.0 / 60.0: "velocity is per minute but labelled per second",
 }
-#: Relative tolerance of such a ratio.
-RATIO_TOLERANCE = 0.08
+RATIO_TOLERANCE = 0.08  #: Relative tolerance of such a ratio.
 #: Maximum lag of velocity behind the slope of displacement [samples], and its standard deviations that are allowed.
 LAG_SAMPLES, DEVIATIONS = 1.5, 2.0
-#: Maximum relative difference in size between measured velocity and the slope of displacement, ...
-SLOPE_SHARE = 0.05
-#: ... maximum difference of their means as a share of the standard deviation of velocity, ...
-OFFSET_SHARE = 0.02
-#: ... and maximum difference at any sample as a share of the range of velocity.
-APART = 0.2
-#: Largest travel of a shock [m], by which the mean of a velocity without displacement is judged.
-TRAVEL = 0.6
+SLOPE_SHARE = 0.05  #: Maximum relative difference in size between measured velocity and the slope of displacement, ...
+OFFSET_SHARE = 0.02  #: ... maximum difference of their means as a share of the standard deviation of velocity, ...
+APART = 0.2  #: ... and maximum difference at any sample as a share of the range of velocity.
+TRAVEL = 0.6  #: Largest travel of a shock [m], by which the mean of a velocity without displacement is judged.
 
 
 def motion_faults(series: TimeSeries, measured: tuple[str, ...]) -> Iterator[Fault]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +14,7 @@ from eightpost.rig.motion import slopes
 from eightpost.signals.filters import lowpass
 from eightpost.signals.timeseries import TimeSeries
 
-# ---- Force at standstill: gas force, and an error of the load cell's zero -------------------------------------------
-
-#: Speeds below this share of the peak count as standstill.
-SLOW = 0.05
+SLOW = 0.05  #: Speeds below this share of the peak count as standstill.
 
 
 def rest_force(velocity: Array, force: Array) -> tuple[float, float] | None:
@@ -39,29 +35,22 @@ def rest_force(velocity: Array, force: Array) -> tuple[float, float] | None:
 # nothing smooth explains, neither a drift nor a warming towards a constant value, is a change of the shock. Low
 # speeds are examined by themselves, because a bleed acts there, and its force is small.
 
-#: Maximum and minimum number of blocks of a record.
-BLOCKS, FEWEST_BLOCKS = 20, 5
-#: Number of classes of velocity.
-CLASSES = 15
+BLOCKS, FEWEST_BLOCKS = 20, 5  #: Maximum and minimum number of blocks of a record.
+CLASSES = 15  #: Number of classes of velocity.
 #: Bands of speed that are examined, as shares of the peak, and what a figure calls them.
 BANDS = {"": (0.15, 1.0), " at low speed": (0.04, 0.3), " at high speed": (0.6, 1.0)}
-#: Speeds above this share of the peak separate the strokes of a cycle.
-MOVING = 0.15
+MOVING = 0.15  #: Speeds above this share of the peak separate the strokes of a cycle.
 #: Step of the force between two parts of a record that is reported, and that makes it not usable, ...
 STEP, LARGE_STEP = 0.03, 0.08
-#: ... in multiples of the scatter within these parts, ...
-STEP_SCATTER = 6.0
-#: ... and maximum share of the scatter about a smooth course that the scatter about a step may have.
-STEP_SHARE = 0.3
+STEP_SCATTER = 6.0  #: ... in multiples of the scatter within these parts, ...
+STEP_SHARE = 0.3  #: ... and maximum share of the scatter about a smooth course that the scatter about a step may have.
 #: Time constants of a smooth course, as shares of the record; in addition to a straight drift.
 SETTLING = (0.05, 0.1, 0.2, 0.4, 0.8)
 #: Ratio of the sizes of the motion before and after a step above which the motion changed, and the shock perhaps did
 #: not: the force at a velocity depends on frequency and stroke.
 MOTION = 1.3
-#: Size of the velocity, relative to its median over all cycles, below which a cycle is part of a fade-in.
-FADE = 0.5
-#: Smallest number of other cycles on each side of a step.
-FEWEST_MOVING = 2
+FADE = 0.5  #: Size of the velocity, relative to its median over all cycles, below which a cycle is part of a fade-in.
+FEWEST_MOVING = 2  #: Smallest number of other cycles on each side of a step.
 #: Minimum share of the record on each side of a step: a shock that cavitates needs some cycles to reach its state.
 FEWEST_SHARE = 0.15
 
@@ -77,20 +66,20 @@ def setting_faults(series: TimeSeries) -> Iterator[Fault]:
     phase = _phase(series)
     for side, sign in (("compression", 1.0), ("rebound", -1.0)):
         speed, stroke_force = sign * velocity / float(np.abs(velocity).max()), sign * (force - rest[0])
-        found = []
+        steps = []
         for where, (low, high) in BANDS.items():
             chosen = (speed > low) & (speed <= high)
             if np.count_nonzero(chosen) < CLASSES * FEWEST_BLOCKS:
                 continue
             sizes = _block_sizes(speed[chosen], stroke_force[chosen], phase[:, chosen], block[chosen], count)
             step = _step_of(sizes)
-            if step and _has_one_motion(phase, velocity, block, step.block):
-                found.append((step, where))
-        if found:
-            step, where = max(found, key=lambda one: abs(one[0].change))
-            at = float(series.time[np.argmax(block == step.block)])
-            figure = f"{side} force {100.0 * step.change:+.0f} % at the same velocity{where} from about {at:.4g} s on"
-            rule = "the shock changed" if abs(step.change) >= LARGE_STEP else "the shock changed a little"
+            if step and _has_one_motion(phase, velocity, block, step[0]):
+                steps.append((*step, where))
+        if steps:
+            first, change, where = max(steps, key=lambda step: abs(step[1]))
+            at = float(series.time[np.argmax(block == first)])
+            figure = f"{side} force {100.0 * change:+.0f} % at the same velocity{where} from about {at:.4g} s on"
+            rule = "the shock changed" if abs(change) >= LARGE_STEP else "the shock changed a little"
             yield fault(rule, "the shock changed during the record", figure)
 
 
@@ -141,15 +130,11 @@ def _block_sizes(speed: Array, force: Array, phase: Array, block: NDArray[np.int
     return np.asarray(sizes)
 
 
-class _Step(NamedTuple):
-    """A step: number of the first block after it, relative change [1]."""
+def _step_of(sizes: Array) -> tuple[int, float] | None:
+    """Return the step of a sequence (K,), if it is one step and not a drift or scatter.
 
-    block: int
-    change: float
-
-
-def _step_of(sizes: Array) -> _Step | None:
-    """Return the step of a sequence (K,), if it is one step and not a drift or scatter."""
+    It is the number of the first block after the step, and the relative change [1].
+    """
     places = np.flatnonzero(np.isfinite(sizes))
     sizes = sizes[places]
     if sizes.size < FEWEST_BLOCKS:
@@ -165,7 +150,7 @@ def _step_of(sizes: Array) -> _Step | None:
         return None
     if scatter > STEP_SHARE * _smooth_scatter(places, sizes):
         return None
-    return _Step(int(places[split]), float(change))
+    return int(places[split]), float(change)
 
 
 def _scatter(sizes: Array, split: int) -> float:
@@ -190,29 +175,19 @@ def _smooth_scatter(places: NDArray[np.intp], sizes: Array) -> float:
 
 #: Number of knots of the curve over velocity, and of the effect of acceleration (a lag) over velocity.
 KNOTS, LAG_KNOTS = 15, 5
-#: Knots of both at these shares of the highest speed.
-NEAR_ZERO = (-0.02, 0.0, 0.02)
+NEAR_ZERO = (-0.02, 0.0, 0.02)  #: Knots of both at these shares of the highest speed.
 #: Fewest blocks of cycles, and smallest size of the motion in a block relative to the median.
 DRIFT_BLOCKS, DRIFT_FADE = 5, 0.5
-#: Relative change of a gain, and change of a level relative to the range, that is reported, ...
-CHANGE = 0.05
+CHANGE = 0.05  #: Relative change of a gain, and change of a level relative to the range, that is reported, ...
 #: ... in multiples of its standard error; and range of the logarithm of a motion's size that is the same motion.
 ERRORS, SAME = 6.0, 0.02
-#: Change of the stroke of a sine above which it is a sweep.
-SWEEP = 0.25
+SWEEP = 0.25  #: Change of the stroke of a sine above which it is a sweep.
 
 
-class Explained(NamedTuple):
-    """Force that a curve over velocity, gas and a lag explain (N,) [N], and the force at standstill [N]."""
+def explained(series: TimeSeries) -> tuple[Array, float]:
+    """Return the force (N,) [N] that velocity, displacement and acceleration explain, and that at standstill [N].
 
-    force: Array
-    rest: float
-
-
-def explained(series: TimeSeries) -> Explained:
-    """Return the force that velocity, displacement and acceleration explain by least squares.
-
-    F = f(v) + a g(v) + k x, with f and g linear between knots; g is the effect of a lag
+    F = f(v) + a g(v) + k x by least squares, with f and g linear between knots; g is the effect of a lag
     """
     rate, force = series.sample_rate, series["force"]
     velocity = lowpass(series["velocity"], rate, min(50.0, 0.2 * rate), order=2)
@@ -224,7 +199,7 @@ def explained(series: TimeSeries) -> Explained:
     design = np.hstack(columns)
     found, *_ = np.linalg.lstsq(design.T @ design, design.T @ force, rcond=None)
     at_rest = int(np.argmin(np.abs(velocity)))
-    return Explained(design @ found, float(curve[at_rest] @ found[: curve.shape[1]]))
+    return design @ found, float(curve[at_rest] @ found[: curve.shape[1]])
 
 
 def _scaled(values: Array) -> Array:
@@ -244,7 +219,7 @@ def _hats(values: Array, count: int) -> Array:
 
 def drift_faults(series: TimeSeries, measured: tuple[str, ...]) -> Iterator[Fault]:
     """Yield a fault if the force drifts at the same motion, or the displacement beside the velocity."""
-    force, model = series["force"], explained(series).force
+    force, model = series["force"], explained(series)[0]
     span = float(np.ptp(model))
     parts = _parts(_cycle_blocks(series["velocity"]), series["velocity"])
     if len(parts) < DRIFT_BLOCKS:

@@ -24,10 +24,7 @@ if TYPE_CHECKING:
     from eightpost.signals.raw_record import ChannelMap, RawRecord
 
 
-# ---- The table ------------------------------------------------------------------------------------------------------
-
-#: Minimum number of speeds for a curve.
-FEWEST = 2
+FEWEST = 2  #: Minimum number of speeds for a curve.
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -97,9 +94,7 @@ class PeakVelocityTable(Summarized):
 
 # ---- Files ----------------------------------------------------------------------------------------------------------
 
-#: Maximum difference of two forces at the same speed, as a share of the largest force.
-SAME_SPEED = 0.05
-
+SAME_SPEED = 0.05  #: Maximum difference of two forces at the same speed, as a share of the largest force.
 #: Suffixes of files that are records over time.
 _RECORDS = (".mf4", ".mdf", ".tdms", ".lvm", ".parquet", ".rsp", ".drv", ".tim", ".rpc", ".ld", ".vbo", ".xrk", ".xrz")
 
@@ -212,8 +207,7 @@ def _table(setting: str, points: list[Point], path: Path) -> PeakVelocityTable:
     )  # fmt: skip
 
 
-#: Gas force that is reported, as a share of the largest force.
-GAS_SHARE = 0.03
+GAS_SHARE = 0.03  #: Gas force that is reported, as a share of the largest force.
 #: The lowest speed of a table must be below this share of the highest speed for an extrapolation to zero.
 _LOW_SPEED = 0.15
 

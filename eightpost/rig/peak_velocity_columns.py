@@ -105,9 +105,7 @@ def _of_speeds(record: RawRecord) -> RawRecord:
         ("speed", "m/s", np.tile(np.array(list(speeds.values())), record.columns[0].size)),
         ("force", None, forces.T.ravel()),
     ]
-    lines = record.origin.lines
-    origin = replace(record.origin, lines=None if lines is None else lines[places])
-    return _with_columns(replace(record, origin=origin), columns)
+    return _with_columns(replace(record, origin=record.origin.at(places)), columns)
 
 
 def _speed(name: str) -> float | None:
@@ -120,8 +118,7 @@ def _speed(name: str) -> float | None:
 
 #: Speeds at which the curve of rates is sampled, in knees: it is rounded between those nearest to the knee.
 _AT = (0.5, 0.97, 1.0, 1.03, 2.0)
-#: Highest speed of the curve, in knees and at least [m/s].
-_TOP, _LEAST_TOP = 4.0, 0.5
+_TOP, _LEAST_TOP = 4.0, 0.5  #: Highest speed of the curve, in knees and at least [m/s].
 
 
 def _of_rates(record: RawRecord) -> RawRecord:
@@ -143,12 +140,11 @@ def _of_rates(record: RawRecord) -> RawRecord:
     force = below[:, None] * np.minimum(speed, knees[:, None]) + above[:, None] * np.maximum(
         speed - knees[:, None], 0.0
     )
-    sides = np.repeat(record.columns[side], speed.size)
+    places = np.repeat(np.arange(knees.size), speed.size)
     note = f"force from two damping rates per stroke, to {top:.3g} m/s, rounded within 3 % of the knee"
-    lines = record.origin.lines
-    origin = replace(record.origin, lines=None if lines is None else np.repeat(lines, speed.size))
-    columns = [("side", None, sides), ("speed", "m/s", np.tile(speed, knees.size)), ("force", "N", force.ravel())]
-    return _with_columns(replace(record, origin=origin, steps=(*record.steps, note)), columns)
+    columns = [("side", None, record.columns[side][places]), ("speed", "m/s", np.tile(speed, knees.size)),
+               ("force", "N", force.ravel())]  # fmt: skip
+    return _with_columns(replace(record, origin=record.origin.at(places), steps=(*record.steps, note)), columns)
 
 
 def _place(record: RawRecord, test: Callable[[str], bool], what: str) -> int:
@@ -165,17 +161,9 @@ def _is_setting(name: str) -> bool:
     return letters_of(name) in words and not re.search(r"\d", name)
 
 
-def _is_numeric(column: NDArray[np.generic]) -> bool:
-    """Return whether all cells of a column are numbers."""
-    return column.dtype != object or all(is_number(str(cell)) for cell in column)
-
-
 # ==== A column per stroke or setting =================================================================================
 
-# ---- Names of columns -----------------------------------------------------------------------------------------------
-
-#: Both strokes.
-STROKES = tuple(STROKE_WORDS)
+STROKES = tuple(STROKE_WORDS)  #: Both strokes.
 #: Name of a column of one stroke: a word for the stroke, optionally followed by the clicks.
 _COLUMN = {
     stroke: re.compile(
@@ -193,8 +181,7 @@ _STATISTICS = {
     "target", "ref", "reference", "tol", "tolerance", "limit", "upper", "lower", "hyst", "hysteresis", "ratio", "slope",
 }  # fmt: skip
 _MEANS = {"avg", "mean", "average"}
-#: Mark of a repeated name.
-_REPEATED = re.compile(r"\(\d+\)$")
+_REPEATED = re.compile(r"\(\d+\)$")  #: Mark of a repeated name.
 
 
 class Point(NamedTuple):
@@ -271,22 +258,19 @@ class Columns:
         Raises:
             DataError: The table has a fault; see read_peak_velocity.
         """
-        sides = next((i for i in self._all("side") if not _is_numeric(self.record.columns[i])), None)
-        if sides is not None:
-            yield from self._by_side(self.record.columns[sides])
-        elif self._strokes:
+        words = [self.record.columns[i] for i in self._all("side")]
+        sides = next(
+            (cells for cells in words if cells.dtype == object and not all(map(is_number, map(str, cells)))), None
+        )
+        if sides is None and self._strokes:
             yield from self._by_stroke()
-        elif self.stroke is not None:
+        elif sides is None and self.stroke is None:
+            yield from self._by_sign()
+        else:
             settings = self._settings()
             for row, v, f in self._pairs(self._need("speed"), self._need("force"), "force"):
-                yield Point(settings[row], self.stroke, abs(v), f)
-        else:
-            yield from self._by_sign()
-
-    def _by_side(self, sides: NDArray[np.object_]) -> Iterator[Point]:
-        settings = self._settings()
-        for row, v, f in self._pairs(self._need("speed"), self._need("force"), "force"):
-            yield Point(settings[row], self._side(str(sides[row]), row), abs(v), f)
+                stroke = self.stroke or "" if sides is None else self._side(str(sides[row]), row)
+                yield Point(settings[row], stroke, abs(v), f)
 
     def _by_stroke(self) -> Iterator[Point]:
         settings = self._settings()
@@ -365,11 +349,8 @@ class Columns:
         before = [i for i in own or self._all("speed") if i < place]
         return before[-1] if before else own[0] if own else self._need("speed")
 
-    def _unit(self, i: int) -> str | None:
-        return self.record.units[i] or self.units.get(self.record.names[i]) or self.units.get("force")
-
     def _has_unit(self, i: int, si: str) -> bool:
-        unit = self._unit(i)
+        unit = self.record.units[i] or self.units.get(self.record.names[i]) or self.units.get("force")
         return unit is not None and is_unit(unit) and compatible(unit, si)
 
     # ---- Cells and other columns ------------------------------------------------------------------------------------
@@ -464,10 +445,8 @@ def _without_mean(clicks: str) -> str:
 
 # ==== Static points from the loops of a continuous-velocity plot (CVP) without time ==================================
 
-#: Number of classes of speed on each side.
-CLASSES = 25
-#: A table with more rows than this, or whose velocity turns back, is a loop and not a list of peaks.
-MOST_PEAKS = 200
+CLASSES = 25  #: Number of classes of speed on each side.
+MOST_PEAKS = 200  #: A table with more rows than this, or whose velocity turns back, is a loop and not a list of peaks.
 
 
 def _is_loop(velocity: Array) -> bool:

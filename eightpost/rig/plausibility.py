@@ -24,35 +24,25 @@ from eightpost.units import convert
 
 # ---- Limits ---------------------------------------------------------------------------------------------------------
 
-#: Usual sample rate of a dynamometer [Hz].
-LOWEST_SAMPLING, HIGHEST_SAMPLING = 20.0, 2e5
+LOWEST_SAMPLING, HIGHEST_SAMPLING = 20.0, 2e5  #: Usual sample rate of a dynamometer [Hz].
 #: Smallest and largest plausible velocity [m/s], stroke [m] and force [N].
 PLAUSIBLE = {"velocity": (1e-3, 10.0), "displacement": (1e-4, 0.6), "force": (1.0, 1e5)}
 #: Relative difference from 4.45 of the ratio of the stated and the measured gas force, and standard errors of the
 #: force at standstill from which it is used.
 GAS_TOLERANCE, CLEAR = 0.15, 6.0
-#: One pound-force [N].
-_LBF = convert(1.0, "lbf", "N")
-#: Minimum correlation of force and velocity.
-WEAK = 0.3
-#: Force at standstill [N] that few gas springs reach: 2 MPa on a rod of 25 mm.
-STRONG_GAS = 1000.0
-#: A force is rectified if its correlation with speed exceeds this in both strokes, and ...
-RECTIFIED_CORRELATION = 0.3
+_LBF = convert(1.0, "lbf", "N")  #: One pound-force [N].
+WEAK = 0.3  #: Minimum correlation of force and velocity.
+STRONG_GAS = 1000.0  #: Force at standstill [N] that few gas springs reach: 2 MPa on a rod of 25 mm.
+RECTIFIED_CORRELATION = 0.3  #: A force is rectified if its correlation with speed exceeds this in both strokes, and ...
 #: ... it does not fall below minus this share of its maximum: neither its mean at a velocity, nor ...
 RECTIFIED_FLOOR = 0.02
-#: ... a value that is more than this many standard deviations of its noise below zero.
-RECTIFIED_NOISE = 6.0
+RECTIFIED_NOISE = 6.0  #: ... a value that is more than this many standard deviations of its noise below zero.
 #: Number of classes of the speed of a stroke, in which a mean is taken, and the force may fall to zero and rise again.
 TURN_CLASSES = 12
-#: Smallest number of samples of a class.
-TURN_SAMPLES = 5
-#: Seconds that a fit uses unless others are given (3.3).
-SEGMENT = (1.0, 10.0)
-#: Share of the range of a negative force at standstill that is reported.
-REST_SHARE = 0.03
-#: Speeds above this share of the peak show whether a force has a sign.
-FAST = 0.15
+TURN_SAMPLES = 5  #: Smallest number of samples of a class.
+SEGMENT = (1.0, 10.0)  #: Seconds that a fit uses unless others are given (3.3).
+REST_SHARE = 0.03  #: Share of the range of a negative force at standstill that is reported.
+FAST = 0.15  #: Speeds above this share of the peak show whether a force has a sign.
 
 
 def record_faults(
@@ -86,9 +76,6 @@ def part_faults(series: TimeSeries, *, measured: tuple[str, ...], until: float =
         figure = f"from {stop:.4g} s to {series.time[-1]:.4g} s the motion runs down"
         remedy = f"fit the part before it: --set segment='0 s, {stop - series.time[0]:.4g} s'"
         yield fault("run-down of the machine", "the machine stops within the record", figure, remedy)
-
-
-# ---- Units ----------------------------------------------------------------------------------------------------------
 
 
 def _unit_faults(series: TimeSeries, measured: tuple[str, ...]) -> Iterator[Fault]:
@@ -174,9 +161,7 @@ def _rest_faults(series: TimeSeries, conditions: DynoConditions) -> Iterator[Fau
         return
     (rest, error), span = found, float(np.ptp(force))
     share = f"{rest:.4g} N at standstill, {100.0 * rest / span:.2g} % of the force's range"
-    if (
-        rest < -0.5 * REST_SHARE * span and explained(series).rest < -REST_SHARE * span
-    ):  # a lag of a stiff rebound does not count
+    if rest < -0.5 * REST_SHARE * span and explained(series)[1] < -REST_SHARE * span:  # not a lag of a stiff rebound
         what = "the force at standstill is negative, although gas pushes"
         yield fault("negative force at standstill", what, share)
     if rest > max(0.5 * span, STRONG_GAS):
@@ -193,10 +178,8 @@ def _rest_faults(series: TimeSeries, conditions: DynoConditions) -> Iterator[Fau
 
 #: A change between two samples is a jump if it exceeds this share of the range (a position cannot jump), and ...
 JUMP_SHARE = {"velocity": 0.2, "displacement": 0.03, "force": 0.2}
-#: ... this multiple of the median change in so many samples around it.
-JUMP_FACTOR, AROUND = 10.0, 21
-#: Share of repeated samples.
-REPEATED_SHARE = 0.02
+JUMP_FACTOR, AROUND = 10.0, 21  #: ... this multiple of the median change in so many samples around it.
+REPEATED_SHARE = 0.02  #: Share of repeated samples.
 #: Range of the force, as a share of that of the record, in samples in which a clipped displacement stays constant.
 FORCE_MOVES = 0.2
 
@@ -268,8 +251,7 @@ def _repeated(series: TimeSeries, names: tuple[str, ...]) -> Iterator[Fault]:
 MAINS, TOLERANCE, AROUND_MAINS = (50.0, 60.0), 0.3, 12.0
 #: Smallest amplitude of hum as a share of the channel's range, and as a multiple of anything around it.
 HUM_SHARE, HUM_RATIO = 2e-3, 4.0
-#: Lowest frequency at which hum is looked for, because the motion is below [Hz].
-LOWEST_HUM = 8.0
+LOWEST_HUM = 8.0  #: Lowest frequency at which hum is looked for, because the motion is below [Hz].
 #: Durations of a moving average that are looked for [s], and smallest depth of its gaps (logarithm of power).
 AVERAGES, DEPTH = (0.01, 0.12), 2.0
 #: Number of durations that are tried, and of gaps that are examined: 1 % of error shifts the last one by 8 %.
@@ -288,7 +270,7 @@ def _spectrum_faults(series: TimeSeries, measured: tuple[str, ...]) -> Iterator[
     for name in ("force", "velocity", "displacement"):
         figure = _hum(series[name], rate) if name in measured else ""
         if name == "force" and not figure:  # without harmonics of the motion
-            figure = _hum(force - explained(series).force, rate, float(np.ptp(force)))
+            figure = _hum(force - explained(series)[0], rate, float(np.ptp(force)))
         if figure:
             yield fault("hum", f"the {name} has hum", figure)
     frequency = float(velocity.std() / displacement_of(series).std()) / (2.0 * np.pi)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -22,35 +21,23 @@ if TYPE_CHECKING:
 
 #: Quantities whose sign and corner show in comparison with each other: of the damper, the shock and the tire.
 RELATED = (("force", "velocity"), ("velocity", "displacement"), ("hub_acceleration", "tire_force", "road"))
-
 #: Minimum difference of correlations [1] by which another corner must fit better for corners to be swapped.
 SWAPPED_BY = 0.15
-
-#: Correlation below which a sign is wrong [1]; weaker negative correlations are not significant.
-REVERSED = -0.2
-
+REVERSED = -0.2  #: Correlation below which a sign is wrong [1]; weaker negative correlations are not significant.
 #: A better explanation of a hub's motion must explain this additional share of its variance [1] ...
 EXPLAINS_MORE = 0.15
 #: ... and leave at most this share of the unexplained variance [1]: tires that lift off leave some in good records too,
 #: and noise never explains as much.
 LEAVES = 0.5
-
-#: A tire whose force is within this share of its range [1] from the minimum or maximum ...
-AT_ITS_END = 0.01
-#: ... for more than this share of the record [1] (0.06 for a sine) is in the air, and is not a spring.
-LIFTS = 0.15
-
+AT_ITS_END = 0.01  #: A tire whose force is within this share of its range [1] from the minimum or maximum ...
+LIFTS = 0.15  #: ... for more than this share of the record [1] (0.06 for a sine) is in the air, and is not a spring.
 #: A corner is not checked if its motion in the band is below this share [1] of the largest motion of the corners, or of
 #: its own motion at all frequencies.
 RESTING = 0.2
-
 #: Number of standard deviations from which correlations and their differences are significant. The standard deviation
 #: for noise is 1 / sqrt(samples), and that of a difference is (1 - correlation^2) / sqrt(samples).
 CERTAIN = 5.0
-
-#: Band limit for the comparisons [Hz], at most 0.4 of the sample rate.
-_BAND = 12.0
-
+_BAND = 12.0  #: Band limit for the comparisons [Hz], at most 0.4 of the sample rate.
 #: Approximate sample rate of the comparisons [Hz]; filters at the rig's rate would take seconds each for 800 s.
 _RATE = 250.0
 
@@ -164,15 +151,29 @@ def _check_pairs(record: _Record, quantity: str, against: str, values: Array, re
 
 def _check_tires(record: _Record) -> None:
     """Raise an exception unless every hub moves according to its own wheelloader and tire; skip tires that lift off."""
-    hub, road, force = record.low("hub_acceleration"), record.curvature("road"), record.curvature("tire_force")
-    tires = _Tires(_correlations(hub, road), _correlations(hub, force), _correlations(road, force))
-    for place in record.moving("hub_acceleration"):
-        if _lifts(record.raw(place, "tire_force")):
+    hubs, roads, forces = (
+        _unit(rows) for rows in (record.low(_HUB), record.curvature(_ROAD), record.curvature(_FORCE))
+    )
+    hub_road, hub_force, road_force = hubs @ roads.T, hubs @ forces.T, roads @ forces.T
+
+    def explained(hub: int, road: int, force: int, signs: tuple[int, int] = (1, -1)) -> float:
+        """Return the share of a hub's variance that road'' and tire_force'' explain with factors of these signs."""
+        plus, minus = signs
+        parts = plus * hub_road[hub, road], minus * hub_force[hub, force], plus * minus * road_force[road, force]
+        return _explained_share(*map(float, parts))
+
+    for k in record.moving(_HUB):
+        if _lifts(record.raw(k, _FORCE)):
             continue
-        own = tires.explained(place, place, place)
-        best = max((*tires.with_opposite_sign(place), *tires.with_exchange(place)), key=lambda rival: rival.explained)
+        own = explained(k, k, k)
+        rivals = [_Rival(explained(k, k, k, signs), quantity, k)
+                  for quantity, signs in ((_HUB, (-1, 1)), (_ROAD, (-1, -1)), (_FORCE, (1, 1)))]  # fmt: skip
+        for j in (j for j in range(len(hubs)) if j != k):
+            rivals += [_Rival(explained(k, j, j), _HUB, j), _Rival(explained(k, j, k), _ROAD, j),
+                       _Rival(explained(k, k, j), _FORCE, j)]  # fmt: skip
+        best = max(rivals, key=lambda rival: rival.explained)
         if best.explained - own > EXPLAINS_MORE and 1.0 - best.explained < LEAVES * (1.0 - own):
-            _refuse_rival(record, place, own, best)
+            _refuse_rival(record, k, own, best)
 
 
 def _lifts(force: Array) -> bool:
@@ -185,21 +186,17 @@ def _lifts(force: Array) -> bool:
 def _refuse_rival(record: _Record, place: int, own: float, rival: _Rival) -> None:
     """Raise the exception for a rival explanation that is better than that of the channels as given."""
     name = record.name(place, rival.quantity)
-    shares = f"{100.0 * own:.0f} % of the hub's acceleration with the channels as given and"
-    better = f"{100.0 * rival.explained:.0f} %"
+    others = " and ".join(record.name(rival.corner, other) for other in _QUANTITIES if other != rival.quantity)
+    shares = (
+        f"(road and tire force explain {100.0 * own:.0f} % of the hub's acceleration with the channels as given and "
+        f"{100.0 * rival.explained:.0f} % with"
+    )
     if rival.corner != place:
-        others = " and ".join(record.name(rival.corner, other) for other in _partners(rival.quantity))
-        record.refuse_swapped(name, others, f"(road and tire force explain {shares} {better} with this exchange)")
-    others = " and ".join(record.name(place, other) for other in _partners(rival.quantity))
-    why = f"it contradicts {others} (road and tire force explain {shares} {better} with the opposite sign)"
-    record.refuse_reversed(name, why)
+        record.refuse_swapped(name, others, f"{shares} this exchange)")
+    record.refuse_reversed(name, f"it contradicts {others} {shares} the opposite sign)")
 
 
 _HUB, _ROAD, _FORCE = _QUANTITIES = ("hub_acceleration", "road", "tire_force")
-
-
-def _partners(quantity: str) -> tuple[str, ...]:
-    return tuple(other for other in _QUANTITIES if other != quantity)
 
 
 class _Rival(NamedTuple):
@@ -208,33 +205,6 @@ class _Rival(NamedTuple):
     explained: float  #: Explained share of the variance of the hub's acceleration [1].
     quantity: str  #: Quantity of the changed channel.
     corner: int  #: Index of the corner from which the channel is taken.
-
-
-class _Tires(NamedTuple):
-    """Correlations (C, C) of hub accelerations, road'' and tire_force''."""
-
-    hub_road: Array  #: Correlations of hub accelerations with road''.
-    hub_force: Array  #: Correlations of hub accelerations with tire_force''.
-    road_force: Array  #: Correlations of road'' with tire_force''.
-
-    def explained(self, hub: int, road: int, force: int, signs: tuple[int, int] = (1, -1)) -> float:
-        """Return the share of a hub's variance that road'' and tire_force'' explain with factors of these signs."""
-        plus, minus = signs
-        parts = plus * self.hub_road[hub, road], minus * self.hub_force[hub, force]
-        return _explained_share(float(parts[0]), float(parts[1]), float(plus * minus * self.road_force[road, force]))
-
-    def with_opposite_sign(self, place: int) -> Iterator[_Rival]:
-        """Yield the explanations with the opposite sign of one channel."""
-        for quantity, signs in ((_HUB, (-1, 1)), (_ROAD, (-1, -1)), (_FORCE, (1, 1))):
-            yield _Rival(self.explained(place, place, place, signs), quantity, place)
-
-    def with_exchange(self, place: int) -> Iterator[_Rival]:
-        """Yield the explanations with one channel from another corner."""
-        for other in range(len(self.hub_road)):
-            if other != place:
-                yield _Rival(self.explained(place, other, other), _HUB, other)
-                yield _Rival(self.explained(place, other, place), _ROAD, other)
-                yield _Rival(self.explained(place, place, other), _FORCE, other)
 
 
 def _explained_share(first: float, second: float, between: float) -> float:
@@ -250,25 +220,17 @@ def _explained_share(first: float, second: float, between: float) -> float:
     return max(first, second, 0.0) ** 2
 
 
-def _correlations(values: Array, references: Array) -> Array:
-    """Return the correlations (C, D) of rows (C, N) with rows (D, N), 0 if a row is constant."""
-    return np.asarray(_unit(values) @ _unit(references).T)
-
-
 def _unit(rows: Array) -> Array:
+    """Return rows (C, N) with a norm of 1, so that their products are correlations; 0 if a row is constant."""
     sizes = np.linalg.norm(rows, axis=1, keepdims=True)
     return np.asarray(np.divide(rows, sizes, out=np.zeros_like(rows), where=sizes > 0.0))
 
 
 # ---- Checks of rig records for dead, clipped, slowly sampled, reversed and swapped channels, each -------------------
 
-#: Minimum duration [s] and minimum number of samples of a record.
-SHORTEST, FEWEST = 4.0, 1000
-
-#: Share of samples that repeat the previous one, above which a channel was sampled at a lower rate ...
-HELD = 0.4
-#: ... if it changes over at least this share of the record.
-MOVING = 0.9
+SHORTEST, FEWEST = 4.0, 1000  #: Minimum duration [s] and minimum number of samples of a record.
+HELD = 0.4  #: Share of samples that repeat the previous one, above which a channel was sampled at a lower rate ...
+MOVING = 0.9  #: ... if it changes over at least this share of the record.
 
 _RESPONSES = ("tire_force", "displacement", "velocity", "force", "hub_acceleration", "chassis_acceleration")
 

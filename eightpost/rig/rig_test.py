@@ -33,8 +33,7 @@ if TYPE_CHECKING:
 
 # ==== Units that contradict each other: a wrong label of displacement, velocity or time ==============================
 
-#: Minimum correlation of the slope of displacement with velocity, below which their sizes are not compared.
-SAME = 0.8
+SAME = 0.8  #: Minimum correlation of the slope of displacement with velocity, below which their sizes are not compared.
 
 
 def _check_rig_units(series: TimeSeries, corners: tuple[str, ...], *, origin: Origin) -> None:
@@ -60,8 +59,6 @@ def _check_rig_units(series: TimeSeries, corners: tuple[str, ...], *, origin: Or
 
 
 # ==== Rig tests ======================================================================================================
-
-# ---- Names and units of the rig's channels (Table 6.1; docs/explanation/rig.md) --------------------------------------
 
 _AT_CORNERS = {
     "road": "m", "road_command": "m", "aero": "N", "aero_command": "N", "aero_position": "m", "tire_force": "N",
@@ -101,9 +98,7 @@ def rig_map(record: RawRecord, channel_map: ChannelMap | None) -> ChannelMap:
 
 #: Quantities of every corner that an identification needs, each with its possible names.
 IDENTIFIED = (("road",), ("tire_force",), ("force",), ("displacement", "velocity"))
-
-#: Low-pass cut-off for a derived shock velocity [Hz], at most 0.4 of the sample rate.
-CUTOFF = 50.0
+CUTOFF = 50.0  #: Low-pass cut-off for a derived shock velocity [Hz], at most 0.4 of the sample rate.
 
 
 @dataclass(frozen=True, slots=True)

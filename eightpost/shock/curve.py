@@ -14,7 +14,6 @@ from typing import NamedTuple
 #: Orders of the dissertation's fit (3.3.1).
 INNER_ORDER = 15
 OUTER_ORDER = 3
-
 #: Number of knots of a curve through knots; the middle one is at zero velocity and zero force.
 KNOTS = 25
 _NO_KNOTS = (0.0,) * KNOTS

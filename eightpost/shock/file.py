@@ -6,7 +6,7 @@ import dataclasses
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import inf, sqrt
+from math import inf
 from pathlib import Path
 from statistics import NormalDist
 from typing import TYPE_CHECKING, Any
@@ -15,75 +15,40 @@ from eightpost import __version__
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError, ParameterError
 from eightpost.files import MALFORMED, atomic_path, check_schema, json_content
-from eightpost.shock.curve import KNOTS, StaticCurve
+from eightpost.shock.curve import KNOTS
 from eightpost.shock.law import ShockLaw
 from eightpost.shock.laws import FORMER, LAWS, law_name, law_title, named_law, own_parameters, parameter_units
 from eightpost.shock.settings import TEMPERATURE, Axis, Settings, is_tested, setting_of
-from eightpost.validity import ModelUncertainty, ParameterUncertainty, Range, Validity, judged
+from eightpost.validity import ModelUncertainty, ParameterUncertainty, Validity, judged
 from eightpost.verdict import Reason, Rules, Verdict
 
 if TYPE_CHECKING:
     from eightpost.array_types import Array
     from eightpost.uncertainty import LeftOutBlocks
 
-# ---- Where a setting is, relative to the measured ones --------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class Beyond:
-    """A setting of an axis outside the measured ones."""
-
-    axis: Axis  #: Axis.
-    value: float  #: Setting.
-    distance: float  #: Distance from the nearest measured setting.
-    intervals: float  #: The same, in multiples of the nearest interval between measured settings; infinite without one.
-
-
-def _settings_beyond(settings: Settings, setting: Sequence[float]) -> tuple[Beyond, ...]:
-    """Return the axes on which a setting (a value per axis) is outside the measured settings."""
-    return tuple(
-        Beyond(axis, value, axis.beyond(value), axis.intervals_beyond(value))
-        for axis, value in zip(settings.axes, setting, strict=True)
-        if axis.beyond(value)
-    )
-
-
 # ---- The verdict on a setting ---------------------------------------------------------------------------------------
 
-#: Subject of the reasons.
-ABOUT = "setting"
-
+ABOUT = "setting"  #: Subject of the reasons.
 #: Distance beyond the measured settings, in intervals between them, up to which the continuation can be used.
 FARTHEST = 1.0
 
 RULES = Rules.read(Path(__file__).with_suffix(".txt"), ABOUT, farthest=FARTHEST)
 
 
-def _setting_reasons(settings: Settings, setting: Sequence[float], origin: str) -> tuple[Reason, ...]:
-    """Return the reasons of a verdict on a setting (a value per axis)."""
-    return tuple(_reasons(settings, setting, origin))
-
-
-def _reasons(settings: Settings, setting: Sequence[float], origin: str) -> Iterator[Reason]:
+def _setting_reasons(settings: Settings, setting: Sequence[float], origin: str) -> Iterator[Reason]:
+    """Yield the reasons of a verdict on a setting (a value per axis)."""
     where = setting_text(settings, setting)
-    outside = _settings_beyond(settings, setting)
-    for one in outside:
-        rule = "far beyond the measured settings" if one.intervals > FARTHEST else "beyond the measured settings"
-        figure = (
-            f"{one.axis.name} {one.value:g}; measured {one.axis.nodes[0]:g} to {one.axis.nodes[-1]:g} {one.axis.unit}"
-        )
+    outside = [(axis, value) for axis, value in zip(settings.axes, setting, strict=True) if axis.beyond(value)]
+    for axis, value in outside:
+        is_far = axis.intervals_beyond(value) > FARTHEST
+        rule = "far beyond the measured settings" if is_far else "beyond the measured settings"
+        figure = f"{axis.name} {value:g}; measured {axis.nodes[0]:g} to {axis.nodes[-1]:g} {axis.unit}"
         yield RULES.reason(rule, "the setting is beyond the measured ones", figure, origin)
     if not is_tested(settings, setting):
-        yield RULES.reason(
-            "untested combination of settings",
-            "this combination of settings was not measured",
-            figure=where,
-            origin=origin,
-        )
+        statement = "this combination of settings was not measured"
+        yield RULES.reason("untested combination of settings", statement, where, origin)
     elif not outside:
-        yield RULES.reason(
-            "within the measured settings", "the setting is within the measured ones", figure=where, origin=origin
-        )
+        yield RULES.reason("within the measured settings", "the setting is within the measured ones", where, origin)
 
 
 def setting_text(settings: Settings, setting: Sequence[float]) -> str:
@@ -101,13 +66,10 @@ def setting_text(settings: Settings, setting: Sequence[float]) -> str:
 #: between its neighbours predicts a measured setting (the larger of the two). Calibrated on random shocks so that the
 #: band covers 95 % (docs/how_to/settings.md).
 _CURVATURE = 0.5
-
 #: The same as a share of the difference between the two curves; it counts alone where there are only two settings.
 _DIFFERENCE = 0.02
 _DIFFERENCE_OF_TWO = 0.3
-
-#: Half-width for an untested combination, as a share of the smaller effects of its adjusters.
-_INTERACTION = 0.5
+_INTERACTION = 0.5  #: Half-width for an untested combination, as a share of the smaller effects of its adjusters.
 
 
 def force_half_width(settings: Settings, law: ShockLaw, setting: Sequence[float]) -> tuple[float, ...]:
@@ -116,96 +78,70 @@ def force_half_width(settings: Settings, law: ShockLaw, setting: Sequence[float]
     The band includes the scatter of the measurements, the error of the interpolation between settings, the growth of
     that error beyond the measured settings, and the unknown interaction of an untested combination.
     """
-    squares = [0.0] * KNOTS
-    base = law.curve.knot_force
-    effects: list[list[float]] = []
-    for number, value in enumerate(setting):
-        axis = settings.axes[number]
+    import numpy as np  # noqa: PLC0415 -- help texts import the laws without it
+
+    def force_at(number: int, value: float) -> Array:
+        """Return the force at the knots (25,) [N] with one axis at a value and the others at their reference."""
+        place = list(settings.reference)
+        place[number] = value
+        return np.array(settings.law_at(law, tuple(place)).curve.knot_force)
+
+    squares, effects = np.zeros(KNOTS), []
+    for number, (axis, value) in enumerate(zip(settings.axes, setting, strict=True)):
         if value == axis.reference and len(setting) > 1:
             continue
-        curves = {node: _force_on_axis(settings, law, number, node) for node in axis.nodes}
-        between = _interpolation_error(axis, curves, value)
-        scatter = _scatter(settings, number, value)
-        here = _force_on_axis(settings, law, number, value)
-        effects.append([abs(a - b) for a, b in zip(here, base, strict=True)])
-        for k in range(KNOTS):
-            squares[k] += between[k] ** 2 + scatter[k] ** 2
+        curves = [force_at(number, node) for node in axis.nodes]
+        squares += _interpolation_error(axis, curves, value) ** 2 + _scatter(settings, number, value) ** 2
+        effects.append(np.abs(force_at(number, value) - law.curve.knot_force))
     if not effects:
-        squares = [width**2 for width in _scatter(settings, 0, setting[0])]
+        squares = _scatter(settings, 0, setting[0]) ** 2
     if len(effects) > 1 and not is_tested(settings, setting):
-        for k in range(KNOTS):
-            sizes = sorted(effect[k] for effect in effects)
-            squares[k] += (_INTERACTION * sum(sizes[:-1])) ** 2
-    return tuple(sqrt(square) for square in squares)
+        squares += (_INTERACTION * np.sort(effects, axis=0)[:-1].sum(axis=0)) ** 2
+    return tuple(np.sqrt(squares).tolist())
 
 
-def _force_on_axis(settings: Settings, law: ShockLaw, number: int, value: float) -> tuple[float, ...]:
-    """Return the force at the knots (25,) [N] with one axis at a value and the others at their reference."""
-    setting = list(settings.reference)
-    setting[number] = value
-    return settings.law_at(law, tuple(setting)).curve.knot_force
+def _scatter(settings: Settings, number: int, value: float) -> Array:
+    """Return the half-width (25,) [N] of the measurements next to a value of one axis, interpolated between them.
 
+    At a measured setting it is that with the other axes at their reference, or else the largest there.
+    """
+    import numpy as np  # noqa: PLC0415 -- help texts import the laws without it
 
-def _scatter(settings: Settings, number: int, value: float) -> tuple[float, ...]:
-    """Return the half-width (25,) [N] of the measurements next to a value of one axis, interpolated between them."""
-    axis = settings.axes[number]
-    near = axis.neighbours(value)
-    low, high = _scatter_at(settings, number, near[0]), _scatter_at(settings, number, near[-1])
+    rows = dict(zip(settings.tested, map(np.array, settings.half_width), strict=True))
+
+    def half_width(node: float) -> Array:
+        place = list(settings.reference)
+        place[number] = node
+        there = [row for at, row in rows.items() if at[number] == node]
+        return rows[tuple(place)] if tuple(place) in rows else np.max(there or [*rows.values()], axis=0)
+
+    near = settings.axes[number].neighbours(value)
     share = 0.0 if len(near) == 1 else (value - near[0]) / (near[1] - near[0])
-    return tuple((1.0 - share) * a + share * b for a, b in zip(low, high, strict=True))
+    return (1.0 - share) * half_width(near[0]) + share * half_width(near[-1])
 
 
-def _scatter_at(settings: Settings, number: int, node: float) -> tuple[float, ...]:
-    """Return the half-width (25,) [N] at a node with the other axes at their reference, or the largest at the node."""
-    reference = list(settings.reference)
-    reference[number] = node
-    rows = dict(zip(settings.tested, settings.half_width, strict=True))
-    if tuple(reference) in rows:
-        return rows[tuple(reference)]
-    there = [row for at, row in rows.items() if at[number] == node]
-    return tuple(max(column) for column in zip(*(there or settings.half_width), strict=True))
-
-
-def _interpolation_error(axis: Axis, curves: Mapping[float, Sequence[float]], value: float) -> list[float]:
+def _interpolation_error(axis: Axis, curves: Sequence[Array], value: float) -> Array:
     """Return the half-width (25,) [N] for the interpolation at a value of one axis, given the curves at its nodes."""
+    import numpy as np  # noqa: PLC0415 -- help texts import the laws without it
+
     nodes = axis.nodes
     if value in nodes or len(nodes) == 1:
-        return [0.0] * KNOTS
+        return np.zeros(KNOTS)
     j = axis.interval(value)
-    width = nodes[j + 1] - nodes[j]
-    w = (value - nodes[j]) / width
+    w = (value - nodes[j]) / (nodes[j + 1] - nodes[j])
     # Within the interval the error is like 4 w (1 - w); beyond, it grows with the distance.
     shape = 4.0 * w * (1.0 - w) if 0.0 <= w <= 1.0 else 4.0 * max(-w, w - 1.0) * (1.0 + max(-w, w - 1.0))
-    bends = [_bend(nodes, curves, i) for i in (j, j + 1) if 0 < i < len(nodes) - 1]
-    share = _DIFFERENCE if bends else _DIFFERENCE_OF_TWO
-    error = []
-    for k in range(KNOTS):
-        difference = abs(curves[nodes[j + 1]][k] - curves[nodes[j]][k])
-        error.append(shape * (_CURVATURE * max((bend[k] for bend in bends), default=0.0) + share * difference))
+    bends = [np.zeros(KNOTS)]  # errors with which a straight line between its neighbours predicts a node
+    for i in (i for i in (j, j + 1) if 0 < i < len(nodes) - 1):
+        u = (nodes[i] - nodes[i - 1]) / (nodes[i + 1] - nodes[i - 1])
+        bends.append(np.abs((1.0 - u) * curves[i - 1] + u * curves[i + 1] - curves[i]))
+    share = _DIFFERENCE if len(bends) > 1 else _DIFFERENCE_OF_TWO
+    error: Array = shape * (_CURVATURE * np.max(bends, axis=0) + share * np.abs(curves[j + 1] - curves[j]))
     return error
 
 
-def _bend(nodes: Sequence[float], curves: Mapping[float, Sequence[float]], i: int) -> list[float]:
-    """Return the error (25,) [N] with which a straight line between its neighbours predicts node i."""
-    w = (nodes[i] - nodes[i - 1]) / (nodes[i + 1] - nodes[i - 1])
-    before, here, after = (curves[nodes[n]] for n in (i - 1, i, i + 1))
-    return [abs((1.0 - w) * a + w * c - b) for a, b, c in zip(before, here, after, strict=True)]
-
-
-def _band_section(law: ShockLaw, half_width: Sequence[float], level: float) -> dict[str, Any]:
-    """Return a curve's band as in the fit section of a shock file."""
-    return {
-        "level": level,
-        "velocity [m/s]": list(law.curve.knot_velocity),
-        "force [N]": list(law.curve.knot_force),
-        "half_width [N]": list(half_width),
-    }
-
-
 SCHEMA = 1
-
-#: Sections of a shock file that `Shock` has as they are.
-_SECTIONS = ("conditions", "fit", "inputs")
+_SECTIONS = ("conditions", "fit", "inputs")  #: Sections of a shock file that `Shock` has as they are.
 
 
 @dataclass(frozen=True, repr=False)
@@ -249,8 +185,15 @@ class Shock(Summarized):
         }
 
     def _summary(self) -> Summary:
+        from eightpost.units import shown_range  # noqa: PLC0415 -- numpy takes long to load, and help texts need the laws
+
         verdict = self.validity.verdict if self.validity else None
         axes = self.settings.axes if self.settings else ()
+        ranges = (
+            f"{known.kind if known.kind == 'frequency' else known.variable} "
+            f"{shown_range(known.low, known.high, known.unit)}"
+            for known in (self.validity.ranges if self.validity else ())
+        )
         return Summary.of(
             f"Shock {self.name}: {law_title(self.law_name)}",
             ("verdict", verdict.headline if verdict else "not stated"),
@@ -258,7 +201,7 @@ class Shock(Summarized):
             ("parameters", some(_own_texts(self.law))),
             ("curve", _curve_text(self.law)),
             ("settings", ", ".join(axis.name for axis in axes)),
-            ("ranges", some(_range_text(one) for one in (self.validity.ranges if self.validity else ()))),
+            ("ranges", some(ranges)),
             ("made from", some(str(entry.get("name", "")) for entry in self.inputs)),
         )
 
@@ -288,16 +231,20 @@ class Shock(Summarized):
             raise ParameterError(f"shock {self.name!r}: {error}") from error
         self._check_stops(self.settings, setting)
         law = self.settings.law_at(self.law, setting)
-        half_width = force_half_width(self.settings, self.law, setting)
         where = setting_text(self.settings, setting)
         reasons = Verdict(_setting_reasons(self.settings, setting, f"the settings of {self.name}"))
-        level = self.fit.get("curve_band", {}).get("level", 0.95)
+        band = {
+            "level": self.fit.get("curve_band", {}).get("level", 0.95),
+            "velocity [m/s]": list(law.curve.knot_velocity),
+            "force [N]": list(law.curve.knot_force),
+            "half_width [N]": list(force_half_width(self.settings, self.law, setting)),
+        }
         return judged(
             self,
             name=f"{self.name}, {where}",
             law=law,
             conditions=dict(self.conditions) | {"clicks": where},
-            fit=dict(self.fit) | {"curve_band": _band_section(law, half_width, level)},
+            fit=dict(self.fit) | {"curve_band": band},
             validity=Validity.with_verdict(self.validity, reasons),
             settings=None,
         )
@@ -333,15 +280,7 @@ def _own_texts(law: ShockLaw) -> Iterator[str]:
             yield f"{name} {number:.4g} {unit}".rstrip()
 
 
-#: Velocity at which a summary states both forces [m/s].
-_SHOWN = 0.1
-
-
-def _range_text(known: Range) -> str:
-    from eightpost.units import shown_range  # noqa: PLC0415 -- numpy takes long to load, and help texts need the laws
-
-    variable = "frequency" if known.kind == "frequency" else known.variable
-    return f"{variable} {shown_range(known.low, known.high, known.unit)}"
+_SHOWN = 0.1  #: Velocity at which a summary states both forces [m/s].
 
 
 def _curve_text(law: ShockLaw) -> str:
@@ -354,6 +293,8 @@ def _curve_text(law: ShockLaw) -> str:
 
 def write_shock(shock: Shock, path: str | Path) -> None:
     """Write a shock file; an existing file is replaced only when the new one is complete."""
+    curve = shock.law.curve
+    values = dataclasses.asdict(curve)  # a curve without knots has no entries for them
     document = {
         "schema": SCHEMA,
         "kind": "shock",
@@ -361,7 +302,7 @@ def write_shock(shock: Shock, path: str | Path) -> None:
         "name": shock.name,
         "law": shock.law_name,
         "parameters": {name: getattr(shock.law, name) for name in own_parameters(type(shock.law))},
-        "curve": _curve_section(shock.law.curve),
+        "curve": {name: value for name, value in values.items() if curve.has_knots or "knot_" not in name},
         "port": dataclasses.asdict(shock.law.port),
         "conditions": dict(shock.conditions),
         "fit": dict(shock.fit),
@@ -375,12 +316,6 @@ def write_shock(shock: Shock, path: str | Path) -> None:
         temporary.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def _curve_section(curve: StaticCurve) -> dict[str, Any]:
-    """Return the curve's values; a curve without knots has no entries for them."""
-    section = dataclasses.asdict(curve)
-    return section if curve.has_knots else {name: value for name, value in section.items() if "knot_" not in name}
-
-
 def read_shock(path: str | Path) -> Shock:
     """Read a shock file.
 
@@ -392,11 +327,13 @@ def read_shock(path: str | Path) -> Shock:
     from eightpost.schema import checked  # noqa: PLC0415 -- help texts do not need it
 
     path = Path(path)
-    document = _read_document(path)
+    document = json_content(path)
+    if not isinstance(document, dict) or document.get("kind") != "shock":
+        raise FileFormatError("is not a shock file (kind is not 'shock'); make one with `eightpost fit`", path=path)
+    check_schema(document, SCHEMA, path)
     try:
         conditions, fit, inputs = _sections(document)
-        law_class = _law_class(document, inputs, path)
-        law = checked(law_class, _law_section(document))
+        law = _law_of(document, inputs, path)
         settings = checked(Settings, document["settings"], place="settings") if "settings" in document else None
         if settings is not None:
             settings.law_at(law, settings.reference)
@@ -421,37 +358,19 @@ def _sections(document: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any],
     return conditions, fit, tuple(inputs)
 
 
-def _law_class(document: dict[str, Any], inputs: Sequence[Mapping[str, str]], path: Path) -> type[ShockLaw]:
-    name = document.get("law")
+def _law_of(document: dict[str, Any], inputs: Sequence[Mapping[str, str]], path: Path) -> ShockLaw:
+    """Return the law of a file; the error for a former law names the command that fits its records again."""
+    from eightpost.schema import checked  # noqa: PLC0415 -- help texts do not need it
+
+    name, own = document.get("law"), document.get("parameters", {})
     if name in FORMER:
-        raise ValueError(_no_longer_supported(document, inputs, path))
-    return LAWS[named_law(name)]
-
-
-def _law_section(document: dict[str, Any]) -> dict[str, Any]:
-    """Return the law's fields: its own parameters, curve and port."""
-    own = document.get("parameters", {})
+        records = " ".join(entry["name"] for entry in inputs if "name" in entry) or "RECORD"
+        command = f"eightpost fit {'TABLE' if 'settings' in document else records} -o {path}"
+        raise ValueError(f"the law {law_title(name)} is no longer supported; fit the record again: {command}")
+    law = LAWS[named_law(name)]
     if not isinstance(own, dict):
         raise ValueError(f"parameters must be an object, not {own!r}")
-    return {**own, "curve": document.get("curve", {}), "port": document.get("port", {})}
-
-
-def _no_longer_supported(document: dict[str, Any], inputs: Sequence[Mapping[str, str]], path: Path) -> str:
-    """Return what is wrong with a file of a former law, and the command that fits its records again."""
-    records = " ".join(entry["name"] for entry in inputs if "name" in entry) or "RECORD"
-    command = "fit TABLE" if "settings" in document else f"fit {records}"
-    return (
-        f"the law {law_title(document['law'])} is no longer supported; fit the record again: "
-        f"eightpost {command} -o {path}"
-    )
-
-
-def _read_document(path: Path) -> dict[str, Any]:
-    document = json_content(path)
-    if not isinstance(document, dict) or document.get("kind") != "shock":
-        raise FileFormatError("is not a shock file (kind is not 'shock'); make one with `eightpost fit`", path=path)
-    check_schema(document, SCHEMA, path)
-    return document
+    return checked(law, {**own, "curve": document.get("curve", {}), "port": document.get("port", {})})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -485,9 +404,19 @@ def fitted_parameters(shock: Shock) -> _FittedParameters | None:
     fitted, band = shock.fit.get("parameters"), shock.fit.get("curve_band")
     if not isinstance(fitted, dict) or not isinstance(band, dict):
         return None
-    own = {name: fitted[name] for law in own_parameters(type(shock.law)) for name in fitted if _is_of(name, law)}
+    # A law's parameter, or one of its elements, such as tau[2].
+    own = {n: fitted[n] for name in own_parameters(type(shock.law)) for n in fitted if n.partition("[")[0] == name}
     free = {name: entry for name, entry in own.items() if entry["standard_error"] and not entry["at_bound"]}
-    held = tuple(f"{name} is kept at its fitted value: {_why(own[name])}" for name in own if name not in free)
+    held = tuple(
+        f"{name} is kept at its fitted value: "
+        + (
+            f"the fit ended at its {entry['at_bound']} bound"
+            if entry["at_bound"]
+            else "the record does not determine it"
+        )
+        for name, entry in own.items()
+        if name not in free
+    )
     scales = dict(_scales(band))
     return _FittedParameters(
         (*free, *scales),
@@ -507,30 +436,16 @@ def shock_uncertainty(shock: Shock) -> ModelUncertainty | None:
     (`fit.between_builds`); without it, it is not known.
     """
     try:
-        found = fitted_parameters(shock)
-        return None if found is None else _of_fit(found, shock)
+        if (fit := fitted_parameters(shock)) is None:
+            return None
+        builds = shock.fit.get("between_builds") or {}
+        copies = {name: float(entry["standard_deviation"]) for name, entry in builds.get("parameters", {}).items()}
+        deviations = (fit.covariance.diagonal() ** 0.5).tolist()
+        rows = zip(fit.names, deviations, fit.lowest.tolist(), fit.highest.tolist(), strict=True)
+        parameters = tuple(ParameterUncertainty(n, d, copies.get(n), low, high) for n, d, low, high in rows)
+        return ModelUncertainty(parameters=parameters, held=fit.held, left_out=fit.left_out)
     except MALFORMED:
         return None
-
-
-def _of_fit(found: _FittedParameters, shock: Shock) -> ModelUncertainty:
-    builds = shock.fit.get("between_builds") or {}
-    copies = {name: float(entry["standard_deviation"]) for name, entry in builds.get("parameters", {}).items()}
-    deviations = found.covariance.diagonal() ** 0.5
-    rows = zip(found.names, deviations.tolist(), found.lowest.tolist(), found.highest.tolist(), strict=True)
-    parameters = tuple(ParameterUncertainty(n, d, copies.get(n), low, high) for n, d, low, high in rows)
-    return ModelUncertainty(parameters=parameters, held=found.held, left_out=found.left_out)
-
-
-def _is_of(name: str, parameter: str) -> bool:
-    """Return whether a fitted value is that of a law's parameter, or of one of its elements, such as tau[2]."""
-    return name == parameter or name.startswith(f"{parameter}[")
-
-
-def _why(entry: dict[str, Any]) -> str:
-    return (
-        f"the fit ended at its {entry['at_bound']} bound" if entry["at_bound"] else "the record does not determine it"
-    )
 
 
 def _bound(entry: dict[str, Any], side: int) -> float:

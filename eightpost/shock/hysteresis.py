@@ -19,30 +19,20 @@ from math import copysign, exp, isfinite, log
 from .curve import KNOTS, CurveNumbers, StaticCurve, cell_of
 from .law import FitParameter, Piece, ShockLaw, Valve, advance
 
-#: Names of the states: u [m/s] and e [m].
-STATES = ("lagged_velocity", "stop_travel")
-
+STATES = ("lagged_velocity", "stop_travel")  #: Names of the states: u [m/s] and e [m].
 #: Numbers of values of the parameters that are tuples; they are first in `own`.
 SIZES = {"lagged_slope": KNOTS, "time_constant": 3}
-
-#: It has a recipe of its own.
-FIT_FORM = "lagged velocity"
+FIT_FORM = "lagged velocity"  #: It has a recipe of its own.
 
 FIT_PARAMETERS: tuple[FitParameter, ...] = ()
 UNITS = {"lagged_slope": "N.s/m", "time_constant": "s", "stop_stiffness": "N/m", "stop_yield": "m", "stop_time": "s"}
-
 #: Places in `own`: the slopes c_k begin at 0, then follow tau at its three nodes, ks, e_y and t_s.
 _TAU = KNOTS
 _STIFFNESS, _YIELD, _TIME = KNOTS + 3, KNOTS + 4, KNOTS + 5
-
 #: Speed [m/s] up to which a shock is at rest at the start: in the coupled start of a car, rounding moves its shocks.
 REST = 1e-9
-
-#: Largest number of times that the stop yields or stops to yield in a piece.
-_MOST_TURNS = 8
-
-#: Largest deviation of a cell's rise from that of a quadratic one, relative to the largest force.
-_ROUNDING = 1e-9
+_MOST_TURNS = 8  #: Largest number of times that the stop yields or stops to yield in a piece.
+_ROUNDING = 1e-9  #: Largest deviation of a cell's rise from that of a quadratic one, relative to the largest force.
 
 
 def start_core(velocity: float, static_force: float, own: tuple[float, ...], valve: Valve) -> tuple[float, float]:

@@ -105,8 +105,7 @@ STRAIGHT = 0.01
 MOST_PIECES = 1000
 
 
-#: State of a law between steps: F_lag [N], or a tuple of floats if the law has several states.
-State = Any
+State = Any  #: State of a law between steps: F_lag [N], or a tuple of floats if the law has several states.
 
 
 class FitParameter(NamedTuple):
@@ -211,7 +210,8 @@ class ShockLaw(ABC):
         F_s is approximated by straight lines, each over at most `STRAIGHT` of damper velocity; a held velocity takes
         one line and is exact.
         """
-        count = self._pieces(velocity_start, velocity_end)
+        change = abs(self.port.motion_ratio * (velocity_end - velocity_start)) / STRAIGHT
+        count = 1 if change < 1.0 else MOST_PIECES if change >= MOST_PIECES else int(change) + 1
         here, before = velocity_start, self.static_force(velocity_start)
         for k in range(1, count + 1):
             share = k / count
@@ -224,10 +224,6 @@ class ShockLaw(ABC):
     def _piece(self, start: float, end: float, static_start: float, static_end: float, step: float) -> Piece:
         ratio = self.port.motion_ratio
         return Piece(ratio * start, ratio * end, static_start, static_end, step)
-
-    def _pieces(self, velocity_start: float, velocity_end: float) -> int:
-        change = abs(self.port.motion_ratio * (velocity_end - velocity_start)) / STRAIGHT
-        return 1 if change < 1.0 else MOST_PIECES if change >= MOST_PIECES else int(change) + 1
 
     def response(self, state: State, velocity: float, displacement: float) -> Response:
         """Return the outputs in a state at a port velocity [m/s] and displacement [m]."""

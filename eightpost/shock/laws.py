@@ -106,8 +106,5 @@ def _laws_in(module: ModuleType) -> dict[str, type[ShockLaw]]:
     return {module.__name__.rpartition(".")[2]: c for c in classes if issubclass(c, ShockLaw)}
 
 
-#: Laws of earlier versions; their FMUs run, but their shock files cannot be read.
-FORMER = ("maxwell",)
-
-#: All laws by the name used in files and on the command line.
-LAWS: Mapping[str, type[ShockLaw]] = _law_classes()
+FORMER = ("maxwell",)  #: Laws of earlier versions; their FMUs run, but their shock files cannot be read.
+LAWS: Mapping[str, type[ShockLaw]] = _law_classes()  #: All laws by the name used in files and on the command line.

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from .law import FitParameter, Piece, ShockLaw, Valve, advance, check_time_constant
 
 FIT_FORM = "lag"
-
 #: The bounds of 3.3.2: 0.1 to 10 ms.
 FIT_PARAMETERS = (FitParameter("time_constant", "s", low=1e-4, start=1e-3, high=1e-2, scale="logarithmic"),)
 

@@ -8,7 +8,6 @@ from math import copysign
 from .law import FitParameter, Piece, ShockLaw, Valve, advance, check_time_constant
 
 FIT_FORM = "fading lag"
-
 #: The bounds of 3.3.3: 0.1 to 10 ms, 10 to 1000 lbf, at least 1 lbf apart.
 FIT_PARAMETERS = (
     FitParameter("time_constant", "s", low=1e-4, start=1e-3, high=1e-2, scale="logarithmic"),

@@ -29,9 +29,7 @@ from typing import Any
 from .curve import KNOTS, StaticCurve
 from .law import ShockLaw
 
-#: Name of the axis of the temperature; all others are adjusters.
-TEMPERATURE = "temperature"
-
+TEMPERATURE = "temperature"  #: Name of the axis of the temperature; all others are adjusters.
 #: Name of the law's parameter that changes by a slope at each knot instead of by a factor.
 LAGGED_SLOPE = "lagged_slope"
 

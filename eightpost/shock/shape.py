@@ -29,15 +29,9 @@ from eightpost.shock.lpnl2 import Lpnl2
 # c_bleed is the slope at rest, where an open bleed lets the oil pass; c_low applies from a quarter of the knee speed
 # v_k to the knee; beyond it the valve is open, with the slope c_high and its growth a, which ports cause at high speed.
 
-#: Sides of a curve, in the order of the numbers of a shape.
-SIDES = ("compression", "rebound")
-
-#: Highest speed of the knots of a shape's curve [m/s]: that of the shipped bank's dynamometer tests.
-REACH = 1.3
-
-#: Speed up to which the bleed acts, as a share of the knee speed.
-BLEED_SHARE = 0.25
-
+SIDES = ("compression", "rebound")  #: Sides of a curve, in the order of the numbers of a shape.
+REACH = 1.3  #: Highest speed of the knots of a shape's curve [m/s]: that of the shipped bank's dynamometer tests.
+BLEED_SHARE = 0.25  #: Speed up to which the bleed acts, as a share of the knee speed.
 #: Speeds of the knots of one side, as shares of the highest [1]: closer at low speed, where the slope changes most.
 SHARES = np.linspace(0.0, 1.0, KNOTS // 2 + 1) ** 2.2
 
@@ -175,9 +169,7 @@ def joined(rebound: Array, compression: Array) -> tuple[float, ...]:
 
 #: Numbers of the curve: all but lag and gas.
 CURVE_NUMBERS = tuple(f"{side}.{name}" for side in SIDES for name in UNITS)
-
-#: Names of all numbers of a shape.
-NUMBERS = (*CURVE_NUMBERS, "lag", "lag_force", "gas")
+NUMBERS = (*CURVE_NUMBERS, "lag", "lag_force", "gas")  #: Names of all numbers of a shape.
 
 
 def range_of(shapes: Sequence[Shape], number: str) -> tuple[float, float]:
@@ -202,38 +194,22 @@ def range_of(shapes: Sequence[Shape], number: str) -> tuple[float, float]:
 #
 # Linear fits at pairs of knee speeds give the starts, from which all ten numbers are searched with exact derivatives.
 
-#: Number of speeds of a side at which a shape is compared with a curve.
-_COMPARED = 80
-
+_COMPARED = 80  #: Number of speeds of a side at which a shape is compared with a curve.
 #: Those speeds, as shares of the highest [1]: at equal steps of their root.
 _SPEEDS = np.linspace(0.0, 1.0, _COMPARED + 1)[1:] ** 2
-
 #: Bounds of each number of a side [SI].
-BOUNDS = {
-    "bleed": (200.0, 3e4),
-    "low": (200.0, 3e4),
-    "knee": (0.02, 0.4),
-    "high": (50.0, 2e4),
-    "rise": (1.0, 1e4),
-}
-
+BOUNDS = {"bleed": (200.0, 3e4), "low": (200.0, 3e4), "knee": (0.02, 0.4), "high": (50.0, 2e4), "rise": (1.0, 1e4)}
 #: The same as logarithms (10, 2), and their middles (10,).
 _BOUNDS = np.log([BOUNDS[name] for name in UNITS] * 2)
 _MIDDLE = _BOUNDS.mean(axis=1)
-
 #: Places of the knee speeds among the ten numbers, and of those that the slope is linear in.
 _KNEE = np.flatnonzero([name == "knee" for name in UNITS] * 2)
 _LINEAR = np.flatnonzero([name != "knee" for name in UNITS] * 2)
-
-#: Knee speeds of the linear fits of each side [m/s].
-_KNEES = np.geomspace(0.025, 0.39, 8)
-
+_KNEES = np.geomspace(0.025, 0.39, 8)  #: Knee speeds of the linear fits of each side [m/s].
 #: Weight of the distance from the middle of the bounds, as a share of the RMS force: a number that the curve does not
 #: determine stays in the middle.
 _PULL = 1e-3
-
-#: Speeds of the knots of a side (K,) [m/s].
-_KNOTS = REACH * SHARES
+_KNOTS = REACH * SHARES  #: Speeds of the knots of a side (K,) [m/s].
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,13 +237,11 @@ def fit_law(law: ShockLaw) -> ShapeFit:
     return replace(found, shape=shape)
 
 
-def _fit_shape(curve: StaticCurve, reach: float = REACH) -> ShapeFit:
-    """Fit a shape to a curve by least squares of the force, at equal steps of the root of the speed."""
-    return fit_force(curve.force, min(reach, curve.compression_speed), min(reach, curve.rebound_speed))
-
-
 def fit_force(force: Callable[[float], float], compression_speed: float, rebound_speed: float) -> ShapeFit:
-    """Fit a shape to a force [N] over velocity [m/s], as `_fit_shape`, up to a speed of each side [m/s]."""
+    """Fit a shape to a force [N] over velocity [m/s], up to a speed of each side [m/s].
+
+    The squares of the force are least at equal steps of the root of the speed.
+    """
     speeds = np.stack([compression_speed * _SPEEDS, rebound_speed * _SPEEDS])
     forces = np.array([[force(v) for v in speeds[0].tolist()], [-force(-v) for v in speeds[1].tolist()]])
     scales = np.sqrt(np.mean(forces**2, axis=1))  # each side counts by its own force
@@ -293,10 +267,12 @@ class _Problem:
     def solution(self) -> Array:
         """Return the logarithms of the numbers (10,) with the smallest errors."""
         low, high = _BOUNDS.T
-        ends = [
-            least_squares(self._residuals, start, self._jacobian, (low, high), x_scale="jac")
-            for start in self._starts()
-        ]
+
+        def residuals(numbers: Array) -> Array:
+            return np.concatenate([self.errors(numbers), _PULL * (numbers - _MIDDLE)])
+
+        starts = self._starts()
+        ends = [least_squares(residuals, start, self._jacobian, (low, high), x_scale="jac") for start in starts]
         return np.asarray(min(ends, key=lambda end: float(end.cost)).x)
 
     def _starts(self) -> list[Array]:
@@ -309,9 +285,6 @@ class _Problem:
         found[:, _KNEE] = np.log(pairs[lowest])
         found[:, _LINEAR] = np.log(np.maximum([fits[place][0] for place in lowest], 1e-9))
         return list(np.clip(found, _BOUNDS[:, 0] + 0.02, _BOUNDS[:, 1] - 0.02))
-
-    def _residuals(self, numbers: Array) -> Array:
-        return np.concatenate([self.errors(numbers), _PULL * (numbers - _MIDDLE)])
 
     def _jacobian(self, numbers: Array) -> Array:
         """Return the derivatives (2 N + 10, 10) of the residuals by the logarithms."""
@@ -369,8 +342,7 @@ def difference(one: Shape, other: Callable[[float], float], reach: float = REACH
 
 # ---- A curve with a steeper or flatter side: what a click would do to a shock without a fitted adjuster -------------
 
-#: Speed at which a change of the low-speed slope has fallen to a quarter [m/s].
-LOW_SPEED = 0.1
+LOW_SPEED = 0.1  #: Speed at which a change of the low-speed slope has fallen to a quarter [m/s].
 
 
 def with_slope(curve: StaticCurve, side: str, share: float, speeds: str) -> tuple[StaticCurve, StaticCurve]:

@@ -6,7 +6,7 @@ import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -42,19 +42,16 @@ if TYPE_CHECKING:
     from eightpost.signals.timeseries import TimeSeries
 
 
-# ==== Reading and writing ============================================================================================
+# ==== Reading and writing of delimited text files with preamble, header with units, and decimal comma ================
 
-# ---- Delimited text files with preamble, header with units, and decimal comma ---------------------------------------
-
-#: A format that no cell has, so that times of day and dates stay texts.
-_NO_TIMES = "%%never%%"
+_NO_TIMES = "%%never%%"  #: A format that no cell has, so that times of day and dates stay texts.
 #: Maximum share of filled cells of a column without a name that is left out: it has remarks beside some samples.
 _REMARKS = 0.5
-#: Maximum number of characters in a line, enough for about ten thousand channels.
-_LONGEST_LINE = 2**18
+Block = tuple[int, int, tuple[tuple[str, ...], ...]]
+_LONGEST_LINE = 2**18  #: Maximum number of characters in a line, enough for about ten thousand channels.
 
 
-def read_delimited(path: str | Path) -> tuple[RawRecord, ...]:
+def read_delimited(path: Path) -> tuple[RawRecord, ...]:
     """Read a delimited text file with one or several tables, each with its own header and preamble.
 
     Supported are preamble lines and footers; units in the header (`velocity [in/s]`, `Force (N)`, `x_mm`) or in a row
@@ -65,10 +62,8 @@ def read_delimited(path: str | Path) -> tuple[RawRecord, ...]:
     Raises:
         FileFormatError: There is no table, or a line has another number of columns.
     """
-    path = Path(path)
     with reading(path):
-        content = path.read_bytes()
-    text = decoded(content)
+        text = decoded(path.read_bytes())
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     if "\0" in text:
         number = next(number for number, line in enumerate(lines, 1) if "\0" in line)
@@ -88,11 +83,11 @@ def text_records(lines: list[str], path: Path, *, may_be_cut: bool = False) -> t
         FileFormatError: A table cannot be read; see read_delimited.
     """
     lines, signs = with_minus_signs(lines)
-    plain, comments = _without_comments(lines, _cells_of)
-    notes = (_comment_note(lines, comments),) if comments else ()
+    plain, notes = _without_comments(lines)
     if (first := _first_row_of_channels(plain)) is not None:
-        (block,) = _find_blocks(upright := _with_upright_table(plain, first))
-        record = _record(upright, block, path, notes=notes, steps=signs, may_be_cut=False)
+        table = [cells for line in plain[first:] if len(cells := _cells_of(line)) > 1]
+        upright = [*plain[:first], *("\t".join(column) for column in zip(*table, strict=False))]
+        record = _record(upright, _find_blocks(upright)[0], path, notes=notes, steps=signs, may_be_cut=False)
         rows = np.full(record.columns[0].size, first + 1)
         return (replace(record, origin=Origin(path, rows, first + 1)),)
     blocks = _find_blocks(plain)
@@ -106,20 +101,23 @@ def _record(
     lines: list[str], block: Block, path: Path, *, notes: tuple[str, ...], steps: tuple[str, ...], may_be_cut: bool
 ) -> RawRecord:
     """Parse one block of the file's lines."""
-    layout = _find_layout(lines[block.start : block.stop], path, offset=block.start)
+    start, end, preamble = block
+    layout = _find_layout(lines[start:end], path, offset=start)
     first = layout.first_line
-    cells = [_split_cells(line, layout.delimiter) or [""] for line in lines[first - 1 : block.stop]]
+    cells = [_split_cells(line, layout.delimiter) or [""] for line in lines[first - 1 : end]]
     stop = first - 1 + without_footer(cells)
     numbers = np.array([i for i, line in enumerate(lines[first - 1 : stop], first) if line.strip()])
     if may_be_cut and numbers.size:
         ends = [cells[i - first][-1] for i in numbers]
         if _is_cut_off(ends, has_end=int(numbers[-1]) < len(lines)):
-            notes = (*notes, CUT_NOTE.format(line=numbers[-1], cell=ends[-1]))
-            numbers = numbers[:-1]
-    rows = (layout.filled(lines[i - 1]) for i in numbers)
-    columns, more = _columns("\n".join(rows), layout, numbers, path)
+            note = (
+                f"the last sample (line {numbers[-1]}) was left out: its last number {ends[-1]!r} has fewer digits "
+                "than the others, so the file is probably not complete; export it again"
+            )
+            notes, numbers = (*notes, note), numbers[:-1]
+    columns, more = _columns("\n".join(layout.filled(lines[i - 1]) for i in numbers), layout, numbers, path)
     origin = Origin(path, numbers, layout.unit_line)
-    return RawRecord(origin, layout.names, layout.units, columns, block.preamble, notes, (*steps, *more))
+    return RawRecord(origin, layout.names, layout.units, columns, preamble, notes, (*steps, *more))
 
 
 def _columns(
@@ -222,8 +220,6 @@ def write_csv(
 
 
 # ==== Layout: delimiter, header, units, and several tables one below the other =======================================
-
-# ---- Layout of a text file ------------------------------------------------------------------------------------------
 
 #: Number of lines from which the layout is found.
 _LAYOUT_LINES = 200
@@ -353,10 +349,7 @@ def _numbers_in(line: str, delimiter: str) -> int:
     return sum(is_number(cell) for cell in _split_cells(line, delimiter))
 
 
-# ---- Tables whose rows are channels ---------------------------------------------------------------------------------
-
-#: Largest number of channels of such a table.
-_MOST_CHANNELS = 60
+_MOST_CHANNELS = 60  #: Largest number of channels of a table whose rows are channels.
 
 
 def _first_row_of_channels(lines: list[str]) -> int | None:
@@ -374,48 +367,29 @@ def _first_row_of_channels(lines: list[str]) -> int | None:
     return rows[0] if named and not has_header and len({len(cells) for cells in table}) == 1 else None
 
 
-def _with_upright_table(lines: list[str], first: int) -> list[str]:
-    """Return lines in which the channels of the table from the line `first` on are columns, separated by tabs."""
-    table = [_cells_of(line) for line in lines[first:] if len(_cells_of(line)) > 1]
-    return [*lines[:first], *("\t".join(column) for column in zip(*table, strict=False))]
-
-
 # ---- Blocks of a text file that contains several tables, one below the other, each with its own preamble ------------
 
 #: First characters of a line of numbers; other lines may be headers.
 _NUMBER_BEGINS = frozenset("0123456789-+., \t;\"'")
-#: Minimum share of the first block's column names in a line that is the header of another block.
-_SHARED = 0.5
+_SHARED = 0.5  #: Minimum share of the first block's column names in a line that is the header of another block.
 
 
-@dataclass(frozen=True, slots=True)
-class Block:
-    """A part of a text file with one table."""
+def _find_blocks(lines: list[str]) -> list[Block]:
+    """Return the blocks of a text file with one table each; a second header below a table begins a new block.
 
-    start: int  #: Zero-based number of the first line.
-    stop: int  #: Zero-based number of the line after the last line.
-    preamble: tuple[tuple[str, ...], ...]  #: Lines above the header, one tuple of cells for each.
-
-
-def _find_blocks(lines: list[str]) -> tuple[Block, ...]:
-    """Return the blocks of a text file; a second header below a table begins a new block.
-
+    A block is the numbers of its first line and of the line after its last one, and the cells of its preamble's lines.
     A header is a line of names above numbers, possibly with a row of units in between. Further headers share at least
     half of the names of the first header. The lines between the last line that begins with a number and the header are
     the block's preamble. A file without a header is returned as one block.
     """
     headers = _headers(lines)
     if not headers:
-        return (Block(0, len(lines), ()),)
+        return [(0, len(lines), ())]
     starts = [0]
     for header in headers[1:]:  # below the last line above it that begins with a number
-        numbers = (i for i in range(header, 0, -1) if is_number(_first_cell(lines[i - 1])))
-        starts.append(next(numbers, 0))
-    stops = [*starts[1:], len(lines)]
-    return tuple(
-        Block(start, stop, _preamble(lines[start:header]))
-        for start, stop, header in zip(starts, stops, headers, strict=True)
-    )
+        starts.append(next((i for i in range(header, 0, -1) if _begins_with_number(lines[i - 1])), 0))
+    spans = zip(starts, [*starts[1:], len(lines)], headers, strict=True)
+    return [(start, stop, _preamble(lines[start:header])) for start, stop, header in spans]
 
 
 def _headers(lines: list[str]) -> list[int]:
@@ -445,10 +419,9 @@ def _names_above_numbers(lines: list[str], row: int) -> set[str]:
     return set()
 
 
-def _first_cell(line: str) -> str:
-    cells = [_split_cells(line, delimiter) for delimiter in _DELIMITERS if delimiter in line]
-    numbers = [row[0] for row in cells if row and is_number(row[0])]
-    return numbers[0] if numbers else line
+def _begins_with_number(line: str) -> bool:
+    cells = (_split_cells(line, delimiter)[0] for delimiter in _DELIMITERS if delimiter in line)
+    return any(map(is_number, cells)) or is_number(line)
 
 
 def _preamble(lines: list[str]) -> tuple[tuple[str, ...], ...]:
@@ -469,30 +442,33 @@ def _cells(line: str, delimiter: str) -> list[str]:
 
 # ==== Lines that are left out with a note: comments among the samples, a last sample that was cut off ================
 
-# ---- Comments -------------------------------------------------------------------------------------------------------
-
 _COMMENT = re.compile(r"\s*(?:#|%|//)")
-
-#: Maximum number of characters of a comment in a note.
-_SHOWN = 60
+_SHOWN = 60  #: Maximum number of characters of a comment in a note.
 
 
-def _without_comments(lines: Sequence[str], split: Callable[[str], list[str]]) -> tuple[list[str], list[int]]:
-    """Return lines in which comments between two lines of numbers are empty, and the indices of these comments.
+def _without_comments(lines: Sequence[str]) -> tuple[list[str], tuple[str, ...]]:
+    """Return lines in which comments between two lines of numbers are empty, and a note on these comments.
 
     A comment with as many cells as the numbers around it may be a header, and is kept.
     """
-    found: list[int] = []
+    places: list[int] = []
     kept = list(lines)
     for i in (i for i, line in enumerate(lines) if _COMMENT.match(line)):
         before, after = _neighbour(lines, i, -1), _neighbour(lines, i, 1)
         if not before or not after:
             continue
-        cells = [split(line) for line in (before, lines[i], after)]
+        cells = [_cells_of(line) for line in (before, lines[i], after)]
         if all(sum(map(is_number, row)) > 1 for row in (cells[0], cells[2])) and len(cells[1]) < len(cells[0]):
-            found.append(i)
+            places.append(i)
             kept[i] = ""
-    return kept, found
+    if not places:
+        return kept, ()
+    first = lines[places[0]].strip()
+    shown = first if len(first) <= _SHOWN else f"{first[:_SHOWN]}..."
+    return kept, (
+        f"{len(places)} comment lines among the samples were left out, the first is line {places[0] + 1}: {shown!r}; "
+        "if it states a change of the test, fit the parts alone (--set segment)",
+    )
 
 
 def _neighbour(lines: Sequence[str], start: int, step: int) -> str:
@@ -503,26 +479,11 @@ def _neighbour(lines: Sequence[str], start: int, step: int) -> str:
     return lines[place] if 0 <= place < len(lines) else ""
 
 
-def _comment_note(lines: Sequence[str], places: Sequence[int]) -> str:
-    """Return a note on comments at the indices `places` of a file's lines."""
-    first = lines[places[0]].strip()
-    shown = first if len(first) <= _SHOWN else f"{first[:_SHOWN]}..."
-    return (
-        f"{len(places)} comment lines among the samples were left out, the first is line {places[0] + 1}: {shown!r}; "
-        "if it states a change of the test, fit the parts alone (--set segment)"
-    )
-
-
 # ---- A sample that was cut off --------------------------------------------------------------------------------------
 
 _DIGITS = re.compile(r"[^eE]*?(?:[.,](?P<decimals>\d*))?(?:[eE][+-]?(?P<exponent>\d*))?")
-
-#: Minimum number of rows of a table whose last row can be judged; peak-velocity tables are shorter.
-_FEWEST_ROWS = 50
-
-#: Share of the numbers that may have even fewer digits: programs leave out zeros at the end.
-_RARE = 0.01
-
+_FEWEST_ROWS = 50  #: Minimum number of rows of a table whose last row can be judged; peak-velocity tables are shorter.
+_RARE = 0.01  #: Share of the numbers that may have even fewer digits: programs leave out zeros at the end.
 #: A short number at the end is cut off if it is this many times farther from its predecessors' line than any other.
 _FAR = 2.0
 
@@ -539,11 +500,9 @@ def _is_cut_off(cells: Sequence[str], *, has_end: bool) -> bool:
     above = np.sort([_digits(cell) for cell in cells[:-1]], axis=0)
     decimals, exponent = _digits(cells[-1])
     least, most = above[0 if has_end else round(_RARE * len(above))], above[-1]
-    if decimals < least[0] and (not has_end or least[0] == most[0]):
-        return True
     if has_end:
-        return False
-    return exponent < least[1] or _is_off(cells)
+        return bool(decimals < least[0] == most[0])
+    return decimals < least[0] or exponent < least[1] or _is_off(cells)
 
 
 def _digits(cell: str) -> tuple[int, int]:
@@ -564,9 +523,3 @@ def _is_off(cells: Sequence[str]) -> bool:
         return False
     bends = np.abs(np.diff(values, 2))
     return bool(bends[-1] > _FAR * bends[:-1].max())
-
-
-CUT_NOTE = (
-    "the last sample (line {line}) was left out: its last number {cell!r} has fewer digits than the others, so the "
-    "file is probably not complete; export it again"
-)

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from eightpost.signals.timeseries import TimeSeries
 
 
-#: Minimum share of equal time steps for which the other steps are gaps.
-_EVEN_SHARE = 0.9
+_EVEN_SHARE = 0.9  #: Minimum share of equal time steps for which the other steps are gaps.
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -41,11 +40,7 @@ class Drivefile(Recording):
 
     @classmethod
     def read(
-        cls,
-        path: str | Path,
-        *,
-        channel_map: ChannelMap | None = None,
-        units: Mapping[str, str] | None = None,
+        cls, path: str | Path, *, channel_map: ChannelMap | None = None, units: Mapping[str, str] | None = None
     ) -> Drivefile:
         """Read a drive file in any format that `read_series` reads.
 
@@ -106,15 +101,12 @@ class Drivefile(Recording):
         widths = np.diff(times)
         if not (widths > 0.0).all():
             raise ValueError("the times must increase")
-        return np.diff(self._primitive(times), axis=1) / widths
-
-    def _primitive(self, times: Array) -> Array:
-        """Return the integral (C, K) from the first sample to `times` (K,); end values are held outside the samples."""
         grid, values = self.series.time, self.series.values
         left = np.clip(np.searchsorted(grid, times, side="right") - 1, 0, grid.size - 1)
         before = np.minimum(times - grid[0], 0.0)
         inside = np.maximum(times, grid[0]) - grid[left]
-        ends = self.sample(np.maximum(times, grid[0]))
-        partial = 0.5 * (values[:, left] + ends) * inside
-        primitive: Array = self._integral[:, left] + partial + values[:, :1] * before
-        return primitive
+        partial = 0.5 * (values[:, left] + self.sample(np.maximum(times, grid[0]))) * inside
+        # Integral from the first sample to each time; the end values are held outside the samples.
+        primitive = self._integral[:, left] + partial + values[:, :1] * before
+        means: Array = np.diff(primitive, axis=1) / widths
+        return means

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     from eightpost.errors import DataError
 
 
-# ---- Origin of a record, which error messages use to state the location of a fault ----------------------------------
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Origin:
     """File of a record and line number of each sample."""
@@ -41,6 +38,10 @@ class Origin:
         """Return the one-based file line (sample number in binary files) of a zero-based sample."""
         return int(self.lines[sample]) if self.lines is not None else sample + 1
 
+    def at(self, samples: NDArray[np.intp]) -> Origin:
+        """Return the origin of a record of some samples (K,) of this one, in any order."""
+        return replace(self, lines=None if self.lines is None else self.lines[samples])
+
     def fault(self, kind: type[DataError], what: str, *, channel: str, sample: int) -> DataError:
         """Return an exception of the class `kind` about a zero-based sample."""
         return kind(what, path=self.path, line=self.line(sample), channel=channel)
@@ -50,27 +51,19 @@ class Origin:
         return kind(what, path=self.path, line=self.header_line, channel=channel)
 
 
-#: A correlation above minus this is not one of a wrong sign.
-WEAK_SIGN = 0.3
-
-#: Origin of a record created in memory.
-IN_MEMORY = Origin()
+WEAK_SIGN = 0.3  #: A correlation above minus this is not one of a wrong sign.
+IN_MEMORY = Origin()  #: Origin of a record created in memory.
 
 
 # ---- Checks for faults in measured records; each fault has its own exception, which says where and ------------------
 
-#: A step longer than this many median steps is a gap.
-GAP_FACTOR = 1.5
-
+GAP_FACTOR = 1.5  #: A step longer than this many median steps is a gap.
 #: A channel is clipped if sequences of at least this many samples are equal to its maximum or minimum, ...
 CLIP_RUN = 5
-#: ... if these samples are at least this share of the record, ...
-CLIP_SHARE = 0.005
+CLIP_SHARE = 0.005  #: ... if these samples are at least this share of the record, ...
 #: ... and if they exceed this multiple of the samples at the next level (a rounded sine reaches 2.5).
 CLIP_CROWDING = 5.0
-
-#: No sensor measures that (SI); its square is still a number.
-_LARGEST = 1e100
+_LARGEST = 1e100  #: No sensor measures that (SI); its square is still a number.
 
 
 def check_finite(values: Array, *, channel: str, origin: Origin = IN_MEMORY) -> None:

@@ -28,11 +28,10 @@ from eightpost.signals.parquet_file import read_parquet, write_parquet
 from eightpost.signals.raw_record import (
     TIME_NAMES,
     RawRecord,
-    by_time,
     find_time,
     identity_map,
     mapped_series,
-    temperatures_at,
+    tables_of,
 )
 from eightpost.signals.table_text import split_header
 from eightpost.units import note_file
@@ -53,7 +52,7 @@ _UNEVEN, _SHORT = 0.1, 0.02
 _Clock = datetime.datetime | datetime.time | datetime.timedelta
 
 
-def _read_spreadsheet(path: str | Path) -> tuple[RawRecord, ...]:
+def _read_spreadsheet(path: Path) -> tuple[RawRecord, ...]:
     """Read the tables of all sheets; line numbers in messages are row numbers of the sheet.
 
     Hidden sheets are read only if no other sheet has a table; a note names those that were left out.
@@ -62,7 +61,6 @@ def _read_spreadsheet(path: str | Path) -> tuple[RawRecord, ...]:
         FileFormatError: python-calamine is not installed, the file cannot be read, no sheet has a table, or a column of
             dates or times of day is sampled too fast for a resolution of 1 ms.
     """
-    path = Path(path)
     if not is_installed("python_calamine"):
         raise FileFormatError(requirement("reading spreadsheets", "python_calamine", "files"), path=path)
     sheets: list[Sheet] = read_confined("eightpost.confined.readers:load_spreadsheet", path, kind="a spreadsheet")
@@ -142,7 +140,7 @@ def _text(cell: Any) -> str:
 # ---- LabVIEW measurements in .tdms files, read with npTDMS ----------------------------------------------------------
 
 
-def _read_tdms(path: str | Path) -> tuple[RawRecord, ...]:
+def _read_tdms(path: Path) -> tuple[RawRecord, ...]:
     """Read a .tdms file: one table per group; without a column of time, a waveform's increment gives the time [s].
 
     Groups of single values become the preamble of the other tables. A channel with another increment or start than the
@@ -151,7 +149,6 @@ def _read_tdms(path: str | Path) -> tuple[RawRecord, ...]:
     Raises:
         FileFormatError: npTDMS is not installed, or the file cannot be read or has no channel of numbers.
     """
-    path = Path(path)
     if not is_installed("nptdms"):
         raise FileFormatError(requirement("reading TDMS files", "nptdms", "files"), path=path)
     tables: list[Table] = read_confined("eightpost.confined.readers:load_tdms", path, kind="a TDMS file")
@@ -177,33 +174,18 @@ def _record(table: Table, path: Path) -> RawRecord:
         names, units = ["time", *names], ["s", *units]
         columns = [np.asarray(table.start + table.step * np.arange(columns[0].size), dtype=np.float64), *columns]
     times = [i for i, name in enumerate(names) if name.lower() in TIME_NAMES] or [0]
-    kept = [i for i, column in enumerate(columns) if column.size == columns[times[0]].size]
-    kept = [i for i in kept if names[i] not in dict(table.others)]
+    size = columns[times[0]].size
+    others = [*table.others]
+    others += [(name, f"it has {column.size} samples, and the time has {size}")
+               for name, column in zip(names, columns, strict=True) if column.size != size]  # fmt: skip
+    notes = tuple(f"the channel {name!r} was left out: {why}" for name, why in others)
+    kept = [i for i, column in enumerate(columns) if column.size == size and names[i] not in dict(table.others)]
+    names, units, columns = [names[i] for i in kept], [units[i] for i in kept], [columns[i] for i in kept]
     preamble = tuple((line,) for line in table.preamble)
-    notes = tuple(f"the channel {name!r} was left out: {why}" for name, why in table.others)
-    notes += tuple(
-        f"the channel {names[i]!r} was left out: it has {columns[i].size} samples, and the time has "
-        f"{columns[times[0]].size}"
-        for i in range(len(columns))
-        if columns[i].size != columns[times[0]].size
-    )
-    return RawRecord(
-        Origin(path),
-        tuple(names[i] for i in kept),
-        tuple(units[i] for i in kept),
-        tuple(columns[i] for i in kept),
-        preamble,
-        notes,
-    )
+    return RawRecord(Origin(path), tuple(names), tuple(units), tuple(columns), preamble, notes)
 
 
-# ---- ASAM MDF files (.mf4, .mdf), read with asammdf -----------------------------------------------------------------
-
-#: Name of the time axis in the record.
-_TIME = "time"
-
-
-def _read_mdf(path: str | Path) -> tuple[RawRecord, ...]:
+def _read_mdf(path: Path) -> tuple[RawRecord, ...]:
     """Read the numeric channels of an MDF file: one table per time axis, which becomes its column `time` [s].
 
     Channel groups with the same sample times make one table. Tables with many channels come first, then long ones.
@@ -213,33 +195,19 @@ def _read_mdf(path: str | Path) -> tuple[RawRecord, ...]:
     Raises:
         FileFormatError: asammdf is not installed or cannot read the file, or there is no numeric channel.
     """
-    path = Path(path)
     if not is_installed("asammdf"):
         raise FileFormatError(requirement("reading MDF files", "asammdf", "mdf"), path=path)
     found, comment = read_confined("eightpost.confined.readers:load_mdf", path, kind="an MDF file that asammdf reads")
-    signals: list[Signal] = [signal for signal in found if signal.name.lower() != _TIME]
+    signals: list[Signal] = [signal for signal in found if signal.name.lower() != "time"]
     if not signals:
         raise FileFormatError("it contains no numeric channel", path=path)
     for signal in signals:
         if signal.samples.size != signal.times.size:
             what = f"it has {signal.samples.size} samples and {signal.times.size} times: the file is damaged"
             raise FileFormatError(what, path=path, channel=signal.name)
-    first, *others = by_time(signals)
-    first = [*first, *temperatures_at(first[0].times, others)]
-    return tuple(_table(table, path, comment) for table in (first, *others))
-
-
-def _table(signals: list[Signal], path: Path, comment: str) -> RawRecord:
-    names, units = (_TIME, *(signal.name for signal in signals)), ("s", *(signal.unit or None for signal in signals))
-    columns = (signals[0].times, *(signal.samples for signal in signals))
-    return RawRecord(Origin(path), names, units, columns, _lines(comment))
-
-
-def _lines(comment: str) -> tuple[tuple[str, ...], ...]:
-    """Return the lines of the header's comment, which MDF 4 may wrap in XML."""
-    found = re.search(r"<TX>(.*?)</TX>", comment, flags=re.DOTALL)
-    lines = html.unescape(found[1] if found else comment).splitlines()
-    return tuple((line.strip(),) for line in lines if line.strip())
+    text = re.search(r"<TX>(.*?)</TX>", comment, flags=re.DOTALL)  # MDF 4 may wrap the comment in XML
+    lines = html.unescape(text[1] if text else comment).splitlines()
+    return tables_of(signals, path, tuple((line.strip(),) for line in lines if line.strip()))
 
 
 # ---- Reading --------------------------------------------------------------------------------------------------------
@@ -255,10 +223,8 @@ _READERS: dict[str, Callable[[Path], tuple[RawRecord, ...]]] = {
 }  # fmt: skip
 #: First bytes of files of programs that do not document their layout, and the program. A text file .pvp is read.
 _CLOSED = {".dctw": (b"", "CTW Probe"), ".pvp": (b"\xd0\xcf\x11\xe0", "the Shock program of Roehrig and MTS")}
-#: Largest file whose tables are kept [bytes].
-_KEPT = 2**24
-#: Suffixes of files that can be read.
-SUFFIXES = tuple(_READERS)
+_KEPT = 2**24  #: Largest file whose tables are kept [bytes].
+SUFFIXES = tuple(_READERS)  #: Suffixes of files that can be read.
 
 
 def read_record(path: str | Path) -> RawRecord:
@@ -295,7 +261,10 @@ def read_records(path: str | Path) -> tuple[RawRecord, ...]:
     if suffix not in (*_READERS, *_CLOSED):
         what = f"files with the suffix {path.suffix!r} cannot be read as records; supported: {', '.join(SUFFIXES)}"
         raise FileFormatError(what, path=path)
-    size = _size_of(path)
+    with reading(path):
+        size = path.stat().st_size
+    if size == 0:
+        raise FileFormatError("is empty: it has 0 bytes; copy or export it again", path=path)
     if suffix in _CLOSED and (beginning := _CLOSED[suffix])[0] == path.read_bytes()[: len(beginning[0])]:
         what = f"is a file of {beginning[1]}, whose layout is not documented: export time, displacement or velocity, "
         raise FileFormatError(f"{what}and force there as .csv, and read that file", path=path)
@@ -309,14 +278,6 @@ def read_records(path: str | Path) -> tuple[RawRecord, ...]:
 def _read_once(path: Path, _digest: str) -> tuple[RawRecord, ...]:
     """Read a file, of which one verb asks twice: is it a table of peak velocities, or a record."""
     return _READERS[path.suffix.lower()](path)
-
-
-def _size_of(path: Path) -> int:
-    with reading(path):
-        size = path.stat().st_size
-    if size == 0:
-        raise FileFormatError("is empty: it has 0 bytes; copy or export it again", path=path)
-    return size
 
 
 def read_series(
@@ -341,8 +302,6 @@ def read_series(
         channel_map = identity_map(record, find_time(record))
     return mapped_series(record, channel_map, units=units)
 
-
-# ---- Writing --------------------------------------------------------------------------------------------------------
 
 _WRITERS: dict[str, Callable[[TimeSeries, Path], None]] = {
     ".csv": write_csv,

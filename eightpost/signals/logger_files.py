@@ -16,7 +16,7 @@ from eightpost.errors import FileFormatError
 from eightpost.extras import is_installed, requirement
 from eightpost.files import atomic_path, reading
 from eightpost.signals.faults import Origin
-from eightpost.signals.raw_record import RawRecord, by_time, temperatures_at
+from eightpost.signals.raw_record import RawRecord, tables_of
 from eightpost.signals.table_text import decoded
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class _Channel(NamedTuple):
     unit: bytes
 
 
-def read_ld(path: str | Path) -> tuple[RawRecord, ...]:
+def read_ld(path: Path) -> tuple[RawRecord, ...]:
     """Read the channels of a MoTeC log: one table for each rate and length, the one with most channels first.
 
     Temperatures change slowly, so the first table has those of the other tables too, interpolated.
@@ -59,7 +59,6 @@ def read_ld(path: str | Path) -> tuple[RawRecord, ...]:
     Raises:
         FileFormatError: The file is not a MoTeC log, is damaged, or has no channel of numbers.
     """
-    path = Path(path)
     with reading(path):
         content = path.read_bytes()
     if len(content) < max(place + size for place, size in _TEXTS.values()) or _word(content, 0) != _MARK:
@@ -103,24 +102,18 @@ def _plain(text: bytes) -> str:
 def _tables(
     signals: list[Signal], path: Path, facts: tuple[tuple[str, ...], ...], notes: tuple[str, ...]
 ) -> tuple[RawRecord, ...]:
-    if not any(signal.samples.size for signal in signals):
+    signals = [signal for signal in signals if signal.samples.size]
+    if not signals:
         raise FileFormatError("it contains no channel of numbers", path=path)
-    first, *others = by_time([signal for signal in signals if signal.samples.size])
-    tables = [[*first, *temperatures_at(first[0].times, others)], *others]
-    return tuple(
-        RawRecord(Origin(path), ("time", *(one.name for one in table)), ("s", *(one.unit or None for one in table)),
-                  (table[0].times, *(one.samples for one in table)), facts, notes)
-        for table in tables
-    )  # fmt: skip
+    return tables_of(signals, path, facts, notes)
 
 
-def read_xrk(path: str | Path) -> tuple[RawRecord, ...]:
+def read_xrk(path: Path) -> tuple[RawRecord, ...]:
     """Read the channels of a log of AiM with libxrk: one table for each set of times, as of a log of MoTeC.
 
     Raises:
         FileFormatError: libxrk is not installed or cannot read the file, or there is no channel.
     """
-    path = Path(path)
     if not is_installed("libxrk"):
         raise FileFormatError(requirement("reading logs of AiM", "libxrk", "aim"), path=path)
     signals, facts = read_confined("eightpost.confined.readers:load_xrk", path, kind="a log of AiM that libxrk reads")
@@ -133,13 +126,12 @@ def read_xrk(path: str | Path) -> tuple[RawRecord, ...]:
 _UNITS = {"velocity": "km/h", "heading": "deg", "height": "m"}
 
 
-def read_vbo(path: str | Path) -> tuple[RawRecord, ...]:
+def read_vbo(path: Path) -> tuple[RawRecord, ...]:
     """Read the columns of a Racelogic file; its time of day (hhmmss.ss) is the column `time` [s].
 
     Raises:
         FileFormatError: A section is missing, a line has another number of cells, or a cell is not a number.
     """
-    path = Path(path)
     with reading(path):
         text = decoded(path.read_bytes())
     parts = re.split(r"(?m)^\[(.+?)\]\s*$", text)
@@ -184,15 +176,12 @@ def _seconds(clock: NDArray[np.float64]) -> NDArray[np.float64]:
 _NAME, _ENTRY, _PER_BLOCK = 32, 128, 4
 _ORDERS = {"BINARY_IEEE_LITTLE_END": "<", "BINARY": "<", "BINARY_IEEE_BIG_END": ">"}
 _RPC_KINDS = {"SHORT_INTEGER": "i2", "FLOATING_POINT": "f4"}
-#: Entries that become the preamble.
-_FACTS = ("DATE", "OPERATION", "TIME_TYPE", "PARENT_1")
-#: Fewest repeated samples of all channels at the end of the last frame that count as its filling.
-_FILLED = 3
-#: Points of a frame and largest integer of a file that is written.
-_POINTS, _FULL_SCALE = 2048, 32752
+_FACTS = ("DATE", "OPERATION", "TIME_TYPE", "PARENT_1")  #: Entries that become the preamble.
+_FILLED = 3  #: Fewest repeated samples of all channels at the end of the last frame that count as its filling.
+_POINTS, _FULL_SCALE = 2048, 32752  #: Points of a frame and largest integer of a file that is written.
 
 
-def read_rpc(path: str | Path) -> tuple[RawRecord, ...]:
+def read_rpc(path: Path) -> tuple[RawRecord, ...]:
     """Read the channels of a time history with names and units as written, and the column `time` [s].
 
     Without the entry `SAMPLES`, what fills the last frame (the last sample of each channel) is left out with a note.
@@ -200,7 +189,6 @@ def read_rpc(path: str | Path) -> tuple[RawRecord, ...]:
     Raises:
         FileFormatError: The file is not a time history in RPC III, or is damaged.
     """
-    path = Path(path)
     with reading(path):
         content = path.read_bytes()
     header, start = _header(content, path)
@@ -218,7 +206,7 @@ def read_rpc(path: str | Path) -> tuple[RawRecord, ...]:
     notes = _half_frames(header, len(data) - np.dtype(kind).itemsize * count * points, path)
     if "SAMPLES" in header:
         values = values[:, : _integer(header, "SAMPLES", path)]
-    elif (filled := _filling(values[:, -frame:])) >= _FILLED:
+    elif (filled := _repeats_at_end(values[:, -frame:])) >= _FILLED:
         values = values[:, : points - filled]
         notes += (f"the last {filled} samples were left out: they fill the last frame with one value of each channel",)
     numbers = range(1, count + 1)
@@ -272,7 +260,7 @@ def _half_frames(header: Mapping[str, str], more: int, path: Path) -> tuple[str,
     return ("it has half frames: its first and last half frame may be a fade, cut them with a time window",)
 
 
-def _filling(frame: NDArray[Any]) -> int:
+def _repeats_at_end(frame: NDArray[Any]) -> int:
     """Return how many samples at the end of a frame (C, N) repeat the one before in all channels."""
     changes = np.flatnonzero((np.diff(frame, axis=1) != 0).any(axis=0))
     return int(frame.shape[1] - 2 - changes[-1]) if changes.size else 0

@@ -16,8 +16,7 @@ from eightpost.errors import FileFormatError
 from eightpost.extras import is_installed, requirement
 from eightpost.files import reading
 from eightpost.signals.csv_file import read_delimited
-from eightpost.signals.faults import Origin
-from eightpost.signals.raw_record import RawRecord, by_time, temperatures_at
+from eightpost.signals.raw_record import RawRecord, by_time, table_of, temperatures_at
 from eightpost.signals.table_text import decoded, is_number, seconds_of, split_header
 from eightpost.units import compatible, convert, is_unit
 
@@ -29,17 +28,11 @@ if TYPE_CHECKING:
 
 # ==== Reading ========================================================================================================
 
-#: Largest difference between two axes of time that are the same, in median steps.
-_SAME = 0.01
-
-#: Largest deviation of the time between two segments that follow each other from one step, in steps.
-_FOLLOWS = 0.25
-
-#: Times above this are not relative to the start of the segment but to 1904 [s].
-_ABSOLUTE = 1e9
+_SAME = 0.01  #: Largest difference between two axes of time that are the same, in median steps.
+_FOLLOWS = 0.25  #: Largest deviation of the time between two segments that follow each other from one step, in steps.
+_ABSOLUTE = 1e9  #: Times above this are not relative to the start of the segment but to 1904 [s].
 
 _COMMENT, _X = "Comment", "X_Value"
-
 #: Tags of the header that describe the file, not the test.
 _TECHNICAL = (
     "Writer_Version", "Reader_Version", "Separator", "Decimal_Separator", "Multi_Headings", "X_Columns", "Time_Pref",
@@ -49,7 +42,7 @@ _TECHNICAL = (
 _TAGS = {"UUT_Name": "Shock", "UUT_S/N": "Serial Number"}
 
 
-def read_lvm(path: str | Path) -> tuple[RawRecord, ...]:
+def read_lvm(path: Path) -> tuple[RawRecord, ...]:
     """Read a .lvm file: one table per segment and axis of time, with the time [s] as its column `time`.
 
     The time is that of the X columns; without X columns, it follows from the start and the increment of each channel.
@@ -60,7 +53,6 @@ def read_lvm(path: str | Path) -> tuple[RawRecord, ...]:
     Raises:
         FileFormatError: lvm_read is not installed, or the file cannot be read or has no channel of numbers.
     """
-    path = Path(path)
     with reading(path):
         text = decoded(path.read_bytes())
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
@@ -104,10 +96,8 @@ def _segment(found: LvmSegment, x_columns: str, path: Path) -> _Segment:
     names = found.names[:-1] if found.names[-1:] == (_COMMENT,) else found.names
     columns = _columns(names, x_columns, path)
     if max((y for _, y in columns), default=0) >= found.data.shape[1]:
-        what = (
-            f"its rows have {found.data.shape[1]} numbers, and its header names {len(names)} columns; export it again"
-        )
-        raise FileFormatError(what, path=path)
+        header = f"its header names {len(names)} columns; export it again"
+        raise FileFormatError(f"its rows have {found.data.shape[1]} numbers, and {header}", path=path)
     spread = 2 if x_columns == "Multi" else 1
     facts = [_facts(found.tags, k, len(columns), spread, path) for k in range(len(columns))]
     signals = []
@@ -257,9 +247,7 @@ def _records(
     apart = [[signal for signal in table if signal.name not in read] for table in others]
     notes = (*notes, *(_apart(table, first) for table in apart if table))
     for table in ([*first, *warm], *(table for table in apart if table)):
-        columns = (table[0].times, *(signal.samples for signal in table))
-        names, units = ("time", *(signal.name for signal in table)), ("s", *(signal.unit or None for signal in table))
-        yield RawRecord(Origin(path), names, units, columns, preamble, notes)
+        yield table_of(table, path, preamble, notes)
 
 
 def _apart(table: Sequence[Signal], first: Sequence[Signal]) -> str:
@@ -278,9 +266,8 @@ def _words(times: NDArray[np.float64]) -> str:
 
 # ==== Text in the form that lvm_read expects =========================================================================
 
-_END_OF_HEADER, _NAMES = "***End_of_Header***", "X_Value"
+_END_OF_HEADER = "***End_of_Header***"
 _SPECIAL = ("***Start_Special***", "***End_Special***")
-
 #: Note on a file whose last line has no end.
 _CUT = (
     "the last sample (line {line}) was left out: LabVIEW ends every line, and this one has no line end, so the file is "
@@ -369,10 +356,8 @@ def _with_width(lines: Sequence[str], separator: str, path: Path) -> Iterator[st
         if tag != "Channels":
             yield lines[i]
             continue
-        below = next((one for one in tags[i + 1 :] if one[0] in ("Channels", _NAMES)), tags[i])
+        below = next((one for one in tags[i + 1 :] if one[0] in ("Channels", _X)), tags[i])
         if below[0] == "Channels":
-            what = (
-                f"the segment with the line {lines[i].strip()!r} has no line `{_NAMES}` with the names of its channels"
-            )
-            raise FileFormatError(f"{what}; export it again", path=path)
+            what = f"has no line `{_X}` with the names of its channels; export it again"
+            raise FileFormatError(f"the segment with the line {lines[i].strip()!r} {what}", path=path)
         yield lines[i] + separator * max(0, below[1] - width)

@@ -16,7 +16,7 @@ from eightpost.files import atomic_path, json_content, reading
 from eightpost.signals.faults import Origin
 from eightpost.signals.parquet_file import parse_header, time_series_header
 from eightpost.signals.raw_record import TIME_NAMES, RawRecord
-from eightpost.signals.table_text import decoded, split_header
+from eightpost.signals.table_text import decoded, named_with_unit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -24,10 +24,7 @@ if TYPE_CHECKING:
     from eightpost.signals.timeseries import TimeSeries
 
 
-# ---- Reading and writing --------------------------------------------------------------------------------------------
-
-
-def read_mat(path: str | Path) -> tuple[RawRecord, ...]:
+def read_mat(path: Path) -> tuple[RawRecord, ...]:
     """Read the vectors of a .mat file, at the top level or in the only struct that has vectors, at any depth.
 
     Channels may also be structs with samples and unit (`Force.data`, `Force.unit`), or an array of such structs with
@@ -39,12 +36,11 @@ def read_mat(path: str | Path) -> tuple[RawRecord, ...]:
     Raises:
         FileFormatError: The file cannot be read (version 7.3 needs h5py), or contains no numeric vector.
     """
-    path = Path(path)
     content: dict[str, Any] = read_confined("eightpost.confined.readers:load_matlab", path, True, kind="a MATLAB file")
     return tuple(_record(dict(run), path) for run in _runs_in(content))
 
 
-def read_json(path: str | Path) -> tuple[RawRecord, ...]:
+def read_json(path: Path) -> tuple[RawRecord, ...]:
     """Read the lists of numbers of a JSON file like the vectors of a .mat file; rows of objects are columns.
 
     Other entries are the preamble.
@@ -52,7 +48,6 @@ def read_json(path: str | Path) -> tuple[RawRecord, ...]:
     Raises:
         FileFormatError: The file is not JSON, is a file of this program, or contains no list of numbers.
     """
-    path = Path(path)
     content = json_content(path)
     rows = content if isinstance(content, list) else [content]
     if not rows or not all(isinstance(row, dict) for row in rows):
@@ -79,7 +74,7 @@ _NUMBERS = re.compile(r"([A-Za-z][\w.]*)\s*=\s*\[([^\[\]]*)\]")
 _TEXT = re.compile(r"([A-Za-z][\w.]*)\s*=\s*'([^'\n]*)'")
 
 
-def read_script(path: str | Path) -> tuple[RawRecord, ...]:
+def read_script(path: Path) -> tuple[RawRecord, ...]:
     """Read the vectors of a MATLAB script, such as the damper curves of a vehicle model: one table for each struct.
 
     Of a vector `Damper.x`, the text `Damper.xUnit` is the unit, and `Damper.xComment` the name; without the latter its
@@ -88,7 +83,6 @@ def read_script(path: str | Path) -> tuple[RawRecord, ...]:
     Raises:
         FileFormatError: There are no two vectors of one length in a struct.
     """
-    path = Path(path)
     with reading(path):
         text = re.sub(r"(?m)%.*$", "", re.sub(r"\.\.\..*\n", " ", decoded(path.read_bytes())))
     texts = dict(_TEXT.findall(text))
@@ -116,8 +110,7 @@ def _record(content: dict[str, Any], path: Path) -> RawRecord:
     content, units = opened(content)
     vectors = _same_length(_vectors(content), path)
     units = header.get("units") or _texts(units, "units", path)
-    split = [_named(titles.get(name, name), units) for name in vectors]
-    names, stated = tuple(name for name, _ in split), tuple(unit for _, unit in split)
+    names, stated = zip(*(named_with_unit(titles.get(name, name), units) for name in vectors), strict=True)
     return RawRecord(Origin(path), names, stated, tuple(vectors.values()), facts)
 
 
@@ -165,10 +158,6 @@ def _same_length(vectors: Mapping[str, NDArray[np.float64]], path: Path) -> dict
     lengths = [*sizes.values()]
     length = sizes[times[0]] if times else max(lengths, key=lengths.count)
     return {name: vectors[name] for name, size in sizes.items() if size == length}
-
-
-def _named(name: str, units: Mapping[str, str]) -> tuple[str, str | None]:
-    return (name, units[name]) if name in units else split_header(name)
 
 
 def write_mat(
@@ -272,7 +261,8 @@ def _rows(value: Any) -> list[Mapping[str, Any]]:
     """Return the structs of a struct or of an array of structs; nothing for other values."""
     if isinstance(value, Mapping):
         return [value]
-    rows = list(value) if isinstance(value, list) or _is_array_of_objects(value) else []
+    is_array = isinstance(value, np.ndarray) and value.dtype == object and value.ndim == 1
+    rows = list(value) if isinstance(value, (list, tuple)) or is_array else []
     return rows if all(isinstance(row, Mapping) for row in rows) else []
 
 
@@ -289,17 +279,13 @@ def _is_empty(units: Any) -> bool:
 
 def _as_struct(value: Any) -> Any:
     """Return an array of structs with names as a struct of channels; other values unchanged."""
-    rows = list(value) if isinstance(value, (list, tuple)) or _is_array_of_objects(value) else []
-    if not rows or not all(isinstance(row, Mapping) for row in rows):
+    rows = _rows(value)
+    if not rows or isinstance(value, Mapping):
         return dict(value) if isinstance(value, Mapping) else value
     names = [_field(row, _NAME) for row in rows]
     if not all(isinstance(name, str) and name for name in names) or len(set(names)) < len(names):
         return value
     return dict(zip(names, map(dict, rows), strict=True))
-
-
-def _is_array_of_objects(value: Any) -> bool:
-    return isinstance(value, np.ndarray) and value.dtype == object and value.ndim == 1
 
 
 def _with_plain_channels(content: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:

@@ -18,7 +18,7 @@ from eightpost.errors import FileFormatError
 from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json, reading
 from eightpost.signals.faults import Origin
 from eightpost.signals.raw_record import RawRecord
-from eightpost.signals.table_text import split_header
+from eightpost.signals.table_text import named_with_unit
 
 if TYPE_CHECKING:
     from eightpost.signals.timeseries import TimeSeries
@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 
 # ==== Header: schema version, tool version, units and sources ========================================================
 
-#: Version of the time-series schema that this tool writes, and the newest that it reads.
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 1  #: Version of the time-series schema that this tool writes, and the newest that it reads.
 
 
 def time_series_header(units: Mapping[str, str], *, sources: Mapping[str, str] | None = None, note: str = "") -> str:
@@ -63,9 +62,7 @@ def parse_header(text: str | bytes, path: Path) -> dict[str, Any]:
     return dict(header)
 
 
-# ==== The file =======================================================================================================
-
-# ---- Conversion of numeric columns between numpy and Arrow ----------------------------------------------------------
+# ==== Tables: numeric columns between numpy and Arrow, and error messages that name the file =========================
 
 
 def to_arrow(values: NDArray[Any]) -> pa.Array:
@@ -80,8 +77,6 @@ def to_numpy(column: pa.ChunkedArray) -> NDArray[np.float64]:
         return np.asarray(column.to_numpy(), dtype=np.float64)
     return np.concatenate([np.from_dlpack(chunk) for chunk in column.chunks], dtype=np.float64)
 
-
-# ---- Reading of Parquet files as tables, with error messages that name the file -------------------------------------
 
 #: Maximum number of cells in a table (2 GiB of numbers). A damaged or malicious file may declare any number.
 MOST_CELLS = 2**28
@@ -138,10 +133,8 @@ def parquet_size(path: str | Path, *, advice: str = "") -> tuple[pa.Schema, int]
 def _check_size(path: Path, metadata: pa.parquet.FileMetaData) -> None:
     cells = metadata.num_rows * metadata.num_columns
     if not 0 <= cells <= MOST_CELLS:
-        what = (
-            f"it declares {metadata.num_rows} rows of {metadata.num_columns} columns; the limit is {MOST_CELLS} cells"
-        )
-        raise FileFormatError(f"{what}; export a shorter record or fewer channels", path=path)
+        declared = f"{metadata.num_rows} rows of {metadata.num_columns} columns; the limit is {MOST_CELLS} cells"
+        raise FileFormatError(f"it declares {declared}; export a shorter record or fewer channels", path=path)
 
 
 @contextmanager
@@ -162,20 +155,19 @@ def _refusing(path: Path, advice: str) -> Iterator[None]:
 _KEY = b"eightpost"
 
 
-def read_parquet(path: str | Path) -> tuple[RawRecord, ...]:
+def read_parquet(path: Path) -> tuple[RawRecord, ...]:
     """Read a Parquet file written by eightpost, or any other whose numeric columns are named like CSV headers.
 
     Raises:
         FileFormatError: The file is not a Parquet file, or has a newer schema version.
     """
-    path = Path(path)
     table = read_table(path)
-    header = _header(dict(table.schema.metadata or {}), path)
+    stated = _header(table.schema, path).get("units", {})
     split = [
-        (name, "s") if pa.types.is_duration(column.type) else _named(name, header)
+        (name, "s") if pa.types.is_duration(column.type) else named_with_unit(name, stated)
         for name, column in zip(table.column_names, table.columns, strict=True)
     ]
-    names, units = tuple(name for name, _ in split), tuple(unit for _, unit in split)
+    names, units = zip(*split, strict=True) if split else ((), ())
     return (RawRecord(Origin(path), names, units, tuple(_vector(column) for column in table.columns)),)
 
 
@@ -187,17 +179,13 @@ def parquet_header(path: str | Path) -> dict[str, Any]:
     """
     path = Path(path)
     with _refusing(path, ""):
-        metadata = dict(pa.parquet.read_schema(path).metadata or {})
-    return _header(metadata, path)
+        schema = pa.parquet.read_schema(path)
+    return _header(schema, path)
 
 
-def _header(metadata: Mapping[bytes, bytes], path: Path) -> dict[str, Any]:
+def _header(schema: pa.Schema, path: Path) -> dict[str, Any]:
+    metadata = dict(schema.metadata or {})
     return parse_header(metadata[_KEY], path) if _KEY in metadata else {}
-
-
-def _named(name: str, header: Mapping[str, Any]) -> tuple[str, str | None]:
-    units = header.get("units", {})
-    return (name, units[name]) if name in units else split_header(name)
 
 
 def _vector(column: Any) -> NDArray[Any]:

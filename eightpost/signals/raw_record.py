@@ -81,8 +81,7 @@ class ChannelMap:
     channels: Mapping[str, MappedChannel] = field(default_factory=dict)  #: Column of each channel, by channel name.
     time: MappedChannel | None = None  #: Time column; None to use the column with a usual name (`TIME_NAMES`).
     path: Path | None = None  #: Path of the file that the map was read from.
-    #: Largest number of samples in a row that are NaN or empty and are replaced by a straight line.
-    bridge: int = 0
+    bridge: int = 0  #: Largest number of samples in a row that are NaN or empty and are replaced by a straight line.
 
     @classmethod
     def read(cls, path: str | Path) -> ChannelMap:
@@ -158,8 +157,6 @@ def _mapped(entry: object, where: str, path: Path) -> MappedChannel:
 
 _LOG = logging.getLogger(__name__)
 
-# ---- Raw records ----------------------------------------------------------------------------------------------------
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawRecord:
@@ -225,6 +222,10 @@ class RawRecord:
                          f"{max(map(len, short))} in a row; they were bridged by straight lines")  # fmt: skip
         return replace(self, columns=tuple(columns), steps=(*self.steps, *steps)) if steps else self
 
+    def with_column(self, place: int, values: NDArray[Any]) -> RawRecord:
+        """Return the record with other values (N,) in a column."""
+        return replace(self, columns=(*self.columns[:place], values, *self.columns[place + 1 :]))
+
     def log_notes(self) -> None:
         """Log what was left out, for readers whose result has no notes."""
         for note in (*self.notes, *self.steps):
@@ -241,13 +242,9 @@ class RawRecord:
             "columns by number and their units, --channel 'force=3 [N]'"
         )
 
-    def twins(self, source: str) -> tuple[str, ...]:
-        """Return the names of further columns that had the same name in the file."""
-        return tuple(name for name in self.names if re.fullmatch(rf"{re.escape(source)} \(\d+\)", name))
-
     def check_unique(self, source: str, *, channel: str | None = None) -> None:
         """Raise a FileFormatError if several columns of the file have the name `source`."""
-        if self.twins(source):
+        if any(re.fullmatch(rf"{re.escape(source)} \(\d+\)", name) for name in self.names):
             what = f"the column name {source!r} is not unique; rename one of the columns"
             raise self.origin.header_fault(FileFormatError, what, channel=channel)
 
@@ -360,13 +357,7 @@ def mapped_series(
         expected: SI units by channel name, for channels that must have a given dimension.
 
     Raises:
-        TooShortError: There is no sample.
-        MissingChannelError: A column is missing, or a unit is given for a channel that is not read.
-        MissingUnitError: A column has no unit.
-        UnknownUnitError: A unit is unknown or has the wrong dimension.
-        NotANumberError: A sample is NaN, empty or text.
-        BackwardTimeError: Time decreases.
-        DuplicateTimeError: Time repeats.
+        DataError: A column, a unit or a sample has a fault; the subclass and the message say which and where.
     """
     if not record.columns[0].size:
         raise record.origin.header_fault(TooShortError, "it has no samples")
@@ -377,7 +368,9 @@ def mapped_series(
         if name not in known:
             what = f"a unit is given for this channel, but the channels that are read are: {', '.join(picks)}"
             raise record.origin.header_fault(MissingChannelError, what, channel=name)
-    labels = {name: _label(name, channel_map) for name in picks}
+    # In messages about a channel map of a file, a channel has its key there.
+    keys = {name: name if name == "time" else f"channels.{name}" for name in picks}
+    labels = {n: f"{key} of {channel_map.path}" if channel_map.path else n for n, key in keys.items()}
     columns = {name: record.index(pick.source, channel=labels[name]) for name, pick in picks.items()}
     expected = {"time": "s", **(expected or {})}
     _check_units(record, picks, columns, units or {})
@@ -411,13 +404,6 @@ def _check_units(
         advice = " ".join(f"--channel '{name}=[unit]'" for name in missing)
         what = f"the columns {sources} have no unit; add it to each name as `name [unit]`, or pass `{advice}`"
         raise record.origin.header_fault(MissingUnitError, what, channel=missing[0])
-
-
-def _label(name: str, channel_map: ChannelMap) -> str:
-    """Return the channel for messages: its name, or its key in the channel map's file."""
-    if channel_map.path is None:
-        return name
-    return f"{name if name == 'time' else f'channels.{name}'} of {channel_map.path}"
 
 
 def _target_unit(record: RawRecord, channel: str, unit: str, expected: str | None) -> str:
@@ -478,8 +464,7 @@ def by_time(signals: Sequence[Signal]) -> list[list[Signal]]:
     return sorted(tables.values(), key=lambda table: (len(table), table[0].times.size), reverse=True)
 
 
-#: Largest range of the deviations of even times that were rounded to whole units, in units.
-_ROUNDED = 1.1
+_ROUNDED = 1.1  #: Largest range of the deviations of even times that were rounded to whole units, in units.
 
 
 def spread_evenly(times: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -493,6 +478,24 @@ def spread_evenly(times: NDArray[np.float64]) -> NDArray[np.float64]:
     places = np.arange(times.size)
     even = np.asarray(np.polyval(np.polyfit(places, times, 1), places), dtype=np.float64)
     return even if np.ptp(even - times) <= _ROUNDED else times
+
+
+def table_of(
+    signals: Sequence[Signal], path: Path, preamble: tuple[tuple[str, ...], ...] = (), notes: tuple[str, ...] = ()
+) -> RawRecord:
+    """Return channels with one axis of time as a table, with the time as its column `time` [s]."""
+    names, units = ("time", *(signal.name for signal in signals)), ("s", *(signal.unit or None for signal in signals))
+    columns = (signals[0].times, *(signal.samples for signal in signals))
+    return RawRecord(Origin(path), names, units, columns, preamble, notes)
+
+
+def tables_of(
+    signals: Sequence[Signal], path: Path, preamble: tuple[tuple[str, ...], ...], notes: tuple[str, ...] = ()
+) -> tuple[RawRecord, ...]:
+    """Return a table for each axis of time; the first one has the temperatures of the others too, interpolated."""
+    first, *others = by_time(signals)
+    tables = ([*first, *temperatures_at(first[0].times, others)], *others)
+    return tuple(table_of(table, path, preamble, notes) for table in tables)
 
 
 def temperatures_at(times: NDArray[np.float64], tables: Sequence[Sequence[Signal]]) -> list[Signal]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from itertools import pairwise
 from typing import Any
@@ -15,9 +15,6 @@ from numpy.typing import NDArray
 from eightpost.units import compatible, is_unit
 
 # ==== Unusual notations: encodings, columns of spaces, thousands separators, times of day, footers ===================
-
-# ---- Encoding -------------------------------------------------------------------------------------------------------
-
 
 #: Full-width letters, digits and marks of East Asian texts, and units in one letter; the others are rarely in tables.
 _WIDE = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {
@@ -58,8 +55,6 @@ def _in_shift_jis(content: bytes) -> str:
         return ""
     return text if re.search(r"[\u3040-\u30ff\u4e00-\u9fff]{2}", text) else ""
 
-
-# ---- Negative numbers -----------------------------------------------------------------------------------------------
 
 #: A dash of a typesetter in place of the minus of a number.
 _DASH = re.compile(r"(?:(?<![\w.])|(?<=[eE]))[\u2010-\u2015\u2212\ufe63](?=[\d.,])")
@@ -181,11 +176,8 @@ def without_footer(rows: Sequence[list[str]]) -> int:
 def _is_footer(cells: list[str], usual: str) -> bool:
     if _kind(cells[0]) in {"number", usual}:
         return False
-    return (
-        bool(_STATISTICS.fullmatch(cells[0]))
-        or not all(cell and _kind(cell) != "word" for cell in cells[1:])
-        or (len(cells) == 1)
-    )
+    has_numbers = len(cells) > 1 and all(cell and _kind(cell) != "word" for cell in cells[1:])
+    return bool(_STATISTICS.fullmatch(cells[0])) or not has_numbers
 
 
 _NUMBER_LIKE = re.compile(r"[+-]?[\d.,'\s]+(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf)", re.IGNORECASE)
@@ -323,7 +315,6 @@ _SEPARATED = re.compile(r"^(?P<name>[^/,:]*[^/,:\s])\s*[/,:]\s*(?P<unit>\([^()]+
 #: A column of a matrix in MATLAB's notation, `data(:,2)`, which is a name.
 _MATRIX_COLUMN = re.compile(r":,\d+|\d+,:")
 _BARE_BRACKETS = re.compile(r"^\s*[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
-
 #: Header suffixes that are units after any name: `v_mm_s`, `F_lbf`.
 _SUFFIXES = {
     "mm_per_s": "mm/s", "in_per_s": "in/s", "m_per_s": "m/s", "mm_s": "mm/s", "cm_s": "cm/s", "in_s": "in/s",
@@ -381,6 +372,11 @@ def split_header(text: str) -> tuple[str, str | None]:
         if unit:
             return text[:cut], unit
     return text, _TIMES.get(text.lower())
+
+
+def named_with_unit(text: str, units: Mapping[str, str]) -> tuple[str, str | None]:
+    """Return a name and its unit, from units by name or from the name itself."""
+    return (text, units[text]) if text in units else split_header(text)
 
 
 def _separated(text: str) -> tuple[str, str] | None:

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 
 # ---- Time series ----------------------------------------------------------------------------------------------------
 
-#: Maximum deviation from an even grid, in steps, that is attributed to rounding of time by a logger.
-JITTER = 0.25
+JITTER = 0.25  #: Maximum deviation from an even grid, in steps, that is attributed to rounding of time by a logger.
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -55,7 +54,9 @@ class TimeSeries(Summarized):
         object.__setattr__(self, "names", tuple(self.names))
         object.__setattr__(self, "units", tuple(self.units))
         self._check_shapes()
-        self._check_units()
+        for name, unit in zip(self.names, self.units, strict=True):
+            if unit not in SI_UNITS and conversion(unit, si_unit(unit)) != (1.0, 0.0):
+                raise ValueError(f"channel {name!r} must be in the SI unit {si_unit(unit)!r}, not in {unit!r}")
         check_finite(self.time, channel="time")
         check_time(self.time)
         for name, row in zip(self.names, self.values, strict=True):
@@ -72,11 +73,6 @@ class TimeSeries(Summarized):
         repeated = sorted({name for name in self.names if self.names.count(name) > 1})
         if repeated:
             raise ValueError(f"channel names must be unique; repeated: {', '.join(repeated)}")
-
-    def _check_units(self) -> None:
-        for name, unit in zip(self.names, self.units, strict=True):
-            if unit not in SI_UNITS and conversion(unit, si_unit(unit)) != (1.0, 0.0):
-                raise ValueError(f"channel {name!r} must be in the SI unit {si_unit(unit)!r}, not in {unit!r}")
 
     @classmethod
     def from_channels(cls, time: ArrayLike, channels: Mapping[str, tuple[str, ArrayLike]]) -> TimeSeries:
@@ -258,9 +254,6 @@ def _is_read_only(values: NDArray[Any]) -> bool:
             return False
         owner = owner.base
     return owner is None
-
-
-# ---- Base of objects with a time series: their display, and their channels as tables --------------------------------
 
 
 class Recording(Summarized):

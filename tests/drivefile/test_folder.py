@@ -81,13 +81,12 @@ def test_the_exact_car_converges_and_writes_its_files(iteration):
 
 @pytest.mark.slow
 def test_an_interrupted_iteration_resumes_to_the_bit(iteration, tmp_path):
-    for passes in (1, 2):
-        copy = copy_of(iteration, tmp_path / f"after_{passes}", passes)
-        eightpost("drivefile", "next", copy)
-        eightpost("drivefile", "simulate", copy, *RIG, "--passes", 3)
-        for number in (2, 3, 4):
-            name = f"pass_{number:02d}/drive.parquet"
-            assert (copy / name).read_bytes() == (iteration / name).read_bytes()
+    copy = copy_of(iteration, tmp_path / "copy", 2)
+    eightpost("drivefile", "next", copy)
+    eightpost("drivefile", "simulate", copy, *RIG, "--passes", 3)
+    for number in (3, 4):
+        name = f"pass_{number:02d}/drive.parquet"
+        assert (copy / name).read_bytes() == (iteration / name).read_bytes()
 
 
 @pytest.mark.nightly
@@ -163,8 +162,6 @@ def test_a_second_record_of_a_pass_and_a_second_start_are_refused(iteration, tra
 
 @pytest.mark.parametrize(("change", "message"), [
     (lambda s: s["static"].append(s["static"][0]), r"static must be \d rows of \d numbers below 1e\+12"),
-    (lambda s: s["static"].__setitem__(0, [0.0]), "iteration.json: static must be"),
-    (lambda s: s["static"][0].__setitem__(0, -1e12), "iteration.json: static must be"),
     (lambda s: s.update(high=0.5 * s["high"]), "response.npz: does not belong to iteration.json and target.parquet"),
     (lambda s: s.update(high=1e6), r"target\.parquet: the track record has .* Hz.*: start the iteration again"),
     (lambda s: s.update(format="exe"), "iteration.json: format: Input should be 'parquet', 'csv', 'mat' or 'drv'"),

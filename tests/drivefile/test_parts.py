@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eightpost.drivefile import Limits
-from eightpost.drivefile.iteration import TYPICAL, _PassSpectra, _start_gains, correction, gains, regularised_inverse
+from eightpost.drivefile.iteration import TYPICAL, _start_gains, correction, gains, regularised_inverse
 from eightpost.drivefile.target import Lines, pass_errors, within_limits
 from eightpost.errors import ParameterError
 
@@ -62,6 +62,7 @@ def test_a_band_has_its_lines_and_at_most_those_of_the_record(width, half):
     assert LINES.half_width(width) == half
 
 
+@settings(max_examples=40)
 @given(
     seed=st.integers(0, 10_000),
     size=st.floats(1e-4, 1.0),
@@ -113,8 +114,8 @@ def test_the_gain_is_the_coherence_of_the_step_without_the_bias_of_few_lines():
 
     H, drive = np.ones((K, 1, 1)), white()
     for noise in (0.0, 1.0, 100.0):
-        found = correction(H, [_PassSpectra(drive, drive + np.sqrt(noise) * white())], lines, 1.0)
-        assert found.coherence.mean() == pytest.approx(1.0 / (1.0 + noise), abs=0.02)
+        found = correction(H, [(drive, drive + np.sqrt(noise) * white())], lines, 1.0)
+        assert found[1].mean() == pytest.approx(1.0 / (1.0 + noise), abs=0.02)
     assert gains(np.array([[1.0], [0.5], [0.0]]), 0.8) == pytest.approx(np.array([[0.8], [0.4], [0.12]]))
 
 
@@ -122,11 +123,11 @@ def test_a_repeated_drive_neither_corrects_the_response_nor_changes_the_gains():
     lines = Lines(2000, 100.0, 20.0)
     K = lines.frequency.size
     drive = random_response(7, K, 1, 1)[:, :, 0]
-    one = _PassSpectra(drive, 0.5 * drive)
+    one = (drive, 0.5 * drive)
     once, twice = (correction(np.ones((K, 1, 1)), passes, lines, 1.0) for passes in ([one], [one, one]))
-    assert twice.coherence == pytest.approx(once.coherence)
-    assert twice.factor == pytest.approx(once.factor)
-    assert once.factor == pytest.approx(np.full((K, 1), (0.5 + 0.1) / 1.1))
+    assert twice[1] == pytest.approx(once[1])
+    assert twice[0] == pytest.approx(once[0])
+    assert once[0] == pytest.approx(np.full((K, 1), (0.5 + 0.1) / 1.1))
 
 
 def test_the_first_gains_follow_the_coherence_of_the_identification():

@@ -76,28 +76,6 @@ def grouped(channel, unit, *, group=",", mark=".", quote='"'):
     return [f"{quote}{c}{quote}" for c in swapped]
 
 
-def excel(header, columns=SI, *, above=(), below=(), before=None):
-    """Return a writer of an .xlsx file."""
-
-    def write(folder: Path) -> Path:
-        path = folder / "run.xlsx"
-        with xlsxwriter.Workbook(path) as book:
-            if before:
-                book.add_worksheet("Info").write_column(0, 0, before)
-            sheet = book.add_worksheet("Data")
-            for i, line in enumerate((*above, *([header] if header else []))):
-                sheet.write_row(i, 0, line)
-            start = len(above) + 1
-            for j, one in enumerate(columns):
-                cells = one if isinstance(one, list) else values(*one).tolist()
-                sheet.write_column(start, j, cells)
-            for i, line in enumerate(below):
-                sheet.write_row(start + COUNT + i, 0, line)
-        return path
-
-    return write
-
-
 def matlab(content):
     """Return a writer of a .mat file."""
 
@@ -139,56 +117,10 @@ def _hdf5(group, name, value):
         data.attrs["MATLAB_class"] = np.bytes_("double")
 
 
-def tdms(channels, *, step=None):
-    """Return a writer of a .tdms file with (name, unit, channel) in one group."""
-
-    def write(folder: Path) -> Path:
-        path = folder / "run.tdms"
-        objects = []
-        for name, unit, cells in channels:
-            properties = {"unit_string": unit} if unit else {}
-            properties |= {"wf_increment": step, "wf_start_offset": 0.0} if step else {}
-            objects.append(ChannelObject("Dyno", name, np.asarray(cells), properties=properties))
-        with TdmsWriter(path) as writer:
-            writer.write_segment(objects)
-        return path
-
-    return write
-
-
-def lvm(names, units, columns):
-    """Return a writer of a .lvm file with one X column."""
-    count = len(names)
-    head = [
-        "LabVIEW Measurement\t", "Writer_Version\t2", "Reader_Version\t2", "Separator\tTab", "Decimal_Separator\t.",
-        "Multi_Headings\tYes", "X_Columns\tOne", "Time_Pref\tRelative", "Operator\tlab", "Date\t2024/05/03",
-        "Time\t10:00:00.0", "***End_of_Header***\t", "\t",
-        f"Channels\t{count}", "Samples\t" + "\t".join([str(COUNT)] * count),
-        "Date\t" + "\t".join(["2024/05/03"] * count),
-        "Time\t" + "\t".join(["10:00:00.0"] * count), "Y_Unit_Label\t" + "\t".join(units),
-        "X_Dimension\t" + "\t".join(["Time"] * count), "X0\t" + "\t".join(["0.0E+0"] * count),
-        "Delta_X\t" + "\t".join([str(1.0 / RATE)] * count), "***End_of_Header***\t" + "\t" * count,
-        "X_Value\t" + "\t".join(names) + "\tComment",
-    ]  # fmt: skip
-
-    def write(folder: Path) -> Path:
-        path = folder / "run.lvm"
-        lines = ["\t".join(row) + "\t" for row in rows(columns)]
-        path.write_text("\n".join([*head, *lines]) + "\n", encoding="utf-8")
-        return path
-
-    return write
-
-
 def cells(channel, unit, form=".12g", *, comma=False):
     """Return a channel in a number format, with a decimal comma if wanted."""
     found = [format(value, form) for value in values(channel, unit)]
     return [cell.replace(".", ",") for cell in found] if comma else found
-
-
-def every(form):
-    """Return all columns in a number format."""
-    return [cells(*one, form) for one in SI]
 
 
 def file_with(folder, name, content, encoding="utf-8"):
@@ -197,8 +129,8 @@ def file_with(folder, name, content, encoding="utf-8"):
     return path
 
 
-def sheets(contents, *, merged=()):
-    """Return a writer of a workbook with rows of cells by sheet, and merged ranges of the first sheet."""
+def sheets(contents, *, merged=(), hidden=()):
+    """Return a writer of a workbook with rows of cells by sheet, merged ranges of the first sheet and hidden sheets."""
 
     def write(folder):
         path = folder / "run.xlsx"
@@ -209,6 +141,11 @@ def sheets(contents, *, merged=()):
                     for j, cell in enumerate(row):
                         if cell is not None:
                             sheet.write(i, j, cell)
+                if sheet.name in hidden:
+                    sheet.hide()
+                else:
+                    sheet.activate()
+                    sheet.set_first_sheet()
             for one in merged:
                 made[0][0].merge_range(*one)
         return path
@@ -222,14 +159,15 @@ def grid(factors=(1.0, 1.0, 1.0, 1.0)):
 
 
 def groups(contents):
-    """Return a writer of a .tdms file with (name, unit, samples) by group."""
+    """Return a writer of a .tdms file with (name, unit, samples) by group, and properties if there are more."""
 
     def write(folder):
         path = folder / "run.tdms"
         with TdmsWriter(path) as writer:
             writer.write_segment([
-                ChannelObject(group, name, np.asarray(samples), properties={"unit_string": unit} if unit else {})
-                for group, channels in contents.items() for name, unit, samples in channels
+                ChannelObject(group, name, np.asarray(samples),
+                              properties=({"unit_string": unit} if unit else {}) | dict(*more))
+                for group, channels in contents.items() for name, unit, samples, *more in channels
             ])  # fmt: skip
         return path
 

@@ -6,8 +6,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-import xlsxwriter
-from nptdms import ChannelObject, TdmsWriter
 
 from eightpost.errors import InputError, UnknownUnitError
 from eightpost.rig import read_dyno_test, read_dyno_tests, read_peak_velocity
@@ -33,6 +31,7 @@ from .layouts import (
     clock,
     column,
     grid,
+    groups,
     matlab,
     peak_velocity_file,
     sheets,
@@ -88,11 +87,6 @@ READ = {
         "t [s],x [mm],v [mm/s],F*v [W],E [J],dF [N],F [N]",
         [*CHANNELS[:3], shown(F * V), column("0"), shown(np.gradient(F)), FORCE],
     ),
-    "Chinese": text("时间(s),位移(mm),速度(mm/s),力(N)", CHANNELS),
-    "Korean": text("시간(s),변위(mm),속도(mm/s),하중(N)", CHANNELS),
-    "Portuguese": text("Tempo (s);Deslocamento (mm);Velocidade (mm/s);Força (N)", CHANNELS, sep=";"),
-    "Dutch": text("Tijd (s);Verplaatsing (mm);Snelheid (mm/s);Kracht (N)", CHANNELS, sep=";"),
-    "Swedish": text("Tid (s);Förskjutning (mm);Hastighet (mm/s);Kraft (N)", CHANNELS, sep=";"),
     "full-width digits": text("t [s],x [㎜],v [㎜/s],Ｆ [Ｎ]", [*CHANNELS[:3], [c.translate(WIDE) for c in FORCE]]),
     "a calibration table above": text(
         "t [s],x [mm],v [mm/s],F [N]", CHANNELS, above="Calibration\nmV,N,gain,off\n1,2,3,4\n2,4,6,8\n\n"
@@ -114,10 +108,6 @@ REFUSED = {
     "least and largest force": (
         text("t [s],x [mm],v [mm/s],Force max [N],Force min [N]", [*CHANNELS, FORCE]), "--channel force=",
     ),
-    "counts": (text("t [s],x [mm],v [mm/s],F [counts]", CHANNELS, above="Scale: 0.1 N/count\n"), "'counts' cannot be"),
-    "another rate from the middle on": (
-        text("t [s],x [mm],v [mm/s],F [N]", [c[:240] + c[240::2] for c in CHANNELS]), "gap",
-    ),
     "extension for compression": (
         text("t [s],Extension [mm],Extension velocity [mm/s],Tension [N]", CHANNELS), "--channel force=",
     ),
@@ -136,33 +126,18 @@ def test_full_width_letters_of_text_columns_do_not_matter(tmp_path):
     assert len(record.columns[1]) == COUNT
 
 
-def test_pounds_of_force_are_known_with_a_hyphen():
-    assert convert(1.0, "Pounds-Force", "N") == pytest.approx(convert(1.0, "lbf", "N"))
+@pytest.mark.parametrize(
+    ("spelling", "unit"),
+    [("Pounds-Force", "lbf"), ("lb-f", "lbf"), ("S", "s"), ("MS", "ms"), ("M/S", "m/s"), ("in./sec", "in/s"),
+     ("sec.", "s"), ("mm.s-1", "mm/s"), ("mm*s^-1", "mm/s"), ("mm s^-1", "mm/s")],
+)  # fmt: skip
+def test_spellings_of_loggers_are_units(spelling, unit):
+    assert convert(1.0, spelling, unit) == pytest.approx(1.0)
 
 
 NAMES = ["t [s]", "x [mm]", "v [mm/s]", "F [N]"]
 H = ",".join(NAMES)
 OLDER = [[*row[:3], 1.7 * row[3]] for row in grid()]
-
-
-def book(contents, *, hidden=()):
-    """Return a writer of a workbook with hidden sheets."""
-
-    def write(folder: Path) -> Path:
-        path = folder / "run.xlsx"
-        with xlsxwriter.Workbook(path) as made:
-            pages = [(made.add_worksheet(name), lines) for name, lines in contents.items()]
-            for page, lines in pages:
-                for i, line in enumerate(lines):
-                    page.write_row(i, 0, line)
-                if page.name in hidden:
-                    page.hide()
-                else:
-                    page.activate()
-                    page.set_first_sheet()
-        return path
-
-    return write
 
 
 WAVES = [("Disp", "mm", 1e3 * X), ("Vel", "mm/s", 1e3 * V), ("Force", "N", F)]
@@ -171,19 +146,12 @@ TRIGGER = np.datetime64("2024-05-03T10:00:00", "us")
 
 def waveforms(*, late=0.0, unit_key="unit_string", step=1.0 / RATE, x_unit="s", count=COUNT):
     """Return a writer of a .tdms file of waveforms with a trigger; that of the force is `late` seconds later."""
-
-    def write(folder: Path) -> Path:
-        path = folder / "run.tdms"
-        with TdmsWriter(path) as writer:
-            writer.write_segment([
-                ChannelObject("Data", name, samples[: count if name == "Force" else COUNT], properties={
-                    unit_key: unit, "wf_increment": step, "wf_start_offset": 0.0, "wf_xunit_string": x_unit,
-                    "wf_start_time": TRIGGER + np.timedelta64(round(1e6 * late * (name == "Force")), "us")})
-                for name, unit, samples in WAVES
-            ])  # fmt: skip
-        return path
-
-    return write
+    return groups({"Data": [
+        (name, "", samples[: count if name == "Force" else COUNT], {
+            unit_key: unit, "wf_increment": step, "wf_start_offset": 0.0, "wf_xunit_string": x_unit,
+            "wf_start_time": TRIGGER + np.timedelta64(round(1e6 * late * (name == "Force")), "us")})
+        for name, unit, samples in WAVES
+    ]})  # fmt: skip
 
 
 def array_of_structs(folder: Path) -> Path:
@@ -211,12 +179,8 @@ def units_row(units, *, more=()):
 
 READ |= {
     "a row of units that is shorter than the names": units_row("s,mm,mm/s,N", more=[column("1")]),
-    "seconds, metres and pounds in capitals": text(
-        "TIME [S],DISP [MM],VEL [M/S],LOAD [LBF]", [*SI[:2], ("v", "m/s"), ("F", "lbf")]),
-    "thousandths of an inch as mils": text(
-        "t [s],x [mils],v [in/s],F [lbf]", [SI[0], [f"{1e3 * x / 0.0254:.12g}" for x in X], *US[2:4]]),
-    "a hidden sheet with an older run": book({"Old": [NAMES, *OLDER], "Data": [NAMES, *grid()]}, hidden=("Old",)),
-    "a sheet that is hidden, and no other": book({"Data": [NAMES, *grid()], "Page": [["Test 7"]]}, hidden=("Data",)),
+    "a hidden sheet with an older run": sheets({"Old": [NAMES, *OLDER], "Data": [NAMES, *grid()]}, hidden=("Old",)),
+    "a sheet that is hidden, and no other": sheets({"Data": [NAMES, *grid()], "Page": [["Test 7"]]}, hidden=("Data",)),
     "a remark beside one row": sheets(
         {"Data": [NAMES, *([*row, "bump stop"] if i == 9 else row for i, row in enumerate(grid()))]}),
     "feedback channels": text(
@@ -253,7 +217,6 @@ REFUSED |= {
 }  # fmt: skip
 
 
-@pytest.mark.repeated(2)
 @pytest.mark.parametrize("layout", LEFT_OUT)
 def test_column_that_is_not_needed_does_not_prevent_reading_and_is_reported(layout, tmp_path):
     write, message = LEFT_OUT[layout]
@@ -293,16 +256,6 @@ def test_column_of_another_number_of_cells_than_the_names_is_refused(tmp_path):
         read_dyno_test(text(H, [*SI, column("7")])(tmp_path))
 
 
-@pytest.mark.parametrize(("capitals", "unit"), [("S", "s"), ("MS", "ms"), ("mS", "ms"), ("M/S", "m/s"), ("m/S", "m/s")])
-def test_capitals_of_seconds_are_not_siemens(capitals, unit):
-    assert convert(1.0, capitals, unit) == 1.0
-
-
-@pytest.mark.parametrize("unit", ["mm.s-1", "mm*s^-1", "mm s^-1", "mm.s^-1"])
-def test_powers_of_units_may_be_negative(unit):
-    assert convert(1.0, unit, "mm/s") == pytest.approx(1.0)
-
-
 # ---- Tables of peak velocities --------------------------------------------------------------------------------------
 
 #: Header and columns of one setting in layouts with more than speed and two forces.
@@ -317,7 +270,6 @@ TABLES = {
         [SPEED, BUMP, DROOP, -DROOP / BUMP, BUMP / SPEED, SPEED]),
     "standard deviations": (
         "Speed [mm/s],Comp [N],Reb [N],Comp Std [N],Reb Std [N]", [SPEED, BUMP, DROOP, BUMP / 99, DROOP / 99]),
-    "targets": ("Speed [mm/s],Comp [N],Reb [N],Comp Target [N],Reb Target [N]", [SPEED, BUMP, DROOP, BUMP, 9 * DROOP]),
     "smallest, mean and largest": (
         "Speed [mm/s],Comp Min [N],Comp Avg [N],Comp Max [N],Reb Min [N],Reb Avg [N],Reb Max [N]",
         [SPEED, BUMP / 2, BUMP, 2 * BUMP, DROOP / 2, DROOP, 2 * DROOP]),
@@ -325,7 +277,6 @@ TABLES = {
         "Speed [mm/s],Peak Comp Force [N],Peak Reb Force [N],Avg Comp Force [N]", [SPEED, BUMP, DROOP, BUMP / 2]),
     "German": ("Geschwindigkeit [mm/s],Druckstufe [N],Zugstufe [N]", [SPEED, BUMP, -DROOP]),
     "French": ("Vitesse [mm/s],Compression [N],D\u00e9tente [N]", [SPEED, BUMP, DROOP]),
-    "Italian": ("Velocit\u00e0 [mm/s],Compressione [N],Estensione [N]", [SPEED, BUMP, DROOP]),
 }  # fmt: skip
 
 
@@ -382,7 +333,6 @@ def test_shock_at_rest_does_not_show_the_units_of_its_corner():
 
 
 AT = datetime.datetime(2026, 11, 12, 10, 59, 59, 500000)
-METRIC = [("t", "s"), ("x", "m"), ("v", "m/s"), ("F", "kN")]
 
 
 def blanks(header, columns=SI, **options):
@@ -428,43 +378,24 @@ def controldesk(names=("Disp", "Vel", "Force"), *, unit="s", axes=1, name="rec_0
 READ |= {
     # Units behind a blank
     "names and units, commas": text("Time s,Disp mm,Vel mm/s,Force N"),
-    "names and units, semicolons": text("Time s;Disp mm;Vel mm/s;Force N", sep=";", decimal=","),
     "words of two parts": text("Time s,Shock Disp in,Shock Vel in/sec,Damper Force lb,Temp deg F", US),
     "capitals behind a blank": text("TIME S,DISP MM,VEL MM/S,FORCE N"),
-    "German with units behind a blank": text("Zeit s;Weg mm;Geschwindigkeit mm/s;Kraft N", sep=";", decimal=","),
     "a count beside a force in a unit": text("Time s,Disp mm,Vel mm/s,Load cell N,Load 2", [*SI, column("1")]),
     # Columns between blanks
     "blanks between names and units": blanks("Time s Disp mm Vel mm/s Force N"),
     "blanks, units in a row": blanks(["Time Disp Vel Force", "s mm mm/s N"]),
     "fixed width": padded("Time [s]  Disp [mm]  Vel [mm/s]  Force [N]"),
-    "fixed width, units behind a blank": padded("Time s  Disp mm  Vel mm/s  Force N"),
     "a word behind the numbers": blanks("t[s] x[mm] v[mm/s] F[N] Phase", [*SI, column("up")]),
-    "a word between the numbers": blanks("t[s] Status x[mm] v[mm/s] F[N]", [SI[0], column("OK"), *SI[1:]]),
     "two words, decimal comma": blanks("t[s] x[mm] v[mm/s] F[N] A B", [*SI, column("a"), column("b")], decimal=","),
-    "words that change": blanks("t[s] x[mm] v[mm/s] F[N] Side", [*SI, ["comp" if v > 0 else "reb" for v in V]]),
     "words above a footer": blanks("t[s] x[mm] v[mm/s] F[N] Phase", [*SI, column("up")], below="End of test\n"),
     "a time between blanks": blanks("Time x[mm] v[mm/s] F[N]", [clock(AT), *SI[1:]]),
     # Dates
-    "day, month as a word": dated("%d-%b-%Y %H:%M:%S.%f"),
-    "day, whole month": dated("%d %B %Y %H:%M:%S.%f"),
-    "month as a word, day": dated("%b %d %Y %H:%M:%S.%f"),
-    "month as a word, day, comma": dated("%b %d, %Y %H:%M:%S.%f", quote='"'),
     "weekday": dated("%A, %d %B %Y %H:%M:%S.%f", quote='"'),
-    "German month": dated("12. M\u00e4rz 2026 %H:%M:%S.%f"),
-    "French month": dated("12 ao\u00fbt 2026 %H:%M:%S.%f"),
-    "Spanish month": dated("12 dic 2026 %H:%M:%S.%f"),
-    "year of two digits, dots": dated("%d.%m.%y %H:%M:%S.%f"),
-    "year of two digits, slashes": dated("%m/%d/%y %H:%M:%S.%f"),
-    "year of two digits, month as a word": dated("%d-%b-%y %H:%M:%S.%f"),
-    "half days": dated("%d-%b-%y %I:%M:%S.%f %p"),
-    "slashes, year first": dated("%Y/%m/%d %H:%M:%S.%f"),
     "year of two digits past midnight": dated("%d.%m.%y %H:%M:%S.%f", start=AT.replace(hour=23, minute=59, second=59)),
-    "a T before the time": dated("%d-%b-%YT%H:%M:%S.%f"),
     # ControlDesk
     "a recording": controldesk(),
     "a recording with paths": controldesk(['"Model Root"/"Disp"/"Out1"', '"Model Root"/"Vel"/"Out1"',
                                            '"Model Root"/"Force"/"Out1"']),
-    "a recording with two axes of time": controldesk(axes=2),
     "a recording with a slow signal first": controldesk(axes=2, slow_first=True),
     "a footer with a date": text(H, below="12-Nov-2026 11:00:01,end,,\n"),
 }  # fmt: skip
@@ -481,10 +412,7 @@ REFUSED |= {
         "columns"),
     "a date of three words between blanks": (
         blanks("Time x[mm] v[mm/s] F[N]", [clock(AT, "%d %b %Y %H:%M:%S.%f"), *SI[1:]]), "columns"),
-    "no month": (dated("%d-Foo-%Y %H:%M:%S.%f"), "neither a number nor a time"),
     "a record over days": (dated("%d-%b-%Y %H:%M:%S.%f", days=2), "at other times than midnight"),
-    "a date without a time": (dated("%d-%b-%Y"), "neither a number nor a time"),
-    "a month above twelve is a word": (dated("%d-Mon-%y %H:%M:%S.%f"), "neither a number nor a time"),
     "a recording without a unit of time": (controldesk(unit=""), "'time' has no unit"),
     "a recording without names": (controldesk(["a", "b", "c"]), "force"),
     "a recording without the axis of time of a signal": (controldesk(axes=2, has_index=False), "--channel time=COLUMN"),

@@ -6,7 +6,6 @@ The samples below are written for these tests after what is publicly known of su
 import numpy as np
 import pytest
 
-from eightpost import errors
 from eightpost.rig import DynoConditions, read_dyno_test, read_dyno_tests
 from eightpost.units import convert
 
@@ -91,11 +90,6 @@ def test_all_tests_of_a_file_are_read_and_a_preamble_applies_until_the_next(tmp_
     assert fast.conditions.build == "8760-17"
     assert fast.series["velocity"].std() == pytest.approx(2.0 * slow.series["velocity"].std(), rel=1e-2)
     assert slow.sha256 == fast.sha256
-
-
-def test_a_file_of_several_tests_is_not_read_as_one(tmp_path):
-    with pytest.raises(errors.FileFormatError, match="the file has 2 tables"):
-        read_dyno_test(written(tmp_path, table(5.0) + table(10.0)))
 
 
 def test_arguments_take_precedence_over_the_preamble(tmp_path):

@@ -38,30 +38,6 @@ def text(columns: np.ndarray, names: tuple[str, ...] = NAMES) -> str:
     return "\n".join([",".join(names), *lines]) + "\n"
 
 
-def with_value(row, value):
-    """Return a change that sets the cell of `row` (None: any row) at a random sample to `value`."""
-
-    def put(columns, generator):
-        i = int(generator.integers(1, COUNT))
-        j = int(generator.integers(1, 4)) if row is None else row
-        lines = text(columns).split("\n")
-        cells = lines[i + 1].split(",")
-        cells[j] = value
-        lines[i + 1] = ",".join(cells)
-        return "\n".join(lines)
-
-    return put
-
-
-def time_at(shift):
-    def put(columns, generator):
-        i = int(generator.integers(100, COUNT))
-        columns[T, i] = columns[T, i - shift]
-        return text(columns)
-
-    return put
-
-
 def lost(columns, generator):
     i, n = int(generator.integers(10, COUNT - 200)), int(generator.integers(2, 150))
     return text(np.delete(columns, np.s_[i : i + n], axis=1))
@@ -78,13 +54,6 @@ def lost_and_joined(columns, generator):
 
 def cut_off(columns, generator):
     return text(columns[:, : int(generator.integers(2, 199))])
-
-
-def line_cut(columns, generator):
-    lines = text(columns).strip().split("\n")
-    last = lines[int(generator.integers(300, COUNT))].split(",")[: int(generator.integers(1, 5))]
-    place = int(generator.integers(300, COUNT - 1))
-    return "\n".join([*lines[:place], ",".join(last), *lines[place:]])
 
 
 def dead(row):
@@ -163,23 +132,10 @@ def other_noise(columns, generator):
     return text(columns)
 
 
-def two_tables(columns, generator):
-    middle = int(generator.integers(300, COUNT - 300))
-    return text(columns[:, :middle]) + "Test 2\n" + text(columns[:, middle:])
-
-
 #: Change of the record, and the expected error.
 REFUSED = {
-    "a NaN": (with_value(None, "nan"), errors.NotANumberError),
-    "an infinite sample": (with_value(None, "-inf"), errors.NotANumberError),
-    "a text": (with_value(None, "#REF!"), errors.NotANumberError),
-    "an empty cell": (with_value(None, ""), errors.NotANumberError),
-    "no time at a sample": (with_value(T, "nan"), errors.NotANumberError),
-    "a repeated time": (time_at(1), errors.DuplicateTimeError),
-    "time going back": (time_at(50), errors.BackwardTimeError),
     "lost samples": (lost, errors.TimeGapError),
     "a record that ends early": (cut_off, (errors.TooShortError, errors.FileFormatError)),
-    "a line that ends early": (line_cut, errors.FileFormatError),
     "a dead force": (dead(F), errors.ConstantChannelError),
     "a saturated force": (saturated(F), errors.ClippedChannelError),
     "a force of the wrong sign": (scaled(F, -1.0, -1.0), errors.WrongSignError),
@@ -187,10 +143,8 @@ REFUSED = {
     "a displacement of the wrong sign": (scaled(X, -1.0, -1.0), errors.WrongSignError),
     "a force without a unit": (renamed(F, "F"), errors.MissingUnitError),
     "a force in millimetres": (renamed(F, "F [mm]"), errors.UnknownUnitError),
-    "an unknown unit": (renamed(F, "F [furlong/x]"), errors.UnknownUnitError),
     "no force": (renamed(F, "P [bar]"), errors.MissingChannelError),
     "no time": (renamed(T, "n [1]"), errors.MissingChannelError),
-    "two tables": (two_tables, errors.FileFormatError),
 }
 
 #: Change of the record, and the expected text of one of its findings or notes.

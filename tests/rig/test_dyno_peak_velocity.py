@@ -30,8 +30,6 @@ LAYOUTS = {
     "comp,6,50,50\ncomp,6,100,90\ncomp,6,250,150\nreb,6,50,-100\nreb,6,100,-165\nreb,6,250,-250\n",
     "signed speed": "velocity [m/s],F 3 [N],F 6 [N]\n-.25,-500,-250\n-.1,-330,-165\n-.05,-200,-100\n.05,100,50\n"
     ".1,180,90\n.25,300,150\n",
-    "clicks as names": "velocity (m/s),3 clicks (N),6 clicks (N)\n-.25,-500,-250\n-.1,-330,-165\n-.05,-200,-100\n"
-    ".05,100,50\n.1,180,90\n.25,300,150\n",
 }
 
 
@@ -73,8 +71,6 @@ BROKEN = {
     "a stroke is missing": ("speed [m/s],comp [N]\n.1,1\n.2,2\n", errors.MissingChannelError, "in rebound"),
     "no stroke at all": ("speed [m/s],F [N]\n.1,1\n.2,2\n", errors.MissingChannelError, "no speed is negative"),
     "no speed": ("a [m/s],comp [N],reb [N]\n.1,1,2\n", errors.MissingChannelError, "channel 'speed'"),
-    "no unit": ("speed,comp [N],reb [N]\n.1,1,2\n.2,2,3\n", errors.MissingUnitError, "channel 'speed'"),
-    "a force in millimetres": ("speed [m/s],comp [mm],reb [N]\n.1,1,2\n", errors.UnknownUnitError, "'comp'"),
     "two forces at a speed": (HEAD + ".1,100,2\n.1,200,2\n.2,300,3\n", errors.DataError, "different forces at 0.1"),
     "both strokes negative": (HEAD + ".1,-1,-2\n.2,-2,-3\n", errors.WrongSignError, "is not clear"),
     "an empty cell": (HEAD + ".1,1,\n.2,2,3\n", errors.NotANumberError, "line 2, channel 'reb'"),
@@ -101,14 +97,6 @@ def test_stacked_blocks_are_settings_and_a_line_above_them_may_name_the_stroke(t
     )
     np.testing.assert_allclose(table.rebound, REBOUND)
     np.testing.assert_allclose(table.compression, COMPRESSION)
-
-
-def test_bump_and_droop_are_the_strokes(tmp_path):
-    (table,) = read_peak_velocity(
-        written(tmp_path, "Speed [Inches/Sec],Bump [Lbf],Droop [Lbf]\n2,20,40\n4,40,70\n8,60,110\n")
-    )
-    np.testing.assert_allclose(table.speed, np.array([2.0, 4.0, 8.0]) * 0.0254)
-    np.testing.assert_allclose(table.rebound, -np.array([40.0, 70.0, 110.0]) * 4.4482216152605)
 
 
 @pytest.mark.parametrize("rest", ["", "0,150,150\n"], ids=["extrapolated", "at rest"])

@@ -7,17 +7,7 @@ from hypothesis import strategies as st
 
 from eightpost.checks.lag import delay_of
 from eightpost.ident.shock.simulation import lag as first_order
-from eightpost.rig.motion import (
-    EARLIEST,
-    LAG,
-    LATEST,
-    LEAD,
-    WIDEST,
-    _ForceLag,
-    force_lag,
-    lag_faults,
-    lag_statement,
-)
+from eightpost.rig.motion import EARLIEST, LAG, LATEST, LEAD, WIDEST, _ForceLag, force_lag, lag_faults, lag_statement
 from eightpost.rig.plausibility import record_faults
 from eightpost.signals import TimeSeries
 
@@ -55,7 +45,7 @@ def record(motion, *, lag=2e-3, curve=digressive, stiffness=0.0, friction=0.0, n
     return TimeSeries.from_channels(time, {"displacement": ("m", x), "velocity": ("m/s", v), "force": ("N", force)})
 
 
-@pytest.mark.parametrize("stiffness", [0.0, 600.0, 1900.0, 5000.0, 12000.0])
+@pytest.mark.parametrize("stiffness", [0.0, 1900.0, 12000.0])
 def test_gas_does_not_change_the_lag_of_sines_of_several_speeds_and_is_found_itself(stiffness):
     found = force_lag(record(sines(), lag=4e-3, stiffness=stiffness, friction=45.0))
     assert found.seconds == pytest.approx(4e-3, abs=2e-4)
@@ -65,7 +55,7 @@ def test_gas_does_not_change_the_lag_of_sines_of_several_speeds_and_is_found_its
     assert found.stiffness >= 0.0
 
 
-@pytest.mark.parametrize("lag", [-5e-3, 0.0, 12e-3, 30e-3])
+@pytest.mark.parametrize("lag", [-5e-3, 30e-3])
 def test_a_random_motion_shows_the_lag_to_a_fraction_of_a_millisecond(lag):
     found = force_lag(record(random_motion(), lag=lag, stiffness=2000.0, friction=20.0))
     assert found.seconds == pytest.approx(lag, abs=1e-4)
@@ -112,11 +102,6 @@ def test_a_spring_does_not_pull_so_that_a_larger_lag_than_the_loop_shows_is_less
     assert 0.0 < found.high - found.seconds < 0.6 * (found.seconds - found.low)
 
 
-def test_no_stiffness_is_negative():
-    found = [force_lag(record(sines(), noise=20.0, seed=seed)).stiffness for seed in range(4)]
-    assert min(found) == 0.0 < max(found)
-
-
 def test_many_samples_do_not_make_the_lag_more_certain_than_the_model_is():
     few, many = (force_lag(record(random_motion(seconds=seconds), noise=20.0)) for seconds in (8.0, 40.0))
     for found in (few, many):
@@ -156,12 +141,6 @@ def test_the_sample_rate_does_not_matter(rate):
     assert found.seconds == pytest.approx(15e-3, abs=3e-4)
 
 
-def test_uneven_times_are_resampled():
-    series = record(sines(), lag=15e-3)
-    kept = np.arange(len(series)) % 7 != 3
-    assert force_lag(series.at(kept)).seconds == pytest.approx(15e-3, abs=5e-4)
-
-
 def test_parts_from_start_to_end_stand_for_a_long_record():
     time, x, v = sines(np.tile(SPEEDS, 4))
     late, early = (record((time, x, v), lag=lag) for lag in (8e-3, 2e-3))
@@ -180,16 +159,15 @@ def test_a_force_of_the_wrong_sign_or_of_noise_has_no_lag(motion):
         assert force_lag(turned.with_channel("force", "N", force)) is None
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(3))
 def test_noise_that_correlates_with_velocity_by_chance_has_no_lag(seed):
     motion = record(random_motion(seed, seconds=4.0))
     noise = 300.0 * np.random.default_rng(seed).standard_normal(len(motion))
     assert force_lag(motion.with_channel("force", "N", noise)) is None
 
 
-@pytest.mark.parametrize("motion", [sines(), random_motion()], ids=["sines", "random"])
-def test_clipping_moves_the_lag_by_less_than_a_millisecond(motion):
-    series = record(motion, lag=6e-3, stiffness=1000.0)
+def test_clipping_moves_the_lag_by_less_than_a_millisecond():
+    series = record(random_motion(), lag=6e-3, stiffness=1000.0)
     clipped = series.with_channel("force", "N", np.clip(series["force"], -150.0, 450.0))
     assert force_lag(clipped).seconds == pytest.approx(6e-3, abs=1e-3)
 
@@ -219,21 +197,12 @@ def test_a_short_record_and_one_at_rest_have_no_lag():
     assert force_lag(series.with_channel("velocity", "m/s", np.zeros(len(series)))) is None
 
 
-def test_a_displacement_in_a_wrong_unit_gives_no_lag():
-    series = record(random_motion())
-    assert force_lag(series.with_channel("displacement", "m", 1e-3 * series["displacement"])) is None
-
-
-def test_less_than_a_period_has_no_lag():
-    series = record(sines([0.0254], cycles=2))
-    assert force_lag(series.at(slice(0, len(series) // 3))) is None
-
-
 # ---- Channels that are proportional ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("lag", [-6e-3, 0.0, 20e-3])
-@pytest.mark.parametrize("motion", [sines([0.2], cycles=8), random_motion()], ids=["sine", "random"])
+@pytest.mark.parametrize(
+    ("motion", "lag"), [(sines([0.2], cycles=8), -6e-3), (random_motion(), 20e-3)], ids=["sine", "random"]
+)
 def test_the_lag_between_two_velocities_is_right_on_a_sine_too(motion, lag):
     time, _, v = motion
     noise = 1e-3 * np.random.default_rng(1).standard_normal(v.size)

@@ -87,7 +87,6 @@ def noisy(force):
 FAULTS = {
     "time in ms labelled s": ("contradictory units", times("t", 1e3), "unlikely units"),
     "time in ms labelled s, velocity derived": ("unlikely units", both(without("v"), times("t", 1e3)), None),
-    "inches labelled mm, velocity measured": ("contradictory units", times("x", 1.0 / 25.4), None),
     "velocity in in/s labelled mm/s": ("contradictory units", times("v", 1 / 25.4), None),
     "rectified force": ("rectified force", lambda c: c | {"F": np.abs(c["F"])}, None),
     "rectified force of which 7 % of the range were negative": (
@@ -98,7 +97,6 @@ FAULTS = {
     "two settings": ("the shock changed", lambda c: later(c, 1.15), None),
     "two rebound settings": ("the shock changed", lambda c: later(c, 1.2, only=-1.0), None),
     "a voltage that steps": ("another column changes", lambda c: c | {"volt": np.where(c["t"] > 5.0, 2.0, 1.0)}, None),
-    "clicks that step": ("another column changes", lambda c: c | {"clicks": np.where(c["t"] > 5.0, 6.0, 3.0)}, None),
     "run-down": ("run-down of the machine", stopping, None),
     "a force that drifts": ("drift", lambda c: c | {"F": c["F"] * (1.0 - 0.01 * c["t"])}, None),
     "a displacement that drifts": ("drift", lambda c: c | {"x": c["x"] * (1.0 - 0.01 * c["t"])}, None),
@@ -114,9 +112,7 @@ def test_a_record_that_is_not_what_its_header_says_is_reported(fault, tmp_path):
     assert set(rules(tmp_path, change(sine()))) & {rule, other}
 
 
-@pytest.mark.parametrize(
-    ("cycles", "frequency"), [(1.03, 1.3), (2.06, 3.0), (4.12, 1.3), (6.18, 3.0), (8.24, 4.0), (20.6, 3.0), (20.6, 8.0)]
-)
+@pytest.mark.parametrize(("cycles", "frequency"), [(1.03, 1.3), (4.12, 1.3), (8.24, 4.0), (20.6, 8.0)])
 def test_the_harmonics_of_a_sine_and_the_ends_of_a_record_are_no_moving_average(cycles, frequency):
     """Before, one of five clean sines was called smoothed."""
     time = np.arange(0.0, cycles / frequency, 1.0 / RATE)
@@ -245,23 +241,6 @@ def test_a_stated_gas_force_shows_that_pounds_are_labelled_newtons(tmp_path):
 
 
 TURNED = both(times("F", -1.0), times("v", -1.0), times("x", -1.0))
-
-
-@pytest.mark.parametrize(
-    ("statement", "change"),
-    [
-        ("Sign convention: extension positive, rebound force positive", TURNED),
-        ("Force: tension positive", times("F", -1.0)),
-        ("motion positive in droop", both(times("v", -1.0), times("x", -1.0))),
-        ("All channels: bump +", lambda columns: columns),
-    ],
-)
-def test_a_stated_sign_convention_is_obeyed(tmp_path, statement, change):
-    test = read_dyno_test(written(tmp_path, change(sine()), statement))
-    assert test.reasons == ()
-    for name, column, unit in (("velocity", "v", 1e-3), ("displacement", "x", 1e-3), ("force", "F", 1.0)):
-        assert test.series[name] == pytest.approx(unit * sine()[column])
-    assert ("reversed, because the file states" in str(test.derived)) == (statement[-1] != "+")
 
 
 def test_a_file_that_contradicts_its_sign_convention_asks_the_user(tmp_path):

@@ -122,10 +122,7 @@ def test_a_shock_file_without_settings_has_no_section_for_them(tmp_path):
         (lambda s: s["terms"][0].update(axes=["bump"]), "unknown axis 'bump'"),
         (lambda s: s["terms"][0].update(axes=["jounce", "bump"]), "unknown axis 'bump'"),
         (lambda s: s["terms"][0]["deviations"].pop(), "must have 4 rows of 27 numbers"),
-        (
-            lambda s: s["terms"][0]["deviations"][0].__setitem__(3, "soft"),
-            "0.3: must be a number, not 'soft'",
-        ),
+        (lambda s: s["terms"][0]["deviations"][0].__setitem__(3, "soft"), "0.3: must be a number, not 'soft'"),
         (lambda s: s.update(tested=[]), "each tested combination must have 3 values"),
         (lambda s: s.update(half_width=[]), "half_width must have a row"),
         (lambda s: s.update(parameters=["stiffness"]), "stiffness"),

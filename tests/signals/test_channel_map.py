@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eightpost.errors import FileFormatError, MissingChannelError
-from eightpost.signals import ChannelMap, MappedChannel, read_series
+from eightpost.signals import ChannelMap, read_series
 
 DATA = "clock [ms],Vel,Load [N],note\n0,1,10,a\n1,2,20,b\n"
 MAP = """
@@ -66,19 +66,8 @@ def test_an_error_in_the_map_names_file_and_key(tmp_path, mapping, message):
         ChannelMap.read(toml)
 
 
-def test_a_missing_map_is_refused(tmp_path):
-    with pytest.raises(FileFormatError, match=r"map\.toml: there is no such file"):
-        ChannelMap.read(tmp_path / "map.toml")
-
-
 def test_a_missing_column_is_reported_with_file_key_and_existing_columns(tmp_path):
     data, toml = files(tmp_path, MAP.replace('"Load"', '"Lode"'))
     message = r"run\.csv, line 1, channel 'channels\.force of .*map\.toml': there is no column 'Lode'.*Vel, Load"
     with pytest.raises(MissingChannelError, match=message):
         read_series(data, channel_map=ChannelMap.read(toml))
-
-
-def test_a_map_can_be_created_without_a_file(tmp_path):
-    data, _ = files(tmp_path, "")
-    channel_map = ChannelMap({"force": MappedChannel("Load", gain=0.5)}, MappedChannel("clock"))
-    np.testing.assert_allclose(read_series(data, channel_map=channel_map)["force"], [5.0, 10.0])

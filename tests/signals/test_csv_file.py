@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from eightpost import errors
-from eightpost.signals import TimeSeries, read_records, read_series, write_csv
+from eightpost.signals import TimeSeries, read_record, read_records, read_series, write_csv
 from eightpost.signals.csv_file import _first_row_of_channels
+from eightpost.signals.table_text import seconds_of, split_header, units_row, with_whole_headers
 
 
 def written(folder: Path, text: str, encoding: str = "utf-8") -> Path:
@@ -45,6 +46,55 @@ def test_a_record_is_the_same_in_every_layout(tmp_path, layout):
 def test_latin_1_is_read(tmp_path):
     series = read_series(written(tmp_path, "t [s],T [°C]\n0,20\n1,21\n", "latin-1"))
     np.testing.assert_allclose(series["T"], [293.15, 294.15])
+
+
+# ---- Headers and cells ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "unit"),
+    [
+        ("velocity [in/s]", "velocity", "in/s"), ("Force(lbf)", "Force", "lbf"), ("T [°C]", "T", "°C"),
+        ("x_mm [m]", "x_mm", "m"), ("a [b] [m]", "a [b]", "m"), ("alpha []", "alpha", ""), ("x_mm", "x", "mm"),
+        ("t_s", "t", "s"), ("v_mm_s", "v", "mm/s"), ("T_degC", "T", "degC"), ("T_C", "T", "degC"),
+        ("lf_disp_in", "lf_disp", "in"), ("lf_force", "lf_force", None), ("max_s", "max_s", None),
+        ("MAX_S", "MAX_S", None), ("sensor_in", "sensor_in", None), ("case_C", "case_C", None), ("Time", "Time", None),
+        ("Disp N", "Disp N", None), ("Load 2", "Load 2", None), ("F/v", "F/v", None), ("comp/reb", "comp/reb", None),
+        ("run 3: 4", "run 3: 4", None),
+    ],
+)  # fmt: skip
+def test_a_header_splits_into_name_and_unit_and_words_that_look_like_units_remain_names(text, name, unit):
+    assert split_header(text) == (name, unit)
+
+
+def test_a_row_of_units_is_distinguished_from_data_and_from_names():
+    assert units_row(["s", "mm", "N"]) == ["s", "mm", "N"]
+    assert units_row(["[s]", "(mm)", ""]) == ["s", "mm", ""]
+    assert units_row(["0", "1.5", "2"]) is None
+    assert units_row(["velocity", "force"]) is None
+
+
+def test_a_header_with_line_breaks_in_its_cells_is_its_last_line():
+    lines = ['"Time', '[s]","Force', '[N]"', "0,1", '"a note that is never closed']
+    assert with_whole_headers(lines) == ["", "", '"Time [s]","Force [N]"', "0,1", '"a note that is never closed']
+
+
+TIMES = {
+    "10:59:59.5": 39599.5, "00:07.25": 7.25, "10:59": 659.0, "1:02:03,5": 3723.5, "11:00:01.5 PM": 82801.5,
+    "12:00:00 am": 0.0,
+    **dict.fromkeys((
+        "12-Nov-2026 10:59:59.5", "12 November 2026 10:59:59.5", "Nov 12, 2026 10:59:59.5", "12.11.26 10:59:59.5",
+        "Thursday, 12 November 2026 10:59:59.5", "12. M\u00e4rz 2026 10:59:59.5", "12 ao\u00fbt 2026 10:59:59.5",
+        "12 dic 2026 10:59:59.5", "11/12/26 10:59:59.5", "2026/11/12 10:59:59.5", "12-Nov-26T10:59:59.5",
+    ), 39599.5),
+    "2000-01-02 00:00:01.5": 86401.5, "2000-01-01T00:00:00.250Z": 0.25,
+    **dict.fromkeys(("12-Foo-2026 10:59:59.5", "12-Nov-2026", "12-Mon-26 10:59:59.5", "word", "7.5")),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("cell", TIMES)
+def test_a_cell_is_a_time_of_day_a_date_with_a_time_or_neither(cell):
+    assert seconds_of(cell) == TIMES[cell]
 
 
 BROKEN = {
@@ -122,3 +172,54 @@ def test_quoted_numbers_that_all_have_three_digits_behind_a_comma_have_decimals_
     np.testing.assert_array_equal(record.columns[1], [12.573, -13.21])
     np.testing.assert_array_equal(record.columns[2], [1250.0, 950.0])
     assert record.steps == ("the commas in the column 'x' are decimal: every number has three digits behind one",)
+
+
+# ---- Several tables, one below the other -----------------------------------------------------------------------------
+
+TABLE = "Time (s),Load (N)\n0,1\n0.1,2\n0.2,3\n"
+UNITS_ROW = "Time;Load\ns;N\n0,0;1,5\n0,1;2,5\n"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        TABLE + TABLE,
+        "Test,1\n" + TABLE + "\nTest,2\nGas,50,psi\n" + TABLE,
+        "Test: 1\n" + TABLE + ",\n,,\nTest: 2\n\n" + TABLE,
+        UNITS_ROW + "Test;2\n" + UNITS_ROW,
+        "Test\t1\n" + TABLE.replace(",", "\t") + "Test\t2\n" + TABLE.replace(",", "\t"),
+    ],
+)
+def test_a_second_header_begins_another_table(tmp_path, content):
+    first, second = read_records(written(tmp_path, content))
+    assert first.names == second.names == ("Time", "Load")
+    assert first.units == second.units == ("s", "N")
+    np.testing.assert_array_equal(first.columns[1], second.columns[1])
+
+
+def test_each_table_has_the_preamble_above_it(tmp_path):
+    records = read_records(written(tmp_path, "Dyno 7\nGas,50,psi\n" + TABLE + "Gas,150,psi\n" + TABLE))
+    assert [record.preamble for record in records] == [(("Dyno 7",), ("Gas", "50", "psi")), (("Gas", "150", "psi"),)]
+
+
+def test_the_message_on_a_fault_in_a_later_table_has_its_line_in_the_file(tmp_path):
+    path = written(tmp_path, TABLE + "Test,2\n" + TABLE.replace("0.1,2", "0.1,x"))
+    second = read_records(path)[1]
+    assert [second.origin.line(i) for i in range(3)] == [7, 8, 9]
+    with pytest.raises(errors.NotANumberError, match=r"line 8, channel 'F'.*'x'"):
+        second.numbers(1, channel="F")
+
+
+def test_the_message_on_a_truncated_line_in_a_later_table_has_its_line_in_the_file(tmp_path):
+    path = written(tmp_path, TABLE + TABLE.replace("0.1,2", "0.1"))
+    with pytest.raises(errors.FileFormatError, match="line 7: the line has 1 columns instead of 2"):
+        read_records(path)
+
+
+def test_text_among_the_numbers_does_not_begin_a_table(tmp_path):
+    assert len(read_records(written(tmp_path, TABLE + "bad,cell\n0.4,5\n"))) == 1
+
+
+def test_several_tables_are_refused_if_one_is_expected(tmp_path):
+    with pytest.raises(errors.FileFormatError, match=r"line 5: the file has 2 tables, but one is needed"):
+        read_record(written(tmp_path, TABLE + TABLE))

@@ -46,11 +46,11 @@ def rpc(path: Path, *, frame=256, per_group=2, kind="SHORT_INTEGER", order="<", 
     return path
 
 
-@pytest.mark.parametrize("options", [
-    {}, {"kind": "FLOATING_POINT"}, {"order": ">"}, {"frame": 250}, {"frame": 250, "per_group": 3},
-    {"frame": 250, "per_group": 3, "short": True}, {"per_group": 1, "SAMPLES": COUNT},
+@pytest.mark.parametrize(("suffix", "options"), [
+    (".rsp", {}), (".drv", {"kind": "FLOATING_POINT"}), (".tim", {"order": ">"}), (".RSP", {"frame": 250}),
+    (".rsp", {"frame": 250, "per_group": 3}), (".rsp", {"frame": 250, "per_group": 3, "short": True}),
+    (".rsp", {"per_group": 1, "SAMPLES": COUNT}),
 ], ids=str)  # fmt: skip
-@pytest.mark.parametrize("suffix", [".rsp", ".drv", ".tim", ".RSP"])
 def test_a_time_history_is_read_to_the_values_written(tmp_path, suffix, options):
     record = read_record(rpc(tmp_path / f"run{suffix}", **options))
     assert record.names == ("time", "LF WPL Disp", "LF Wheel Load")
@@ -73,8 +73,7 @@ def test_a_damaged_or_other_file_is_refused(tmp_path, changes, message):
         read_record(rpc(tmp_path / "run.rsp", **changes))
 
 
-@pytest.mark.parametrize("as_integers", [False, True])
-@pytest.mark.parametrize("count", [2, 2048, 5000])
+@pytest.mark.parametrize(("as_integers", "count"), [(False, 2), (True, 2048), (True, 5000)])
 def test_a_drive_is_read_back(tmp_path, as_integers, count):
     time = np.arange(count) / 409.6
     series = TimeSeries.from_channels(time, {"lf.road": ("m", np.sin(time)), "rf.road": ("m", 0.0 * time)})
@@ -123,19 +122,18 @@ def aim(monkeypatch, channels):
     monkeypatch.setattr(logger_files, "read_confined", lambda _, path, kind: load_xrk(path))
 
 
-@pytest.mark.parametrize("suffix", [".xrk", ".xrz"])
-def test_a_log_of_aim_has_a_table_for_each_set_of_times(tmp_path, monkeypatch, suffix):
+def test_a_log_of_aim_has_a_table_for_each_set_of_times(tmp_path, monkeypatch):
     aim(monkeypatch, {
         "Damper FL": ("mm", [0, 5, 10], [1.5, -2.0, 0.25]), "Load FL": ("", [0, 5, 10], [1.0, 2.0, 3.0]),
         "Speed": ("km/h", [0, 100], [80.0, 81.0]),
     })  # fmt: skip
-    (tmp_path / f"run{suffix}").write_bytes(b"<hCNF")
-    first, second = read_records(tmp_path / f"run{suffix}")
+    (tmp_path / "run.xrz").write_bytes(b"<hCNF")
+    first, second = read_records(tmp_path / "run.xrz")
     assert (first.names, first.units) == (("time", "Damper FL", "Load FL"), ("s", "mm", None))
     np.testing.assert_allclose(first.columns[0], [0.0, 0.005, 0.01])
     np.testing.assert_array_equal(first.columns[1], [1.5, -2.0, 0.25])
     assert second.names == ("time", "Speed") and second.columns[0].tolist() == [0.0, 0.1]
-    assert first.preamble == ((f"Vehicle: run{suffix}",),)
+    assert first.preamble == (("Vehicle: run.xrz",),)
 
 
 def test_a_log_of_aim_without_the_library_names_the_extra(tmp_path, monkeypatch):

@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from eightpost.errors import FileFormatError, MissingChannelError
+from eightpost.errors import FileFormatError
 from eightpost.rig import read_dyno_tests
 from eightpost.signals import read_record, read_records, read_series
 
@@ -54,15 +54,6 @@ def test_each_time_axis_is_a_table_and_the_first_has_all_temperatures(asammdf, t
     assert first.names == ("time", "x", "F", "T")
     np.testing.assert_allclose(first.columns[3], 20.0 + np.minimum(TIME, slow[-1]), rtol=1e-12)
     assert [table.names for table in others] == [("time", "T", "U"), ("time", "a")]
-
-
-def test_a_record_on_several_time_axes_is_refused_where_one_is_needed(asammdf, tmp_path):
-    groups = [("x", "mm", TIME, np.sin(TIME))], [("F", "N", TIME[::2], FORCE[::2])]
-    path = written(asammdf, tmp_path / "run.mf4", *groups)
-    with pytest.raises(FileFormatError, match=r"run\.mf4: the file has 2 tables, .*time, F: 250 rows.*with one time"):
-        read_record(path)
-    with pytest.raises(MissingChannelError, match="force"):
-        read_dyno_tests(path)
 
 
 def test_a_dynamometer_record_is_read_beside_channels_of_other_times(asammdf, tmp_path):

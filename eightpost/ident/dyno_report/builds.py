@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import takewhile
+from itertools import product, takewhile
 from math import sqrt
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from eightpost.array_types import Array
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError, ParameterError
 from eightpost.files import document_kind, sha256_of
-from eightpost.ident.dyno_report.cycles import STROKES, Found, Stroke, Unknown, known, mean_of
+from eightpost.ident.dyno_report.cycles import STROKES, Found, Stroke, Unknown, known, mean_of, of_known
 from eightpost.ident.dyno_report.entry import (
     Entry,
     ForceBand,
@@ -28,7 +28,7 @@ from eightpost.ident.dyno_report.loop import VelocityCurve, forces_at
 from eightpost.rig import read_dyno_tests, split_runs
 from eightpost.rig.columns import flips_of
 from eightpost.rig.dyno_conditions import DynoConditions
-from eightpost.rig.dyno_test import FEWEST, SHORTEST, TemperatureEffect, temperature_effect
+from eightpost.rig.dyno_test import FEWEST, SHORTEST, TemperatureEffect, runs_of_one_speed, temperature_effect
 from eightpost.rig.peak_velocity import peak_velocity_tables
 from eightpost.rig.plausibility import PLAUSIBLE
 from eightpost.shock import read_shock
@@ -40,8 +40,7 @@ from eightpost.vehicle import QuarterCar, StructuralVehicle, read_vehicle
 
 # ==== Limits of a curve: a master curve with tolerances, and whether measured curves are within them =================
 
-#: Beginning of the name of a column of tolerances, in letters of any case.
-_TOLERANCE = "tol"
+_TOLERANCE = "tol"  #: Beginning of the name of a column of tolerances, in letters of any case.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,50 +97,7 @@ class Judgement:
         return f"{force} lbf at {convert(self.speed, 'm/s', 'in/s'):.3g} in/s, master {master} ± {tolerance} lbf"
 
 
-def judgements(limits: CurveLimits, entries: Sequence[Entry], speeds: Sequence[float]) -> Iterator[Judgement]:
-    """Yield the judgement of each stroke of runs and tables at speeds [m/s] that the entry and the master reach."""
-    for entry in entries:
-        for stroke in STROKES if entry.kind != "law" else ():
-            found = []
-            for speed in speeds:
-                force, limit = forces_at(entry.curve, speed, stroke), limits.at(speed, stroke)
-                if isinstance(force, float) and limit is not None:
-                    found.append((abs(force - limit[0]) / max(limit[1], 1e-12), speed, force, *limit))
-            if found:
-                yield Judgement(entry, stroke, len(found), *max(found)[1:])
-
-
-def limits_of(entry: Entry, records: Sequence[RawRecord], tolerances: Sequence[tuple[float, str]]) -> CurveLimits:
-    """Return the limits of a master curve.
-
-    Args:
-        entry: Entry of the master's file.
-        records: Tables of this file; a column of tolerances (`tolerance [N]` or `[%]`) by speed takes precedence.
-        tolerances: Values with the unit `%` of the master's force or `N`; the largest one counts.
-
-    Raises:
-        InputError: The curve is unknown, or there is no tolerance, or one is not positive.
-    """
-    name = entry.source.name if entry.source else entry.name
-    if isinstance(entry.curve, Unknown):
-        raise InputError(f"--limits {name}: the file has no curve: {entry.curve.reason}")
-    curve = entry.curve
-    columns = [_column(record, entry.source) for record in records]
-    found = next((column for column in columns if column is not None), None)
-    given = [value for value, _ in tolerances] if found is None else found[1].tolist()
-    if wrong := [value for value in given if not value > 0.0]:
-        raise InputError(f"--limits {name}: a tolerance must be above 0, not {wrong[0]:g}")
-    if found is not None:
-        speeds, values, unit = found
-        size = np.interp(np.abs(curve.velocity), speeds, values)
-        return CurveLimits(name, curve, size if unit == "N" else 0.01 * size * np.abs(curve.force))
-    if not tolerances:
-        raise InputError(f"--limits {name} has no column of tolerances; add --tolerance '5 %' or --tolerance '20 N'")
-    sizes = [np.full(curve.force.size, v) if unit == "N" else 0.01 * v * np.abs(curve.force) for v, unit in tolerances]
-    return CurveLimits(name, curve, np.max(sizes, axis=0))
-
-
-def _column(record: RawRecord, path: Path | None) -> tuple[Array, Array, str] | None:
+def _tolerances_in(record: RawRecord, path: Path) -> tuple[Array, Array, str] | None:
     """Return speeds [m/s] and tolerances by speed, with their unit, `N` or `%`; None without such a column."""
     places = [k for k, name in enumerate(record.names) if name.strip().lower().startswith(_TOLERANCE)]
     speeds = [(k, unit) for k, unit in enumerate(record.units) if unit and compatible(unit, "m/s")]
@@ -158,14 +114,10 @@ def _column(record: RawRecord, path: Path | None) -> tuple[Array, Array, str] | 
 
 # ==== Builds with their clicks =======================================================================================
 
-#: Minimum share of the highest speed of a build's entries for an entry to represent it.
-FAST = 0.9
-#: Runs repeat each other if the standard deviations of their velocities agree within this share.
-ALIKE = 0.05
+FAST = 0.9  #: Minimum share of the highest speed of a build's entries for an entry to represent it.
 #: Speeds of the tables [m/s] unless others are given: 1 to 20 in/s, as far as any curve goes.
 SPEEDS = tuple(float(convert(speed, "in/s", "m/s")) for speed in (1.0, 2.0, 3.0, 5.0, 10.0, 15.0, 20.0))
-#: Names are shortened if one has more letters than this.
-LONG_NAME = 20
+LONG_NAME = 20  #: Names are shortened if one has more letters than this.
 
 
 def short_names(names: Iterable[str]) -> dict[str, str]:
@@ -238,14 +190,10 @@ def mean_force(entries: Iterable[Entry], speed: float, stroke: Stroke) -> Found:
 
 def repeated_runs(variant: BuildVariant) -> tuple[tuple[Entry, ...], ...]:
     """Return the groups of two or more runs with the same gas pressure and standard deviations of velocity."""
-    groups: list[list[Entry]] = []
-    for entry in sorted(variant.runs, key=_motion):
-        if groups and _motion(entry) <= (1.0 + ALIKE) * _motion(groups[-1][0]):
-            groups[-1].append(entry)
-        else:
-            groups.append([entry])
+    entries = {id(entry.test): entry for entry in variant.runs}
     same: list[tuple[Entry, ...]] = []
-    for group in groups:
+    for tests in runs_of_one_speed(entry.test for entry in variant.runs if entry.test):
+        group = [entries[id(test)] for test in tests]
         for pressure in dict.fromkeys(entry.setting.gas_pressure for entry in group):
             same.append(tuple(entry for entry in group if entry.setting.gas_pressure == pressure))
     return tuple(group for group in same if len(group) > 1)
@@ -255,10 +203,6 @@ def deviation_of(group: Iterable[Entry], speed: float, stroke: Stroke) -> Found:
     """Return the standard deviation of the forces [N] of runs at a speed [m/s]."""
     forces = known(forces_at(entry.curve, speed, stroke) for entry in group)
     return float(np.std(forces, ddof=1)) if len(forces) > 1 else Unknown("fewer than two runs reach this speed")
-
-
-def _motion(entry: Entry) -> float:
-    return float(entry.test.series["velocity"].std()) if entry.test else 0.0
 
 
 def heat_effect(variant: BuildVariant) -> TemperatureEffect | None:
@@ -292,9 +236,7 @@ class CarCorner:
 
         The tire is rigid in this equation, and the damper moves r times as far as the wheel.
         """
-        if isinstance(rate, Unknown):
-            return rate
-        return rate * self.motion_ratio**2 / (2.0 * sqrt(self.wheel_rate * self.mass))
+        return of_known(lambda c: c * self.motion_ratio**2 / (2.0 * sqrt(self.wheel_rate * self.mass)), rate)
 
 
 def corners_of_car(path: Path, motion_ratio: float = 1.0) -> tuple[CarCorner, ...]:
@@ -340,7 +282,15 @@ class DynoReport:
     @property
     def judgements(self) -> tuple[Judgement, ...]:
         """Strokes of runs and tables, judged by the limits; nothing without limits."""
-        return () if self.limits is None else tuple(judgements(self.limits, self.entries, self.speeds))
+        found: list[Judgement] = []
+        if (limits := self.limits) is None:
+            return ()
+        for entry, stroke in product((entry for entry in self.entries if entry.kind != "law"), STROKES):
+            pairs = [(v, forces_at(entry.curve, v, stroke), limits.at(v, stroke)) for v in self.speeds]
+            judged = [(abs(force - limit[0]) / max(limit[1], 1e-12), v, force, *limit)
+                      for v, force, limit in pairs if isinstance(force, float) and limit is not None]  # fmt: skip
+            found += [Judgement(entry, stroke, len(judged), *max(judged)[1:])] if judged else []
+        return tuple(found)
 
     @property
     def unjudged(self) -> tuple[str, ...]:
@@ -364,15 +314,7 @@ def dyno_report(
     limits: CurveLimits | None = None,
     track: Mapping[str, Array] | None = None,
 ) -> DynoReport:
-    """Return the report of entries.
-
-    Args:
-        entries: Runs, tables and laws.
-        speeds: Speeds of the tables [m/s]; default 1 to 20 in/s as far as any curve goes.
-        corners: Corners for damping ratios.
-        fitted_to: Build of corners of the car.
-        limits: Curve with tolerances for the measured curves.
-        track: Velocities of the shaft on a track [m/s] by name of the file.
+    """Return the report of entries; the arguments are its fields, with speeds of 1 to 20 in/s that a curve reaches.
 
     Raises:
         InputError: A name is not a build of the report, or a speed is not positive.
@@ -381,16 +323,13 @@ def dyno_report(
     fitted = dict(fitted_to or {})
     for corner, build in fitted.items():
         if not any(build in (v.label, v.build) for v in variants):
-            raise InputError(f"--corner {corner}={build}: {build!r} is not one of the builds: {_listed(variants)}")
+            listed = ", ".join(dict.fromkeys(name for variant in variants for name in (variant.build, variant.label)))
+            raise InputError(f"--corner {corner}={build}: {build!r} is not one of the builds: {listed}")
     if wrong := [speed for speed in speeds if not speed > 0.0]:
         raise InputError(f"--set speed must be above 0, not {wrong[0]:g} m/s")
     reached = max((entry.highest for entry in entries), default=0.0)
     shown = tuple(sorted(set(speeds))) or tuple(speed for speed in SPEEDS if speed <= reached) or SPEEDS[:1]
     return DynoReport(tuple(entries), variants, shown, tuple(corners), fitted, limits, dict(track or {}))
-
-
-def _listed(variants: Sequence[BuildVariant]) -> str:
-    return ", ".join(dict.fromkeys(name for variant in variants for name in (variant.build, variant.label)))
 
 
 # ==== Reading of files, and the build to which each of them belongs ==================================================
@@ -503,14 +442,32 @@ def _with_unique_names(entries: Sequence[Entry]) -> tuple[Entry, ...]:
 def read_limits(path: Path, reading: Reading, tolerances: Sequence[tuple[float, str]]) -> CurveLimits:
     """Return the limits of a master curve: of a dynamometer file or a shock file with one curve.
 
+    Args:
+        path: File; its column of tolerances by speed (`tolerance [N]` or `[%]`) takes precedence.
+        reading: Options of reading the file.
+        tolerances: Values with the unit `%` of the master's force or `N`; the largest one counts.
+
     Raises:
-        InputError: The file has several curves, or there is no tolerance.
+        InputError: The file has several curves or an unknown one, or there is no tolerance, or one is not positive.
     """
     entries = read_entries([path], reading)
     if len(entries) > 1:
         raise InputError(f"--limits {path.name} has {len(entries)} curves; give a file with one")
-    records = () if entries[0].shock else read_records(path)
-    return limits_of(entries[0], records, tolerances)
+    curve, name = entries[0].curve, path.name
+    if isinstance(curve, Unknown):
+        raise InputError(f"--limits {name}: the file has no curve: {curve.reason}")
+    columns = [_tolerances_in(record, path) for record in (() if entries[0].shock else read_records(path))]
+    column = next((column for column in columns if column is not None), None)
+    if wrong := [v for v in (column[1].tolist() if column else [v for v, _ in tolerances]) if not v > 0.0]:
+        raise InputError(f"--limits {name}: a tolerance must be above 0, not {wrong[0]:g}")
+    if column is not None:
+        sizes = [(np.interp(np.abs(curve.velocity), *column[:2]), column[2])]
+    else:
+        sizes = [(np.full(curve.force.size, value), unit) for value, unit in tolerances]
+    if not sizes:
+        raise InputError(f"--limits {name} has no column of tolerances; add --tolerance '5 %' or --tolerance '20 N'")
+    forces = [size if unit == "N" else 0.01 * size * np.abs(curve.force) for size, unit in sizes]
+    return CurveLimits(name, curve, np.max(forces, axis=0))
 
 
 def read_track(path: Path, column: str | None = None) -> Array:

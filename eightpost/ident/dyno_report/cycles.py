@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from eightpost.array_types import Array
 from eightpost.errors import InputError
-from eightpost.rig.motion import SMALLEST, path_of, turning_points
+from eightpost.rig.motion import SMALLEST, grouped, path_of, turning_points
 from eightpost.signals import TimeSeries
 from eightpost.signals.filters import derivative, lowpass
 
@@ -27,8 +27,15 @@ class Unknown:
     reason: str  #: Reason why it is unknown, a clause without a full stop.
 
 
-#: A value in SI, or the reason why it is unknown.
-Found = float | Unknown
+Found = float | Unknown  #: A value in SI, or the reason why it is unknown.
+
+
+Result = TypeVar("Result")
+
+
+def of_known(function: Callable[..., Result], *values: Found) -> Result | Unknown:
+    """Return a function of values; the first reason if a value is unknown."""
+    return next((value for value in values if isinstance(value, Unknown)), None) or function(*values)
 
 
 def known(values: Iterable[Found]) -> list[float]:
@@ -47,15 +54,11 @@ def mean_of(values: Iterable[Found]) -> Found:
 
 # ---- Cycles: peaks of velocity with their forces, force at zero velocity, hysteresis and energy ---------------------
 
-#: Force and time at zero velocity are interpolated between samples at this share of the highest speed.
-REACHED = 0.03
-#: A peak is the mean of the samples above this share of a half cycle's highest speed.
-PEAK = 0.99
+REACHED = 0.03  #: Force and time at zero velocity are interpolated between samples at this share of the highest speed.
+PEAK = 0.99  #: A peak is the mean of the samples above this share of a half cycle's highest speed.
 #: Cycles are alike if stroke and duration are within this share of the median; minimum share of cycles that are alike.
 ALIKE, STEADY = 0.1, 0.6
-#: Minimum number of cycles for a mean.
-FEWEST_CYCLES = 2
-
+FEWEST_CYCLES = 2  #: Minimum number of cycles for a mean.
 #: Minimum number of changes of direction at each end, and minimum spread of their accelerations over their mean.
 FEWEST_TURNS, SPREAD = 20, 0.3
 
@@ -107,21 +110,12 @@ class Cycles:
         """Return the peaks of one direction at each speed that is repeated; nothing for a random motion."""
         chosen = sign * self.peak_velocity > 0.0
         speeds, forces = sign * self.peak_velocity[chosen], sign * self.peak_force[chosen]
-        groups: list[list[int]] = []
-        for k, speed in enumerate(speeds.tolist()):
-            if groups and abs(speed / speeds[groups[-1][0]] - 1.0) <= ALIKE:
-                groups[-1].append(k)
-            else:
-                groups.append([k])
+        groups = grouped(range(speeds.size), lambda k, group: bool(abs(speeds[k] / speeds[group[0]] - 1.0) <= ALIKE))
         repeated = [k for group in groups if len(group) >= FEWEST_CYCLES or self.span for k in group]
         if len(repeated) < STEADY * speeds.size:
             return ()
-        same: list[list[int]] = []
-        for k in sorted(repeated, key=lambda k: float(speeds[k])):
-            if same and speeds[k] <= (1.0 + ALIKE) * speeds[same[-1][0]]:
-                same[-1].append(k)
-            else:
-                same.append([k])
+        ascending = sorted(repeated, key=lambda k: float(speeds[k]))
+        same = grouped(ascending, lambda k, group: bool(speeds[k] <= (1.0 + ALIKE) * speeds[group[0]]))
         return tuple(
             Peaks(float(speeds[group].mean()), float(forces[group].mean()),
                   float(forces[group].std(ddof=1)) if len(group) > 1 else None, len(group))
@@ -143,7 +137,9 @@ def cycles_of(series: TimeSeries, cycle: str | int = "mean") -> Cycles:
     peaks = np.array([_peak(series, a.stop, b.start) for a, b in pairwise(crossings)]).reshape(-1, 2)
     times = np.array([crossing.time for crossing in crossings if crossing.upward])
     none = NO_CYCLE if times.size < FEWEST_CYCLES + 1 else UNLIKE
-    duration, stroke = np.diff(times), _strokes(series, times)
+    path = cumulative_trapezoid(series["velocity"], series.time, initial=0)
+    bounds = pairwise(np.searchsorted(series.time, times).tolist())
+    duration, stroke = np.diff(times), np.array([np.ptp(path[a : b + 1]) for a, b in bounds])
     alike = np.zeros(0, dtype=bool)
     if none is UNLIKE:
         usual = (np.median(stroke), np.median(duration))
@@ -262,13 +258,6 @@ def _width(crossings: list[Crossing]) -> Found:
     return float(np.mean(compressed)) - float(np.mean(extended))
 
 
-def _strokes(series: TimeSeries, times: Array) -> Array:
-    """Return the stroke between successive times (C + 1,) [s]: the range of the integral of velocity (C,) [m]."""
-    path = cumulative_trapezoid(series["velocity"], series.time, initial=0)
-    bounds = np.searchsorted(series.time, times)
-    return np.array([np.ptp(path[a : b + 1]) for a, b in pairwise(bounds.tolist())])
-
-
 # ---- Slow parts: gas force, gas stiffness and friction, where lag and valves have little effect ---------------------
 
 #: A part is slow below this speed [m/s] and this acceleration [m/s2]: a lag of 10 ms changes its speed by 0.5 mm/s.
@@ -277,14 +266,11 @@ SLOW, GENTLE = 0.010, 0.05
 RESTING, SETTLED = 0.001, 0.5
 #: Time left out on either side of a start or stop, in which the low-passed velocity is not the true one [s].
 BESIDE = 0.1
-#: Minimum standard deviation of the speed, over its mean, to distinguish friction from the valves.
-VARIED = 0.2
+VARIED = 0.2  #: Minimum standard deviation of the speed, over its mean, to distinguish friction from the valves.
 #: Minimum duration of all slow parts together [s], and minimum share of them in each direction.
 ENOUGH, EACH_WAY = 1.0, 0.1
-#: Minimum range of displacement in the slow parts for a stiffness, as a share of the stroke.
-RANGE = 0.2
-#: Cut-off frequency of the velocity that decides what is slow [Hz].
-CUTOFF = 10.0
+RANGE = 0.2  #: Minimum range of displacement in the slow parts for a stiffness, as a share of the stroke.
+CUTOFF = 10.0  #: Cut-off frequency of the velocity that decides what is slow [Hz].
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,8 +43,7 @@ from eightpost.signals import TimeSeries
 
 Kind = Literal["run", "table", "law"]
 
-#: Correlation of force and velocity below which a closed loop has no meaning.
-CORRELATED = 0.3
+CORRELATED = 0.3  #: Correlation of force and velocity below which a closed loop has no meaning.
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,8 +91,7 @@ class Entry:
     strokes: Mapping[Stroke, StrokeFigures]  #: Knee and slopes of each stroke.
     offset: Found  #: Force at zero velocity [N], of a run after its lag is removed.
     level: Found  #: Constant part of the force [N] that the curve is without: gas force of a slow run, else `offset`.
-    #: Cycles of a run, with the peaks of its closed loop, or the reason why they are unknown.
-    cycles: Cycles | Unknown
+    cycles: Cycles | Unknown  #: Cycles of a run, with the peaks of its closed loop, or the reason why they are unknown.
     lag: Found  #: Lag of force behind velocity [s]; of a law its time constant, at zero velocity if it has several.
     #: Gas force and friction.
     slow: SlowFigures
@@ -147,12 +145,14 @@ def entry_of_test(test: DynoTest, name: str, build: str, *, cycle: str | int = "
     else:
         steady, measured = (one if static.span is None else one.window(*static.span) for one in (closed, series))
         curve, branches = curve_of_series(steady, static, offset), branches_of(measured, offset)
+    delay = force_lag(series)
+    lag = Unknown("the motion does not separate a lag from gas and friction") if delay is None else delay.seconds
     whole = f"all cycles are shown, not the one of --set cycle={cycle}, because the motion is not one steady cycle"
     known = test.conditions
     heat = float(series["temperature"].mean()) if "temperature" in series else known.temperature
     return Entry(
         "run", name, EntrySetting(build, known.clicks, known.gas_pressure, heat), test.source, test.sha256,
-        curve, _strokes_of(curve), offset, offset, cycles, _lag(series), slow_figures(series), _warming(series, test),
+        curve, _strokes_of(curve), offset, offset, cycles, lag, slow_figures(series), _warming(series, test),
         branches, test=replace(test, series=series),
         notes=(*test.derived, *test.notes, *([whole] if cycle != "mean" and cycles.span is None else [])),
     )  # fmt: skip
@@ -165,11 +165,6 @@ def _closed(series: TimeSeries) -> TimeSeries:
     closed = closed_loop(series)
     damped = float(np.corrcoef(closed["force"], closed["velocity"])[0, 1]) >= CORRELATED
     return closed if damped else series
-
-
-def _lag(series: TimeSeries) -> Found:
-    lag = force_lag(series)
-    return Unknown("the motion does not separate a lag from gas and friction") if lag is None else lag.seconds
 
 
 def _warming(series: TimeSeries, test: DynoTest) -> Warming:
@@ -225,8 +220,6 @@ def _without_gas(entry: Entry, slow: Entry) -> Entry:
     return replace(entry, curve=curve, branches=branches, strokes=_strokes_of(curve), level=level,
                    notes=(*entry.notes, note))  # fmt: skip
 
-
-# ---- Tables ---------------------------------------------------------------------------------------------------------
 
 _NO_TIME = Unknown("a peak-velocity table has no time")
 
@@ -292,10 +285,10 @@ def _band(shock: Shock) -> ForceBand | None:
     if not isinstance(found, Mapping):
         return None
     columns = [_numbers(found.get(key)) for key in ("velocity [m/s]", "force [N]", "half_width [N]")]
-    if any(column is None or column.size < 2 or column.size != columns[0].size for column in columns):  # type: ignore[union-attr]
+    known = [column for column in columns if column is not None and column.size > 1]
+    if len(known) < 3 or len({column.size for column in known}) > 1:
         return None
-    velocity, force, half = columns
-    assert velocity is not None and force is not None and half is not None
+    velocity, force, half = known
     return ForceBand(velocity, force - half, force + half)
 
 

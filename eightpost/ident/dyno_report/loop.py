@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from eightpost.array_types import Array
-from eightpost.ident.dyno_report.cycles import STROKES, Cycles, Found, Stroke, Unknown
+from eightpost.ident.dyno_report.cycles import STROKES, Cycles, Found, Stroke, Unknown, of_known
 from eightpost.rig.motion import SMALLEST, path_of, turning_points
 from eightpost.rig.peak_velocity import PeakVelocityTable
 from eightpost.shock import ShockLaw
@@ -21,35 +21,25 @@ from eightpost.units import convert
 
 # ---- Branches and lag -----------------------------------------------------------------------------------------------
 
-#: Number of classes of speed in each stroke, and their growth with speed.
-CLASSES, GROWTH = 40, 1.5
+CLASSES, GROWTH = 40, 1.5  #: Number of classes of speed in each stroke, and their growth with speed.
 #: Smallest and largest minimum number of samples of a branch in a class; in between it grows with the record.
 FEWEST_SAMPLES = (3, 12)
-#: The force at zero velocity is extrapolated from the speeds below this share of the highest one.
-NEAR_ZERO = 0.1
+NEAR_ZERO = 0.1  #: The force at zero velocity is extrapolated from the speeds below this share of the highest one.
 #: Cut-off frequency of the acceleration that distinguishes the branches, over the usual frequency of the motion.
 HARMONICS = 6.0
 #: Lags of the search [s]: from that of a late velocity to a share of a period, which is within these limits.
 EARLIEST, LONGEST, SHARE = -0.01, (0.03, 0.05), 0.2
-#: Step of the search [s].
-STEP = 0.002
+STEP = 0.002  #: Step of the search [s].
 #: Forms of a lag, and how much less open the loop must be in squares to prefer another form than the first.
 FORMS, CLEARLY = ("delay", "first order", "series"), 0.6
-#: Cut-off frequency of the rate of force in the equation of a first-order lag [Hz].
-FORCE_CUTOFF = 200.0
-
-#: Number of speeds of a law's curve in each stroke.
-LAW_POINTS = 120
+FORCE_CUTOFF = 200.0  #: Cut-off frequency of the rate of force in the equation of a first-order lag [Hz].
+LAW_POINTS = 120  #: Number of speeds of a law's curve in each stroke.
 #: Minimum number of points of a stroke for two lines, and minimum number of points on either side of the knee.
 FEWEST_POINTS, BESIDE_KNEE = 6, 3
-#: A knee is below this share of the highest speed, because the branches of a loop meet at its end.
-LAST = 0.85
-#: Minimum change of slope at a knee, as a share of the steeper slope.
-BEND = 0.2
-#: Maximum sum of squares about two lines, as a share of that about one line.
-BETTER = 0.5
-#: Largest force at which a sum of squares is rounding, as a share of the force's range.
-_ROUNDING = 1e-9
+LAST = 0.85  #: A knee is below this share of the highest speed, because the branches of a loop meet at its end.
+BEND = 0.2  #: Minimum change of slope at a knee, as a share of the steeper slope.
+BETTER = 0.5  #: Maximum sum of squares about two lines, as a share of that about one line.
+_ROUNDING = 1e-9  #: Largest force at which a sum of squares is rounding, as a share of the force's range.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,7 +158,7 @@ def closed_loop(series: TimeSeries) -> TimeSeries:
 
     longest = float(np.clip(SHARE / _usual_frequency(series), *LONGEST))
     grids = {form: np.arange(EARLIEST if form == "delay" else 0.0, longest, STEP) for form in FORMS}
-    tried = {form: _least(lambda lag, form=form: opened(form, lag)[0], grid) for form, grid in grids.items()}  # type: ignore[misc]
+    tried = {form: _least(lambda lag, form=form: opened(form, lag)[0], grid, 1e-6) for form, grid in grids.items()}  # type: ignore[misc]
     form = min(tried, key=lambda name: tried[name][1])
     if tried[form][1] > CLEARLY * tried["delay"][1]:
         form = "delay"
@@ -183,12 +173,12 @@ def closed_loop(series: TimeSeries) -> TimeSeries:
     return closed.at(inside)
 
 
-def _least(function: Callable[[float], float], grid: Array) -> tuple[float, float]:
+def _least(function: Callable[[float], float], grid: Array, resolution: float) -> tuple[float, float]:
     """Return where a function is least, from the best point of a grid (G,), and its value there."""
     values = np.array([function(float(at)) for at in grid])
     best = int(np.argmin(values))
     ends = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)]))
-    found = minimize_scalar(function, bounds=ends, method="bounded", options={"xatol": 1e-6})
+    found = minimize_scalar(function, bounds=ends, method="bounded", options={"xatol": resolution})
     return (float(found.x), float(found.fun)) if found.fun < values[best] else (float(grid[best]), float(values[best]))
 
 
@@ -267,14 +257,13 @@ def force_at_zero(curve: VelocityCurve | Unknown) -> Found:
 
 def ratio_at(curve: VelocityCurve | Unknown, speed: float) -> Found:
     """Return the force in rebound over the force in compression [1] at a speed [m/s]."""
-    compression, rebound = (forces_at(curve, speed, stroke) for stroke in STROKES)
-    if isinstance(compression, Unknown):
-        return compression
-    if isinstance(rebound, Unknown):
-        return rebound
-    if compression <= 0.0 or rebound <= 0.0:
-        return Unknown("a force at this speed acts in the direction of the motion")
-    return rebound / compression
+
+    def ratio(compression: float, rebound: float) -> Found:
+        if compression <= 0.0 or rebound <= 0.0:
+            return Unknown("a force at this speed acts in the direction of the motion")
+        return rebound / compression
+
+    return of_known(ratio, *(forces_at(curve, speed, stroke) for stroke in STROKES))
 
 
 def forces_at(curve: VelocityCurve | Unknown, speed: float, stroke: Stroke) -> Found:
@@ -362,19 +351,11 @@ def stroke_figures(curve: VelocityCurve | Unknown, stroke: Stroke) -> StrokeFigu
 
 def _two_lines(speed: Array, force: Array) -> tuple[float, tuple[float, float, float], float]:
     """Return the knee [m/s], (force at 0, slope below, change of slope), and the sum of squares of the best lines."""
-
-    def misfit(knee: float) -> float:
-        return _hinge(speed, force, knee)[1]
-
-    first, last = float(speed[BESIDE_KNEE - 1]), float(min(speed[-BESIDE_KNEE], LAST * speed[-1]))
-    last = max(first, last)
+    first = float(speed[BESIDE_KNEE - 1])
+    last = max(first, float(min(speed[-BESIDE_KNEE], LAST * speed[-1])))
     grid = np.linspace(first, last, 8 * speed.size)
-    best = int(np.argmin([misfit(float(knee)) for knee in grid]))
-    near = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)])
-    refined = minimize_scalar(misfit, bounds=near, method="bounded", options={"xatol": 1e-9 * last})
-    knee = float(refined.x if refined.fun < misfit(float(grid[best])) else grid[best])
-    coefficients, squares = _hinge(speed, force, knee)
-    return knee, coefficients, squares
+    knee, _ = _least(lambda knee: _hinge(speed, force, knee)[1], grid, 1e-9 * last)
+    return knee, *_hinge(speed, force, knee)
 
 
 def _hinge(speed: Array, force: Array, knee: float) -> tuple[tuple[float, float, float], float]:

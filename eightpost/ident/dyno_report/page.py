@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from operator import sub
 from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
-from eightpost.array_types import Array
 from eightpost.ident.dyno_report.builds import (
     BuildVariant,
     CarCorner,
@@ -20,217 +19,14 @@ from eightpost.ident.dyno_report.builds import (
     mean_force,
     repeated_runs,
 )
-from eightpost.ident.dyno_report.cycles import STROKES, Cycles, Found, Stroke, Unknown, crossings_of, mean_of
-from eightpost.ident.dyno_report.entry import Entry, ForceBand
-from eightpost.ident.dyno_report.loop import BEND, Branches, VelocityCurve, ratio_at
-from eightpost.report.charts import COLORS, Axis, Figure, Panel, row_figure
+from eightpost.ident.dyno_report.cycles import STROKES, Cycles, Found, Stroke, Unknown, mean_of, of_known
+from eightpost.ident.dyno_report.entry import Entry
+from eightpost.ident.dyno_report.figures import branches_figure, curves_figure, loops_figure
+from eightpost.ident.dyno_report.loop import BEND, Branches, ratio_at
 from eightpost.report.numbers import plain
 from eightpost.report.page import Block, Section, digest, document, soft, write_page
 from eightpost.report.tables import NONE, Amount, Cell, ResultTable, cell_html, unit_html
-from eightpost.signals import TimeSeries
 from eightpost.verdict import Reason, Rules, Verdict
-
-_VELOCITY, _FORCE, _DISPLACEMENT = Axis("velocity", "m/s"), Axis("force", "N"), Axis("displacement", "m")
-_TIME = Axis("time [s]")
-_WHOLE = (0.0, 1.0)
-_LIMITS = "limits"
-#: Colours of limits and of shaft speeds, and of what only sets the range of an axis.
-_GREY, _DARK, _INVISIBLE = "#5b6675", "#4d4d4d", "rgba(0,0,0,0)"
-#: Numbers of dots of a run and of points of a line; more would only fill the page.
-_DOTS, _POINTS = 700, 600
-#: Number of cycles shown over time, and duration shown of a record without cycles [s].
-_CYCLES, _SPAN = 2, 1.0
-#: Longest time of the runs shown together, over the shortest.
-_LONGEST = 2.0
-#: Panels of runs in a row, and largest number of them.
-_COLUMNS, _MOST = 4, 12
-#: Classes of shaft speed on a track.
-_BARS = 60
-
-
-def colors(report: DynoReport) -> dict[str, str]:
-    """Return the colour of every build by its label."""
-    return {variant.label: COLORS[k % len(COLORS)] for k, variant in enumerate(report.variants)}
-
-
-# ---- Builds ---------------------------------------------------------------------------------------------------------
-
-
-def curves_figure(report: DynoReport) -> Figure:
-    """Return force over velocity of all entries, and both strokes upward over speed, with limits and shaft speeds."""
-    left, right = (0.0, 0.47), (0.55, 1.0)
-    panels = [
-        Panel(
-            Axis("", "m/s") if report.track else _VELOCITY,
-            _FORCE,
-            left,
-            (0.36, 1.0) if report.track else _WHOLE,
-            "force over velocity",
-        ),
-        Panel(Axis("speed", "m/s"), _FORCE, right, _WHOLE, "over speed: compression solid, rebound dotted"),
-    ]
-    if report.track:
-        panels.append(Panel(_VELOCITY, Axis("time [%]"), left, (0.0, 0.2), "shaft velocity on the track"))
-    has_both = {v.label: bool(v.of_basis("measured") and v.of_basis("law")) for v in report.variants}
-    caption = (
-        "Mean force over velocity, without the force at zero velocity or the gas force of a slow run. A colour is a "
-        "build."
-    )
-    if any(has_both.values()):
-        caption += " Dashed: laws, with their 95 % bands."
-    if report.track:
-        caption += " The outer bars of the shaft velocity have the speeds beyond."
-    figure, color = Figure(caption, 410 if report.track else 390, panels), colors(report)
-    if report.limits is not None:
-        _limits(figure, report.limits.band)
-    for variant in report.variants:
-        for entry in variant.entries:
-            dash = "dash" if entry.kind == "law" and has_both[variant.label] else "solid"
-            _curve(figure, entry, variant.label, color[variant.label], dash)
-        for entry in variant.of_basis("measured") or variant.entries:
-            for stroke, dash in zip(STROKES, ("solid", "dot"), strict=True):
-                if not isinstance(entry.curve, Unknown):
-                    figure.line(
-                        1, *entry.curve.stroke(stroke), name=variant.label, color=color[variant.label], dash=dash
-                    )
-    if report.track:
-        _shaft_speeds(figure, report)
-    return figure
-
-
-def _curve(figure: Figure, entry: Entry, name: str, color: str, dash: str) -> None:
-    if entry.band is not None:
-        figure.ribbon(0, entry.band.velocity, entry.band.low, entry.band.high, name=name, color=color)
-    if isinstance(entry.curve, Unknown):
-        return
-    points = (entry.curve.velocity, entry.curve.force)
-    if entry.kind == "table":
-        figure.marks(0, *points, name=name, color=color, size=5)
-    else:
-        figure.line(0, *points, name=name, color=color, dash=dash)
-
-
-def _limits(figure: Figure, band: ForceBand) -> None:
-    """Shade the limits over velocity, and over the speed of each stroke."""
-    figure.ribbon(0, band.velocity, band.low, band.high, name=_LIMITS, color=_GREY)
-    for edge in (band.low, band.high):
-        figure.line(0, band.velocity, edge, name=_LIMITS, color=_GREY, dash="dash")
-    low, high = VelocityCurve(band.velocity, band.low), VelocityCurve(band.velocity, band.high)
-    for stroke in STROKES:
-        speed, edge = low.stroke(stroke)
-        figure.ribbon(1, speed, edge, high.stroke(stroke)[1], name=_LIMITS, color=_GREY)
-
-
-def _shaft_speeds(figure: Figure, report: DynoReport) -> None:
-    """Draw the histograms of shaft velocity over the range of the curves; the outer bars have the speeds beyond."""
-    top = max(entry.highest for entry in report.entries)
-    edges = np.linspace(-top, top, _BARS + 1)
-    for panel in (0, 2):
-        figure.dots(panel, edges[[0, -1]], np.zeros(2), name="", color=_INVISIBLE)
-    for k, (name, velocity) in enumerate(report.track.items()):
-        share = 100.0 * np.histogram(np.clip(velocity, -top, top), edges)[0] / velocity.size
-        x, y = np.repeat(edges, 2)[1:-1], np.repeat(share, 2)
-        color = (_DARK, *COLORS[::-1])[k % (1 + len(COLORS))]
-        figure.ribbon(2, x, np.zeros(x.size), y, name=name, color=color)
-        figure.line(2, x, y, name=name, color=color)
-
-
-# ---- Runs -----------------------------------------------------------------------------------------------------------
-
-
-def branches_figure(report: DynoReport) -> Figure:
-    """Return a panel for each run: its samples, both branches of its loop, and its mean curve."""
-    runs = report.runs[:_MOST]
-    columns = min(_COLUMNS, len(runs))
-    panels = [
-        (Axis("velocity" if k >= len(runs) - columns else "", "m/s"), Axis("force" if k % columns == 0 else "", "N"),
-         entry.name)
-        for k, entry in enumerate(runs)
-    ]  # fmt: skip
-    more = f" The first {_MOST} of {len(report.runs)} runs." if len(report.runs) > _MOST else ""
-    caption = (
-        "Every run: measured branches of the loop, and their mean without lag and gas spring, the curve of the "
-        f"tables.{more}"
-    )
-    figure = row_figure(caption, 185, panels, columns, gap=0.06)
-    for k, entry in enumerate(runs):
-        series, level = _series(entry), 0.0 if isinstance(entry.level, Unknown) else entry.level
-        every = slice(None, None, max(1, len(series) // _DOTS))
-        figure.dots(k, series["velocity"][every], series["force"][every] - level, name="samples", size=2.0)
-        if entry.branches is not None:
-            at, opening, closing = entry.branches.velocity, entry.branches.opening, entry.branches.closing
-            figure.line(k, at, opening, name="open branch (speed rises)", color=COLORS[0])
-            figure.line(k, at, closing, name="closed branch (speed falls)", color=COLORS[1])
-        if not isinstance(entry.curve, Unknown):
-            figure.line(k, entry.curve.velocity, entry.curve.force, name="mean", color="#1c2430")
-    return figure
-
-
-def loops_figure(report: DynoReport) -> Figure:
-    """Return the loops of all runs over displacement, force over time, and temperature or velocity over time."""
-    heated = [entry for entry in report.runs if "temperature" in _series(entry)]
-    third = Axis("temperature [°C]") if heated else _VELOCITY
-    panels = (
-        Panel(_DISPLACEMENT, _FORCE, (0.0, 0.29), _WHOLE, "force over displacement"),
-        Panel(_TIME, _FORCE, (0.36, 0.64), _WHOLE, "force over time"),
-        Panel(_TIME, third, (0.71, 1.0), _WHOLE, f"{'temperature' if heated else 'velocity'} over time"),
-    )
-    caption = (
-        "One loop of every run over displacement from the middle of the stroke, and two cycles over time, as measured."
-    )
-    figure, color = Figure(caption, 300, panels), colors(report)
-    shortest = min((float(np.ptp(_series(e).time[_cycles_in(e, _CYCLES)])) for e in report.runs), default=0.0)
-    for variant in report.variants:
-        name, style = variant.label, color[variant.label]
-        for entry in variant.runs:
-            series, loop, part = _series(entry), _cycles_in(entry, 1), _cycles_in(entry, _CYCLES)
-            if "displacement" in series:
-                path = series["displacement"] - 0.5 * float(series["displacement"].max() + series["displacement"].min())
-                figure.line(0, path[loop], series["force"][loop], name=name, color=style)
-            time = series.time[part] - series.time[part[0]]
-            shown = part[time <= _LONGEST * shortest]
-            time = series.time[shown] - series.time[shown[0]]
-            figure.line(1, time, series["force"][shown], name=name, color=style)
-            if not heated:
-                figure.line(2, time, series["velocity"][shown], name=name, color=style)
-            elif "temperature" in series:
-                kept = _some(np.arange(len(series)))
-                smooth = _averaged(series["temperature"] - 273.15, max(1, len(series) // _POINTS))
-                figure.line(2, series.time[kept] - series.time[0], smooth[kept], name=name, color=style)
-    return figure
-
-
-def _averaged(values: Array, width: int) -> Array:
-    """Return running means (N,) over a width of samples."""
-    total = np.cumsum(np.concatenate([[0.0], values]))
-    low = np.maximum(np.arange(values.size) - width, 0)
-    high = np.minimum(np.arange(values.size) + width + 1, values.size)
-    return np.asarray((total[high] - total[low]) / (high - low))
-
-
-def _series(entry: Entry) -> TimeSeries:
-    assert entry.test is not None  # it is a run
-    return entry.test.series
-
-
-def _cycles_in(entry: Entry, count: int) -> NDArray[np.intp]:
-    """Return the samples of the chosen cycle, of cycles in the middle, or of a second around the highest speed."""
-    series = _series(entry)
-    starts = [crossing.time for crossing in crossings_of(series) if crossing.upward]
-    if isinstance(entry.cycles, Cycles) and entry.cycles.span is not None:
-        span = entry.cycles.span
-    elif len(starts) > count:
-        first = (len(starts) - 1 - count) // 2
-        span = (starts[first], starts[first + count])
-    else:
-        middle = float(series.time[np.argmax(np.abs(series["velocity"]))])
-        span = (middle - 0.5 * _SPAN, middle + 0.5 * _SPAN)
-    return _some(np.flatnonzero((series.time >= span[0]) & (series.time <= span[1])))
-
-
-def _some(inside: NDArray[np.intp]) -> NDArray[np.intp]:
-    return inside[:: max(1, inside.size // _POINTS)]
-
 
 # ==== Verdict: the findings about the records, and the verdicts of the shock files ===================================
 
@@ -265,10 +61,8 @@ def _reasons(entry: Entry) -> Iterator[Reason]:
 Row = Sequence[Cell | Found | None]
 
 BASES = ("measured", "law")
-#: Columns that are left out if all rows have the usual text.
-_USUAL = {"basis": "measured", "kind": "run"}
-#: Peaks of both strokes belong together if their speeds agree within this share.
-SAME_SPEED = 0.1
+_USUAL = {"basis": "measured", "kind": "run"}  #: Columns that are left out if all rows have the usual text.
+SAME_SPEED = 0.1  #: Peaks of both strokes belong together if their speeds agree within this share.
 
 
 def explained(title: str, columns: Sequence[str | Amount], rows: Iterable[Row], unit: str = "N") -> list[Block]:
@@ -342,14 +136,9 @@ def force_table(report: DynoReport) -> list[Block]:
                     ((*label, stroke), [mean_force(entries, v, stroke) for v in report.speeds]) for stroke in STROKES
                 ]
                 ratios = [mean_of(ratio_at(entry.curve, speed) for entry in entries) for speed in report.speeds]
-                rows.append(((*label, "reb/comp"), [_plain(ratio) for ratio in ratios]))
+                rows.append(((*label, "reb/comp"), [of_known(lambda r: Amount(r, "1"), ratio) for ratio in ratios]))
     corner = ("corner",) if report.fitted_to else ()
     return _at_speeds(report, (*corner, "build", "basis", "stroke"), rows)
-
-
-def _plain(value: Found) -> Found | Cell:
-    """Return a plain number in a column of forces."""
-    return value if isinstance(value, Unknown) else Amount(value, "1")
 
 
 def _fitted(report: DynoReport, variant: BuildVariant) -> tuple[str, ...]:
@@ -367,14 +156,8 @@ def difference_table(report: DynoReport) -> list[Block]:
             ours, base = variant.representatives(basis), report.variants[0].representatives(basis)
             for stroke in STROKES if ours and base else ():
                 pairs = [(mean_force(ours, v, stroke), mean_force(base, v, stroke)) for v in report.speeds]
-                rows.append(((variant.label, basis, stroke), [_with_share(_minus(a, b), b) for a, b in pairs]))
+                rows.append(((variant.label, basis, stroke), [_with_share(of_known(sub, a, b), b) for a, b in pairs]))
     return _at_speeds(report, ("build", "basis", "stroke"), rows)
-
-
-def _minus(first: Found, second: Found) -> Found:
-    if isinstance(first, Unknown):
-        return first
-    return second if isinstance(second, Unknown) else first - second
 
 
 def _with_share(value: Found, whole: Found) -> Found | Cell:
@@ -408,12 +191,6 @@ def repeat_table(report: DynoReport) -> list[Block]:
                 ]
                 rows.append(((variant.label, str(len(group)), stroke), found))
     return _at_speeds(report, ("build", "runs", "stroke"), rows)
-
-
-def _heat_lines(report: DynoReport) -> tuple[str, ...]:
-    """Return a sentence on the effect of temperature for each build that has repeated runs at two temperatures."""
-    found = ((variant.label, heat_effect(variant)) for variant in report.variants)
-    return tuple(f"{label}: {effect}." for label, effect in found if effect)
 
 
 def _track_table(report: DynoReport) -> list[Block]:
@@ -458,10 +235,8 @@ def _ratios(corner: CarCorner, entry: Entry) -> Iterator[Found]:
     """Yield the damping ratios [%] of compression, rebound and their mean, below and then above the knee."""
     for side in ("low", "high"):
         rates: list[Found] = [getattr(entry.strokes[stroke], side) for stroke in STROKES]
-        unknown = next((rate for rate in rates if isinstance(rate, Unknown)), None)
-        for rate in (*rates, unknown or mean_of(rates)):
-            ratio = corner.damping_ratio(rate)
-            yield ratio if isinstance(ratio, Unknown) else 100.0 * ratio
+        for rate in (*rates, of_known(lambda *both: mean_of(both), *rates)):
+            yield of_known(lambda ratio: 100.0 * ratio, corner.damping_ratio(rate))
 
 
 # ---- Runs -----------------------------------------------------------------------------------------------------------
@@ -473,17 +248,11 @@ def _run_table(report: DynoReport) -> list[Block]:
     for variant, entry in _labelled(report):
         test, cycles, warming = entry.test, entry.cycles, entry.warming
         build = None if entry.name == variant.label else variant.label
-        first = (
-            entry.name,
-            build,
-            entry.title,
-            entry.setting.clicks,
-            entry.setting.gas_pressure,
-            entry.highest or None,
-        )
+        setting = entry.setting
+        first = (entry.name, build, entry.title, setting.clicks, setting.gas_pressure, entry.highest or None)
         if test is not None and isinstance(cycles, Cycles):
-            rows.append((*first, test.stroke, cycles.frequency, str(cycles.count), _celsius(warming.start),
-                         _kelvin(warming.drift), warming.power))  # fmt: skip
+            heats = (of_known(_celsius, warming.start), of_known(_kelvin, warming.drift))
+            rows.append((*first, test.stroke, cycles.frequency, str(cycles.count), *heats, warming.power))
         elif entry.kind == "table":
             rows.append((*first, *(None,) * 6))
     columns = ("entry", "build", "kind", "clicks", "gas pressure [Pa]", "highest speed [m/s]", "stroke [m]",
@@ -491,16 +260,12 @@ def _run_table(report: DynoReport) -> list[Block]:
     return explained("", columns, rows)
 
 
-def _celsius(temperature: Found) -> Cell | Unknown:
-    if isinstance(temperature, Unknown):
-        return temperature
+def _celsius(temperature: float) -> Markup:
     celsius = temperature - 273.15
     return _both(f"{1.8 * celsius + 32.0:.0f} °F", f"{celsius:.1f} °C")
 
 
-def _kelvin(drift: Found) -> Cell | Unknown:
-    if isinstance(drift, Unknown):
-        return drift
+def _kelvin(drift: float) -> Markup:
     return _both(*(text.replace("-", "−") for text in (f"{1.8 * drift:+.1f} °F", f"{drift:+.2f} K")))
 
 
@@ -512,21 +277,16 @@ def loop_table(report: DynoReport) -> list[Block]:
     """Return energy, width and lag of the loops, gas force, gas stiffness and friction."""
     rows = []
     for _, entry in _labelled(report):
-        cycles, lag = entry.cycles, entry.lag
+        cycles, slow, percent = entry.cycles, entry.slow, entry.shock.fit.get("percent") if entry.shock else None
         loop: tuple[Found | None, ...] = (None, None, None)
         if isinstance(cycles, Cycles):
             loop = (cycles.energy, cycles.energy_scatter, cycles.width)
         rows.append((entry.name, entry.title, *loop, entry.offset if entry.kind == "run" else None,
-                     lag if isinstance(lag, Unknown) else 1e3 * lag, entry.slow.gas_force, entry.slow.stiffness,
-                     entry.slow.friction, _fit_error(entry)))  # fmt: skip
+                     of_known(lambda lag: 1e3 * lag, entry.lag), slow.gas_force, slow.stiffness, slow.friction,
+                     float(percent) if isinstance(percent, int | float) else None))  # fmt: skip
     columns = ("entry", "kind", "energy per cycle [J]", "its deviation [J]", "width at v = 0 [N]", "force at v = 0 [N]",
                "lag (ms)", "gas force [N]", "gas stiffness [N/m]", "friction [N]", "fit error [%] .2")  # fmt: skip
     return explained("", columns, rows)
-
-
-def _fit_error(entry: Entry) -> float | None:
-    value = entry.shock.fit.get("percent") if entry.shock else None
-    return float(value) if isinstance(value, int | float) else None
 
 
 def branch_table(report: DynoReport) -> list[Block]:
@@ -539,10 +299,10 @@ def branch_table(report: DynoReport) -> list[Block]:
 
 
 def _branch_cell(branches: Branches, speed: float, stroke: Stroke) -> Found | Cell:
-    opening, closing = (branches.force_at(speed, stroke, branch) for branch in ("open", "closed"))
-    if isinstance(opening, Unknown) or isinstance(closing, Unknown):
-        return Unknown("the loop does not reach this speed")
-    return Markup(" / ").join(cell_html(Amount(force, "N")) for force in (opening, closing))
+    def cell(*forces: float) -> Markup:
+        return Markup(" / ").join(cell_html(Amount(force, "N")) for force in forces)
+
+    return of_known(cell, *(branches.force_at(speed, stroke, branch) for branch in ("open", "closed")))
 
 
 def peak_table(report: DynoReport) -> list[Block]:
@@ -645,7 +405,8 @@ def sections_of(report: DynoReport) -> Iterator[Section]:
         yield Section("damping", "Damping ratio", damping_tables(report))
     loops: list[Block] = [loops_figure(report)] if report.runs else []
     yield Section("runs", "Runs, loops and gas", [*loops, *_run_table(report), *loop_table(report)])
-    if repeats := [*repeat_table(report), *([lines] if (lines := _heat_lines(report)) else [])]:
+    lines = tuple(f"{one.label}: {effect}." for one in report.variants if (effect := heat_effect(one)))
+    if repeats := [*repeat_table(report), *([lines] if lines else [])]:
         yield Section("repeatability", "Repeatability", repeats)
     yield Section("notes", "Notes", [*_notes(report), *_file_table(report), _DEFINITIONS])
 

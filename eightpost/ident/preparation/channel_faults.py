@@ -149,14 +149,10 @@ def _peaks(flat: NDArray[np.bool_], high: NDArray[np.bool_]) -> int:
     return int(np.unique(stretch[flat]).size)
 
 
-# ==== Delays between loggers, and lost channels ======================================================================
+# ==== Channels that fail during a record: a cable breaks, or a logger repeats its last value =========================
 
-# ---- Check for channels that fail during a record: a cable breaks, or a logger repeats its last value ---------------
-
-#: Time for which a failed channel repeats one value [s] ...
-LOST_SPAN = 0.25
-#: ... and fraction of its samples in which another channel changes if it moves [1].
-MOVING = 0.5
+LOST_SPAN = 0.25  #: Time for which a failed channel repeats one value [s] ...
+MOVING = 0.5  #: ... and fraction of its samples in which another channel changes if it moves [1].
 
 _RESPONSES = ("tire_force", "displacement", "force", "hub_acceleration", "chassis_acceleration")
 
@@ -201,33 +197,20 @@ def _others_move(series: TimeSeries, names: Sequence[str], own: str, held: slice
     return bool(moving) and float(np.mean(moving)) > 0.5
 
 
-# ---- Time lags between channels, loggers and runs, estimated by cross-correlation -----------------------------------
+# ==== Time lags between channels, loggers and runs, estimated by cross-correlation ===================================
 
-#: Longest time between the starts of two runs [s].
-LONGEST_START = 10.0
-
-#: Upper end of the band of the comparisons [Hz], at most 0.4 of the sample rate.
-BAND = 20.0
-
-#: Length of record that is compared [s]; longer ones take seconds and give no better result.
-SPAN = 60.0
-
+LONGEST_START = 10.0  #: Longest time between the starts of two runs [s].
+BAND = 20.0  #: Upper end of the band of the comparisons [Hz], at most 0.4 of the sample rate.
+SPAN = 60.0  #: Length of record that is compared [s]; longer ones take seconds and give no better result.
 #: Longest lag of a potentiometer in a sound record [s]: rubber in series with its shock makes it late by up to 6 ms. A
 #: single late potentiometer follows from the laws of the corners (`plausibility`).
 TRAVEL_LAG = 8e-3
-
 #: Longest lag of the sum of the tire forces in a sound record [s]: an engine on its mounts, whose acceleration is not
 #: measured, shifts it by up to 30 ms. Shorter delays of tire forces follow from the law of the tire (`plausibility`).
 LOAD_LAG = 50e-3
-
-#: Longest change of a lag within a sound record [s]; that of the tire forces may reach `LOAD_LAG`.
-DRIFT = 4e-3
-
-#: Number of its standard deviations by which a lag must exceed the threshold.
-DEVIATIONS = 5.0
-
-#: Smallest correlation of a lag; below it the lag is chance or has another cause.
-SMALLEST_CORRELATION = 0.6
+DRIFT = 4e-3  #: Longest change of a lag within a sound record [s]; that of the tire forces may reach `LOAD_LAG`.
+DEVIATIONS = 5.0  #: Number of its standard deviations by which a lag must exceed the threshold.
+SMALLEST_CORRELATION = 0.6  #: Smallest correlation of a lag; below it the lag is chance or has another cause.
 
 
 class Lag(NamedTuple):
@@ -284,11 +267,7 @@ def drifts(series: TimeSeries, corners: Sequence[str]) -> tuple[Lag, ...]:
     """
     span = min(SPAN, 0.5 * series.duration)
     first, last = series.time[0], series.time[-1]
-    pairs = zip(
-        _lags(series.window(first, first + span), corners),
-        _lags(series.window(last - span, last), corners),
-        strict=True,
-    )
+    ends = (series.window(first, first + span), series.window(last - span, last))
     changes = [
         late._replace(
             seconds=late.seconds - early.seconds,
@@ -296,16 +275,14 @@ def drifts(series: TimeSeries, corners: Sequence[str]) -> tuple[Lag, ...]:
             usual=late.usual if late.channel == "tire_force" else DRIFT,
             spread=float(np.hypot(early.spread, late.spread)),
         )
-        for early, late in pairs
+        for early, late in zip(*(_lags(end, corners) for end in ends), strict=True)
     ]
     return tuple(change for change in changes if change.is_notable)
 
 
 def _lags(series: TimeSeries, corners: Sequence[str]) -> tuple[Lag, ...]:
     comparison = _Comparison(series, tuple(corners))
-    lags = [comparison.travel(corner) for corner in corners]
-    lags += [comparison.force(corner) for corner in corners]
-    lags.append(comparison.loads())
+    lags = [*map(comparison.travel, corners), *map(comparison.force, corners), comparison.loads()]
     return tuple(lag for lag in lags if lag is not None)
 
 
@@ -373,17 +350,14 @@ class _Comparison:
         A shock that is mounted inboard on a solid axle moves with both wheels.
         """
         pot = channel(corner, "displacement")
-        across = [other for other in self._axle(corner) if other != corner]
         if not self._there([pot, *self._accelerometers(corner)]):
             return None
-        compared = [corner, *(other for other in across if self._there(self._accelerometers(other)))]
+        axle = self._corners[:2] if corner in self._corners[:2] else self._corners[2:]
+        across = (other for other in axle if other != corner and self._there(self._accelerometers(other)))
+        compared = [corner, *across]
         relative = [self._low[hub] - self._low[chassis] for hub, chassis in map(self._accelerometers, compared)]
         bend = derivative(derivative(self._low[pot], self._rate), self._rate)
         return self._lag(pot, "the accelerometers", bend, np.stack(relative), TRAVEL_LAG)
-
-    def _axle(self, corner: str) -> tuple[str, ...]:
-        front = corner in self._corners[:2]
-        return self._corners[:2] if front else self._corners[2:]
 
     def _accelerometers(self, corner: str) -> tuple[str, str]:
         return channel(corner, "hub_acceleration"), channel(corner, "chassis_acceleration")

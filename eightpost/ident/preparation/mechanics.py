@@ -24,7 +24,6 @@ BAND = (0.7, 15.0)  # of all laws [Hz], ...
 HIGHEST = 0.08  # ... at most this share of the sample rate: above, central differences are 4 % low
 LEAK = 0.1  # share of what a law leaves unexplained that may depend on the inputs
 BLOCKS = 16  # largest number of blocks that the jackknife leaves out in turn; a short record has one per segment
-
 #: Directions of a shock's velocity, and of the difference of those left and right (with the left corner as prefix), on
 #: which friction along the shock and in an anti-roll bar depend; velocity of the transition between them [RMS].
 DIRECTION, TWIST, SLOW = "direction", "twist_direction", 0.1
@@ -165,7 +164,8 @@ def spectra_of(series: TimeSeries) -> Spectra | None:
     for name, values in zip(series.names, series.values, strict=True):
         cut = segments(values)
         rows[name] = transformed(cut - cut.mean(axis=1, keepdims=True))
-    own = {name.removesuffix("velocity"): series[name] for name in series.names if _quantity(name) == "velocity"}
+    velocities = [name for name in series.names if name.rpartition(".")[2] == "velocity"]
+    own = {name.removesuffix("velocity"): series[name] for name in velocities}
     slopes = {f"{place}{DIRECTION}": velocity for place, velocity in own.items()}
     for left, right in AXLES:
         if f"{left}." in own and f"{right}." in own:
@@ -176,10 +176,6 @@ def spectra_of(series: TimeSeries) -> Spectra | None:
 
 def _direction(name: str) -> str:
     return f"{name.removesuffix('velocity')}{DIRECTION}" if name.endswith("velocity") else name
-
-
-def _quantity(name: str) -> str:
-    return name.rpartition(".")[2]
 
 
 # ==== The laws =======================================================================================================
@@ -437,16 +433,8 @@ def _hubs(spectra: Spectra, corners: Sequence[str]) -> Iterator[Comparison]:
 # ---- The whole car --------------------------------------------------------------------------------------------------
 
 
-class CarLaw(NamedTuple):
-    """Newton's law of the car: coefficients, of which those of each load are in two columns, and of the masses."""
-
-    fit: Regression
-    loads: Mapping[str, int]
-    masses: Sequence[int]
-
-
-def _car_law(spectra: Spectra, corners: Sequence[str]) -> CarLaw | None:
-    """Return the coefficients of the sum of the tire forces.
+def _car_law(spectra: Spectra, corners: Sequence[str]) -> tuple[Regression, dict[str, int], list[int]] | None:
+    """Return the coefficients of the sum of the tire forces, the first of two columns of each load, and of the masses.
 
         sum T + sum_axles d (T_l - T_r) = sum_j a_j (A_j + t_j A_j') + sum_axles m(s) (z_l'' + z_r'') + ...
 
@@ -472,14 +460,14 @@ def _car_law(spectra: Spectra, corners: Sequence[str]) -> CarLaw | None:
     for place in axles or (tuple(corners),):
         rows += [sum_of(place, "hub_acceleration"), *(sum_of(place, "chassis_acceleration", k) for k in range(3))]
     fit = spectra.regress(sum_of(corners, "tire_force"), rows, HIGH)
-    return fit and CarLaw(fit, loads, [k for start in range(first, len(rows), 4) for k in (start, start + 1)])
+    return fit and (fit, loads, [k for start in range(first, len(rows), 4) for k in (start, start + 1)])
 
 
 def _whole_car(spectra: Spectra, corners: Sequence[str], mass: float | None) -> Iterator[Comparison]:
     """Yield the comparisons of forces with each other and with accelerations."""
     if (law := _car_law(spectra, corners)) is None:
         return
-    fit, tires = law.fit, _of_all(corners, "tire_force")
+    (fit, loads, masses), tires = law, _of_all(corners, "tire_force")
     for k, (left, right) in enumerate(AXLES if len(corners) > 1 else ()):
         # The total is sum T = -d (T_l - T_r) + ..., so the left force counts 1 + d and the right one 1 - d.
         effect = {channel(left, "tire_force"): 1.0, channel(right, "tire_force"): -1.0}
@@ -487,7 +475,7 @@ def _whole_car(spectra: Spectra, corners: Sequence[str], mass: float | None) -> 
                      lambda c, k=2 * k: (1.0 + c[:, k]) / np.maximum(1.0 - c[:, k], 1e-3))  # type: ignore[misc]  # fmt: skip
         yield _delay(CAR, fit, effect, 1e-3, lambda c, k=2 * k + 1: -2.0 * c[:, k])  # type: ignore[misc]
     share = {name: 1.0 / len(tires) for name in tires}
-    for load, k in law.loads.items():
+    for load, k in loads.items():
         sign = -1.0 if load == "heave_force" else 1.0
         yield _ratio(CAR, fit, {load: -1.0, **share}, 0.06, lambda c, k=k, s=sign: s * c[:, k])  # type: ignore[misc]
         yield _delay(CAR, fit, {load: 1.0, **_negative(share)}, 3e-3, lambda c, k=k: c[:, k + 1] / c[:, k], over=(k,))  # type: ignore[misc]
@@ -496,7 +484,7 @@ def _whole_car(spectra: Spectra, corners: Sequence[str], mass: float | None) -> 
     # Usual cars have 300 to 3600 kg.
     name = f"{CAR} of {mass:.4g} kg" if mass else "the usual mass of a car"
     yield _ratio(name, fit, share | {n: -1.0 / len(felt) for n in felt}, 0.1 if mass else float(np.log(3.5)),
-                 lambda c: sides * c[:, law.masses].sum(axis=1), mass or 1040.0)  # fmt: skip
+                 lambda c: sides * c[:, masses].sum(axis=1), mass or 1040.0)  # fmt: skip
 
 
 def _of_all(corners: Sequence[str], quantity: str) -> list[str]:

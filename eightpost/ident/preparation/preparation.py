@@ -94,27 +94,17 @@ class Decimation:
 
 # ==== Math channels 45 to 62 of Table 6.1, computed from measured channels (6.1.2) ===================================
 
-#: Highest cut-off of a low-pass before a derivative, as a fraction of the sample rate [1].
-HIGHEST_CUTOFF = 0.4
-
-
-class MathChannels(NamedTuple):
-    """Computed channels (N,) by name, and descriptions of the steps, a sentence each.
-
-    It does not contain the whole record, because at full rate a copy takes hundreds of megabytes.
-    """
-
-    channels: Mapping[str, Array]
-    steps: tuple[str, ...] = ()
+HIGHEST_CUTOFF = 0.4  #: Highest cut-off of a low-pass before a derivative, as a fraction of the sample rate [1].
 
 
 def _math_channels(
     series: TimeSeries, corners: Sequence[str], *, pot_cutoff: float | None, geometry: Geometry | None
-) -> MathChannels:
-    """Compute the math channels of a rig record at its own rate; a quarter car has one corner with an empty name.
+) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """Return the math channels (N,) of a rig record at its own rate by name, and a sentence on each step.
 
     Without a cut-off frequency of the potentiometers' low-pass [Hz] there are no shock velocities; without a geometry,
-    there are no modes of the aeroloaders and no ride heights.
+    there are no modes of the aeroloaders and no ride heights. The rest of the record is not returned, because at full
+    rate a copy takes hundreds of megabytes.
     """
     channels: dict[str, Array] = {}
     steps: list[str] = []
@@ -143,11 +133,10 @@ def _math_channels(
     if geometry is not None and loads is not None:
         channels |= dict(zip(_MODE_FORCES, -force_modes(geometry) @ loads, strict=True))
         steps.append("aeroloaders' modal forces from their load cells, positive upward (Eq 6.2)")
-    return MathChannels(channels, tuple(steps))
+    return channels, tuple(steps)
 
 
-#: Channels 49 to 52.
-_MODE_FORCES = ("aero.heave_force", "aero.pitch_moment", "aero.roll_moment", "aero.warp_moment")
+_MODE_FORCES = ("aero.heave_force", "aero.pitch_moment", "aero.roll_moment", "aero.warp_moment")  #: Channels 49 to 52.
 
 
 def _corners(series: TimeSeries, quantity: str) -> Array | None:
@@ -156,9 +145,7 @@ def _corners(series: TimeSeries, quantity: str) -> Array | None:
     return np.stack([series[name] for name in names]) if all(name in series for name in names) else None
 
 
-# ==== Preparation ====================================================================================================
-
-# ---- Prepared records, with descriptions of their preparation -------------------------------------------------------
+# ==== Prepared records, with descriptions of their preparation =======================================================
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -212,8 +199,7 @@ def _places(names: Sequence[str], findings: Sequence[Sequence[Fault]]) -> Iterat
 
 # ---- Preparation of recorded rig tests for an identification (6.1.2, 6.4.1) -----------------------------------------
 
-#: Minimum number of samples that a record must have after preparation.
-_FEWEST = 100
+_FEWEST = 100  #: Minimum number of samples that a record must have after preparation.
 
 
 @dataclass(frozen=True, slots=True)
@@ -420,8 +406,7 @@ def _notes(singles: Sequence[_Single], shared: Sequence[str], how: Preparation) 
 
 # ==== Files with settings ============================================================================================
 
-#: Numbers of a file and their units.
-_NUMBERS = {"rate": "Hz", "pot_cutoff": "Hz", "settling": "s", "mass": "kg"}
+_NUMBERS = {"rate": "Hz", "pot_cutoff": "Hz", "settling": "s", "mass": "kg"}  #: Numbers of a file and their units.
 
 
 def read_preparation(path: str | Path) -> Preparation:

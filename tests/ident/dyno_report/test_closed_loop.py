@@ -11,13 +11,11 @@ from scipy.signal import lfilter
 from eightpost.ident.dyno_report.builds import CarCorner, dyno_report
 from eightpost.ident.dyno_report.cycles import STROKES, Unknown
 from eightpost.ident.dyno_report.entry import EntrySetting, entry_of_test
+from eightpost.ident.dyno_report.figures import branches_figure, curves_figure, loops_figure
 from eightpost.ident.dyno_report.page import (
     branch_table,
-    branches_figure,
-    curves_figure,
     damping_tables,
     force_table,
-    loops_figure,
     peak_table,
     sections_of,
 )

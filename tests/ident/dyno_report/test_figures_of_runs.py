@@ -10,14 +10,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from eightpost.ident.dyno_report.builds import CarCorner
-from eightpost.ident.dyno_report.cycles import (
-    STROKES,
-    Unknown,
-    crossings_of,
-    cycles_of,
-    force_at_rest,
-    slow_figures,
-)
+from eightpost.ident.dyno_report.cycles import STROKES, Unknown, crossings_of, cycles_of, force_at_rest, slow_figures
 from eightpost.ident.dyno_report.entry import entry_of_test, with_gas_of_slow_runs
 from eightpost.ident.dyno_report.loop import BEND, forces_at, ratio_at
 from eightpost.signals import TimeSeries
@@ -50,7 +43,7 @@ def test_energy_per_cycle_is_that_of_viscous_and_dry_friction(rate, amplitude, f
     assert cycles.frequency == pytest.approx(frequency, rel=1e-3)
 
 
-@settings(QUICK, max_examples=40)
+@settings(QUICK, max_examples=20)
 @given(RATES, st.floats(0.0, 0.012), st.floats(0.0, 4000.0), st.floats(1.0, 4.0))
 def test_the_width_at_zero_velocity_is_that_of_lag_and_gas_spring(rate, lag, stiffness, frequency):
     amplitude, w = 0.02, 2.0 * np.pi * frequency
@@ -61,7 +54,7 @@ def test_the_width_at_zero_velocity_is_that_of_lag_and_gas_spring(rate, lag, sti
 
 
 @pytest.mark.slow
-@settings(QUICK, max_examples=10)
+@settings(QUICK, max_examples=6)
 @given(RATES, RATES, st.floats(0.0, 0.02), st.floats(0.03, 0.2))
 def test_the_lag_is_the_delay_of_the_force_for_every_curve(compression, rebound, lag, knee):
     force = valve(two_lines(compression, 0.3 * compression, knee), two_lines(rebound, 0.5 * rebound, knee))
@@ -207,7 +200,7 @@ def slow_record(gas, stiffness, friction, rate, *, holds, noise=0.0):
     )
 
 
-@settings(QUICK, max_examples=20)
+@settings(QUICK, max_examples=10)
 @given(st.floats(-100.0, 400.0), st.floats(0.0, 5000.0), st.floats(2.0, 60.0))
 def test_gas_force_stiffness_and_friction_are_found_in_steps_with_holds(gas, stiffness, friction):
     found = slow_figures(slow_record(gas, stiffness, friction, 3000.0, holds=True, noise=1.0))

@@ -10,7 +10,8 @@ from eightpost.__main__ import main
 from eightpost.errors import InputError, TooShortError
 from eightpost.ident.dyno_report.builds import Reading, dyno_report, read_entries, read_limits, read_track
 from eightpost.ident.dyno_report.entry import entry_of_test
-from eightpost.ident.dyno_report.page import curves_figure, limit_table
+from eightpost.ident.dyno_report.figures import curves_figure
+from eightpost.ident.dyno_report.page import limit_table
 
 from .conftest import run, sine, valve, viscous
 
@@ -60,11 +61,6 @@ def test_the_judged_speed_is_that_with_the_largest_share_of_the_tolerance(tmp_pa
     assert compression.speed == 0.1
     assert compression.deviation == pytest.approx(41.0, rel=0.02)
     assert compression.text == "54.2 lbf at 3.94 in/s, master 45 ± 4.5 lbf"
-
-
-def test_a_tolerance_in_percent_is_that_of_the_masters_force(tmp_path):
-    limits = read_limits(master(tmp_path / "m.csv", tolerance="tol [%]", values=(5.0,) * 4), Reading(), ())
-    assert limits.at(0.2, "compression") == pytest.approx((400.0, 20.0))
 
 
 def test_given_tolerances_belong_to_files_without_one_and_the_larger_counts(tmp_path):

