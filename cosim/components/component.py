@@ -24,6 +24,10 @@ from eightpost.fmi.functions import ERROR, OK
 DISCRETE = ("Integer", "Boolean", "Enumeration")
 
 
+#: SI base units and the radian, by whose exponents units are compared.
+EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+
+
 @dataclass(frozen=True, slots=True)
 class UnitDefinition:
     """Unit as defined by the component: `SI value = factor * value + offset` in the given base units."""

@@ -299,7 +299,9 @@ def _compile_sources(
     if not files:
         return  # the caller reports that there is neither a binary nor a source
     command = [*find_compiler(), *_options(files, version), *options]
-    key = f"{_key(path, command)}{fmpy.sharedLibraryExtension}"
+    compiler = subprocess.run([*command[:1], "--version"], capture_output=True, check=False).stdout
+    parts = (sha256_of(path).encode(), fmpy.platform.encode(), compiler, "\0".join(command).encode())
+    key = hashlib.sha256(b"\0".join(parts)).hexdigest() + fmpy.sharedLibraryExtension
     if (library := recall(_KEPT_IN, key)) is None:
         library = _compile(path, sources, [*command, *files])
         keep(_KEPT_IN, key, library)
@@ -309,26 +311,13 @@ def _compile_sources(
 
 
 def _options(files: Sequence[str], version: int) -> list[str]:
-    headers = Path(fmpy.__file__).with_name("c-code")
     position = [] if os.name == "nt" else ["-fPIC"]
     # The FMU's own headers come first, because it may contain modified ones.
+    headers = ["-I.", "-I", str(Path(fmpy.__file__).with_name("c-code"))]
     # The definition keeps the functions' plain names (FMI 2.0.2 and later).
     plain = f"-DFMI{version}_OVERRIDE_FUNCTION_PREFIX"
-    return [
-        *_FLAGS,
-        plain,
-        *position,
-        "-I.",
-        "-I",
-        str(headers),
-        *(["-lstdc++"] if _CPP & {Path(name).suffix for name in files} else []),
-    ]
-
-
-def _key(path: Path, command: Sequence[str]) -> str:
-    version = subprocess.run([*command[:1], "--version"], capture_output=True, check=False).stdout
-    parts = (sha256_of(path).encode(), fmpy.platform.encode(), version, "\0".join(command).encode())
-    return hashlib.sha256(b"\0".join(parts)).hexdigest()
+    libraries = ["-lstdc++"] if _CPP & {Path(name).suffix for name in files} else []
+    return [*_FLAGS, plain, *position, *headers, *libraries]
 
 
 def _compile(path: Path, sources: Path, command: Sequence[str]) -> bytes:

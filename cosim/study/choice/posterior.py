@@ -197,9 +197,7 @@ class Posterior:
         seen = self.observations
         kept = self.sources.only(np.array([row, *seen.rows.tolist()], dtype=np.int64))
         local = Observations(np.arange(1, seen.rows.size + 1), seen.measures, seen.changes, seen.deviations)
-        weights = np.zeros(kept.predicted.shape)
-        weights[:, m] = 1.0
-        middle, student, normal = Posterior(kept, local).moments(weights)
+        middle, student, normal = Posterior(kept, local).moments(kept.only_measure(m))
         return float(middle[0]), float(student[0]), float(normal[0])
 
     def agreement(self, m: int) -> float:

@@ -22,7 +22,6 @@ from cosim.study.running.evaluator import Evaluator, coupling_of
 from cosim.study.running.sweep import Trials
 from cosim.study.running.workers import Workers
 from cosim.study.table import StudyResult, error_column
-from eightpost import units
 from eightpost.array_types import Array, Integers
 from eightpost.errors import InputError, StepError
 from eightpost.files import atomic_path
@@ -429,13 +428,9 @@ def _effects(runs: StudyResult) -> tuple[MeasureChange, ...]:
 
 def _noise(runs: StudyResult, measure: str) -> float:
     """Return the larger coupling error of a measure of both runs [SI]; NaN if it is not known."""
-    errors = np.asarray(runs.table[error_column(measure)].to_numpy(zero_copy_only=False), dtype=np.float64)
-    return float(np.max(np.abs(errors)))
+    return float(np.max(np.abs(runs.column(error_column(measure)))))
 
 
 def _objective_noise(runs: StudyResult) -> float:
     """Return the coupling error of the objective: the weighted sum of its terms' errors."""
-    factors = (t.weight * units.conversion(runs.unit(t.measure), t.unit or runs.unit(t.measure))[0]
-               for t in runs.study.objective)  # fmt: skip
-    noises = (_noise(runs, term.measure) for term in runs.study.objective)
-    return float(sum(abs(factor) * noise for factor, noise in zip(factors, noises, strict=True)))
+    return float(sum(abs(runs.factor(term)) * _noise(runs, term.measure) for term in runs.study.objective))
