@@ -170,7 +170,6 @@ def _si_name(exponents: frozenset[tuple[str, int]]) -> str | None:
 
 
 def _defined(definition: UnitDefinition) -> UnitDefinition:
-    """Return the definition; if the component only names a unit, look the name up among the known units."""
     if "?" not in definition.exponents:
         return definition
     try:

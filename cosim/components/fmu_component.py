@@ -198,7 +198,6 @@ class _FmuInstance:
         self.shared = None
 
     def _alike(self) -> list[_FmuInstance]:
-        """Return all instances of this FMU, including this one."""
         mine = self.fmu.description.guid
         return [i for i in list(_instances) if i is self or (i.slave is not None and i.fmu.description.guid == mine)]
 

@@ -301,7 +301,6 @@ def _is_number(text: str, kind: str) -> bool:
 
 
 def _reference(variable: fmi.Variable) -> int:
-    """Return the value reference."""
     number = whole_number(variable.reference.strip())
     if number is None or not number < 1 << 32:
         name = variable.name or variable.native

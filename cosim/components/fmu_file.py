@@ -111,7 +111,6 @@ class FmuFile:
         return (*given, *(f"-I{name}" for name in self._inside(*self.description.sources.folders)))
 
     def _inside(self, *names: str) -> tuple[str, ...]:
-        """Return paths relative to sources/."""
         root = self.folder.resolve()
         for name in names:
             if not (root / "sources" / name).resolve().is_relative_to(root):
@@ -189,11 +188,9 @@ class FmuFile:
 
     @property
     def _platform(self) -> str:
-        """Name of this platform's folder in binaries/."""
         return str(fmpy.platform_tuple if self.version == 3 else fmpy.platform)
 
     def _platforms(self) -> list[str]:
-        """Return the names of all folders in binaries/, also of those that are not unpacked."""
         with open_archive(self.path) as archive:
             places = [PurePosixPath(entry.filename).parts for entry in archive.infolist()]
         return sorted({place[1] for place in places if place[0] == "binaries" and len(place) > 1})

@@ -376,7 +376,6 @@ class _Sheet:
             self._drawing.text(box.x - 0.5 * self._gap, top - 14.0, bond, style="bondname", anchor="middle")
 
     def _flow(self, arrow: Arrow, boxes: tuple[_Box, _Box], y: float, *, note: str = "") -> None:
-        """Draw an arrow between a box and the one to its right."""
         left, right = boxes
         forward = bool(note) or arrow.source.component == left.name
         ends = (left.right, right.x) if forward else (right.x, left.right)

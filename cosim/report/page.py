@@ -314,7 +314,6 @@ def page(
 
 
 def _packed(result: Result, shown: Traces, densities: Spectra | None) -> tuple[dict[str, Any], str]:
-    """Return the positions of the numbers for the page's script, and the numbers."""
     store, series = Store(), result.series
     channels = [
         {

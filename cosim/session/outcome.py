@@ -233,7 +233,6 @@ class Outcome:
         )
 
     def _coupled(self) -> dict[str, Coupled]:
-        """Return the local errors of each bond over the whole run, in SI."""
         bonds = self.setup.system.bonds
         ends = {(bond.name, way): self._end(k, way) for k, bond in enumerate(bonds) for way in _WAYS}
         scale = judged_by({key: end[1] for key, end in ends.items()}, {key: end[2] for key, end in ends.items()})

@@ -186,7 +186,6 @@ class SavedRun(_RunChannels):
 
 
 def _digest_of(series: TimeSeries) -> str:
-    """Return the SHA-256 of the names, units and samples of a series."""
     digest = hashlib.sha256(json.dumps([series.names, series.units]).encode())
     for samples in (series.time, *series.values):
         digest.update(samples.tobytes())

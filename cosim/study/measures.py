@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -56,7 +56,6 @@ def rms(values: Array) -> float:
 
 
 def _variation(response: Response) -> float:
-    """Return the coefficient of variation: RMS divided by the mean."""
     total = response.total
     mean = float(total.mean())
     if mean == 0.0:
@@ -182,7 +181,7 @@ def sections_of(low: float, high: float, rate: float) -> Sections | None:
     if (kept := recall("filters", key)) is not None:
         stored = np.frombuffer(kept, dtype="<f8").reshape(-1, 8)
         return Sections(stored[:, :6].copy(), stored[:, 6:].copy())
-    design = {"btype": "lowpass", "Wn": high} if low <= 0.0 else {"btype": "highpass", "Wn": low}
+    design: dict[str, Any] = {"btype": "lowpass", "Wn": high} if low <= 0.0 else {"btype": "highpass", "Wn": low}
     if low > 0.0 and np.isfinite(high):
         design = {"btype": "bandpass", "Wn": (low, high)}
     rows = scipy.signal.butter(_ORDER, fs=rate, output="sos", **design)
@@ -360,7 +359,6 @@ class Measure:
         return rows * np.array(self.weights)[:, None] if self.weights else rows
 
     def _window(self, run: Filtered, start: float) -> slice:
-        """Return the samples of the section after the settling time."""
         first, last = self.section or (-np.inf, np.inf)
         window = run.samples(max(first, start), last)
         if window.stop - window.start < 2:
@@ -475,38 +473,36 @@ def _numbers(car: Car) -> Iterator[Measure]:  # 2.5; lower is better
     yield Measure("aero number", heights, "joint_rms", "in")
 
 
-def _tires(car: Car) -> Iterator[Measure]:
-    for corner, tire in zip(car.corners, car.ports("tire_force"), strict=True):
-        yield Measure(f"{corner} tire force variation", (tire,), "variation", "1")
-        yield Measure(f"{corner} tire force, RMS", (tire,), "rms", "lbf")
-        yield Measure(f"{corner} tire force, 1st percentile", (tire,), "percentile", "lbf", options={"percent": 1.0})
-    yield Measure("total tire force variation", car.ports("tire_force"), "variation", "1")
+#: Measures of each corner by family: name, variable at the vehicle's port, statistic, unit, options of the statistic.
+_AT_CORNERS: Mapping[str, Sequence[tuple[str, str, str, str, Mapping[str, float]]]] = {
+    "tires": (
+        ("tire force variation", "tire_force", "variation", "1", {}),
+        ("tire force, RMS", "tire_force", "rms", "lbf", {}),
+        ("tire force, 1st percentile", "tire_force", "percentile", "lbf", {"percent": 1.0}),
+    ),
+    "accelerations": tuple(
+        (f"{place} acceleration, RMS", f"{place}_acceleration", "rms", "g", {}) for place in ("hub", "chassis")
+    ),
+    "travel": tuple(
+        (f"suspension travel, {word}", "displacement", word.lower(), "in", {}) for word in ("RMS", "range")
+    ),
+    "energy": (("energy into the shock", "velocity", "work", "J", {}),),
+    "velocities": tuple(
+        (f"time in {label}", "velocity", "share", "1", {"from": low, "to": high})
+        for label, (low, high) in _SPEEDS.items()
+    ),
+}
 
 
-def _accelerations(car: Car) -> Iterator[Measure]:
+def _at_corners(family: str, car: Car) -> Iterator[Measure]:
     for corner in car.corners:
-        for place in ("hub", "chassis"):
-            channel = car.port(corner, f"{place}_acceleration")
-            yield Measure(f"{corner} {place} acceleration, RMS", (channel,), "rms", "g")
-    yield Measure("driver acceleration, RMS", (f"{car.name}.driver.acceleration",), "rms", "g")
-
-
-def _travel(car: Car) -> Iterator[Measure]:
-    for corner, channel in zip(car.corners, car.ports("displacement"), strict=True):
-        yield Measure(f"{corner} suspension travel, RMS", (channel,), "rms", "in")
-        yield Measure(f"{corner} suspension travel, range", (channel,), "range", "in")
-
-
-def _energy(car: Car) -> Iterator[Measure]:
-    for corner, velocity in zip(car.corners, car.ports("velocity"), strict=True):
-        yield Measure(f"{corner} energy into the shock", (f"{corner}.force", velocity), "work", "J")
-
-
-def _velocities(car: Car) -> Iterator[Measure]:
-    """Yield the shares of time in four ranges of shock velocity."""
-    for corner, channel in zip(car.corners, car.ports("velocity"), strict=True):
-        for label, (low, high) in _SPEEDS.items():
-            yield Measure(f"{corner} time in {label}", (channel,), "share", "1", options={"from": low, "to": high})
+        for label, variable, kind, unit, options in _AT_CORNERS[family]:
+            force = (f"{corner}.force",) if kind == "work" else ()
+            yield Measure(f"{corner} {label}", (*force, car.port(corner, variable)), kind, unit, options=options)
+    if family == "tires":
+        yield Measure("total tire force variation", car.ports("tire_force"), "variation", "1")
+    if family == "accelerations":
+        yield Measure("driver acceleration, RMS", (f"{car.name}.driver.acceleration",), "rms", "g")
 
 
 def _tire_modes(car: Car, bands: Mapping[str, tuple[float, float]]) -> Iterator[Measure]:
@@ -521,11 +517,7 @@ def _tire_modes(car: Car, bands: Mapping[str, tuple[float, float]]) -> Iterator[
 FAMILIES: Mapping[str, Callable[[Car], Iterator[Measure]]] = {
     "ride": _ride,
     "numbers": _numbers,
-    "tires": _tires,
-    "accelerations": _accelerations,
-    "travel": _travel,
-    "energy": _energy,
-    "velocities": _velocities,
+    **{family: partial(_at_corners, family) for family in _AT_CORNERS},
     "tire_modes": lambda car: _tire_modes(car, _BANDS),
     "tire_spectra": lambda car: _tire_modes(car, _OCTAVES),
 }

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute
 import pyarrow.parquet
 from pydantic import TypeAdapter
 
@@ -103,10 +104,7 @@ def _write_tables(path: Path, schema: pa.Schema, tables: Iterable[pa.Table]) -> 
         InputError: Two rows have the same setup number, or the setups are not in order.
     """
     last = -1
-    with (
-        atomic_path(path) as temporary,
-        pyarrow.parquet.ParquetWriter(temporary, schema, compression="zstd") as writer,
-    ):
+    with atomic_path(path) as temporary, pyarrow.parquet.ParquetWriter(temporary, schema, compression="zstd") as writer:
         for table in tables:
             numbers = np.concatenate([[last], table["setup"].to_numpy()])
             if np.any(np.diff(numbers) <= 0):
@@ -213,7 +211,6 @@ _PROVENANCE: TypeAdapter[Provenance] = TypeAdapter(Provenance)
 
 
 def _header_of(study: Study, provenance: Provenance, *, partial: bool) -> dict[bytes, str]:
-    """Return the header of a result's file: provenance and definition of the study."""
     header = {
         "schema": "eightpost.study",
         "schema_version": SCHEMA,

@@ -89,7 +89,6 @@ def feasible_probability(posterior: Posterior, limits: Sequence[Limits], done: F
 
 
 def _below(limit: float, level: Array, middle: Array, student: Array, normal: Array, degrees: float) -> Array:
-    """Return the probability that the true level is below a limit (R,)."""
     if np.isinf(limit):
         return np.full(level.shape, float(limit > 0.0))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -200,7 +199,8 @@ def draw_choice(
     for group, (levels, meets) in enumerate(_groups(posterior, criterion, limits, rows, size, seed)):
         values = np.where(meets, levels, np.inf)
         some = np.isfinite(values).any(axis=1)
-        winners = _winners(values[some])
+        lowest = values[some] == values[some].min(axis=1, keepdims=True)
+        winners = (lowest / lowest.sum(axis=1, keepdims=True)).sum(axis=0)  # equal setups share a draw
         best[group % 2] += winners
         among += winners if top == 1 else _among(values, min(top, rows.size))
         apart = levels[:, covered] - middle[covered]
@@ -210,12 +210,6 @@ def draw_choice(
         total += size
     covariance = products / total - np.outer(sums, sums) / total**2
     return Drawn(rows, best, among / total, total, covariance, covered, none / total)
-
-
-def _winners(values: Array) -> Array:
-    """Return in how many draws each setup has the lowest of the values (D, K); equal setups share a draw."""
-    lowest = values == values.min(axis=1, keepdims=True)
-    return np.asarray((lowest / lowest.sum(axis=1, keepdims=True)).sum(axis=0))
 
 
 def _among(values: Array, top: int) -> Integers:

@@ -412,10 +412,7 @@ _PREDICTED, _MEASURED = "#1f77b4", "#d95f02"
 
 
 def _plot_comparisons(
-    comparisons: Sequence[Comparison],
-    path: str | Path,
-    result: StudyResult,
-    selected: Mapping[str, Collection[int]],
+    comparisons: Sequence[Comparison], path: str | Path, result: StudyResult, selected: Mapping[str, Collection[int]]
 ) -> None:
     """Draw for every measure the levels by setup with bars of two standard deviations, and measured over predicted.
 

@@ -208,7 +208,6 @@ class Posterior:
 
     @property
     def _unexplained(self) -> Array:
-        """Measured changes beyond the known shift (N,)."""
         return np.asarray(self.observations.changes - self.sources.shift[self.observations.measures])
 
     @property
@@ -248,7 +247,6 @@ class Posterior:
         )
 
     def _covariance(self, scales: Scales) -> Array:
-        """Return the covariance (N, N) of the measured levels."""
         found = self._at_levels(self._with_levels(scales))
         return 0.5 * (found + found.T) + np.diag(self._deviations**2)
 

@@ -291,7 +291,6 @@ def knowledge_of(
 
 
 def _values_in_study(result: StudyResult, part: Uncertain) -> Mapping[str, float]:
-    """Return the values of a part's parameters in the study."""
     study = result.study
     _check_part(study, part.part)
     made = study.vehicle if part.part == study.vehicle.name else study.bank[part.part]
@@ -325,8 +324,6 @@ def _correlated(effects: Sequence[Effect], part: Uncertain) -> list[Effect]:
 
 
 def _combined(effects: Sequence[Effect], factors: Array, name: str) -> Effect:
-    """Return the weighted sum of effects."""
-
     def summed(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
         names = dict.fromkeys(measure for row in rows for measure in row)
         return {m: float(sum(f * row.get(m, 0.0) for f, row in zip(factors, rows, strict=True))) for m in names}

@@ -407,7 +407,6 @@ def _builds(result: StudyResult, setup: int | None) -> Mapping[str, str]:
 
 
 def _with(builds: Mapping[str, Build], changes: Mapping[str, Parameters]) -> dict[str, Build]:
-    """Return builds by corner with other values of some parameters."""
     return {
         corner: replace(build, parameters={**build.parameters, **changes.get(corner, {})})
         for corner, build in builds.items()
@@ -418,7 +417,8 @@ def _effects(runs: StudyResult) -> tuple[MeasureChange, ...]:
     found = []
     if runs.objective is not None:
         before, after = runs.objective.tolist()
-        found.append(MeasureChange(OBJECTIVE, "", before, after, _objective_noise(runs)))
+        noise = float(sum(abs(runs.factor(term)) * _noise(runs, term.measure) for term in runs.study.objective))
+        found.append(MeasureChange(OBJECTIVE, "", before, after, noise))
     for measure in runs.measures:
         noise = runs.shown_difference(measure.name, _noise(runs, measure.name))
         before, after = runs.shown(measure.name).tolist()
@@ -429,8 +429,3 @@ def _effects(runs: StudyResult) -> tuple[MeasureChange, ...]:
 def _noise(runs: StudyResult, measure: str) -> float:
     """Return the larger coupling error of a measure of both runs [SI]; NaN if it is not known."""
     return float(np.max(np.abs(runs.column(error_column(measure)))))
-
-
-def _objective_noise(runs: StudyResult) -> float:
-    """Return the coupling error of the objective: the weighted sum of its terms' errors."""
-    return float(sum(abs(runs.factor(term)) * _noise(runs, term.measure) for term in runs.study.objective))

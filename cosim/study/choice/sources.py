@@ -142,7 +142,6 @@ class Axes:
 
 
 def _predicted_levels(result: StudyResult) -> Array:
-    """Return the predicted levels of the measures of all setups (R, M), SI."""
     return np.stack([result.values(measure.name) for measure in result.measures], axis=1)
 
 
@@ -554,7 +553,6 @@ class _Runs:
 
 
 def _logarithms(changed: Mapping[str, float], nominal: Mapping[str, float], sign: float) -> dict[str, float]:
-    """Return the logarithm of the ratio of each measure that is positive."""
     return {
         name: sign * float(np.log(value / nominal[name]))
         for name, value in changed.items()
