@@ -62,7 +62,6 @@ def _ports(component: FmuComponent, names: Mapping[str, PortName]) -> dict[str, 
 
 
 def _conversion(component: FmuComponent, port: str, name: str, gain: float) -> Conversion:
-    """Return the conversion from the SI quantity at the port to the FMU's variable."""
     unit, causality = _PORTS[port]
     variable = component.variables.get(name)
     if variable is None or variable.type != "Real" or variable.causality != causality:
@@ -256,7 +255,6 @@ class ForceLoop:
         self.close()
 
     def _finish(self) -> None:
-        """End the run of every FMU and free its states."""
         with suppress(EightpostError):
             free_states(self._tables, self._motion.states)
         self._motion.states.fill(0)
@@ -308,7 +306,6 @@ class ForceLoop:
                     )
 
     def _inputs(self, k: int) -> dict[str, float]:
-        """Return corner k's inputs at its trial point, in the FMU's own units."""
         values = zip(("velocity", "displacement"), self._trial[k], strict=True)
         ports = [(self._ports[k][port], float(value)) for port, value in values if port in self._ports[k]]
         return {port.name: port.conversion(value) for port, value in ports}

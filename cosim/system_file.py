@@ -171,12 +171,7 @@ def read_case(
     except InputError as error:
         raise type(error)(f"{path}: {error}") from error
     return Case(
-        name=content.name or path.stem,
-        system=system,
-        scenario=scenario,
-        algorithm=algorithm,
-        step=step,
-        fmus=files,
+        name=content.name or path.stem, system=system, scenario=scenario, algorithm=algorithm, step=step, fmus=files
     )
 
 
@@ -230,7 +225,6 @@ def _scenario(path: Path, content: _Scenario) -> Scenario:
 
 
 def _algorithm(content: _Scenario) -> Algorithm | Automatic:
-    """Return the algorithm; the default if none is named."""
     name = content.algorithm or "default"
     chosen = SCHEMES[name]
     options: dict[str, Any] = {}

@@ -24,6 +24,10 @@ from eightpost.fmi.functions import ERROR, OK
 DISCRETE = ("Integer", "Boolean", "Enumeration")
 
 
+#: SI base units and the radian, by whose exponents units are compared.
+EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+
+
 @dataclass(frozen=True, slots=True)
 class UnitDefinition:
     """Unit as defined by the component: `SI value = factor * value + offset` in the given base units."""
@@ -166,7 +170,6 @@ def _si_name(exponents: frozenset[tuple[str, int]]) -> str | None:
 
 
 def _defined(definition: UnitDefinition) -> UnitDefinition:
-    """Return the definition; if the component only names a unit, look the name up among the known units."""
     if "?" not in definition.exponents:
         return definition
     try:

@@ -287,7 +287,6 @@ class FMU3Elements(fmi3.FMU3Slave):  # type: ignore[misc]  # fmpy has no types; 
             values[k] = value
 
     def _refuse(self, function: str, text: str) -> None:
-        """Refuse a call in place of the FMU's function."""
         self._log.take(ERROR, text.encode())
         raise FMICallException(f"fmi3{function}", ERROR)
 

@@ -72,7 +72,7 @@ class _TypedBuffer:
 class State:
     """Saved state, with the time and the inputs at which it was saved."""
 
-    pointer: Any
+    place: Any  #: Pointer to the state; its number if another process holds it.
     time: float
     inputs: Mapping[str, float]
 
@@ -160,7 +160,7 @@ class _FmuInstance:
 
     def free_states(self) -> None:
         """Free all states, in use or spare."""
-        pointers = [*(state.pointer for state in self.states), *self.spare]
+        pointers = [*(state.place for state in self.states), *self.spare]
         self.states.clear()
         self.spare.clear()
         for pointer in pointers:
@@ -198,7 +198,6 @@ class _FmuInstance:
         self.shared = None
 
     def _alike(self) -> list[_FmuInstance]:
-        """Return all instances of this FMU, including this one."""
         mine = self.fmu.description.guid
         return [i for i in list(_instances) if i is self or (i.slave is not None and i.fmu.description.guid == mine)]
 
@@ -419,14 +418,14 @@ class FmuComponent(OpenedFmu):
     def restore(self, state: object) -> None:
         """Restore a state that `save` returned; the state remains valid."""
         slave, saved = self._running(), self._saved(state)
-        self._call("restore a state", slave.call, "SetFMUstate", saved.pointer)
+        self._call("restore a state", slave.call, "SetFMUstate", saved.place)
         self._stand(saved.time, saved.inputs)
 
     def free(self, state: object) -> None:
         """Free a state; its memory is used by the next `save`."""
         saved = self._saved(state)
         self._instance.states.remove(saved)
-        self._instance.spare.append(saved.pointer)
+        self._instance.spare.append(saved.place)
 
     def finish(self) -> None:
         """Terminate, and free the instance unless it can be reset for the next `begin`."""

@@ -13,14 +13,13 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from cosim.components import component
-from cosim.components.component import UnitDefinition
+from cosim.components.component import EXPONENTS, UnitDefinition
 from eightpost.errors import FmuError
 from eightpost.fmi import description as fmi
-from eightpost.fmi.description import BUILD, Description, Unit, whole_number
+from eightpost.fmi.description import BUILD, Description, whole_number
 
 _C_NAME = re.compile("[A-Za-z_][A-Za-z0-9_]*")
 
-_EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 #: Largest number of elements of one array: a larger one is a faulty description.
 _MOST = 1_000_000
 
@@ -153,7 +152,9 @@ class Rows:
         """
         written = [variable for variable in description.variables if variable.type not in ("", "Clock")]
         if description.fmi == 2:
-            return cls(tuple(map(_scalar, written)), are_numbered=False)
+            starts = [() if v.start is None else (v.start,) for v in written]
+            rows = tuple(Row(v, (v.name,), _reference(v), (), s) for v, s in zip(written, starts, strict=True))
+            return cls(rows, are_numbered=False)
         sizes: dict[int | None, str | None] = {_reference(variable): variable.start for variable in written}
         rows = tuple(_row(variable, sizes) for variable in written)
         names = Counter(name for row in rows for name in row.names)
@@ -214,6 +215,8 @@ class Rows:
         for name, number in self.by_name.items():
             k, place = self.elements[number]
             written, unit = self.rows[k].written, self.rows[k].written.unit
+            is_enumeration, declared = written.type == "Enumeration", written.attributes.get("declaredType", "")
+            items = description.items.get(declared, {}) if is_enumeration else {}
             elements_by_name[name] = component.Variable(
                 name=name,
                 causality="parameter" if written.causality == "structuralParameter" else written.causality,
@@ -224,7 +227,7 @@ class Rows:
                 minimum=_limit(name, "min", written),
                 maximum=_limit(name, "max", written),
                 direct=direct.get(k, frozenset()),
-                items=_items_of(description, written),
+                items={item: int(value) for item, value in items.items()},
             )
         return elements_by_name
 
@@ -249,11 +252,6 @@ def _known(dependencies: Sequence[str], inputs: Mapping[int, Row]) -> list[Row]:
     return [inputs[number] for number in numbers if number in inputs]
 
 
-def _scalar(variable: fmi.Variable) -> Row:
-    start = () if variable.start is None else (variable.start,)
-    return Row(variable, (variable.name,), _reference(variable), (), start)
-
-
 def _row(variable: fmi.Variable, sizes: Mapping[int | None, str | None]) -> Row:
     name = variable.name
     if not name:
@@ -271,14 +269,6 @@ def _length(dimension: Mapping[str, str], sizes: Mapping[int | None, str | None]
     if text is None or whole_number(text.strip()) is None:
         raise ValueError(f"{name}: a dimension has neither a start value nor a structural parameter with one")
     return int(text)
-
-
-def _items_of(description: Description, variable: fmi.Variable) -> dict[str, int]:
-    """Return the numbers of the items of an enumeration, by name."""
-    if variable.type != "Enumeration":
-        return {}
-    items = description.items.get(variable.attributes.get("declaredType", ""), {})
-    return {name: int(value) for name, value in items.items()}
 
 
 def _start(variable: fmi.Variable, size: int) -> tuple[str, ...]:
@@ -311,7 +301,6 @@ def _is_number(text: str, kind: str) -> bool:
 
 
 def _reference(variable: fmi.Variable) -> int:
-    """Return the value reference."""
     number = whole_number(variable.reference.strip())
     if number is None or not number < 1 << 32:
         name = variable.name or variable.native
@@ -333,13 +322,10 @@ def units_of(description: Description) -> dict[str, UnitDefinition]:
     Raises:
         ValueError: An exponent, a factor or an offset is not a number.
     """
-    return {unit.name: _unit(unit) for unit in description.units}
-
-
-def _unit(unit: Unit) -> UnitDefinition:
-    if unit.base is None:
-        return UnitDefinition(unit.name, {"?": 1})
-    exponents = {name: power for name in _EXPONENTS if (power := int(unit.base.get(name, "0")))}
-    return UnitDefinition(
-        unit.name, exponents, float(unit.base.get("factor", "1")), float(unit.base.get("offset", "0"))
-    )
+    units = {}
+    for unit in description.units:
+        base = {"?": "1"} if unit.base is None else unit.base
+        powers = {name: power for name in (*EXPONENTS, "?") if (power := int(base.get(name, "0")))}
+        factor, offset = float(base.get("factor", "1")), float(base.get("offset", "0"))
+        units[unit.name] = UnitDefinition(unit.name, powers, factor, offset)
+    return units

@@ -111,7 +111,6 @@ class FmuFile:
         return (*given, *(f"-I{name}" for name in self._inside(*self.description.sources.folders)))
 
     def _inside(self, *names: str) -> tuple[str, ...]:
-        """Return paths relative to sources/."""
         root = self.folder.resolve()
         for name in names:
             if not (root / "sources" / name).resolve().is_relative_to(root):
@@ -189,11 +188,9 @@ class FmuFile:
 
     @property
     def _platform(self) -> str:
-        """Name of this platform's folder in binaries/."""
         return str(fmpy.platform_tuple if self.version == 3 else fmpy.platform)
 
     def _platforms(self) -> list[str]:
-        """Return the names of all folders in binaries/, also of those that are not unpacked."""
         with open_archive(self.path) as archive:
             places = [PurePosixPath(entry.filename).parts for entry in archive.infolist()]
         return sorted({place[1] for place in places if place[0] == "binaries" and len(place) > 1})
@@ -299,7 +296,9 @@ def _compile_sources(
     if not files:
         return  # the caller reports that there is neither a binary nor a source
     command = [*find_compiler(), *_options(files, version), *options]
-    key = f"{_key(path, command)}{fmpy.sharedLibraryExtension}"
+    compiler = subprocess.run([*command[:1], "--version"], capture_output=True, check=False).stdout
+    parts = (sha256_of(path).encode(), fmpy.platform.encode(), compiler, "\0".join(command).encode())
+    key = hashlib.sha256(b"\0".join(parts)).hexdigest() + fmpy.sharedLibraryExtension
     if (library := recall(_KEPT_IN, key)) is None:
         library = _compile(path, sources, [*command, *files])
         keep(_KEPT_IN, key, library)
@@ -309,26 +308,13 @@ def _compile_sources(
 
 
 def _options(files: Sequence[str], version: int) -> list[str]:
-    headers = Path(fmpy.__file__).with_name("c-code")
     position = [] if os.name == "nt" else ["-fPIC"]
     # The FMU's own headers come first, because it may contain modified ones.
+    headers = ["-I.", "-I", str(Path(fmpy.__file__).with_name("c-code"))]
     # The definition keeps the functions' plain names (FMI 2.0.2 and later).
     plain = f"-DFMI{version}_OVERRIDE_FUNCTION_PREFIX"
-    return [
-        *_FLAGS,
-        plain,
-        *position,
-        "-I.",
-        "-I",
-        str(headers),
-        *(["-lstdc++"] if _CPP & {Path(name).suffix for name in files} else []),
-    ]
-
-
-def _key(path: Path, command: Sequence[str]) -> str:
-    version = subprocess.run([*command[:1], "--version"], capture_output=True, check=False).stdout
-    parts = (sha256_of(path).encode(), fmpy.platform.encode(), version, "\0".join(command).encode())
-    return hashlib.sha256(b"\0".join(parts)).hexdigest()
+    libraries = ["-lstdc++"] if _CPP & {Path(name).suffix for name in files} else []
+    return [*_FLAGS, plain, *position, *headers, *libraries]
 
 
 def _compile(path: Path, sources: Path, command: Sequence[str]) -> bytes:

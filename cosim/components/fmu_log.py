@@ -168,14 +168,12 @@ def returned(status: int, function: str = "it", version: int = 2) -> str:
 
 
 def _input_text(inputs: Mapping[str, float], variables: Mapping[str, Variable]) -> str:
-    shown = [f"{name} = {value:g}{_unit(variables.get(name))}" for name, value in inputs.items()]
+    shown = []
+    for name, value in inputs.items():
+        unit = variables[name].unit if name in variables else None
+        shown.append(f"{name} = {value:g}" + ("" if unit is None or unit.name in ("", "1") else f" {unit.name}"))
     more = f" and {len(shown) - _INPUTS_SHOWN} more" if len(shown) > _INPUTS_SHOWN else ""
     return f"Its inputs: {', '.join(shown[:_INPUTS_SHOWN])}{more}."
-
-
-def _unit(variable: Variable | None) -> str:
-    unit = variable.unit if variable is not None else None
-    return "" if unit is None or unit.name in ("", "1") else f" {unit.name}"
 
 
 # ---- Common part of components that are FMUs, in this process or another --------------------------------------------
@@ -226,7 +224,7 @@ class OpenedFmu:
         self._time, self._inputs = time, dict(inputs)
 
     def _check_state(self) -> None:
-        """Raise an error if the component cannot save its state."""
+
         if not self.capabilities.state:
             raise StepError(
                 f"component {self._name!r} ({self.source}) cannot save its state (canGetAndSetFMUstate is false in "
@@ -234,18 +232,18 @@ class OpenedFmu:
             )
 
     def _unknown_state(self) -> StepError:
-        """Return the error for a state that the component does not know."""
+
         return StepError(
             f"component {self._name!r} ({self.source}) does not know this state: it belongs to another component, to a "
             "run that has ended, or has been freed; save a state in this run"
         )
 
     def _not_begun(self) -> StepError:
-        """Return the error for a call before the component has begun."""
+
         return StepError(f"component {self._name!r} ({self.source}) is not running; call begin() first")
 
     def _failure(self, failed: str, why: str, to_do: str = "") -> StepError:
-        """Return the error for a failed call."""
+
         when = "" if " from " in failed else f" at {self._time:g} s"
         parts = [
             f"component {self._name!r} ({self.source}) {failed}{when}: {why}",

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.components.component import Callbacks, FunctionTable
-from cosim.components.fmu_component import FmuComponent
+from cosim.components.fmu_component import FmuComponent, State
 from cosim.components.fmu_file import FmuFile
 from cosim.components.fmu_log import ComponentLog, OpenedFmu
 from eightpost.errors import EightpostError, FmuError, InputError, StepError, TerminatedError
@@ -93,7 +93,7 @@ class IsolatedComponent(OpenedFmu):
         fmu = FmuFile.unpack(path, Path(self._folder, "fmu"), compile_missing=compile_missing)
         super().__init__(fmu, name, self._log.messages)
         self._numbers = itertools.count()
-        self._states: set[_State] = set()
+        self._states = set[State]()
         self._pending: list[_Call] = []
         self._asked: dict[tuple[str, ...], None] = {}
         self._known: dict[tuple[str, ...], list[float]] = {}
@@ -162,27 +162,27 @@ class IsolatedComponent(OpenedFmu):
         """Save the state as FmuComponent does; the child process identifies it by a number."""
         self._check_state()
         self._check_running()
-        state = _State(next(self._numbers), self._time, dict(self._inputs))
-        self._pending.append(("save", state.number))
+        state = State(next(self._numbers), self._time, dict(self._inputs))
+        self._pending.append(("save", state.place))
         self._states.add(state)
         return state
 
     def restore(self, state: object) -> None:
         """Restore a state that `save` returned, with the next step or reading."""
         saved = self._checked(state)
-        self._later(("restore", saved.number))
+        self._later(("restore", saved.place))
         self._stand(saved.time, saved.inputs)
 
     def free(self, state: object) -> None:
         """Free a state."""
         saved = self._checked(state)
         self._states.discard(saved)
-        self._pending.append(("free", saved.number))
+        self._pending.append(("free", saved.place))
 
     def finish(self) -> None:
         """Terminate; the process of an FMU built by eightpost is kept for the next `begin`, any other is ended."""
         running, self._running = self._running, False
-        self._forget()
+        self._pending, self._known = [], {}
         self._states.clear()
         if running and self._process.alive:
             with contextlib.suppress(StepError):  # the error that ended the run has been reported already
@@ -212,7 +212,8 @@ class IsolatedComponent(OpenedFmu):
         try:
             return self._process.call(calls, self._time_limit)
         except EndedError as ended:
-            what = _description(calls[min(self._process.calls_begun(), len(calls) - 1)])
+            name, *arguments = calls[min(self._process.calls_begun(), len(calls) - 1)]
+            what = _CALLS[name] if name != "step" else "step from {:g} s by {:g} s".format(*arguments)
             printed = self._pass_on_prints()
             why = f"it printed {printed[-1]!r}." if printed else "it printed nothing."
             raise self._failure(f"{ended.how} in: {what}", why, _HUNG if ended.hung else _CRASHED) from None
@@ -223,16 +224,13 @@ class IsolatedComponent(OpenedFmu):
             self._log.write(logging.DEBUG, f"printed: {line}")
         return printed
 
-    def _forget(self) -> None:
-        self._pending, self._known = [], {}
-
     def _check_running(self) -> None:
         if not (self._running and self._process.alive):
             raise self._not_begun()
 
-    def _checked(self, state: object) -> _State:
+    def _checked(self, state: object) -> State:
         self._check_running()
-        if not isinstance(state, _State) or state not in self._states:
+        if not isinstance(state, State) or state not in self._states:
             raise self._unknown_state()
         return state
 
@@ -280,25 +278,12 @@ class _Process(Child):
         return [line.rstrip() for line in text.decode("utf-8", "replace").splitlines() if line.strip()]
 
 
-class _State:
-    """State that the child process holds, with the time and the inputs at which it was saved."""
-
-    def __init__(self, number: int, time: float, inputs: Mapping[str, float]) -> None:
-        self.number, self.time, self.inputs = number, time, inputs
-
-
 def _release(processes: Sequence[_Process], folder: str, owner: int) -> None:
     """End the process and remove the folder, except in a process that was forked off the owner."""
     for process in processes:
         process.close()
     if os.getpid() == owner:
         shutil.rmtree(folder, ignore_errors=True)
-
-
-def _description(call: _Call) -> str:
-    if call[0] == "step":
-        return f"step from {call[1]:g} s by {call[2]:g} s"
-    return _CALLS[call[0]]
 
 
 # ==== Child process of an isolated component: an FMU and the calls that the parent sends =============================
@@ -355,18 +340,16 @@ class _Service:
     def _call(self, what: str, arguments: Sequence[Any]) -> Any:
         if what == "save":
             self._states[arguments[0]] = self._component.save()
-        elif what == "restore":
-            self._component.restore(self._states[arguments[0]])
-        elif what == "free":
-            self._component.free(self._states.pop(arguments[0]))
-        else:
-            if what == "begin":
-                self._states.clear()
-            result = getattr(self._component, what)(*arguments)
-            if what == "finish":
-                _flush()
-            return result
-        return None
+            return None
+        if what in ("restore", "free"):
+            number = arguments[0]
+            arguments = [self._states[number] if what == "restore" else self._states.pop(number)]
+        if what == "begin":
+            self._states.clear()
+        result = getattr(self._component, what)(*arguments)
+        if what == "finish":
+            _flush()
+        return result
 
 
 class _Forward(logging.Handler):

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from xml.etree import ElementTree
 
 from cosim.components.component import named_unit
+from cosim.session.setup import connected
 from cosim.systems.coupling import Scenario, targets_of
-from cosim.systems.system import Bond, Connection, System
+from cosim.systems.system import Connection, System
 from eightpost.errors import UnknownUnitError
 
 # ---- Connections of a system for a drawing --------------------------------------------------------------------------
@@ -45,19 +46,23 @@ class Arrow:
 
 def arrows(system: System, scenario: Scenario) -> tuple[Arrow, ...]:
     """Return all connections: those of bonds, the others, the drive's channels, the constants."""
-    bonds = [_of_connection(system, c, kind, bond.name) for bond in system.bonds for kind, c in _ways(bond)]
-    others = [_of_connection(system, c, "connection", "") for c in system.connections]
-    return (*bonds, *others, *_driven(system, scenario), *_constants(system))
+    found = list[Arrow]()
+    for bond in system.bonds:
+        ways = {"velocity": bond.velocity, "displacement": bond.displacement, "force": bond.force}
+        found += [_of_connection(system, c, kind, bond.name) for kind, c in ways.items() if c is not None]
+    found += [_of_connection(system, c, "connection", "") for c in system.connections]
+    outside = [(DRIVE, *one) for one in _driven(system, scenario)]
+    for name, value in system.constants.items():
+        unit = system.input(name).unit
+        outside.append((CONSTANT, name, f"{value:g}", unit.name if unit else ""))
+    found += [Arrow(End("", text), _end(name), unit, 1.0, kind, "", name in system.sums)
+              for kind, name, text, unit in outside]  # fmt: skip
+    return tuple(found)
 
 
 def middle(names: Iterable[str], joined: Iterable[Arrow]) -> str:
     """Return the component that is connected with the most others; the first one in case of a tie."""
-    others: dict[str, Counter[str]] = {name: Counter() for name in names}
-    for arrow in joined:
-        ends = (arrow.source.component, arrow.target.component)
-        if all(ends) and ends[0] != ends[1]:
-            others[ends[0]][ends[1]] += 1
-            others[ends[1]][ends[0]] += 1
+    others = {name: set(near) - {name} for name, near in _neighbours_of(names, joined).items()}
     return max(others, key=lambda name: len(others[name]), default="")
 
 
@@ -87,25 +92,11 @@ def order(names: Iterable[str], joined: Iterable[Arrow], center: str) -> tuple[s
     return tuple(placed)[1:]
 
 
-def _ways(bond: Bond) -> Iterator[tuple[str, Connection]]:
-    yield "velocity", bond.velocity
-    if bond.displacement is not None:
-        yield "displacement", bond.displacement
-    yield "force", bond.force
-
-
 def _of_connection(system: System, connection: Connection, kind: str, bond: str) -> Arrow:
     source, target = system.output(connection.source).unit, system.input(connection.target).unit
-    names = [unit.name for unit in (source, target) if unit is not None]
-    return Arrow(
-        _end(connection.source),
-        _end(connection.target),
-        " → ".join(dict.fromkeys(names)),
-        connection.gain,
-        kind,
-        bond,
-        connection.target in system.sums,
-    )
+    unit = " → ".join(dict.fromkeys(unit.name for unit in (source, target) if unit is not None))
+    is_summed = connection.target in system.sums
+    return Arrow(_end(connection.source), _end(connection.target), unit, connection.gain, kind, bond, is_summed)
 
 
 def _end(name: str) -> End:
@@ -113,34 +104,15 @@ def _end(name: str) -> End:
     return End(component, variable)
 
 
-def _driven(system: System, scenario: Scenario) -> Iterator[Arrow]:
+def _driven(system: System, scenario: Scenario) -> Iterator[tuple[str, str, str]]:
+    """Yield driven inputs with the channel of the drive, and its unit or both units if the input has another one."""
     if scenario.drive is None:
         return
     for target, index in targets_of(system, scenario).items():
-        unit = _from_to(scenario.drive.units[index], system, target)
-        yield Arrow(End("", scenario.drive.names[index]), _end(target), unit, 1.0, DRIVE, "", target in system.sums)
-
-
-def _from_to(unit: str, system: System, target: str) -> str:
-    target_unit = system.input(target).unit
-    if target_unit is None or target_unit.name == unit or _same(unit, target_unit.name):
-        return unit
-    return f"{unit} → {target_unit.name}"
-
-
-def _same(unit: str, other: str) -> bool:
-    try:
-        return named_unit(unit) == named_unit(other)
-    except UnknownUnitError:
-        return False
-
-
-def _constants(system: System) -> Iterator[Arrow]:
-    for name, value in system.constants.items():
-        unit = system.input(name).unit
-        yield Arrow(
-            End("", f"{value:g}"), _end(name), unit.name if unit else "", 1.0, CONSTANT, "", name in system.sums
-        )
+        unit, own = scenario.drive.units[index], system.input(target).unit
+        with suppress(UnknownUnitError):
+            own = None if own is not None and named_unit(unit) == named_unit(own.name) else own
+        yield target, scenario.drive.names[index], unit if own is None else f"{unit} → {own.name}"
 
 
 # ---- Unconnected parts of a system; parts that are alike share one drawing ------------------------------------------
@@ -161,32 +133,13 @@ class Group:
 def groups(names: Sequence[str], joined: Sequence[Arrow], sources: Mapping[str, str]) -> tuple[Group, ...]:
     """Sort components and their connections into groups, and merge groups that are alike."""
     distinct: dict[_Likeness, Group] = {}
-    for group in _connected(names, joined):
+    for components in connected(names, _neighbours_of(names, joined)):
+        group = Group(tuple(components), tuple(a for a in joined if a.target.component in components))
         likeness = _likeness(group, sources)
         first = distinct.setdefault(likeness, group)
         if first is not group:
             distinct[likeness] = replace(first, alike=(*first.alike, group.components))
     return tuple(distinct.values())
-
-
-def _connected(names: Sequence[str], joined: Sequence[Arrow]) -> Iterator[Group]:
-    neighbours = _neighbours_of(names, joined)
-    home: dict[str, int] = {}
-    for number, name in enumerate(names):
-        waiting = [name]
-        while waiting:
-            component = waiting.pop()
-            if component not in home:
-                home[component] = number
-                waiting += neighbours[component]
-    members: dict[int, list[str]] = {}
-    for name in names:
-        members.setdefault(home[name], []).append(name)
-    arrows: dict[int, list[Arrow]] = {}
-    for arrow in joined:
-        arrows.setdefault(home[arrow.target.component], []).append(arrow)
-    for number, components in members.items():
-        yield Group(tuple(components), tuple(arrows.get(number, ())))
 
 
 def _likeness(group: Group, sources: Mapping[str, str]) -> _Likeness:
@@ -363,7 +316,11 @@ class _Sheet:
         """Return the drawing; `hidden` is the number of components that it omits."""
         for name, box in self._right.items():
             self._bonds(name, box)
-        self._boxes()
+        boxes = [(box, "outside") for box, _ in self._left.values()] + [(self._center, "center")]
+        for box, style in (*boxes, *((box, "component") for box in self._right.values())):
+            self._drawing.rectangle(box.x, box.y, box.width, box.height, style=f"box {style}")
+            self._drawing.text(box.x + 12.0, box.y + 15.0, box.name, style="title")
+            self._drawing.text(box.x + 12.0, box.y + 31.0, self._sources.get(box.name, ""), style="below")
         for name, (box, feeding) in self._left.items():
             for k, arrow in enumerate(feeding):
                 self._flow(arrow, (box, self._center), box.lane(k), note=name)
@@ -372,30 +329,24 @@ class _Sheet:
                 self._flow(arrow, (self._center, box), box.lane(k))
             self._stubs(name, box)
         for k, arrow in enumerate(self._arcs):
-            self._arc(arrow, _ARC + _ARC_STEP * (k % 8))
+            start, end = self._outer_end(arrow, "out"), self._outer_end(arrow, "in")
+            bulge = _ARC + _ARC_STEP * (k % 8)
+            self._drawing.arc(start, end, bulge, style=arrow.kind)
+            self._sign(arrow, end, 1.0)
+            self._drawing.text(start[0] + 0.75 * bulge + 4.0, 0.5 * (start[1] + end[1]), arrow.unit, style="unit")
         if hidden:
             bottom = max(box.y + box.height for box in (self._center, *self._right.values()))
             content = f"and {hidden} more"
             self._drawing.text(next(iter(self._right.values())).x, bottom + 18.0, content, style="title")
         return self._drawing.finished("Components and connections of the system", _EDGE)
 
-    def _boxes(self) -> None:
-        for box, _ in self._left.values():
-            self._box(box, "outside")
-        self._box(self._center, "center")
-        for box in self._right.values():
-            self._box(box, "component")
-
     def _center_box(self, center: str) -> _Box:
         x = max((box.right for box, _ in self._left.values()), default=_EDGE - self._gap) + self._gap
         bottom = max((box.y + box.height for box, _ in self._left.values()), default=0.0)
         height = sum(self._height(name) + _SPACE for name in self._others) - _SPACE
-        lefts = [a.target.text for a in self._feeding]
-        rights = [_at(a, center) for lanes in self._inner.values() for a in lanes]
-        wide = max(
-            _widest(lefts) + _widest(rights) + 40.0, _TITLE * _widest([center, self._sources.get(center, "")]) + 32.0
-        )
-        return _Box(center, x, _EDGE, max(wide, 130.0), max(height, bottom - _EDGE, _HEADING + _EDGE))
+        rights = (_at(a, center) for lanes in self._inner.values() for a in lanes)
+        wide = self._wide(center, (a.target.text for a in self._feeding), rights)
+        return _Box(center, x, _EDGE, wide, max(height, bottom - _EDGE, _HEADING + _EDGE))
 
     def _height(self, name: str) -> float:
         lanes = max([k for k, _ in _numbered(self._inner[name])], default=-1) + 1
@@ -403,22 +354,16 @@ class _Sheet:
 
     def _right_boxes(self) -> Iterable[tuple[str, _Box]]:
         x, y = self._center.right + self._gap, _EDGE
-        wide = max((self._wide(name) for name in self._others), default=0.0)
+        ports = {name: (_at(a, name) for a in self._inner[name]) for name in self._others}
+        widths = (self._wide(n, at, (text for _, text, _ in self._outer[n])) for n, at in ports.items())
+        wide = max(widths, default=0.0)
         for name in self._others:
             yield name, _Box(name, x, y, wide, self._height(name))
             y += self._height(name) + _SPACE
 
-    def _wide(self, name: str) -> float:
-        lefts = [_at(a, name) for a in self._inner[name]]
-        rights = [text for _, text, _ in self._outer[name]]
-        return max(
-            _widest(lefts) + _widest(rights) + 40.0, _TITLE * _widest([name, self._sources.get(name, "")]) + 32.0, 130.0
-        )
-
-    def _box(self, box: _Box, style: str) -> None:
-        self._drawing.rectangle(box.x, box.y, box.width, box.height, style=f"box {style}")
-        self._drawing.text(box.x + 12.0, box.y + 15.0, box.name, style="title")
-        self._drawing.text(box.x + 12.0, box.y + 31.0, self._sources.get(box.name, ""), style="below")
+    def _wide(self, name: str, lefts: Iterable[str], rights: Iterable[str]) -> float:
+        heading = _TITLE * _widest([name, self._sources.get(name, "")]) + 32.0
+        return max(_widest(lefts) + _widest(rights) + 40.0, heading, 130.0)
 
     def _bonds(self, name: str, box: _Box) -> None:
         """Shade each bond, and write its name above."""
@@ -431,7 +376,6 @@ class _Sheet:
             self._drawing.text(box.x - 0.5 * self._gap, top - 14.0, bond, style="bondname", anchor="middle")
 
     def _flow(self, arrow: Arrow, boxes: tuple[_Box, _Box], y: float, *, note: str = "") -> None:
-        """Draw an arrow between a box and the one to its right."""
         left, right = boxes
         forward = bool(note) or arrow.source.component == left.name
         ends = (left.right, right.x) if forward else (right.x, left.right)
@@ -443,8 +387,13 @@ class _Sheet:
         self._sign(arrow, (ends[1], y), -1.0 if forward else 1.0)
 
     def _sign(self, arrow: Arrow, tip: tuple[float, float], side: float) -> None:
-        """Write an arrow's sign next to its tip: to the right for side 1, to the left for -1."""
-        self._drawing.badge(tip, side, _sign(arrow), style="minus" if arrow.gain < 0.0 else "plus")
+        """Write an arrow's sign next to its tip: to the right for side 1, to the left for -1.
+
+        A factor follows if it is not one; a sum sign precedes if the target adds up several sources.
+        """
+        factor = "" if abs(arrow.gain) == 1.0 else f"{abs(arrow.gain):.4g}"
+        sign = f"{'Σ ' if arrow.summed else ''}{'+' if arrow.gain > 0.0 else '−'}{factor}"
+        self._drawing.badge(tip, side, sign, style="minus" if arrow.gain < 0.0 else "plus")
 
     def _stubs(self, name: str, box: _Box) -> None:
         """Draw the external inputs of a component on the right, and the port names at which arcs end."""
@@ -456,12 +405,6 @@ class _Sheet:
                 self._sign(arrow, (box.right, y), 1.0)
                 content = f"{arrow.kind} {arrow.source.text} {arrow.unit}"
                 self._drawing.text(box.right + 66.0, y, content, style="port")
-
-    def _arc(self, arrow: Arrow, bulge: float) -> None:
-        start, end = self._outer_end(arrow, "out"), self._outer_end(arrow, "in")
-        self._drawing.arc(start, end, bulge, style=arrow.kind)
-        self._sign(arrow, end, 1.0)
-        self._drawing.text(start[0] + 0.75 * bulge + 4.0, 0.5 * (start[1] + end[1]), arrow.unit, style="unit")
 
     def _outer_end(self, arrow: Arrow, way: str) -> tuple[float, float]:
         component = arrow.source.component if way == "out" else arrow.target.component
@@ -510,13 +453,6 @@ def _numbered(lanes: Sequence[Arrow]) -> list[tuple[int, Arrow]]:
 
 def _at(arrow: Arrow, component: str) -> str:
     return arrow.source.text if arrow.source.component == component else arrow.target.text
-
-
-def _sign(arrow: Arrow) -> str:
-    """Return the sign of an arrow, its factor if it is not one, and a sum sign if its target adds up sources."""
-    sign = "+" if arrow.gain > 0.0 else "−"
-    factor = "" if abs(arrow.gain) == 1.0 else f"{abs(arrow.gain):.4g}"
-    return f"{'Σ ' if arrow.summed else ''}{sign}{factor}"
 
 
 def _widest(texts: Iterable[str]) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -156,10 +156,12 @@ def panels(series: TimeSeries) -> tuple[Panel, ...]:
     members: dict[tuple[str, str], list[int]] = {}
     for row, (name, unit) in enumerate(zip(series.names, series.units, strict=True)):
         members.setdefault((name.rpartition(".")[2], unit), []).append(row)
-    return tuple(
-        Panel(quantity, Display.us(unit), _lines(series, rows), opened=k < _OPEN)
-        for k, ((quantity, unit), rows) in enumerate(members.items())
-    )
+    found = []
+    for k, ((quantity, unit), rows) in enumerate(members.items()):
+        styles = [(COLORS[n % len(COLORS)], DASHES[n // len(COLORS) % len(DASHES)]) for n in range(len(rows))]
+        lines = (Line(row, series.names[row], *styles[n], drawn=n < _DRAWN) for n, row in enumerate(rows))
+        found.append(Panel(quantity, Display.us(unit), tuple(lines), opened=k < _OPEN))
+    return tuple(found)
 
 
 def statistics(series: TimeSeries, stated: Mapping[str, float]) -> tuple[Statistics, ...]:
@@ -175,40 +177,18 @@ def statistics(series: TimeSeries, stated: Mapping[str, float]) -> tuple[Statist
     )
 
 
-def _lines(series: TimeSeries, rows: Sequence[int]) -> tuple[Line, ...]:
-    return tuple(
-        Line(row, series.names[row], COLORS[k % len(COLORS)], DASHES[k // len(COLORS) % len(DASHES)], drawn=k < _DRAWN)
-        for k, row in enumerate(rows)
-    )
-
-
 # ---- Information about a run other than its verdict -----------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Worst:
-    """Largest stated error of several channels, in percent of that channel's scale."""
-
-    channel: str
-    percent: float
-
-
-def worst(stated: Mapping[str, float], among: Iterable[str] | None = None) -> Worst | None:
-    """Return the largest known error among some channels; None if no error is known."""
-    chosen = stated if among is None else stated.keys() & set(among)
-    finite = {name: stated[name] for name in chosen if isfinite(stated[name])}
-    return max(
-        (Worst(name, value) for name, value in finite.items()), key=lambda w: (w.percent, w.channel), default=None
-    )
-
-
 def tiles(result: Result) -> Iterator[Tile]:
-    """Yield the figures of the page's head."""
-    ports, any_channel = worst(result.stated_error, result.decisive), worst(result.stated_error)
-    if ports and ports != any_channel:
-        yield Tile("Coupling error (bonds, tires)", percent(ports.percent), ports.channel)
-    if any_channel:
-        yield Tile("Coupling error (all channels)", percent(any_channel.percent), any_channel.channel)
+    """Yield the figures of the page's head; of the stated errors, the largest that is known."""
+    errors = [(error, name) for name, error in result.stated_error.items() if isfinite(error)]
+    largest = max(errors, default=None)
+    at_ports = max(((error, name) for error, name in errors if name in result.decisive), default=None)
+    if at_ports and at_ports != largest:
+        yield Tile("Coupling error (bonds, tires)", percent(at_ports[0]), at_ports[1])
+    if largest:
+        yield Tile("Coupling error (all channels)", percent(largest[0]), largest[1])
     else:
         yield Tile("Coupling error", "not stated", "one run at one step")
     if result.energy:
@@ -264,13 +244,9 @@ def _step(result: Result) -> str:
 # ---- Report page out/report.html ------------------------------------------------------------------------------------
 
 _PLACES = (
-    ("notes", "Notes"),
-    ("system", "System"),
-    ("signals", "Signals"),
-    ("bonds", "Bonds"),
-    ("channels", "Channels"),
+    ("notes", "Notes"), ("system", "System"), ("signals", "Signals"), ("bonds", "Bonds"), ("channels", "Channels"),
     ("run", "What was run"),
-)
+)  # fmt: skip
 
 #: Maximum number of drawings on a page; further unconnected parts of a system are listed in the tables only.
 _DRAWINGS = 12
@@ -338,7 +314,6 @@ def page(
 
 
 def _packed(result: Result, shown: Traces, densities: Spectra | None) -> tuple[dict[str, Any], str]:
-    """Return the positions of the numbers for the page's script, and the numbers."""
     store, series = Store(), result.series
     channels = [
         {

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.components.component import Component, FunctionTable, free_states, to_si
+from cosim.components.component import FunctionTable, free_states, to_si
 from cosim.components.fmu_log import OpenedFmu
 from cosim.engine.march import Tape
 from cosim.engine.plan import ITERATIONS, LOOSE, REJECTED, STEPS, STOPPED, STUCK, Memory, Plan
@@ -18,7 +18,6 @@ from cosim.session.planning import recorded_series
 from cosim.session.result import Result, judged_by
 from cosim.session.setup import RunSetup
 from cosim.session.verdict import BondEnergy, Coupled, models_of
-from cosim.systems.algorithm import Algorithm
 from cosim.systems.system import System
 from eightpost.errors import StepError
 from eightpost.signals import TimeSeries
@@ -73,12 +72,8 @@ _RUNS = 16
 _SPREAD = 0x9E3779B97F4A7C15
 
 
-class _Run(NamedTuple):
-    """Hashes of the bits of a run."""
-
-    times: NDArray[np.uint64]  #: Hash per row (R,).
-    components: Mapping[str, NDArray[np.uint64]]  #: Hash of the recorded variables of each component, per row (R,).
-
+#: Hashes of the bits of a run: times (R,), and the recorded variables of each component (R,).
+_Run = tuple[NDArray[np.uint64], dict[str, NDArray[np.uint64]]]
 
 _first_runs: dict[int, dict[object, _Run]] = {}
 
@@ -105,28 +100,23 @@ def check_repeat(setup: RunSetup, series: TimeSeries) -> None:
         _compare(setup, series, first, run)
 
 
-def _is_foreign(component: Component) -> bool:
-    """Return whether a component must be checked: FMUs of eightpost and Python components need no check."""
-    return isinstance(component, OpenedFmu) and not component.is_ours
-
-
 def _hashed(series: TimeSeries) -> _Run:
     components: dict[str, NDArray[np.uint64]] = {}
     for k, name in enumerate(series.names):
         part = name.partition(".")[0]
         bits = series.values[k].view(np.uint64) * np.uint64(_SPREAD * (2 * k + 1) % 2**64)
         components[part] = components[part] + bits if part in components else bits
-    return _Run(series.time.view(np.uint64).copy(), components)
+    return series.time.view(np.uint64).copy(), components
 
 
 def _compare(setup: RunSetup, series: TimeSeries, first: _Run, run: _Run) -> None:
-    count = min(first.times.size, run.times.size)
-    pairs = {name: (first.components[name][:count], run.components[name][:count]) for name in run.components}
-    differs = {name: np.flatnonzero(a != b) for name, (a, b) in pairs.items()}
+    count = min(first[0].size, run[0].size)
+    differs = {name: np.flatnonzero(first[1][name][:count] != bits[:count]) for name, bits in run[1].items()}
     row = min((int(rows[0]) for rows in differs.values() if rows.size), default=count)
-    if row == count and first.times.size == run.times.size:
+    if row == count and first[0].size == run[0].size:
         return
-    foreign = {name: c.source for name, c in setup.system.components.items() if _is_foreign(c)}
+    components = setup.system.components.items()  # Python components are not checked
+    foreign = {name: c.source for name, c in components if isinstance(c, OpenedFmu) and not c.is_ours}
     changed = [name for name in foreign if name in differs and row in differs[name][:1]]
     files = ", ".join(f"{name!r} ({foreign[name]})" for name in changed or foreign)
     time = float(series.time[min(row, series.time.size - 1)])
@@ -169,25 +159,10 @@ def _gas_notes(system: System) -> Iterator[str]:
         )
 
 
-def _held_notes(system: System, algorithm: Algorithm) -> Iterator[str]:
-    """Note the components that hold their inputs although the algorithm ramps coupling values."""
-    held = sorted(name for name, c in system.components.items() if not c.capabilities.interpolates_inputs)
-    if held and getattr(algorithm, "values", "") != "held":
-        yield f"{', '.join(held)} cannot interpolate inputs (canInterpolateInputs): they are held over each step"
-
-
 # ---- Result of a run ------------------------------------------------------------------------------------------------
 
 #: Directions of a bond.
 _WAYS = ("velocity", "force")
-
-
-class _End(NamedTuple):
-    """Values for one direction of a bond: root mean square of its local error, standard deviation, SI unit of both."""
-
-    error: float
-    spread: float
-    unit: str
 
 
 @dataclass(frozen=True)
@@ -258,29 +233,23 @@ class Outcome:
         )
 
     def _coupled(self) -> dict[str, Coupled]:
-        """Return the local errors of each bond over the whole run, in SI."""
         bonds = self.setup.system.bonds
         ends = {(bond.name, way): self._end(k, way) for k, bond in enumerate(bonds) for way in _WAYS}
-        scale = judged_by({key: end.spread for key, end in ends.items()}, {key: end.unit for key, end in ends.items()})
-        return {
-            bond.name: Coupled(
-                *(x for way in _WAYS for x in ends[bond.name, way][:2]), *(scale[bond.name, way] for way in _WAYS)
-            )
-            for bond in bonds
-        }
+        scale = judged_by({key: end[1] for key, end in ends.items()}, {key: end[2] for key, end in ends.items()})
+        values = {b.name: [x for way in _WAYS for x in ends[b.name, way][:2]] for b in bonds}
+        return {name: Coupled(*row, *(scale[name, way] for way in _WAYS)) for name, row in values.items()}
 
-    def _end(self, number: int, way: str) -> _End:
-        """Return the local error and the spread of one direction of a bond."""
+    def _end(self, number: int, way: str) -> tuple[float, float, str]:
+        """Return local error and standard deviation of one direction of a bond, and the SI unit of both."""
         target = getattr(self.setup.system.bonds[number], way).target
         m, term = self.running.memory, int(getattr(self.running.plan.bonds, way)[number])
         conversion, unit = to_si(self.setup.system.output(target))
         time = float(m.duration[0]) or 1.0
         variance = m.squares[term] / time - (m.total[term] / time) ** 2
         error = self.setup.accuracy_of(target).share * float(np.sqrt(m.defect[term] / time))
-        return _End(error * conversion.factor, float(np.sqrt(max(variance, 0.0))) * conversion.factor, unit)
+        return error * conversion.factor, float(np.sqrt(max(variance, 0.0))) * conversion.factor, unit
 
     def _notes(self) -> Iterator[str]:
-        """Yield all notes, the most important first."""
         setup, system = self.setup, self.setup.system
         yield from self._troubles()
         if not self.equilibrium.converged:
@@ -293,7 +262,9 @@ class Outcome:
                 "the declared direct terms form a loop between components: "
                 f"{setup.algorithm.name} steps through it with a lag of one step"
             )
-        yield from _held_notes(system, setup.algorithm)
+        held = sorted(name for name, c in system.components.items() if not c.capabilities.interpolates_inputs)
+        if held and getattr(setup.algorithm, "values", "") != "held":
+            yield f"{', '.join(held)} cannot interpolate inputs (canInterpolateInputs): they are held over each step"
         yield from _unit_notes(system)
         yield from _gas_notes(system)
         yield from (f"{name}: {message}" for name, c in system.components.items() for message in c.messages)

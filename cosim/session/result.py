@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cosim.session.verdict import Coupled, RunData, verdict_of
 from eightpost import __version__
@@ -187,7 +186,6 @@ class SavedRun(_RunChannels):
 
 
 def _digest_of(series: TimeSeries) -> str:
-    """Return the SHA-256 of the names, units and samples of a series."""
     digest = hashlib.sha256(json.dumps([series.names, series.units]).encode())
     for samples in (series.time, *series.values):
         digest.update(samples.tobytes())
@@ -255,7 +253,8 @@ def difference(coarse: TimeSeries, fine: TimeSeries) -> dict[str, float]:
         fine: Series of the finer run. Times of both runs are compared; the result is infinite without such times.
     """
     names = [name for name in fine.names if name in coarse.names]
-    first, second = _common(coarse.time, fine.time)
+    before, after = (np.round(series.time, 12) for series in (coarse, fine))  # equal except for rounding
+    _, first, second = np.intersect1d(before, after, assume_unique=True, return_indices=True)
     if first.size == 0:
         return dict.fromkeys(names, float("inf"))
     scale = scales(fine)
@@ -263,12 +262,6 @@ def difference(coarse: TimeSeries, fine: TimeSeries) -> dict[str, float]:
         name: 100.0 * float(np.sqrt(np.mean((coarse[name][first] - fine[name][second]) ** 2))) / scale[name]
         for name in names
     }
-
-
-def _common(first: NDArray[np.float64], second: NDArray[np.float64]) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
-    """Return the indices of times that two time axes have in common, except for rounding."""
-    _, a, b = np.intersect1d(np.round(first, 12), np.round(second, 12), assume_unique=True, return_indices=True)
-    return a, b
 
 
 # ---- Coupling error of a run, estimated from how differences between runs fall as the step halves -------------------

@@ -187,7 +187,6 @@ class _DenseRuns:
         return result
 
     def _progress_of(self, step: float) -> Progress | None:
-        """Return the callback of a run at a step, which is added to those before it."""
         if (progress := self._request.progress) is None:
             return None
         before, steps = self._made, self._scenario.stop / step
@@ -241,71 +240,55 @@ def _run_at_step(request: Request, algorithm: Algorithm, step: float) -> Result:
         result = replace(result, notes=(*result.notes, f"{text}, so no run at another step shows the coupling error"))
     elif request.compared and not result.partial:
         try:
-            result = replace(result, stated_error=_Companions(runs, request, algorithm, result).stated_error())
+            result = replace(result, stated_error=_error_by_comparison(runs, request, algorithm, result))
         except RunInterrupted as interrupted:
             raise RunInterrupted(runs.final(result)) from interrupted
     return runs.final(result)
 
 
-@dataclass(frozen=True)
-class _Companions:
-    """Runs that one run is compared with."""
+def _error_by_comparison(runs: _DenseRuns, request: Request, algorithm: Algorithm, run: Result) -> dict[str, float]:
+    """Return the error of a run by comparison with one at twice the step.
 
-    runs: _DenseRuns
-    request: Request
-    algorithm: Algorithm
-    run: Result
+    If that run is not possible or not comparable, or the error is too large, half the step is taken as well.
+    """
+    system, stop, doubled = request.system, request.scenario.stop, 2.0 * run.step
 
-    def stated_error(self) -> dict[str, float]:
-        """Return the error by comparison with a run at twice the step.
-
-        If that run is not possible or not comparable, or the error is too large, half the step is taken as well.
-        """
-        held = self.request.system.coupled_with_held
-        coarse = self._at(2.0) if self._can_double() else None
-        comparisons = [] if coarse is None else [self._compared(coarse, self.run)]
-        if comparisons:
-            stated = stated_error(comparisons, held)
-            error = replace(self.run, stated_error=stated).coupling_error
-            if comparisons[0].reliable and (error or 0.0) <= LARGEST_ERROR:
-                return stated
-        fine = self._at(0.5)
-        if fine is None:
-            return dict.fromkeys(self.run.series.names, inf) if self.request.system.accepts_any_step else {}
-        comparisons.append(self._compared(self.run, fine))
-        # The error of the coarser of two runs: their difference plus the finer run's error.
-        finer, apart = stated_error(comparisons, held), comparisons[-1].difference
-        return {name: apart[name] + finer[name] for name in apart}
-
-    def _can_double(self) -> bool:
-        """Return whether the run has at least two steps, and every component accepts the steps of twice the size."""
-        if isinstance(self.algorithm, Adaptive):
-            return True
-        doubled, stop = 2.0 * self.run.step, self.request.scenario.stop
-        rest = abs(round(stop / doubled) * doubled - stop)
-        fits = rest < 1e-9 * doubled or self.request.system.accepts_any_step
-        return doubled <= stop and fits
-
-    def _at(self, ratio: float) -> Result | None:
+    def at(ratio: float) -> Result | None:
         """Return the run at `ratio` times the step; None if it diverged, or a component does not make such steps."""
-        algorithm, step = self.algorithm, ratio * self.run.step
-        if isinstance(algorithm, Adaptive):
+        other, step = algorithm, ratio * run.step
+        if isinstance(other, Adaptive):
             tolerance = _TOLERANCE_RATIO if ratio > 1.0 else 1.0 / _TOLERANCE_RATIO
-            algorithm, step = replace(algorithm, relative=algorithm.relative * tolerance), self.run.step
+            other, step = replace(other, relative=other.relative * tolerance), run.step
         try:
-            result = self.runs.run(algorithm, step)
+            result = runs.run(other, step)
         except DivergedError:
             return None
         except StepError:
-            if self.request.system.accepts_any_step:
+            if system.accepts_any_step:
                 raise
             return None  # a component for one step size does not make this one
         return None if result.partial else result
 
-    def _compared(self, coarse: Result, fine: Result) -> Comparison:
+    def compared(coarse: Result, fine: Result) -> Comparison:
         comparison = compare(coarse, fine)
         # The steps of adaptive runs have no common ratio: no order can be observed.
-        return replace(comparison, local_order=None) if isinstance(self.algorithm, Adaptive) else comparison
+        return replace(comparison, local_order=None) if isinstance(algorithm, Adaptive) else comparison
+
+    fits = abs(round(stop / doubled) * doubled - stop) < 1e-9 * doubled or system.accepts_any_step
+    coarse = at(2.0) if isinstance(algorithm, Adaptive) or (doubled <= stop and fits) else None
+    comparisons = [] if coarse is None else [compared(coarse, run)]
+    if comparisons:
+        stated = stated_error(comparisons, system.coupled_with_held)
+        error = replace(run, stated_error=stated).coupling_error
+        if comparisons[0].reliable and (error or 0.0) <= LARGEST_ERROR:
+            return stated
+    fine = at(0.5)
+    if fine is None:
+        return dict.fromkeys(run.series.names, inf) if system.accepts_any_step else {}
+    comparisons.append(compared(run, fine))
+    # The error of the coarser of two runs: their difference plus the finer run's error.
+    finer, apart = stated_error(comparisons, system.coupled_with_held), comparisons[-1].difference
+    return {name: apart[name] + finer[name] for name in apart}
 
 
 # ==== Default algorithm: the scheme and the step are chosen so that the tolerance is met =============================
@@ -371,7 +354,6 @@ class _Refinement:
             self._parts *= 2
 
     def _add(self, run: Result) -> None:
-        """Add a run, which is compared with the one before."""
         if self._last is not None:
             self._comparisons.append(compare(self._last, run))
             run = replace(run, stated_error=stated_error(self._comparisons, self._request.system.coupled_with_held))
@@ -412,11 +394,7 @@ class _Refinement:
             )
         final = self._dense.final(run)
         return replace(
-            final,
-            algorithm=goal.name,
-            scheme=scheme.name,
-            tolerance=goal.tolerance,
-            notes=(*notes, *final.notes),
+            final, algorithm=goal.name, scheme=scheme.name, tolerance=goal.tolerance, notes=(*notes, *final.notes)
         )
 
 

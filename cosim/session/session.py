@@ -382,20 +382,18 @@ def _control(setup: RunSetup) -> Control:
     coupled = sorted({source for source, _ in terms})
     if unknown := sorted(set(algorithm.absolute) - set(coupled)):
         raise WiringError(f"adaptive: {unknown[0]} is not a coupled signal; those are {', '.join(coupled)}")
+    units = {
+        name: to_si(setup.system.output(name)) for name in coupled
+    }  # the default error is in the signal's own unit
+    least = {name: _LEAST_ERROR.get(si, 1e-9) / abs(conversion.factor) for name, (conversion, si) in units.items()}
     return Control(
         np.array([setup.layout.signals.index(name) for name in coupled], dtype=np.int64),
-        np.array([algorithm.absolute.get(name, _least_error(setup, name)) for name in coupled]),
+        np.array([algorithm.absolute.get(name, least[name]) for name in coupled]),
         algorithm.relative,
         min((setup.accuracy_of(target).order for _, target in terms), default=1),
         algorithm.least,
         min(algorithm.largest, setup.scenario.stop),
     )
-
-
-def _least_error(setup: RunSetup, name: str) -> float:
-    """Return the default absolute error of a signal, in its own unit."""
-    conversion, unit = to_si(setup.system.output(name))
-    return _LEAST_ERROR.get(unit, 1e-9) / abs(conversion.factor)
 
 
 # ==== Errors for a loop that ended early =============================================================================

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple, TypedDict
+from itertools import chain
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.components.component import DISCRETE, Capabilities, Component, Variable, convert_between
+from cosim.components.component import DISCRETE, Component, convert_between
 from cosim.engine.plan import Mode
 from cosim.systems.algorithm import HELD_INPUTS, Accuracy, Adaptive, Algorithm
 from cosim.systems.coupling import Coupling, Scenario, targets_of
@@ -149,17 +150,13 @@ def recorded_names(system: System, scenario: Scenario) -> tuple[str, ...]:
 # ==== Integer, Boolean and enumeration variables in coupling, drive and recording ====================================
 
 
-@dataclass(frozen=True, slots=True)
-class _Link:
+class _Link(NamedTuple):
     """Output that sets an input: `input = factor * output + offset`, rounded if the input is not Real."""
 
     source: str
-    target: Variable
+    kind: str
     factor: float
     offset: float
-
-    def __call__(self, value: float) -> float:
-        return _as_type(self.target.type, self.factor * value + self.offset)
 
 
 @dataclass
@@ -184,7 +181,13 @@ class _DiscreteExchange:
             if system.input(target).type in DISCRETE
         }
         recorded = tuple(name for name in names if system.output(name).type in DISCRETE)
-        return cls(system.components, _links(system), driven, recorded, scenario.drive, scenario.drive_start)
+        links = {}
+        for connection in system.discrete_connections:
+            source, target = system.output(connection.source), system.input(connection.target)
+            unit = convert_between(source.unit, target.unit, str(connection))
+            factor, offset = connection.gain * unit.factor, connection.gain * unit.offset + connection.offset
+            links[connection.target] = _Link(connection.source, target.type, factor, offset)
+        return cls(system.components, links, driven, recorded, scenario.drive, scenario.drive_start)
 
     @property
     def is_coupled(self) -> bool:
@@ -206,7 +209,11 @@ class _DiscreteExchange:
         if not self.is_coupled:
             return False
         outputs = self._read(link.source for link in self.links.values())
-        current = {target: link(outputs[link.source]) for target, link in self.links.items()} | self._driven_at(time)
+        current = {
+            target: _as_type(kind, factor * outputs[source] + offset)
+            for target, (source, kind, factor, offset) in self.links.items()
+        }
+        current |= self._driven_at(time)
         changed = {target: value for target, value in current.items() if self._set.get(target) != value}
         for name, inputs in _by_component(changed).items():
             self.components[name].set(inputs, [changed[f"{name}.{variable}"] for variable in inputs])
@@ -243,16 +250,6 @@ def _as_type(kind: str, value: float) -> float:
     return value if kind == "Real" else float(round(value))
 
 
-def _links(system: System) -> dict[str, _Link]:
-    links = {}
-    for connection in system.discrete_connections:
-        source, target = system.output(connection.source), system.input(connection.target)
-        unit = convert_between(source.unit, target.unit, str(connection))
-        factor, offset = connection.gain * unit.factor, connection.gain * unit.offset + connection.offset
-        links[connection.target] = _Link(connection.source, target, factor, offset)
-    return links
-
-
 def _by_component(names: Iterable[str]) -> dict[str, list[str]]:
     variables: dict[str, list[str]] = {}
     for name in names:
@@ -275,16 +272,6 @@ class Limit(NamedTuple):
     limit: float
 
 
-class _Shares(TypedDict):
-    """Shares of time beyond limits, by the names of the fields of a result."""
-
-    share_beyond_fit: dict[str, float]
-    share_beyond_settings: dict[str, float]
-    share_far_beyond_settings: dict[str, float]
-    share_untested_settings: dict[str, float]
-    share_tire_off: dict[str, float | None]
-
-
 class _LimitWatch:
     """Signals that are watched at every step after settling, and the share of time beyond their limits.
 
@@ -293,10 +280,12 @@ class _LimitWatch:
     """
 
     def __init__(self, system: System) -> None:
-        self._fitted = _limits(system, "beyond_fit", 0.5)
-        self._beyond = _limits(system, "beyond_settings", _BEYOND)
-        self._far = _limits(system, "beyond_settings", _FAR)
-        self._untested = _limits(system, "untested_settings", 0.5)
+        self._of_shocks = {  # by the field of a result
+            "share_beyond_fit": _limits(system, "beyond_fit", 0.5),
+            "share_beyond_settings": _limits(system, "beyond_settings", _BEYOND),
+            "share_far_beyond_settings": _limits(system, "beyond_settings", _FAR),
+            "share_untested_settings": _limits(system, "untested_settings", 0.5),
+        }
         self._tires = {
             Limit(f"{name}.{v.name}", -1.0, 0.0): _static_load(system, name, v.name) != 0.0
             for name, component in system.components.items()
@@ -312,25 +301,18 @@ class _LimitWatch:
     @property
     def watched(self) -> tuple[Limit, ...]:
         """The limits, in the order of the times."""
-        return (*self._fitted, *self._beyond, *self._far, *self._untested, *self._tires)
+        return (*chain.from_iterable(self._of_shocks.values()), *self._tires)
 
-    def shares(self, times: Sequence[float]) -> _Shares:
-        """Return the shares of time beyond the limits."""
+    def shares(self, times: Sequence[float]) -> dict[str, Any]:
+        """Return the shares of time beyond the limits, by the fields of a result."""
         total = times[-1]
         share = {limit: time / total if total else 0.0 for limit, time in zip(self.watched, times, strict=False)}
-
-        def of_shocks(limits: Sequence[Limit]) -> dict[str, float]:
-            return {limit.signal.rpartition(".")[0]: share[limit] for limit in limits}
-
-        return {
-            "share_beyond_fit": of_shocks(self._fitted),
-            "share_beyond_settings": of_shocks(self._beyond),
-            "share_far_beyond_settings": of_shocks(self._far),
-            "share_untested_settings": of_shocks(self._untested),
-            "share_tire_off": {
-                tire.signal: share[tire] if has_load else None for tire, has_load in self._tires.items()
-            },
+        shocks = {
+            field: {limit.signal.rpartition(".")[0]: share[limit] for limit in limits}
+            for field, limits in self._of_shocks.items()
         }
+        tires = {tire.signal: share[tire] if has_load else None for tire, has_load in self._tires.items()}
+        return {**shocks, "share_tire_off": tires}
 
 
 def _limits(system: System, variable: str, limit: float) -> tuple[Limit, ...]:
@@ -375,7 +357,7 @@ class Layout:
 def _lay_out(coupling: Coupling, order: Sequence[str]) -> Layout:
     """Return the numbering of everything; `order` is the order of stepping."""
     takes = {name: {term.part for feed in coupling.feeds[name] for term in feed.terms} for name in order}
-    groups = _groups(takes, order)
+    groups = list(connected(order, takes))
     parts = tuple(name for group in groups for name in group)
     feeds = [(name, feed) for name in parts for feed in coupling.feeds[name]]
     pairs = [(term.source, f"{name}.{feed.target}") for name, feed in feeds for term in feed.terms]
@@ -388,18 +370,28 @@ def _lay_out(coupling: Coupling, order: Sequence[str]) -> Layout:
     )
 
 
-def _groups(takes: Mapping[str, set[str]], order: Sequence[str]) -> list[list[str]]:
-    """Return groups of parts that are connected, directly or through others, in the order of stepping."""
-    groups: list[set[str]] = []
+def connected(order: Sequence[str], links: Mapping[str, Iterable[str]]) -> Iterator[list[str]]:
+    """Yield groups of parts that are connected, directly or through others, each in the given order.
+
+    Args:
+        order: Names of all parts.
+        links: Parts that each part is linked with; either end of a link may name it.
+    """
+    neighbours: dict[str, set[str]] = {name: set() for name in order}
     for name in order:
-        joins = takes[name] | {name}
-        near = [group for group in groups if group & joins]
-        groups = [group for group in groups if not group & joins] + [joins.union(*near)]
-    home = {name: k for k, group in enumerate(groups) for name in group}
-    members: dict[int, list[str]] = {}
-    for name in order:
-        members.setdefault(home[name], []).append(name)
-    return list(members.values())
+        for other in links[name]:
+            neighbours[name].add(other)
+            neighbours[other].add(name)
+    placed = set[str]()
+    for first in order:
+        group, waiting = set[str](), [first]
+        while waiting:
+            if (name := waiting.pop()) not in placed:
+                placed.add(name)
+                group.add(name)
+                waiting += neighbours[name]
+        if group:
+            yield [name for name in order if name in group]
 
 
 def _levels(group: Sequence[str], takes: Mapping[str, set[str]]) -> tuple[int, ...]:
@@ -479,38 +471,27 @@ class RunSetup:
         """
         feeds = self.coupling.feeds
         driven = {name for name, into in feeds.items() if any(feed.drive is not None for feed in into)}
-        if self._is_finely_stepped and all(any(feed.terms for feed in feeds[name]) for name in driven):
-            return frozenset()
-        return frozenset(name for name in driven if _can_follow(self.system.components[name].capabilities))
-
-    @property
-    def _is_finely_stepped(self) -> bool:
         drive = self.scenario.drive
         intervals = np.diff(drive.series.time) if drive is not None else np.zeros(0)
-        return self.step <= float(np.min(intervals, initial=np.inf)) * (1.0 + ROUNDING)
-
-
-def _can_follow(capabilities: Capabilities) -> bool:
-    """Return whether a component gains accuracy by being stepped from point to point of the drive.
-
-    One that holds its inputs does not: its error would depend on the drive's interval and not on the step, so that runs
-    at two steps would agree on a wrong result.
-    """
-    return capabilities.variable_step and capabilities.interpolates_inputs
+        is_fine = self.step <= float(np.min(intervals, initial=np.inf)) * (1.0 + ROUNDING)
+        if is_fine and all(any(feed.terms for feed in feeds[name]) for name in driven):
+            return frozenset()
+        # The error of a component that holds its inputs would depend on the drive's interval and not on the step, so
+        # that runs at two steps would agree on a wrong result.
+        can = {name: self.system.components[name].capabilities for name in driven}
+        return frozenset(name for name, c in can.items() if c.variable_step and c.interpolates_inputs)
 
 
 def _check_abilities(system: System, algorithm: Algorithm, times: Times, step: float) -> None:
     """Refuse repeated steps, and steps of several sizes, `times` (K+1,) [s], if a component cannot make them."""
-    adaptive = isinstance(algorithm, Adaptive)
+    if adaptive := isinstance(algorithm, Adaptive):
+        why = ": adaptive cannot step it"
+    else:
+        why = f", and the stop time is not a whole number of coupling steps of {step} s; change one of them"
     is_even = not adaptive and abs(times[-1] - times[-2] - step) <= 1e-9 * step
     for name, component in system.components.items():
         if not component.capabilities.variable_step and not is_even:
-            raise WiringError(
-                f"{name} accepts steps of one size only: adaptive cannot step it"
-                if adaptive
-                else f"{name} accepts steps of one size only, and the stop time is not a whole number of coupling "
-                f"steps of {step} s; change one of them"
-            )
+            raise WiringError(f"{name} accepts steps of one size only{why}")
     for name, component in system.components.items():
         if algorithm.repeats and not component.capabilities.state:
             raise WiringError(

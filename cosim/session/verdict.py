@@ -191,168 +191,100 @@ class RunData:
         return self.series.window(self.settling, last) if 0.0 < self.settling < last else self.series
 
 
-# ---- Reasons from the ranges of the models --------------------------------------------------------------------------
+# ---- Reasons as rows: rule, statement, figure, origin ---------------------------------------------------------------
+
+_Rows = Iterator[tuple[str, str, str, str]]
 
 
-def models_of(system: System, recorded: Iterable[str]) -> dict[str, Model]:
-    """Return the components of a system with the information that the verdict uses.
-
-    Args:
-        system: Components and connections.
-        recorded: Recorded channels, as `component.variable`.
-    """
-    names = frozenset(recorded)
-    fed = {c.target: (c.source, c.gain) for c in system.all_connections if c.target not in system.sums}
-    models = {}
-    for name, component in system.components.items():
-        validity = component.validity if isinstance(component, _Described) else None
-        variables = {covered.variable for covered in validity.ranges} if validity else set[str]()
-        channels = {variable: _channel(f"{name}.{variable}", fed, names) for variable in variables}
-        recorded_channels = {variable: channel for variable, channel in channels.items() if channel is not None}
-        models[name] = Model(validity, component.source, recorded_channels)
-    return models
+def verdict_of(run: RunData) -> Verdict:
+    """Return the verdict on a run: coupling error, energy, convergence, and the limits of the models."""
+    rows = (*_coupling(run), *_energy(run), *_convergence(run), *_fitted(run), *_settings(run), *_tires(run))
+    return Verdict((*(RULES.reason(*row) for row in rows), *_model_reasons(run.models, run.settled())))
 
 
-def _channel(name: str, fed: Mapping[str, tuple[str, float]], recorded: frozenset[str]) -> tuple[str, float] | None:
-    """Return the recorded channel of a variable, and the factor from the channel to the variable."""
-    if name in recorded:
-        return name, 1.0
-    source, gain = fed.get(name, ("", 1.0))
-    return (source, gain) if source in recorded else None
-
-
-def _model_reasons(models: Mapping[str, Model], series: TimeSeries) -> Iterator[Reason]:
-    """Yield the reasons that follow from the models themselves, and from their ranges."""
-    even = series if len(series) < _FEWEST or series.is_uniform else series.resample(series.sample_rate)
-    for name, model in models.items():
-        if model.validity is None:
-            text = "the range of validity of the component's model is not known to this program"
-            yield RULES.reason(
-                "validity of a model unknown",
-                text,
-                figure="0 ranges stated",
-                origin=f"component {name} ({model.source})",
-            )
-            continue
-        origin = f"{name} ({model.source})"
-        for reason in model.validity.verdict.reasons:
-            yield replace(reason, origin=f"{model.source}: {reason.origin}")
-        yield from _ranges(model, even, origin)
-
-
-def _ranges(model: Model, series: TimeSeries, origin: str) -> Iterator[Reason]:
-    assert model.validity is not None
-    reasons = list[Reason]()
-    examined = 0
-    for covered in model.validity.ranges:
-        if covered.kind == "condition":
-            figure = f"{covered.variable} {covered}"
-            yield RULES.reason(
-                "conditions of the measurement", "the result is valid for the conditions of the fit", figure, origin
-            )
-        elif covered.variable in model.channels and len(series) >= _FEWEST:
-            examined += 1
-            channel, factor = model.channels[covered.variable]
-            reasons += _left(covered, factor * series[channel], series.sample_rate, origin)
-    if examined and not reasons:
-        figure = f"{examined} ranges, exceeded for less than {NOTABLE_SHARE:.0%} of the time"
-        yield RULES.reason(
-            "within the fitted ranges", "the run stays within the ranges of the model's records", figure, origin
-        )
-    yield from reasons
-
-
-def _left(covered: Range, values: np.ndarray, rate: float, origin: str) -> Iterator[Reason]:
-    """Yield a reason if values are outside a range."""
-    if covered.kind == "frequency":
-        share = _power_outside(values, rate, covered)
-        if share > NOTABLE_POWER:
-            figure = f"{covered.variable}: {share:.0%} of the power outside {covered}; limit {NOTABLE_POWER:.0%}"
-            yield RULES.reason(
-                "beyond the fitted frequencies", "the run leaves the frequencies of the records", figure, origin
-            )
+def _coupling(run: RunData) -> _Rows:
+    for bond, coupled in run.coupled.items():
+        if not coupled.percent <= LARGEST_ERROR:
+            statement = "the values that the ends of a bond assume of each other are wrong in every step"
+            figure = f"{_percent(coupled.percent)} of the scale; limit {LARGEST_ERROR:g} %"
+            yield "local error of a bond", statement, figure, f"bond {bond}"
+    errors = run.stated_error
+    decisive = {name: error for name, error in errors.items() if name in run.decisive} or errors
+    if not decisive or not all(map(isfinite, decisive.values())):
+        if run.energy or run.coupled or run.has_loop:
+            figure, origin = f"known for 0 of {len(run.series.names)} channels", f"{run.algorithm} at {_step(run)}"
+            yield "coupling error not stated", "the coupling error is not stated", figure, origin
+        else:
+            yield "nothing is coupled", "there is no coupling loop", "0 bonds", "the system"
         return
-    share = _time_outside(values, covered)
-    if share > NOTABLE_SHARE:
-        rule = "beyond the fitted amplitudes" if share <= LARGEST_SHARE else "mostly beyond the fitted amplitudes"
-        limits = f"limits {NOTABLE_SHARE:.0%} and {LARGEST_SHARE:.0%}"
-        figure = f"{covered.variable}: {share:.1%} of the time beyond {covered} about the mean; {limits}"
-        yield RULES.reason(rule, "the run leaves the amplitudes of the records", figure, origin)
+    yield _stated(run, *max(decisive.items(), key=lambda item: item[1]))
+    others = {name: e for name, e in errors.items() if name not in decisive and e > LARGEST_ERROR}
+    if others:
+        name = max(others, key=lambda each: others[each])
+        count = f"{len(others)} other channel{'' if len(others) == 1 else 's'}"
+        statement = f"the coupling error of {count} is too large; largest: {name}"
+        figure = f"{_percent(others[name])}; limit {LARGEST_ERROR:g} %"
+        yield "coupling error of other channels", statement, figure, "coupling error per channel"
 
 
-def _time_outside(values: np.ndarray, covered: Range) -> float:
-    """Return the share of samples (N,) that are farther from their mean than the records were from their own mean."""
-    if covered.variable.rpartition(".")[2] == "velocity":
-        low, high = covered.low, covered.high  # velocities are about zero
-        middle = 0.0
-    else:
-        middle = 0.5 * (covered.low + covered.high)
-        low, high = covered.low - middle, covered.high - middle
-        middle = float(values.mean())
-    beyond = (values - middle > (1.0 + MARGIN) * high) | (values - middle < (1.0 + MARGIN) * low)
-    return float(np.mean(beyond))
+def _stated(run: RunData, name: str, error: float) -> tuple[str, str, str, str]:
+    limit = run.tolerance or GOOD_ERROR
+    origin = f"channel {name}, {run.scheme or run.algorithm} at {_step(run)}"
+    if error > LARGEST_ERROR:
+        figure = f"{_percent(error)} of the scale; limit {LARGEST_ERROR:g} %"
+        return "coupling error too large", "the coupling error is too large", figure, origin
+    figure = f"{_percent(error)} of the scale; {'tolerance' if run.tolerance else 'good up to'} {limit:g} %"
+    if error > limit:
+        return "coupling tolerance not met", "the coupling error is larger than requested", figure, origin
+    return "coupling error small", "the coupling error is small", figure, origin
 
 
-def _power_outside(values: np.ndarray, rate: float, covered: Range) -> float:
-    """Return the share of the power of values (N,) about their mean that is outside a range of frequencies."""
-    power = np.abs(np.fft.rfft(values - values.mean())) ** 2
-    lines = np.fft.rfftfreq(values.size, 1.0 / rate)
-    total = float(power.sum())
-    return float(power[(lines < covered.low) | (lines > covered.high)].sum()) / total if total else 0.0
+def _energy(run: RunData) -> _Rows:
+    shares = {bond: abs(energy.relative) for bond, energy in run.energy.items()}
+    bad = {bond: share for bond, share in shares.items() if not share <= DOUBTFUL_RESIDUAL}
+    for bond, share in bad.items():
+        rule = "energy residual notable" if share <= LARGEST_RESIDUAL else "energy residual too large"
+        figure = f"{share:.2%} of the energy transferred; limit {LARGEST_RESIDUAL:.0%}"
+        yield rule, "the coupling adds or loses energy", figure, f"bond {bond}"
+    if shares and not bad:
+        worst = max(shares, key=lambda bond: shares[bond])
+        figure = f"{shares[worst]:.2%}; limit {LARGEST_RESIDUAL:.0%}"
+        yield "energy residual small", "the coupling conserves energy", figure, f"bond {worst}"
 
 
-# ==== Reasons from limits that are watched at every step: velocities, settings, tires off the ground =================
+def _convergence(run: RunData) -> _Rows:
+    end = f"{float(run.series.time[-1]):g} s" if len(run.series) else "0 s"
+    if run.partial:
+        yield "ended early", "the run ended early", f"at {end}", run.algorithm
+    if not run.converged:
+        yield "not converged", "the run did not converge", run.notes[0] if run.notes else "no note", run.algorithm
+    if run.converged and not run.partial:
+        yield "converged", "the run reached its stop time", f"{run.steps} steps, {end}", "the run"
 
 
-def _limit_reasons(run: RunData) -> Iterator[Reason]:
-    """Yield the reasons from the shares of time beyond the limits of shocks and tires."""
-    yield from _fitted(run)
-    yield from _settings(run)
-    yield from _tires(run)
+def _percent(value: float) -> str:
+    return f"{value:.2g} %" if abs(value) < 10.0 else f"{value:.0f} %"
 
 
-def _fitted(run: RunData) -> Iterator[Reason]:
+def _step(run: RunData) -> str:
+    return f"{1e3 * run.step:g} ms"
+
+
+# ---- Reasons from limits that are watched at every step: velocities, settings, tires off the ground -----------------
+
+
+def _fitted(run: RunData) -> _Rows:
     for shock, time in run.share_beyond_fit.items():
         energy = _energy_beyond(run, shock)
         share = max(time, energy or 0.0)
-        beyond = "outside the fitted velocities" if share <= LARGEST_SHARE else "mostly outside the fitted velocities"
-        rule, within = (
-            ("within the fitted velocities", "stays within") if share <= NOTABLE_SHARE else (beyond, "leaves")
-        )
+        rule, within = "mostly outside the fitted velocities", "leaves"
+        if share <= NOTABLE_SHARE:
+            rule, within = "within the fitted velocities", "stays within"
+        elif share <= LARGEST_SHARE:
+            rule = "outside the fitted velocities"
         dissipated = "" if energy is None else f", {energy:.1%} of its energy"
-        yield RULES.reason(
-            rule,
-            f"the shock {within} the velocities that it was fitted on",
-            figure=f"outside {time:.1%} of the time{dissipated}; limits {NOTABLE_SHARE:.0%} and {LARGEST_SHARE:.0%}",
-            origin=f"component {shock}",
-        )
-
-
-def _settings(run: RunData) -> Iterator[Reason]:
-    """Yield the reasons about the settings of shocks that have them."""
-    for shock, beyond in run.share_beyond_settings.items():
-        far = run.share_far_beyond_settings.get(shock, 0.0)
-        untested = run.share_untested_settings.get(shock, 0.0)
-        origin = f"component {shock}"
-        if beyond > 0.0:
-            rule = "far beyond the settings of a shock" if far > 0.0 else "beyond the settings of a shock"
-            yield RULES.reason(
-                rule,
-                "the shock is set beyond the settings that were measured",
-                figure=f"{beyond:.0%} of the time, by more than an interval between measured settings {far:.0%}",
-                origin=origin,
-            )
-        if untested > 0.0:
-            figure = f"{untested:.0%} of the time"
-            yield RULES.reason(
-                "untested settings of a shock",
-                "the shock is at a combination of settings that was not measured",
-                figure=figure,
-                origin=origin,
-            )
-        if not beyond and not untested:
-            figure = "0 % of the time beyond or at an untested combination"
-            yield RULES.reason("within the settings of a shock", "the shock is at measured settings", figure, origin)
+        figure = f"outside {time:.1%} of the time{dissipated}; limits {NOTABLE_SHARE:.0%} and {LARGEST_SHARE:.0%}"
+        yield rule, f"the shock {within} the velocities that it was fitted on", figure, f"component {shock}"
 
 
 def _energy_beyond(run: RunData, shock: str) -> float | None:
@@ -366,124 +298,115 @@ def _energy_beyond(run: RunData, shock: str) -> float | None:
     return float(power[beyond > 0.5].sum()) / total if total else 0.0
 
 
-def _tires(run: RunData) -> Iterator[Reason]:
+def _settings(run: RunData) -> _Rows:
+    for shock, beyond in run.share_beyond_settings.items():
+        far = run.share_far_beyond_settings.get(shock, 0.0)
+        untested = run.share_untested_settings.get(shock, 0.0)
+        origin = f"component {shock}"
+        if beyond > 0.0:
+            rule = "far beyond the settings of a shock" if far > 0.0 else "beyond the settings of a shock"
+            figure = f"{beyond:.0%} of the time, by more than an interval between measured settings {far:.0%}"
+            yield rule, "the shock is set beyond the settings that were measured", figure, origin
+        if untested > 0.0:
+            statement = "the shock is at a combination of settings that was not measured"
+            yield "untested settings of a shock", statement, f"{untested:.0%} of the time", origin
+        if not beyond and not untested:
+            figure = "0 % of the time beyond or at an untested combination"
+            yield "within the settings of a shock", "the shock is at measured settings", figure, origin
+
+
+def _tires(run: RunData) -> _Rows:
     for tire, off in run.share_tire_off.items():
         if off is None:
-            yield RULES.reason(
-                "static tire force not given",
-                "lift-off of tires cannot be detected: no static tire force is given",
-                figure="0 N",
-                origin=tire,
-            )
+            statement = "lift-off of tires cannot be detected: no static tire force is given"
+            yield "static tire force not given", statement, "0 N", tire
         elif off > 0.0:
             rule = "tire off the ground" if off <= LARGEST_SHARE else "tire mostly off the ground"
-            figure = f"{off:.1%} of the time; limit {LARGEST_SHARE:.0%}"
-            yield RULES.reason(rule, "a tire is off the ground", figure, origin=tire)
+            yield rule, "a tire is off the ground", f"{off:.1%} of the time; limit {LARGEST_SHARE:.0%}", tire
 
 
-# ==== Verdict: coupling error, energy, convergence, and the limits of the models =====================================
+# ---- Reasons from the ranges of the models --------------------------------------------------------------------------
 
 
-def verdict_of(run: RunData) -> Verdict:
-    """Return the verdict on a run."""
-    return Verdict(
-        (
-            *_coupling(run),
-            *_energy(run),
-            *_convergence(run),
-            *_limit_reasons(run),
-            *_model_reasons(run.models, run.settled()),
-        )
-    )
+def models_of(system: System, recorded: Iterable[str]) -> dict[str, Model]:
+    """Return the components of a system with the information that the verdict uses.
+
+    Args:
+        system: Components and connections.
+        recorded: Recorded channels, as `component.variable`.
+    """
+    own = {name: (name, 1.0) for name in recorded}
+    fed = {c.target: (c.source, c.gain) for c in system.all_connections if c.target not in system.sums}
+    channels = {target: channel for target, channel in fed.items() if channel[0] in own} | own
+    models = {}
+    for name, component in system.components.items():
+        validity = component.validity if isinstance(component, _Described) else None
+        variables = {covered.variable for covered in validity.ranges} if validity else set[str]()
+        known = {v: channels[f"{name}.{v}"] for v in variables if f"{name}.{v}" in channels}
+        models[name] = Model(validity, component.source, known)
+    return models
 
 
-def _coupling(run: RunData) -> Iterator[Reason]:
-    yield from _local(run)
-    errors = run.stated_error
-    decisive = {name: error for name, error in errors.items() if name in run.decisive} or errors
-    if not decisive or not all(map(isfinite, decisive.values())):
-        yield _not_stated(run)
+def _model_reasons(models: Mapping[str, Model], series: TimeSeries) -> Iterator[Reason]:
+    """Yield the reasons that follow from the models themselves, and from their ranges."""
+    even = series if len(series) < _FEWEST or series.is_uniform else series.resample(series.sample_rate)
+    for name, model in models.items():
+        origin = f"{name} ({model.source})"
+        if model.validity is None:
+            statement = "the range of validity of the component's model is not known to this program"
+            yield RULES.reason("validity of a model unknown", statement, "0 ranges stated", f"component {origin}")
+            continue
+        for reason in model.validity.verdict.reasons:
+            yield replace(reason, origin=f"{model.source}: {reason.origin}")
+        yield from (RULES.reason(*row, origin) for row in _ranges(model, model.validity, even))
+
+
+def _ranges(model: Model, validity: Validity, series: TimeSeries) -> Iterator[tuple[str, str, str]]:
+    """Yield rule, statement and figure for the ranges of a model: those left last, or one reason if none is."""
+    left, examined = list[tuple[str, str, str]](), 0
+    for covered in validity.ranges:
+        if covered.kind == "condition":
+            statement = "the result is valid for the conditions of the fit"
+            yield "conditions of the measurement", statement, f"{covered.variable} {covered}"
+        elif covered.variable in model.channels and len(series) >= _FEWEST:
+            examined += 1
+            channel, factor = model.channels[covered.variable]
+            left += _left(covered, factor * series[channel], series.sample_rate)
+    if examined and not left:
+        figure = f"{examined} ranges, exceeded for less than {NOTABLE_SHARE:.0%} of the time"
+        yield "within the fitted ranges", "the run stays within the ranges of the model's records", figure
+    yield from left
+
+
+def _left(covered: Range, values: np.ndarray, rate: float) -> Iterator[tuple[str, str, str]]:
+    """Yield a reason if values are outside a range: of frequencies, or of amplitudes."""
+    if covered.kind == "frequency":
+        share = _power_outside(values, rate, covered)
+        if share > NOTABLE_POWER:
+            figure = f"{covered.variable}: {share:.0%} of the power outside {covered}; limit {NOTABLE_POWER:.0%}"
+            yield "beyond the fitted frequencies", "the run leaves the frequencies of the records", figure
         return
-    yield _stated(run, *max(decisive.items(), key=lambda item: item[1]))
-    others = {name: e for name, e in errors.items() if name not in decisive and e > LARGEST_ERROR}
-    if others:
-        name = max(others, key=lambda each: others[each])
-        yield RULES.reason(
-            "coupling error of other channels",
-            f"the coupling error of {len(others)} other channel{'' if len(others) == 1 else 's'} is too large; "
-            f"largest: {name}",
-            figure=f"{_percent(others[name])}; limit {LARGEST_ERROR:g} %",
-            origin="coupling error per channel",
-        )
+    share = _time_outside(values, covered)
+    if share > NOTABLE_SHARE:
+        rule = "beyond the fitted amplitudes" if share <= LARGEST_SHARE else "mostly beyond the fitted amplitudes"
+        limits = f"limits {NOTABLE_SHARE:.0%} and {LARGEST_SHARE:.0%}"
+        figure = f"{covered.variable}: {share:.1%} of the time beyond {covered} about the mean; {limits}"
+        yield rule, "the run leaves the amplitudes of the records", figure
 
 
-def _local(run: RunData) -> Iterator[Reason]:
-    for bond, coupled in run.coupled.items():
-        if not coupled.percent <= LARGEST_ERROR:
-            yield RULES.reason(
-                "local error of a bond",
-                "the values that the ends of a bond assume of each other are wrong in every step",
-                figure=f"{_percent(coupled.percent)} of the scale; limit {LARGEST_ERROR:g} %",
-                origin=f"bond {bond}",
-            )
+def _time_outside(values: np.ndarray, covered: Range) -> float:
+    """Return the share of samples (N,) that are farther from their mean than the records were from their own mean."""
+    middle, expected = 0.0, 0.0  # velocities are about zero
+    if covered.variable.rpartition(".")[2] != "velocity":
+        middle, expected = float(values.mean()), 0.5 * (covered.low + covered.high)
+    low, high = covered.low - expected, covered.high - expected
+    beyond = (values - middle > (1.0 + MARGIN) * high) | (values - middle < (1.0 + MARGIN) * low)
+    return float(np.mean(beyond))
 
 
-def _not_stated(run: RunData) -> Reason:
-    if not (run.energy or run.coupled or run.has_loop):
-        return RULES.reason("nothing is coupled", "there is no coupling loop", figure="0 bonds", origin="the system")
-    return RULES.reason(
-        "coupling error not stated",
-        "the coupling error is not stated",
-        figure=f"known for 0 of {len(run.series.names)} channels",
-        origin=f"{run.algorithm} at {1e3 * run.step:g} ms",
-    )
-
-
-def _stated(run: RunData, name: str, error: float) -> Reason:
-    limit = run.tolerance or GOOD_ERROR
-    origin = f"channel {name}, {run.scheme or run.algorithm} at {1e3 * run.step:g} ms"
-    if error > LARGEST_ERROR:
-        figure = f"{_percent(error)} of the scale; limit {LARGEST_ERROR:g} %"
-        return RULES.reason("coupling error too large", "the coupling error is too large", figure, origin)
-    named = "tolerance" if run.tolerance else "good up to"
-    figure = f"{_percent(error)} of the scale; {named} {limit:g} %"
-    if error > limit:
-        return RULES.reason("coupling tolerance not met", "the coupling error is larger than requested", figure, origin)
-    return RULES.reason("coupling error small", "the coupling error is small", figure, origin)
-
-
-def _energy(run: RunData) -> Iterator[Reason]:
-    shares = {bond: abs(energy.relative) for bond, energy in run.energy.items()}
-    bad = {bond: share for bond, share in shares.items() if not share <= DOUBTFUL_RESIDUAL}
-    for bond, share in bad.items():
-        rule = "energy residual notable" if share <= LARGEST_RESIDUAL else "energy residual too large"
-        yield RULES.reason(
-            rule,
-            "the coupling adds or loses energy",
-            figure=f"{share:.2%} of the energy transferred; limit {LARGEST_RESIDUAL:.0%}",
-            origin=f"bond {bond}",
-        )
-    if shares and not bad:
-        worst = max(shares, key=lambda bond: shares[bond])
-        yield RULES.reason(
-            "energy residual small",
-            "the coupling conserves energy",
-            figure=f"{shares[worst]:.2%}; limit {LARGEST_RESIDUAL:.0%}",
-            origin=f"bond {worst}",
-        )
-
-
-def _convergence(run: RunData) -> Iterator[Reason]:
-    end = f"{float(run.series.time[-1]):g} s" if len(run.series) else "0 s"
-    if run.partial:
-        yield RULES.reason("ended early", "the run ended early", figure=f"at {end}", origin=run.algorithm)
-    if not run.converged:
-        notes = run.notes[0] if run.notes else "no note"
-        yield RULES.reason("not converged", "the run did not converge", figure=notes, origin=run.algorithm)
-    if run.converged and not run.partial:
-        figure = f"{run.steps} steps, {end}"
-        yield RULES.reason("converged", "the run reached its stop time", figure, origin="the run")
-
-
-def _percent(value: float) -> str:
-    return f"{value:.2g} %" if abs(value) < 10.0 else f"{value:.0f} %"
+def _power_outside(values: np.ndarray, rate: float, covered: Range) -> float:
+    """Return the share of the power of values (N,) about their mean that is outside a range of frequencies."""
+    power = np.abs(np.fft.rfft(values - values.mean())) ** 2
+    lines = np.fft.rfftfreq(values.size, 1.0 / rate)
+    total = float(power.sum())
+    return float(power[(lines < covered.low) | (lines > covered.high)].sum()) / total if total else 0.0

@@ -302,7 +302,11 @@ def with_bonds(found: tuple[Connection, ...]) -> tuple[tuple[Bond, ...], tuple[C
     A bond is velocity one way and force back between two components, with the same gain. With different gains the power
     at both ends would differ, and the energy residual would be meaningless.
     """
-    by_ends = {(*_ends(c), _last(c.source)): c for c in found if _last(c.source) == _last(c.target)}
+    by_ends = {
+        (c.source.rpartition(".")[0], c.target.rpartition(".")[0], _last(c.source)): c
+        for c in found
+        if _last(c.source) == _last(c.target)
+    }
     bonds = []
     for (vehicle, shock, what), velocity in by_ends.items():
         force = by_ends.get((shock, vehicle, "force"))
@@ -320,8 +324,3 @@ def _alike(first: Connection, second: Connection) -> bool:
 
 def _last(name: str) -> str:
     return name.rpartition(".")[2]
-
-
-def _ends(connection: Connection) -> tuple[str, str]:
-    """Return the ports of a connection: `car.lf` and `lf`."""
-    return connection.source.rpartition(".")[0], connection.target.rpartition(".")[0]

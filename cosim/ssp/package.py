@@ -15,7 +15,7 @@ from typing import TypeVar
 from urllib.parse import SplitResult, unquote, urlsplit
 from urllib.request import url2pathname
 
-from cosim.components.component import Conversion, UnitDefinition
+from cosim.components.component import EXPONENTS, Conversion, UnitDefinition
 from eightpost.archive import extract_archive, read_archive
 from eightpost.errors import FmuError, InputError
 from eightpost.files import is_file
@@ -28,7 +28,6 @@ _NAMESPACES = {
     "ssv": "http://ssp-standard.org/SSP1/SystemStructureParameterValues",
     "ssm": "http://ssp-standard.org/SSP1/SystemStructureParameterMapping",
 }
-_EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 #: Types of SSP 2.0 and FMI 3.0 that components have under other names.
 _TYPES = {"Float64": "Real", "Float32": "Real"} | {
     f"{sign}Int{bits}": "Integer" for sign in ("", "U") for bits in (8, 16, 32, 64)
@@ -159,7 +158,7 @@ def read_units(root: ET.Element, units: str, where: str) -> dict[str, UnitDefini
 
 def _definition(name: str, base: ET.Element, where: str) -> UnitDefinition:
     place = f"{where}: unit {name!r}"
-    exponents = {key: integer(base, key, place) for key in _EXPONENTS if base.get(key, "0").strip() != "0"}
+    exponents = {key: integer(base, key, place) for key in EXPONENTS if base.get(key, "0").strip() != "0"}
     factor, offset = number(base, "factor", place, 1.0), number(base, "offset", place, 0.0)
     if factor == 0.0:
         raise InputError(f"{place} has the factor 0; correct it")

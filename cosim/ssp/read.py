@@ -14,16 +14,7 @@ from cosim.session.run import Case
 from cosim.ssp import flatten
 from cosim.ssp.description import read_structure
 from cosim.ssp.flatten import Hop, Network, Port, SystemPath, compose
-from cosim.ssp.package import (
-    Assignment,
-    Experiment,
-    FmuElement,
-    Structure,
-    Unpacked,
-    Value,
-    named,
-    open_package,
-)
+from cosim.ssp.package import Assignment, Experiment, FmuElement, Structure, Unpacked, Value, named, open_package
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import System, can_be_set
 from eightpost import units
@@ -293,7 +284,6 @@ class _OpenInputs:
 
 
 def _discrete(text: str, kind: str, what: str) -> int:
-    """Return the value of an Integer, a Boolean or an enumeration."""
     if kind == "Boolean" and text in ("true", "false"):
         return text == "true"
     try:
@@ -399,7 +389,6 @@ def _load(
     swaps: Mapping[str, str | Path],
     load: Callable[[Path, str], Component],
 ) -> tuple[dict[str, Component], dict[str, Path]]:
-    """Return the components and their files by name."""
     if unknown := sorted(set(swaps) - set(names.values())):
         raise WiringError(f"no component {unknown[0]!r} to swap; there are {', '.join(names.values())}")
     components: dict[str, Component] = {}

@@ -337,6 +337,11 @@ class Study:
         return SetupSpace(self.corners, self.alike)
 
     @property
+    def allowed(self) -> tuple[str, ...]:
+        """Builds that a corner allows."""
+        return tuple(dict.fromkeys(build for builds in self.corners.values() for build in builds))
+
+    @property
     def named_measures(self) -> tuple[str, ...]:
         """Measures of the objective and the constraints; a study with neither names all its measures."""
         named = [*(term.measure for term in self.objective), *(one.measure for one in self.constraints)]

@@ -97,7 +97,6 @@ class HostCar:
         return state, force
 
     def _with_law(self, shocks: ForceLaw, step: float, inputs: Array) -> _Advance:
-        """Ask for the force at every stage (loop C)."""
         A, B, ports = self._vehicle.A, self._pushed, self._vehicle.C[self._motions]
         load, moved = inputs @ self._vehicle.B.T, self._direct(self._motions, inputs)
         half = 0.5 * step

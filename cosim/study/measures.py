@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -55,18 +55,7 @@ def rms(values: Array) -> float:
     return float(np.std(values))
 
 
-def _joint_rms(response: Response) -> float:
-    """Return the root mean square of the channels' RMS values."""
-    return float(np.sqrt(np.mean(np.var(response.rows, axis=1))))
-
-
-def _peak(response: Response) -> float:
-    total = response.total
-    return float(np.max(np.abs(total - total.mean())))
-
-
 def _variation(response: Response) -> float:
-    """Return the coefficient of variation: RMS divided by the mean."""
     total = response.total
     mean = float(total.mean())
     if mean == 0.0:
@@ -76,25 +65,13 @@ def _variation(response: Response) -> float:
     return rms(total) / abs(mean)
 
 
-def _work(response: Response) -> float:
-    """Return the integral of force times velocity by the trapezoidal rule."""
-    power = response.rows[0] * response.rows[1]
-    return float(scipy.integrate.trapezoid(power, dx=response.step))
-
-
-def _share(response: Response) -> float:
-    low, high = response.options["from"], response.options["to"]
-    total = response.total
-    return float(np.mean((total >= low) & (total < high)))
-
-
 #: Statistics by their name in study files.
 STATISTICS: Mapping[str, _Statistic] = {
     "rms": _Statistic(lambda r: rms(r.total)),
     "rms_with_mean": _Statistic(lambda r: float(np.sqrt(np.mean(r.total**2))), absolute=True),
-    "joint_rms": _Statistic(_joint_rms),
+    "joint_rms": _Statistic(lambda r: float(np.sqrt(np.mean(np.var(r.rows, axis=1))))),
     "mean": _Statistic(lambda r: float(np.mean(r.total)), absolute=True),
-    "peak": _Statistic(_peak),
+    "peak": _Statistic(lambda r: float(np.max(np.abs(r.total - r.total.mean())))),
     "range": _Statistic(lambda r: float(np.ptp(r.total))),
     "maximum": _Statistic(lambda r: float(np.max(r.total)), absolute=True),
     "minimum": _Statistic(lambda r: float(np.min(r.total)), absolute=True),
@@ -102,8 +79,12 @@ STATISTICS: Mapping[str, _Statistic] = {
         lambda r: float(np.percentile(r.total, r.options["percent"])), absolute=True, options={"percent": None}
     ),
     "variation": _Statistic(_variation, unit="1", absolute=True),
-    "work": _Statistic(_work, unit="J"),
-    "share": _Statistic(_share, unit="1", options={"from": -np.inf, "to": np.inf}),
+    "work": _Statistic(lambda r: float(scipy.integrate.trapezoid(r.rows[0] * r.rows[1], dx=r.step)), unit="J"),
+    "share": _Statistic(
+        lambda r: float(np.mean((r.total >= r.options["from"]) & (r.total < r.options["to"]))),
+        unit="1",
+        options={"from": -np.inf, "to": np.inf},
+    ),
 }
 
 
@@ -197,23 +178,16 @@ def sections_of(low: float, high: float, rate: float) -> Sections | None:
     if low <= 0.0 and not np.isfinite(high):
         return None
     key = digest((scipy.__version__, str(_ORDER), low.hex(), high.hex(), rate.hex()))
-    kept = recall("filters", key)
-    if kept is None:
-        designed = _designed(low, high, rate)
-        keep("filters", key, np.hstack((designed.rows, designed.rest)).astype("<f8").tobytes())
-        return designed
-    rows = np.frombuffer(kept, dtype="<f8").reshape(-1, 8)
-    return Sections(rows[:, :6].copy(), rows[:, 6:].copy())
-
-
-def _designed(low: float, high: float, rate: float) -> Sections:
+    if (kept := recall("filters", key)) is not None:
+        stored = np.frombuffer(kept, dtype="<f8").reshape(-1, 8)
+        return Sections(stored[:, :6].copy(), stored[:, 6:].copy())
+    design: dict[str, Any] = {"btype": "lowpass", "Wn": high} if low <= 0.0 else {"btype": "highpass", "Wn": low}
     if low > 0.0 and np.isfinite(high):
-        rows = scipy.signal.butter(_ORDER, (low, high), btype="bandpass", fs=rate, output="sos")
-    elif low > 0.0:
-        rows = scipy.signal.butter(_ORDER, low, btype="highpass", fs=rate, output="sos")
-    else:
-        rows = scipy.signal.butter(_ORDER, high, btype="lowpass", fs=rate, output="sos")
-    return Sections(np.asarray(rows), np.asarray(scipy.signal.sosfilt_zi(rows)))
+        design = {"btype": "bandpass", "Wn": (low, high)}
+    rows = scipy.signal.butter(_ORDER, fs=rate, output="sos", **design)
+    designed = Sections(np.asarray(rows), np.asarray(scipy.signal.sosfilt_zi(rows)))
+    keep("filters", key, np.hstack((designed.rows, designed.rest)).astype("<f8").tobytes())
+    return designed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -352,7 +326,9 @@ class Measure:
 
     def drawn_from(self, run: Filtered, *, start: float = -np.inf) -> float:
         """Return the same value as `of`, from a run with cached filtered channels."""
-        response = Response(self._rows(run, start), _step(run.series), self.options)
+        series = run.series
+        step = series.duration / (len(series) - 1) if len(series) > 1 else 0.0
+        response = Response(self._rows(run, start), step, self.options)
         if self.function:
             return float(own_function(self.function)(response))
         return statistic(self.statistic).of(response)
@@ -383,20 +359,14 @@ class Measure:
         return rows * np.array(self.weights)[:, None] if self.weights else rows
 
     def _window(self, run: Filtered, start: float) -> slice:
-        """Return the samples of the section after the settling time."""
         first, last = self.section or (-np.inf, np.inf)
         window = run.samples(max(first, start), last)
         if window.stop - window.start < 2:
-            span = f"{run.series.time[0]:g} to {run.series.time[-1]:g} s"
             raise InputError(
                 f"measure {self.name!r}: fewer than two samples from {max(first, start):g} to {last:g} s; the run is "
-                f"{span}"
+                f"{run.series.time[0]:g} to {run.series.time[-1]:g} s"
             )
         return window
-
-
-def _step(series: TimeSeries) -> float:
-    return series.duration / (len(series) - 1) if len(series) > 1 else 0.0
 
 
 def available(measures: Sequence[Measure], *runs: TimeSeries) -> tuple[Measure, ...]:
@@ -468,7 +438,7 @@ def family(name: str, car: Car) -> tuple[Measure, ...]:
         raise InputError(f"there is no family of measures {name!r}; there are {', '.join(FAMILIES)}")
     if found := _measures(name, car):
         return found
-    others = ", ".join(other for other in FAMILIES if _measures(other, car)) or "none"
+    others = ", ".join(filter(lambda other: _measures(other, car), FAMILIES)) or "none"
     raise InputError(f"family {name!r}: {car.name} has none of its channels; families with channels of {car.name}: "
                      f"{others} (docs/how_to/study.md)")  # fmt: skip
 
@@ -497,45 +467,42 @@ def _ride(car: Car) -> Iterator[Measure]:
             yield Measure(f"{corner} {words}, RMS", (car.port(corner, variable),), "rms", unit)
 
 
-def _numbers(car: Car) -> Iterator[Measure]:
-    """Yield grip number and aero number (2.5); lower is better."""
+def _numbers(car: Car) -> Iterator[Measure]:  # 2.5; lower is better
     heights = tuple(f"{car.name}.{axle}.ride_height" for axle in ("front", "rear"))
     yield Measure("grip number", car.ports("tire_force"), "rms", "lbf")
     yield Measure("aero number", heights, "joint_rms", "in")
 
 
-def _tires(car: Car) -> Iterator[Measure]:
-    for corner, tire in zip(car.corners, car.ports("tire_force"), strict=True):
-        yield Measure(f"{corner} tire force variation", (tire,), "variation", "1")
-        yield Measure(f"{corner} tire force, RMS", (tire,), "rms", "lbf")
-        yield Measure(f"{corner} tire force, 1st percentile", (tire,), "percentile", "lbf", options={"percent": 1.0})
-    yield Measure("total tire force variation", car.ports("tire_force"), "variation", "1")
+#: Measures of each corner by family: name, variable at the vehicle's port, statistic, unit, options of the statistic.
+_AT_CORNERS: Mapping[str, Sequence[tuple[str, str, str, str, Mapping[str, float]]]] = {
+    "tires": (
+        ("tire force variation", "tire_force", "variation", "1", {}),
+        ("tire force, RMS", "tire_force", "rms", "lbf", {}),
+        ("tire force, 1st percentile", "tire_force", "percentile", "lbf", {"percent": 1.0}),
+    ),
+    "accelerations": tuple(
+        (f"{place} acceleration, RMS", f"{place}_acceleration", "rms", "g", {}) for place in ("hub", "chassis")
+    ),
+    "travel": tuple(
+        (f"suspension travel, {word}", "displacement", word.lower(), "in", {}) for word in ("RMS", "range")
+    ),
+    "energy": (("energy into the shock", "velocity", "work", "J", {}),),
+    "velocities": tuple(
+        (f"time in {label}", "velocity", "share", "1", {"from": low, "to": high})
+        for label, (low, high) in _SPEEDS.items()
+    ),
+}
 
 
-def _accelerations(car: Car) -> Iterator[Measure]:
+def _at_corners(family: str, car: Car) -> Iterator[Measure]:
     for corner in car.corners:
-        for place in ("hub", "chassis"):
-            channel = car.port(corner, f"{place}_acceleration")
-            yield Measure(f"{corner} {place} acceleration, RMS", (channel,), "rms", "g")
-    yield Measure("driver acceleration, RMS", (f"{car.name}.driver.acceleration",), "rms", "g")
-
-
-def _travel(car: Car) -> Iterator[Measure]:
-    for corner, channel in zip(car.corners, car.ports("displacement"), strict=True):
-        yield Measure(f"{corner} suspension travel, RMS", (channel,), "rms", "in")
-        yield Measure(f"{corner} suspension travel, range", (channel,), "range", "in")
-
-
-def _energy(car: Car) -> Iterator[Measure]:
-    for corner, velocity in zip(car.corners, car.ports("velocity"), strict=True):
-        yield Measure(f"{corner} energy into the shock", (f"{corner}.force", velocity), "work", "J")
-
-
-def _velocities(car: Car) -> Iterator[Measure]:
-    """Yield the shares of time in four ranges of shock velocity."""
-    for corner, channel in zip(car.corners, car.ports("velocity"), strict=True):
-        for label, (low, high) in _SPEEDS.items():
-            yield Measure(f"{corner} time in {label}", (channel,), "share", "1", options={"from": low, "to": high})
+        for label, variable, kind, unit, options in _AT_CORNERS[family]:
+            force = (f"{corner}.force",) if kind == "work" else ()
+            yield Measure(f"{corner} {label}", (*force, car.port(corner, variable)), kind, unit, options=options)
+    if family == "tires":
+        yield Measure("total tire force variation", car.ports("tire_force"), "variation", "1")
+    if family == "accelerations":
+        yield Measure("driver acceleration, RMS", (f"{car.name}.driver.acceleration",), "rms", "g")
 
 
 def _tire_modes(car: Car, bands: Mapping[str, tuple[float, float]]) -> Iterator[Measure]:
@@ -550,11 +517,7 @@ def _tire_modes(car: Car, bands: Mapping[str, tuple[float, float]]) -> Iterator[
 FAMILIES: Mapping[str, Callable[[Car], Iterator[Measure]]] = {
     "ride": _ride,
     "numbers": _numbers,
-    "tires": _tires,
-    "accelerations": _accelerations,
-    "travel": _travel,
-    "energy": _energy,
-    "velocities": _velocities,
+    **{family: partial(_at_corners, family) for family in _AT_CORNERS},
     "tire_modes": lambda car: _tire_modes(car, _BANDS),
     "tire_spectra": lambda car: _tire_modes(car, _OCTAVES),
 }
@@ -608,13 +571,7 @@ def above_band(
 
 
 def power_above(signals: Array, rate: float, high: float) -> float:
-    """Return the share of the power of signals (C, N) about their means above a frequency [Hz].
-
-    Args:
-        signals: Signals (C, N).
-        rate: Samples per second [Hz].
-        high: Frequency [Hz].
-    """
+    """Return the share of the power of signals (C, N), sampled at a rate [Hz], about their means above `high` [Hz]."""
     power, frequency = _spectrum(signals, rate)
     return float(power[frequency > high].sum())
 

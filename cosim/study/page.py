@@ -267,7 +267,6 @@ def packed(sheet: Sheet, extras: Extras, picked: Sequence[int]) -> tuple[dict[st
 
 
 def _limits(sheet: Sheet) -> dict[str, dict[str, float | None]]:
-    """Return the limits of the constraints by measure [SI]; None where there is no limit."""
     limits: dict[str, dict[str, float | None]] = {}
     for bound in sheet.background.constraints:
         ends = limits.setdefault(bound.measure, {"low": None, "high": None})

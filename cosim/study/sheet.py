@@ -12,8 +12,6 @@ from pathlib import Path, PurePath
 from typing import Literal, NamedTuple
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.compute
 
 from cosim.components.fmu_component import FmuComponent
 from cosim.report.page import Origin
@@ -23,7 +21,7 @@ from cosim.study.choice.rig_day import Selected
 from cosim.study.choice.sensitivity import Sensitivity
 from cosim.study.definition import Build, Parameters, Study
 from cosim.study.measures import Measure
-from cosim.study.table import StoredTable, StudyResult
+from cosim.study.table import StudyResult
 from cosim.study.verdict import study_verdict
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
@@ -346,6 +344,8 @@ def sheet_of(result: StudyResult, *, certainty: Certainty | None = None, trace_c
     """
     levels = certainty.levels if certainty else {}
     builds, messages = tuple(result.study.bank), result.table["message"]
+    units = {one.measure: one.unit or result.unit(one.measure) for one in result.study.objective}
+    ranked = result.objective
     return Sheet(
         corners=tuple(result.study.corners),
         builds=builds,
@@ -354,18 +354,16 @@ def sheet_of(result: StudyResult, *, certainty: Certainty | None = None, trace_c
         placed=result.places(builds),
         measures=tuple(_column(result, one.name, levels.get(one.name)) for one in _by_interest(result.study)),
         allowed=result.feasible,
-        coupling_error=_numbers(result.table, "coupling_error_percent"),
+        coupling_error=result.column("coupling_error_percent"),
         objective=None
-        if result.objective is None
-        else Column(OBJECTIVE, Scale.of("1"), result.objective, uncertainty=_uncertainty_of(levels.get(OBJECTIVE))),
+        if ranked is None
+        else Column(OBJECTIVE, Scale.of("1"), ranked, uncertainty=_uncertainty_of(levels.get(OBJECTIVE))),
         failures={row: messages[row].as_py() or "it did not finish" for row in np.flatnonzero(~result.done).tolist()},
-        marks=_texts(result.table, "marks"),
+        marks={row: result.table["marks"][row].as_py() for row in np.flatnonzero(result.is_marked).tolist()},
         baseline=result.baseline_row,
         certainty=certainty,
         terms=tuple(
-            Weighted(
-                one.measure, one.weight, Display.of(result.unit(one.measure), one.unit or result.unit(one.measure))
-            )
+            Weighted(one.measure, one.weight, Display.of(result.unit(one.measure), units[one.measure]))
             for one in result.study.objective
         ),
         background=background(result, trace_command, certainty),
@@ -417,16 +415,6 @@ def _column(result: StudyResult, name: str, levels: Levels | None) -> Column:
     return Column(name, scale, result.values(name), "high" if rewarded else "low", _uncertainty_of(levels))
 
 
-def _numbers(table: pa.Table | StoredTable, name: str) -> Array:
-    return np.asarray(table[name].to_numpy(zero_copy_only=False), dtype=np.float64)
-
-
-def _texts(table: pa.Table | StoredTable, name: str) -> dict[int, str]:
-    texts = table[name]
-    given = np.flatnonzero(pa.compute.not_equal(texts, "").fill_null(False))
-    return {row: texts[row].as_py() for row in given.tolist()}
-
-
 def _bounds(result: StudyResult) -> Iterator[Bound]:
     for constraint in result.study.constraints:
         name = constraint.measure
@@ -438,7 +426,7 @@ def _bounds(result: StudyResult) -> Iterator[Bound]:
 
 
 def _facts(result: StudyResult) -> Iterator[tuple[str, str]]:
-    study, seconds = result.study, _numbers(result.table, "seconds")
+    study, seconds = result.study, result.column("seconds")
     yield "Setups", f"{len(result)} of {len(study.space)}, from {len(study.bank)} builds"
     if study.alike:
         yield "Corners with the same build", "; ".join(" and ".join(group) for group in study.alike)

@@ -42,9 +42,7 @@ Value = float | str
 #: Function that returns the FMU of a source file, building it if necessary.
 Sources = Callable[[Path], Path]
 
-_WORDS = {
-    "extra_forbidden": "is not an entry of a study file (docs/how_to/study.md lists the entries)",
-}
+_WORDS = {"extra_forbidden": "is not an entry of a study file (docs/how_to/study.md lists the entries)"}
 
 
 class _Strict(BaseModel):
@@ -371,7 +369,6 @@ def _si(value: Value, what: str, si: str = "") -> float:
 
 
 def _own(component: FmuComponent, name: str, value: bool | Value) -> bool | Value:
-    """Return a value in the variable's own unit; numbers already are."""
     variable: Variable | None = component.variables.get(name)
     if variable is None:
         raise WiringError(f"{component.source} has no variable {name!r}")

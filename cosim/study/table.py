@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute
 import pyarrow.parquet
 from pydantic import TypeAdapter
 
@@ -103,10 +104,7 @@ def _write_tables(path: Path, schema: pa.Schema, tables: Iterable[pa.Table]) -> 
         InputError: Two rows have the same setup number, or the setups are not in order.
     """
     last = -1
-    with (
-        atomic_path(path) as temporary,
-        pyarrow.parquet.ParquetWriter(temporary, schema, compression="zstd") as writer,
-    ):
+    with atomic_path(path) as temporary, pyarrow.parquet.ParquetWriter(temporary, schema, compression="zstd") as writer:
         for table in tables:
             numbers = np.concatenate([[last], table["setup"].to_numpy()])
             if np.any(np.diff(numbers) <= 0):
@@ -137,19 +135,14 @@ def error_column(measure: str) -> str:
 def study_schema(study: Study, measure_units: Mapping[str, str]) -> pa.Schema:
     """Return the columns of a study's table."""
     tail = {"coupling_error_percent": pa.float64(), "seconds": pa.float64()}
-    return pa.schema(
-        [
-            pa.field("setup", pa.int64()),
-            *(pa.field(corner, pa.string()) for corner in study.corners),
-            *(pa.field(m.name, pa.float64(), metadata=_words(m, measure_units[m.name])) for m in study.measures),
-            *(pa.field(name, tail.get(name, pa.string())) for name in TAIL),
-            *(
-                pa.field(name, pa.float64(), metadata=_words(m, measure_units[m.name]) | {"label": name})
-                for m in study.measures
-                for name in (error_column(m.name),)
-            ),
-        ]
-    )
+    measures, errors = [], []
+    for m in study.measures:
+        words = {"unit": measure_units[m.name], "display": m.display or measure_units[m.name], "label": m.name}
+        name = error_column(m.name)
+        measures.append(pa.field(m.name, pa.float64(), metadata=words))
+        errors.append(pa.field(name, pa.float64(), metadata=words | {"label": name}))
+    fields = [pa.field("setup", pa.int64()), *(pa.field(corner, pa.string()) for corner in study.corners), *measures]
+    return pa.schema([*fields, *(pa.field(name, tail.get(name, pa.string())) for name in TAIL), *errors])
 
 
 def result_table(rows: Sequence[Mapping[str, Any]], schema: pa.Schema) -> pa.Table:
@@ -163,10 +156,6 @@ def result_table(rows: Sequence[Mapping[str, Any]], schema: pa.Schema) -> pa.Tab
     if np.unique(numbers).size < numbers.size:
         raise InputError("two rows have the same setup number")
     return table
-
-
-def _words(measure: Measure, unit: str) -> dict[str, str]:
-    return {"unit": unit, "display": measure.display or unit, "label": measure.name}
 
 
 def _check_columns(table: pa.Table | StoredTable, schema: pa.Schema) -> None:
@@ -222,7 +211,6 @@ _PROVENANCE: TypeAdapter[Provenance] = TypeAdapter(Provenance)
 
 
 def _header_of(study: Study, provenance: Provenance, *, partial: bool) -> dict[bytes, str]:
-    """Return the header of a result's file: provenance and definition of the study."""
     header = {
         "schema": "eightpost.study",
         "schema_version": SCHEMA,
@@ -261,15 +249,11 @@ def _with_found_files(header: Mapping[str, Any], folder: Path) -> dict[str, Any]
     files = {model["fmu"] for model in models} | {*header["guids"], *header["digests"], *header.get("models", {})}
     for drive in study["drives"]:
         files |= {drive["file"], drive.get("channel_map") or drive["file"]}
-    found = {file: there for file in files if (there := _found(file, folder.resolve())) != file}
+    places, found = (folder.resolve(), *folder.resolve().parents), dict[str, str]()
+    for file in (file for file in files if not Path(file).exists()):
+        found |= next(({file: str(place / file)} for place in places if (place / file).exists()), {})
     renamed: dict[str, Any] = _renamed(header, found) if found else dict(header)
     return renamed
-
-
-def _found(file: str, folder: Path) -> str:
-    if Path(file).exists():
-        return file
-    return next((str(place / file) for place in (folder, *folder.parents) if (place / file).exists()), file)
 
 
 def _renamed(value: Any, names: Mapping[str, str]) -> Any:
@@ -368,6 +352,10 @@ class StudyResult(Summarized):
         """Return the unit in which a measure is shown to this user."""
         return units.shown_unit(self.unit(measure), self.study.measure(measure).display)
 
+    def column(self, name: str) -> Array:
+        """Return a column of numbers of the table (R,); NaN where it has none."""
+        return np.asarray(self.table[name].to_numpy(zero_copy_only=False), dtype=np.float64)
+
     def values(self, measure: str) -> Array:
         """Return a measure of every row (R,) in SI; NaN if the setup failed.
 
@@ -375,9 +363,14 @@ class StudyResult(Summarized):
             InputError: There is no such measure.
         """
         if measure not in self._cache:
-            self.study.measure(measure)
-            self._cache[measure] = np.asarray(self.table[measure].to_numpy(zero_copy_only=False), dtype=np.float64)
+            self._cache[measure] = self.column(self.study.measure(measure).name)
         return self._cache[measure]
+
+    def cost(self, name: str = "") -> Array:
+        """Return the objective (R,), or a measure by its name; without an objective, its default is the first one."""
+        if not name and (objective := self.objective) is not None:
+            return objective
+        return self.values(name or self.measures[0].name)
 
     def shown(self, measure: str) -> Array:
         """Return a measure of every row (R,) in its display unit."""
@@ -387,16 +380,26 @@ class StudyResult(Summarized):
         """Return a difference between two values of a measure, given in SI, in the measure's display unit."""
         return units.conversion(self.unit(measure), self.display(measure))[0] * difference
 
+    def factor(self, term: Term) -> float:
+        """Return the factor on a measure in SI that gives a term of the objective."""
+        return term.weight * self._to_unit(term)[0]
+
+    def constant(self, term: Term) -> float:
+        """Return the constant that a term of the objective has in addition, such as that of a temperature."""
+        return term.weight * self._to_unit(term)[1]
+
+    def _to_unit(self, term: Term) -> tuple[float, float]:
+        return units.conversion(self.unit(term.measure), term.unit or self.unit(term.measure))
+
     @property
     def objective(self) -> Array | None:
         """Objective of every row (R,) (Eq 2.6); None if the study has none."""
         if not self.study.objective:
             return None
-        return np.asarray(np.sum([self._term(term) for term in self.study.objective], axis=0))
-
-    def _term(self, term: Term) -> Array:
-        own = self.unit(term.measure)
-        return np.asarray(term.weight * units.convert(self.values(term.measure), own, term.unit or own))
+        si = {term.measure: self.unit(term.measure) for term in self.study.objective}
+        rows = [t.weight * units.convert(self.values(t.measure), si[t.measure], t.unit or si[t.measure])
+                for t in self.study.objective]  # fmt: skip
+        return np.asarray(np.sum(rows, axis=0))
 
     @property
     def feasible(self) -> Flags:
@@ -418,10 +421,8 @@ class StudyResult(Summarized):
         Args:
             measure: Measure to rank by, lowest first; None: the objective, or the first measure if the study has none.
         """
-        by = self.objective if measure is None else self.values(measure)
-        by = self.values(self.measures[0].name) if by is None else by
         rows = np.flatnonzero(self.feasible)
-        return np.asarray(rows[np.argsort(by[rows], kind="stable")], dtype=np.int64)
+        return np.asarray(rows[np.argsort(self.cost(measure or "")[rows], kind="stable")], dtype=np.int64)
 
     def rows_of(self, setups: Integers, measure: str) -> Integers:
         """Return the rows (K,) of setups, given by their numbers (K,), sorted by a measure."""

@@ -19,78 +19,65 @@ from eightpost.verdict import Reason, Rules, Verdict, listed
 RULES = Rules.read(Path(__file__).with_suffix(".txt"), largest_error=LARGEST_ERROR, notable_power=100 * NOTABLE_POWER)
 
 
+#: Reasons as rows: rule, statement, figure, origin.
+_Rows = Iterator[tuple[str, str, str, str]]
+
+
 def study_verdict(result: StudyResult, certainty: Certainty | None = None) -> Verdict:
     """Return the verdict on a study.
 
     Args:
         certainty: Certainty of the choice; None if it was not computed, so that it is unknown.
     """
-    own = (*_marks(result), *_coupling(result), *_band(result), *_means(result), *_models(result))
-    return Verdict((*_setups(result), *certainty_reasons(certainty), *own))
-
-
-def _setups(result: StudyResult) -> Iterator[Reason]:
-    count, failed = len(result), int(np.sum(~result.done))
-    if failed == count:
-        yield RULES.reason("no setup ran", "no setup ran", figure=f"0 of {count} setups", origin="the table")
-    elif not result.feasible.any():
-        figure = f"0 of {count - failed} setups that ran"
-        yield RULES.reason(
-            "no setup keeps all constraints", "no setup keeps all constraints", figure, origin="the constraints"
-        )
-    if 0 < failed < count:
-        names = listed(str(number) for number in result.setups[~result.done].tolist())
-        yield RULES.reason(
-            "setups failed", "setups failed", figure=f"{failed} of {count} setups", origin=f"setups {names}"
-        )
-    if result.partial:
-        figure = f"{count} of {len(result.study.space)} setups were run"
-        yield RULES.reason("study not complete", "the study is not complete", figure, origin="the study was stopped")
-
-
-def _means(result: StudyResult) -> Iterator[Reason]:
+    setups = [RULES.reason(*row) for row in _setups(result)]
+    others = [RULES.reason(*row) for row in (*_marks(result), *_coupling(result), *_band(result))]
     if not result.study.vehicle.means_trusted:
         statement, figure = "measures that depend on a mean are omitted", "the study file does not trust means"
-        yield RULES.reason("means not trusted", statement, figure, origin=result.study.vehicle.name)
+        others.append(RULES.reason("means not trusted", statement, figure, origin=result.study.vehicle.name))
+    return Verdict((*setups, *certainty_reasons(certainty), *others, *_models(result)))
 
 
-def _marks(result: StudyResult) -> Iterator[Reason]:
+def _setups(result: StudyResult) -> _Rows:
+    count, failed = len(result), int(np.sum(~result.done))
+    if failed == count:
+        yield "no setup ran", "no setup ran", f"0 of {count} setups", "the table"
+    elif not result.feasible.any():
+        rule, figure = "no setup keeps all constraints", f"0 of {count - failed} setups that ran"
+        yield rule, "no setup keeps all constraints", figure, "the constraints"
+    if 0 < failed < count:
+        names = listed(str(number) for number in result.setups[~result.done].tolist())
+        yield "setups failed", "setups failed", f"{failed} of {count} setups", f"setups {names}"
+    if result.partial:
+        figure = f"{count} of {len(result.study.space)} setups were run"
+        yield "study not complete", "the study is not complete", figure, "the study was stopped"
+
+
+def _marks(result: StudyResult) -> _Rows:
     marked = result.is_marked & result.done
     if not marked.any():
-        yield RULES.reason(
-            "no setup marked", "no setup is marked", figure=f"0 of {len(result)} setups", origin="column marks"
-        )
+        yield "no setup marked", "no setup is marked", f"0 of {len(result)} setups", "column marks"
         return
     ranking = result.ranking()
     best = ", the best among them" if ranking.size and marked[ranking[0]] else ""
     names = listed(str(number) for number in result.setups[marked].tolist())
     figure = f"{int(marked.sum())} of {len(result)} setups{best}"
-    yield RULES.reason("setups marked", "setups are marked", figure, origin=f"setups {names}")
+    yield "setups marked", "setups are marked", figure, f"setups {names}"
 
 
-def _coupling(result: StudyResult) -> Iterator[Reason]:
+def _coupling(result: StudyResult) -> _Rows:
     accuracy = result.study.accuracy
     rows = np.flatnonzero(result.feasible if result.feasible.any() else result.done)
-    known = result.table["coupling_error_percent"].to_numpy(zero_copy_only=False).astype(np.float64)[rows]
+    known = result.column("coupling_error_percent")[rows]
     errors, numbers = known[np.isfinite(known)], result.setups[rows][np.isfinite(known)]
     if not errors.size:
-        figure = f"known for 0 of {len(result)} setups"
-        yield RULES.reason(
-            "coupling error of setups not stated",
-            "no coupling error is known",
-            figure,
-            origin="column coupling_error_percent",
-        )
+        figure, origin = f"known for 0 of {len(result)} setups", "column coupling_error_percent"
+        yield "coupling error of setups not stated", "no coupling error is known", figure, origin
         return
     worst, best = int(np.argmax(errors)), result.ranking()[:1]
     if best.size and result.setups[best[0]] not in numbers:
-        figure = f"known for {errors.size} of {rows.size} setups"
-        yield RULES.reason(
-            "coupling error of setups not stated",
-            "the coupling error of the best setup is not known",
-            figure=figure,
-            origin=f"setup {result.setups[best[0]]}",
-        )
+        statement = "the coupling error of the best setup is not known"
+        figure, origin = f"known for {errors.size} of {rows.size} setups", f"setup {result.setups[best[0]]}"
+        yield "coupling error of setups not stated", statement, figure, origin
         return
     at_best = errors[np.isin(numbers, result.setups[best])] if best.size else errors
     above = int(np.sum(errors > accuracy))
@@ -101,10 +88,10 @@ def _coupling(result: StudyResult) -> Iterator[Reason]:
         rule, statement = "coupling error of a setup above the tolerance", "a coupling error is above the target"
         if at_best.max(initial=0.0) > LARGEST_ERROR:
             rule = "coupling error of a setup too large"
-    yield RULES.reason(rule, statement, figure, origin=f"setup {numbers[worst]}")
+    yield rule, statement, figure, f"setup {numbers[worst]}"
 
 
-def _band(result: StudyResult) -> Iterator[Reason]:
+def _band(result: StudyResult) -> _Rows:
     """Yield which measures depend on frequencies above the band in which the vehicle was identified."""
     shares = result.provenance.above_band
     if not shares:
@@ -115,7 +102,7 @@ def _band(result: StudyResult) -> Iterator[Reason]:
     rule = "measures above the identified band" if above else "measures within the identified band"
     statement = "the study ranks what lies above the identified band" if above else "measures lie within the band"
     origin = f"{len(above)} of {len(shares)} measures of {result.study.vehicle.name}"
-    yield RULES.reason(rule, statement, figure=f"{figure}; limit {NOTABLE_POWER:.0%} of the power", origin=origin)
+    yield rule, statement, f"{figure}; limit {NOTABLE_POWER:.0%} of the power", origin
 
 
 def _models(result: StudyResult) -> Iterator[Reason]:

@@ -24,7 +24,6 @@ from eightpost.wiring import Wire, Wiring
 
 
 def _find_variable(components: Mapping[str, Component], name: str) -> Variable:
-    """Return the variable `component.variable`."""
     component, _, variable = name.partition(".")
     if component not in components:
         raise WiringError(f"{name}: there is no component {component!r}; {suggestion(component, components)}")
@@ -190,7 +189,9 @@ class System(Summarized):
         object.__setattr__(self, "bonds", tuple(self.bonds))
         object.__setattr__(self, "connections", tuple(self.connections))
         object.__setattr__(self, "sums", frozenset(self.sums))
-        _check_component_names(self.components)
+        for name in self.components:
+            if not name or "." in name:
+                raise WiringError(f"component name {name!r}: give it a name without dots")
         for connection in self.all_connections:
             self._check_connection(connection)
         for name in (*self.constants, *self.sums):
@@ -493,9 +494,3 @@ def _bonds(entries: Iterable[Bond | tuple[str, str]]) -> tuple[Bond, ...]:
         else:
             raise WiringError(f"{one!r} is not a bond; write ('car.lf', 'lf'): the vehicle's port, then the shock")
     return tuple(bonds)
-
-
-def _check_component_names(names: Iterable[str]) -> None:
-    for name in names:
-        if not name or "." in name:
-            raise WiringError(f"component name {name!r}: give it a name without dots")

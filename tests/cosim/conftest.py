@@ -77,7 +77,7 @@ def table(*variables):
     return {v.name: v for v in variables}
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make():
     """Builders of components and their variables."""
 
@@ -123,10 +123,7 @@ def bumps() -> Drivefile:
     time = 0.004 * np.arange(7501)
     rows = {
         name: sum(amplitude * np.sin(2.0 * np.pi * rate * time) for amplitude, rate in parts)
-        for name, parts in {
-            "a": ((0.02, 0.7), (0.004, 6.1), (0.0007, 19.0)),
-            "b": ((0.015, 1.3), (0.003, 9.7)),
-        }.items()
+        for name, parts in {"a": ((0.02, 0.7), (0.004, 6.1), (0.0007, 19.0)), "b": ((0.015, 1.3), (0.003, 9.7))}.items()
     }
     return Drivefile(TimeSeries.from_channels(time, {name: ("m", row) for name, row in rows.items()}))
 

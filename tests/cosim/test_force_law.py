@@ -62,7 +62,7 @@ def test_accepted_points_have_the_forces_of_a_plain_run_with_the_same_ramps_to_t
 @pytest.mark.parametrize("name", LAWS)
 @settings(max_examples=15)
 @given(data=st.data(), h=STEPS)
-def test_trial_points_in_any_order_leave_no_trace(laws, name, data, h):
+def test_trial_points_in_any_order_leave_no_trace_and_have_the_force_of_the_accepted_point(laws, name, data, h):
     law, points = laws[name], data.draw(st.lists(POINTS, min_size=3, max_size=4))
     law.start(0.0, *points[0])
     plain = [law.accept(k * h, *point) for k, point in enumerate(points) if k]
@@ -72,21 +72,10 @@ def test_trial_points_in_any_order_leave_no_trace(laws, name, data, h):
         trials = data.draw(st.lists(st.tuples(st.floats(0.0, 3.0), POINTS, st.booleans()), max_size=4))
         for ahead, trial, derivative in trials:
             (law.jacobian if derivative else law.force)((k - 1) * h + ahead * h, *trial)
+        tried = law.force(k * h, *point)
         disturbed.append(law.accept(k * h, *point))
+        assert disturbed[-1] == tried and law.time == k * h
     assert disturbed == plain
-
-
-@pytest.mark.repeated
-@pytest.mark.parametrize("name", LAWS)
-@given(first=POINTS, others=st.lists(POINTS, min_size=1, max_size=3), h=STEPS)
-@settings(max_examples=15)
-def test_a_trial_point_has_the_same_force_every_time(laws, name, first, others, h):
-    law = laws[name]
-    law.start(0.5, *first)
-    expected = [law.force(0.5 + h, *point) for point in others]
-    assert [law.force(0.5 + h, *point) for point in reversed(others)] == expected[::-1]
-    assert law.accept(0.5 + h, *others[-1]) == expected[-1]
-    assert law.time == 0.5 + h
 
 
 def test_the_force_at_the_accepted_time_follows_a_jump_of_velocity_with_the_lag_unchanged(laws, shocks):
@@ -263,13 +252,6 @@ def test_loops_without_a_jacobian_take_no_difference_for_one(fmus, kind):
 
 
 # ---- Errors ---------------------------------------------------------------------------------------------------------
-
-
-def test_a_second_start_starts_again(laws):
-    law = laws["lpnl2"]
-    first = [law.start(0.0, 0.1), law.accept(1e-3, 0.3)]
-    assert [law.start(0.0, 0.1), law.accept(1e-3, 0.3)] == first
-    assert law.start(5.0, 0.1) == first[0]
 
 
 def test_a_time_before_the_accepted_one_is_refused_and_the_next_call_works(laws):

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from cosim.engine import machine_code
 from cosim.engine.blocks import Block, described
-from cosim.engine.fmi3_calls import _is_refused
 from cosim.engine.machine_code import Request, object_file
 from cosim.engine.march import compiled
 from eightpost.cache import keep, recall
@@ -160,8 +159,3 @@ def _no_integer(number: int) -> int:
 def test_the_engine_loads_without_importing_numba() -> None:
     program = "import sys, cosim.engine.march, cosim.engine.machine_code; assert 'numba' not in sys.modules"
     subprocess.run([sys.executable, "-c", program], check=True)
-
-
-def test_a_warning_of_an_fmu_is_no_refusal():
-    refused = getattr(_is_refused, "py_func", _is_refused)
-    assert [refused(status) for status in (0, 1, 2, 3, -1)] == [False, False, True, True, True]

@@ -3,13 +3,17 @@
 import json
 import os
 import signal
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from cosim import Bond, Capabilities, Connection, GaussSeidel, Jacobi, Scenario, System, run
-from eightpost.errors import StepError, WiringError
+from cosim import Bond, Capabilities, Connection, FmuComponent, GaussSeidel, Implicit, Jacobi, Scenario, System, run
+from eightpost.errors import DivergedError, StepError, WiringError
 from eightpost.signals import Drivefile, TimeSeries, read_series
+
+from .mass_and_damper import restorable_parts
 
 RAMPS = Capabilities(interpolates_inputs=True)
 
@@ -211,14 +215,6 @@ def test_only_the_requested_channels_are_recorded_at_the_requested_rate(make):
     assert result.series["a.y"].tolist() == pytest.approx(result.series.time.tolist())
 
 
-def test_progress_reaches_one(make):
-    seen = []
-    system = System({"a": make.integrator()}, constants={"a.u": 1.0})
-    run(system, Scenario(1.0), step=1e-3, progress=lambda done, total: seen.append((done, total)), compared=False)
-    assert seen == sorted(seen)
-    assert seen[-1][0] == pytest.approx(seen[-1][1])
-
-
 def test_a_result_is_written_with_its_series_and_metadata(make, tmp_path):
     result = run(System({"a": make.integrator()}, constants={"a.u": 1.0}), Scenario(1.0), step=0.1)
     paths = result.write(tmp_path)
@@ -228,3 +224,74 @@ def test_a_result_is_written_with_its_series_and_metadata(make, tmp_path):
     assert document["algorithm"] == "default"
     assert document["scheme"] == "gauss-seidel"
     assert document["identities"] == {"a": "function"}
+
+
+# ==== The error of a component that refuses a step states the inputs that it had =====================================
+
+
+@pytest.mark.parametrize("engine", ["python", "compiled"])
+@pytest.mark.parametrize(
+    "algorithm",
+    [Jacobi(values="held"), GaussSeidel(values="parabolic"), Implicit()],
+    ids=["jacobi, held", "gauss-seidel, parabolic", "implicit"],
+)
+@pytest.mark.parametrize("ramps", [False, True], ids=["held inputs", "ramped inputs"])
+def test_the_inputs_in_an_error_are_those_that_the_component_was_given(
+    make: Any, ramps: bool, algorithm: Any, engine: str
+) -> None:
+    reported = {}
+
+    def refused(what: str, status: int, time: float, inputs: dict[str, float]) -> StepError:
+        reported.update(inputs)
+        return StepError(f"refused to {what}")
+
+    parts = restorable_parts(make)()
+    shock = parts["shock"]
+    shock.capabilities = replace(shock.capabilities, interpolates_inputs=ramps)
+    shock.longest, shock.refused = 0.015, refused
+    system = System(parts, [Bond.between("car", "shock", displacement=False)])
+    with pytest.raises(StepError, match="refused to step"):
+        run(system, Scenario(0.1), algorithm=algorithm, step=0.02, engine=engine)
+    assert reported == shock.inputs
+    assert reported["velocity"] != 0.0
+
+
+# ==== Only a diverging coupling is retried, never a component that failed ============================================
+
+SCALES = ("compression_scale", "rebound_scale")
+
+
+@pytest.mark.parametrize("options", [{}, {"step": 0.01}], ids=["default", "given step"])
+def test_a_component_error_that_mentions_divergence_is_not_treated_as_a_diverged_coupling(make, options):
+    def advance(v, start, end, step):
+        raise StepError("the solver inside this component diverged")
+
+    ports = make.table(make.variable("velocity", "output", "m/s"), make.variable("force", "input", "N"))
+    damper = make.table(make.variable("velocity", "input", "m/s"), make.variable("force", "output", "N", ["velocity"]))
+    ramps = Capabilities(interpolates_inputs=True, state=True)
+    mass = make.component(ports, lambda v, _: {"velocity": v}, advance, capabilities=ramps)
+    shock = make.component(damper, lambda _, u: {"force": 4.0 * u["velocity"]}, capabilities=ramps)
+    system = System({"mass": mass, "shock": shock}, [Bond.between("mass", "shock", displacement=False)])
+    with pytest.raises(StepError, match="the solver inside") as raised:
+        run(system, Scenario(0.1), **options)
+    assert not isinstance(raised.value, DivergedError)
+    assert sum(entry == ("started",) for entry in mass.log) == 1
+
+
+@pytest.mark.nightly
+def test_a_vehicle_that_refuses_a_step_of_a_diverging_coupling_is_retried(fmus):
+    """Its port spring grows with the square of the displacement, so that it refuses before signals are at the limit."""
+    components = {
+        name: FmuComponent(fmus[fmu], name) for name, fmu in {"car": "quarter_car", "shock": "polylinear"}.items()
+    }
+    time = np.arange(0.0, 0.6, 0.01)
+    road = 0.01 * np.sin(12.0 * time) + 0.003 * np.sin(70.0 * time)
+    scenario = Scenario(0.5, Drivefile(TimeSeries.from_channels(time, {"road": ("m", road)})), {"road": "car.road"})
+    for scale in np.linspace(6.0, 16.0, 11):
+        shock = dict.fromkeys(SCALES, float(scale))
+        parameters = {"car": {"port_spring": 4e5, "bristle_force": 100.0}, "shock": shock}
+        bonds = [Bond.between("car", "shock")]
+        system = System(components, bonds, constants={"car.aero_force": 0.0}, parameters=parameters)
+        with pytest.raises(DivergedError, match="the coupling diverged"):
+            run(system, scenario, step=2e-3, algorithm=GaussSeidel(values="parabolic"))
+        assert np.abs(run(system, scenario).series["car.displacement"]).max() < 0.02

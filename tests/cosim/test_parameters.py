@@ -4,8 +4,6 @@ import time
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from cosim import Bond, Connection, FmuComponent, Scenario, System, Variable, run
 from cosim.session.parameter_sweep import sweep_parameters
@@ -34,21 +32,6 @@ def loaded(fmus):
 @pytest.fixture(scope="session")
 def scenario(bumps) -> Scenario:
     return Scenario(0.3, bumps, {"a": "car.road"})
-
-
-@pytest.mark.nightly
-@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.fixed_dictionaries({}, optional={
-    "compression_scale": st.floats(0.2, 3.0), "rebound_scale": st.floats(0.2, 3.0),
-    "gas_preload": st.floats(0.0, 500.0),
-    "time_constant": st.floats(1e-4, 5e-3),
-}))  # fmt: skip
-def test_a_run_with_parameters_equals_a_fresh_load_with_them(fmus, loaded, scenario, values):
-    given_values = {f"shock.{name}": value for name, value in values.items()}
-    one = run(loaded, scenario, parameters=given_values, step=STEP, compared=False)
-    other = run(fresh(fmus, **values), scenario, step=STEP, compared=False)
-    assert same(one, other)
-    assert one.parameters == other.parameters
 
 
 def test_after_the_run_the_system_is_as_before(loaded, scenario):

@@ -15,6 +15,8 @@ from cosim.session.verdict import Coupled
 from eightpost.errors import InputError
 from eightpost.signals import TimeSeries
 
+from .mass_and_damper import MASS, STIFFNESS, restorable_parts
+
 # ---- Differences --------------------------------------------------------------------------------
 
 
@@ -164,36 +166,13 @@ def test_a_comparison_needs_two_reliable_runs_and_takes_the_smallest_local_order
 
 # ---- The default --------------------------------------------------------------------------------
 
-MASS, STIFFNESS = 10.0, 4000.0
-
 
 def coupled(make: Any, damping: float, *, ramps: bool = True) -> System:
     """A mass at 1 m/s on a spring and a damper; neither component supports rollback."""
-    can = Capabilities(interpolates_inputs=ramps)
-    push = make.table(make.variable("force", "input", "N"), make.variable("velocity", "output", "m/s"))
-    pull = make.table(
-        make.variable("velocity", "input", "m/s"), make.variable("force", "output", "N", ["velocity"]),
-    )  # fmt: skip
-    mass = make.component(
-        push, lambda v, _: {"velocity": v}, lambda v, a, b, h: v - 0.5 * (a["force"] + b["force"]) * h / MASS, 1.0,
-        capabilities=can,
-    )  # fmt: skip
-    damper = make.component(
-        pull, lambda x, u: {"force": STIFFNESS * x + damping * u["velocity"]},
-        lambda x, a, b, h: x + 0.5 * (a["velocity"] + b["velocity"]) * h, capabilities=can,
-    )  # fmt: skip
-    begin = mass.begin
-
-    def begun(start: float, stop: float, parameters: Any) -> None:
-        begin(start, stop, parameters)
-        mass.state = 1.0
-
-    def begun_too(start: float, stop: float, parameters: Any, begin: Any = damper.begin) -> None:
-        begin(start, stop, parameters)
-        damper.state = 0.0
-
-    mass.begin, damper.begin = begun, begun_too
-    return System({"car": mass, "shock": damper}, [Bond.between("car", "shock", displacement=False)])
+    parts = restorable_parts(make)(damping)
+    for part in parts.values():
+        part.capabilities = Capabilities(interpolates_inputs=ramps)
+    return System(parts, [Bond.between("car", "shock", displacement=False)])
 
 
 def exact(damping: float, time: Any) -> Any:
@@ -257,9 +236,8 @@ def test_the_first_step_divides_the_record_step_and_is_at_most_two_milliseconds(
     assert f"comparing runs: {first:g} ms not compared, {0.5 * first:g} ms" in notes
 
 
-@pytest.mark.slow
 def test_a_step_at_which_the_coupling_diverges_is_reported_and_halved(make: Any) -> None:
-    result = run(coupled(make, 8000.0), Scenario(0.4), algorithm=Automatic(tolerance=1.0), engine="python")
+    result = run(coupled(make, 8000.0), Scenario(0.1), algorithm=Automatic(tolerance=1.0), engine="python")
     assert "comparing runs: 2 ms diverged, 1 ms " in " ".join(result.notes)
     assert result.step < 1e-3
 
@@ -302,17 +280,8 @@ def test_a_tolerance_or_minimum_step_that_is_not_positive_is_refused(arguments: 
         Automatic(**arguments)
 
 
-def test_components_that_hold_their_inputs_are_also_refined_until_the_tolerance_is_met(make: Any) -> None:
-    request = Automatic(tolerance=1.0)
-    result = run(coupled(make, 60.0, ramps=False), Scenario(0.4), algorithm=request, engine="python")
-    assert result.coupling_error <= 1.0
-    assert 0.8 * true_error(result, 60.0) <= result.coupling_error <= 2.0 * true_error(result, 60.0)
-    assert result.step < 1e-3
-
-
-@pytest.mark.parametrize("step", [0.002, 0.004])
-def test_a_run_at_a_given_step_states_at_least_its_true_error(make: Any, step: float) -> None:
-    system, scenario = coupled(make, 60.0), Scenario(0.4, record_step=0.02)
+def test_a_run_at_a_given_step_states_at_least_its_true_error(make: Any) -> None:
+    system, scenario, step = coupled(make, 60.0), Scenario(0.4, record_step=0.02), 0.004
     result = run(system, scenario, algorithm=GaussSeidel(values="extrapolated"), step=step, engine="python")
     assert result.step == step
     assert true_error(result, 60.0) <= result.coupling_error <= 5.0 * true_error(result, 60.0)
@@ -340,10 +309,7 @@ def test_fixed_step_components_are_compared_at_half_the_step_if_twice_the_step_d
 
 
 @pytest.mark.repeated
-@pytest.mark.parametrize(
-    ("record_step", "fewest", "every"),
-    [(0.012, 1, 0.001), (0.012, 3, 0.003), (0.012, 5, 0.006), (0.012, 20, 0.012), (0.0125, 5, 0.005)],
-)
+@pytest.mark.parametrize(("record_step", "fewest", "every"), [(0.012, 3, 0.003), (0.012, 5, 0.006), (0.0125, 5, 0.005)])
 def test_compared_runs_record_every_step_or_the_shortest_interval_that_fits_in_memory(
     make: Any, monkeypatch: pytest.MonkeyPatch, record_step: float, fewest: int, every: float
 ) -> None:

@@ -132,32 +132,23 @@ def is_marked(result: Result) -> bool:
     return not (result.acceptable and result.is_clean and result.coupling_error <= result.tolerance)
 
 
-@pytest.mark.repeated
-@pytest.mark.parametrize("name", HARD)
-def test_the_default_algorithm_meets_its_tolerance_or_reports_that_it_does_not(
-    hard_run: Callable[..., Result], truths: Any, name: str
-) -> None:
-    result = hard_run(name)
-    worst = max(true_errors(result, truths(name)).values())
-    assert worst <= Automatic().tolerance or is_marked(result)
-
-
 @pytest.mark.repeated(2)
 @pytest.mark.parametrize("name", HARD)
-def test_the_default_algorithm_states_between_half_and_eight_times_its_true_error(
+def test_the_default_algorithm_meets_its_tolerance_or_reports_it_and_states_half_to_eight_times_its_true_error(
     hard_run: Callable[..., Result], truths: Any, name: str
 ) -> None:
     result = hard_run(name)
     true = true_errors(result, truths(name))
     assert set(result.stated_error) == set(true)
     worst, stated = max(true.values()), max(result.stated_error.values())
+    assert worst <= Automatic().tolerance or is_marked(result)
     assert worst <= 2.0 * max(stated, 1e-5)  # the accuracy of the reference itself
     assert stated <= 8.0 * max(worst, 0.02)  # smaller errors are irrelevant in practice
 
 
 def test_at_125_hz_jacobi_diverges_with_advice_and_implicit_is_stable(seven_dof: Join, track: Drivefile) -> None:
     """The error of the implicit scheme at 8 ms is limited by the step and the drive's sampling."""
-    system, scenario = seven_dof(seal_friction=0.0), Scenario(8.0, track, settling=1.0)
+    system, scenario = seven_dof(seal_friction=0.0), Scenario(4.0, track, settling=1.0)
     with pytest.raises(StepError, match=r"diverged.*smaller coupling step, gauss-seidel.*implicit"):
         run(system, scenario, algorithm=Jacobi(), step=0.008)
     stable = run(system, scenario, algorithm=Implicit(), step=0.008)
@@ -171,8 +162,11 @@ def test_at_125_hz_jacobi_diverges_with_advice_and_implicit_is_stable(seven_dof:
 
 @pytest.mark.repeated(2)
 @pytest.mark.parametrize("name", [name for name in HARD if name != "as it is"])
-@pytest.mark.parametrize("algorithm", [Jacobi(), GaussSeidel(), Implicit()], ids=lambda a: str(a.name))
-@pytest.mark.parametrize("step", [0.008, 0.004])
+@pytest.mark.parametrize(
+    ("algorithm", "step"),
+    [(Jacobi(), 0.004), (GaussSeidel(), 0.008), (GaussSeidel(), 0.004), (Implicit(), 0.008)],
+    ids=lambda value: str(getattr(value, "name", value)),
+)
 def test_a_hard_case_at_too_large_a_step_diverges_or_is_not_acceptable_or_is_accurate(
     hard_run: Callable[..., Result], truths: Any, name: str, algorithm: Any, step: float
 ) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import cosim
+from cosim.session.run import Case
 from cosim.system_file import read_case
 from eightpost.errors import FmuError, InputError, WiringError
 from eightpost.signals import TimeSeries, write_series
@@ -102,7 +103,7 @@ def test_an_error_in_a_system_file_is_reported_with_the_entry_and_the_file(folde
     assert "case.toml" in str(caught.value) or "none.fmu" in str(caught.value) or "street.csv" in str(caught.value)
 
 
-def test_shares_of_time_beyond_limits_do_not_depend_on_the_recorded_channels(folder):
+def test_time_beyond_the_fitted_range_and_without_contact_is_counted_whatever_is_recorded(folder):
     time = np.linspace(0.0, 1.0, 101)
     road = 0.2 * np.sin(2 * np.pi * 3 * time)
     write_series(TimeSeries.from_channels(time, {"road": ("m", road)}), folder / "road.csv")
@@ -112,7 +113,8 @@ def test_shares_of_time_beyond_limits_do_not_depend_on_the_recorded_channels(fol
         result = cosim.run(case.system, case.scenario, step=case.step)
         shares.append((result.share_beyond_fit, result.share_tire_off))
     assert shares[0] == shares[1]
-    assert shares[0][1]["car.tire_force"] > 0.0
+    assert 0.2 < shares[0][0]["shock"] < 1.0
+    assert 0.1 < shares[0][1]["car.tire_force"] < 0.9
 
 
 def test_units_and_a_channel_map_can_be_given_for_a_drive_file(folder):
@@ -142,11 +144,29 @@ def test_a_missing_file_is_reported(tmp_path):
         read_case(tmp_path / "none.toml")
 
 
-def test_time_beyond_the_fitted_range_and_tire_lift_off_are_counted(folder):
-    time = np.linspace(0.0, 1.0, 101)
-    road = 0.2 * np.sin(2 * np.pi * 3 * time)
-    write_series(TimeSeries.from_channels(time, {"road": ("m", road)}), folder / "road.csv")
-    case = read_case(write(folder, TEXT))
-    result = cosim.run(case.system, case.scenario, step=case.step)
-    assert 0.2 < result.share_beyond_fit["shock"] < 1.0
-    assert 0.1 < result.share_tire_off["car.tire_force"] < 0.9
+# ==== The coupling of a case file can be overridden ==================================================================
+
+
+def case(algorithm: str = "gauss-seidel", step: float | None = 1e-3) -> Case:
+    return Case("empty", cosim.System({}), cosim.Scenario(stop=1.0), cosim.SCHEMES[algorithm], step)
+
+
+def test_without_options_the_coupling_of_the_file_is_used() -> None:
+    assert case().with_coupling() == case()
+    assert case().with_coupling("gauss-seidel").step == 1e-3
+
+
+def test_an_algorithm_that_chooses_its_own_step_ignores_the_step_of_the_file() -> None:
+    chosen = case().with_coupling("default")
+    assert chosen.algorithm == cosim.SCHEMES["default"] and chosen.step is None
+    assert case().with_coupling("default", step=2e-3).step == 2e-3
+    assert case().with_coupling("jacobi").step == 1e-3
+
+
+def test_a_tolerance_is_in_percent() -> None:
+    default = case().with_coupling("default", tolerance=0.5).algorithm
+    adaptive = case().with_coupling("adaptive", tolerance=0.5).algorithm
+    assert isinstance(default, cosim.Automatic) and default.tolerance == 0.5
+    assert isinstance(adaptive, cosim.Adaptive) and adaptive.relative == pytest.approx(0.005)
+    with pytest.raises(InputError, match="gauss-seidel has no tolerance"):
+        case().with_coupling(tolerance=0.5)

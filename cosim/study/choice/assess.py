@@ -55,13 +55,9 @@ def _contributions_of(
         unstated: Builds whose parameters' uncertainty is not known.
         chosen: Criterion by which setups are ranked.
     """
-    return (
-        _vehicle(result, sources, chosen),
-        _fits(result, effects, unstated),
-        _copies(result, effects),
-        _run_to_run(sources, chosen, confirmed),
-        _coupling(result, sources, chosen),
-    )
+    vehicle, fits = _vehicle(result, sources, chosen), _fits(result, effects, unstated)
+    noise, coupling = _run_to_run(sources, chosen, confirmed), _coupling(result, sources, chosen)
+    return vehicle, fits, _copies(result, effects), noise, coupling
 
 
 def _vehicle(result: StudyResult, sources: ErrorSources, chosen: Criterion) -> Contribution:
@@ -78,15 +74,10 @@ def _vehicle(result: StudyResult, sources: ErrorSources, chosen: Criterion) -> C
     return Contribution("vehicle", Status.UNKNOWN, text)
 
 
-def _allowed(result: StudyResult) -> tuple[str, ...]:
-    """Return the builds that a corner of the study allows."""
-    return tuple(dict.fromkeys(build for builds in result.study.corners.values() for build in builds))
-
-
 def _fits(result: StudyResult, effects: Sequence[Effect], unstated: Sequence[str]) -> Contribution:
     name = "shock fits"
     builds = [effect.part for effect in effects if effect.part in result.study.bank and effect.changes]
-    unknown = [build for build in _allowed(result) if build in unstated or build not in builds]
+    unknown = [build for build in result.study.allowed if build in unstated or build not in builds]
     if unknown:
         text = f"the uncertainty of {', '.join(unknown)} is not known; build the FMU from a file of `eightpost fit`"
         return Contribution(name, Status.UNKNOWN, text)
@@ -98,8 +89,9 @@ def _fits(result: StudyResult, effects: Sequence[Effect], unstated: Sequence[str
 
 
 def _copies(result: StudyResult, effects: Sequence[Effect]) -> Contribution:
-    name, stated = "build to build", {effect.part for effect in effects if effect.copies > 0.0}
-    equal = [build for build in _allowed(result) if build not in stated]
+    name = "build to build"
+    stated = {effect.part for effect in effects if effect.copies > 0.0}
+    equal = [build for build in result.study.allowed if build not in stated]
     if not equal:
         return Contribution(name, Status.INCLUDED, f"stated for {', '.join(sorted(stated))}")
     whose = f"copies of {', '.join(equal)}" if stated else "all copies of a build"
@@ -236,14 +228,9 @@ def _observations_of(result: StudyResult, sources: ErrorSources, runs: Sequence[
                 found.append((row, m, np.log(value / predicted), np.hypot(noise, sources.coupling[row, m]), run.file))
     if not found:
         return Observations.none()
-    row_of, measure_of, changes, deviations, files = zip(*found, strict=True)
-    return Observations(
-        np.array(row_of, dtype=np.int64),
-        np.array(measure_of, dtype=np.int64),
-        np.array(changes),
-        np.array(deviations),
-        files,
-    )
+    *columns, files = zip(*found, strict=True)
+    rows_of, measures, changes, deviations = map(np.array, columns)
+    return Observations(rows_of, measures, changes, deviations, files)
 
 
 def _drawn(
@@ -275,9 +262,7 @@ def _levels(
             unknown = np.full((len(PROBABILITIES), len(result)), np.nan)
             yield name, Levels(sources.predicted[:, m], unknown, nothing, True, UNKNOWN, float(sources.run_to_run[m]))
             continue
-        weights = np.zeros(sources.predicted.shape)
-        weights[:, m] = 1.0
-        middle, half = posterior.half_widths(PROBABILITIES, weights)
+        middle, half = posterior.half_widths(PROBABILITIES, sources.only_measure(m))
         own = best
         if chosen.name != name:
             others, _ = _drawn(result, posterior, Criterion.of(result, name), feasible, 1, draws, seed)

@@ -13,7 +13,6 @@ from cosim.study.choice.certainty import OBJECTIVE, NextTest
 from cosim.study.choice.posterior import Posterior, probability_below
 from cosim.study.choice.sources import Variables
 from cosim.study.table import StudyResult
-from eightpost import units
 from eightpost.array_types import Array, Flags, Integers
 from eightpost.uncertainty import DEGREES
 
@@ -44,9 +43,7 @@ class Criterion:
         if name != OBJECTIVE:
             return cls(name, np.array([names.index(result.study.measure(name).name)]), np.ones(1))
         terms = result.study.objective
-        pairs = [units.conversion(result.unit(term.measure), term.unit or result.unit(term.measure)) for term in terms]
-        weights = [term.weight * factor for term, (factor, _) in zip(terms, pairs, strict=True)]
-        offset = sum(term.weight * constant for term, (_, constant) in zip(terms, pairs, strict=True))
+        weights, offset = [result.factor(term) for term in terms], sum(map(result.constant, terms))
         return cls(name, np.array([names.index(term.measure) for term in terms]), np.array(weights), offset)
 
     def values(self, levels: Array) -> Array:
@@ -83,9 +80,7 @@ def feasible_probability(posterior: Posterior, limits: Sequence[Limits], done: F
     predicted = posterior.sources.predicted
     found = np.where(done, 1.0, 0.0)
     for one in limits:
-        weights = np.zeros(predicted.shape)
-        weights[:, one.measure] = 1.0
-        middle, student, normal = posterior.moments(weights)
+        middle, student, normal = posterior.moments(posterior.sources.only_measure(one.measure))
         degrees = posterior.degrees(np.array([one.measure]))
         level = predicted[:, one.measure]
         below = [_below(limit, level, middle, student, normal, degrees) for limit in (one.low, one.high)]
@@ -94,7 +89,6 @@ def feasible_probability(posterior: Posterior, limits: Sequence[Limits], done: F
 
 
 def _below(limit: float, level: Array, middle: Array, student: Array, normal: Array, degrees: float) -> Array:
-    """Return the probability that the true level is below a limit (R,)."""
     if np.isinf(limit):
         return np.full(level.shape, float(limit > 0.0))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -205,7 +199,8 @@ def draw_choice(
     for group, (levels, meets) in enumerate(_groups(posterior, criterion, limits, rows, size, seed)):
         values = np.where(meets, levels, np.inf)
         some = np.isfinite(values).any(axis=1)
-        winners = _winners(values[some])
+        lowest = values[some] == values[some].min(axis=1, keepdims=True)
+        winners = (lowest / lowest.sum(axis=1, keepdims=True)).sum(axis=0)  # equal setups share a draw
         best[group % 2] += winners
         among += winners if top == 1 else _among(values, min(top, rows.size))
         apart = levels[:, covered] - middle[covered]
@@ -215,12 +210,6 @@ def draw_choice(
         total += size
     covariance = products / total - np.outer(sums, sums) / total**2
     return Drawn(rows, best, among / total, total, covariance, covered, none / total)
-
-
-def _winners(values: Array) -> Array:
-    """Return in how many draws each setup has the lowest of the values (D, K); equal setups share a draw."""
-    lowest = values == values.min(axis=1, keepdims=True)
-    return np.asarray((lowest / lowest.sum(axis=1, keepdims=True)).sum(axis=0))
 
 
 def _among(values: Array, top: int) -> Integers:

@@ -31,6 +31,9 @@ RUN_TO_RUN = "run to run"
 #: Probabilities of the intervals.
 PROBABILITIES = (0.5, 0.8, 0.95)
 
+#: Fields with one value for each setup, by the criterion.
+_OWN = ("best", "among", "feasible")
+
 #: Joint probability with which the ties contain the best setup.
 TIE = 0.95
 
@@ -195,11 +198,9 @@ class Certainty:
     remarks: tuple[str, ...] = ()  #: Sentences about approximations of the computation.
 
     def __post_init__(self) -> None:
-        for what in ("best", "among", "feasible"):
-            if getattr(self, what).shape != self.setups.shape:
-                raise InputError(
-                    f"the certainty of {self.setups.size} setups has {getattr(self, what).size} values of {what}"
-                )
+        for what in _OWN:
+            if (count := getattr(self, what).size) != self.setups.size:
+                raise InputError(f"the certainty of {self.setups.size} setups has {count} values of {what}")
 
     @property
     def is_known(self) -> bool:
@@ -318,12 +319,15 @@ ABOUT = "choice"
 RULES = Rules.read(Path(__file__).with_suffix(".txt"), tie=100 * TIE)
 
 
-def certainty_reasons(certainty: Certainty | None) -> Iterator[Reason]:
-    """Yield the reasons of a certainty; None if it was not computed."""
+def certainty_reasons(certainty: Certainty | None) -> list[Reason]:
+    """Return the reasons of a certainty; None if it was not computed."""
+    return [RULES.reason(*row) for row in _reasons(certainty)]
+
+
+def _reasons(certainty: Certainty | None) -> Iterator[tuple[str, str, str, str]]:
+    """Yield rule, statement, figure and origin of each reason."""
     if certainty is None:
-        yield RULES.reason(
-            "certainty not computed", "it is not known how sure the choice is", figure="0 draws", origin="the folder"
-        )
+        yield "certainty not computed", "it is not known how sure the choice is", "0 draws", "the folder"
         return
     if certainty.leader is None:
         return  # no setup is feasible, which is a reason of its own
@@ -332,28 +336,24 @@ def certainty_reasons(certainty: Certainty | None) -> Iterator[Reason]:
     origin = f"{certainty.criterion}; {certainty.draws} draws"
     if len(certainty.ties) > 1:
         figure = f"{len(certainty.ties)} setups; {figure}, less than {100 * TIE:g} %"
-        yield RULES.reason("setups tied", "several setups may be the best", figure, origin)
+        yield "setups tied", "several setups may be the best", figure, origin
     elif certainty.is_known and certainty.left_out:
         names = listed(one.name for one in certainty.left_out)
         figure = f"not included: {names}; without it, {figure}"
         rule = "one setup is the best by a part of the uncertainty"
-        yield RULES.reason(rule, "one setup is the best by the included contributions", figure, origin)
+        yield rule, "one setup is the best by the included contributions", figure, origin
     elif certainty.is_known:
-        yield RULES.reason("one setup is the best", "one setup is the best", figure, origin)
+        yield "one setup is the best", "one setup is the best", figure, origin
     for one in certainty.contributions:
         if one.status is Status.UNKNOWN:
-            figure = f"{one.name}: {one.text}"
-            yield RULES.reason(
-                "uncertainty of the choice unknown", "a contribution to the uncertainty is unknown", figure, origin
-            )
+            rule, statement = "uncertainty of the choice unknown", "a contribution to the uncertainty is unknown"
+            yield rule, statement, f"{one.name}: {one.text}", origin
     if certainty.contradictions:
         worst = min(certainty.contradictions, key=lambda one: one.probability)
         change = 100.0 * (worst.measured / worst.predicted - 1.0)
         figure = f"{worst.measure} {change:+.2g} % from the prediction, probability {chance_text(worst.probability)}"
         names = listed(one.file for one in certainty.contradictions)
-        yield RULES.reason(
-            "rig runs contradict the prediction", "a record contradicts the prediction", figure, origin=names
-        )
+        yield "rig runs contradict the prediction", "a record contradicts the prediction", figure, names
 
 
 # ---- The file certainty.parquet: one row per setup, and a header (docs/explanation/certainty.md) --------------------
@@ -363,8 +363,6 @@ SCHEMA = 1
 
 _KEY = b"eightpost"
 
-#: Columns of the criterion.
-_OWN = ("best", "among", "feasible")
 
 #: Fields of a certainty that are columns. All others are entries of the header.
 _COLUMNS = ("setups", "levels", *_OWN)
@@ -391,19 +389,10 @@ _ENTRIES = {
 _Header = create_model("_Header", measures=(tuple[_Measure, ...], ...), **cast("dict[str, Any]", _ENTRIES))
 
 
-def _expected_column(measure: str) -> str:
-    """Return the name of the column with the expected levels of a measure."""
-    return f"expected {measure}"
-
-
-def _best_column(measure: str) -> str:
-    """Return the name of the column with the probabilities of being best by a measure."""
-    return f"best by {measure}"
-
-
-def _half_width_column(measure: str, probability: float) -> str:
-    """Return the name of the column with the half-widths of the intervals of a probability of a measure."""
-    return f"half width {100.0 * probability:g} % of {measure}"
+def _columns_of(measure: str) -> tuple[str, str, tuple[str, ...]]:
+    """Return the names of the columns of a measure: expected level, probability of being best, half-widths."""
+    widths = tuple(f"half width {100.0 * probability:g} % of {measure}" for probability in PROBABILITIES)
+    return f"expected {measure}", f"best by {measure}", widths
 
 
 def write_certainty(certainty: Certainty, path: str | Path) -> None:
@@ -412,10 +401,10 @@ def write_certainty(certainty: Certainty, path: str | Path) -> None:
     columns |= {name: _column(getattr(certainty, name)) for name in _OWN}
     columns["tie"] = pa.array(certainty.tie)
     for name, levels in certainty.levels.items():
-        columns[_expected_column(name)] = _column(levels.expected, pa.float64())
-        for probability, half in zip(PROBABILITIES, levels.half_widths, strict=True):
-            columns[_half_width_column(name, probability)] = _column(half)
-        columns[_best_column(name)] = _column(levels.best)
+        expected, best, widths = _columns_of(name)
+        columns[expected] = _column(levels.expected, pa.float64())
+        columns |= {width: _column(half) for width, half in zip(widths, levels.half_widths, strict=True)}
+        columns[best] = _column(levels.best)
     measures = tuple(
         _Measure(name, one.relative, one.basis, one.run_to_run if np.isfinite(one.run_to_run) else None)
         for name, one in certainty.levels.items()
@@ -452,11 +441,10 @@ def read_certainty(path: str | Path, *, digest: str | None = None) -> Certainty:
         if digest is not None and own["digest"] != digest:
             what = "belongs to another study or to other FMUs; run `eightpost study` again"
             raise FileFormatError(what, path=path)
+        columns: dict[str, Any] = {name: _values(table, name) for name in _OWN}
         return Certainty(
             setups=np.asarray(table["setup"].to_numpy(), dtype=np.int64),
-            best=_values(table, "best"),
-            among=_values(table, "among"),
-            feasible=_values(table, "feasible"),
+            **columns,
             levels={measure.name: _levels(table, measure) for measure in measures},
             **own,
         )
@@ -477,11 +465,7 @@ def _values(table: pa.Table | StoredTable, name: str) -> Array:
 
 
 def _levels(table: pa.Table | StoredTable, measure: _Measure) -> Levels:
-    return Levels(
-        _values(table, _expected_column(measure.name)),
-        np.stack([_values(table, _half_width_column(measure.name, p)) for p in PROBABILITIES]),
-        _values(table, _best_column(measure.name)),
-        measure.relative,
-        measure.basis,
-        np.nan if measure.run_to_run is None else measure.run_to_run,
-    )
+    expected, best, widths = _columns_of(measure.name)
+    half, noise = np.stack([_values(table, width) for width in widths]), measure.run_to_run
+    stated = (measure.relative, measure.basis, np.nan if noise is None else noise)
+    return Levels(_values(table, expected), half, _values(table, best), *stated)

@@ -215,50 +215,33 @@ def comparison_verdict(comparisons: Sequence[Comparison], *, rank: float, level:
         rank: Minimum rank correlation (Spearman).
         level: Maximum level error [%]; None for no limit.
     """
-    reasons = [reason for one in comparisons for reason in _faults(one, rank, level)]
-    if not reasons:
+    rows = list[tuple[str, str, str, str]]()
+    for one in comparisons:
+        if not one.spearman >= rank:
+            noise = "; run-to-run noise alone can explain this" if one.spearman >= one.attainable else ""
+            statement = "the study ranks setups differently than the rig"
+            figure = f"rank correlation {one.spearman:.3f}; limit {rank:g}{noise}"
+            rows.append(("setups ranked otherwise than measured", statement, figure, one.measure))
+        if level is not None and not one.level_error <= level:
+            statement = "the study's levels differ from those of the rig"
+            figure = f"level error {one.level_error:.1f} %; limit {level:g} %"
+            rows.append(("levels otherwise than measured", statement, figure, one.measure))
+    if not rows:
         worst = min(comparisons, key=lambda one: one.spearman)
         levels = "" if level is None else f"; level errors up to {max(one.level_error for one in comparisons):.1f} %"
         figure = f"rank correlation {worst.spearman:.3f} or more; limit {rank:g}{levels}"
-        reasons = [
-            RULES.reason("ranked as measured", "the study ranks setups as the rig does", figure, origin=worst.measure)
-        ]
-    return Verdict(reasons)
-
-
-def _faults(one: Comparison, rank: float, level: float | None) -> Iterator[Reason]:
-    if not one.spearman >= rank:
-        noise = "; run-to-run noise alone can explain this" if one.spearman >= one.attainable else ""
-        figure = f"rank correlation {one.spearman:.3f}; limit {rank:g}{noise}"
-        yield RULES.reason(
-            "setups ranked otherwise than measured",
-            "the study ranks setups differently than the rig",
-            figure,
-            origin=one.measure,
-        )
-    if level is not None and not one.level_error <= level:
-        figure = f"level error {one.level_error:.1f} %; limit {level:g} %"
-        yield RULES.reason(
-            "levels otherwise than measured",
-            "the study's levels differ from those of the rig",
-            figure,
-            origin=one.measure,
-        )
+        rows = [("ranked as measured", "the study ranks setups as the rig does", figure, worst.measure)]
+    return Verdict(RULES.reason(*row) for row in rows)
 
 
 def _of_run(label: str, run: Result | SavedRun) -> Iterator[Reason]:
     """Yield the reasons of the verdict on a run, with its label in their origins."""
     try:
-        verdict = run.verdict if isinstance(run, Result) else Verdict.from_json(run.document.get("verdict"))
+        reasons = run.verdict.reasons
     except InputError:
-        verdict = Verdict(
-            [
-                RULES.reason(
-                    "run without a verdict", "the run has no verdict", figure="0 reasons stated", origin="result.json"
-                )
-            ]
-        )
-    yield from (replace(reason, origin=f"{label}: {reason.origin}") for reason in verdict.reasons)
+        rule, statement = "run without a verdict", "the run has no verdict"
+        reasons = (RULES.reason(rule, statement, "0 reasons stated", origin="result.json"),)
+    yield from (replace(reason, origin=f"{label}: {reason.origin}") for reason in reasons)
 
 
 # ---- Response measures of runs --------------------------------------------------------------------------------------
@@ -342,13 +325,9 @@ def write_comparisons(
     comparisons: Sequence[Comparison], units: Mapping[str, str], path: str | Path, verdict: Verdict
 ) -> None:
     """Write comparisons as JSON, levels in SI."""
-    document = sealed({
-        "schema": 1,
-        "kind": "comparison",
-        "tool": f"eightpost {__version__}",
-        "verdict": verdict.to_json(),
-        "measures": [_entry(one, units[one.measure]) for one in comparisons],
-    })  # fmt: skip
+    measures = [_entry(one, units[one.measure]) for one in comparisons]
+    heading = {"schema": 1, "kind": "comparison", "tool": f"eightpost {__version__}", "verdict": verdict.to_json()}
+    document = sealed({**heading, "measures": measures})
     with atomic_path(path) as temporary:
         temporary.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
@@ -371,8 +350,7 @@ def write_and_plot(
     write_comparisons(comparisons, result.provenance.measure_units, folder / "comparison.json", verdict)
     first = selected or dict.fromkeys(term.measure for term in result.study.objective)
     drawn = [one for one in comparisons if one.measure in first] or list(comparisons)
-    shown = {one.measure: (result.unit(one.measure), result.display(one.measure)) for one in comparisons}
-    _plot_comparisons(drawn, folder / "comparison.png", shown=shown, selected=selected)
+    _plot_comparisons(drawn, folder / "comparison.png", result, selected)
     return folder / "comparison.png"
 
 
@@ -434,24 +412,19 @@ _PREDICTED, _MEASURED = "#1f77b4", "#d95f02"
 
 
 def _plot_comparisons(
-    comparisons: Sequence[Comparison],
-    path: str | Path,
-    *,
-    shown: Mapping[str, tuple[str, str]],
-    selected: Mapping[str, Collection[int]],
+    comparisons: Sequence[Comparison], path: str | Path, result: StudyResult, selected: Mapping[str, Collection[int]]
 ) -> None:
     """Draw for every measure the levels by setup with bars of two standard deviations, and measured over predicted.
 
-    Setups that were `selected` for a measure have filled markers, the others hollow ones; `shown` are the SI unit and
-    the display unit by measure.
+    Setups that were `selected` for a measure have filled markers, the others hollow ones.
     """
     from eightpost.report.pictures import new_figure, panels_of, save  # noqa: PLC0415 -- matplotlib takes long to load
 
     figure = new_figure(11, 3.4 * len(comparisons) + 0.4)
     panels = panels_of(figure, 2 * len(comparisons), 2, width_ratios=(1.3, 1.0))
     for trend, scatter, comparison in zip(panels[::2], panels[1::2], comparisons, strict=True):
-        si, unit = shown[comparison.measure]
-        factor = units.conversion(si, unit)[0]
+        unit = result.display(comparison.measure)
+        factor = units.conversion(result.unit(comparison.measure), unit)[0]
         own = np.isin(comparison.setups, list(selected.get(comparison.measure, comparison.setups)))
         _trend(trend, comparison, factor)
         _scatter(scatter, comparison, factor, own)

@@ -301,11 +301,7 @@ def scores_of(result: StudyResult, indices: Integers, objectives: Sequence[str] 
         InputError: An objective is not a measure of the study.
     """
     rows = np.searchsorted(result.setups, indices)
-    own = result.objective
-    if not objectives and own is not None:
-        columns = [np.where(result.done, own, np.nan)]
-    else:
-        columns = [result.values(name) for name in objectives or (result.measures[0].name,)]
+    columns = [np.where(result.done, result.cost(name), np.nan) for name in objectives or ("",)]
     kept = [violation(result.values(c.measure), c)[rows] for c in result.study.constraints]
     none = np.empty((indices.size, 0))
     return Scores(np.stack(columns, axis=-1)[rows], np.stack(kept, axis=-1) if kept else none)

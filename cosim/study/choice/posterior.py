@@ -197,9 +197,7 @@ class Posterior:
         seen = self.observations
         kept = self.sources.only(np.array([row, *seen.rows.tolist()], dtype=np.int64))
         local = Observations(np.arange(1, seen.rows.size + 1), seen.measures, seen.changes, seen.deviations)
-        weights = np.zeros(kept.predicted.shape)
-        weights[:, m] = 1.0
-        middle, student, normal = Posterior(kept, local).moments(weights)
+        middle, student, normal = Posterior(kept, local).moments(kept.only_measure(m))
         return float(middle[0]), float(student[0]), float(normal[0])
 
     def agreement(self, m: int) -> float:
@@ -210,7 +208,6 @@ class Posterior:
 
     @property
     def _unexplained(self) -> Array:
-        """Measured changes beyond the known shift (N,)."""
         return np.asarray(self.observations.changes - self.sources.shift[self.observations.measures])
 
     @property
@@ -250,7 +247,6 @@ class Posterior:
         )
 
     def _covariance(self, scales: Scales) -> Array:
-        """Return the covariance (N, N) of the measured levels."""
         found = self._at_levels(self._with_levels(scales))
         return 0.5 * (found + found.T) + np.diag(self._deviations**2)
 

@@ -138,7 +138,6 @@ def selection_of(result: StudyResult, chosen: Sequence[Selected]) -> Selection:
 
 
 def _tests(result: StudyResult, rows: Integers, certainty: Certainty | None, most: int) -> list[Selected]:
-    """Return at most `most` next tests of a certainty that ran and meet the constraints."""
     if certainty is None or most <= 0:
         return []
     is_sum = certainty.criterion == OBJECTIVE
@@ -162,7 +161,6 @@ def _names(result: StudyResult, measures: Sequence[str], total: int) -> list[str
 
 
 def _order(rows: Integers, values: Array) -> Integers:
-    """Return rows sorted by value, lowest first."""
     return rows[np.lexsort((rows, values[rows]))]
 
 
@@ -221,11 +219,9 @@ def write_selection(selection: Selection, result: StudyResult, path: str | Path,
 
 def repeated(selection: Selection, twice: int = TWICE) -> list[int]:
     """Return the numbers of at most `twice` setups that are run again: the first one of each end of each measure."""
-    first = dict[tuple[str, End], int]()
-    for one in selection.chosen:
-        if one.end in ENDS:
-            first.setdefault((one.measure, one.end), one.setup.index)
-    return list(first.values())[:twice]
+    ends = [one for one in selection.chosen if one.end in ENDS]
+    first = {(one.measure, one.end): one.setup.index for one in reversed(ends)}
+    return list(first.values())[::-1][:twice]
 
 
 def read_selection(path: str | Path, result: StudyResult) -> Selection:
@@ -239,19 +235,18 @@ def read_selection(path: str | Path, result: StudyResult) -> Selection:
     try:
         heads, *lines = csv.reader(io.StringIO(text, newline=""))
         rows = [dict(zip(map(plain_cell, heads), map(plain_cell, line), strict=True)) for line in lines if line]
-        return selection_of(result, [_read(row, result) for row in rows if row["end"] in _ENDS])
+        return selection_of(result, [_read(row, end, result) for row in rows for end in _ENDS if end == row["end"]])
     except (csv.Error, *MALFORMED) as error:
         raise FileFormatError(
             f"is not a selection of this study ({error}); run `eightpost study select` again", path=path
         ) from error
 
 
-def _read(row: dict[str, str], result: StudyResult) -> Selected:
+def _read(row: dict[str, str], end: End, result: StudyResult) -> Selected:
     setup = result.study.space.setup(int(row["setup"]))
     if (place := result.row(setup.builds)) is None:
         raise InputError(f"setup {setup.index} was not run in the study")
     value = float(result.values(row["measure"])[place])
-    (end,) = (end for end in _ENDS if end == row["end"])
     return Selected(setup, row["measure"], end, value, int(row["place"]), row["marks"])
 
 
@@ -322,25 +317,23 @@ def measured_runs(runs: Sequence[MeasuredRun], study: Study, read: Callable[[Pat
     if not runs:
         raise InputError("the list contains no measured runs")
     drives = {drive.name: drive for drive in study.drives}
-    rows, present = [], list[tuple[str, frozenset[str]]]()
+    rows, present = [], list[tuple[str, tuple[str, ...]]]()
     for run in runs:
         series = read(run.file)
         rows.append(dict(_measures(series, drives[run.drive], study, run.file)))
-        present.append((run.drive, frozenset(series.names)))
-    names = [measure.name for measure in study.measures]
-    found = {name: np.array([row.get(name, np.nan) for row in rows]) for name in names}
-    values = {name: column for name, column in found.items() if np.isfinite(column).any()}
-    missing = {name: _reason(study.measure(name), study, present) for name in names if name not in values}
+        present.append((run.drive, series.names))
+    values, missing = dict[str, Array](), dict[str, str]()
+    for measure in study.measures:
+        column = np.array([row.get(measure.name, np.nan) for row in rows])
+        there = [names for drive, names in present if measure.drive in ("", drive)]
+        lacking = [name for name in _rig_channels(measure, study) if any(name not in names for names in there)]
+        if np.isfinite(column).any():
+            values[measure.name] = column
+        elif not there:
+            missing[measure.name] = f"there is no record on the drive {measure.drive!r}"
+        else:
+            missing[measure.name] = f"the records lack {', '.join(lacking)}" if lacking else "its value is not finite"
     return Measured(np.array([run.setup for run in runs], dtype=np.int64), values, missing)
-
-
-def _reason(measure: Measure, study: Study, present: Sequence[tuple[str, frozenset[str]]]) -> str:
-    """Return why no run gives a measure, from the drive and the channels of each run."""
-    there = [names for drive, names in present if measure.drive in ("", drive)]
-    if not there:
-        return f"there is no record on the drive {measure.drive!r}"
-    lacking = [name for name in _rig_channels(measure, study) if any(name not in names for names in there)]
-    return f"the records lack {', '.join(lacking)}" if lacking else "its value is not finite"
 
 
 def comparisons(result: StudyResult, measured: Measured, certainty: Certainty | None = None) -> tuple[Comparison, ...]:
@@ -356,19 +349,12 @@ def comparisons(result: StudyResult, measured: Measured, certainty: Certainty | 
         raise InputError(
             f"setup {unknown[0]} was measured but not run in the study; run it, or remove it from the list"
         )
-    found = [_comparison(result, name, measured.setups, values) for name, values in measured.values.items()]
-    return tuple(found if certainty is None else (replace(one, true=_true(one, certainty)) for one in found))
+    return tuple(_comparison(result, name, measured.setups, v, certainty) for name, v in measured.values.items())
 
 
-def _true(one: Comparison, certainty: Certainty) -> Array:
-    """Return the 95 % intervals of the true levels (2, K); NaN for setups whose rig runs they already contain."""
-    known = {run.setup for run in certainty.runs}
-    rows = [certainty.row(setup) for setup in one.setups.tolist()]
-    new = [setup not in known for setup in one.setups.tolist()]
-    return np.where(new, np.stack(certainty.levels[one.measure].interval(0.95))[:, rows], np.nan)
-
-
-def _comparison(result: StudyResult, name: str, setups: Integers, values: Array) -> Comparison:
+def _comparison(
+    result: StudyResult, name: str, setups: Integers, values: Array, certainty: Certainty | None
+) -> Comparison:
     predicted = dict(zip(result.setups.tolist(), result.values(name).tolist(), strict=True))
     known = np.isfinite(values) & np.isfinite([predicted[int(setup)] for setup in setups])
     numbers, places, counts = np.unique(setups[known], return_inverse=True, return_counts=True)
@@ -378,7 +364,12 @@ def _comparison(result: StudyResult, name: str, setups: Integers, values: Array)
     freedom = int(np.sum(counts - 1))
     squares = float(np.sum((values[known] - means[places]) ** 2))
     noise = float(np.sqrt(squares / freedom)) if freedom else 0.0
-    return Comparison(name, numbers, np.array([predicted[int(n)] for n in numbers]), means, counts, noise)
+    true = None
+    if certainty is not None:
+        rows = [certainty.row(setup) for setup in numbers.tolist()]
+        used = np.isin(numbers, [run.setup for run in certainty.runs])  # the intervals contain their rig runs already
+        true = np.where(used, np.nan, np.stack(certainty.levels[name].interval(0.95))[:, rows])
+    return Comparison(name, numbers, np.array([predicted[int(n)] for n in numbers]), means, counts, noise, true)
 
 
 def _run(row: Mapping[str, str | None], study: Study, path: Path, line: int) -> MeasuredRun:
@@ -523,8 +514,7 @@ def requested_runs(result: StudyResult, texts: Sequence[str]) -> tuple[tuple[Mea
         runs, notes = _runs_with_records(read_run_list(path, result.study), path)
     else:
         runs, notes = tuple(_pair(text, result) for text in texts), []
-    known = set(result.setups[result.done].tolist())
-    if unknown := [run.setup for run in runs if run.setup not in known]:
+    if unknown := [run.setup for run in runs if run.setup not in result.setups[result.done]]:
         raise InputError(f"setup {unknown[0]} was measured but not run in the study; run it, or leave the record out")
     return runs, notes
 
@@ -582,12 +572,9 @@ def _values(
 ) -> tuple[dict[str, float], dict[str, str]]:
     """Return the wanted measures of a record, and why others cannot be computed."""
     found = measured_runs([run], result.study, read)
-
-    def is_wanted(name: str) -> bool:
-        return name in measures if measures else not result.study.measure(name).absolute
-
-    kept = {n: float(values[0]) for n, values in found.values.items() if is_wanted(n) and np.isfinite(values[0])}
-    missing = {name: reason for name, reason in found.missing.items() if is_wanted(name)}
+    wanted = measures or [measure.name for measure in result.measures if not measure.absolute]
+    kept = {name: float(values[0]) for name, values in found.values.items() if name in wanted}
+    missing = {name: reason for name, reason in found.missing.items() if name in wanted}
     if not kept:
         raise InputError(
             f"{run.file}: no measure can be taken into account: {'; '.join(without({run.file: missing}))}; channels "
@@ -603,12 +590,10 @@ def _repeated_noise(runs: Sequence[ConfirmedRun]) -> Mapping[str, float]:
     """
     found = dict[str, float]()
     for name in dict.fromkeys(name for run in runs for name in run.values):
-        squares, freedom = 0.0, 0
-        for setup in dict.fromkeys((run.setup, run.drive) for run in runs):
-            values = [run.values[name] for run in runs if (run.setup, run.drive) == setup and name in run.values]
-            if len(values) > 1:
-                squares += float(np.sum((np.array(values) - np.mean(values)) ** 2))
-                freedom += len(values) - 1
-        if freedom:
+        values = dict[tuple[int, str], list[float]]()
+        for run in (run for run in runs if name in run.values):
+            values.setdefault((run.setup, run.drive), []).append(run.values[name])
+        squares = sum(float(np.sum((np.array(one) - np.mean(one)) ** 2)) for one in values.values())
+        if freedom := sum(len(one) - 1 for one in values.values()):
             found[name] = usable_deviation(float(np.sqrt(squares / freedom)), freedom)
     return found

@@ -25,7 +25,7 @@ from cosim.study.choice.sources import (
     parameter_values,
     stated_parameters,
 )
-from cosim.study.definition import Parameters, Study
+from cosim.study.definition import Study
 from cosim.study.running.evaluator import coupling_of
 from cosim.study.running.sweep import Sweep
 from cosim.study.running.workers import Workers
@@ -66,10 +66,9 @@ class Uncertain:
     def __post_init__(self) -> None:
         n = len(self.names)
         if np.shape(self.values) != (n,) or np.shape(self.covariance) != (n, n):
-            found = f"{np.shape(self.values)} and {np.shape(self.covariance)}"
             raise InputError(
                 f"{self.part}: {n} parameters need {n} values and a square covariance of that size; the shapes are "
-                f"{found}"
+                f"{np.shape(self.values)} and {np.shape(self.covariance)}"
             )
         scale = _ROUNDING * float(np.abs(self.covariance).max(initial=0.0))
         if not np.allclose(self.covariance, self.covariance.T, rtol=0.0, atol=scale):
@@ -124,15 +123,14 @@ def _check_part(study: Study, part: str) -> None:
 
 
 def _with(study: Study, uncertain: Sequence[Uncertain], values: Sequence[Array]) -> Study:
-    drawn: dict[str, dict[str, float]] = {}
+    bank, vehicle = dict(study.bank), study.vehicle
     for entry, row in zip(uncertain, values, strict=True):
-        drawn.setdefault(entry.part, {}).update(zip(entry.names, row.tolist(), strict=True))
-
-    def parameters(name: str, own: Parameters) -> Parameters:
-        return {**own, **drawn.get(name, {})}
-
-    bank = {n: replace(b, parameters=parameters(n, b.parameters)) for n, b in study.bank.items()}
-    vehicle = replace(study.vehicle, parameters=parameters(study.vehicle.name, study.vehicle.parameters))
+        drawn = dict(zip(entry.names, row.tolist(), strict=True))
+        if entry.part in bank:
+            build = bank[entry.part]
+            bank[entry.part] = replace(build, parameters={**build.parameters, **drawn})
+        if entry.part == vehicle.name:
+            vehicle = replace(vehicle, parameters={**vehicle.parameters, **drawn})
     return replace(study, bank=bank, vehicle=vehicle)
 
 
@@ -211,8 +209,7 @@ def spreads_of(result: StudyResult, draws: Sequence[StudyResult], setups: Sequen
     names = [*([OBJECTIVE] if result.study.objective else []), *(measure.name for measure in result.measures)]
 
     def values(one: StudyResult, name: str) -> Array:
-        objective = one.objective if name == OBJECTIVE else None
-        found = one.values(name) if objective is None else np.where(one.done, objective, np.nan)
+        found = np.where(one.done, one.cost("" if name == OBJECTIVE else name), np.nan)
         return found[np.isin(one.setups, kept)]
 
     none = np.empty((0, kept.size))
@@ -241,8 +238,8 @@ def write_spreads(spreads: Sequence[Spread], path: str | Path, result: StudyResu
 def _objective_noise(result: StudyResult, noise: Mapping[str, float]) -> float:
     """Return the run-to-run deviation of the objective, with independent deviations of its measures."""
     terms = result.study.objective
-    factors = [term.weight * units.conversion(result.unit(term.measure), term.unit)[0] for term in terms]
-    return float(np.sqrt(sum((f * noise.get(one.measure, 0.0)) ** 2 for f, one in zip(factors, terms, strict=True))))
+    squares = ((result.factor(term) * noise.get(term.measure, 0.0)) ** 2 for term in terms)
+    return float(np.sqrt(sum(squares)))
 
 
 # ==== Entries of an uncertainty file replace what the models state ===================================================
@@ -294,7 +291,6 @@ def knowledge_of(
 
 
 def _values_in_study(result: StudyResult, part: Uncertain) -> Mapping[str, float]:
-    """Return the values of a part's parameters in the study."""
     study = result.study
     _check_part(study, part.part)
     made = study.vehicle if part.part == study.vehicle.name else study.bank[part.part]
@@ -328,8 +324,6 @@ def _correlated(effects: Sequence[Effect], part: Uncertain) -> list[Effect]:
 
 
 def _combined(effects: Sequence[Effect], factors: Array, name: str) -> Effect:
-    """Return the weighted sum of effects."""
-
     def summed(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
         names = dict.fromkeys(measure for row in rows for measure in row)
         return {m: float(sum(f * row.get(m, 0.0) for f, row in zip(factors, rows, strict=True))) for m in names}

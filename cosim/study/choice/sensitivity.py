@@ -22,7 +22,6 @@ from cosim.study.running.evaluator import Evaluator, coupling_of
 from cosim.study.running.sweep import Trials
 from cosim.study.running.workers import Workers
 from cosim.study.table import StudyResult, error_column
-from eightpost import units
 from eightpost.array_types import Array, Integers
 from eightpost.errors import InputError, StepError
 from eightpost.files import atomic_path
@@ -408,7 +407,6 @@ def _builds(result: StudyResult, setup: int | None) -> Mapping[str, str]:
 
 
 def _with(builds: Mapping[str, Build], changes: Mapping[str, Parameters]) -> dict[str, Build]:
-    """Return builds by corner with other values of some parameters."""
     return {
         corner: replace(build, parameters={**build.parameters, **changes.get(corner, {})})
         for corner, build in builds.items()
@@ -419,7 +417,8 @@ def _effects(runs: StudyResult) -> tuple[MeasureChange, ...]:
     found = []
     if runs.objective is not None:
         before, after = runs.objective.tolist()
-        found.append(MeasureChange(OBJECTIVE, "", before, after, _objective_noise(runs)))
+        noise = float(sum(abs(runs.factor(term)) * _noise(runs, term.measure) for term in runs.study.objective))
+        found.append(MeasureChange(OBJECTIVE, "", before, after, noise))
     for measure in runs.measures:
         noise = runs.shown_difference(measure.name, _noise(runs, measure.name))
         before, after = runs.shown(measure.name).tolist()
@@ -429,13 +428,4 @@ def _effects(runs: StudyResult) -> tuple[MeasureChange, ...]:
 
 def _noise(runs: StudyResult, measure: str) -> float:
     """Return the larger coupling error of a measure of both runs [SI]; NaN if it is not known."""
-    errors = np.asarray(runs.table[error_column(measure)].to_numpy(zero_copy_only=False), dtype=np.float64)
-    return float(np.max(np.abs(errors)))
-
-
-def _objective_noise(runs: StudyResult) -> float:
-    """Return the coupling error of the objective: the weighted sum of its terms' errors."""
-    factors = (t.weight * units.conversion(runs.unit(t.measure), t.unit or runs.unit(t.measure))[0]
-               for t in runs.study.objective)  # fmt: skip
-    noises = (_noise(runs, term.measure) for term in runs.study.objective)
-    return float(sum(abs(factor) * noise for factor, noise in zip(factors, noises, strict=True)))
+    return float(np.max(np.abs(runs.column(error_column(measure)))))

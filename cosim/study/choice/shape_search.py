@@ -320,17 +320,9 @@ def search(
     _, _, point = min(ends, key=lambda end: (not end[0], end[1]))
     found = problem.evaluate(point[None])
     pairs = tuple((before, end[1]) for before, end in zip(first.objective.tolist(), ends, strict=True))
-    return ShapeOptimum(
-        point,
-        float(found.objective[0]),
-        float(found.nominal[0]),
-        float(found.scatter[0]),
-        float(found.assured[0]),
-        bool(found.allowed[0]),
-        pairs,
-        problem.trials.count,
-        tuple(words),
-    )
+    best, nominal, scatter, assured = (float(one[0]) for one in found[:1] + found[2:])
+    allowed, count = bool(found.allowed[0]), problem.trials.count
+    return ShapeOptimum(point, best, nominal, scatter, assured, allowed, pairs, count, tuple(words))
 
 
 # ==== Band around the optimum in which a share of its gain is kept ===================================================

@@ -60,10 +60,13 @@ def _vehicle_uncertainties(result: StudyResult) -> dict[str, tuple[MeasureUncert
     band, in a section or of another statistic of the same size (peak, range) is approximated by that of its output, and
     that of several outputs by the largest one. Means, shares, percentiles, work and user-defined measures are unknown.
     """
-    found = _stated_uncertainty(result, result.study.vehicle.fmu)
-    stated = {} if found is None else found.measures
-    spectra = result.provenance.above_band
+    stated, spectra = _stated_measures(result), result.provenance.above_band
     return {one.name: _of(one, stated, result.study.vehicle.name, spectra.get(one.name)) for one in result.measures}
+
+
+def _stated_measures(result: StudyResult) -> Mapping[str, MeasureUncertainty]:
+    found = _stated_uncertainty(result, result.study.vehicle.fmu)
+    return {} if found is None else found.measures
 
 
 def _plain_output(measure: Measure, vehicle: str, outputs: Mapping[str, MeasureUncertainty]) -> str | None:
@@ -115,13 +118,12 @@ class Axes:
         """Return the axes of a study."""
         study, predicted = result.study, _predicted_levels(result)[result.done]
         positive = np.asarray(np.all(predicted > 0.0, axis=0), dtype=np.bool_)
-        found = _stated_uncertainty(result, study.vehicle.fmu)
-        names = {} if found is None else found.measures
+        names = _stated_measures(result)
         plain = {_plain_output(m, study.vehicle.name, names): k for k, m in enumerate(study.measures) if positive[k]}
         kept = [k for output, k in plain.items() if output is not None]
         if not kept:
-            distances = [m.statistic in _DISTANCE and not m.function for m in study.measures]
-            kept = [k for k, plain_one in enumerate(distances) if plain_one and positive[k]]
+            kept = [k for k, m in enumerate(study.measures)
+                    if positive[k] and m.statistic in _DISTANCE and not m.function]  # fmt: skip
         axes = cls(np.array(kept, dtype=np.int64), positive, np.zeros(len(kept) + positive.size))
         return cls(axes.outputs, positive, axes._logarithms(predicted).mean(axis=0) if len(predicted) else axes.middle)
 
@@ -140,7 +142,6 @@ class Axes:
 
 
 def _predicted_levels(result: StudyResult) -> Array:
-    """Return the predicted levels of the measures of all setups (R, M), SI."""
     return np.stack([result.values(measure.name) for measure in result.measures], axis=1)
 
 
@@ -241,6 +242,10 @@ class ErrorSources:
             for other in places:
                 found += table[one, other]
         return found
+
+    def only_measure(self, m: int) -> Array:
+        """Return weights of the measures (R, M): 1 for one of them, 0 for the others."""
+        return np.broadcast_to(1.0 * (np.arange(len(self.names)) == m), self.predicted.shape)
 
     def only(self, rows: Integers) -> ErrorSources:
         """Return the sources of the errors of some setups."""
@@ -345,11 +350,11 @@ def _modes(effects: Sequence[Effect]) -> Array:
 
 def _coupling(result: StudyResult, predicted: Array) -> Array:
     """Return the relative error due to the coupling (R, M); 0 where it is not known."""
-    columns = result.table.column_names
     names = [error_column(measure.name) for measure in result.measures]
-    errors = [result.table[n].to_numpy(zero_copy_only=False) if n in columns else np.zeros(len(result)) for n in names]
+    known = result.table.column_names
+    errors = [result.column(name) if name in known else np.zeros(len(result)) for name in names]
     size = np.where(predicted == 0.0, np.nan, np.abs(predicted))
-    return np.nan_to_num(np.abs(np.stack(errors, axis=1).astype(np.float64)) / size)
+    return np.nan_to_num(np.abs(np.stack(errors, axis=1)) / size)
 
 
 # ==== Effects of uncertain parameters on the measures, from runs with one changed parameter at a time ================
@@ -389,9 +394,8 @@ def stated_parameters(result: StudyResult) -> tuple[tuple[UncertainParameter, ..
     Builds that no corner of the study allows are left out.
     """
     found, unknown, notes = list[UncertainParameter](), list[str](), dict[str, list[str]]()
-    allowed = {build for builds in result.study.corners.values() for build in builds}
     for build, made in result.study.bank.items():
-        stated = _stated_uncertainty(result, made.fmu) if build in allowed else ModelUncertainty()
+        stated = _stated_uncertainty(result, made.fmu) if build in result.study.allowed else ModelUncertainty()
         if stated is None:
             unknown.append(build)
             continue
@@ -549,7 +553,6 @@ class _Runs:
 
 
 def _logarithms(changed: Mapping[str, float], nominal: Mapping[str, float], sign: float) -> dict[str, float]:
-    """Return the logarithm of the ratio of each measure that is positive."""
     return {
         name: sign * float(np.log(value / nominal[name]))
         for name, value in changed.items()

@@ -185,14 +185,6 @@ def test_recorded_discrete_values_are_written_and_read_back(pair, tmp_path):
         np.testing.assert_array_equal(read_series(path)["source.mode"], 1.0 + counts(result.series.time) % 3)
 
 
-def test_a_run_without_connections_records_discrete_outputs(pair):
-    scenario = Scenario(stop=STOP, record=("source.count", "source.wave"), record_step=5e-3)
-    series = run(pair(()), scenario, step=STEP, engine="python").series
-    assert series.names == ("source.count", "source.wave")
-    np.testing.assert_array_equal(series["source.count"], counts(series.time))
-    np.testing.assert_allclose(series["source.wave"], np.sin(20.0 * series.time), atol=1e-12)
-
-
 CASE = """
 schema = 1
 [components.source]

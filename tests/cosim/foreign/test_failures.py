@@ -161,7 +161,6 @@ def test_components_can_begin_again_after_a_failed_initialization(foreign, pair)
 @pytest.mark.parametrize(
     ("manner", "how"),
     [
-        ("abort", r"crashed \(SIGABRT\)"),
         ("segfault", r"crashed \(SIGSEGV\)"),
         ("exit", r"crashed \(its process ended with code 3\)"),
         ("hang", r"did not respond within 0.7 s and was ended"),

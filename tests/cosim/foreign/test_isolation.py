@@ -49,13 +49,7 @@ def systems(fmus):
 @pytest.mark.repeated
 @pytest.mark.parametrize(
     ("algorithm", "step"),
-    [
-        (GaussSeidel(), 1e-3),
-        (Jacobi(), 1e-3),
-        (Implicit(), 4e-3),
-        (cosim.Adaptive(), 1e-3),
-        (Automatic(), None),
-    ],
+    [(GaussSeidel(), 1e-3), (Jacobi(), 1e-3), (Implicit(), 4e-3), (cosim.Adaptive(), 1e-3), (Automatic(), None)],
     ids=["gauss-seidel", "jacobi", "implicit", "adaptive", "default"],
 )
 def test_an_isolated_run_equals_a_direct_run_bit_for_bit(algorithm, step, systems, road):

@@ -139,15 +139,6 @@ def test_a_quarter_car_of_fmus_with_a_faulty_reset_is_accurate_and_repeatable_by
 
 
 @pytest.mark.nightly
-def test_runs_of_fmus_that_hold_their_inputs_are_repeatable(parts, rough, monolithic_car):
-    system = quarter_car(parts(flags=""))
-    first, second = (run(system, scenario(rough), engine="python") for _ in range(2))
-    assert_same(first.series, second.series)
-    body = np.interp(first.series.time, rough.series.time, monolithic_car["car.body"])
-    assert np.std(first.series["car.body"] - body) < 0.05 * np.std(body)
-
-
-@pytest.mark.nightly
 def test_static_memory_of_a_library_is_fresh_for_each_run(parts, rough):
     """The library is unloaded with its last instance, which frees its static memory."""
     system = quarter_car(parts("-DSTATIC_MEMORY"))

@@ -58,14 +58,6 @@ def test_parameters_of_every_type_are_set_and_start_values_kept(odd, begun):
     part.finish()
 
 
-def test_the_message_on_a_parameter_of_the_wrong_type_states_the_expected_type(foreign):
-    parts = {"odd": FmuComponent(foreign(), "odd")}
-    with pytest.raises(WiringError, match=r"odd.manner = 3: it is a String variable and takes no int"):
-        System(parts, constants={"odd.piston.u": 0.0}, parameters={"odd": {"manner": 3}})
-    with pytest.raises(WiringError, match=r"odd.flag = 1: it is a Boolean variable"):
-        System(parts, constants={"odd.piston.u": 0.0}, parameters={"odd": {"flag": 1}})
-
-
 @pytest.mark.repeated
 def test_an_output_that_is_nan_at_the_start_is_read_as_nan(odd, begun, march):
     part = begun(odd)
@@ -153,14 +145,6 @@ def test_log_messages_are_formatted_with_variable_names(odd, begun, march, caplo
         ("cosim.fmu.odd", logging.DEBUG, "step 5 of gear is 12.3 % done; #1")
     ]
     assert part.messages == ()
-
-
-def test_each_component_has_its_own_logger(foreign, begun, march, caplog):
-    caplog.set_level(logging.DEBUG, logger="cosim.fmu")
-    parts = [begun(FmuComponent(foreign(), name), "talk") for name in ("one", "two")]
-    for part in parts:
-        march(part, 1)
-    assert [r.name for r in caplog.records if r.name.startswith("cosim.fmu")] == ["cosim.fmu.one", "cosim.fmu.two"]
 
 
 @pytest.mark.repeated

@@ -15,25 +15,8 @@ from cosim.system_file import read_case
 from eightpost.__main__ import main
 from eightpost.signals import read_series, write_series
 
-from .corner import CAR_ALONE, LBF, LINKS, SHOCK, by_hand, corner, in_swift, read, renamed, run, values
+from .corner import CAR_ALONE, LBF, LINKS, SHOCK, by_hand, corner, read, renamed, run, values
 from .document import link
-
-
-@pytest.mark.nightly
-def test_a_package_written_by_the_ssp_command_gives_the_results_of_the_system_file(folder):
-    in_swift(folder, 0.8)
-    (folder / "corner.toml").write_text(SYSTEM_FILE)
-    wrote = CliRunner().invoke(main, ["export", str(folder / "corner.toml")])
-    assert wrote.exit_code == 0, wrote.output
-    line = ["run", str(folder / "corner.ssp"), "-o", str(folder / "out"), "--drive", str(folder / "road.csv")]
-    ran = CliRunner().invoke(main, [*line, "--record-step", "2 ms"])
-    assert ran.exit_code == 0, ran.output
-    expected = run(read_case(folder / "corner.toml"))
-    series = read_series(folder / "out" / "series.parquet")
-    assert series.names == expected.series.names and np.array_equal(series.time, expected.series.time)
-    assert all(np.array_equal(series[name], expected.series[name]) for name in series.names)
-    assert f"bond car: energy residual {expected.energy['car'].residual:+.2e} J" in ran.output
-
 
 SYSTEM_FILE = """
 schema = 1

@@ -114,16 +114,6 @@ def test_a_rig_run_of_both_setups_decides_between_them():
 
 
 @pytest.mark.nightly
-def test_rig_runs_that_agree_make_the_intervals_narrower_everywhere():
-    study = assessed({"a": lambda d: np.exp(0.02 * d.sum(axis=1))}, (0.05, 0.2))
-    levels = study.values("a")
-    runs = tuple(run(k, a=float(levels[k])) for k in (0, 1200, 2400))
-    before, after = (certainty_of(study, Knowledge(run_to_run={"a": 1e-3}, runs=r)) for r in ((), runs))
-    assert np.all(after.levels["a"].half_widths[2] < 0.5 * before.levels["a"].half_widths[2])
-    assert after.contradictions == ()
-
-
-@pytest.mark.nightly
 def test_a_record_that_contradicts_the_prediction_is_named():
     study = assessed({"a": lambda d: np.exp(0.02 * d.sum(axis=1))}, (0.005, 0.05))
     levels = study.values("a")
@@ -366,24 +356,3 @@ def test_builds_state_their_parameters_and_those_that_state_nothing_are_unknown(
         "middle, stiff: the FMU has no parameter none_such",
     )
     assert stated_parameters(result)[1] == ("middle", "stiff")
-
-
-@pytest.mark.nightly
-def test_correlated_parameters_have_the_variance_of_their_covariance(small):
-    """Two scales of one build that are fully correlated act as one parameter."""
-    sweep, result = small
-    names = ("compression_scale", "rebound_scale")
-
-    def known(correlation: float):
-        covariance = 0.02**2 * np.array([[1.0, correlation], [correlation, 1.0]])
-        return knowledge_of(
-            result, Uncertainty((Uncertain("stiff", names, np.full(2, 2.0), covariance),)), {}, sweep, InProcess()
-        )
-
-    rows = np.arange(len(result))
-    parts = error_sources(result, known(0.0).effects)
-    together, half = (error_sources(result, known(value).effects) for value in (1.0, 0.5))
-    each = parts.by_parameter(rows, 0)
-    np.testing.assert_allclose(together.shock_covariance(rows, 0, 0), each.sum(axis=1) ** 2, rtol=1e-9, atol=1e-18)
-    expected = np.sum(each**2, axis=1) + each[:, 0] * each[:, 1]
-    np.testing.assert_allclose(half.shock_covariance(rows, 0, 0), expected, rtol=1e-9, atol=1e-18)

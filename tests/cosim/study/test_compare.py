@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from cosim.session.result import SavedRun
 from cosim.study.choice.certainty import Levels
 from cosim.study.choice.compare import (
     Comparison,
@@ -124,11 +125,6 @@ def test_levels_that_are_all_the_same_cannot_be_ranked():
         comparison(np.full(5, 2.0))
 
 
-def test_two_setups_are_too_few_for_a_line():
-    with pytest.raises(InputError, match="3 or more setups"):
-        comparison(np.ones(2), np.array([1.0, 2.0]))
-
-
 def test_measures_of_records_are_computed_as_in_the_study(tmp_path):
     made = study(("front",), settling=2.0)
     runs = read_run_list(_list(tmp_path, "file,setup", "a.parquet,5", "b.parquet,6"), made)
@@ -234,12 +230,6 @@ def test_the_selection_file_is_read_as_a_list_of_runs(tmp_path):
     assert read_selection(tmp_path / "selection.csv", made) == selection
 
 
-def test_the_selection_of_another_study_is_refused(tmp_path):
-    write_selection(select(result({"front": front}), total=8), result({"front": front}), tmp_path / "selection.csv")
-    with pytest.raises(FileFormatError, match="not a selection of this study"):
-        read_selection(tmp_path / "selection.csv", result({"rear": front}))
-
-
 def _list(folder, *lines: str):
     path = folder / "runs.csv"
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -290,8 +280,9 @@ def test_a_prediction_of_wrong_ranks_or_levels_is_not_usable_and_names_the_figur
 def test_the_verdict_on_runs_is_that_of_each_run_with_its_folder():
     good = comparison_verdict([comparison(PREDICTED)], rank=0.9, level=None)
     series = TimeSeries.from_channels(np.arange(3.0), {"x": ("m", np.arange(3.0))})
-    saved = {label: SimpleNamespace(series=series, document=document)
-             for label, document in (("a", {"verdict": good.to_json()}), ("b", {}))}  # fmt: skip
+    saved = {
+        label: SavedRun(series, document, "") for label, document in (("a", {"verdict": good.to_json()}), ("b", {}))
+    }
     assert {(one.grade, one.origin) for one in compare_runs(saved).verdict.reasons} == {
         (Grade.USABLE, "a: front ride height"),
         (Grade.UNKNOWN, "b: result.json"),
@@ -383,11 +374,5 @@ def test_setups_that_were_not_selected_for_a_measure_are_hollow(tmp_path, drawn)
     full, hollow = scatter.lines[-2:]
     assert full.get_ydata() == pytest.approx([5.0 / 0.0254]) and full.get_fillstyle() == "full"
     assert hollow.get_ydata() == pytest.approx([1.0 / 0.0254, 9.0 / 0.0254]) and hollow.get_fillstyle() == "none"
-
-
-def test_without_an_objective_and_a_selection_every_measure_is_drawn(tmp_path, drawn):
-    made = result({"front": front, "rear": front}, builds=("B/B", "C/C"))
-    levels = np.array([1.0, 5.0, 9.0])
-    found = comparisons(made, Measured(np.array([0, 5, 15]), {"front": levels, "rear": levels}, {}))
-    write_and_plot(found, made, tmp_path, Verdict(), {})
-    assert [axes.get_ylabel() for axes in drawn[0].axes[::2]] == ["front [in]", "rear [in]"]
+    write_and_plot(found, made, tmp_path, Verdict(), {})  # no selection and no objective: every measure is drawn
+    assert [axes.get_ylabel() for axes in drawn[1].axes[::2]] == ["front [in]", "rear [in]"]

@@ -90,18 +90,9 @@ def test_select_prints_the_setups_to_test_and_writes_list_and_page(folder):
     assert (folder / "report.html").is_file()
 
 
-@pytest.mark.parametrize(
-    ("words", "text"),
-    [
-        (("--measure", "total tire frce"), "did you mean 'total tire force'"),
-        (("--measure", "total tire force=x"), "give every --measure a count"),
-        (("-n", 30), "30 setups cannot be selected, because only 25"),
-    ],
-)
-def test_select_refuses_an_invalid_selection(folder, words, text):
-    shown = eightpost("study", "select", folder, *words)
-    assert shown.exit_code == 2
-    assert text in " ".join(shown.stderr.split())
+def test_select_refuses_a_count_that_is_no_number(folder):
+    shown = eightpost("study", "select", folder, "--measure", "total tire force=x")
+    assert shown.exit_code == 2 and "give every --measure a count" in " ".join(shown.stderr.split())
 
 
 def test_sensitivity_prints_shares_and_writes_every_term(folder):
@@ -138,6 +129,7 @@ def test_measured_levels_agree_with_predicted_ones(folder, measured):
     for one in found:
         assert one["spearman"] == pytest.approx(1.0)
         assert abs(one["bias_percent"]) < 1.0
+        assert one["judged"] == 0  # the study has no certainty
     assert (folder / "compared" / "comparison.png").stat().st_size > 10_000
 
 
@@ -275,13 +267,6 @@ def test_confirm_takes_the_run_to_run_deviation_of_a_comparison(folder, measured
     assert eightpost("study", "compare", sure, "--measured", folder / "selection.csv").exit_code == 0
     assert eightpost("study", "confirm", sure, f"{measured[0].setup}={measured[0].file}").exit_code == 0
     assert read_certainty(sure / "certainty.parquet").is_known
-
-
-@pytest.mark.nightly
-def test_a_study_without_a_certainty_states_no_intervals(folder, measured, tmp_path):
-    shown = eightpost("-v", "study", "compare", folder, "--measured", folder, "-o", tmp_path)
-    assert json.loads((tmp_path / "comparison.json").read_text())["measures"][0]["judged"] == 0
-    assert "unknown" in shown.output
 
 
 @pytest.mark.slow

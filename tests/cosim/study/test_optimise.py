@@ -128,7 +128,7 @@ def test_corners_that_are_alike_stay_alike_in_a_very_large_space():
         assert (digits[:, 2] == digits[:, 3]).all()
         return Scores(np.abs(digits - 200).sum(axis=1, keepdims=True).astype(float), np.zeros((indices.size, 0)))
 
-    found = optimise(space, distance, evaluations=500)
+    found = optimise(space, distance, evaluations=200)
     assert found.objectives[:, 0].min() < found.objectives[:20, 0].min()
 
 
@@ -145,7 +145,7 @@ def by_definition(values: np.ndarray) -> np.ndarray:
     return ~np.array(beaten)
 
 
-@pytest.mark.parametrize("responses", [1, 2, 3, 5])
+@pytest.mark.parametrize("responses", [1, 3])
 def test_the_front_agrees_with_its_definition(responses):
     values = np.random.default_rng(responses).integers(0, 6, size=(150, responses)).astype(float)
     np.testing.assert_array_equal(pareto_front(values), by_definition(values))
@@ -170,22 +170,18 @@ def exhaustive(fmus, tmp_path_factory):
 
 def test_a_search_runs_the_fmus_as_the_exhaustive_study_does(fmus, exhaustive, tmp_path):
     _, whole = exhaustive
+    assert whole.provenance.above_band == {}  # a vehicle of stated parameters has no band
     table, found = search_study(Sweep(study(fmus), tmp_path), InProcess(), COUPLING, Search(evaluations=15))
     assert found.best == whole.setups[whole.ranking()[0]]
     rows = np.searchsorted(whole.setups, table.setups)
     np.testing.assert_array_equal(table.values("front ride height"), whole.values("front ride height")[rows])
 
 
-def test_a_search_begins_with_the_baseline(fmus, tmp_path):
-    made = study(fmus)
-    _, found = search_study(Sweep(made, tmp_path), InProcess(), COUPLING, Search(evaluations=4))
-    assert found.indices[0] == made.baseline_setup.index
-
-
 def test_a_repeated_search_runs_nothing_again(fmus, tmp_path):
     first, again = InProcess(), InProcess()
     _, found = search_study(Sweep(study(fmus), tmp_path), first, COUPLING, Search(evaluations=8))
     _, repeated = search_study(Sweep(study(fmus), tmp_path), again, COUPLING, Search(evaluations=8))
+    assert found.indices[0] == study(fmus).baseline_setup.index
     assert len(first.ran) == len(set(first.ran)) == 8
     assert again.ran == []
     np.testing.assert_array_equal(found.indices, repeated.indices)
@@ -249,11 +245,6 @@ def test_a_failed_setup_has_no_objective_and_breaks_every_constraint():
     scores = scores_of(made, np.array([4, 5]))
     assert np.isfinite(scores.objectives[:, 0]).tolist() == [True, False]
     assert (scores.violations[:, 0] > 0.0).tolist() == [False, True]
-
-
-def test_an_objective_that_is_not_a_measure_is_reported():
-    with pytest.raises(InputError, match="did you mean 'front'"):
-        scores_of(result({"front": front}), np.array([0]), ["frnt"])
 
 
 # ==== `eightpost optimise`: output, files and exit codes =============================================================

@@ -5,15 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.study.choice.certainty import (
-    OBJECTIVE,
-    Certainty,
-    Contribution,
-    Levels,
-    NextTest,
-    Status,
-    TradeOff,
-)
+from cosim.study.choice.certainty import OBJECTIVE, Certainty, Contribution, Levels, NextTest, Status, TradeOff
 from cosim.study.definition import Build, Constraint, Drive, Study, Term, Vehicle
 from cosim.study.measures import Measure
 from cosim.study.table import Provenance, StudyResult, result_table, study_schema

@@ -1,4 +1,4 @@
-"""The study's page in a browser with all 2401 setups: sorting, filters, brush and clicks, without any error."""
+"""The study's page in a browser: sorting, filters, brush and clicks, with 2401 setups or 81, without any error."""
 
 import base64
 import json
@@ -109,31 +109,57 @@ def chosen(whole, certain):
 
 
 @pytest.fixture(scope="session")
-def written(whole, lap, chosen, tmp_path_factory):
-    best, baseline = (int(whole.setups[row]) for row in (whole.ranking()[0], whole.baseline_row))
+def small(surrogate):
+    return surrogate(("AA/AA", "C/C", "B/B"))
+
+
+@pytest.fixture(scope="session")
+def ties(small, certain):
+    return certain(small)
+
+
+def _written(result, certainty, lap, folder):
+    best, baseline = (int(result.setups[row]) for row in (result.ranking()[0], result.baseline_row))
     extras = Extras(
         traces={best: lap(1), baseline: lap(2)},
-        sensitivities=available_sensitivities(whole),
-        selection=select(whole, [FRONT, TIRE, HUB], total=20).chosen,
+        sensitivities=available_sensitivities(result),
+        selection=select(result, [FRONT, TIRE, HUB], total=20).chosen,
     )
-    path = tmp_path_factory.mktemp("page") / "report.html"
-    path.write_text(
-        page(sheet_of(whole, certainty=chosen, trace_command="eightpost study --trace {setup}"), extras),
-        encoding="utf-8",
-    )
-    return path
+    sheet = sheet_of(result, certainty=certainty, trace_command="eightpost study --trace {setup}")
+    (folder / "report.html").write_text(page(sheet, extras), encoding="utf-8")
+    return folder / "report.html"
+
+
+@pytest.fixture(scope="session")
+def written(whole, chosen, lap, tmp_path_factory):
+    return _written(whole, chosen, lap, tmp_path_factory.mktemp("page"))
+
+
+@pytest.fixture(scope="session")
+def small_page(small, ties, lap, tmp_path_factory):
+    return _written(small, ties, lap, tmp_path_factory.mktemp("small"))
+
+
+def _open(browser, path):
+    """Open the page; after the test, check that it loaded nothing and reported no error."""
+    browser.events.clear()
+    yield _Page(browser, path)
+    urls = [e["params"]["request"]["url"] for e in browser.events if e["method"] == "Network.requestWillBeSent"]
+    assert [url for url in urls if not url.startswith(("data:", "blob:"))] == [path.as_uri()]
+    trouble = ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")
+    assert [event for event in browser.events if event["method"] in trouble] == []
 
 
 @pytest.fixture
 def opened(browser, written):
-    """Open the page; after the test, check that it loaded nothing and reported no error."""
-    browser.events.clear()
-    page = _Page(browser, written)
-    yield page
-    urls = [e["params"]["request"]["url"] for e in browser.events if e["method"] == "Network.requestWillBeSent"]
-    assert [url for url in urls if not url.startswith(("data:", "blob:"))] == [written.as_uri()]
-    trouble = ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")
-    assert [event for event in browser.events if event["method"] in trouble] == []
+    """The page of 2401 setups."""
+    yield from _open(browser, written)
+
+
+@pytest.fixture
+def light(browser, small_page):
+    """The page of 81 setups."""
+    yield from _open(browser, small_page)
 
 
 #: Counts the rows at the print, after the page's own listener.
@@ -146,7 +172,7 @@ def _levels(values):
 
 
 @pytest.mark.slow
-def test_the_page_opens_with_the_best_of_all_setups_and_fits_a_laptop(opened, whole):
+def test_the_page_opens_with_the_best_setup_and_a_click_on_a_header_sorts_all_with_the_failed_one_last(opened, whole):
     best = int(whole.setups[whole.ranking()[0]])
     rows = opened.rows()
     assert [row[1] for row in rows[:3]] == ["1", "2", "3"] and rows[0][2] == str(best)
@@ -158,10 +184,6 @@ def test_the_page_opens_with_the_best_of_all_setups_and_fits_a_laptop(opened, wh
         "document.getElementById('ranking-pane').scrollWidth <= document.getElementById('ranking-pane').clientWidth"
     )
     assert opened.do("document.getElementById('trouble').hidden")
-
-
-@pytest.mark.slow
-def test_a_click_on_a_column_header_sorts_all_setups_and_the_failed_one_stays_last(opened, whole):
     front = whole.values(FRONT)
     place = opened.column(FRONT)
     assert opened.sort(FRONT)[0][place] == f"{np.nanmin(front) / IN:.4f}"
@@ -185,21 +207,21 @@ def test_the_ranking_has_the_probability_of_being_best_and_the_interval_of_what_
 
 
 @pytest.mark.slow
-def test_a_print_is_two_sheets_with_twelve_rows_of_the_ranking(opened):
-    opened.browser.call("Emulation.setEmulatedMedia", media="")
-    opened.do(_COUNT)
-    printed = opened.browser.call("Page.printToPDF", preferCSSPageSize=True, printBackground=True)["data"]
+def test_a_print_is_two_sheets_with_twelve_rows_of_the_ranking(light):
+    light.browser.call("Emulation.setEmulatedMedia", media="")
+    light.do(_COUNT)
+    printed = light.browser.call("Page.printToPDF", preferCSSPageSize=True, printBackground=True)["data"]
     assert len(re.findall(rb"/Type\s*/Page\b", base64.b64decode(printed))) == 2
-    assert opened.do("window.rows") == 12
+    assert light.do("window.rows") == 12
 
 
 @pytest.mark.slow
-def test_the_tied_setups_are_compared_side_by_side_with_one_click(opened, chosen):
-    opened.click("#unpick")
-    opened.click("#compare-ties")
-    opened.browser.until("document.querySelector('#side-by-side thead th')")
-    heads = opened.do("[...document.querySelectorAll('#side-by-side th')].map((h) => h.textContent).join()")
-    assert len(chosen.ties) > 1 and all(f"setup {number}" in heads for number in chosen.ties[:5])
+def test_the_tied_setups_are_compared_side_by_side_with_one_click(light, ties):
+    light.click("#unpick")
+    light.click("#compare-ties")
+    light.browser.until("document.querySelector('#side-by-side thead th')")
+    heads = light.do("[...document.querySelectorAll('#side-by-side th')].map((h) => h.textContent).join()")
+    assert len(ties.ties) > 1 and all(f"setup {number}" in heads for number in ties.ties[:5])
 
 
 @pytest.mark.slow
@@ -264,34 +286,34 @@ def test_a_click_on_a_dot_shows_its_setup_with_traces_or_the_command_that_makes_
 
 
 @pytest.mark.slow
-def test_the_switch_changes_the_units_of_all_numbers_and_axes(opened, whole):
-    best = int(whole.ranking()[0])
-    opened.do("document.getElementById('traces').scrollIntoView()")
-    opened.browser.until("document.querySelectorAll('#traces .js-plotly-plot').length === 2")
-    assert opened.do(_AXIS) == "velocity [in/s]"
-    assert opened.rows()[0][opened.column(FRONT)] == f"{whole.values(FRONT)[best] / IN:.4f}"
-    opened.click("input[value=si]")
-    shown = f"{1e3 * whole.values(FRONT)[best]:.3f}"
-    assert opened.rows()[0][opened.column(f"{FRONT} [mm]")] == shown
-    assert shown in opened.text("#compared")
-    opened.browser.until(
+def test_the_switch_changes_the_units_of_all_numbers_and_axes(light, small):
+    best = int(small.ranking()[0])
+    light.do("document.getElementById('traces').scrollIntoView()")
+    light.browser.until("document.querySelectorAll('#traces .js-plotly-plot').length === 2")
+    assert light.do(_AXIS) == "velocity [in/s]"
+    assert light.rows()[0][light.column(FRONT)] == f"{small.values(FRONT)[best] / IN:.4f}"
+    light.click("input[value=si]")
+    shown = f"{1e3 * small.values(FRONT)[best]:.3f}"
+    assert light.rows()[0][light.column(f"{FRONT} [mm]")] == shown
+    assert shown in light.text("#compared")
+    light.browser.until(
         "document.querySelector('#traces .js-plotly-plot').layout.yaxis.title.text === 'velocity [mm/s]'"
     )
     # The objective and its weights are written in the units of the study file.
-    opened.do("document.querySelector('.question').remove(), document.querySelector('#weights').remove()")
-    seen = opened.do("document.body.innerText")
+    light.do("document.querySelector('.question').remove(), document.querySelector('#weights').remove()")
+    seen = light.do("document.body.innerText")
     assert "mm" in seen and "lbf" not in seen and "[in" not in seen
 
 
 @pytest.mark.slow
-def test_sensitivities_follow_the_chosen_measure(opened):
-    opened.click('nav a[href="#sensitivity"]')  # which unfolds it
-    opened.browser.until("document.querySelector('#effects.js-plotly-plot')")
-    assert opened.do("document.querySelector('#effects').data.map((line) => line.name).join()") == "LF,RF,LR,RR"
-    opened.focus(HUB)
-    opened.browser.until("document.querySelector('#effects').layout.yaxis.title.text.includes('rf hub')")
-    assert opened.text("#shares tr.current td") == HUB
-    effects = json.loads(opened.do(_EFFECTS))
+def test_sensitivities_follow_the_chosen_measure(light):
+    light.click('nav a[href="#sensitivity"]')  # which unfolds it
+    light.browser.until("document.querySelector('#effects.js-plotly-plot')")
+    assert light.do("document.querySelector('#effects').data.map((line) => line.name).join()") == "LF,RF,LR,RR"
+    light.focus(HUB)
+    light.browser.until("document.querySelector('#effects').layout.yaxis.title.text.includes('rf hub')")
+    assert light.text("#shares tr.current td") == HUB
+    effects = json.loads(light.do(_EFFECTS))
     spans = [np.ptp(effect) for effect in effects]
     assert int(np.argmax(spans)) == 1  # the right front shock, at the right front hub
 
@@ -301,34 +323,34 @@ _TYPE = "{{ const box = {}; box.value = '{}'; box.dispatchEvent(new Event('input
 
 
 @pytest.mark.slow
-def test_the_page_has_no_serious_finding_of_axe_in_light_and_dark(opened):
+def test_the_page_has_no_serious_finding_of_axe_in_light_and_dark(light):
     axe = (files("axe_core_python") / "axe.min.js").read_text(encoding="utf-8")
     for scheme in ("light", "dark"):
         features = [{"name": "prefers-color-scheme", "value": scheme}]
-        opened.browser.call("Emulation.setEmulatedMedia", media="screen", features=features)
-        opened.do("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
-        opened.do(axe)
-        found = json.loads(opened.do("axe.run().then(({ violations }) => JSON.stringify(violations))"))
+        light.browser.call("Emulation.setEmulatedMedia", media="screen", features=features)
+        light.do("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+        light.do(axe)
+        found = json.loads(light.do("axe.run().then(({ violations }) => JSON.stringify(violations))"))
         assert [(one["id"], one["nodes"][0]["html"]) for one in found if one["impact"] in ("serious", "critical")] == []
 
 
 @pytest.mark.slow
-def test_the_keyboard_steps_from_setup_to_setup_in_a_plot_and_in_the_table(opened, whole):
+def test_the_keyboard_steps_from_setup_to_setup_in_a_plot_and_in_the_table(light, small):
     panel = "document.querySelector('#trades .panel')"
-    opened.do(f"{panel}.focus()")
-    opened.do(_KEY.format(panel, "ArrowRight"))
-    start = int(opened.text("#spoken").split()[1].rstrip(","))
-    opened.do(_KEY.format(panel, "ArrowRight"))
-    after = int(opened.text("#spoken").split()[1].rstrip(","))
-    values, numbers = whole.values(TIRE), whole.setups.tolist()
+    light.do(f"{panel}.focus()")
+    light.do(_KEY.format(panel, "ArrowRight"))
+    start = int(light.text("#spoken").split()[1].rstrip(","))
+    light.do(_KEY.format(panel, "ArrowRight"))
+    after = int(light.text("#spoken").split()[1].rstrip(","))
+    values, numbers = small.values(TIRE), small.setups.tolist()
     above = np.sort(values[values > values[numbers.index(start)]])
     assert values[numbers.index(after)] == above[0]
-    opened.do(_KEY.format(panel, "Enter"))
-    assert opened.text("#chosen").startswith(f"{after}:")
-    ranked = [int(row[opened.column("setup")]) for row in opened.rows()]
-    opened.click("#ranking tbody tr[data-row]")
-    opened.do(_KEY.format("document.getElementById('ranking-pane')", "ArrowDown"))
-    assert opened.text("#chosen").startswith(f"{ranked[1]}:")
+    light.do(_KEY.format(panel, "Enter"))
+    assert light.text("#chosen").startswith(f"{after}:")
+    ranked = [int(row[light.column("setup")]) for row in light.rows()]
+    light.click("#ranking tbody tr[data-row]")
+    light.do(_KEY.format("document.getElementById('ranking-pane')", "ArrowDown"))
+    assert light.text("#chosen").startswith(f"{ranked[1]}:")
 
 
 @pytest.mark.slow
@@ -368,12 +390,7 @@ def test_a_range_on_an_axis_of_the_parallel_coordinates_filters_the_setups(opene
 
 
 @pytest.mark.slow
-def test_every_build_of_a_bank_of_three_has_its_filter(browser, surrogate, tmp_path):
-    few = surrogate(("AA/AA", "B/B", "C/C"))
-    path = tmp_path / "report.html"
-    path.write_text(page(sheet_of(few), Extras()), encoding="utf-8")
-    shown = _Page(browser, path)
-    assert shown.do("document.querySelectorAll('#builds input').length") == 12
-    assert (
-        shown.do("[...document.querySelectorAll('#builds .corner')].map((c) => c.innerText).join()").count("C/C") == 4
-    )
+def test_every_build_of_a_bank_of_three_has_its_filter(light):
+    assert light.do("document.querySelectorAll('#builds input').length") == 12
+    names = light.do("[...document.querySelectorAll('#builds .corner')].map((c) => c.innerText).join()")
+    assert names.count("C/C") == 4

@@ -128,12 +128,6 @@ def test_the_page_loads_nothing_and_escapes_names(sheet):
     assert not re.findall(r'(?:src|href)="(?!#)', html)
 
 
-def test_the_page_is_written_for_a_study_without_objective_baseline_and_constraints(unranked):
-    bare = StudyResult(replace(unranked.study, baseline={}), unranked.table, unranked.provenance)
-    text = _text(page(sheet_of(bare), Extras()))
-    assert f"What counts: {TIRE}, as low as possible." in text
-
-
 def test_the_page_of_a_study_in_which_nothing_ran_states_the_reason(few):
     table = few.table.to_pydict() | {m.name: [None] * len(few) for m in few.measures}
     table |= {"status": ["failed"] * len(few), "message": ["no licence"] * len(few)}
@@ -440,11 +434,6 @@ def test_curves_of_another_study_or_edited_ones_are_not_linked(few, tmp_path):
     for wrong in (content | {"digest": "0" * 64}, {"digest": few.provenance.digest}, [], changed):
         (tmp_path / "shapes.json").write_text(json.dumps(wrong))
         assert AimPage.of(tmp_path, few.provenance.digest) is None
-
-
-def test_no_answer_is_given_if_no_setup_meets_the_constraints(few):
-    sheet = sheet_of(few)
-    assert answer_of(replace(sheet, allowed=np.zeros_like(sheet.allowed))) is None
 
 
 def test_the_page_shows_the_answer_before_the_verdict_and_the_ranking(few, certain):
