@@ -94,7 +94,7 @@ COMMON = (
     "m/s", "mm/s", "cm/s", "in/s", "ft/s", "km/h", "mph",
     "m/s2", "mm/s2", "in/s2", "ft/s2", "g",
     "N", "kN", "mN", "lbf", "kgf", "N/s", "lbf/s",
-    "N.m", "kN.m", "N.mm", "lbf.in", "in.lbf", "lbf.ft",
+    "N.m", "kN.m", "N.mm", "lbf.in", "in.lbf", "lbf.ft", "lbf.in/deg", "lbf.ft/deg",
     "N/m", "N/mm", "kN/m", "lbf/in", "lbf/ft",
     "N.s/m", "N.s/mm", "kN.s/m", "lbf.s/in", "lbf.s/ft", "lbf/(in/s)", "lbf/(ft/s)", "N/(m/s)", "N/(mm/s)",
     "kg", "lbm", "kg.m2", "lbm.in2", "lbm.ft2",

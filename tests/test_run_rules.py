@@ -87,6 +87,7 @@ def test_expected_to_fail_that_passes(): pass
 #: Modules that skip themselves, by the rest of their names.
 MODULES = {
     "itself": 'import pytest\npytest.skip("not here", allow_module_level=True)\ndef test_left_out(): pass\n',
+    "of_nightly_tests": 'import pytest\npytestmark = pytest.mark.nightly\nraise RuntimeError("imported")\n',
     "of_an_extra": 'import pytest\npytest.importorskip("no_such_package_at_all")\ndef test_left_out(): pass\n',
 }
 
@@ -116,7 +117,7 @@ def run(folder, *options):
 @pytest.fixture(scope="module")
 def all_planted(planted):
     """Exit code, names of tests and modules by their outcome, and output of a run of all planted tests."""
-    status, output = run(planted, "-n", "2", "-rA", "--continue-on-collection-errors")
+    status, output = run(planted, "-n", "1", "-rA", "--continue-on-collection-errors")
     names = {}
     for outcome, test in re.findall(r"^(PASSED|FAILED|SKIPPED|ERROR) (?:\[1\] )?([\w.:]+)", output, re.MULTILINE):
         names.setdefault(outcome, set()).add(test.rpartition("::")[2])
@@ -142,6 +143,12 @@ def test_an_unmarked_test_fails_above_the_limit_of_its_call_and_says_what_to_do(
 def test_cheap_tests_marked_tests_and_tests_whose_fixture_is_expensive_pass(all_planted):
     _, names, _ = all_planted
     assert names["PASSED"] == {"test_cheap", "test_waiting", "test_slow", "test_that_shares"}
+
+
+def test_a_module_of_nightly_tests_is_imported_only_where_they_are_asked_for(all_planted, planted):
+    _, names, _ = all_planted
+    assert "test_module_of_nightly_tests.py" not in names["ERROR"]
+    assert "imported" in run(planted, "--collect-only", "-q", "-m", "nightly")[1]
 
 
 def test_every_skip_and_every_expected_failure_that_is_not_declared_fails(all_planted):
