@@ -124,14 +124,6 @@ def all_planted(planted):
     return status, names, output
 
 
-@pytest.mark.repeated
-@pytest.mark.parametrize("test", [
-    "test_costs.py::test_expensive", "test_skips.py::test_undeclared", "test_module_of_an_extra.py",
-])  # fmt: skip
-def test_one_test_that_breaks_a_rule_fails_the_run(planted, test):
-    assert run(planted, test)[0] in (pytest.ExitCode.TESTS_FAILED, pytest.ExitCode.INTERRUPTED)
-
-
 def test_an_unmarked_test_fails_above_the_limit_of_its_call_and_says_what_to_do(all_planted):
     status, names, output = all_planted
     assert status == pytest.ExitCode.TESTS_FAILED
@@ -143,12 +135,6 @@ def test_an_unmarked_test_fails_above_the_limit_of_its_call_and_says_what_to_do(
 def test_cheap_tests_marked_tests_and_tests_whose_fixture_is_expensive_pass(all_planted):
     _, names, _ = all_planted
     assert names["PASSED"] == {"test_cheap", "test_waiting", "test_slow", "test_that_shares"}
-
-
-def test_a_module_of_nightly_tests_is_imported_only_where_they_are_asked_for(all_planted, planted):
-    _, names, _ = all_planted
-    assert "test_module_of_nightly_tests.py" not in names["ERROR"]
-    assert "imported" in run(planted, "--collect-only", "-q", "-m", "nightly")[1]
 
 
 def test_every_skip_and_every_expected_failure_that_is_not_declared_fails(all_planted):
@@ -163,15 +149,15 @@ def test_every_skip_and_every_expected_failure_that_is_not_declared_fails(all_pl
         assert f"A skip that is not expected on this machine: {reason}" in output
 
 
-@pytest.mark.repeated
-@pytest.mark.parametrize(("expression", "names"), [
-    ("", {"cheap", "expensive", "child", "waiting", "wrong_and_expensive", "slow", "that_shares"}),
-    ("not slow", {"cheap", "expensive", "child", "waiting", "wrong_and_expensive", "that_shares"}),
-    ("nightly", {"nightly", "slow_and_nightly"}),
-])  # fmt: skip
-def test_nightly_tests_run_only_where_the_expression_of_markers_names_them(planted, expression, names):
-    _, output = run(planted, "--collect-only", "-q", "-m", expression, "test_costs.py")
-    assert set(re.findall(r"::test_(\w+)", output)) == names
+@pytest.mark.parametrize("expression", ["nightly", pytest.param("not slow", marks=pytest.mark.nightly)])
+def test_nightly_tests_and_their_modules_are_collected_only_where_the_expression_of_markers_names_them(
+    planted, expression
+):
+    _, output = run(planted, "--collect-only", "-q", "-m", expression, ".")
+    names = {"nightly", "slow_and_nightly"}
+    found = set(re.findall(r"test_costs\.py::test_(\w+)", output))
+    assert found == names if expression == "nightly" else not found & names and "cheap" in found
+    assert ("RuntimeError: imported" in output) == (expression == "nightly")
 
 
 def test_the_limit_itself_is_allowed():
