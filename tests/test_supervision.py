@@ -58,9 +58,7 @@ def test_an_fmu_that_ends_the_process_is_named_and_the_exit_code_is_1(work: str)
     assert "there is no result" in errors and "--isolate" in errors
 
 
-@pytest.mark.parametrize(
-    ("work", "how"), [("os._exit(0)", "with code 0"), ("os.abort()", "by signal 6")]
-)
+@pytest.mark.parametrize(("work", "how"), [("os._exit(0)", "with code 0"), ("os.abort()", "by signal 6")])
 def test_a_command_that_does_not_complete_never_ends_with_0(work: str, how: str) -> None:
     code, _, errors = ended(work)
     assert (code, "'odd'" in errors) == (1, False)
