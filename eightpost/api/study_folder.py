@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -160,10 +160,8 @@ class StudyFolder:
         else:
             number = self._workers or count or usable_processors()
             pool = ProcessWorkers(number, patience=self._patience, evaluator=self._trusted_evaluator())
-        try:
+        with closing(pool):
             yield pool
-        finally:
-            pool.close()
 
     def certainty(self) -> Certainty | None:
         """Return the certainty in the folder; None if it does not exist or belongs to another study.
@@ -219,8 +217,7 @@ class StudyFolder:
                 except KeyboardInterrupt:
                     what = "stopped: the table is complete; run the command again for how sure the choice is"
                     self.listener.note(what)
-        table = self.result
-        return AssessedStudy(table.study, table.table, table.provenance, table.partial, table._cache, found)
+        return AssessedStudy(**vars(self.result), certainty=found)
 
     def optimise(self, search: Search) -> tuple[StudyResult, Optimum]:
         """Search for the best setups of a bank that is too large to run them all; write all setups that ran.
@@ -472,10 +469,9 @@ class StudyFolder:
 
         result, before = self.result, self.certainty()
         if before is None:
-            raise InputError(
-                f"{self.path / CERTAINTY}: the study has no certainty, or that of another study; run `eightpost study` "
-                "again with the same folder (completed runs are not repeated)"
-            )
+            again = "run `eightpost study` again with the same folder (completed runs are not repeated)"
+            what = "the study has no certainty, or that of another study"
+            raise InputError(f"{self.path / CERTAINTY}: {what}; {again}")
         runs, notes = requested_runs(result, records)
         known = Knowledge.of(before)
         known = replace(known, run_to_run={**self._measured_noise(), **known.run_to_run})
@@ -525,9 +521,8 @@ class StudyFolder:
             self.listener.note(note)
         self.listener.say(f"{runs} runs of {found[0].setups.size} setups")
         verdict, selection = comparison_verdict(found, rank=rank, level=level), self.selection
-        folder = output or self.path / "compared"
-        picture = write_and_plot(found, self.result, folder, verdict, selection.setups if selection else {})
-        return found, verdict, picture
+        folder, chosen = output or self.path / "compared", selection.setups if selection else {}
+        return found, verdict, write_and_plot(found, self.result, folder, verdict, chosen)
 
     def _record_reader(
         self, channel_map: ChannelMap | None, units: Mapping[str, str] | None, flip: Mapping[str, Iterable[str]]
@@ -539,10 +534,8 @@ class StudyFolder:
         def read(file: Path) -> TimeSeries:
             test = read_rig_test(file, channel_map=channel_map, units=units, flip=flips_of(file, flip), needs=())
             if test.unchecked:
-                self.listener.note(
-                    f"{file}: sign and corner of {some(test.unchecked)} were not checked, because the record lacks the "
-                    "channels that show them"
-                )
+                what = f"sign and corner of {some(test.unchecked)} were not checked"
+                self.listener.note(f"{file}: {what}, because the record lacks the channels that show them")
             return test.series
 
         return read

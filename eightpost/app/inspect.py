@@ -234,17 +234,14 @@ def _show_proposed(console: Console, path: Path, proposed: ProposedMap, folder: 
     if folder is None:
         where = "write its channel map into its folder with -o FOLDER (-v shows it), and check columns and signs"
         raise InputError(f"{path} {proposed.finding}; {where}")
-    from eightpost.files import atomic_path
+    from eightpost.files import write_text
     from eightpost.signals.raw_record import MAP_BESIDE
 
     target = folder / MAP_BESIDE
     if target.exists():
         raise InputError(f"{path} {proposed.finding}; {target} exists and is not replaced: correct it, or name it with "
                          "--channel")  # fmt: skip
-    folder.mkdir(parents=True, exist_ok=True)
-    with atomic_path(target) as temporary:
-        temporary.write_text(channels, encoding="utf-8")
-    show_files(console, [target])
+    show_files(console, [write_text(target, channels)])
     raise InputError(f"{path} {proposed.finding}; check columns and signs of {target}, and inspect again")
 
 
