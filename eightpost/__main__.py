@@ -29,96 +29,74 @@ from eightpost.workers.supervision import supervised, tell
 
 _NAME = "eightpost"
 
-#: The verbs by reader, in the order of the work, with the first sentence of their help.
-SECTIONS: Mapping[str, Mapping[str, Entry]] = {
-    "Start": {
-        "new": Entry("Write a starter folder, with files to be replaced by your own.", "new:new"),
-        "demo": Entry("Run the whole workflow on shipped data.", "demo:demo"),
-        "app": Entry(
-            "Open a window in the browser: drop dynamometer and rig files, fit, couple, and run studies.", "app:app"
-        ),
-        "doctor": Entry(
-            "Check the installation: versions, extras, caches, a coupled run, the compiler.", "doctor:doctor"
-        ),
-    },
-    "Shocks and cars from measurements": {
-        "inspect": Entry("Show what a file contains, and everything suspicious in it.", "inspect:inspect"),
-        "fit": Entry(
-            "Fit a shock law to dynamometer records: one, several runs together, or one shock over its adjusters.",
-            "fit:fit",
-        ),
-        "identify": Entry("Identify a vehicle from rig tests.", "identify:identify"),
-        "validate": Entry("Validate fitted shocks or an identified vehicle on held-out records.", "validate:validate"),
-        "report": Entry(
-            "Write a page about shocks: their dynamometer records and fitted laws, by build; or about a study.",
-            "report:report",
-        ),
-    },
-    "FMUs for simulation": {
-        "build": Entry("Build an FMU from each source, for co-simulation and model exchange.", "build:build"),
-        "check": Entry(
-            "Check FMUs of any maker: the rules of the FMI standard, and known causes of failed imports.", "check:check"
-        ),
-        "run": Entry("Run a system of coupled FMUs.", "run:run"),
-        "export": Entry(
-            "Export models, frequency responses, shock curves and systems for other tools.", "export:export"
-        ),
-    },
-    "Setups and the rig": {
-        "study": Entry(
-            "Run every setup of shocks that a study allows, rank them, and choose: `eightpost study FILE` runs it.",
-            members={
-                "run": Entry("Run every setup of shocks that a study allows, and rank them.", "study:study"),
-                "optimise": Entry(
-                    "Search for the best setups of a study whose bank is too large to run them all.",
-                    "study:optimise",
-                ),
-                "shapes": Entry(
-                    "Find the shock curves to aim at: the best shapes for a study, also ones that nobody has built.",
-                    "study_curves:shapes",
-                ),
-                "whatif": Entry(
-                    "Show what a click more or less at a corner would do to every measure of a study.", "study:whatif"
-                ),
-                "sensitivity": Entry("Show which corner matters for which measure of a study.", "study:sensitivity"),
-                "robust": Entry(
-                    "Compute how sure a study's choice is with an uncertainty file of your own.", "study:robust"
-                ),
-                "select": Entry("Select setups of a study to confirm on the rig.", "study_rig:select"),
-                "confirm": Entry(
-                    "Update how sure a study's choice is with rig runs of some of its setups.", "study_rig:confirm"
-                ),
-                "compare": Entry("Compare runs, or a study's prediction with rig measurements.", "study_rig:compare"),
-                "clicks": Entry(
-                    "Find the clicks at which a shock comes closest to a target curve.", "study_curves:clicks"
-                ),
-            },
-            usual="run",
-        ),
-        "drivefile": Entry(
-            "Iterate the commands of the rig until it reproduces channels measured on the track "
-            "(docs/how_to/drivefile.md).",
-            members={
-                "start": Entry("Compute the first drive file from a track record.", "drivefile:start"),
-                "next": Entry(
-                    "Compute the next drive file from the rig's record of the last one.", "drivefile:next_drive"
-                ),
-                "simulate": Entry(
-                    "Play the drive files on the virtual rig, as `next` would with a rig.", "drivefile:simulate"
-                ),
-            },
-        ),
-        "virtual": Entry(
-            "Test a shock on the virtual dynamometer, or a car on the virtual rig; the data are SYNTHETIC.",
-            members={
-                "dyno": Entry(
-                    "Test a physical shock on the virtual dynamometer; the data are SYNTHETIC.", "virtual:dyno"
-                ),
-                "rig": Entry("Test a car on the virtual rig; the data are SYNTHETIC.", "virtual:rig"),
-            },
-        ),
-    },
-}
+#: The verbs by reader, in the order of the work, with the first sentence of their help. The function of a verb has its
+#: name, in the module of `eightpost.app` of its name or of its group, unless `@module:function` follows; `>` names the
+#: usual verb of a group.
+_LIST = """
+Start
+new | Write a starter folder, with files to be replaced by your own.
+demo | Run the whole workflow on shipped data.
+app | Open a window in the browser: drop dynamometer and rig files, fit, couple, and run studies.
+doctor | Check the installation: versions, extras, caches, a coupled run, the compiler.
+Shocks and cars from measurements
+inspect | Show what a file contains, and everything suspicious in it.
+fit | Fit a shock law to dynamometer records: one, several runs together, or one shock over its adjusters.
+identify | Identify a vehicle from rig tests.
+validate | Validate fitted shocks or an identified vehicle on held-out records.
+report | Write a page about shocks: their dynamometer records and fitted laws, by build; or about a study.
+FMUs for simulation
+build | Build an FMU from each source, for co-simulation and model exchange.
+check | Check FMUs of any maker: the rules of the FMI standard, and known causes of failed imports.
+run | Run a system of coupled FMUs.
+export | Export models, frequency responses, shock curves and systems for other tools.
+Setups and the rig
+study>run | Run every setup of shocks that a study allows, rank them, and choose: `eightpost study FILE` runs it.
+  run@study:study | Run every setup of shocks that a study allows, and rank them.
+  optimise | Search for the best setups of a study whose bank is too large to run them all.
+  shapes@study_curves | Find the shock curves to aim at: the best shapes for a study, also ones that nobody has built.
+  whatif | Show what a click more or less at a corner would do to every measure of a study.
+  sensitivity | Show which corner matters for which measure of a study.
+  robust | Compute how sure a study's choice is with an uncertainty file of your own.
+  select@study_rig | Select setups of a study to confirm on the rig.
+  confirm@study_rig | Update how sure a study's choice is with rig runs of some of its setups.
+  compare@study_rig | Compare runs, or a study's prediction with rig measurements.
+  clicks@study_curves | Find the clicks at which a shock comes closest to a target curve.
+drivefile | Iterate the commands of the rig until it reproduces channels measured on the track \
+(docs/how_to/drivefile.md).
+  start | Compute the first drive file from a track record.
+  next@drivefile:next_drive | Compute the next drive file from the rig's record of the last one.
+  simulate | Play the drive files on the virtual rig, as `next` would with a rig.
+virtual | Test a shock on the virtual dynamometer, or a car on the virtual rig; the data are SYNTHETIC.
+  dyno | Test a physical shock on the virtual dynamometer; the data are SYNTHETIC.
+  rig | Test a car on the virtual rig; the data are SYNTHETIC.
+"""
+
+
+def _sections(text: str) -> dict[str, dict[str, Entry]]:
+    """Return the verbs of a list by section and name; those of a group are indented."""
+    sections: dict[str, dict[str, Entry]] = {}
+    title = group = ""
+    members: dict[str, Entry] = {}
+    for line in text.strip().splitlines():
+        head, bar, summary = line.partition(" | ")
+        if not bar:
+            title, sections[line] = line, {}
+            continue
+        named, _, usual = head.strip().partition(">")
+        name, _, place = named.partition("@")
+        if head.startswith(" "):
+            members[name] = Entry(summary, _place(place or group, name))
+        else:
+            group, members = name, {}
+            sections[title][name] = Entry(summary, _place(place or name, name), members, usual)
+    return sections
+
+
+def _place(place: str, name: str) -> str:
+    return place if ":" in place else f"{place}:{name}"
+
+
+SECTIONS: Mapping[str, Mapping[str, Entry]] = _sections(_LIST)
 
 #: All verbs; a setting and the evidence about the dissertation are not listed.
 VERBS: Mapping[str, Entry] = {name: entry for section in SECTIONS.values() for name, entry in section.items()} | {

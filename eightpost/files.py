@@ -71,6 +71,13 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
+def write_text(path: str | Path, text: str) -> Path:
+    """Write a text file with `atomic_path`; return its path."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return Path(path)
+
+
 @contextmanager
 def writing(target: Path, *aliases: Path) -> Iterator[None]:
     """Turn the operating system's errors in the block into an OutputError that names a file.

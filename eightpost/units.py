@@ -74,11 +74,8 @@ def _expression(unit: str) -> str:
     text = text.replace("²", "2").replace("³", "3").replace("·", ".").replace("^", "")
     text = re.sub(r"(?<=[A-Za-z)])\s*[.\-]\s*(?=[A-Za-z(])", "*", text)
     text = re.sub(r"(?<=[A-Za-z])-(?=\d)", "**-", text)  # s-1, s^-1
-    text = re.sub(
-        r"(?<=[A-Za-z])(\d)",
-        r"**\1",
-        text.replace("g_0", "standard_gravity").replace("g_n", "standard_gravity"),
-    )
+    text = text.replace("g_0", "standard_gravity").replace("g_n", "standard_gravity")
+    text = re.sub(r"(?<=[A-Za-z])(\d)", r"**\1", text)
     text = re.sub(r"(?<=[a-z])\s+(?=[a-z])", "*", text)
     return "" if text == "1" else text
 
@@ -94,7 +91,7 @@ COMMON = (
     "m/s", "mm/s", "cm/s", "in/s", "ft/s", "km/h", "mph",
     "m/s2", "mm/s2", "in/s2", "ft/s2", "g",
     "N", "kN", "mN", "lbf", "kgf", "N/s", "lbf/s",
-    "N.m", "kN.m", "N.mm", "lbf.in", "in.lbf", "lbf.ft",
+    "N.m", "kN.m", "N.mm", "lbf.in", "in.lbf", "lbf.ft", "lbf.in/deg", "lbf.ft/deg",
     "N/m", "N/mm", "kN/m", "lbf/in", "lbf/ft",
     "N.s/m", "N.s/mm", "kN.s/m", "lbf.s/in", "lbf.s/ft", "lbf/(in/s)", "lbf/(ft/s)", "N/(m/s)", "N/(mm/s)",
     "kg", "lbm", "kg.m2", "lbm.in2", "lbm.ft2",
@@ -159,26 +156,9 @@ Values = TypeVar("Values", float, "NDArray[np.float64]")
 
 #: SI units of the quantities in the project.
 SI_UNITS = (
-    "m",
-    "m/s",
-    "m/s2",
-    "N",
-    "N.m",
-    "N/m",
-    "N.s/m",
-    "N/s",
-    "kg",
-    "kg.m2",
-    "rad",
-    "rad/s",
-    "s",
-    "Hz",
-    "Pa",
-    "W",
-    "J",
-    "K",
-    "1",
-)
+    "m", "m/s", "m/s2", "N", "N.m", "N/m", "N.s/m", "N/s", "kg", "kg.m2", "rad", "rad/s", "s", "Hz", "Pa", "W", "J",
+    "K", "1",
+)  # fmt: skip
 
 #: Display units for each SI unit: US customary and metric.
 DISPLAY_UNITS = {

@@ -151,6 +151,19 @@ def mark_repetitions(items: Sequence[pytest.Item]) -> None:
                 item.add_marker("nightly")
 
 
+#: Beginning of a module all of whose tests are nightly.
+_NIGHTLY = re.compile(r"^pytestmark = \[?pytest\.mark\.nightly\b", re.MULTILINE)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out modules of nightly tests before they are imported, unless they are named or `-m` mentions nightly."""
+    if collection_path.suffix != ".py" or "nightly" in config.getoption("markexpr") or collection_path.is_dir():
+        return None
+    if any(collection_path == Path(word.partition("::")[0]).absolute() for word in config.args):
+        return None
+    return True if _NIGHTLY.search(collection_path.read_text(encoding="utf-8")) else None
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave out nightly tests, unless `-m` says something about them."""

@@ -91,9 +91,7 @@ def test_fuel_weighs_on_the_tires():
     car = replace(draw("links", 1), downforce=(0.0, 0.0))
     drive = rig.random_drive(car, 4.0, 1, road=0.0, load=0.0)
     loads = [rig.run(one, car.bank[:4], drive).channels for one in (car, car.with_fuel(60.0))]
-    more = sum(
-        loads[1][f"{c}.tire_force"].mean() - loads[0][f"{c}.tire_force"].mean() for c in ("lf", "rf", "lr", "rr")
-    )
+    more = sum(loads[1][f"{c}.tire_force"].mean() - loads[0][f"{c}.tire_force"].mean() for c in CORNERS)
     assert more == pytest.approx(60.0 * 9.80665, rel=0.01)
 
 

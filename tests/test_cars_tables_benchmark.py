@@ -82,6 +82,7 @@ def test_setups_belong_to_the_seed():
     assert set(np.ravel(setups_of(1))) == set(range(7))
 
 
+@pytest.mark.nightly
 def test_dynamometer_record_is_the_law_of_the_shock_with_its_lag():
     shock = draw("links", 1).bank[3]
     record = dyno_record(shock, 1, seconds=2.0)

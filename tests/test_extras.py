@@ -59,14 +59,12 @@ def minimal(quarter_car_system, fmus, tmp_path_factory):
     commands = {
         "run": ["run", folder / "system.toml", "-o", folder / "out"],
         "run --report": ["run", folder / "system.toml", "-o", folder / "out", "--report"],
-        "run --plot": ["run", folder / "system.toml", "-o", folder / "out", "--plot", folder / "run.png"],
         "new": ["new", folder / "starter"],
         "compare": ["study", "compare", folder / "out", folder / "starter" / ".." / "out"],
-        "fit": ["fit", record, "--law", "lpf1", "-o", folder / "shock.json"],
+        "fit": ["fit", record, "--law", "polylinear", "-o", folder / "shock.json"],
         "fit --plot": ["fit", record, "-o", folder / "shock.json", "--plot", folder / "shock.png"],
         "inspect": ["inspect", folder / "table.xlsx"],
         "build": ["build", shock, "-o", folder],
-        "page": ["report", shock, "--live", "-o", folder / "page.html"],
         "check": ["check", fmus["lpf1"]],
         "study": ["study", EXAMPLES / "study.toml", "-o", folder / "study"],
     }
@@ -103,12 +101,10 @@ def test_a_verb_that_draws_nothing_needs_no_extra(minimal, verb):
     ("verb", "extra"),
     [
         ("run --report", "report"),
-        ("run --plot", "report"),
         ("fit --plot", "report"),
         ("inspect", "files"),
         ("check", "check"),
         ("build", "build"),
-        ("page", "build"),
         ("study", "build"),
     ],
 )

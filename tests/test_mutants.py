@@ -227,13 +227,16 @@ def test_a_sample_of_several_areas_has_the_shares_that_their_places_have():
     assert half.count("step") / len(half) == pytest.approx(places[0] / sum(places), abs=0.05)
 
 
-def test_a_changed_law_is_killed_and_a_changed_comment_survives(tmp_path, monkeypatch):
+PROGRESS = Area("progress", (Path("eightpost/progress.py"),), ("tests/test_progress.py",))
+
+
+def test_a_changed_source_is_killed_and_a_changed_comment_survives(tmp_path, monkeypatch):
     monkeypatch.setattr(compileall, "compile_dir", lambda *_, **__: None)  # two trials do not repay it
-    tree, path = copy_tree(tmp_path / "tree", tmp_path / "cache"), "eightpost/shock/law.py"
+    tree, path = copy_tree(tmp_path / "tree", tmp_path / "cache"), "eightpost/progress.py"
     before = (ROOT / path).read_text(encoding="utf-8")
     outcomes = [
-        tree.try_mutant(LAG, Mutant("lag", path, 1, before, before.replace(*change)), 300.0).outcome
-        for change in (("-expm1(-ratio)", "expm1(-ratio)"), ('"""The first', '"""A first'))
+        tree.try_mutant(PROGRESS, Mutant("progress", path, 1, before, before.replace(*change)), 300.0).outcome
+        for change in (("done / total if total", "done * total if total"), ('"""Yield items', '"""Yield the items'))
     ]
     assert outcomes == [Outcome.KILLED, Outcome.SURVIVED]
     assert (tree.folder / path).read_text(encoding="utf-8") == before

@@ -1,4 +1,4 @@
-"""The report kit shows texts as they are and amounts in the units of the reader."""
+"""The report kit: pages, tables, small plots, and the glossary of the pages."""
 
 import base64
 import gzip
@@ -15,10 +15,13 @@ from eightpost.report import page
 from eightpost.report.charts import Axis, grid_figure, row_figure
 from eightpost.report.numbers import Display
 from eightpost.report.packing import welch
-from eightpost.report.page import Section, document, soft
+from eightpost.report.page import Section, document, explained, glossary, soft
+from eightpost.report.small_plot import HEIGHT, WIDTH, small_plot
 from eightpost.report.static import Picture, static_page
 from eightpost.report.tables import Amount, ResultTable, result_table
 from eightpost.verdict import Grade, Rule, Verdict
+
+# ---- Pages, tables and numbers --------------------------------------------------------------------------------------
 
 NASTY = "</script><b>[bold]"
 TABLE = ResultTable.of("forces", ["record", "RMS [N]", "unit"], [(NASTY, 4.4482216, "m/s"), ("b", None, "s")])
@@ -130,3 +133,68 @@ def test_a_page_without_scripts_escapes_its_texts():
     html = static_page(NASTY, NASTY, NASTY, [("a", NASTY)], Picture(b"", NASTY), "<p>body</p>")
     assert not re.search("<b>|<script", html)
     assert "<p>body</p>" in html
+
+
+# ---- Small plots ----------------------------------------------------------------------------------------------------
+
+INCH, POUND = 0.0254, 4.4482216152605
+VELOCITY = ("velocity", Display.us("m/s"))
+FORCE = ("force", Display.us("N"))
+
+
+def _plot(x, y):
+    return small_plot([(np.array(x) * INCH, np.array(y) * POUND, "chosen")], VELOCITY, FORCE, "force & <velocity>")
+
+
+def _points(svg):
+    (text,) = re.findall(r'points="([^"]*)"', svg)
+    return np.array([[float(part) for part in pair.split(",")] for pair in text.split()])
+
+
+def test_a_curve_fills_the_plot_and_upwards_is_more():
+    points = _points(_plot([-10.0, 0.0, 10.0], [-100.0, 0.0, 300.0]))
+    assert points[0] == pytest.approx([42.0, HEIGHT - 32.0]) and points[2] == pytest.approx([WIDTH - 6.0, 8.0])
+    assert points[1, 0] == pytest.approx(0.5 * (42.0 + WIDTH - 6.0))
+    assert points[1, 1] == pytest.approx(HEIGHT - 32.0 - 0.25 * (HEIGHT - 40.0), abs=0.06)
+
+
+def test_the_axes_have_round_numbers_in_the_unit_that_is_shown():
+    svg = _plot([-38.0, 38.0], [-520.0, 640.0])
+    numbers = re.findall(r">([−0-9.]+)</text>", svg)
+    assert numbers == ["−20", "0", "20", "−500", "0", "500"]
+    assert svg.count('class="axis"') == 2 and "velocity [in/s]" in svg and "force [lbf]" in svg
+
+
+def test_a_number_is_at_the_place_of_its_value():
+    svg = _plot([0.0, 10.0], [0.0, 100.0])
+    place = float(re.search(r'x="([0-9.]+)" y="[0-9.]+">4</text>', svg)[1])
+    assert place == pytest.approx(42.0 + 0.4 * (WIDTH - 48.0), abs=0.1)
+
+
+def test_a_constant_curve_is_drawn_in_the_middle_and_the_label_is_escaped():
+    svg = _plot([0.0, 1.0], [5.0, 5.0])
+    assert np.ptp(_points(svg)[:, 1]) == 0.0
+    assert 'aria-label="force &amp; &lt;velocity&gt;"' in svg
+
+
+# ---- Words that a page explains -------------------------------------------------------------------------------------
+
+
+def test_a_page_explains_the_words_that_it_contains_and_no_others():
+    html = document("Curves", Verdict(), [Section("one", "One", ["a <b> Pareto front & its knees, RMS"])])
+    words = html[html.index('class="words"') : html.index("<footer")]
+    assert re.findall("<dt>(.*?)</dt>", words) == ["knee", "Pareto front", "RMS"]
+    assert '<a href="#words">' in html
+
+
+def test_words_are_found_in_any_spelling_and_not_inside_others_or_in_tags():
+    assert list(explained("<p title='lag'>Coherent errors flag the FMUs</p>")) == ["coherence", "FMU"]
+    assert list(explained("<style>knee</style><p>hysteresis, hysterical</p>")) == ["hysteresis"]
+    assert explained("<p>a run of the setup</p>") == {}  # common words
+    assert list(explained("<p>today the law Hysteresis</p>")) == ["baseline", "hysteresis", "Hysteresis"]
+
+
+def test_every_word_has_a_short_definition_without_a_full_stop():
+    words = glossary(common=True)
+    assert len(words) > len(glossary()) > 40
+    assert [word for word, text in words.items() if not 10 <= len(text) <= 130 or text.endswith(".")] == []

@@ -87,6 +87,7 @@ def test_expected_to_fail_that_passes(): pass
 #: Modules that skip themselves, by the rest of their names.
 MODULES = {
     "itself": 'import pytest\npytest.skip("not here", allow_module_level=True)\ndef test_left_out(): pass\n',
+    "of_nightly_tests": 'import pytest\npytestmark = pytest.mark.nightly\nraise RuntimeError("imported")\n',
     "of_an_extra": 'import pytest\npytest.importorskip("no_such_package_at_all")\ndef test_left_out(): pass\n',
 }
 
@@ -116,19 +117,11 @@ def run(folder, *options):
 @pytest.fixture(scope="module")
 def all_planted(planted):
     """Exit code, names of tests and modules by their outcome, and output of a run of all planted tests."""
-    status, output = run(planted, "-n", "2", "-rA", "--continue-on-collection-errors")
+    status, output = run(planted, "-n", "1", "-rA", "--continue-on-collection-errors")
     names = {}
     for outcome, test in re.findall(r"^(PASSED|FAILED|SKIPPED|ERROR) (?:\[1\] )?([\w.:]+)", output, re.MULTILINE):
         names.setdefault(outcome, set()).add(test.rpartition("::")[2])
     return status, names, output
-
-
-@pytest.mark.repeated
-@pytest.mark.parametrize("test", [
-    "test_costs.py::test_expensive", "test_skips.py::test_undeclared", "test_module_of_an_extra.py",
-])  # fmt: skip
-def test_one_test_that_breaks_a_rule_fails_the_run(planted, test):
-    assert run(planted, test)[0] in (pytest.ExitCode.TESTS_FAILED, pytest.ExitCode.INTERRUPTED)
 
 
 def test_an_unmarked_test_fails_above_the_limit_of_its_call_and_says_what_to_do(all_planted):
@@ -156,15 +149,15 @@ def test_every_skip_and_every_expected_failure_that_is_not_declared_fails(all_pl
         assert f"A skip that is not expected on this machine: {reason}" in output
 
 
-@pytest.mark.repeated
-@pytest.mark.parametrize(("expression", "names"), [
-    ("", {"cheap", "expensive", "child", "waiting", "wrong_and_expensive", "slow", "that_shares"}),
-    ("not slow", {"cheap", "expensive", "child", "waiting", "wrong_and_expensive", "that_shares"}),
-    ("nightly", {"nightly", "slow_and_nightly"}),
-])  # fmt: skip
-def test_nightly_tests_run_only_where_the_expression_of_markers_names_them(planted, expression, names):
-    _, output = run(planted, "--collect-only", "-q", "-m", expression, "test_costs.py")
-    assert set(re.findall(r"::test_(\w+)", output)) == names
+@pytest.mark.parametrize("expression", ["nightly", pytest.param("not slow", marks=pytest.mark.nightly)])
+def test_nightly_tests_and_their_modules_are_collected_only_where_the_expression_of_markers_names_them(
+    planted, expression
+):
+    _, output = run(planted, "--collect-only", "-q", "-m", expression, ".")
+    names = {"nightly", "slow_and_nightly"}
+    found = set(re.findall(r"test_costs\.py::test_(\w+)", output))
+    assert found == names if expression == "nightly" else not found & names and "cheap" in found
+    assert ("RuntimeError: imported" in output) == (expression == "nightly")
 
 
 def test_the_limit_itself_is_allowed():

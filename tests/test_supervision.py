@@ -49,7 +49,7 @@ def ended(work: str, limit: float = 30.0, **options: Any) -> tuple[int, str, str
 
 @pytest.mark.parametrize(
     "work",
-    ["os._exit(0)", "ctypes.CDLL(None).exit(0)", "ctypes.CDLL(None).exit(3)", "ctypes.string_at(0)", "os.abort()"],
+    ["os._exit(0)", "ctypes.CDLL(None).exit(3)", "ctypes.string_at(0)"],
 )
 def test_an_fmu_that_ends_the_process_is_named_and_the_exit_code_is_1(work: str) -> None:
     code, _, errors = ended(f"call:{work}")
@@ -58,9 +58,7 @@ def test_an_fmu_that_ends_the_process_is_named_and_the_exit_code_is_1(work: str)
     assert "there is no result" in errors and "--isolate" in errors
 
 
-@pytest.mark.parametrize(
-    ("work", "how"), [("os._exit(0)", "with code 0"), ("os._exit(4)", "with code 4"), ("os.abort()", "by signal 6")]
-)
+@pytest.mark.parametrize(("work", "how"), [("os._exit(0)", "with code 0"), ("os.abort()", "by signal 6")])
 def test_a_command_that_does_not_complete_never_ends_with_0(work: str, how: str) -> None:
     code, _, errors = ended(work)
     assert (code, "'odd'" in errors) == (1, False)
@@ -70,9 +68,7 @@ def test_a_command_that_does_not_complete_never_ends_with_0(work: str, how: str)
 @pytest.mark.parametrize(
     ("work", "code"),
     [
-        ("pass", 0),
         ("sys.exit()", 0),
-        ("sys.exit(0)", 0),
         ("sys.exit(2)", 2),
         ("sys.exit('words')", 1),
         ("1 / 0", 1),
@@ -88,10 +84,9 @@ def test_the_exit_code_of_a_complete_command_is_its_own(work: str, code: int) ->
     assert "no result" not in errors and output == ("all\n" if "all" in work else "")
 
 
-@pytest.mark.parametrize("work", ["time.sleep(60.0)", "\nwhile True: pass"])
-def test_an_fmu_that_does_not_return_is_ended_after_the_time_limit_and_named(work: str) -> None:
+def test_an_fmu_that_does_not_return_is_ended_after_the_time_limit_and_named() -> None:
     began = time.monotonic()
-    code, _, errors = ended(f"call:{work}", 0.5)
+    code, _, errors = ended("call:\nwhile True: pass", 0.5)
     assert code == 1 and 0.5 < time.monotonic() - began < 30.0
     assert "component 'odd' (odd.fmu) was called to step and did not return within 0.5 s" in errors
     assert "EIGHTPOST_TIME_LIMIT" in errors
@@ -167,7 +162,7 @@ def test_a_command_ends_with_its_parent(tmp_path: Path) -> None:
     assert not [*tmp_path.iterdir()]
 
 
-@pytest.mark.parametrize("work", ["pass", "call:os._exit(0)", "call:ctypes.string_at(0)"])
+@pytest.mark.parametrize("work", ["pass", "call:ctypes.string_at(0)"])
 def test_no_temporary_file_remains_however_a_command_ends(work: str, tmp_path: Path) -> None:
     before, made = work[: work.index(":") + 1] if ":" in work else "", "open(tempfile.mkdtemp() + '/a', 'w').close(); "
     ended(before + made + work.removeprefix("call:"), env={"TMPDIR": str(tmp_path)})

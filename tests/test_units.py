@@ -92,21 +92,14 @@ def test_a_unit_with_an_unsupported_dimension_is_refused():
         units.si_unit("count")
 
 
-@pytest.mark.slow
-def test_the_table_of_common_units_agrees_with_pint():
+def test_common_units_are_converted_without_pint_by_a_table_that_agrees_with_it():
     """To the last bit, in a process of its own: the last bits of pint depend on what it has converted before.
 
     `python -m eightpost.units` writes the table again.
     """
-    words = "from eightpost import units; assert units.read_table() == units._make_table()"
-    subprocess.run([sys.executable, "-c", words], check=True)
-
-
-def test_common_units_are_converted_without_pint():
-    words = (
-        "import sys; from eightpost.units import *; convert(1.0, 'lbf.s/in', 'N.s/m'); si_unit('in/s'); si_factor('g')"
-    )
-    program = f"{words}; assert 'pint' not in sys.modules; si_factor('furlong'); assert 'pint' in sys.modules"
+    words = "convert(1.0, 'lbf.s/in', 'N.s/m'); si_unit('in/s'); si_factor('g'); assert 'pint' not in sys.modules"
+    program = f"import sys; from eightpost.units import *; from eightpost import units; {words}"
+    program += "; assert units.read_table() == units._make_table() and 'pint' in sys.modules"
     subprocess.run([sys.executable, "-c", program], check=True)
 
 
@@ -173,17 +166,17 @@ def test_a_stated_display_unit_counts_unless_the_user_chose_a_system(choice, mon
     assert units.shown_unit("N", "kN") == "lbf"
 
 
-@pytest.mark.parametrize(("system", "shown"), [("us", (80.6, "degF")), ("si", (27.0, "degC"))])
-def test_a_temperature_is_shown_in_degrees(system, shown, choice, monkeypatch):
+@pytest.mark.parametrize(
+    ("system", "shown", "difference"), [("us", 80.6, (18.0, "degF")), ("si", 27.0, (10.0, "degC"))]
+)
+def test_a_temperature_is_shown_in_degrees_and_a_difference_has_no_offset(
+    system, shown, difference, choice, monkeypatch
+):
     monkeypatch.setenv("EIGHTPOST_UNITS", system)
-    assert units.shown(300.15, "K") == (pytest.approx(shown[0]), shown[1])
+    value, unit = difference
+    assert units.shown(300.15, "K") == (pytest.approx(shown), unit)
     assert units.display_unit("K") == "K"  # of a difference
-
-
-@pytest.mark.parametrize(("system", "shown"), [("us", (18.0, "degF")), ("si", (10.0, "degC"))])
-def test_a_difference_of_temperatures_has_no_offset(system, shown, choice, monkeypatch):
-    monkeypatch.setenv("EIGHTPOST_UNITS", system)
-    assert units.shown_difference(10.0) == (pytest.approx(shown[0]), shown[1])
+    assert units.shown_difference(10.0) == (pytest.approx(value), unit)
 
 
 def test_files_outside_of_a_command_decide_nothing(choice):

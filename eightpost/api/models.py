@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from builder.build import Built
+    from eightpost.api.reading import ColumnMap
     from eightpost.ident import ShockFit
     from eightpost.ident.preparation import Preparation
     from eightpost.ident.shock.force import GasTreatment
@@ -39,7 +40,7 @@ def fit(
     law: LawName | None = None,
     *,
     gas: GasTreatment = "estimate",
-    channel_map: ChannelMap | Mapping[str, str] | str | Path | None = None,
+    channel_map: ColumnMap = None,
     units: Mapping[str, str] | None = None,
     flip: Iterable[str] = (),
     name: str | None = None,
@@ -314,7 +315,7 @@ def identify(
     static: Sequence[str | Path | RigTest] = (),
     shocks: Sequence[str | Path | Shock] = (),
     outputs: Sequence[str] = (),
-    channel_map: ChannelMap | Mapping[str, str] | str | Path | None = None,
+    channel_map: ColumnMap = None,
     progress: Progress | None = None,
 ) -> VehicleFit:
     """Identify a vehicle from rig tests: one with baseline shocks, one with another shock at each corner.

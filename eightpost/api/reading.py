@@ -31,6 +31,8 @@ if TYPE_CHECKING:
         | StudyResult
         | SavedRun
     )
+    #: Columns by channel: a channel map, its file, or the name of the column by channel.
+    ColumnMap: TypeAlias = ChannelMap | Mapping[str, str] | str | Path | None
 
 
 # ---- Checks of arguments, with messages for the person who wrote the call -------------------------------------------
@@ -87,7 +89,7 @@ def existing_toml(path: str | Path, kind: str) -> Path:
     return path
 
 
-def channel_map_of(given: ChannelMap | Mapping[str, str] | str | Path | None) -> ChannelMap | None:
+def channel_map_of(given: ColumnMap) -> ChannelMap | None:
     """Return the channel map of an argument: a map, a file of one, or the name of the column by channel.
 
     Raises:
@@ -146,7 +148,7 @@ def read(
     path: str | Path,
     kind: Literal["dyno"],
     *,
-    channel_map: ChannelMap | Mapping[str, str] | str | Path | None = None,
+    channel_map: ColumnMap = None,
     units: Mapping[str, str] | None = None,
     flip: Iterable[str] = (),
 ) -> DynoTest: ...
@@ -155,17 +157,13 @@ def read(
     path: str | Path,
     kind: Literal["rig"],
     *,
-    channel_map: ChannelMap | Mapping[str, str] | str | Path | None = None,
+    channel_map: ColumnMap = None,
     units: Mapping[str, str] | None = None,
     flip: Iterable[str] = (),
 ) -> RigTest: ...
 @overload
 def read(
-    path: str | Path,
-    kind: Literal["drive"],
-    *,
-    channel_map: ChannelMap | Mapping[str, str] | str | Path | None = None,
-    units: Mapping[str, str] | None = None,
+    path: str | Path, kind: Literal["drive"], *, channel_map: ColumnMap = None, units: Mapping[str, str] | None = None
 ) -> Drivefile: ...
 @overload
 def read(
@@ -186,7 +184,7 @@ def read(
     path: str | Path,
     kind: None = None,
     *,
-    channel_map: ChannelMap | Mapping[str, str] | str | Path | None = None,
+    channel_map: ColumnMap = None,
     units: Mapping[str, str] | None = None,
     flip: Iterable[str] = (),
 ) -> Readable: ...
@@ -194,7 +192,7 @@ def read(
     path: str | Path,
     kind: Kind | None = None,
     *,
-    channel_map: ChannelMap | Mapping[str, str] | str | Path | None = None,
+    channel_map: ColumnMap = None,
     units: Mapping[str, str] | None = None,
     flip: Iterable[str] = (),
 ) -> Readable:

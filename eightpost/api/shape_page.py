@@ -13,7 +13,7 @@ import numpy as np
 
 from cosim.study.choice.shape_search import ASSURED
 from eightpost.api.shapes import VERIFIED, Aim, Target
-from eightpost.files import atomic_path
+from eightpost.files import write_text
 from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, grid_figure
 from eightpost.report.page import Block, Section, document, write_page
 from eightpost.report.tables import Amount, Cell, ResultTable
@@ -174,9 +174,8 @@ def neighbour_table(target: Target, found: Aim) -> ResultTable:
 
 def write_aim(found: Aim, folder: Path) -> tuple[Path, Path]:
     """Write shapes.json and shapes.html into a folder; return their paths."""
-    data, page = folder / "shapes.json", folder / "shapes.html"
-    with atomic_path(data) as temporary:
-        temporary.write_text(json.dumps(sealed(_content(found)), indent=2) + "\n", encoding="utf-8")
+    page = folder / "shapes.html"
+    data = write_text(folder / "shapes.json", json.dumps(sealed(_content(found)), indent=2) + "\n")
     title = f"Curves to aim at: {found.study.name}"
     return data, write_page(
         page,

@@ -102,9 +102,6 @@ class Request:
 VERIFIED = ("best of the bank", "targets", "nearest builds of the bank", "nearest valvings of the virtual damper")
 
 
-# ---- The search -----------------------------------------------------------------------------------------------------
-
-
 def _shapes_of_bank(sources: Mapping[str, Path]) -> dict[str, ShapeFit]:
     """Return the shape of each build of a bank from its shock file."""
     if not sources:

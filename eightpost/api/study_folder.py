@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -160,10 +160,8 @@ class StudyFolder:
         else:
             number = self._workers or count or usable_processors()
             pool = ProcessWorkers(number, patience=self._patience, evaluator=self._trusted_evaluator())
-        try:
+        with closing(pool):
             yield pool
-        finally:
-            pool.close()
 
     def certainty(self) -> Certainty | None:
         """Return the certainty in the folder; None if it does not exist or belongs to another study.
@@ -217,10 +215,9 @@ class StudyFolder:
                     with portion(0.8, 1.0):
                         found = self.assess(pool, criterion)
                 except KeyboardInterrupt:
-                    self.listener.note(
-                        "stopped: the table is complete; run the command again for how sure the choice is"
-                    )
-        return _assessed(self.result, found)
+                    what = "stopped: the table is complete; run the command again for how sure the choice is"
+                    self.listener.note(what)
+        return AssessedStudy(**vars(self.result), certainty=found)
 
     def optimise(self, search: Search) -> tuple[StudyResult, Optimum]:
         """Search for the best setups of a bank that is too large to run them all; write all setups that ran.
@@ -308,42 +305,33 @@ class StudyFolder:
         Raises:
             InputError: Nothing is uncertain.
         """
-        from cosim.study.choice.robust import (
-            knowledge_of,
-            leading,
-            linearity_check,
-            read_uncertainty,
-            run_draws,
-            spreads_of,
-            write_spreads,
-        )
+        from cosim.study.choice import robust
 
-        result, stated = self.result, read_uncertainty(uncertain, self.result)
+        result, stated = self.result, robust.read_uncertainty(uncertain, self.result)
         stated = replace(stated, parts=(*stated.parts, *self._fits(stated.fits)))
         for part in stated.parts:
             rows = zip(part.names, part.values, part.deviations, strict=True)
-            self.listener.say(
-                f"{part.part}: {', '.join(f'{name} {value:.4g} ± {sigma:.2g}' for name, value, sigma in rows)}"
-            )
+            numbers = ", ".join(f"{name} {value:.4g} ± {sigma:.2g}" for name, value, sigma in rows)
+            self.listener.say(f"{part.part}: {numbers}")
         for vehicle in stated.vehicles:
             self.listener.say(f"alternative vehicle: {vehicle}")
         if not stated.any and not any(stated.run_to_run.values()):
             raise InputError(f"{uncertain}: no uncertainty is stated; add fits, uncertain, vehicles or run_to_run")
-        setups, drawn = leading(result, top, criterion).tolist(), list[StudyResult]()
+        setups, drawn = robust.leading(result, top, criterion).tolist(), list[StudyResult]()
         with self.workers() as pool:
             with self.listener.work("uncertain parameters", 1) as progress:
                 noise = {**self._measured_noise(), **stated.run_to_run}
-                known = knowledge_of(result, stated, noise, self.sweep, pool, progress)
+                known = robust.knowledge_of(result, stated, noise, self.sweep, pool, progress)
             if stated.any and draws >= 2:
                 with self.listener.work("draws", draws) as progress:
-                    for one in run_draws(result, self.sweep, pool, stated, setups, draws, seed):
+                    for one in robust.run_draws(result, self.sweep, pool, stated, setups, draws, seed):
                         drawn.append(one)
                         progress(len(drawn), draws)
         known = self._with_runs(known)
         found = self._written(certainty_of(result, known, criterion=criterion))
-        spreads = spreads_of(result, drawn, setups)
-        write_spreads(spreads, self.path / SPREADS, result, stated)
-        return found, linearity_check(result, known, spreads)
+        spreads = robust.spreads_of(result, drawn, setups)
+        robust.write_spreads(spreads, self.path / SPREADS, result, stated)
+        return found, robust.linearity_check(result, known, spreads)
 
     def _fits(self, fits: Mapping[str, Path]) -> Iterator[Uncertain]:
         """Yield the uncertainty of fitted shocks."""
@@ -481,16 +469,14 @@ class StudyFolder:
 
         result, before = self.result, self.certainty()
         if before is None:
-            raise InputError(
-                f"{self.path / CERTAINTY}: the study has no certainty, or that of another study; run `eightpost study` "
-                "again with the same folder (completed runs are not repeated)"
-            )
+            again = "run `eightpost study` again with the same folder (completed runs are not repeated)"
+            what = "the study has no certainty, or that of another study"
+            raise InputError(f"{self.path / CERTAINTY}: {what}; {again}")
         runs, notes = requested_runs(result, records)
         known = Knowledge.of(before)
         known = replace(known, run_to_run={**self._measured_noise(), **known.run_to_run})
-        known, others = with_rig_runs(
-            result, known, runs, self._record_reader(channel_map, units, flip), measures=measures
-        )
+        reader = self._record_reader(channel_map, units, flip or {})
+        known, others = with_rig_runs(result, known, runs, reader, measures=measures)
         for note in (*notes, *others):
             self.listener.note(note)
         after = certainty_of(result, known, criterion=before.criterion, top=before.top)
@@ -529,33 +515,27 @@ class StudyFolder:
         from cosim.study.choice.rig_day import compare_with_rig
 
         path = measured / SELECTION if measured.is_dir() else measured
-        reader, certainty = self._record_reader(channel_map, units, flip), self.certainty()
+        reader, certainty = self._record_reader(channel_map, units, flip or {}), self.certainty()
         runs, found, notes = compare_with_rig(self.result, path, reader, measures=measures, certainty=certainty)
         for note in notes:
             self.listener.note(note)
         self.listener.say(f"{runs} runs of {found[0].setups.size} setups")
         verdict, selection = comparison_verdict(found, rank=rank, level=level), self.selection
-        folder = output or self.path / "compared"
-        picture = write_and_plot(found, self.result, folder, verdict, selection.setups if selection else {})
-        return found, verdict, picture
+        folder, chosen = output or self.path / "compared", selection.setups if selection else {}
+        return found, verdict, write_and_plot(found, self.result, folder, verdict, chosen)
 
     def _record_reader(
-        self,
-        channel_map: ChannelMap | None,
-        units: Mapping[str, str] | None,
-        flip: Mapping[str, Iterable[str]] | None,
+        self, channel_map: ChannelMap | None, units: Mapping[str, str] | None, flip: Mapping[str, Iterable[str]]
     ) -> Callable[[Path], TimeSeries]:
         """Return a function that reads and checks the channels of a rig record, whichever it has."""
         from eightpost.rig.columns import flips_of
         from eightpost.rig.rig_test import read_rig_test
 
         def read(file: Path) -> TimeSeries:
-            test = read_rig_test(file, channel_map=channel_map, units=units, flip=flips_of(file, flip or {}), needs=())
+            test = read_rig_test(file, channel_map=channel_map, units=units, flip=flips_of(file, flip), needs=())
             if test.unchecked:
-                self.listener.note(
-                    f"{file}: sign and corner of {some(test.unchecked)} were not checked, because the record lacks the "
-                    "channels that show them"
-                )
+                what = f"sign and corner of {some(test.unchecked)} were not checked"
+                self.listener.note(f"{file}: {what}, because the record lacks the channels that show them")
             return test.series
 
         return read
@@ -616,7 +596,3 @@ class StudyFolder:
         except FileFormatError as error:
             self.listener.note(f"left out of the page: {error}")
             return None
-
-
-def _assessed(result: StudyResult, certainty: Certainty | None) -> AssessedStudy:
-    return AssessedStudy(result.study, result.table, result.provenance, result.partial, result._cache, certainty)

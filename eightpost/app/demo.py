@@ -42,8 +42,7 @@ _SPECTRA = ("car.lf.tire_force", "car.front.ride_height", "car.lf.hub_accelerati
 def demo(
     ctx: click.Context,
     output: Path = option(
-        "Output folder for all files of the demo.",
-        "-o", "--output", kind=OutputFolder(), default=Path("demo"),
+        "Output folder for all files of the demo.", "-o", "--output", kind=OutputFolder(), default=Path("demo")
     ),
 ) -> None:  # fmt: skip
     """Run the whole workflow on shipped data: fit, build, check, couple, swap a shock, measure, run every setup.

@@ -10,7 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -284,23 +284,12 @@ def doctor(
 
 
 def _document(found: Sequence[Finding], works: bool) -> dict[str, Any]:
-    from eightpost import __version__
-
     return {
         "kind": "doctor",
         "schema": SCHEMA,
         "tool": f"eightpost {__version__}",
         "works": works,
-        "findings": [
-            {
-                "group": finding.group,
-                "name": finding.name,
-                "state": finding.state.value,
-                "statement": finding.statement,
-                "remedy": finding.remedy,
-            }
-            for finding in found
-        ],
+        "findings": [asdict(finding) | {"state": finding.state.value} for finding in found],
     }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,7 +10,7 @@ import click
 from rich.console import Console
 
 from eightpost.app.channels import CHANNELS, Channels
-from eightpost.app.options import Assignment, FilePath, OutputFolder, Quantity, argument, option, setting, verb
+from eightpost.app.options import Assignment, FilePath, OutputFolder, Quantity, argument, group, option, setting, verb
 from eightpost.app.virtual import CAR_SEED, CARS, FRICTION, NOISE
 from eightpost.errors import InputError
 
@@ -19,70 +20,71 @@ if TYPE_CHECKING:
     from eightpost.vehicle import Vehicle
 
 
-@verb
-def start(
-    track: Path = argument("TRACK", kind=FilePath()),
+@dataclass(frozen=True, slots=True)
+class StartOptions:
+    """Options of `eightpost drivefile start`."""
+
+    # fmt: off
+    track: Path = argument("TRACK", kind=FilePath())
     car_file: Path = option(
         "Identified car (.json, from eightpost identify), or its parameters (.toml).",
         "--car", kind=FilePath(), default=..., metavar="CAR",
-    ),
+    )
     output: Path = option(
-        "Folder of the iteration.",
-        "-o", "--output", kind=OutputFolder(), default=..., metavar="FOLDER",
-    ),
+        "Folder of the iteration.", "-o", "--output", kind=OutputFolder(), default=..., metavar="FOLDER"
+    )
     shocks: tuple[tuple[str, str], ...] = option(
         "Shock of a corner in the track record, if it is not the baseline of the identification; may be repeated.",
         "--shock", kind=Assignment("CORNER=SHOCK.json"), metavar="CORNER=SHOCK.JSON",
-    ),
-    channels: Channels = CHANNELS,
+    )
+    channels: Channels = CHANNELS
     reproduced: str | None = setting(
         "Channels to reproduce, separated by commas. Default: hub acceleration and shock displacement of each corner.",
         "channels",
-    ),
+    )
     window: tuple[float, float] | None = setting(
         "Start and end of the lap in the record, e.g. window='12 s, 45 s'; default: the whole record.",
         kind=Quantity("s"), nargs=2,
-    ),
-    high: float = setting("Highest frequency to reproduce.", kind=Quantity("Hz", positive=True), default="30 Hz"),
+    )
+    high: float = setting("Highest frequency to reproduce.", kind=Quantity("Hz", positive=True), default="30 Hz")
     gain: float = setting(
         "Maximum gain of an update, 0 to 1; the coherence of the last step reduces it by channel and band.",
         kind=click.FLOAT, default=0.9,
-    ),
+    )
     regularisation: float = setting(
         "Regularisation of the inverse, 0 to 1, relative to the largest singular value of each line.",
         kind=click.FLOAT, default=0.02,
-    ),
+    )
     acceleration: float = setting(
-        "Accepted error of the accelerations [% of their RMS].",
-        kind=click.FLOAT, default=2.5,
-    ),
+        "Accepted error of the accelerations [% of their RMS].", kind=click.FLOAT, default=2.5
+    )
     displacement: float = setting(
-        "Accepted error of the displacements and all other channels [% of their RMS].",
-        kind=click.FLOAT, default=1.0,
-    ),
+        "Accepted error of the displacements and all other channels [% of their RMS].", kind=click.FLOAT, default=1.0
+    )
     stroke: float = setting(
         "Maximum distance of a wheelloader from the middle of its stroke.",
         kind=Quantity("m", positive=True), default="6.2 in",
-    ),
+    )
     velocity: float = setting(
-        "Maximum velocity of a wheelloader.",
-        kind=Quantity("m/s", positive=True), default="180 in/s",
-    ),
-    force: float = setting("Maximum force of an aeroloader.", kind=Quantity("N", positive=True), default="4300 lbf"),
+        "Maximum velocity of a wheelloader.", kind=Quantity("m/s", positive=True), default="180 in/s"
+    )
+    force: float = setting("Maximum force of an aeroloader.", kind=Quantity("N", positive=True), default="4300 lbf")
     wheelloader: float = setting(
-        "Control bandwidth of the wheelloaders.",
-        kind=Quantity("Hz", positive=True), default="125 Hz",
-    ),
+        "Control bandwidth of the wheelloaders.", kind=Quantity("Hz", positive=True), default="125 Hz"
+    )
     aeroloader: float = setting(
-        "Control bandwidth of the aeroloaders.",
-        kind=Quantity("Hz", positive=True), default="9 Hz",
-    ),
-    means: bool = setting("Reproduce the mean displacements by steady loads.", default=True),
+        "Control bandwidth of the aeroloaders.", kind=Quantity("Hz", positive=True), default="9 Hz"
+    )
+    means: bool = setting("Reproduce the mean displacements by steady loads.", default=True)
     suffix: str = setting(
         "File format of the drive files for the rig.",
         "format", kind=("parquet", "csv", "mat", "drv"), default="parquet",
-    ),
-) -> None:  # fmt: skip
+    )
+    # fmt: on
+
+
+@verb
+def start(asked: StartOptions = group(StartOptions)) -> None:
     """Compute the first drive file from a track record.
 
     TRACK is a record with the channels of docs/explanation/rig.md, or with a channel map.
@@ -92,38 +94,29 @@ def start(
       eightpost drivefile start track.csv --car car.json -o richmond/
       eightpost drivefile start lap.csv --channel map.toml --set window='12 s, 45 s' --car car.json -o lap/
     """
-    from eightpost.drivefile import (
-        ActuatorBands,
-        IterationFolder,
-        Limits,
-        Problem,
-        Settings,
-        Target,
-        read_channels,
-        start_response,
-    )
+    from eightpost import drivefile
     from eightpost.files import sha256_of
     from eightpost.shock import read_shock
     from eightpost.units import convert
 
-    vehicle, measured = _car(car_file)
-    names = reproduced.replace(" ", "").split(",") if reproduced else None
-    series = read_channels(track, names, **channels.options)
-    target = Target(series.window(*window) if window else series, high)
-    laws = {corner: read_shock(file).law for corner, file in shocks}
-    begin = start_response(
-        vehicle, target, shocks=laws, actuators=ActuatorBands(wheelloader, aeroloader), measured=measured
+    vehicle, measured = _car(asked.car_file)
+    names = asked.reproduced.replace(" ", "").split(",") if asked.reproduced else None
+    series = drivefile.read_channels(asked.track, names, **asked.channels.options)
+    target = drivefile.Target(series.window(*asked.window) if asked.window else series, asked.high)
+    laws = {corner: read_shock(file).law for corner, file in asked.shocks}
+    bands = drivefile.ActuatorBands(asked.wheelloader, asked.aeroloader)
+    begin = drivefile.start_response(vehicle, target, shocks=laws, actuators=bands, measured=measured)
+    settings = drivefile.Settings(
+        gain=asked.gain,
+        regularisation=asked.regularisation,
+        acceleration=convert(asked.acceleration, "%", "1"),
+        displacement=convert(asked.displacement, "%", "1"),
+        has_means=asked.means,
+        limits=drivefile.Limits(asked.stroke, asked.velocity, asked.force),
     )
-    settings = Settings(
-        gain=gain,
-        regularisation=regularisation,
-        acceleration=convert(acceleration, "%", "1"),
-        displacement=convert(displacement, "%", "1"),
-        has_means=means,
-        limits=Limits(stroke, velocity, force),
-    )
-    sources = {path.name: sha256_of(path) for path in (track, car_file)}
-    folder = IterationFolder.start(output, Problem(target, begin, settings), sources=sources, suffix=suffix)
+    sources = {path.name: sha256_of(path) for path in (asked.track, asked.car_file)}
+    problem = drivefile.Problem(target, begin, settings)
+    folder = drivefile.IterationFolder.start(asked.output, problem, sources=sources, suffix=asked.suffix)
     console = Console(highlight=False)
     _show_notes(console, begin.notes)
     _show_state(console, folder)
@@ -163,12 +156,10 @@ def simulate(
     ctx: click.Context,
     folder: Path = argument("FOLDER", kind=FilePath()),
     passes: int = option(
-        "Number of passes at the end, including those before.",
-        kind=click.IntRange(min=1), default=8, metavar="N",
+        "Number of passes at the end, including those before.", kind=click.IntRange(min=1), default=8, metavar="N"
     ),
     truth: str = option(
-        "Model of the car on the virtual rig (docs/explanation/rig.md).",
-        "--car", kind=CARS, default="eight_post",
+        "Model of the car on the virtual rig (docs/explanation/rig.md).", "--car", kind=CARS, default="eight_post"
     ),
     shocks: tuple[str, ...] = option(
         "Shock of all corners, or four shocks in the order lf, rf, lr, rr, as in eightpost virtual rig. Default "

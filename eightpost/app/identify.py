@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -11,12 +12,12 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost.app.channels import CHANNELS, Channels
-from eightpost.app.options import FilePath, OutputFile, Quantity, argument, option, setting, verb
+from eightpost.app.options import FilePath, OutputFile, Quantity, argument, group, option, setting, verb
 from eightpost.app.show import bar, details, show_files, show_summary, show_verdict
 from eightpost.errors import FileFormatError, InputError, missing_file
 from eightpost.outputs import VEHICLE
 from eightpost.progress import advance, portion, reported_to
-from eightpost.report.console import console_table, right
+from eightpost.report.console import Table, console_table, right
 
 if TYPE_CHECKING:
     from eightpost.ident.vehicle.experiment import Baseline
@@ -29,54 +30,58 @@ if TYPE_CHECKING:
 RECIPES = ("boggs", "common-poles", "grey-box")
 
 
-@verb
-def identify(
-    ctx: click.Context,
-    rig_files: tuple[Path, ...] = argument("RIG...", kind=FilePath()),
+@dataclass(frozen=True, slots=True)
+class IdentifyOptions:
+    """Options of `eightpost identify`."""
+
+    # fmt: off
+    rig_files: tuple[Path, ...] = argument("RIG...", kind=FilePath())
     output: Path = option(
         "Output vehicle file; its frequency response and its summary are written to the same folder.",
         "-o", "--output", kind=OutputFile(VEHICLE), default=Path("vehicle.json"),
-    ),
+    )
     preparation: Path | None = option(
         "File with rate, settling, delays and geometry (docs/how_to/rig_data.md), which replaces those settings; "
         "default: none.",
         kind=FilePath(), metavar="TOML",
-    ),
+    )
     static_files: tuple[Path, ...] = option(
         "Test with held loads, for the car's static tire forces and ride heights (6.4.4); may be repeated.",
         "--static", kind=FilePath(), metavar="RIG",
-    ),
-    channels: Channels = CHANNELS,
+    )
+    channels: Channels = CHANNELS
     plots: Literal["none", "main", "all"] = option(
         "Outputs to draw. main: shock velocities, tire forces and ride heights.",
         "--plot", kind=("none", "main", "all"), default="none",
-    ),
+    )
     recipe_name: str = setting(
         "Identification method: docs/explanation/common_poles.md, docs/explanation/identification.md, "
         "docs/explanation/output_error.md.",
         "recipe", kind=RECIPES, default="common-poles",
-    ),
+    )
     baseline: Path | None = setting(
-        "Baseline test among the RIG files; default: found from the damping of the shocks.",
-        kind=FilePath(),
-    ),
+        "Baseline test among the RIG files; default: found from the damping of the shocks.", kind=FilePath()
+    )
     damping: float | None = setting(
         "Damping about which the vehicle is identified, e.g. '20 lbf.s/in'; default: the slope of each baseline "
         "shock.",
         kind=Quantity("N.s/m"),
-    ),
-    rate: float = setting("Sampling rate to which the records are decimated.", kind=Quantity("Hz"), default="125 Hz"),
+    )
+    rate: float = setting("Sampling rate to which the records are decimated.", kind=Quantity("Hz"), default="125 Hz")
     settling: float = setting(
-        "Settling time left out at the start of every record, e.g. '4 s'.",
-        kind=Quantity("s"), default="0 s",
-    ),
-    output_channels: str | None = setting("Outputs of the model, separated by commas; default: all possible outputs."),
+        "Settling time left out at the start of every record, e.g. '4 s'.", kind=Quantity("s"), default="0 s"
+    )
+    output_channels: str | None = setting("Outputs of the model, separated by commas; default: all possible outputs.")
     shocks: str | None = setting(
         "Files of the tests' shocks, separated by commas: measured forces are brought in step with their laws "
         "(docs/explanation/common_poles.md); default: none."
-    ),
-    name: str | None = setting("Name of the vehicle; default: the name of the output file."),
-) -> None:  # fmt: skip
+    )
+    name: str | None = setting("Name of the vehicle; default: the name of the output file.")
+    # fmt: on
+
+
+@verb
+def identify(ctx: click.Context, asked: IdentifyOptions = group(IdentifyOptions)) -> None:
     """Identify a vehicle from rig tests: one with baseline shocks, one with another shock at each corner.
 
     RIG is a .parquet, .csv, .mat or .mf4 file with the channels of docs/explanation/rig.md, or with a channel map. Use
@@ -90,45 +95,50 @@ def identify(
       eightpost identify rig/*.parquet --static static/heave.parquet --set shocks=base.json,soft.json -o car.json
       eightpost identify q1.csv q5.csv --set recipe=boggs --set damping='31.03 lbf.s/in' -o corner.json
     """
+    from eightpost.ident.vehicle.vehicle_fit import write_fit
+
+    console = Console()
+    _check(asked.rig_files, asked.baseline)
+    with bar(console, "identifying", 1.0) as show, reported_to(show):
+        fit = _identified(details(console), asked)
+    _show_fit(console, fit, fit.verdict)
+    pictures = fit.write_plots(asked.output.with_name(f"{asked.output.stem}_plots"), asked.plots)
+    show_files(console, [*write_fit(asked.output, fit), *pictures])
+    ctx.exit(0 if fit.verdict.is_acceptable else 1)
+
+
+def _identified(more: Console, asked: IdentifyOptions) -> VehicleFit:
+    """Read the tests, print what is known about them, and identify the vehicle."""
     from eightpost.ident.preparation import Decimation, Preparation, prepare, read_preparation
     from eightpost.ident.vehicle.plan import plan_identification
-    from eightpost.ident.vehicle.vehicle_fit import write_fit
     from eightpost.rig.rig_test import read_rig_tests
     from eightpost.shock import read_shock
 
-    console = Console()
-    more = details(console)
-    _check(rig_files, baseline)
-
     def read(files: Sequence[Path]) -> Iterator[RigTest]:
-        for done, test in enumerate(read_rig_tests(files, **channels.options), start=1):
+        for done, test in enumerate(read_rig_tests(files, **asked.channels.options), start=1):
             yield test
             advance(done, len(files))
 
-    how = read_preparation(preparation) if preparation else Preparation(Decimation(rate), settling=settling)
-    with bar(console, "identifying", 1.0) as show, reported_to(show):
-        with portion(0.0, 0.15):
-            prepared = prepare(read(rig_files), how)
-        for line in prepared.summary():
-            more.print(escape(line), highlight=False, soft_wrap=True)
-        plan = plan_identification(
-            prepared,
-            name=name or output.stem,
-            baseline=rig_files.index(baseline) if baseline else None,
-            damping=damping,
-            outputs=output_channels.replace(" ", "").split(",") if output_channels else (),
-            static=read(static_files) if static_files else (),
-            shocks=[read_shock(path.strip()) for path in shocks.split(",")] if shocks else (),
-        )
-        _show_baseline(more, rig_files, plan.baseline)
-        if plan.rating is not None:
-            _show_rating(more, plan.rating, plan.experiment.outputs)
-        with portion(0.15, 1.0):
-            fit = plan.identify(recipe_name)
-    _show_fit(console, fit, fit.verdict)
-    written = [*write_fit(output, fit), *fit.write_plots(output.with_name(f"{output.stem}_plots"), plots)]
-    show_files(console, written)
-    ctx.exit(0 if fit.verdict.is_acceptable else 1)
+    stated = Preparation(Decimation(asked.rate), settling=asked.settling)
+    how = read_preparation(asked.preparation) if asked.preparation else stated
+    with portion(0.0, 0.15):
+        prepared = prepare(read(asked.rig_files), how)
+    for line in prepared.summary():
+        more.print(escape(line), highlight=False, soft_wrap=True)
+    plan = plan_identification(
+        prepared,
+        name=asked.name or asked.output.stem,
+        baseline=asked.rig_files.index(asked.baseline) if asked.baseline else None,
+        damping=asked.damping,
+        outputs=asked.output_channels.replace(" ", "").split(",") if asked.output_channels else (),
+        static=read(asked.static_files) if asked.static_files else (),
+        shocks=[read_shock(path.strip()) for path in asked.shocks.split(",")] if asked.shocks else (),
+    )
+    _show_baseline(more, asked.rig_files, plan.baseline)
+    if plan.rating is not None:
+        _show_rating(more, plan.rating, plan.experiment.outputs)
+    with portion(0.15, 1.0):
+        return plan.identify(asked.recipe_name)
 
 
 def _check(rig_files: tuple[Path, ...], baseline: Path | None) -> None:
@@ -167,15 +177,21 @@ def _show_baseline(console: Console, rig_files: Sequence[Path], reference: Basel
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
 
 
+def trust_tables(fit: VehicleFit) -> Iterator[Table]:
+    """Yield the tables of what a fit says about its own outputs, measures and friction."""
+    from eightpost.ident.vehicle.vehicle_fit import friction_table, measure_table, trust_table
+
+    if fit.trust is not None and fit.trust.outputs:
+        yield trust_table(fit.trust)
+    if fit.trust is not None and fit.trust.measures:
+        yield measure_table(fit.trust)
+    if fit.trust is not None and fit.trust.friction:
+        yield friction_table(fit, fit.trust)
+
+
 def _show_fit(console: Console, fit: VehicleFit, verdict: Verdict) -> None:
     """Print model, misfit and verdict; with -v, also the tables of all outputs and the notes."""
-    from eightpost.ident.vehicle.vehicle_fit import (
-        damping_sentence,
-        friction_table,
-        measure_table,
-        residual_table,
-        trust_table,
-    )
+    from eightpost.ident.vehicle.vehicle_fit import damping_sentence, residual_table
 
     worst = max(fit.residual, key=lambda name: fit.residual[name])
     rows = [
@@ -187,12 +203,8 @@ def _show_fit(console: Console, fit: VehicleFit, verdict: Verdict) -> None:
     show_summary(console, f"{fit.vehicle.name}, recipe {fit.recipe}, {fit.seconds:.0f} s of processor time", rows)
     more = details(console)
     more.print(residual_table(fit))
-    if fit.trust is not None and fit.trust.outputs:
-        more.print(trust_table(fit.trust))
-    if fit.trust is not None and fit.trust.measures:
-        more.print(measure_table(fit.trust))
-    if fit.trust is not None and fit.trust.friction:
-        more.print(friction_table(fit, fit.trust))
+    for table in trust_tables(fit):
+        more.print(table)
     for note in fit.notes:
         more.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
     show_verdict(console, verdict)

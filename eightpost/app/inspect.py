@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -13,7 +14,7 @@ from rich.markup import escape
 
 from eightpost import completion
 from eightpost.app.channels import CHANNELS, Channels
-from eightpost.app.options import FilePath, Number, OutputFolder, Quantity, argument, option, setting, verb, warn
+from eightpost.app.options import FilePath, Number, OutputFolder, Quantity, argument, group, option, setting, verb, warn
 from eightpost.app.show import (
     details,
     each,
@@ -44,46 +45,52 @@ if TYPE_CHECKING:
 _FEW, _LOST = 8, 0.01
 
 
-@verb
-def inspect(
-    ctx: click.Context,
-    files: tuple[Path, ...] = argument("FILE...", kind=FilePath()),
+@dataclass(frozen=True, slots=True)
+class InspectOptions:
+    """Options of `eightpost inspect`."""
+
+    # fmt: off
+    files: tuple[Path, ...] = argument("FILE...", kind=FilePath())
     folder: Path | None = option(
         "Output folder for pictures and tables of a vehicle, for those of the linearity of rig tests, or for the "
         "proposed channel map of a rig file; default: none are written.",
         "-o", "--output", kind=OutputFolder(),
-    ),
-    channels: Channels = CHANNELS,
+    )
+    channels: Channels = CHANNELS
     vary: str | None = option(
         "Parameter of a vehicle to vary at all four corners alike, e.g. damping, or with factors damping=0.5,1,2,3, "
         "which are the default; default: none.",
         metavar="PARAMETER[=FACTORS]",
-    ),
+    )
     mass: float | None = setting(
         "Mass of the car on the rig, e.g. '3400 lbm', by which its forces are checked; default: unknown.",
         kind=Quantity("kg", positive=True),
-    ),
+    )
     outputs: tuple[str, ...] = setting(
         "Output of a vehicle to draw, or of rig tests to judge, e.g. lf.tire_force; may be repeated. Default: shock "
         "velocities, tire forces and ride heights.",
         "channel",
-    ),
-    high: float = setting("Highest frequency.", kind=Quantity("Hz", bare=True), default="25 Hz"),
+    )
+    high: float = setting("Highest frequency.", kind=Quantity("Hz", bare=True), default="25 Hz")
     how_file: Path | None = setting(
         "Linearity: file with rate, delays, geometry and other settings (docs/how_to/rig_data.md); default: "
         "decimation to 125 Hz only.",
         "preparation", kind=FilePath(),
-    ),
+    )
     width: float = setting(
         "Linearity: width of the frequency bands in which the noise is estimated.",
         kind=Quantity("Hz", bare=True), default="0.5 Hz",
-    ),
-    coherence: float = setting("Linearity: lower limit of a high coherence, 0 to 1.", kind=Number(), default=0.5),
+    )
+    coherence: float = setting("Linearity: lower limit of a high coherence, 0 to 1.", kind=Number(), default=0.5)
     level: float = setting(
         "Linearity: lower limit of a high response [dB], relative to the output's largest response.",
         kind=Number(), default=-20.0,
-    ),
-) -> None:  # fmt: skip
+    )
+    # fmt: on
+
+
+@verb
+def inspect(ctx: click.Context, asked: InspectOptions = group(InspectOptions)) -> None:
     """Show what a file contains, and everything suspicious in it.
 
     FILE is a record: a text file, a spreadsheet, a .parquet, .mat, .mf4, .tdms or .lvm file (docs/reference/
@@ -113,24 +120,19 @@ def inspect(
       eightpost inspect dist/shock.fmu
     """
     console = Console(highlight=False)
-    if len(files) > 1:
-        ctx.exit(
-            _show_linearity(
-                console, files, channels, folder,
-                how=how_file, width=width, high=high, limits=(coherence, level), outputs=outputs,
-            )
-        )  # fmt: skip
-    (path,) = files
+    if len(asked.files) > 1:
+        ctx.exit(_show_linearity(console, asked))
+    (path,) = asked.files
     kind = _kind_of(path)
     if kind == "vehicle":
-        _show_vehicle(console, path, folder, vary=vary, high=high, names=outputs)
+        _show_vehicle(console, path, asked)
         return
-    if vary is not None:
+    if asked.vary is not None:
         raise InputError(f"{path} is not a vehicle file, and --vary varies a parameter of one; omit it")
     if kind:
         _show_document(console, path, kind)
         return
-    found = _show_record_file(console, path, channels, mass, folder)
+    found = _show_record_file(console, path, asked)
     show_text(console, "There are warnings." if found else "No warnings.", style="bold")
     ctx.exit(int(found))
 
@@ -191,9 +193,7 @@ def _fmu_summary(path: Path) -> Summary:
 # ---- Records --------------------------------------------------------------------------------------------------------
 
 
-def _show_record_file(
-    console: Console, path: Path, channels: Channels, mass: float | None, folder: Path | None
-) -> bool:
+def _show_record_file(console: Console, path: Path, asked: InspectOptions) -> bool:
     """Print a dynamometer file, a rig file or a table of peak velocities; return whether something is suspicious."""
     from eightpost.rig import read_dyno_tests, read_rig_test, split_runs
     from eightpost.rig.columns import propose_map
@@ -202,7 +202,7 @@ def _show_record_file(
     from eightpost.rig.rig_test import rig_map
     from eightpost.signals import read_records
 
-    channel_map = channels.channel_map
+    channels, mass, channel_map = asked.channels, asked.mass, asked.channels.channel_map
     records = read_records(path)
     for record in records:
         _show_record(console, record)
@@ -210,7 +210,7 @@ def _show_record_file(
         _show_map(console, records[0], rig_map(records[0], channel_map).flipped(channels.of(path)["flip"]))
         return _show_rig_test(console, read_rig_test(path, **channels.of(path)), mass)
     if proposed := propose_map(records[0]):
-        _show_proposed(console, path, proposed, folder)
+        _show_proposed(console, path, proposed, asked.folder)
     if mass is not None:
         raise InputError(f"{path} is not a rig file, and mass is a setting of rig files; omit it")
     if holds_peak_velocities(records, channel_map):
@@ -234,17 +234,14 @@ def _show_proposed(console: Console, path: Path, proposed: ProposedMap, folder: 
     if folder is None:
         where = "write its channel map into its folder with -o FOLDER (-v shows it), and check columns and signs"
         raise InputError(f"{path} {proposed.finding}; {where}")
-    from eightpost.files import atomic_path
+    from eightpost.files import write_text
     from eightpost.signals.raw_record import MAP_BESIDE
 
     target = folder / MAP_BESIDE
     if target.exists():
         raise InputError(f"{path} {proposed.finding}; {target} exists and is not replaced: correct it, or name it with "
                          "--channel")  # fmt: skip
-    folder.mkdir(parents=True, exist_ok=True)
-    with atomic_path(target) as temporary:
-        temporary.write_text(channels, encoding="utf-8")
-    show_files(console, [target])
+    show_files(console, [write_text(target, channels)])
     raise InputError(f"{path} {proposed.finding}; check columns and signs of {target}, and inspect again")
 
 
@@ -429,24 +426,22 @@ def _show_lags(console: Console, test: RigTest, findings: Sequence[Fault]) -> li
 # ---- Vehicles -------------------------------------------------------------------------------------------------------
 
 
-def _show_vehicle(
-    console: Console, path: Path, folder: Path | None, *, vary: str | None, high: float, names: Sequence[str]
-) -> None:
+def _show_vehicle(console: Console, path: Path, asked: InspectOptions) -> None:
     """Print the modes of a vehicle with its linear dampers; with a folder, write pictures and response.npz."""
     from eightpost.ident.vehicle.frequency_response import response_of, write_response
     from eightpost.ident.vehicle.plots import frequencies_to, plot_magnitudes, variants_of
     from eightpost.vehicle import StructuralVehicle, read_vehicle
     from eightpost.vehicle.structural import doubts
 
-    frequency = frequencies_to(high)
-    parameter, factors = _varied(vary)
+    frequency, folder = frequencies_to(asked.high), asked.folder
+    parameter, factors = _varied(asked.vary)
     car = read_vehicle(path)
     show_text(console, f"read {path}: {car.name} ({car.model}), with its dampers")
     for doubt in doubts(car.parameters) if isinstance(car, StructuralVehicle) else ():
         warn(f"{doubt.summary}; {doubt.remedy}")
     variants = variants_of(car, parameter, factors, frequency)
     responses = {label: variant.response for label, variant in variants.items()}
-    chosen = _outputs(next(iter(responses.values())), names)
+    chosen = _outputs(next(iter(responses.values())), asked.outputs)
     show_table(console, _mode_table({label: variant.modes for label, variant in variants.items()}), most=7)
     if folder is None:
         return
@@ -492,25 +487,23 @@ def _varied(vary: str | None) -> tuple[str | None, list[float]]:
 # ---- Linearity of rig tests -----------------------------------------------------------------------------------------
 
 
-def _show_linearity(
-    console: Console, files: Sequence[Path], channels: Channels, folder: Path | None, *,
-    how: Path | None, width: float, high: float, limits: tuple[float, float], outputs: tuple[str, ...],
-) -> int:  # fmt: skip
+def _show_linearity(console: Console, asked: InspectOptions) -> int:
     """Print where a linear model can predict the tests; return 1 if it misses a high response."""
     from eightpost.ident.linearity import Condition, Thresholds, judge_linearity
     from eightpost.ident.preparation import prepare, read_preparation
     from eightpost.ident.vehicle.estimators import LocalPolynomial
 
-    prepared = prepare(_tests(files, channels), read_preparation(how) if how else None)
+    how = read_preparation(asked.how_file) if asked.how_file else None
+    prepared = prepare(_tests(asked.files, asked.channels), how)
     for line in prepared.summary():
         show_text(details(console), line)
-    recipe = LocalPolynomial.of_width(width, high)
-    assessment = judge_linearity(prepared, outputs=outputs, recipe=recipe, thresholds=Thresholds(*limits))
+    recipe, limits = LocalPolynomial.of_width(asked.width, asked.high), Thresholds(asked.coherence, asked.level)
+    assessment = judge_linearity(prepared, outputs=asked.outputs, recipe=recipe, thresholds=limits)
     _show_conditions(console, assessment)
-    if folder is not None:
-        completion.begin(folder)
-        _write_linearity(folder, assessment, prepared.sources)
-        show_files(console, [folder / "paths.csv", folder / "amplitude.csv"], " and pictures")
+    if asked.folder is not None:
+        completion.begin(asked.folder)
+        _write_linearity(asked.folder, assessment, prepared.sources)
+        show_files(console, [asked.folder / "paths.csv", asked.folder / "amplitude.csv"], " and pictures")
     lost = any(verdict.condition is Condition.III for verdict in assessment.verdicts)
     return int(lost or any(effect.is_notable for effect in assessment.effects))
 

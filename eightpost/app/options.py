@@ -11,8 +11,9 @@ A verb is a function with the decorator `verb`::
     ) -> None:
 
 The annotation gives the type, and whether the option may be repeated. Settings are rarely needed: all settings of a
-verb are given with `--set NAME=VALUE`. This is click below a table, because typer and cyclopts take 0.1 s more for a
-help text. A library loads when a value is read, not for help.
+verb are given with `--set NAME=VALUE`. A verb of many options has one parameter for them, of a dataclass whose fields
+declare them: `asked: FitOptions = group(FitOptions)`. This is click below a table, because typer and cyclopts take
+0.1 s more for a help text. A library loads when a value is read, not for help.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from __future__ import annotations
 import importlib
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from functools import wraps
 from math import inf, isfinite
 from pathlib import Path
 from typing import Any, Literal
@@ -54,7 +56,7 @@ UNITS = f"{__name__}.units"
 class _Declared:
     """Declaration of a parameter, which stands as its default in the signature of a verb."""
 
-    role: Literal["argument", "option", "setting"]
+    role: Literal["argument", "option", "setting", "group"]
     text: str  #: Help text; of an argument, its name in the usage.
     spellings: tuple[str, ...] = ()  #: Spellings; by default, the name of the parameter.
     kind: Any = None  #: Type, or the tuple of choices; None: by the annotation.
@@ -78,6 +80,11 @@ def setting(text: str, name: str = "", *, kind: Any = None, default: Any = None,
 def argument(name: str, *, kind: Any = None, required: bool = True) -> Any:
     """Declare a positional argument."""
     return _Declared("argument", name, (), kind, ... if required else None)
+
+
+def group(kind: type[Any]) -> Any:
+    """Declare the parameters that the fields of a dataclass declare; the verb gets an object of it."""
+    return _Declared("group", "", kind=kind)
 
 
 def _kind(declared: _Declared, annotation: str) -> Any:
@@ -155,24 +162,47 @@ def _shown(default: Any) -> str:
     return {True: "yes", False: "no"}.get(default, str(default)) if isinstance(default, bool) else str(default)
 
 
-def verb(function: Callable[..., None]) -> Verb:
-    """Return the verb of a function; its parameters without a declaration keep their defaults."""
-    options: list[click.Parameter] = []
-    settings: list[Setting] = []
-    passes_context = False
+def _flat(function: Callable[..., None]) -> Iterator[tuple[str, _Declared, str]]:
+    """Yield name, declaration and annotation of each parameter that has a declaration, and of each field of a group."""
     for name, parameter in inspect.signature(function).parameters.items():
         declared = parameter.default
-        if name == "ctx":
-            passes_context = True
-        elif isinstance(declared, _Declared) and declared.role == "setting":
-            one, several = _repeated(parameter.annotation)
-            kind = _kind(declared, one)
-            own = declared.spellings[0] if declared.spellings else name.replace("_", "-")
-            settings.append(Setting(own, name, declared.text, kind, declared.default, several, declared.nargs))
+        if isinstance(declared, _Declared) and declared.role == "group":
+            entries: tuple[Any, ...] = fields(declared.kind)
+            yield from ((entry.name, entry.default, entry.type) for entry in entries)
         elif isinstance(declared, _Declared):
-            options.append(_parameter(name, declared, parameter.annotation))
-    callback = click.pass_context(function) if passes_context else function
-    return Verb(function.__name__, callback=callback, params=options, help=inspect.getdoc(function), settings=settings)
+            yield name, declared, parameter.annotation
+
+
+def _setting(name: str, declared: _Declared, annotation: str) -> Setting:
+    one, several = _repeated(annotation)
+    own = declared.spellings[0] if declared.spellings else name.replace("_", "-")
+    kind = _kind(declared, one)
+    return Setting(own, name, declared.text, kind, declared.default, several, declared.nargs)
+
+
+def verb(function: Callable[..., None]) -> Verb:
+    """Return the verb of a function; its parameters without a declaration keep their defaults."""
+    parameters = inspect.signature(function).parameters
+    groups = {
+        name: parameter.default.kind
+        for name, parameter in parameters.items()
+        if isinstance(parameter.default, _Declared) and parameter.default.role == "group"
+    }
+
+    @wraps(function)
+    def call(*context: click.Context, **values: Any) -> None:
+        for name, kind in groups.items():
+            values[name] = kind(**{entry.name: values.pop(entry.name) for entry in fields(kind)})
+        function(*context, **values)
+
+    flat = list(_flat(function))
+    return Verb(
+        function.__name__,
+        callback=click.pass_context(call) if "ctx" in parameters else call,
+        params=[_parameter(*entry) for entry in flat if entry[1].role != "setting"],
+        help=inspect.getdoc(function),
+        settings=[_setting(*entry) for entry in flat if entry[1].role == "setting"],
+    )
 
 
 # ---- Verbs ----------------------------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,18 @@ import click
 from rich.console import Console
 
 from eightpost.app.channels import CHANNELS, Channels
-from eightpost.app.options import Assignment, FilePath, Number, OutputFile, Quantity, argument, option, setting, verb
+from eightpost.app.options import (
+    Assignment,
+    FilePath,
+    Number,
+    OutputFile,
+    Quantity,
+    argument,
+    group,
+    option,
+    setting,
+    verb,
+)
 from eightpost.errors import InputError
 from eightpost.outputs import PAGE
 
@@ -25,74 +37,78 @@ def _default_page(given: Mapping[str, Any]) -> Path:
     return Path(f"{given['files'][0].stem}.html" if given["live"] else "report.html")
 
 
-@verb
-def report(
-    ctx: click.Context,
-    files: tuple[Path, ...] = argument("FILE...", kind=FilePath()),
+@dataclass(frozen=True, slots=True)
+class ReportOptions:
+    """Options of `eightpost report`."""
+
+    # fmt: off
+    files: tuple[Path, ...] = argument("FILE...", kind=FilePath())
     output: Path = option(
         "HTML file to write; default: report.html, with --live the name of FILE with the suffix .html.",
         "-o", "--output", kind=OutputFile(PAGE, default=_default_page), metavar="FILE.HTML",
-    ),
-    live: bool = option("Write a page on which the shock and a quarter car run live, instead of its report."),
+    )
+    live: bool = option("Write a page on which the shock and a quarter car run live, instead of its report.")
     builds: tuple[tuple[str, str], ...] = option(
         "Build of a file; may be repeated. Default: that in the file, else, for a shock, that of the record it was "
         "fitted to, else the name of the file.",
         "--build", kind=Assignment("FILE=NAME"), metavar="FILE=NAME",
-    ),
+    )
     limits: Path | None = option(
         "Master curve, for pass or fail: a table of speed, compression, rebound and tolerance, in N or %, or another "
         "dynamometer or shock file with --set tolerance. Default: no limits.",
         kind=FilePath(), metavar="MASTER",
-    ),
+    )
     car: Path | None = option(
         "Vehicle file (docs/reference/vehicle_file.md) with the masses and wheel rates of the corners, for damping "
         "ratios; with --live, file or FMU of the quarter car. Default: damping ratios are unknown; with --live, the "
         "car of examples/corner.toml.",
         kind=FilePath(), metavar="CAR.TOML",
-    ),
+    )
     at: tuple[tuple[str, str], ...] = option(
         "Build at a corner of the car (lf, rf, lr, rr), for the overview of a car's shocks; may be repeated.",
         "--corner", kind=Assignment("CORNER=BUILD"), metavar="CORNER=BUILD",
-    ),
-    channels: Channels = CHANNELS,
-    split: bool = option("Split each record at its pauses and where a sine changes; the parts are runs."),
-    title: str = setting("Heading of the page.", default="Dynamometer report"),
+    )
+    channels: Channels = CHANNELS
+    split: bool = option("Split each record at its pauses and where a sine changes; the parts are runs.")
+    title: str = setting("Heading of the page.", default="Dynamometer report")
     clicks: tuple[tuple[str, str], ...] = setting(
         "Settings of the adjusters of a file, e.g. clicks=run7.csv='14 from closed'; may be repeated. Default: those "
         "in the file.",
         kind=Assignment("FILE=TEXT"),
-    ),
+    )
     tolerances: tuple[str, ...] = setting(
         "Tolerance of a --limits file without one, in percent of its force or as a force: '5 %' or '20 N'; given "
         "twice, the larger one counts.",
         "tolerance",
-    ),
+    )
     cycle: str = setting(
-        "Cycle of a steady sine to show: the last, the mean of all, or a number from 1.",
-        default="mean",
-    ),
+        "Cycle of a steady sine to show: the last, the mean of all, or a number from 1.", default="mean"
+    )
     track: tuple[str, ...] = setting(
         "Record of a track with the velocity or displacement of the shaft (FILE or FILE=COLUMN), for a histogram of "
         "shaft speed beside the curve; may be repeated.",
-    ),
+    )
     speeds: tuple[float, ...] = setting(
         "Speed of the tables, e.g. '5 in/s'; may be repeated. Default: 1, 2, 3, 5, 10, 15 and 20 in/s, as far as a "
         "curve goes.",
         "speed", kind=Quantity("m/s"),
-    ),
+    )
     corner_mass: float | None = setting(
         "Sprung mass on the corner of a car, e.g. '306 kg' or '675 lbm', for damping ratios; default: that of --car.",
         kind=Quantity("kg", positive=True),
-    ),
+    )
     wheel_rate: float | None = setting(
         "Rate of the suspension at the wheel, e.g. '40 N/mm', for damping ratios; default: that of --car.",
         kind=Quantity("N/m", positive=True),
-    ),
+    )
     motion_ratio: float = setting(
-        "Damper travel per wheel travel, usually 0.1 to 2.",
-        kind=Number(min=0.0, min_open=True), default=1.0,
-    ),
-) -> None:  # fmt: skip
+        "Damper travel per wheel travel, usually 0.1 to 2.", kind=Number(min=0.0, min_open=True), default=1.0
+    )
+    # fmt: on
+
+
+@verb
+def report(ctx: click.Context, asked: ReportOptions = group(ReportOptions)) -> None:
     """Write a page about shocks: their dynamometer records and fitted laws, by build; or about a study.
 
     FILE is a dynamometer record or a peak-velocity table in any format that `fit` reads (docs/reference/dyno_files.md),
@@ -118,25 +134,33 @@ def report(
       eightpost report out/
     """
     console = Console(soft_wrap=True, highlight=False)
-    if live:
-        ctx.exit(0 if _live_page(console, files, output, car).is_acceptable else 1)
-    if is_study(files[0]):
-        _study_page(console, files[0])
+    if asked.live:
+        ctx.exit(0 if _live_page(console, asked.files, asked.output, asked.car).is_acceptable else 1)
+    if is_study(asked.files[0]):
+        _study_page(console, asked.files[0])
         return
+    ctx.exit(0 if _dyno_page(console, asked) else 1)
+
+
+def _dyno_page(console: Console, asked: ReportOptions) -> bool:
+    """Write the page about shocks; return whether all are acceptable and within the limits."""
     from eightpost.app.show import show_files, show_notes, show_text, show_verdict
     from eightpost.ident.dyno_report.builds import Reading, dyno_report, read_limits
     from eightpost.ident.dyno_report.page import report_verdict, write_report
 
-    corners = _corners(car, corner_mass, wheel_rate, motion_ratio)
+    corners, channels = _corners(asked), asked.channels
     options = {"channel_map": channels.channel_map, "units": dict(channels.units)}
-    reading = Reading(options, channels.flips, dict(builds), dict(clicks), split, _cycle(cycle))
-    reading.check(files)
-    wanted = _tolerances(tolerances, limits)
-    master = None if limits is None else read_limits(limits, Reading(options, channels.flips), wanted)
-    entries = _read(console, files, reading)
-    made = dyno_report(entries, speeds=speeds, corners=corners, fitted_to=dict(at), limits=master, track=_tracks(track))
+    builds, clicks = dict(asked.builds), dict(asked.clicks)
+    reading = Reading(options, channels.flips, builds, clicks, asked.split, _cycle(asked.cycle))
+    reading.check(asked.files)
+    wanted = _tolerances(asked.tolerances, asked.limits)
+    master = None if asked.limits is None else read_limits(asked.limits, Reading(options, channels.flips), wanted)
+    entries, track = _read(console, asked.files, reading), _tracks(asked.track)
+    made = dyno_report(
+        entries, speeds=asked.speeds, corners=corners, fitted_to=dict(asked.at), limits=master, track=track
+    )  # fmt: skip
     with console.status("drawing"):
-        write_report(output, made, title=title)
+        write_report(asked.output, made, title=asked.title)
     variants = [f"{variant.label}: {', '.join(f'{entry.name} ({entry.kind})' for entry in variant.entries)}"
                 for variant in made.variants]  # fmt: skip
     show_notes(console, variants, "build")
@@ -144,16 +168,13 @@ def report(
     show_verdict(console, verdict)
     failed = [one for one in made.judgements if not one.passed]
     show_notes(console, (f"{one.entry.name}, {one.stroke}: {one.text}" for one in failed), "FAIL:")
-    show_notes(
-        console,
-        (f"{name}, which has no measured curve at a speed of the limits (--set speed)" for name in made.unjudged),
-        "not judged:", most=1,
-    )  # fmt: skip
+    unjudged = (f"{name}, which has no measured curve at a speed of the limits (--set speed)" for name in made.unjudged)
+    show_notes(console, unjudged, "not judged:", most=1)
     if made.judgements and not failed:
-        show_text(console, f"pass: all judged curves are within the limits of {limits}")
-    show_files(console, [output])
-    is_within = not failed and (limits is None or bool(made.judgements))
-    ctx.exit(0 if verdict.is_acceptable and is_within else 1)
+        show_text(console, f"pass: all judged curves are within the limits of {asked.limits}")
+    show_files(console, [asked.output])
+    is_within = not failed and (asked.limits is None or bool(made.judgements))
+    return verdict.is_acceptable and is_within
 
 
 def _live_page(console: Console, files: Sequence[Path], output: Path, car: Path | None) -> Verdict:
@@ -216,18 +237,17 @@ def _tracks(words: Sequence[str]) -> dict[str, Array]:
     return found
 
 
-def _corners(
-    car: Path | None, mass: float | None, rate: float | None, motion_ratio: float
-) -> tuple[CarCorner, ...]:  # fmt: skip
+def _corners(asked: ReportOptions) -> tuple[CarCorner, ...]:
     from eightpost.ident.dyno_report.builds import CarCorner, corners_of_car
 
-    if car is not None:
+    mass, rate = asked.corner_mass, asked.wheel_rate
+    if asked.car is not None:
         if mass is not None or rate is not None:
             raise InputError("--car gives mass and wheel rate of every corner; omit corner-mass and wheel-rate")
-        return corners_of_car(car, motion_ratio)
+        return corners_of_car(asked.car, asked.motion_ratio)
     if (mass is None) != (rate is None):
         raise InputError("a damping ratio needs both corner-mass and wheel-rate")
-    return () if mass is None or rate is None else (CarCorner("corner", mass, rate, motion_ratio),)
+    return () if mass is None or rate is None else (CarCorner("corner", mass, rate, asked.motion_ratio),)
 
 
 def _read(console: Console, files: Sequence[Path], reading: Reading) -> tuple[Entry, ...]:

@@ -21,8 +21,7 @@ def reproduce(
     listing: bool = option("List the items and their bases; compute nothing.", "--list"),
     quick: bool = option("Use short records and fewer setups; the levels differ more from print."),
     output: Path = option(
-        "Folder for reproduce.html.",
-        "-o", "--output", kind=OutputFolder({"reproduce.html": PAGE}), default=Path("out"),
+        "Folder for reproduce.html.", "-o", "--output", kind=OutputFolder({"reproduce.html": PAGE}), default=Path("out")
     ),
 ) -> None:  # fmt: skip
     """Reproduce the dissertation's figures, tables and equations.

@@ -295,8 +295,7 @@ def optimise(
         "--for", metavar="MEASURE",
     ),
     evaluations: int = option(
-        "Maximum number of setups to evaluate.",
-        kind=click.IntRange(min=2), default=400, metavar="N",
+        "Maximum number of setups to evaluate.", kind=click.IntRange(min=2), default=400, metavar="N"
     ),
     workers: int | str | None = WORKERS,
     seed: int = setting("Seed of the search.", kind=click.IntRange(min=0), default=0),
@@ -345,8 +344,7 @@ def _front_table(result: StudyResult, optimum: Optimum, objectives: tuple[str, .
 def whatif(
     folder: Path = argument("STUDY", kind=FilePath()),
     corners: tuple[str, ...] = option(
-        "Corner whose shock changes, e.g. lr; may be repeated.",
-        "--at", default=..., metavar="CORNER",
+        "Corner whose shock changes, e.g. lr; may be repeated.", "--at", default=..., metavar="CORNER"
     ),
     rebound: int = option("Clicks of the rebound adjuster, e.g. +1; default: 0.", default=0, metavar="CLICKS"),
     compression: int = option("Clicks of the compression adjuster, e.g. -2; default: 0.", default=0, metavar="CLICKS"),
@@ -454,8 +452,7 @@ def robust(
     ),
     seed: int = setting("Seed of the simulated draws.", kind=click.IntRange(min=0), default=0),
     workers: int | None = setting(
-        "Number of processes that run setups; default: one per processor.",
-        kind=click.IntRange(min=1),
+        "Number of processes that run setups; default: one per processor.", kind=click.IntRange(min=1)
     ),
 ) -> None:  # fmt: skip
     """Compute how sure a study's choice is with an uncertainty file of your own.

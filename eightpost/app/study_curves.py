@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ from eightpost.app.options import (
     OutputFolder,
     Quantity,
     argument,
+    group,
     option,
     setting,
     verb,
@@ -31,57 +33,58 @@ if TYPE_CHECKING:
     from eightpost.ident.shock.clicks import Level
 
 
-@verb
-def shapes(
-    ctx: click.Context,
-    /,
-    study_file: Path = argument("STUDY", kind=FilePath()),
+@dataclass(frozen=True, slots=True)
+class ShapeOptions:
+    """Options of `eightpost study shapes`."""
+
+    # fmt: off
+    study_file: Path = argument("STUDY", kind=FilePath())
     output: Path = option(
         "Output folder for the page, shapes.json, the shock files of the targets and intermediate results.",
         "-o", "--output", kind=OutputFolder({**FILES, "shapes.json": AIM, "shapes.html": PAGE}), default=Path("out"),
-    ),
+    )
     objective: str | None = option(
-        "Measure to minimise; default: the objective of the study.",
-        "--for", metavar="MEASURE",
-    ),
+        "Measure to minimise; default: the objective of the study.", "--for", metavar="MEASURE"
+    )
     corners: tuple[str, ...] = option(
         "Corner whose shock is searched, with those that are alike; may be repeated. Default: all. Other corners keep "
         "the builds of the best setup of the bank.",
         "--at", metavar="CORNER",
-    ),
+    )
     vary: tuple[str, ...] = option(
         "Number of the shape that varies, e.g. rebound.low; may be repeated. Default: the ten numbers of the curve.",
         metavar="NUMBER",
-    ),
+    )
     limits: tuple[tuple[str, str], ...] = option(
         "Limits of a number with their units, e.g. 'rebound.knee=1 in/s,6 in/s'; may be repeated. Default: the range "
         "over the builds of the bank.",
         "--limit", kind=Assignment("NUMBER=LOW,HIGH"), metavar="NUMBER=LOW,HIGH",
-    ),
-    workers: int | str | None = WORKERS,
+    )
+    workers: int | str | None = WORKERS
     tolerance: float = setting(
         "Standard deviation of every number from shock to shock, as a share of its value.",
         kind=Quantity("1"), default="3 %",
-    ),
+    )
     draws: int = setting(
-        "Number of draws of the tolerance; 0: shocks exactly as planned.",
-        kind=click.IntRange(min=0), default=6,
-    ),
+        "Number of draws of the tolerance; 0: shocks exactly as planned.", kind=click.IntRange(min=0), default=6
+    )
     weight: float = setting(
         "Number of standard deviations, 0 to 10, that are added to the mean of the objective.",
         kind=Number(0.0, 10.0), default=1.0,
-    ),
-    keep: float = setting("Share of the gain that the band keeps.", kind=Quantity("1", positive=True), default="80 %"),
+    )
+    keep: float = setting("Share of the gain that the band keeps.", kind=Quantity("1", positive=True), default="80 %")
     starts: int = setting(
-        "Number of starts: the best of the bank, the baseline, and random ones.",
-        kind=click.IntRange(min=1), default=3,
-    ),
+        "Number of starts: the best of the bank, the baseline, and random ones.", kind=click.IntRange(min=1), default=3
+    )
     sure: bool = setting(
-        "Account for the errors that the vehicle states, and for the rig runs in the folder.",
-        "certainty", default=True,
-    ),
-    seed: int = setting("Seed of the random starts.", kind=click.IntRange(min=0), default=0),
-) -> None:  # fmt: skip
+        "Account for the errors that the vehicle states, and for the rig runs in the folder.", "certainty", default=True
+    )
+    seed: int = setting("Seed of the random starts.", kind=click.IntRange(min=0), default=0)
+    # fmt: on
+
+
+@verb
+def shapes(ctx: click.Context, asked: ShapeOptions = group(ShapeOptions)) -> None:
     """Find the shock curves to aim at: the best shapes for a study, also ones that nobody has built.
 
     STUDY is the TOML file of `eightpost study` with shock files in its bank. A shape has a few numbers: bleed, knee,
@@ -107,21 +110,21 @@ def shapes(
 
     console = Console()
     request = Request(
-        vary=vary or CURVE_NUMBERS,
-        limits=_limits(limits),
-        corners=corners,
-        tolerance=tolerance,
-        robustness=Robustness(draws, weight),
-        starts=starts,
-        keep=keep,
-        objective=objective or "",
-        seed=seed,
-        uncertain=sure,
+        vary=asked.vary or CURVE_NUMBERS,
+        limits=_limits(asked.limits),
+        corners=asked.corners,
+        tolerance=asked.tolerance,
+        robustness=Robustness(asked.draws, asked.weight),
+        starts=asked.starts,
+        keep=asked.keep,
+        objective=asked.objective or "",
+        seed=asked.seed,
+        uncertain=asked.sure,
     )
-    folder = opened(console, study_file, output, workers)
-    searched_groups(folder.study, corners)
-    if objective is not None:
-        folder.study.measure(objective)
+    folder = opened(console, asked.study_file, asked.output, asked.workers)
+    searched_groups(folder.study, asked.corners)
+    if asked.objective is not None:
+        folder.study.measure(asked.objective)
     begin(console, folder, bank_plan(folder.sweep))
     try:
         found = folder.shapes(request)
@@ -132,7 +135,7 @@ def shapes(
         ctx.exit(1)
     _show(console, found)
     show_verdict(console, aim_verdict(found))
-    show_files(console, [output / "shapes.json", output / "shapes.html", folder.write_page()])
+    show_files(console, [asked.output / "shapes.json", asked.output / "shapes.html", folder.write_page()])
     ctx.exit(0 if aim_verdict(found).is_acceptable else 1)
 
 
@@ -193,12 +196,10 @@ def clicks(
         kind=Assignment("ADJUSTER=CLICKS"), metavar="ADJUSTER=CLICKS",
     ),
     plot: Path | None = option(
-        "Picture of the target and the best setting; no default: none is written.",
-        kind=OutputFile(PICTURE),
+        "Picture of the target and the best setting; no default: none is written.", kind=OutputFile(PICTURE)
     ),
     temperature: float | None = setting(
-        "Temperature at which the target is to be reached, e.g. '60 degC'; default: the reference.",
-        kind=Quantity("K"),
+        "Temperature at which the target is to be reached, e.g. '60 degC'; default: the reference.", kind=Quantity("K")
     ),
     speeds: tuple[float, float] | None = setting(
         "Lowest and highest speed that count, e.g. speeds='0 m/s, 0.2 m/s'; default: all measured speeds.",

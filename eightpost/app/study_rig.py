@@ -41,8 +41,7 @@ def select(
         "-n", "--total", kind=click.IntRange(min=2), default=TOTAL, metavar="N",
     ),
     pool: float = setting(
-        "Share of the setups at each end of a ranking to choose from, 0 to 1.",
-        kind=Number(0.0, 1.0), default=POOL,
+        "Share of the setups at each end of a ranking to choose from, 0 to 1.", kind=Number(0.0, 1.0), default=POOL
     ),
     twice: int = setting(
         "Maximum number of extreme setups that are listed twice: drift from run to run moves them more than the "
@@ -224,8 +223,7 @@ def compare(
     channels: Channels = CHANNELS,
     vehicle: str = setting("Name of the vehicle component whose channels give the ride measures.", default="car"),
     rank: float = setting(
-        "Minimum acceptable rank correlation (Spearman) for --measured, -1 to 1.",
-        kind=Number(-1.0, 1.0), default=0.8,
+        "Minimum acceptable rank correlation (Spearman) for --measured, -1 to 1.", kind=Number(-1.0, 1.0), default=0.8
     ),
     level: float | None = setting(
         "Maximum acceptable RMS error of the levels for --measured [%], e.g. 5; default: no limit.",

@@ -22,13 +22,11 @@ def units(system: str | None = argument("[us|si|file]", kind=("us", "si", "file"
       eightpost units si
       eightpost units
     """
-    from eightpost.files import atomic_path
+    from eightpost.files import write_text
     from eightpost.units import CHOICE, choice_path, chosen_system
 
     console, path = Console(soft_wrap=True, highlight=False), choice_path()
     if system is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_path(path) as temporary:
-            temporary.write_text(f"{system}\n", encoding="utf-8")
+        write_text(path, f"{system}\n")
     origin = CHOICE if os.environ.get(CHOICE) else str(path) if path.is_file() else "nothing was chosen"
     console.print(f"units of results: {chosen_system()} ({origin})", markup=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,13 +10,14 @@ import click
 from rich.console import Console
 
 from eightpost import completion
-from eightpost.app.options import OutputFile, Quantity, option, setting, verb
+from eightpost.app.options import OutputFile, Quantity, group, option, setting, verb
 from eightpost.app.show import each, show_notes, show_text
 from eightpost.errors import InputError
 from eightpost.outputs import RECORD
 
 if TYPE_CHECKING:
     from eightpost.rig import RigTest
+    from eightpost.virtual.dynamometer import Specimen
     from eightpost.virtual.program import Draws
 
 #: Motions of the dynamometer, tests and programs of the rig, and cars on it.
@@ -35,44 +37,49 @@ FRICTION = setting("Friction of the car along its shocks.", kind=("on", "off"), 
 # ---- The dynamometer ------------------------------------------------------------------------------------------------
 
 
-@verb
-def dyno(
+@dataclass(frozen=True, slots=True)
+class DynoOptions:
+    """Options of `eightpost virtual dyno`."""
+
+    # fmt: off
     number: int | None = option(
         "Row of Table 3.1 that names the shock, e.g. 5. Default: the shock of --build.",
         "--configuration", metavar="1..12",
-    ),
+    )
     build: str | None = option(
         "Shim codes of Table 7.2 for a shock on a linear piston, as in Table 7.3, e.g. C/B. Default: the shock of "
         "--configuration.",
         metavar="COMPRESSION/REBOUND",
-    ),
+    )
     test_name: str = option(
         "Motion of the dynamometer. all: every test of 3.2.3, each in a file of its own.",
         "--test", kind=MOTIONS, default="random",
-    ),
+    )
     output: Path = option(
         "Output file (.csv or .parquet); with --test all, the output folder.",
         "-o", "--output", kind=OutputFile(RECORD, is_folder=lambda given: given["test_name"] == "all"), default=...,
-    ),
-    gas: float | None = setting("Gauge gas pressure of a --build; default '150 psi'.", kind=Quantity("Pa")),
+    )
+    gas: float | None = setting("Gauge gas pressure of a --build; default '150 psi'.", kind=Quantity("Pa"))
     clicks: int | None = setting(
         "Rebound bleed of a --build in clicks from fully open, 0 to 28: more clicks close it. Default 1.",
-    ),
+    )
     amplitude: float | None = setting(
         "Amplitude of the sine, e.g. '1 in', which --test sine needs; or peak displacement of the random test, "
         "default '1 in'.",
         kind=Quantity("m"),
-    ),
+    )
     speed: float | None = setting(
-        "Peak velocity of the sine, e.g. '10 in/s'; no default: --test sine needs it.",
-        kind=Quantity("m/s"),
-    ),
+        "Peak velocity of the sine, e.g. '10 in/s'; no default: --test sine needs it.", kind=Quantity("m/s")
+    )
     duration: float | None = setting(
-        "Length of the random test; default '30 s'. The signal repeats every 10 s.",
-        kind=Quantity("s"),
-    ),
-    seed: int = setting("Seed of the random phases and of the sensor noise.", kind=click.IntRange(min=0), default=1),
-) -> None:  # fmt: skip
+        "Length of the random test; default '30 s'. The signal repeats every 10 s.", kind=Quantity("s")
+    )
+    seed: int = setting("Seed of the random phases and of the sensor noise.", kind=click.IntRange(min=0), default=1)
+    # fmt: on
+
+
+@verb
+def dyno(asked: DynoOptions = group(DynoOptions)) -> None:
     """Test a physical shock on the virtual dynamometer; the data are SYNTHETIC.
 
     The shock model differs from all laws that can be fitted: it has two compressible chambers, shim valves, a head
@@ -87,26 +94,33 @@ def dyno(
       eightpost virtual dyno --build C/B --set amplitude='0.5 in' --set seed=7 -o as_on_the_lap.parquet
       eightpost virtual dyno --configuration 1 --test all -o tests/
     """
-    from eightpost.virtual.dynamometer import Specimen, drivefile_of, program
+    from eightpost.virtual.dynamometer import drivefile_of, program
 
     console = Console()
-    _check_options(test_name, amplitude=amplitude, speed=speed, duration=duration)
-    if number is None and build is not None:
-        specimen = Specimen.built(build, clicks=clicks, gas=gas)
-    elif number is not None and build is None:
-        if gas is not None or clicks is not None:
-            raise InputError("omit gas and clicks: Table 3.1 sets them for a --configuration")
-        specimen = Specimen.configured(number)
-    else:
-        raise InputError("give one shock: --configuration 1 to 12 (Table 3.1), or --build, e.g. C/B")
+    motion = {"amplitude": asked.amplitude, "speed": asked.speed, "duration": asked.duration}
+    _check_options(asked.test_name, **motion)
+    specimen = _specimen(asked)
     show_text(console, f"shock: {specimen.title}")
-    if test_name == "all":
-        completion.begin(output)
-        tests = {name: (drive, output / f"{name}.parquet") for name, drive in program(seed=seed).items()}
+    if asked.test_name == "all":
+        completion.begin(asked.output)
+        tests = {name: (drive, asked.output / f"{name}.parquet") for name, drive in program(seed=asked.seed).items()}
     else:
-        drive = drivefile_of(test_name, seed, amplitude=amplitude, speed=speed, duration=duration)
-        tests = {test_name: (drive, output)}
-    show_notes(console, (specimen.test(drive, name, seed, path) for name, (drive, path) in tests.items()), "wrote")
+        tests = {asked.test_name: (drivefile_of(asked.test_name, asked.seed, **motion), asked.output)}
+    written = (specimen.test(drive, name, asked.seed, path) for name, (drive, path) in tests.items())
+    show_notes(console, written, "wrote")
+
+
+def _specimen(asked: DynoOptions) -> Specimen:
+    """Return the shock of the options."""
+    from eightpost.virtual.dynamometer import Specimen
+
+    if asked.number is None and asked.build is not None:
+        return Specimen.built(asked.build, clicks=asked.clicks, gas=asked.gas)
+    if asked.number is None or asked.build is not None:
+        raise InputError("give one shock: --configuration 1 to 12 (Table 3.1), or --build, e.g. C/B")
+    if asked.gas is not None or asked.clicks is not None:
+        raise InputError("omit gas and clicks: Table 3.1 sets them for a --configuration")
+    return Specimen.configured(asked.number)
 
 
 def _check_options(test_name: str, *, amplitude: float | None, speed: float | None, duration: float | None) -> None:
@@ -126,54 +140,60 @@ def _check_options(test_name: str, *, amplitude: float | None, speed: float | No
 # ---- The rig --------------------------------------------------------------------------------------------------------
 
 
-@verb
-def rig(
+@dataclass(frozen=True, slots=True)
+class RigOptions:
+    """Options of `eightpost virtual rig`."""
+
+    # fmt: off
     truth: str = option(
-        "Model of the car under test (docs/explanation/rig.md).",
-        "--car", kind=CARS, default="eight_post",
-    ),
-    test_name: str = option("Drive file of a single test (4.5.1, 6.1.3).", "--test", kind=TESTS, default="random"),
+        "Model of the car under test (docs/explanation/rig.md).", "--car", kind=CARS, default="eight_post"
+    )
+    test_name: str = option("Drive file of a single test (4.5.1, 6.1.3).", "--test", kind=TESTS, default="random")
     program_name: str | None = option(
         "Series of tests, written into a folder. identification: the baseline, and an alternate shock at each corner "
         "(6.1.5). sine: Table 6.2. all: every test. Default: the one test of --test.",
         "--program", kind=PROGRAMS,
-    ),
+    )
     shocks: tuple[str, ...] = option(
         "Shock of all corners, or four shocks in the order lf, rf, lr, rr: demo:A to C, configuration:1 to 12, "
         "build:C/B, a linear damper such as '20 lbf.s/in', or a shock.json. Default demo:A.",
         "--shock", metavar="SHOCK",
-    ),
+    )
     output: Path = option(
         "Output file (.parquet or .csv); with --program, the output folder.",
         "-o", "--output", kind=OutputFile(RECORD, is_folder=lambda given: given["program_name"] is not None),
         default=...,
-    ),
-    car_seed: int | None = CAR_SEED,
-    alternate: str = setting("Shock that a program mounts at one corner after the other.", default="demo:C"),
+    )
+    car_seed: int | None = CAR_SEED
+    alternate: str = setting("Shock that a program mounts at one corner after the other.", default="demo:C")
     draws: Draws = setting(
         "Drive files of a program's alternate tests: the baseline's (same), or other random phases (other).",
         kind=("same", "other"), default="same",
-    ),
+    )
     duration: float | None = setting(
         "Length of the test, or of the random tests of a program, e.g. '100 s', at most two hours. Default: random "
         "800 s (quarter car 120 s), single 100 s, bump 50 s (quarter car 60 s), track 33 s, sine 20 s.",
         kind=Quantity("s", positive=True, most=7200.0),
-    ),
+    )
     only: str | None = setting(
         "Actuator of a single or static test, e.g. lf.road; no default for single, the mode for static.",
-    ),
-    mode: str = setting("Mode of a sine or static test: heave, pitch, roll or warp.", default="heave"),
-    frequency: float = setting("Sine frequency [Hz].", kind=Quantity("Hz", positive=True), default="2 Hz"),
-    amplitude: float = setting("Sine amplitude, e.g. '10 mm'.", kind=Quantity("m", positive=True), default="0.5 in"),
-    seed: int = setting("Seed of the drive file.", kind=click.IntRange(min=0), default=1),
+    )
+    mode: str = setting("Mode of a sine or static test: heave, pitch, roll or warp.", default="heave")
+    frequency: float = setting("Sine frequency [Hz].", kind=Quantity("Hz", positive=True), default="2 Hz")
+    amplitude: float = setting("Sine amplitude, e.g. '10 mm'.", kind=Quantity("m", positive=True), default="0.5 in")
+    seed: int = setting("Seed of the drive file.", kind=click.IntRange(min=0), default=1)
     run_seed: int = setting(
         "Seed of the sensor noise and of the run-to-run drift; another number is another run.",
         "run", kind=click.IntRange(min=0), default=0,
-    ),
-    noise: str = NOISE,
-    friction: str = FRICTION,
-    suffix: str = setting("File format of a program's records.", "format", kind=("parquet", "csv"), default="parquet"),
-) -> None:  # fmt: skip
+    )
+    noise: str = NOISE
+    friction: str = FRICTION
+    suffix: str = setting("File format of a program's records.", "format", kind=("parquet", "csv"), default="parquet")
+    # fmt: on
+
+
+@verb
+def rig(asked: RigOptions = group(RigOptions)) -> None:
     """Test a car on the virtual rig; the data are SYNTHETIC.
 
     The model of the car differs from all models that can be identified (docs/explanation/rig.md). The records have the
@@ -192,26 +212,30 @@ def rig(
     from eightpost.virtual.program import Bench
     from eightpost.virtual.shocks import shocks_named
 
-    bench = Bench.of(truth, car_seed=car_seed, friction=friction == "on", noise=noise == "rig", run=run_seed, seed=seed)
-    names = bench.shocks(shocks or ("demo:A",))
-    shocks_named((*names, alternate))  # an unknown shock is an error before the first test
+    bench = Bench.of(
+        asked.truth, car_seed=asked.car_seed, friction=asked.friction == "on", noise=asked.noise == "rig",
+        run=asked.run_seed, seed=asked.seed,
+    )  # fmt: skip
+    names = bench.shocks(asked.shocks or ("demo:A",))
+    shocks_named((*names, asked.alternate))  # an unknown shock is an error before the first test
     console = Console()
 
     def finish(test: RigTest, path: Path) -> str:
         test.write(path)
         return f"{path}: {bench.summary(test)}"
 
-    if program_name is None:
+    if asked.program_name is None:
         drivefile = bench.drivefile(
-            test_name, seed, duration=duration, only=only or "", mode=mode, frequency=frequency, amplitude=amplitude
-        )
-        show_notes(console, [finish(bench.record(drivefile, names, test_name), output)], "wrote")
+            asked.test_name, asked.seed, duration=asked.duration, only=asked.only or "", mode=asked.mode,
+            frequency=asked.frequency, amplitude=asked.amplitude,
+        )  # fmt: skip
+        show_notes(console, [finish(bench.record(drivefile, names, asked.test_name), asked.output)], "wrote")
         return
-    planned = program(program_name, bench.car, seed, duration=duration, draws=draws)
-    completion.begin(output)
+    planned = program(asked.program_name, bench.car, asked.seed, duration=asked.duration, draws=asked.draws)
+    completion.begin(asked.output)
     # Each record is written when it is done and freed before the next test, because 800 s are large.
     written = [
-        finish(bench.record_planned(test, number, names, alternate), output / f"{test.name}.{suffix}")
+        finish(bench.record_planned(test, number, names, asked.alternate), asked.output / f"{test.name}.{asked.suffix}")
         for number, test in each(console, enumerate(planned), "tests", len(planned))
     ]
     show_notes(console, written, "wrote", most=3)

@@ -18,7 +18,7 @@ from typing import Any
 from eightpost import __version__
 from eightpost import cache as disk
 from eightpost.extras import needs
-from eightpost.files import atomic_path
+from eightpost.files import write_text
 from eightpost.report import numbers, tables
 from eightpost.report.charts import Figure
 from eightpost.report.numbers import Display
@@ -116,10 +116,7 @@ def page(package: str, scripts: Sequence[str], /, name: str = "page", **context:
 
 def write_page(path: str | Path, content: str) -> Path:
     """Write a page; an existing file is replaced only when the new one is complete. Return the path."""
-    path = Path(path)
-    with atomic_path(path) as temporary:
-        temporary.write_text(content, encoding="utf-8")
-    return path
+    return write_text(path, content)
 
 
 def compressed(content: bytes) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -15,8 +15,37 @@ from eightpost.units import convert
 from eightpost.virtual.kernel import CarNumbers
 
 
+class _OnCorners:
+    """What all cars share: names of their channels, and changes of friction and tires."""
+
+    __slots__ = ()
+
+    corners: Any
+    loads: Any
+    tires: Any
+    friction: Any
+
+    def named(self, quantity: str) -> tuple[str, ...]:
+        """Return `<corner>.<quantity>` for every corner; for a quarter car only the quantity."""
+        return tuple(channel(corner, quantity) for corner in self.corners)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of roads and loads, in the order of a drive."""
+        return (*self.named("road"), *self.loads)
+
+    def changed(self, friction: float, tire: float) -> Self:
+        """Return the car with its friction and the stiffness of its tires multiplied by factors."""
+        tires = replace(self.tires, stiffness=self.tires.stiffness * tire)
+        return replace(self, friction=self.friction.scaled(friction), tires=tires)  # type: ignore[type-var]
+
+    def without_friction(self) -> Self:
+        """Return the same car without friction along its shocks and anti-roll bars."""
+        return self.changed(0.0, 1.0)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Car:
+class Car(_OnCorners):
     """A simulated car with D coordinates q relative to the static position, C corners and A loads."""
 
     name: str  #: Name of the car.
@@ -37,28 +66,10 @@ class Car:
     points: Mapping[str, Array]  #: Rows (D,) from q to the heights or angles of other measured points, by name.
     geometry: Geometry | None = None  #: Positions of actuators and measurements, None for a quarter car.
 
-    def named(self, quantity: str) -> tuple[str, ...]:
-        """Return `<corner>.<quantity>` for every corner; for a quarter car only the quantity."""
-        return tuple(channel(corner, quantity) for corner in self.corners)
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """Names of roads and loads, in the order of a drive."""
-        return (*self.named("road"), *self.loads)
-
     @property
     def static_load(self) -> Array:
         """Static loads of the tires (C, 1) [N]; 0 if their forces are changes from static."""
         return np.where(np.isfinite(self.tires.static_load), self.tires.static_load, 0.0)
-
-    def changed(self, friction: float, tire: float) -> Car:
-        """Return the car with its friction and the stiffness of its tires multiplied by factors."""
-        tires = replace(self.tires, stiffness=self.tires.stiffness * tire)
-        return replace(self, friction=self.friction.scaled(friction), tires=tires)
-
-    def without_friction(self) -> Car:
-        """Return the same car without friction."""
-        return replace(self, friction=self.friction.scaled(0.0))
 
     def numbers(self) -> CarNumbers:
         """Return the car as arrays for the compiled integration."""
@@ -147,8 +158,6 @@ class Friction:
 
 
 # ==== Flexible car: engine on mounts, elastic chassis, friction that sticks, tires that stiffen =======================
-
-# ==== Parameters and coordinates =====================================================================================
 
 #: Coordinates in which the rig measures the motion: shock travel, wheel, chassis and aeroloader mount of every corner,
 #: then heave, pitch and roll at the centre of gravity and the height at the driver.
@@ -245,7 +254,7 @@ class _CurvedTires:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _FlexibleCar:
+class _FlexibleCar(_OnCorners):
     """A car whose structure differs from that of the stand-in and of every model that is identified.
 
     It has eleven coordinates: heave, pitch, roll, bending and torsion of the shell, heave and pitch of the engine, and
@@ -266,10 +275,6 @@ class _FlexibleCar:
     driver: tuple[float, float] = (-0.5, 0.4)  #: Position of the driver ahead and left of the centre of gravity [m].
     corners: tuple[str, ...] = field(default=CORNERS)  #: Names of the corners.
 
-    def named(self, quantity: str) -> tuple[str, ...]:
-        """Return `<corner>.<quantity>` for every corner."""
-        return tuple(channel(corner, quantity) for corner in self.corners)
-
     @property
     def loads(self) -> tuple[str, ...]:
         """Names of the loads."""
@@ -279,11 +284,6 @@ class _FlexibleCar:
     def load_units(self) -> tuple[str, ...]:
         """Units of the loads."""
         return ("N",) * len(self.corners)
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """Names of roads and loads, in the order of a drive."""
-        return (*self.named("road"), *self.loads)
 
     @property
     def shock(self) -> Array:
@@ -314,15 +314,6 @@ class _FlexibleCar:
     def static_load(self) -> Array:
         """Static loads of the tires (4, 1) [N]."""
         return self.tires.static_load[:, None]
-
-    def changed(self, friction: float, tire: float) -> _FlexibleCar:
-        """Return the car with its friction and the stiffness of its tires multiplied by factors."""
-        tires = replace(self.tires, stiffness=self.tires.stiffness * tire)
-        return replace(self, friction=self.friction.scaled(friction), tires=tires)
-
-    def without_friction(self) -> _FlexibleCar:
-        """Return the same car without friction at its uprights and anti-roll bars."""
-        return self.changed(0.0, 1.0)
 
     @property
     def rows(self) -> _Rows:

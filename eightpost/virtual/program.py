@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from scipy.signal import butter, lfilter, lfilter_zi
@@ -37,9 +37,6 @@ from eightpost.virtual.drivefiles import (
 )
 from eightpost.virtual.shocks import Shock, shocks_named
 from eightpost.virtual.simulate import RigSensors, Run, commands, sensor_channels, simulate, with_math
-
-if TYPE_CHECKING:
-    pass
 
 # ---- Quarter car and seven-DOF car ----------------------------------------------------------------------------------
 
@@ -242,8 +239,6 @@ def truth_named(name: str, seed: int | None = None) -> AnyCar:
 
 
 # ==== Programs of rig tests: actuators, drift of sensors, one test after another, by name =============================
-
-# ==== Programs =======================================================================================================
 
 # ---- Response of hydraulic wheelloaders and pneumatic aeroloaders to their commands (6.1.1) -------------------------
 

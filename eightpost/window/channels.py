@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +9,8 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 
 from eightpost.corners import CORNERS
-from eightpost.files import atomic_path
+from eightpost.files import write_text
+from eightpost.window.folder import quoted
 from eightpost.window.parts import Window
 
 if TYPE_CHECKING:
@@ -76,10 +76,9 @@ def write_map(path: Path, columns: Mapping[str, str], reversed_channels: set[str
     """Write a channel map."""
     lines = []
     for channel, column in columns.items():
-        lines += [f"[channels.{json.dumps(channel)}]", f"source = {json.dumps(column, ensure_ascii=False)}"]
+        lines += [f"[channels.{quoted(channel)}]", f"source = {quoted(column)}"]
         lines += ["gain = -1.0", ""] if channel in reversed_channels else [""]
-    with atomic_path(path) as temporary:
-        temporary.write_text("\n".join(lines), encoding="utf-8")
+    write_text(path, "\n".join(lines))
 
 
 def _title(channel: str) -> str:

@@ -204,20 +204,17 @@ def _loops(tests: list[tuple[Path, Any]], shock: Shock | None) -> Figure:
     force = Axis("force", "N")
     panels = [(Axis("velocity, positive in compression", "m/s"), force, ""), (Axis("displacement", "m"), force, "")]
     figure = grid_figure("force over velocity and over displacement", 430, panels, 2, gap=(0.09, 0.0))
-    for (path, test), color in zip(tests, cycle([COLORS[0], *COLORS[2:]]), strict=False):
-        series = test.series
-        part = slice(None, None, max(1, len(series) // _DRAWN))
-        for panel, name in enumerate(("velocity", "displacement")):
-            if name in series.names:
-                figure.line(panel, series[name][part], series["force"][part], name=path.name, color=color)
+    colors = cycle([COLORS[0], *COLORS[2:]])
+    lines = [(test.series, test.series["force"], path.name, next(colors)) for path, test in tests]
     if shock is not None:
         import eightpost as ep
 
         for number, (_, test) in enumerate(tests):
-            series, fitted = test.series, ep.simulate(shock, test)["force"]
-            part = slice(None, None, max(1, len(series) // _DRAWN))
-            for panel, name in enumerate(("velocity", "displacement")):
-                if name in series.names:
-                    label = f"{shock.name}, fitted" if number == 0 else ""
-                    figure.line(panel, series[name][part], fitted[part], name=label, color=COLORS[1])
+            name = f"{shock.name}, fitted" if number == 0 else ""
+            lines.append((test.series, ep.simulate(shock, test)["force"], name, COLORS[1]))
+    for series, forces, label, color in lines:
+        part = slice(None, None, max(1, len(series) // _DRAWN))
+        for panel, name in enumerate(("velocity", "displacement")):
+            if name in series.names:
+                figure.line(panel, series[name][part], forces[part], name=label, color=color)
     return figure

@@ -9,20 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from eightpost.errors import InputError
-from eightpost.files import atomic_path, document_kind, json_content
+from eightpost.files import document_kind, json_content, write_text
 from eightpost.schema import checked
+from eightpost.signals.formats import SUFFIXES
 
 #: Folders of the files that people drop, by their kind.
 DROPPED = ("dyno", "rig", "tracks")
 
 #: Characters of a file's name that are kept; the others become an underscore.
 _NAME = re.compile(r"[^\w.+ -]+")
-
-#: Endings of records that the readers know.
-RECORDS = (
-    ".csv", ".txt", ".dat", ".tsv", ".xlsx", ".xls", ".ods", ".parquet", ".mat", ".mf4", ".tdms", ".lvm", ".json",
-    ".rsp", ".drv", ".tim", ".ld", ".vbo", ".xrk", ".xrz",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -78,7 +73,7 @@ class Folder:
     def records(self, kind: str) -> list[Path]:
         """Return the records of a kind, by name."""
         files = (self.path / kind).iterdir()
-        return sorted(file for file in files if file.suffix.lower() in RECORDS and file.is_file())
+        return sorted(file for file in files if file.suffix.lower() in SUFFIXES and file.is_file())
 
     def documents(self, kind: str) -> list[Path]:
         """Return the shock or vehicle files (`shock`, `vehicle`) of the folder and its folders, by name."""
@@ -101,8 +96,7 @@ class Folder:
         """Change how a record is read, and keep it in the folder's `window.json`."""
         name = self.name(record)
         self.readings[name] = {**self.readings.get(name, {}), **changes}
-        with atomic_path(self.path / "window.json") as temporary:
-            temporary.write_text(json.dumps({"readings": self.readings}, indent=1), encoding="utf-8")
+        write_text(self.path / "window.json", json.dumps({"readings": self.readings}, indent=1))
 
     def words(self, records: list[Path]) -> list[str]:
         """Return the options with which a command reads records.
@@ -125,6 +119,11 @@ class Folder:
         """Return the file with a path in the folder; None if it does not exist, or is outside."""
         path = (self.path / name).resolve()
         return path if path.is_relative_to(self.path) and path.is_file() else None
+
+
+def quoted(text: object) -> str:
+    """Return a text as it stands in a TOML file."""
+    return json.dumps(str(text), ensure_ascii=False)
 
 
 def _table(file: Path) -> str:

@@ -17,8 +17,9 @@ from nicegui import events, run, ui
 
 from eightpost.report.charts import Figure
 from eightpost.report.numbers import Display
+from eightpost.signals.formats import SUFFIXES
 from eightpost.verdict import Grade, Verdict
-from eightpost.window.folder import RECORDS, Folder
+from eightpost.window.folder import Folder
 from eightpost.workers.process import kill, own_group, python_command
 
 # ==== Commands =======================================================================================================
@@ -205,7 +206,7 @@ def drop_area(window: Window, kind: str, text: str, dropped: Callable[[Path], Aw
 
     async def keep(event: events.UploadEventArguments) -> None:
         path = window.folder.place(kind, event.file.name)
-        if path.suffix.lower() not in RECORDS:
+        if path.suffix.lower() not in SUFFIXES:
             ui.notify(f"{event.file.name}: no reader for {path.suffix or 'a file without a suffix'}", type="negative")
             return
         await event.file.save(path)

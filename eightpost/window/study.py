@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from nicegui import ui
 
-from eightpost.files import atomic_path
+from eightpost.files import write_text
+from eightpost.window.folder import quoted
 from eightpost.window.parts import Area, Window, job_card, show_files
 
 #: What can be minimised, with the unit of the objective.
@@ -79,20 +79,15 @@ async def show(window: Window) -> None:
 def _write_study(path: Path, chosen: Mapping[str, Any], root: Path) -> None:
     """Write a study file."""
 
-    def text(value: object) -> str:
-        return json.dumps(str(value), ensure_ascii=False)
-
     def place(source: str) -> str:
-        return text((root / source).as_posix())
+        return quoted((root / source).as_posix())
 
-    lines = ["schema = 1", f"name = {text(chosen['name'])}", 'families = ["ride"]', 'settling = "1 s"']
-    lines += [f"baseline = {text(Path(chosen['baseline']).stem)}"]
+    lines = ["schema = 1", f"name = {quoted(chosen['name'])}", 'families = ["ride"]', 'settling = "1 s"']
+    lines += [f"baseline = {quoted(Path(chosen['baseline']).stem)}"]
     lines += ['alike = [["lf", "rf"], ["lr", "rr"]]'] if chosen["alike"] else []
     lines += ["", "[vehicle]", f"fmu = {place(chosen['car'])}", "", "[bank]"]
-    lines += [f"{text(Path(source).stem)} = {place(source)}" for source in chosen["bank"]]
+    lines += [f"{quoted(Path(source).stem)} = {place(source)}" for source in chosen["bank"]]
     lines += ["", "[[drive]]", f"file = {place(chosen['drive'])}", f"stop = {float(chosen['stop'])}", ""]
-    lines += ["[[objective]]", f"measure = {text(chosen['objective'])}", "weight = 1.0"]
-    lines += [f"unit = {text(OBJECTIVES[chosen['objective']])}", ""]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_path(path) as temporary:
-        temporary.write_text("\n".join(lines), encoding="utf-8")
+    lines += ["[[objective]]", f"measure = {quoted(chosen['objective'])}", "weight = 1.0"]
+    lines += [f"unit = {quoted(OBJECTIVES[chosen['objective']])}", ""]
+    write_text(path, "\n".join(lines))

@@ -13,9 +13,10 @@ from nicegui import ui
 
 from eightpost.corners import CORNERS
 from eightpost.errors import EightpostError
-from eightpost.files import atomic_path
+from eightpost.files import write_text
 from eightpost.report.charts import COLORS, Axis, Figure, grid_figure
 from eightpost.report.numbers import Display, figure
+from eightpost.window.folder import quoted
 from eightpost.window.parts import (
     Area,
     Window,
@@ -130,25 +131,21 @@ def _choice(chosen: dict[str, Any], key: str, options: Mapping[str, str], label:
 def _write_system(path: Path, chosen: Mapping[str, Any], root: Path) -> None:
     """Write the system file of a car with a shock at each corner."""
 
-    def text(value: object) -> str:
-        return json.dumps(str(value), ensure_ascii=False)
-
     def fmu(source: str) -> str:
-        return text((root / "fmus" / f"{Path(source).stem}.fmu").as_posix())
+        return quoted((root / "fmus" / f"{Path(source).stem}.fmu").as_posix())
 
-    lines = ["schema = 1", f"name = {text(chosen['name'])}", "", "[components.car]", f"fmu = {fmu(chosen['car'])}", ""]
+    lines = ["schema = 1", f"name = {quoted(chosen['name'])}", ""]
+    lines += ["[components.car]", f"fmu = {fmu(chosen['car'])}", ""]
     for corner in CORNERS:
         lines += [f"[components.{corner}]", f"fmu = {fmu(chosen[corner])}", ""]
         lines += ["[[bond]]", f'between = ["car.{corner}", "{corner}"]', ""]
     recorded = [f"car.{corner}.{name}" for name in _CAR for corner in CORNERS] + [f"car.{name}" for name in _WHOLE]
     recorded += [f"{corner}.{name}" for name in _SHOCK for corner in CORNERS]
     drive = root / chosen["drive"]
-    lines += ["[scenario]", f"drivefile = {text(drive.as_posix())}", f"stop = {float(chosen['stop'])}"]
+    lines += ["[scenario]", f"drivefile = {quoted(drive.as_posix())}", f"stop = {float(chosen['stop'])}"]
     lines += _driving(drive) if drive.parent.name == "rig" else []
     lines += ['record_step = "2 ms"', f"record = {json.dumps(recorded)}", ""]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_path(path) as temporary:
-        temporary.write_text("\n".join(lines), encoding="utf-8")
+    write_text(path, "\n".join(lines))
 
 
 def _driving(record: Path) -> list[str]:

@@ -3,7 +3,6 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pandas as pd
 import pytest
 
 import eightpost as ep
@@ -29,22 +28,27 @@ def shock():
 
 
 @pytest.fixture(scope="module")
-def fit():
-    return ep.fit(pd.DataFrame(COLUMNS), "Polylinear")
+def frame():
+    return pytest.importorskip("pandas").DataFrame(COLUMNS)
+
+
+@pytest.fixture(scope="module")
+def fit(frame):
+    return ep.fit(frame, "Polylinear")
 
 
 @pytest.mark.slow
-def test_a_data_frame_is_fitted_as_the_file_of_the_same_columns_is(tmp_path, fit):
+def test_a_data_frame_is_fitted_as_the_file_of_the_same_columns_is(tmp_path, fit, frame):
     path = tmp_path / "a.csv"
-    pd.DataFrame(COLUMNS).to_csv(path, index=False)
+    frame.to_csv(path, index=False)
     of_file = ep.fit(path, "polylinear")
     assert of_file.rms == pytest.approx(fit.rms, rel=1e-9) and fit.rms < 0.01 * fit.deviation
     assert fit.shock.inputs == () and of_file.shock.inputs[0]["name"] == "a.csv"
 
 
-def test_a_mapping_of_columns_is_read_as_the_data_frame_is():
+def test_a_mapping_of_columns_is_read_as_the_data_frame_is(frame):
     given = {"channel_map": None, "units": None, "flip": ()}
-    of_frame, of_mapping = (_tests(columns, given)[0].series for columns in (pd.DataFrame(COLUMNS), COLUMNS))
+    of_frame, of_mapping = (_tests(columns, given)[0].series for columns in (frame, COLUMNS))
     assert of_frame.names == of_mapping.names == ("velocity", "force")
     np.testing.assert_array_equal(of_frame.values, of_mapping.values)
     np.testing.assert_allclose(of_mapping["velocity"], SPEED)
@@ -89,13 +93,13 @@ def test_gaps_at_the_ends_and_texts_stay_as_they_are():
     assert record.columns[2].tolist() == word.tolist() and np.isnan(gap[2])
 
 
-def test_a_map_a_command_and_a_script_state_the_gaps_to_bridge(tmp_path):
+def test_a_map_a_command_and_a_script_state_the_gaps_to_bridge(tmp_path, frame):
     (tmp_path / "map.toml").write_text("bridge = 4\n")
     assert ChannelMap.read(tmp_path / "map.toml").bridge == 4
     stated = with_channels(ChannelMap(bridge=4), {"bridge": "7"})
     assert (stated.bridge, dict(stated.channels)) == (7, {})
     assert with_channels(ChannelMap(bridge=4), {"force": "F"}).bridge == 4
-    text = pd.DataFrame(COLUMNS).astype(object)
+    text = frame.astype(object)
     text.loc[700, "Force [N]"] = ""
     text.to_csv(tmp_path / "a.csv", index=False)
     test = ep.read(tmp_path / "a.csv", "dyno", channel_map={"bridge": "1"})

@@ -41,20 +41,10 @@ def changed(column, change):
     return csv(rows)
 
 
+#: One fault of each kind; tests/rig/test_dyno_faults.py and tests/signals/test_faults.py have the others.
 FAULTS = {
-    "missing force": (csv(samples()[:, :3], "Time [s],Position [in],Velocity [in/s]"), ["force"]),
     "missing unit": (csv(samples(), HEADER.replace(" [lbf]", "")), ["unit", "--channel"]),
-    "unknown unit": (csv(samples(), HEADER.replace("lbf", "slugs")), ["slugs", "force"]),
-    "wrong dimension": (csv(samples(), HEADER.replace("lbf", "mm")), ["mm", "force"]),
     "text in a cell": (with_cell(100, 3, "oops"), ["line 101", "oops"]),
-    "empty cell": (with_cell(100, 3, ""), ["line 101"]),
-    "NaN": (with_cell(100, 2, "nan"), ["line 101", "velocity"]),
-    "time backwards": (with_cell(100, 0, "0.1"), ["line 101"]),
-    "time doubled": (with_cell(100, 0, "0.196"), ["line 101"]),
-    "gap": (csv(np.delete(samples(), slice(300, 350), axis=0)), ["line 3"]),
-    "constant force": (changed(3, lambda force: 0 * force + 5), ["force", "is constant at"]),
-    "too short": (csv(samples()[:40]), ["40 samples", "at least 200"]),
-    "clipped force": (changed(3, lambda force: np.clip(force, -120, 120)), ["force"]),
     "wrong sign": (changed(3, lambda force: -force), ["force", "--channel"]),
     "not a table": ("hello\nworld\n", ["bad.csv"]),
 }
@@ -107,9 +97,7 @@ def foreign(source, path):
 
 
 BAD_FMUS = {
-    "missing": (lambda path, _: None, "no such file"),
     "broken zip": (lambda path, source: path.write_bytes(source.read_bytes()[:5000]), "not a readable zip"),
-    "path out of the folder": (lambda path, _: zip_with(path, "modelDescription.xml", "../x"), "outside its folder"),
     "no FMU": (lambda path, _: zip_with(path, "readme.txt"), "modelDescription.xml"),
     "another platform": (lambda path, source: foreign(source, path), "no binary for this platform"),
 }
@@ -143,16 +131,12 @@ INPUTS = "inputs = { road = 0, aero_force = 0 }"
 
 BAD_SYSTEMS = {
     "unknown variable": ({"more": 'parameters = { stiffnes = 1 }'}, "no variable 'stiffnes'"),
-    "unconnected input": ({"inputs": "inputs = { road = 0 }"}, "car.aero_force is an input without a source"),
-    "two sources": ({"more": "inputs = { velocity = 0.1 }"}, "shock.velocity has 2 sources"),
     "incompatible units": (
         {"scenario": '[[connection]]\nfrom = "shock.force"\nto = "car.road"', "inputs": "inputs = { aero_force = 0 }"},
         "cannot connect [N] to [m]",
     ),
-    "unknown recorded channel": ({"scenario": 'record = ["car.speed"]'}, "no variable 'speed'"),
     "unknown entry": ({"scenario": "stopp = 1"}, "stopp"),
     "missing drivefile": ({"scenario": 'drivefile = "none.csv"'}, "none.csv"),
-    "impossible step": ({"scenario": "coupling_step = -1"}, "coupling step"),
     "steps that no memory holds": ({"scenario": "record_step = 1e-12"}, "has 1e+11 steps, at most 1e+08"),
     "a Boolean for a number": ({"inputs": "inputs = { road = true, aero_force = 0 }"}, "the value is True; give a num"),
 }  # fmt: skip
@@ -199,6 +183,6 @@ def test_an_output_that_cannot_be_is_refused(refused, tmp_path, words):
 def test_a_failed_write_leaves_the_good_file_as_it_was(tmp_path, monkeypatch):
     output = tmp_path / "s.json"
     output.write_text("good")
-    (tmp_path / "bad.csv").write_text(FAULTS["NaN"][0])
+    (tmp_path / "bad.csv").write_text(FAULTS["text in a cell"][0])
     assert CliRunner().invoke(main, ["fit", str(tmp_path / "bad.csv"), "-o", str(output)]).exit_code == 2
     assert output.read_text() == "good"

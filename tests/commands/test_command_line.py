@@ -39,15 +39,13 @@ def test_help_lists_the_commands_in_the_order_of_the_work(eightpost):
     assert __version__ in eightpost("--version").output
 
 
-@pytest.mark.parametrize("verb", every_verb())
-def test_the_help_of_every_command_begins_with_its_summary_in_the_list(eightpost, verb):
-    shown = eightpost(*verb.split(), "--help")
-    assert shown.exit_code == 0
-    group, _, member = verb.partition(" ")
-    entry = VERBS[group].members[member] if member else VERBS[group]
-    assert entry.text.rstrip(".") in " ".join(shown.output.split())
-    if verb != "demo":
-        assert "Example" in shown.output
+def test_the_help_of_every_command_begins_with_its_summary_in_the_list(eightpost):
+    for verb in every_verb():
+        shown = eightpost(*verb.split(), "--help")
+        group, _, member = verb.partition(" ")
+        entry = VERBS[group].members[member] if member else VERBS[group]
+        assert shown.exit_code == 0 and entry.text.rstrip(".") in " ".join(shown.output.split()), verb
+        assert verb == "demo" or "Example" in shown.output, verb
 
 
 @pytest.mark.parametrize(
@@ -85,70 +83,26 @@ def test_a_call_with_arguments_is_not_a_program(monkeypatch):
 
 
 @pytest.mark.slow
-def test_fit_prints_the_table_and_writes_shock_and_picture(eightpost, tmp_path):
-    output = tmp_path / "shock.json"
-    shown = eightpost(
-        "fit", ROOT / "examples" / "data" / "dyno_C.csv", "--law", "lpf1", "-o", output, "--build", "C",
-        "--set", "clicks=3 from closed", "--set", "gas-pressure=150 psi", "--plot", tmp_path / "curve.png", "-v",
+def test_fit_prints_at_most_twelve_lines_of_80_columns_or_the_tables_and_writes_shock_and_picture(eightpost, tmp_path):
+    output, picture = tmp_path / "a.json", tmp_path / "curve.png"
+    words = (
+        "fit", ROOT / "examples" / "data" / "dyno_C.csv", "--law", "LPF1", "-o", output, "--build", "C",
+        "--set", "clicks=3 from closed", "--set", "gas-pressure=150 psi",
     )  # fmt: skip
-    assert shown.exit_code == 0, shown.output
-    assert "LPF1" in shown.output
-    assert "time_constant" in shown.output
-    shock = read_shock(output)
-    assert 0.0005 < shock.law.time_constant < 0.003
-    assert shock.conditions["clicks"] == "3 from closed"
-    assert (tmp_path / "curve.png").stat().st_size > 10_000
-
-
-def test_a_fit_prints_at_most_twelve_lines_of_80_columns_with_law_error_range_and_verdict(eightpost, tmp_path):
-    words = ("fit", ROOT / "examples" / "data" / "dyno_A.csv", "--law", "LPF1", "-o", tmp_path / "a.json")
     lines = eightpost(*words).output.splitlines()
     assert len(lines) <= 12
     assert max(len(line) for line in lines if not line.startswith(("wrote", "/"))) <= 80
     labels = [line.split()[0] for line in lines if line.startswith("  ")]
-    assert [label for label in labels if label in ("law", "error", "held", "range")] == [
-        "law",
-        "error",
-        "held",
-        "range",
-    ]
-    assert lines[-1] == f"wrote {tmp_path / 'a.json'}"
-    assert len(eightpost(*words, "-v").output.splitlines()) > 20
-
-
-@pytest.mark.repeated(2)
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (("fit", "none.csv"), "none.csv"),
-        (("fit", "{text}"), "x.txt"),
-        (("fit", "{dyno}", "--channel", "force"), "CHANNEL=COLUMN"),
-        (("fit", "{dyno}", "--law", "magic"), "magic"),
-        (("fit", "{dyno}", "--law", "hysterisis"), "did you mean hysteresis?"),
-        (("fit", "{dyno}", "--set", "cutof=3 Hz"), "did you mean cutoff?"),
-        (("fitt", "{dyno}"), "did you mean fit?"),
-        (("study", "optimize", "none.toml"), "did you mean optimise?"),
-        (("fit", "{dyno}", "--channel", "force=-"), "positive"),
-        (("build", "none.json"), "none.json"),
-        (("build", "{text}"), "shock files"),
-        (("check", "none.fmu"), "none.fmu"),
-        (("check", "{text}"), "zip"),
-        (("run", "none.toml"), "none.toml"),
-        (("run", "{case}"), "build"),
-        (("run", "{case}", "--fmu", "lf"), "NAME=FILE"),
-    ],
-)
-def test_wrong_input_exits_2_with_a_message_and_writes_nothing(eightpost, tmp_path, monkeypatch, words, expected):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "x.txt").write_text("no data\n")
-    shutil.copy(ROOT / "examples" / "seven_dof.toml", tmp_path / "case.toml")
-    before = sorted(tmp_path.rglob("*"))
-    places = {"text": tmp_path / "x.txt", "dyno": ROOT / "examples/data/dyno_A.csv", "case": tmp_path / "case.toml"}
-    shown = eightpost(*(word.format(**places) for word in words))
-    assert shown.exit_code == 2, shown.output
-    assert expected in shown.output.replace("\n", " ")
-    assert "Traceback" not in shown.output
-    assert [p for p in sorted(tmp_path.rglob("*")) if p.is_file()] == [p for p in before if p.is_file()]
+    wanted = ["law", "error", "held", "range"]
+    assert [label for label in labels if label in wanted] == wanted
+    assert lines[-1] == f"wrote {output}"
+    shown = eightpost(*words, "--plot", picture, "-v")
+    assert shown.exit_code == 0, shown.output
+    assert len(shown.output.splitlines()) > 20 and "LPF1" in shown.output and "time_constant" in shown.output
+    shock = read_shock(output)
+    assert 0.0005 < shock.law.time_constant < 0.003
+    assert shock.conditions["clicks"] == "3 from closed"
+    assert picture.stat().st_size > 10_000
 
 
 def test_check_exits_1_if_there_are_findings(eightpost, fmus, tmp_path):
@@ -181,10 +135,10 @@ def test_a_run_draws_the_named_picture_and_no_other(eightpost, fmus, tmp_path):
         f'[components.car]\nfmu = "{fmus["quarter_car"]}"\ninputs = {{ road = 0, aero_force = 0, force = 0 }}\n'
         "[scenario]\nstop = 0.1\n"
     )
-    for options, drawn in (((), set()), (("--plot", tmp_path / "pictures" / "car.png"), {"car.png"})):
-        shown = eightpost("run", tmp_path / "case.toml", "-o", tmp_path / "out", "--step", "10 ms", *options)
-        assert shown.exit_code == 0, shown.output
-        assert {path.name for path in tmp_path.rglob("*.png")} == drawn
+    words = ("-o", tmp_path / "out", "--step", "10 ms", "--plot", tmp_path / "pictures" / "car.png")
+    shown = eightpost("run", tmp_path / "case.toml", *words)
+    assert shown.exit_code == 0, shown.output
+    assert {path.name for path in tmp_path.rglob("*.png")} == {"car.png"}
     assert "car.png" in shown.output.splitlines()[-1]
     assert (tmp_path / "pictures" / "car.png").read_bytes()[:4] == b"\x89PNG"
 
@@ -225,16 +179,6 @@ def test_a_record_is_not_fitted_together_with_itself(eightpost, tmp_path):
     shown = eightpost("fit", record, record, "-o", tmp_path / "a.json")
     assert shown.exit_code == 2
     assert "own.csv has the content of" in shown.output
-
-
-def test_fit_never_overwrites_a_record(eightpost, tmp_path):
-    record = tmp_path / "own.csv"
-    shutil.copy(ROOT / "examples" / "data" / "dyno_A.csv", record)
-    before = record.read_bytes()
-    shown = eightpost("fit", record, "-o", record)
-    assert shown.exit_code == 2
-    assert "own.csv is an input of this command" in shown.output
-    assert record.read_bytes() == before
 
 
 PLOTS = {"fit_laws.png", "fit_builds.png", "traces.png", "spectra.png", "measures.png"}

@@ -25,19 +25,11 @@ def drawn(monkeypatch):
     return calls
 
 
-@pytest.mark.parametrize(
-    ("style", "kind", "points", "size"),
-    [
-        ("line", "line", 400, None),
-        ("dots", "dots", 1200, None),
-        ("marks", "marks", 2400, None),
-        ("points", "dots", 2400, 7),
-    ],
-)
-def test_a_line_is_drawn_in_its_style_and_only_lines_and_dots_are_thinned(style, kind, points, size, drawn):
-    x = np.arange(2400.0)
-    figure_of("", [Plot("", Axis("x"), Axis("y"), [Line("ours", x, x, style)])])
-    assert drawn == [(0, kind, "ours", points, COLORS[0], size)]
+def test_a_line_is_drawn_in_its_style_and_only_lines_and_dots_are_thinned(drawn):
+    x, styles = np.arange(2400.0), ("line", "dots", "marks", "points")
+    figure_of("", [Plot("", Axis("x"), Axis("y"), [Line("ours", x, x, style)]) for style in styles])
+    shown = [("line", 400, None), ("dots", 1200, None), ("marks", 2400, None), ("dots", 2400, 7)]
+    assert drawn == [(k, kind, "ours", points, COLORS[0], size) for k, (kind, points, size) in enumerate(shown)]
 
 
 def test_a_name_has_one_colour_in_all_panels_and_the_truth_is_grey(drawn):
@@ -53,13 +45,10 @@ def test_a_name_has_one_colour_in_all_panels_and_the_truth_is_grey(drawn):
     ]
 
 
-@pytest.mark.parametrize(("panels", "columns", "height"), [(1, 1, 350), (3, 3, 350), (4, 3, 610), (7, 3, 870)])
-def test_a_figure_has_as_many_rows_as_its_panels_need(panels, columns, height, monkeypatch):
-    given = []
-    monkeypatch.setattr(plots, "grid_figure", lambda *arguments, **_: given.append(arguments))
-    figure_of("", [Plot("", Axis("x"), Axis("y"))] * panels)
-    ((_, found, _, across),) = given
-    assert (found, across) == (height, columns)
+def test_a_figure_has_as_many_rows_as_its_panels_need(monkeypatch):
+    monkeypatch.setattr(plots, "grid_figure", lambda _, height, __, columns, **___: (columns, height))
+    found = [figure_of("", [Plot("", Axis("x"), Axis("y"))] * panels) for panels in (1, 3, 4, 7)]
+    assert found == [(1, 350), (3, 350), (3, 610), (3, 870)]
 
 
 def test_ten_times_the_unit_is_20_decibels():

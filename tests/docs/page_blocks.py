@@ -33,6 +33,10 @@ FILES = ("toml", "json", "xml")
 SHOWN = {"text": "output", "math": "equation"}
 
 _NOTE = re.compile(r"^<!-- (not run: .+|run by .+) -->$")
+#: Parser of the blocks alone: the text within them is not read.
+_PARSER = MarkdownIt("commonmark").enable("table")
+_PARSER.core.ruler.enableOnly(["normalize", "block"])
+
 _FOR_ALL = re.compile(r"^<!-- all blocks: (not run: .+|run by .+) -->$", re.MULTILINE)
 
 
@@ -86,7 +90,7 @@ def blocks(page: Path) -> tuple[Block, ...]:
     lines = text.split("\n")
     for_all = _FOR_ALL.search(text)
     found = []
-    for token in MarkdownIt("commonmark").enable("table").parse(text):
+    for token in _PARSER.parse(text):
         if token.type not in ("fence", "code_block") or token.info.startswith("{") or token.markup.startswith(":"):
             continue
         first = token.map[0]

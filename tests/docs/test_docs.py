@@ -157,28 +157,20 @@ def test_the_headers_of_the_page_are_split_as_it_says():
         assert split_header(header) == expected
 
 
-def test_nothing_in_the_repository_points_outside_it():
+def test_nothing_in_the_repository_points_outside_it_and_every_page_that_a_text_names_exists():
+    """Help texts, messages and comments name pages by their path from the root, such as docs/reference/ports.md."""
     if shutil.which("git") is None or not (ROOT / ".git").exists():
         pytest.skip("not a git checkout")
     command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    contents = {name: (ROOT / name).read_bytes() for name in listed.split("\0") if (ROOT / name).is_file()}
     # make test looks for measured records in a folder outside the checkout; no other file refers to it.
-    files = [ROOT / name for name in listed.split("\0") if name and name != "Makefile"]
-    outside = [file for file in files if file.is_file() and OUTSIDE.encode() in file.read_bytes()]
-    assert outside == []
-
-
-def test_every_page_that_a_text_names_exists():
-    """Help texts, messages and comments name pages by their path from the root, such as docs/reference/ports.md."""
-    if shutil.which("git") is None or not (ROOT / ".git").exists():
-        pytest.skip("not a git checkout")
-    command = ["git", "ls-files", "-z", "*.py", "*.md", "*.toml", "*.c", "*.h", "Makefile"]
-    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    assert [name for name, content in contents.items() if OUTSIDE.encode() in content and name != "Makefile"] == []
     named = {
         (name, path)
-        for name in listed.split("\0")
-        if name and (ROOT / name).is_file()
-        for path in PAGE_NAME.findall((ROOT / name).read_text(encoding="utf-8"))
+        for name, content in contents.items()
+        if Path(name).suffix in (".py", ".md", ".toml", ".c", ".h") or name == "Makefile"
+        for path in PAGE_NAME.findall(content.decode())
     }
     assert len({path for _, path in named}) > 40
     assert [f"{name}: {path}" for name, path in sorted(named) if not (ROOT / path).is_file()] == []

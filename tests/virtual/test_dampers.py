@@ -66,9 +66,8 @@ def volumes(damper, run):
     return area * (body.compression_length - x), (area - rod) * (body.rebound_length + x)
 
 
-@pytest.mark.parametrize("number", [1, 5])
-def test_fluid_is_conserved(number):
-    damper = configuration(number)
+def test_fluid_is_conserved_also_when_it_cavitates():
+    damper = configuration(5)
     run = damper.respond(random_multisine(3, duration=0.6).series, rate=2000.0)
     chambers = volumes(damper, run)
     fluid = sum(
@@ -88,8 +87,7 @@ def test_the_gain_of_the_rebound_chamber_is_the_flow_through_the_main_piston():
     np.testing.assert_allclose(held - held[0], through, atol=1e-4 * np.ptp(through))
 
 
-@pytest.mark.parametrize("build", ["AA/AA", "C/B"])
-@pytest.mark.parametrize("speed", [4.0, -12.0])
+@pytest.mark.parametrize(("build", "speed"), [("AA/AA", -12.0), ("C/B", 4.0)])
 def test_the_force_at_a_steady_speed_is_the_sum_of_valve_and_gas_force(build, speed):
     damper = shim_build(build)
     v = speed * INCH
@@ -100,8 +98,7 @@ def test_the_force_at_a_steady_speed_is_the_sum_of_valve_and_gas_force(build, sp
     assert last["force"] - gas - last["seal_drag"] == pytest.approx(damper.static_force(v), rel=0.01)
 
 
-@pytest.mark.parametrize("x", [-1.0, 0.0, 2.0])
-@pytest.mark.parametrize("psi", [50.0, 150.0])
+@pytest.mark.parametrize(("x", "psi"), [(-1.0, 50.0), (2.0, 150.0)])
 def test_the_force_at_rest_is_the_gas_force_of_the_polytropic_law(x, psi):
     damper = shim_build("B/B", gas_pressure=psi * PSI)
     run = damper.respond(motion(lambda t: np.full(t.size, x * INCH), 0.01), rate=1000.0)
@@ -252,9 +249,8 @@ def test_the_rigs_steps_are_close_to_the_fine_ones_of_the_dynamometer(damper, to
     assert np.abs(stepped(damper) - expected)[50:].max() < tolerance * np.std(expected)
 
 
-@pytest.mark.parametrize("number", [1, 5])
-def test_the_physical_damper_agrees_with_its_equations_in_scipys_integrator(number):
-    damper, command = configuration(number), random_multisine(4, duration=0.5).series
+def test_the_physical_damper_agrees_with_its_equations_in_scipys_integrator():
+    damper, command = configuration(5), random_multisine(4, duration=0.5).series
     run = damper.respond(command, rate=2000.0)
     path, fluid, gas, body = (
         CubicSpline(command.time, command["displacement"]),

@@ -29,22 +29,20 @@ def test_a_test_is_written_and_marked_as_synthetic(tmp_path, monkeypatch):
     assert "SYNTHETIC" in conditions.synthetic
 
 
-def test_a_single_test_without_its_actuator_is_refused(tmp_path):
-    result = rig("--test", "single", "-o", str(tmp_path / "x.parquet"))
-    assert result.exit_code == 2
-    assert "--set only" in result.output
-
-
-def test_one_shock_or_one_per_corner_is_required(tmp_path):
-    result = rig("--shock", "demo:A", "--shock", "demo:B", "-o", str(tmp_path / "x.parquet"))
-    assert result.exit_code == 2
-    assert "once or 4 times" in result.output
-
-
-def test_the_error_names_an_unknown_shock(tmp_path):
-    result = rig("--shock", "demo:Z", "-o", str(tmp_path / "x.parquet"))
-    assert result.exit_code == 2
-    assert "demo:Z" in result.output
+@pytest.mark.parametrize(
+    ("words", "name", "what"),
+    [
+        (["--test", "single"], "x.parquet", "--set only"),
+        (["--shock", "demo:A", "--shock", "demo:B"], "x.parquet", "once or 4 times"),
+        (["--shock", "demo:Z"], "x.parquet", "demo:Z"),
+        (["--program", "identification", "--alternate", "demo:Z"], "rig", "demo:Z"),
+        (["--test", "bump"], "rig", "a record ends in .parquet or .csv"),
+    ],
+)
+def test_a_wrong_option_is_refused_before_the_first_test(tmp_path, words, name, what):
+    result = rig(*words, "-o", str(tmp_path / name))
+    assert result.exit_code == 2 and what in result.output
+    assert not list(tmp_path.iterdir())
 
 
 def test_shocks_are_reported_by_their_names(tmp_path):
@@ -67,26 +65,3 @@ def test_an_identification_has_a_baseline_and_an_alternate_test_for_each_corner(
     # Every test has its own noise and drift.
     seeds = {test.conditions.seed for test in tests.values()}
     assert len(seeds) == len(tests)
-
-
-def test_a_program_does_not_start_with_a_missing_shock(tmp_path):
-    folder = tmp_path / "rig"
-    result = rig("--program", "identification", "--alternate", "demo:Z", "-o", str(folder))
-    assert result.exit_code == 2
-    assert "demo:Z" in result.output
-    assert not folder.exists()
-
-
-def test_a_program_does_not_replace_a_file_with_a_folder(tmp_path):
-    path = tmp_path / "rig"
-    path.write_text("mine")
-    result = rig("--program", "bump", "-o", str(path))
-    assert result.exit_code == 2
-    assert "is a file" in result.output
-    assert path.read_text() == "mine"
-
-
-def test_a_single_test_needs_a_file_name(tmp_path):
-    result = rig("--test", "bump", "-o", str(tmp_path / "rig"))
-    assert result.exit_code == 2
-    assert "a record ends in .parquet or .csv" in result.output
