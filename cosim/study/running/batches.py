@@ -7,8 +7,9 @@ import time as clock
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from cosim.components.component import to_si
 from cosim.components.fmu_component import FmuComponent
 from cosim.session.result import judged_by
 from cosim.session.setup import Limit, RunSetup
-from cosim.session.verdict import LARGEST_ERROR, BondEnergy, Coupled
+from cosim.session.verdict import LARGEST_ERROR, LARGEST_RESIDUAL, BondEnergy, Coupled
 from cosim.study.definition import Build, Drive, Setup, Study
 from cosim.study.measures import Filtered
 from cosim.study.running.machine import BatchMeasures, ChannelBand, FmuVehicle, Plan, read_vehicle
@@ -28,6 +29,9 @@ from eightpost.errors import EightpostError, FmuError
 from eightpost.machine import Batch, BatchResult, NotInBatchError, ShockData, joined
 from eightpost.signals import TimeSeries
 from eightpost.workers.pool import heartbeat
+
+if TYPE_CHECKING:
+    from cosim.study.running.evaluator import ErrorModel
 
 #: Velocity up to which the mean slope of the shocks' curves is the damping around which their ports are solved [m/s].
 _USUAL_VELOCITY = 0.2
@@ -58,19 +62,82 @@ class Models(Protocol):
         """Return a build as the machine takes it; None if its FMU refuses its parameters."""
 
 
-@dataclass(frozen=True, slots=True)
-class RunSummary:
+#: Units of the values that both ends of a bond exchange: velocity and force.
+_UNITS = ("m/s", "N")
+
+
+class RunSummary(NamedTuple):
     """What a row states of one run besides its measures; the names are those of cosim.session.result.Result."""
 
-    share_beyond_fit: Mapping[str, float]  #: Share of time beyond the fit of each shock.
-    #: Share of time without tire load by channel; None if the static load is unknown.
-    share_tire_off: Mapping[str, float | None]
-    energy: Mapping[str, BondEnergy]  #: Energy through each bond.
-    coupled: Mapping[str, Coupled]  #: Local errors of each bond.
+    share_beyond_fit: Mapping[str, float]
     share_beyond_settings: Mapping[str, float]
     share_untested_settings: Mapping[str, float]
+    share_tire_off: Mapping[str, float | None]
+    energy: Mapping[str, BondEnergy]
+    coupled: Mapping[str, Coupled]
     ended_by: str = ""
     ended_at: float | None = None
+
+
+class _Group:
+    """What several runs on one drive state besides their measures: C bonds, W limits, n runs.
+
+    Attributes:
+        percent: Largest local error of a bond, in percent of its scale (n,).
+        local: Local errors by bond end, SI (n,) each.
+    """
+
+    def __init__(
+        self, setup: RunSetup, corners: tuple[str, ...], result: BatchResult, beyond: Array, records: int
+    ) -> None:
+        self._corners, self._limits, self._beyond = corners, setup.limits, beyond
+        self._energy = np.stack([result.residual, result.transferred])
+        variance = result.squares / records - (result.total / records) ** 2
+        spread, error = np.sqrt(np.maximum(variance, 0.0)), np.sqrt(result.defect / records)
+        ends = [(way, c) for way in range(2) for c in range(len(corners))]
+        scales = judged_by({end: spread[end] for end in ends}, {end: _UNITS[end[0]] for end in ends})
+        scale = np.array([scales[end] for end in ends]).reshape(spread.shape)
+        self._ends = np.stack([error, spread, scale])
+        self.percent = 100.0 * (error / scale).max(axis=(0, 1))
+        self.local = {
+            f"{corner}.{end}": error[way, c]
+            for c, corner in enumerate(corners)
+            for way, end in enumerate(("velocity", "force"))
+        }
+        self._estimate: tuple[ErrorModel, list[float], dict[str, list[float]]] | None = None
+
+    @cached_property
+    def is_marked(self) -> list[bool]:
+        """Whether a row has marks besides that of its coupling error, of each run."""
+        residual, transferred = self._energy
+        relative = np.divide(residual, transferred, out=np.zeros_like(residual), where=transferred != 0.0)
+        made = np.abs(relative) > LARGEST_RESIDUAL
+        found: list[bool] = (self._beyond.any(axis=0) | made.any(axis=0)).tolist()
+        return found
+
+    def summary(self, k: int) -> RunSummary:
+        """Return the summary of one run."""
+        (errors, spreads, scales), energy = (array[..., k].tolist() for array in (self._ends, self._energy))
+        shares = self._limits.shares([*self._beyond[:, k].tolist(), 1.0])
+        return RunSummary(
+            shares["share_beyond_fit"],
+            shares["share_beyond_settings"],
+            shares["share_untested_settings"],
+            shares["share_tire_off"],
+            {corner: BondEnergy(energy[0][c], energy[1][c]) for c, corner in enumerate(self._corners)},
+            {
+                corner: Coupled(errors[0][c], spreads[0][c], errors[1][c], spreads[1][c], scales[0][c], scales[1][c])
+                for c, corner in enumerate(self._corners)
+            },
+        )
+
+    def estimate(self, model: ErrorModel, k: int) -> tuple[float, dict[str, float]]:
+        """Return the estimated errors of one run; see `ErrorModel.of`."""
+        if self._estimate is None or self._estimate[0] is not model:
+            largest, measures = model.of(self.local)
+            self._estimate = model, largest.tolist(), {name: several.tolist() for name, several in measures.items()}
+        _, worst, errors = self._estimate
+        return worst[k], {name: several[k] for name, several in errors.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +145,23 @@ class BatchRun:
     """One setup on one drive."""
 
     values: Mapping[str, float]  #: Measures by name, in SI.
-    summary: RunSummary  #: Marks and errors.
     series: TimeSeries | None  #: Channels that were asked for; None if none were.
+    _group: _Group  #: Runs of which this is one.
+    _place: int  #: Place among them.
+
+    @property
+    def summary(self) -> RunSummary | None:
+        """What its row states besides measures and errors; None if nothing."""
+        return self._group.summary(self._place) if self._group.is_marked[self._place] else None
+
+    @property
+    def local(self) -> dict[str, float]:
+        """Local errors by bond end, SI."""
+        return {end: float(errors[self._place]) for end, errors in self._group.local.items()}
+
+    def estimate(self, model: ErrorModel) -> tuple[float, dict[str, float]]:
+        """Return the estimated errors; see `ErrorModel.of`."""
+        return self._group.estimate(model, self._place)
 
     def channels(self) -> TimeSeries:
         """Return the channels that were asked for.
@@ -116,9 +198,6 @@ class _DriveBatch:
         self._recorded = tuple(recorded)
         self._batch, self._setup, self._study = Batch(self._plan.run), setup, study
         self.lanes = self._batch.lanes
-        self._ends_units = {
-            (corner, way): unit for corner in self._plan.corners for way, unit in enumerate(("m/s", "N"))
-        }
         self._watched = [self._place_of(limit) for limit in setup.limits.watched]
 
     def _place_of(self, limit: Limit) -> tuple[str, int]:
@@ -134,11 +213,24 @@ class _DriveBatch:
         others = [values for _, several, _ in parts for values in several]
         series = [one for _, _, several in parts for one in several]
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            values, ends = self._measures.values(result.statistics), self._ends(result)
-        return [
-            None if result.ended[k] >= 0 else self._run(values, ends, others[k], series[k], k)
-            for k in range(len(others))
-        ]
+            values, group = self._measures.values(result.statistics), self._group(result)
+            # beyond the largest error, forces change too fast for the step
+            regular = (result.ended < 0) & (group.percent <= LARGEST_ERROR)
+            regular &= np.isfinite(np.array([*values.values()]).reshape(-1, len(others))).all(axis=0)
+        columns = {name: several.tolist() for name, several in values.items()}
+        found = list[BatchRun | None]()
+        for k, (ok, other, channels) in enumerate(zip(regular.tolist(), others, series, strict=True)):
+            if not ok or other is None or not all(map(math.isfinite, other.values())):
+                found.append(None)
+            else:
+                own = {name: several[k] for name, several in columns.items()} | other
+                found.append(BatchRun(own, channels, group, k))
+        return found
+
+    def _group(self, result: BatchResult) -> _Group:
+        rows, settled = self._plan.rows.size, max(1, self._plan.rows.size - self._plan.run.settling)
+        beyond = np.array([getattr(result, name)[place] for name, place in self._watched]) / settled
+        return _Group(self._setup, self._plan.corners, result, beyond.reshape(-1, result.ended.size), rows - 1)
 
     def _sums(
         self, shocks: Sequence[Sequence[ShockData]]
@@ -157,22 +249,6 @@ class _DriveBatch:
         series = [self._series(result, self._recorded, k) if self._recorded else None for k in range(len(shocks))]
         return result.kept(own), others, series
 
-    def _run(
-        self,
-        values: Mapping[str, Sequence[float]],
-        ends: Mapping[str, Any],
-        others: dict[str, float] | None,
-        series: TimeSeries | None,
-        k: int,
-    ) -> BatchRun | None:
-        found = {name: several[k] for name, several in values.items()} | (others or {})
-        if others is None or not all(map(math.isfinite, found.values())):
-            return None
-        summary = self._summary(ends, k)
-        if any(not coupled.percent <= LARGEST_ERROR for coupled in summary.coupled.values()):
-            return None  # its forces change too fast for the step
-        return BatchRun(found, summary, series)
-
     def _from_series(
         self, result: BatchResult, filtered: Mapping[ChannelBand, Array], k: int
     ) -> dict[str, float] | None:
@@ -190,44 +266,6 @@ class _DriveBatch:
         columns = [self._plan.series.index(name) for name in names]
         rows = np.ascontiguousarray(result.values[:, columns, k].T)
         return TimeSeries(self._plan.rows, rows, tuple(names), tuple(self._units[name] for name in names))
-
-    def _ends(self, result: BatchResult) -> dict[str, Any]:
-        """Return, as lists, local errors and spreads of both directions of every bond (2, C, n), work through the bonds
-        (C, n), and shares of the records beyond the limits (W, n).
-        """
-        count, settled = self._plan.rows.size - 1, max(1, self._plan.rows.size - self._plan.run.settling)
-        variance = result.squares / count - (result.total / count) ** 2
-        return {
-            "error": np.sqrt(result.defect / count).tolist(),
-            "spread": np.sqrt(np.maximum(variance, 0.0)).tolist(),
-            "residual": result.residual.tolist(),
-            "transferred": result.transferred.tolist(),
-            "beyond": [(getattr(result, name)[place] / settled).tolist() for name, place in self._watched],
-        }
-
-    def _summary(self, ends: Mapping[str, Any], k: int) -> RunSummary:
-        corners = self._plan.corners
-        error, spread = ends["error"], ends["spread"]
-        scale = judged_by(
-            {(corner, way): spread[way][c][k] for c, corner in enumerate(corners) for way in range(2)}, self._ends_units
-        )
-        coupled = {
-            corner: Coupled(
-                error[0][c][k], spread[0][c][k], error[1][c][k], spread[1][c][k], scale[corner, 0], scale[corner, 1]
-            )
-            for c, corner in enumerate(corners)
-        }
-        shares = self._setup.limits.shares([*(several[k] for several in ends["beyond"]), 1.0])
-        return RunSummary(
-            share_beyond_fit=shares["share_beyond_fit"],
-            share_tire_off=shares["share_tire_off"],
-            share_beyond_settings=shares["share_beyond_settings"],
-            share_untested_settings=shares["share_untested_settings"],
-            energy={
-                name: BondEnergy(ends["residual"][c][k], ends["transferred"][c][k]) for c, name in enumerate(corners)
-            },
-            coupled=coupled,
-        )
 
 
 class Batches:

@@ -530,7 +530,7 @@ class BatchMeasures:
         """Channels of the measures that need series."""
         return tuple(dict.fromkeys(channel for m in (*self.filtered, *self.others) for channel in m.channels))
 
-    def values(self, statistics: Array) -> dict[str, list[float]]:
+    def values(self, statistics: Array) -> dict[str, Array]:
         """Return the values (n,) of the summed and the filtered measures, in SI; not finite if one is not defined.
 
         Args:
@@ -538,11 +538,9 @@ class BatchMeasures:
         """
         return {m.name: self._values_of(m, statistics[self._places[m.name]]) for m in (*self.summed, *self.filtered)}
 
-    def _values_of(self, measure: Measure, statistics: Array) -> list[float]:
+    def _values_of(self, measure: Measure, statistics: Array) -> Array:
         begin, end = self._windows[measure.name]
-        summed = _Summed(statistics, end - begin, self._step)
-        values: list[float] = _STREAMED[measure.statistic](summed).tolist()
-        return values
+        return _STREAMED[measure.statistic](_Summed(statistics, end - begin, self._step))
 
     def _is_known(self, measure: Measure) -> bool:
         begin, end = self._windows[measure.name]

@@ -124,7 +124,7 @@ def test_the_stated_error_of_a_setup_is_about_its_difference_from_a_fine_step(ch
     recorded = sorted(evaluator.decisive(setups[0]))
     coarse, fine = (Batches(evaluator, step, recorded) for step in (chosen.machine.step, FINE))
     for (_, run, _), (_, right, _) in zip(coarse.runs(setups), fine.runs(setups), strict=True):
-        stated = chosen.machine.errors.of(run["track"].summary)[0]
+        stated = chosen.machine.errors.of(run["track"].local)[0]
         apart = difference(run["track"].channels().window(0.5, 2.0), right["track"].channels().window(0.5, 2.0))
         assert max(apart.values()) < 2.0 * stated < 12.0 * max(apart.values())
 
