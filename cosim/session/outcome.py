@@ -264,7 +264,8 @@ class Outcome:
         scale = judged_by({key: end.spread for key, end in ends.items()}, {key: end.unit for key, end in ends.items()})
         return {
             bond.name: Coupled(
-                *(x for way in _WAYS for x in ends[bond.name, way][:2]), *(float(scale[bond.name, way]) for way in _WAYS)
+                *(x for way in _WAYS for x in ends[bond.name, way][:2]),
+                *(float(scale[bond.name, way]) for way in _WAYS),
             )
             for bond in bonds
         }

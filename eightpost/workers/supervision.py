@@ -278,6 +278,7 @@ def _work(work: Callable[[], object], mine: Record, life: int | None = None) -> 
         with suppress(OSError, ValueError, AttributeError):  # Python reports the error when it ends
             sys.stdout.flush()
         mine.complete(code)
+        gc.freeze()  # otherwise the end of this process begins with a collection of everything
     sys.exit()
 
 

@@ -95,7 +95,11 @@ def run_with(forces):
 def pilots(count, random):
     forces = random.uniform(0.5, 2.0, (count, 4))
     return [
-        Pilot(local_errors(run_with(row)), {"car.lf.force": float(np.sqrt(row**2 @ GAINS))}, {"grip": float(1e-3 * row[3])})
+        Pilot(
+            local_errors(run_with(row)),
+            {"car.lf.force": float(np.sqrt(row**2 @ GAINS))},
+            {"grip": float(1e-3 * row[3])},
+        )
         for row in forces
     ]
 

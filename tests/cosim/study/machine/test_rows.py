@@ -293,38 +293,39 @@ def numbers_of(study, workers):
     return found
 
 
-def test_a_study_on_the_machine_runs_in_this_process(few, processes):
-    found = numbers_of(few, ProcessWorkers(3, evaluator=Evaluator(few)))
-    assert found == [([0, 1], 1), ([2, 3], 1)] and not processes.calls
+@pytest.fixture
+def here(fmus):
+    """Return a function that makes three or another number of workers for a study that built its FMUs."""
+    return lambda study, count=3: ProcessWorkers(count, evaluator=Evaluator(study), built=[fmus["lpnl2"].parent])
 
 
-def test_a_long_study_goes_on_in_worker_processes(few, processes, monkeypatch):
+def test_a_study_on_the_machine_runs_in_this_process(few, processes, here):
+    assert numbers_of(few, here(few)) == [([0, 1], 1), ([2, 3], 1)] and not processes.calls
+
+
+def test_a_long_study_goes_on_in_worker_processes(few, processes, here, monkeypatch):
     monkeypatch.setattr(running_workers, "_ALONE", 0.0)
-    found = numbers_of(few, ProcessWorkers(3, evaluator=Evaluator(few)))
-    assert found == [([0, 1], 1), ([2, 3], 3)] and processes.calls == ["rows", "close"]
-    found = numbers_of(few, ProcessWorkers(1, evaluator=Evaluator(few)))
-    assert found == [([0, 1], 1), ([2, 3], 1)] and not processes.calls[2:]
+    assert numbers_of(few, here(few)) == [([0, 1], 1), ([2, 3], 3)] and processes.calls == ["rows", "close"]
+    assert numbers_of(few, here(few, 1)) == [([0, 1], 1), ([2, 3], 1)] and not processes.calls[2:]
 
 
-def test_a_stop_ends_the_runs_in_this_process(few, processes):
-    rows = ProcessWorkers(3, evaluator=Evaluator(few)).rows(
-        few, at(COUPLING, 4e-3, few), [Chunk(0, (0,))], lambda: True
-    )
+def test_a_stop_ends_the_runs_in_this_process(few, processes, here):
+    rows = here(few).rows(few, at(COUPLING, 4e-3, few), [Chunk(0, (0,))], lambda: True)
     assert not list(rows) and not processes.calls
 
 
-def test_code_that_may_crash_runs_in_worker_processes(few, processes, monkeypatch):
-    """The FMU of another maker, or a measure of the user's own; so does a study without an evaluator here."""
-    monkeypatch.setattr(FmuComponent, "is_ours", False)
-    numbers_of(few, ProcessWorkers(3, evaluator=Evaluator(few)))
-    monkeypatch.undo()
-    monkeypatch.setattr(running_workers, "Pool", Processes)
-    assert processes.calls == ["rows", "rows", "close"]
-    mine = Measure("mine", TIRES, function=f"{__file__}:level")
-    own = replace(few, measures=(*few.measures, mine))
-    numbers_of(own, ProcessWorkers(3, evaluator=Evaluator(own)))
-    numbers_of(few, ProcessWorkers(3))
-    assert processes.calls == ["rows", "rows", "close"]
+def test_code_that_may_crash_runs_in_worker_processes(few, processes, here):
+    """An FMU that the study did not build, or a measure of the user's own; so does a study without an evaluator."""
+    mine = replace(few, measures=(*few.measures, Measure("mine", TIRES, function=f"{__file__}:level")))
+    for study, workers in (
+        (few, ProcessWorkers(3, evaluator=Evaluator(few))),
+        (mine, here(mine)),
+        (few, ProcessWorkers(3)),
+    ):
+        processes.calls.clear()
+        assert workers.count == 3
+        numbers_of(study, workers)
+        assert processes.calls == ["rows", "rows", "close"]
 
 
 def level(response):
