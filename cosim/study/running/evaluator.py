@@ -315,20 +315,6 @@ class Evaluator:
             raise NotInBatchError(found)
         return found
 
-    def is_on_machine(self, coupling: Coupling) -> bool:
-        """Whether the machine runs every setup of the study at a coupling."""
-        batches = self.batches(coupling)
-        return batches is not None and not batches.left_out
-
-    def batch_refusal(self, coupling: Coupling) -> str:
-        """Return why setups run through the FMUs although the coupling asks for the machine; empty if they do not."""
-        try:
-            if coupling.machine is not None:
-                self.batches_at(coupling.machine.step)
-        except NotInBatchError as reason:
-            return str(reason)
-        return ""
-
     def shock_data(self, build: Build) -> ShockData | None:
         """Return a build as the machine takes it; None if its FMU refuses its parameters, which its runs then report.
 

@@ -24,6 +24,7 @@ from cosim.study.running.evaluator import Coupling, Evaluator, Row
 from cosim.study.table import FAILED
 from eightpost import __version__
 from eightpost.errors import StepError
+from eightpost.machine.car import NotInBatchError
 from eightpost.machine.library import sources
 from eightpost.workers.pool import POLL, Pool, working
 
@@ -101,7 +102,12 @@ def rows(study: str, coupling: Coupling, indices: Sequence[int]) -> list[Row]:
 
 def batch_refusal(study: str, coupling: Coupling) -> str:
     """Return why this process runs setups through the FMUs although the coupling asks for batches; else empty."""
-    return _evaluator_for(study).batch_refusal(coupling)
+    try:
+        if coupling.machine is not None:
+            _evaluator_for(study).batches_at(coupling.machine.step)
+    except NotInBatchError as reason:
+        return str(reason)
+    return ""
 
 
 # ---- Workers that run the setups of a study -------------------------------------------------------------------------
@@ -204,7 +210,8 @@ class ProcessWorkers:
     ) -> Iterator[tuple[Chunk, list[Row]]]:
         """Run chunks and yield their rows as they complete; no chunk is started after `stop` returns True."""
         waiting, here = iter(chunks), self._here(study)
-        self._is_alone = here is not None and here.is_on_machine(coupling)
+        batches = None if here is None else here.batches(coupling)
+        self._is_alone = batches is not None and not batches.left_out
         until = process_time() + (_ALONE if self._count > 1 else inf)
         while here is not None and self._is_alone:
             if stop() or (chunk := next(waiting, None)) is None:

@@ -167,15 +167,26 @@ def test_a_study_without_a_compiler_runs_through_the_fmus(evaluator, monkeypatch
 
 
 @pytest.mark.slow
-def test_builds_of_other_fmus_run_through_the_fmus(study, python_fmus):
-    bank = {**dict(list(study.bank.items())[:2]), "in Python": Build(python_fmus["lpnl2"])}
+def test_builds_of_fmus_without_a_machine_run_through_the_fmus(fmus, study, tmp_path):
+    """The kind of a former law, which no folder of fmus/ has now, is written into an FMU of LPF1."""
+    former = tmp_path / "former.fmu"
+    with zipfile.ZipFile(fmus["lpf1"]) as archive, zipfile.ZipFile(former, "w") as copy:
+        for name in archive.namelist():
+            content = archive.read(name)
+            is_text = name in ("modelDescription.xml", "sources/interface.h")
+            copy.writestr(name, content.replace(b"shock_lpf1", b"shock_maxwell") if is_text else content)
+    bank = {**dict(list(study.bank.items())[:2]), "former": Build(former)}
     mixed = replace(study, bank=bank, corners=dict.fromkeys(CORNERS, tuple(bank)))
+    reason = "former: former.fmu is shock_maxwell, a law that has no batch"
+    batches = Batches(Evaluator(mixed), 2e-3)
+    assert batches.left_out == (reason,)
+    assert [batches.has(mixed.space.find(dict.fromkeys(CORNERS, name))) for name in bank] == [True, True, False]
     found = coupling_for(Evaluator(mixed))
     assert found.machine is not None and found.notes[-1] == "given"
-    assert any("run through the FMUs: in Python" in note for note in found.notes)
-    alone = replace(mixed, bank={"in Python": bank["in Python"]}, corners=dict.fromkeys(CORNERS, ("in Python",)))
+    assert f"setups with these builds run through the FMUs: {reason}" in found.notes
+    alone = replace(mixed, bank={"former": bank["former"]}, corners=dict.fromkeys(CORNERS, ("former",)))
     found = coupling_for(Evaluator(alone))
-    assert found.machine is None and "every setup runs through the FMUs: in Python" in found.notes[-1]
+    assert found.machine is None and found.notes[-1] == f"every setup runs through the FMUs: {reason}"
 
 
 def test_an_fmu_without_sources_has_no_machine(fmus, study, tmp_path):
@@ -186,21 +197,6 @@ def test_an_fmu_without_sources_has_no_machine(fmus, study, tmp_path):
                 copy.writestr(name, archive.read(name))
     with pytest.raises(NotInBatchError, match=r"car\.fmu contains no sources"):
         Batches(Evaluator(replace(study, vehicle=Vehicle(secret))), 2e-3)
-
-
-def test_an_fmu_of_a_former_law_runs_through_the_fmus(fmus, study, tmp_path):
-    """Its kind, which no folder of fmus/ has now, is written into an FMU of LPF1."""
-    former = tmp_path / "former.fmu"
-    with zipfile.ZipFile(fmus["lpf1"]) as archive, zipfile.ZipFile(former, "w") as copy:
-        for name in archive.namelist():
-            content = archive.read(name)
-            is_text = name in ("modelDescription.xml", "sources/interface.h")
-            copy.writestr(name, content.replace(b"shock_lpf1", b"shock_maxwell") if is_text else content)
-    bank = {"former": Build(former), "lpf1": Build(fmus["lpf1"])}
-    mixed = replace(study, bank=bank, corners=dict.fromkeys(CORNERS, tuple(bank)))
-    batches = Batches(Evaluator(mixed), 2e-3)
-    assert batches.left_out == ("former: former.fmu is shock_maxwell, a law that has no batch",)
-    assert [batches.has(mixed.space.find(dict.fromkeys(CORNERS, name))) for name in bank] == [False, True]
 
 
 def test_setups_that_diverge_or_are_refused_say_what_the_fmus_say(fmus, study):
