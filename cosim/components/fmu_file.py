@@ -46,6 +46,8 @@ class FmuFile:
     def unpack(cls, path: str | Path, folder: str | Path, *, compile_missing: bool = False) -> FmuFile:
         """Unpack a file into a folder, without its documentation and the binaries of other platforms.
 
+        Its sources are unpacked only if it has no binary for this platform.
+
         Args:
             path: FMU file (.fmu).
             folder: Folder to unpack it into.
@@ -57,6 +59,8 @@ class FmuFile:
         """
         notes = extract_archive(path, folder, _is_needed)
         fmu = cls(Path(path), Path(folder), read_description(Path(path), Path(folder)), notes)
+        if not fmu.has_binary:
+            extract_archive(path, folder, _is_source)
         if compile_missing and not fmu.has_binary:
             _compile_sources(fmu.path, fmu.library, fmu.sources, fmu.build_options, version=fmu.version)
         fmu._check_platform()
@@ -212,7 +216,11 @@ def _is_needed(name: str) -> bool:
     first, *others = PurePosixPath(name).parts
     if first == "binaries" and len(others) > 1:
         return others[0] in (fmpy.platform, fmpy.platform_tuple)
-    return first != "documentation"
+    return first not in ("documentation", "sources")
+
+
+def _is_source(name: str) -> bool:
+    return PurePosixPath(name).parts[0] == "sources"
 
 
 class SharedFmu:

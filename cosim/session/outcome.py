@@ -237,7 +237,7 @@ class Outcome:
         ends = {(bond.name, way): self._end(k, way) for k, bond in enumerate(bonds) for way in _WAYS}
         scale = judged_by({key: end[1] for key, end in ends.items()}, {key: end[2] for key, end in ends.items()})
         values = {b.name: [x for way in _WAYS for x in ends[b.name, way][:2]] for b in bonds}
-        return {name: Coupled(*row, *(scale[name, way] for way in _WAYS)) for name, row in values.items()}
+        return {name: Coupled(*row, *(float(scale[name, way]) for way in _WAYS)) for name, row in values.items()}
 
     def _end(self, number: int, way: str) -> tuple[float, float, str]:
         """Return local error and standard deviation of one direction of a bond, and the SI unit of both."""

@@ -228,21 +228,21 @@ def scales(series: TimeSeries) -> dict[str, float]:
     return judged_by(spread, {name: series.unit(name) for name in series.names})
 
 
-def judged_by(spread: Mapping[Signal, float], units: Mapping[Signal, str]) -> dict[Signal, float]:
-    """Return the scale of each signal.
+def judged_by(spread: Mapping[Signal, Any], units: Mapping[Signal, str]) -> dict[Signal, Any]:
+    """Return the scale of each signal, of one run or of n runs.
 
     Args:
-        spread: Standard deviation of each signal, in its SI unit.
+        spread: Standard deviation of each signal, in its SI unit (n,).
         units: SI unit of each signal.
     """
-    largest: dict[str, float] = {}
+    largest: dict[str, Any] = {}
     for name, value in spread.items():
-        largest[units[name]] = max(value, largest.get(units[name], 0.0))
+        largest[units[name]] = np.maximum(value, largest.get(units[name], 0.0))
     largest["1"] = 0.0  # signals without a unit may be of different kinds
-    return {
-        name: max(value, _SHARE_OF_LARGEST * largest[units[name]], FLOORS.get(units[name], _OTHER_FLOOR))
-        for name, value in spread.items()
+    floors = {
+        unit: np.maximum(_SHARE_OF_LARGEST * most, FLOORS.get(unit, _OTHER_FLOOR)) for unit, most in largest.items()
     }
+    return {name: np.maximum(value, floors[units[name]]) for name, value in spread.items()}
 
 
 def difference(coarse: TimeSeries, fine: TimeSeries) -> dict[str, float]:

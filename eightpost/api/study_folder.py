@@ -127,11 +127,6 @@ class StudyFolder:
             self.listener.say(f"running the Python code of this study's measures: {', '.join(files)}")
         return Evaluator(self.study)
 
-    def _trusted_evaluator(self) -> Evaluator | None:
-        """Return the evaluator if the study built all of its FMUs itself; any other may end or block this process."""
-        fmus = (self.study.vehicle.fmu, *(build.fmu for build in self.study.bank.values()))
-        return self.evaluator if all(fmu.parent == self.path / "fmus" for fmu in fmus) else None
-
     @cached_property
     def sweep(self) -> Sweep:
         """The checked study.
@@ -159,7 +154,8 @@ class StudyFolder:
             pool: Workers = DaskWorkers(self._scheduler, waiting=self._patience, report=self.listener.report)
         else:
             number = self._workers or count or usable_processors()
-            pool = ProcessWorkers(number, patience=self._patience, evaluator=self._trusted_evaluator())
+            built = (self.path / "fmus", self.path / "shapes" / "fmus")
+            pool = ProcessWorkers(number, patience=self._patience, evaluator=self.evaluator, built=built)
         with closing(pool):
             yield pool
 

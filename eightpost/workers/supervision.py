@@ -182,6 +182,9 @@ is_worker = False
 #: Interval at which the record is read [s], and time within which a signal to both processes reaches both [s].
 _LOOK, _TOGETHER = 0.1, 0.5
 
+#: Number of objects between two collections of cyclic garbage: a command imports and makes many objects that stay.
+_ALLOCATIONS = 50_000
+
 
 def supervised(work: Callable[[], object], complain: Callable[[str], None]) -> int:
     """Run a command in a child of this process, and return its exit code; in the child this does not return.
@@ -263,6 +266,7 @@ def _work(work: Callable[[], object], mine: Record, life: int | None = None) -> 
         mine.folder = tempfile.tempdir = os.environ["TMPDIR"] = str(folder)  # the last one for its workers
     if life is not None:
         threading.Thread(target=_end_with_parent, args=(life, mine.folder), name="end with parent", daemon=True).start()
+    gc.set_threshold(_ALLOCATIONS)
     mine.owner, code = os.getpid(), 1
     try:
         work()
@@ -274,6 +278,7 @@ def _work(work: Callable[[], object], mine: Record, life: int | None = None) -> 
         with suppress(OSError, ValueError, AttributeError):  # Python reports the error when it ends
             sys.stdout.flush()
         mine.complete(code)
+        gc.freeze()  # otherwise the end of this process begins with a collection of everything
     sys.exit()
 
 

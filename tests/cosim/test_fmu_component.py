@@ -125,8 +125,8 @@ def test_variables_and_capabilities_are_read_from_the_model_description(fmus):
     part.finish()
 
 
-def test_a_run_unpacks_neither_documentation_nor_binaries_of_other_platforms(fmus, tmp_path):
+def test_a_run_unpacks_neither_documentation_nor_sources_nor_binaries_of_other_platforms(fmus, tmp_path):
     path, folder = changed(fmus["lpnl2"], tmp_path / "a.fmu", **{"binaries/amiga/a.so": b""}), tmp_path / "out"
     fmu = FmuFile.unpack(path, folder)
     assert [path.name for path in (folder / "binaries").iterdir()] == [fmu.library.parent.name]
-    assert not (folder / "documentation").exists() and (folder / "sources").is_dir()
+    assert not (folder / "documentation").exists() and not (folder / "sources").exists()

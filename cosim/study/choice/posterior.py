@@ -38,9 +38,9 @@ def probability_below(value: Array, student: Array, normal: Array, degrees: floa
     `student` is the squared scale of Student's part (...,), `normal` the variance of the other one (...,).
     """
     total = np.zeros(np.broadcast_shapes(np.shape(value), np.shape(student), np.shape(normal)))
-    for square in _squared_scales(_middles(_NODES), degrees):
-        deviation = np.sqrt(square * student + normal)
-        with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for square in _squared_scales(_middles(_NODES), degrees):
+            deviation = np.sqrt(square * student + normal)
             total += np.where(deviation > 0.0, ndtr(value / deviation), np.heaviside(value, 0.5))
     return np.asarray(total / _NODES)
 

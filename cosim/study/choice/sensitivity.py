@@ -130,7 +130,8 @@ class Sensitivity:
         return self._part(self.rest)
 
     def _part(self, variance: float) -> float:
-        return variance / self.variance if self.variance > 0.0 else 0.0
+        whole = self.variance
+        return variance / whole if whole > 0.0 else 0.0
 
 
 def sensitivities_of(result: StudyResult) -> tuple[Sensitivity, ...]:

@@ -263,7 +263,8 @@ class ErrorSources:
         fit = normal((count, self.parameters))
         common = self.shift + normal((count, len(self.names))) * (self.common * scales.common) + fit @ self.shared
         gradient = (self.own * scales.own)[:, None] * self.directions
-        own = normal((count, *gradient.shape)) * gradient
+        own, some = np.zeros((count, *gradient.shape)), gradient != 0.0
+        own[:, some] = normal((count, np.count_nonzero(some))) * gradient[some]
         shocks = np.zeros((count, *self.changes.shape[1:]))
         for corner in range(corners):
             shocks[:, corner] = np.tensordot(fit, self.changes[:, corner], axes=1)

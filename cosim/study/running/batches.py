@@ -7,27 +7,28 @@ import time as clock
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from cosim.components.component import to_si
-from cosim.components.fmu_component import FmuComponent
 from cosim.session.result import judged_by
 from cosim.session.setup import Limit, RunSetup
-from cosim.session.verdict import LARGEST_ERROR, BondEnergy, Coupled
-from cosim.study.definition import Build, Drive, Setup, Study
+from cosim.session.verdict import LARGEST_ERROR, LARGEST_RESIDUAL, BondEnergy, Coupled
+from cosim.study.definition import Drive, Setup
 from cosim.study.measures import Filtered
 from cosim.study.running.machine import BatchMeasures, ChannelBand, FmuVehicle, Plan, read_vehicle
 from cosim.systems.algorithm import default_scheme
-from cosim.systems.coupling import Scenario
-from cosim.systems.system import System
 from eightpost.array_types import Array
 from eightpost.errors import EightpostError, FmuError
 from eightpost.machine import Batch, BatchResult, NotInBatchError, ShockData, joined
 from eightpost.signals import TimeSeries
 from eightpost.workers.pool import heartbeat
+
+if TYPE_CHECKING:
+    from cosim.study.running.evaluator import ErrorModel, Evaluator
 
 #: Velocity up to which the mean slope of the shocks' curves is the damping around which their ports are solved [m/s].
 _USUAL_VELOCITY = 0.2
@@ -39,38 +40,82 @@ GAUSS_SEIDEL = "gauss-seidel"
 _GROUP = 8
 
 
-class Models(Protocol):
-    """FMUs and scenarios of a study."""
-
-    study: Study
-
-    @property
-    def fmus(self) -> dict[str, FmuComponent]:
-        """A component of every FMU, by file."""
-
-    def system(self, setup: Setup) -> System:
-        """Return the coupled system of a setup."""
-
-    def scenario(self, drive: Drive, *, extra: Iterable[str] = ()) -> Scenario:
-        """Return the scenario of a drive."""
-
-    def shock_data(self, build: Build) -> ShockData | None:
-        """Return a build as the machine takes it; None if its FMU refuses its parameters."""
+#: Units of the values that both ends of a bond exchange: velocity and force.
+_UNITS = ("m/s", "N")
 
 
-@dataclass(frozen=True, slots=True)
-class RunSummary:
+class RunSummary(NamedTuple):
     """What a row states of one run besides its measures; the names are those of cosim.session.result.Result."""
 
-    share_beyond_fit: Mapping[str, float]  #: Share of time beyond the fit of each shock.
-    #: Share of time without tire load by channel; None if the static load is unknown.
-    share_tire_off: Mapping[str, float | None]
-    energy: Mapping[str, BondEnergy]  #: Energy through each bond.
-    coupled: Mapping[str, Coupled]  #: Local errors of each bond.
+    share_beyond_fit: Mapping[str, float]
     share_beyond_settings: Mapping[str, float]
     share_untested_settings: Mapping[str, float]
+    share_tire_off: Mapping[str, float | None]
+    energy: Mapping[str, BondEnergy]
+    coupled: Mapping[str, Coupled]
     ended_by: str = ""
     ended_at: float | None = None
+
+
+class _Group:
+    """What several runs on one drive state besides their measures: C bonds, W limits, n runs.
+
+    Attributes:
+        percent: Largest local error of a bond, in percent of its scale (n,).
+        local: Local errors by bond end, SI (n,) each.
+    """
+
+    def __init__(
+        self, setup: RunSetup, corners: tuple[str, ...], result: BatchResult, beyond: Array, records: int
+    ) -> None:
+        self._corners, self._limits, self._beyond = corners, setup.limits, beyond
+        self._energy = np.stack([result.residual, result.transferred])
+        variance = result.squares / records - (result.total / records) ** 2
+        spread, error = np.sqrt(np.maximum(variance, 0.0)), np.sqrt(result.defect / records)
+        ends = [(way, c) for way in range(2) for c in range(len(corners))]
+        scales = judged_by({end: spread[end] for end in ends}, {end: _UNITS[end[0]] for end in ends})
+        scale = np.array([scales[end] for end in ends]).reshape(spread.shape)
+        self._ends = np.stack([error, spread, scale])
+        self.percent = 100.0 * (error / scale).max(axis=(0, 1))
+        self.local = {
+            f"{corner}.{end}": error[way, c]
+            for c, corner in enumerate(corners)
+            for way, end in enumerate(("velocity", "force"))
+        }
+        self._estimate: tuple[ErrorModel, list[float], dict[str, list[float]]] | None = None
+
+    @cached_property
+    def is_marked(self) -> list[bool]:
+        """Whether a row has marks besides that of its coupling error, of each run."""
+        residual, transferred = self._energy
+        relative = np.divide(residual, transferred, out=np.zeros_like(residual), where=transferred != 0.0)
+        made = np.abs(relative) > LARGEST_RESIDUAL
+        found: list[bool] = (self._beyond.any(axis=0) | made.any(axis=0)).tolist()
+        return found
+
+    def summary(self, k: int) -> RunSummary:
+        """Return the summary of one run."""
+        (errors, spreads, scales), energy = (array[..., k].tolist() for array in (self._ends, self._energy))
+        shares = self._limits.shares([*self._beyond[:, k].tolist(), 1.0])
+        return RunSummary(
+            shares["share_beyond_fit"],
+            shares["share_beyond_settings"],
+            shares["share_untested_settings"],
+            shares["share_tire_off"],
+            {corner: BondEnergy(energy[0][c], energy[1][c]) for c, corner in enumerate(self._corners)},
+            {
+                corner: Coupled(errors[0][c], spreads[0][c], errors[1][c], spreads[1][c], scales[0][c], scales[1][c])
+                for c, corner in enumerate(self._corners)
+            },
+        )
+
+    def estimate(self, model: ErrorModel, k: int) -> tuple[float, dict[str, float]]:
+        """Return the estimated errors of one run; see `ErrorModel.of`."""
+        if self._estimate is None or self._estimate[0] is not model:
+            largest, measures = model.of(self.local)
+            self._estimate = model, largest.tolist(), {name: several.tolist() for name, several in measures.items()}
+        _, worst, errors = self._estimate
+        return worst[k], {name: several[k] for name, several in errors.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +123,23 @@ class BatchRun:
     """One setup on one drive."""
 
     values: Mapping[str, float]  #: Measures by name, in SI.
-    summary: RunSummary  #: Marks and errors.
     series: TimeSeries | None  #: Channels that were asked for; None if none were.
+    _group: _Group  #: Runs of which this is one.
+    _place: int  #: Place among them.
+
+    @property
+    def summary(self) -> RunSummary | None:
+        """What its row states besides measures and errors; None if nothing."""
+        return self._group.summary(self._place) if self._group.is_marked[self._place] else None
+
+    @property
+    def local(self) -> dict[str, float]:
+        """Local errors by bond end, SI."""
+        return {end: float(errors[self._place]) for end, errors in self._group.local.items()}
+
+    def estimate(self, model: ErrorModel) -> tuple[float, dict[str, float]]:
+        """Return the estimated errors; see `ErrorModel.of`."""
+        return self._group.estimate(model, self._place)
 
     def channels(self) -> TimeSeries:
         """Return the channels that were asked for.
@@ -97,7 +157,7 @@ class _DriveBatch:
 
     def __init__(
         self,
-        models: Models,
+        evaluator: Evaluator,
         drive: Drive,
         step: float,
         vehicle: FmuVehicle,
@@ -105,9 +165,9 @@ class _DriveBatch:
         recorded: Sequence[str],
         measured: bool,
     ) -> None:
-        study = models.study
+        study = evaluator.study
         first = study.space.setup(0)  # any setup: all have the same wiring, and a large space is not enumerated
-        setup = RunSetup.of(models.system(first), models.scenario(drive), default_scheme(GAUSS_SEIDEL), step)
+        setup = RunSetup.of(evaluator.system(first), evaluator.scenario(drive), default_scheme(GAUSS_SEIDEL), step)
         times = setup.times[setup.recorded == 1]
         self._measures = BatchMeasures(study.measures_of(drive) if measured else (), times, study.settling)
         series = tuple(dict.fromkeys((*self._measures.series, *recorded)))
@@ -116,9 +176,6 @@ class _DriveBatch:
         self._recorded = tuple(recorded)
         self._batch, self._setup, self._study = Batch(self._plan.run), setup, study
         self.lanes = self._batch.lanes
-        self._ends_units = {
-            (corner, way): unit for corner in self._plan.corners for way, unit in enumerate(("m/s", "N"))
-        }
         self._watched = [self._place_of(limit) for limit in setup.limits.watched]
 
     def _place_of(self, limit: Limit) -> tuple[str, int]:
@@ -134,11 +191,24 @@ class _DriveBatch:
         others = [values for _, several, _ in parts for values in several]
         series = [one for _, _, several in parts for one in several]
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            values, ends = self._measures.values(result.statistics), self._ends(result)
-        return [
-            None if result.ended[k] >= 0 else self._run(values, ends, others[k], series[k], k)
-            for k in range(len(others))
-        ]
+            values, group = self._measures.values(result.statistics), self._group(result)
+            # beyond the largest error, forces change too fast for the step
+            regular = (result.ended < 0) & (group.percent <= LARGEST_ERROR)
+            regular &= np.isfinite(np.array([*values.values()]).reshape(-1, len(others))).all(axis=0)
+        columns = {name: several.tolist() for name, several in values.items()}
+        found = list[BatchRun | None]()
+        for k, (ok, other, channels) in enumerate(zip(regular.tolist(), others, series, strict=True)):
+            if not ok or other is None or not all(map(math.isfinite, other.values())):
+                found.append(None)
+            else:
+                own = {name: several[k] for name, several in columns.items()} | other
+                found.append(BatchRun(own, channels, group, k))
+        return found
+
+    def _group(self, result: BatchResult) -> _Group:
+        rows, settled = self._plan.rows.size, max(1, self._plan.rows.size - self._plan.run.settling)
+        beyond = np.array([getattr(result, name)[place] for name, place in self._watched]) / settled
+        return _Group(self._setup, self._plan.corners, result, beyond.reshape(-1, result.ended.size), rows - 1)
 
     def _sums(
         self, shocks: Sequence[Sequence[ShockData]]
@@ -156,22 +226,6 @@ class _DriveBatch:
         others = [self._from_series(result, filtered, k) for k in range(len(shocks))]
         series = [self._series(result, self._recorded, k) if self._recorded else None for k in range(len(shocks))]
         return result.kept(own), others, series
-
-    def _run(
-        self,
-        values: Mapping[str, Sequence[float]],
-        ends: Mapping[str, Any],
-        others: dict[str, float] | None,
-        series: TimeSeries | None,
-        k: int,
-    ) -> BatchRun | None:
-        found = {name: several[k] for name, several in values.items()} | (others or {})
-        if others is None or not all(map(math.isfinite, found.values())):
-            return None
-        summary = self._summary(ends, k)
-        if any(not coupled.percent <= LARGEST_ERROR for coupled in summary.coupled.values()):
-            return None  # its forces change too fast for the step
-        return BatchRun(found, summary, series)
 
     def _from_series(
         self, result: BatchResult, filtered: Mapping[ChannelBand, Array], k: int
@@ -191,44 +245,6 @@ class _DriveBatch:
         rows = np.ascontiguousarray(result.values[:, columns, k].T)
         return TimeSeries(self._plan.rows, rows, tuple(names), tuple(self._units[name] for name in names))
 
-    def _ends(self, result: BatchResult) -> dict[str, Any]:
-        """Return, as lists, local errors and spreads of both directions of every bond (2, C, n), work through the bonds
-        (C, n), and shares of the records beyond the limits (W, n).
-        """
-        count, settled = self._plan.rows.size - 1, max(1, self._plan.rows.size - self._plan.run.settling)
-        variance = result.squares / count - (result.total / count) ** 2
-        return {
-            "error": np.sqrt(result.defect / count).tolist(),
-            "spread": np.sqrt(np.maximum(variance, 0.0)).tolist(),
-            "residual": result.residual.tolist(),
-            "transferred": result.transferred.tolist(),
-            "beyond": [(getattr(result, name)[place] / settled).tolist() for name, place in self._watched],
-        }
-
-    def _summary(self, ends: Mapping[str, Any], k: int) -> RunSummary:
-        corners = self._plan.corners
-        error, spread = ends["error"], ends["spread"]
-        scale = judged_by(
-            {(corner, way): spread[way][c][k] for c, corner in enumerate(corners) for way in range(2)}, self._ends_units
-        )
-        coupled = {
-            corner: Coupled(
-                error[0][c][k], spread[0][c][k], error[1][c][k], spread[1][c][k], scale[corner, 0], scale[corner, 1]
-            )
-            for c, corner in enumerate(corners)
-        }
-        shares = self._setup.limits.shares([*(several[k] for several in ends["beyond"]), 1.0])
-        return RunSummary(
-            share_beyond_fit=shares["share_beyond_fit"],
-            share_tire_off=shares["share_tire_off"],
-            share_beyond_settings=shares["share_beyond_settings"],
-            share_untested_settings=shares["share_untested_settings"],
-            energy={
-                name: BondEnergy(ends["residual"][c][k], ends["transferred"][c][k]) for c, name in enumerate(corners)
-            },
-            coupled=coupled,
-        )
-
 
 class Batches:
     """Batches of a study at one step.
@@ -244,10 +260,12 @@ class Batches:
         NotInBatchError: The study cannot run as a batch; the message is the reason.
     """
 
-    def __init__(self, models: Models, step: float, recorded: Sequence[str] = (), *, measured: bool = True) -> None:
-        self._study = study = models.study
-        self._shocks, self.left_out = _data_of(models)
-        fmus, own = models.fmus, study.vehicle
+    def __init__(
+        self, evaluator: Evaluator, step: float, recorded: Sequence[str] = (), *, measured: bool = True
+    ) -> None:
+        self._study = study = evaluator.study
+        self._shocks, self.left_out = _data_of(evaluator)
+        fmus, own = evaluator.fmus, study.vehicle
         vehicle = read_vehicle(fmus[str(own.fmu)], own.fmu, own.parameters)
         slopes = [shock.mean_slope(_USUAL_VELOCITY) for shock in self._shocks.values() if shock is not None]
         if not slopes:
@@ -255,13 +273,13 @@ class Batches:
         damping = np.full(len(study.corners), float(np.median(slopes)))
         try:
             self._drives = {
-                drive.name: _DriveBatch(models, drive, step, vehicle, damping, recorded, measured)
+                drive.name: _DriveBatch(evaluator, drive, step, vehicle, damping, recorded, measured)
                 for drive in study.drives
             }
         except (FmuError, OSError) as error:
             raise NotInBatchError(str(error)) from error
 
-    def for_shocks(self, models: Models) -> Batches | None:
+    def for_shocks(self, evaluator: Evaluator) -> Batches | None:
         """Return batches of a study that differs only in its shocks, with the same library and memory.
 
         Returns:
@@ -270,11 +288,11 @@ class Batches:
         Raises:
             NotInBatchError: No build has a batch.
         """
-        if not {build.fmu for build in models.study.bank.values()} <= {b.fmu for b in self._study.bank.values()}:
+        if not {build.fmu for build in evaluator.study.bank.values()} <= {b.fmu for b in self._study.bank.values()}:
             return None
         found = copy(self)
-        found._study = models.study
-        found._shocks, found.left_out = _data_of(models)
+        found._study = evaluator.study
+        found._shocks, found.left_out = _data_of(evaluator)
         return found
 
     @property
@@ -306,13 +324,13 @@ class Batches:
         return None if any(shock is None for shock in found) else [shock for shock in found if shock is not None]
 
 
-def _data_of(models: Models) -> tuple[dict[str, ShockData | None], tuple[str, ...]]:
+def _data_of(evaluator: Evaluator) -> tuple[dict[str, ShockData | None], tuple[str, ...]]:
     """Return the shocks by build, None for those that run through the FMUs, and why a law or FMU has no batch."""
     found: dict[str, ShockData | None] = {}
     reasons: dict[str, None] = {}
-    for name, build in models.study.bank.items():
+    for name, build in evaluator.study.bank.items():
         try:
-            found[name] = models.shock_data(build)
+            found[name] = evaluator.shock_data(build)
         except NotInBatchError as reason:
             found[name], reasons[f"{name}: {reason}"] = None, None
     if len(reasons) == len(found):

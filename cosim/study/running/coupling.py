@@ -22,6 +22,7 @@ from cosim.study.running.evaluator import (
     Pilot,
     fit_error_model,
     local_error,
+    local_errors,
 )
 from cosim.systems.algorithm import Automatic
 from eightpost.errors import DivergedError, EightpostError, StepError, WiringError
@@ -132,7 +133,9 @@ def _pilot(evaluator: Evaluator, setup: Setup, drive: Drive, coupling: Coupling)
     fine = evaluator.run(setup, drive, replace(coupling, step=_PILOT_STEP * coupling.step), extra=names)
     found, right = evaluator.measured(run, drive), evaluator.measured(fine, drive)
     apart = difference(run.settled(), fine.settled())
-    return Pilot(run, {name: apart[name] for name in sorted(names)}, {m: abs(found[m] - right[m]) for m in found})
+    return Pilot(
+        local_errors(run), {name: apart[name] for name in sorted(names)}, {m: abs(found[m] - right[m]) for m in found}
+    )
 
 
 def finer(parts: int, excess: float) -> int:
@@ -301,7 +304,7 @@ def _compare(evaluator: Evaluator, coarse: Batches, fine: Batches, setups: Seque
 
 def _machine_pilot(run: BatchRun, fine: BatchRun, settling: float) -> Pilot:
     apart = difference(_settled(run, settling), _settled(fine, settling))
-    return Pilot(run.summary, apart, {m: abs(run.values[m] - fine.values[m]) for m in run.values})
+    return Pilot(run.local, apart, {m: abs(run.values[m] - fine.values[m]) for m in run.values})
 
 
 def _settled(run: BatchRun, settling: float) -> TimeSeries:
@@ -379,7 +382,7 @@ def check_setup(evaluator: Evaluator, setup: Setup, machine: MachineCoupling) ->
         right = run(evaluator.system(setup), scenario, algorithm=Automatic(study.accuracy), progress=heartbeat)
         differences = difference(right.settled(), _settled(runs[drive.name], study.settling))
         apart = float(np.max([apart, *differences.values()]))  # NaN if one is
-        own = max(own, machine.errors.of(runs[drive.name].summary)[0])
+        own = max(own, float(machine.errors.of(runs[drive.name].local)[0]))
         stated = max(stated, *right.stated_error.values())
         steps.append(right.step)
         scheme = "implicit" if right.scheme == "implicit" else scheme

@@ -1,4 +1,4 @@
-"""Time limit of the tasks of a Dask cluster: workers that do not respond are ended, and others run their tasks."""
+"""Workers on a Dask cluster, and the time limit of their tasks: workers that do not respond are ended."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ from eightpost.extras import needs
 from eightpost.files import atomic_path, sha256_of
 
 with needs("dask", "a study on a Dask cluster"):
-    from distributed import Client
+    import dask
+    from distributed import Client, KilledWorker, get_worker, wait
 
 #: Share of the time limit after which the cluster is asked again what its workers are doing.
 _ASK = 0.1
@@ -99,10 +100,6 @@ async def _end_worker(address: str, dask_scheduler: Any = None) -> None:
 
 
 # ==== Workers on a Dask cluster: FMUs and drive files are sent once to each machine, by digest (docs/how_to/scale.md)
-
-with needs("dask", "a study on a Dask cluster"):
-    import dask
-    from distributed import Client, KilledWorker, get_worker, wait
 
 #: Number of chunks submitted per worker, so that no worker is idle.
 _SUBMITTED = 2

@@ -8,8 +8,9 @@ from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import mul
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -18,7 +19,7 @@ from cosim.components.component import Component, to_si
 from cosim.components.fmu_component import FmuComponent
 from cosim.session.result import Result
 from cosim.session.session import Session
-from cosim.session.verdict import LARGEST_ERROR, Coupled
+from cosim.session.verdict import LARGEST_ERROR
 from cosim.study.definition import Build, Drive, Setup, Study, bond_at, check_corners, read_drive
 from cosim.study.measures import AboveBand, Filtered, above_band, band_ends
 from cosim.study.running.batches import Batches, BatchRun, RunSummary
@@ -36,14 +37,6 @@ from eightpost.workers.pool import heartbeat
 # ---- Estimate of coupling errors from the local errors that the bonds of each run measure ---------------------------
 
 
-class CoupledRun(Protocol):
-    """Run with the local errors of its bonds."""
-
-    @property
-    def coupled(self) -> Mapping[str, Coupled]:
-        """Local errors by bond."""
-
-
 @dataclass(frozen=True)
 class ErrorModel:
     """Gains from the local errors of bond ends to coupling errors."""
@@ -54,34 +47,36 @@ class ErrorModel:
     #: Gain of each end for each measure; the errors are in the measure's SI unit.
     measures: Mapping[str, tuple[float, ...]]
 
-    def of(self, result: CoupledRun) -> tuple[float, dict[str, float]]:
-        """Return the estimated errors of a run.
+    def of(self, local: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
+        """Return the estimated errors of one run, or of n runs.
+
+        Args:
+            local: Local error of each bond end, in SI (n,).
 
         Returns:
-            Largest error of the compared channels, in percent of the channel's scale; and the error of every measure
-            that the pilots had, in its SI unit.
+            Largest error of the compared channels, in percent of the channel's scale (n,); and the error of every
+            measure that the pilots had, in its SI unit (n,).
         """
-        local = local_errors(result)
-        squares = np.array([local[end] for end in self.ends]) ** 2
-        channels, measures = (np.sqrt(gains @ squares) for gains in self._gains)
-        return float(channels.max(initial=0.0)), dict(zip(self.measures, measures.tolist(), strict=True))
+        channels, measures = (self._estimated(table, local) for table in (self.channels, self.measures))
+        return np.max([*channels.values()], axis=0, initial=0.0), measures
 
-    @cached_property
-    def _gains(self) -> list[Array]:
-        return [np.array([*one.values()]).reshape(-1, len(self.ends)) for one in (self.channels, self.measures)]
+    def _estimated(self, gains: Mapping[str, tuple[float, ...]], local: Mapping[str, Any]) -> dict[str, Any]:
+        squares = [local[end] ** 2 for end in self.ends]
+        nothing = np.zeros(np.shape(next(iter(local.values()), 0.0)))
+        return {name: np.sqrt(sum(map(mul, row, squares), nothing)) for name, row in gains.items()}
 
 
 class Pilot(NamedTuple):
-    """A run with known coupling errors."""
+    """A run at the study's step, with known coupling errors."""
 
-    result: CoupledRun  #: Run at the study's step.
+    local: Mapping[str, float]  #: Local error of each bond end, in SI.
     channels: Mapping[str, float]  #: Error of each compared channel, in percent of the channel's scale.
     measures: Mapping[str, float]  #: Error of each measure of the run's drive, in its SI unit.
 
 
 def fit_error_model(pilots: Sequence[Pilot]) -> ErrorModel:
     """Return the gains fitted to the errors of one or more pilots."""
-    local = [local_errors(pilot.result) for pilot in pilots]
+    local = [pilot.local for pilot in pilots]
     ends = tuple(end for end in local[0] if any(one[end] > 0.0 for one in local))
     squares = np.array([[one[end] ** 2 for end in ends] for one in local]).reshape(len(pilots), len(ends))
     measures = dict.fromkeys(name for pilot in pilots for name in pilot.measures)
@@ -92,7 +87,7 @@ def fit_error_model(pilots: Sequence[Pilot]) -> ErrorModel:
     )
 
 
-def local_errors(result: CoupledRun) -> dict[str, float]:
+def local_errors(result: Result) -> dict[str, float]:
     """Return the local error of every bond end of a run, in SI."""
     found: dict[str, float] = {}
     for bond, coupled in result.coupled.items():
@@ -283,10 +278,11 @@ class Evaluator:
         A setup that a batch does not finish regularly is run through the FMUs, which say why.
         """
         batches = self.batches(coupling)
-        if batches is None:
+        if batches is None or coupling.machine is None:
             return [self.row(setup, coupling) for setup in setups]
+        model = coupling.machine.errors
         return [
-            self.row(setup, coupling) if runs is None else self._batch_row(setup, coupling, runs, seconds)
+            self.row(setup, coupling) if runs is None else self._batch_row(setup, model, runs, seconds)
             for setup, runs, seconds in batches.runs(setups)
         ]
 
@@ -318,20 +314,6 @@ class Evaluator:
         if isinstance(found, str):
             raise NotInBatchError(found)
         return found
-
-    def is_on_machine(self, coupling: Coupling) -> bool:
-        """Whether the machine runs every setup of the study at a coupling."""
-        batches = self.batches(coupling)
-        return batches is not None and not batches.left_out
-
-    def batch_refusal(self, coupling: Coupling) -> str:
-        """Return why setups run through the FMUs although the coupling asks for the machine; empty if they do not."""
-        try:
-            if coupling.machine is not None:
-                self.batches_at(coupling.machine.step)
-        except NotInBatchError as reason:
-            return str(reason)
-        return ""
 
     def shock_data(self, build: Build) -> ShockData | None:
         """Return a build as the machine takes it; None if its FMU refuses its parameters, which its runs then report.
@@ -370,11 +352,10 @@ class Evaluator:
             else:
                 yield setup, {name: run.channels() for name, run in runs.items()}
 
-    def _batch_row(self, setup: Setup, coupling: Coupling, runs: Mapping[str, BatchRun], seconds: float) -> Row:
-        found: Row = {"setup": setup.index, **setup.builds}
-        pairs = [(drive, runs[drive.name].values, runs[drive.name].summary) for drive in self.study.drives]
-        errors = coupling.machine.errors if coupling.machine else None
-        return found | self._measured_on(pairs, errors) | {"seconds": seconds}
+    def _batch_row(self, setup: Setup, model: ErrorModel, runs: Mapping[str, BatchRun], seconds: float) -> Row:
+        own = (runs[drive.name] for drive in self.study.drives)
+        found = (_MeasuredRun(run.values, run.summary, run.estimate(model)) for run in own)
+        return {"setup": setup.index, **setup.builds, **self._measured_on(found), "seconds": seconds}
 
     @cached_property
     def measure_units(self) -> Mapping[str, str]:
@@ -411,31 +392,24 @@ class Evaluator:
             result = self.run(setup, drive, coupling)
             if not result.converged:
                 return {"status": FAILED, "message": result.notes[0], "coupling_error_percent": None, "marks": ""}
-            found.append((drive, self.measured(result, drive), result))
-        return self._measured_on(found, coupling.errors)
+            estimate = coupling.errors.of(local_errors(result)) if coupling.errors else None
+            found.append(_MeasuredRun(self.measured(result, drive), result, estimate))
+        return self._measured_on(found)
 
-    def _measured_on(
-        self, runs: Iterable[tuple[Drive, Mapping[str, float], Result | RunSummary]], model: ErrorModel | None
-    ) -> Row:
+    def _measured_on(self, runs: Iterable[_MeasuredRun]) -> Row:
         """Return the part of a row that states values, marks and errors, from the runs on all drives."""
-        values: Row = {}
-        marks, worst = list[str](), 0.0
-        for drive, measured, result in runs:
-            values |= measured
+        values, marks, worst = Row(), list[str](), None
+        for drive, run in zip(self.study.drives, runs, strict=True):
+            values |= run.values
             where = f"{drive.name}: " if len(self.study.drives) > 1 else ""
-            marks += [where + mark for mark in _marks(result)]
-            if model is not None:
-                largest, errors = model.of(result)
-                worst = max(worst, largest)
-                values |= {error_column(name): errors.get(name) for name in measured}
-        if worst > self.study.accuracy:
+            marks += [where + mark for mark in (_marks(run.result) if run.result else ())]
+            if run.estimate is not None:
+                largest, errors = run.estimate
+                worst = max(worst or 0.0, float(largest))
+                values |= {error_column(name): errors.get(name) for name in run.values}
+        if worst is not None and worst > self.study.accuracy:
             marks.append(f"coupling error {worst:.2g} %")
-        return values | {
-            "status": DONE,
-            "message": "",
-            "coupling_error_percent": None if model is None else worst,
-            "marks": "; ".join(marks),
-        }
+        return values | {"status": DONE, "message": "", "coupling_error_percent": worst, "marks": "; ".join(marks)}
 
     def above_band(self, coupling: Coupling) -> dict[str, AboveBand]:
         """Return the power of each measure above the band in which the vehicle was identified, by measure.
@@ -479,6 +453,14 @@ class Evaluator:
         if key not in self._shocks:
             self._shocks[key] = FmuComponent(fmu, corner)
         return self._shocks[key]
+
+
+class _MeasuredRun(NamedTuple):
+    """A run on one drive."""
+
+    values: Mapping[str, float]  #: Measures by name, in SI.
+    result: Result | RunSummary | None  #: Run with marks; None if it has none.
+    estimate: tuple[float, Mapping[str, float]] | None  #: Estimated errors, see `ErrorModel.of`; None without a model.
 
 
 def local_error(result: Result) -> float:

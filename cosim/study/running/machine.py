@@ -57,10 +57,10 @@ class Constants:
         tables |= {name: _numbers(content) for name, content in _SCALAR.findall(text)}
         return cls({name: int(value) for name, value in _CONSTANT.findall(text)}, tables)
 
-    def filled(self, name: str, count: int) -> Array:
+    def filled(self, name: str, *shape: int) -> Array:
         """Return the numbers of a table, filled up with zeros as a C compiler does."""
-        numbers = np.zeros(count)
-        numbers[: self.numbers[name].size] = self.numbers[name]
+        numbers = np.zeros(shape)
+        numbers.flat[: self.numbers[name].size] = self.numbers[name][: numbers.size]
         return numbers
 
     def integers(self, name: str, count: int) -> Integers:
@@ -72,31 +72,23 @@ def _numbers(text: str) -> Array:
     return np.array([float(number) for number in _NUMBER.findall(text)])
 
 
-@dataclass(frozen=True, slots=True)
-class Sources:
-    """Sources of an FMU of this project."""
+def _sources_of(component: FmuComponent, path: Path) -> tuple[str, Mapping[str, str]]:
+    """Return the interface of an FMU, such as `vehicle_ss` or `shock_lpnl2`, and its headers by name.
 
-    kind: str  #: Interface: `vehicle_ss`, `shock_lpnl2` and so on.
-    files: Mapping[str, str]  #: Content of the files in sources/ by name.
-
-    @classmethod
-    def of(cls, component: FmuComponent, path: Path) -> Sources:
-        """Read the sources of an FMU.
-
-        Raises:
-            NotInBatchError: The FMU is not of this project, or contains no sources.
-        """
-        if not component.is_ours:
-            raise NotInBatchError(f"{path.name} was not built by eightpost")
-        try:
-            state = path.stat()
-            files = _headers(path, state.st_mtime_ns, state.st_size)
-        except (OSError, UnicodeDecodeError, zipfile.BadZipFile) as error:
-            raise NotInBatchError(f"{path.name} cannot be read: {error}") from error
-        found = _KIND.search(files.get("interface.h", ""))
-        if found is None:
-            raise NotInBatchError(f"{path.name} contains no sources (it is confidential)")
-        return cls(found[1], files)
+    Raises:
+        NotInBatchError: The FMU is not of this project, or contains no sources.
+    """
+    if not component.is_ours:
+        raise NotInBatchError(f"{path.name} was not built by eightpost")
+    try:
+        state = path.stat()
+        files = _headers(path, state.st_mtime_ns, state.st_size)
+    except (OSError, UnicodeDecodeError, zipfile.BadZipFile) as error:
+        raise NotInBatchError(f"{path.name} cannot be read: {error}") from error
+    found = _KIND.search(files.get("interface.h", ""))
+    if found is None:
+        raise NotInBatchError(f"{path.name} contains no sources (it is confidential)")
+    return found[1], files
 
 
 @lru_cache(maxsize=128)  # the trials of a search are thousands of shocks with the same few FMUs
@@ -121,11 +113,11 @@ def read_shock(component: FmuComponent, path: Path, given: Parameters) -> ShockD
     Raises:
         NotInBatchError: It is not a shock of this project, contains no sources, or has settings.
     """
-    sources = Sources.of(component, path)
-    law = sources.kind.removeprefix("shock_")
+    kind, files = _sources_of(component, path)
+    law = kind.removeprefix("shock_")
     if law not in LAWS:
-        raise NotInBatchError(f"{path.name} is {sources.kind}, a law that has no batch")
-    if "settings_data.h" in sources.files:
+        raise NotInBatchError(f"{path.name} is {kind}, a law that has no batch")
+    if "settings_data.h" in files:
         raise NotInBatchError(f"{path.name} has settings")
     own = component.variables.values()
     values = {v.name: v.start for v in own if v.causality == "parameter" and v.start is not None}
@@ -175,12 +167,12 @@ def read_vehicle(component: FmuComponent, path: Path, given: Parameters) -> FmuV
     Raises:
         NotInBatchError: It is not a vehicle of this project, or contains no sources.
     """
-    sources = Sources.of(component, path)
-    if sources.kind != "vehicle_ss":
-        raise NotInBatchError(f"{path.name} is not a vehicle but {sources.kind}")
+    kind, files = _sources_of(component, path)
+    if kind != "vehicle_ss":
+        raise NotInBatchError(f"{path.name} is not a vehicle but {kind}")
     values = {v.name: v.start for v in component.variables.values() if v.causality == "parameter"} | dict(given)
     try:
-        return _vehicle(component, Constants.of(_NONE_COUPLED + sources.files["vehicle_data.h"]), values)
+        return _vehicle(component, Constants.of(_NONE_COUPLED + files["vehicle_data.h"]), values)
     except (KeyError, ValueError) as error:
         raise NotInBatchError(f"{path.name} has other constants than this version knows: {error}") from error
 
@@ -195,10 +187,10 @@ def _vehicle(component: FmuComponent, constants: Constants, values: Mapping[str,
     A[:pairs, modes:], A[modes:, :pairs] = np.diag(-omega), np.diag(omega)
     coupled = sizes["COUPLED_COUNT"]
     own = slice(modes - coupled, modes)
-    A[own, own] += constants.filled("COUPLING", coupled**2).reshape(coupled, coupled)
-    shape = sizes["STATE_BLOCKS"], len(inputs), sizes["BLOCK"]
-    B = constants.filled("B", int(np.prod(shape))).reshape(shape).transpose(0, 2, 1).reshape(-1, len(inputs))
-    C = constants.filled("C", len(outputs) * sizes["STATE_COUNT"]).reshape(len(outputs), -1)
+    A[own, own] += constants.filled("COUPLING", coupled, coupled)
+    B = constants.filled("B", sizes["STATE_BLOCKS"], len(inputs), sizes["BLOCK"])
+    B = B.transpose(0, 2, 1).reshape(-1, len(inputs))
+    C = constants.filled("C", len(outputs), sizes["STATE_COUNT"])
     D = np.zeros((len(outputs), len(inputs)))
     begin = constants.integers("DIRECT_BEGIN", len(outputs) + 1)
     columns, terms = constants.integers("DIRECT_INPUT", sizes["DIRECT_TERMS"]), constants.numbers["DIRECT_TERM"]
@@ -428,60 +420,38 @@ def _regular(setup: RunSetup) -> tuple[Array, int]:
 
 # ---- Statistics of a quantity ---------------------------------------------------------------------------------------
 
-_SHIFT, _SUM, _SQUARES, _LEAST, _LARGEST, _INSIDE, _FIRST, _LAST = range(8)
+
+def _statistic(name: str, sums: Array, count: int, step: float) -> Array:
+    """Return a statistic (n,) by its name in cosim.study.measures.
+
+    Args:
+        sums: Sums of Q quantities over the rows, as in fmus/machine/machine.h (Q, 8, n).
+        count: Number of rows.
+        step: Interval between the rows [s].
+    """
+    shift, total, squares, least, largest, inside, first, last = sums.swapaxes(0, 1)
+    variances = np.maximum(squares / count - (total / count) ** 2, 0.0)
+    mean, rms = shift[0] + total[0] / count, np.sqrt(variances[0])
+    found: Mapping[str, Callable[[], Array]] = {
+        "rms": lambda: rms,
+        "rms_with_mean": lambda: np.sqrt(variances[0] + mean**2),
+        "joint_rms": lambda: np.sqrt(variances.mean(axis=0)),
+        "mean": lambda: mean,
+        "peak": lambda: np.maximum(largest[0] - mean, mean - least[0]),
+        "range": lambda: largest[0] - least[0],
+        "maximum": lambda: largest[0],
+        "minimum": lambda: least[0],
+        "variation": lambda: rms / np.abs(mean),
+        "work": lambda: step * (count * shift[0] + total[0] - 0.5 * (first[0] + last[0])),
+        "share": lambda: inside[0] / count,
+    }
+    return found[name]()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Summed:
-    """Statistics of a measure's quantities (Q, 8, n) over `count` rows that are `step` [s] apart."""
-
-    of: Array
-    count: int
-    step: float
-
-    @property
-    def mean(self) -> Array:
-        """Mean of the first quantity (n,)."""
-        return np.asarray(self.of[0, _SHIFT] + self.of[0, _SUM] / self.count)
-
-    @property
-    def variances(self) -> Array:
-        """Variance of every quantity (Q, n)."""
-        apart = self.of[:, _SUM] / self.count
-        return np.asarray(np.maximum(self.of[:, _SQUARES] / self.count - apart**2, 0.0))
-
-    @property
-    def rms(self) -> Array:
-        """Root mean square about the mean of the first quantity (n,)."""
-        return np.asarray(np.sqrt(self.variances[0]))
-
-    @property
-    def peak(self) -> Array:
-        """Largest distance from the mean (n,)."""
-        return np.asarray(np.maximum(self.of[0, _LARGEST] - self.mean, self.mean - self.of[0, _LEAST]))
-
-    @property
-    def integral(self) -> Array:
-        """Integral over time by the trapezoidal rule (n,)."""
-        total = self.count * self.of[0, _SHIFT] + self.of[0, _SUM]
-        return np.asarray(self.step * (total - 0.5 * (self.of[0, _FIRST] + self.of[0, _LAST])))
-
-
-#: Statistics that are computed from the sums, by the names in cosim.study.measures.
-_STREAMED: Mapping[str, Callable[[_Summed], Array]] = {
-    "rms": lambda s: s.rms,
-    "rms_with_mean": lambda s: np.sqrt(s.variances[0] + s.mean**2),
-    "joint_rms": lambda s: np.sqrt(s.variances.mean(axis=0)),
-    "mean": lambda s: s.mean,
-    "peak": lambda s: s.peak,
-    "range": lambda s: s.of[0, _LARGEST] - s.of[0, _LEAST],
-    "maximum": lambda s: s.of[0, _LARGEST],
-    "minimum": lambda s: s.of[0, _LEAST],
-    "variation": lambda s: s.rms / np.abs(s.mean),
-    "work": lambda s: s.integral,
-    "share": lambda s: s.of[0, _INSIDE] / s.count,
-}
-
+#: Statistics that are computed from the sums.
+_STREAMED = (
+    "rms", "rms_with_mean", "joint_rms", "mean", "peak", "range", "maximum", "minimum", "variation", "work", "share",
+)  # fmt: skip
 
 #: Statistics that need the smallest or the largest value, or the share inside limits.
 _WITH_LIMITS = ("peak", "range", "maximum", "minimum", "share")
@@ -530,7 +500,7 @@ class BatchMeasures:
         """Channels of the measures that need series."""
         return tuple(dict.fromkeys(channel for m in (*self.filtered, *self.others) for channel in m.channels))
 
-    def values(self, statistics: Array) -> dict[str, list[float]]:
+    def values(self, statistics: Array) -> dict[str, Array]:
         """Return the values (n,) of the summed and the filtered measures, in SI; not finite if one is not defined.
 
         Args:
@@ -538,11 +508,9 @@ class BatchMeasures:
         """
         return {m.name: self._values_of(m, statistics[self._places[m.name]]) for m in (*self.summed, *self.filtered)}
 
-    def _values_of(self, measure: Measure, statistics: Array) -> list[float]:
+    def _values_of(self, measure: Measure, statistics: Array) -> Array:
         begin, end = self._windows[measure.name]
-        summed = _Summed(statistics, end - begin, self._step)
-        values: list[float] = _STREAMED[measure.statistic](summed).tolist()
-        return values
+        return _statistic(measure.statistic, statistics, end - begin, self._step)
 
     def _is_known(self, measure: Measure) -> bool:
         begin, end = self._windows[measure.name]

@@ -194,7 +194,7 @@ class ChunkFolder:
         """
         held, last = list[pa.Table](), -1
         for chunk in self.completed:
-            table = self._read(chunk)
+            table = self.read(chunk)
             numbers = table["setup"].to_numpy()
             held.append(table if numbers.size and numbers[0] > last else table.filter(pa.array(numbers > last)))
             last = max(last, int(numbers.max(initial=-1)))
@@ -203,14 +203,6 @@ class ChunkFolder:
                 held = []
         if held:
             yield pa.concat_tables(held)
-
-    def table(self) -> pa.Table:
-        """Return all rows of the completed chunks as a table.
-
-        Raises:
-            FileFormatError: A file is damaged.
-        """
-        return pa.concat_tables([self._schema.empty_table(), *map(self._read, self.completed)])
 
     def numbers(self) -> Iterator[tuple[range, Integers]]:
         """Yield each completed chunk with the numbers of its setups.
@@ -222,16 +214,12 @@ class ChunkFolder:
             table = self._checked(chunk, lambda path: read_columns(path, ["setup"]))
             yield chunk, table["setup"].to_numpy()
 
-    def rows(self, chunk: range) -> list[Row]:
-        """Return the rows of a completed chunk, each by column name.
+    def read(self, chunk: range) -> pa.Table:
+        """Return the rows of a completed chunk.
 
         Raises:
             FileFormatError: The file is damaged.
         """
-        rows: list[Row] = self._read(chunk).to_pylist()
-        return rows
-
-    def _read(self, chunk: range) -> pa.Table:
         return self._checked(chunk, lambda path: read_table(path, schema=self._schema).replace_schema_metadata())
 
     def _checked(self, chunk: range, read: Callable[[Path], pa.Table]) -> pa.Table:
@@ -499,7 +487,8 @@ class Sweep:
 
     def everything(self, coupling: Coupling) -> StudyResult:
         """Return all available results, of requests and of an exhaustive run."""
-        whole = pa.concat_tables([self._kept.table(), self._requested.table()])
+        parts = (kept.read(chunk) for kept in (self._kept, self._requested) for chunk in kept.completed)
+        whole = pa.concat_tables([self._schema.empty_table(), *parts])
         _, first = np.unique(whole["setup"].to_numpy(), return_index=True)  # a setup may be in both
         return self._result(coupling, whole.take(pa.array(first)))
 
@@ -526,7 +515,7 @@ class Sweep:
         for number in numbers:
             places[self._places.pop(number)].add(number)
         for (kept, chunk), wanted in places.items():
-            self._rows |= {row["setup"]: row for row in kept.rows(chunk) if row["setup"] in wanted}
+            self._rows |= {row["setup"]: row for row in kept.read(chunk).to_pylist() if row["setup"] in wanted}
 
     def _result(self, coupling: Coupling, table: pa.Table) -> StudyResult:
         partial = table.num_rows < len(self.study.space)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -24,6 +24,7 @@ from cosim.study.running.evaluator import Coupling, Evaluator, Row
 from cosim.study.table import FAILED
 from eightpost import __version__
 from eightpost.errors import StepError
+from eightpost.machine.car import NotInBatchError
 from eightpost.machine.library import sources
 from eightpost.workers.pool import POLL, Pool, working
 
@@ -101,7 +102,12 @@ def rows(study: str, coupling: Coupling, indices: Sequence[int]) -> list[Row]:
 
 def batch_refusal(study: str, coupling: Coupling) -> str:
     """Return why this process runs setups through the FMUs although the coupling asks for batches; else empty."""
-    return _evaluator_for(study).batch_refusal(coupling)
+    try:
+        if coupling.machine is not None:
+            _evaluator_for(study).batches_at(coupling.machine.step)
+    except NotInBatchError as reason:
+        return str(reason)
+    return ""
 
 
 # ---- Workers that run the setups of a study -------------------------------------------------------------------------
@@ -150,18 +156,26 @@ class Workers(Protocol):
 class ProcessWorkers:
     """Worker processes of this machine. If an FMU makes one crash or hang, only one setup fails.
 
-    What the machine runs takes less time than the start of a process, and no FMU of this project crashes: a study of
-    these, without measures of the user's own, begins in this process, and only a long one goes on in others.
+    What the machine runs takes less time than the start of a process, and no FMU that a study builds crashes: a study
+    of these, without measures of the user's own, begins in this process, and only a long one goes on in others.
 
     Args:
         patience: Time without a heartbeat after which a process is ended [s].
         evaluator: Evaluator of the study, or of one with the same vehicle and drives; None: every study runs in worker
             processes.
+        built: Folders of the FMUs that the study builds; any other FMU may end or block this process.
     """
 
-    def __init__(self, count: int, *, patience: float = PATIENCE, evaluator: Evaluator | None = None) -> None:
-        self._count, self._patience, self._evaluator = count, patience, evaluator
-        self._is_alone = evaluator is not None
+    def __init__(
+        self,
+        count: int,
+        *,
+        patience: float = PATIENCE,
+        evaluator: Evaluator | None = None,
+        built: Collection[Path] = (),
+    ) -> None:
+        self._count, self._patience, self._evaluator, self._built = count, patience, evaluator, built
+        self._is_alone = evaluator is not None and self._is_trusted(evaluator.study)
 
     @property
     def count(self) -> int:
@@ -196,7 +210,8 @@ class ProcessWorkers:
     ) -> Iterator[tuple[Chunk, list[Row]]]:
         """Run chunks and yield their rows as they complete; no chunk is started after `stop` returns True."""
         waiting, here = iter(chunks), self._here(study)
-        self._is_alone = here is not None and here.is_on_machine(coupling)
+        batches = None if here is None else here.batches(coupling)
+        self._is_alone = batches is not None and not batches.left_out
         until = process_time() + (_ALONE if self._count > 1 else inf)
         while here is not None and self._is_alone:
             if stop() or (chunk := next(waiting, None)) is None:
@@ -226,13 +241,13 @@ class ProcessWorkers:
 
     def _here(self, study: Study) -> Evaluator | None:
         """Return the evaluator of a study in this process; None if it has code that may crash."""
-        found = self._evaluator and self._evaluator.for_study(study)
-        if found is None or any(measure.function for measure in study.measures):
-            return None
-        if not all(fmu.is_ours for fmu in found.fmus.values()):
-            return None
-        self._evaluator = found
+        found = self._evaluator.for_study(study) if self._evaluator and self._is_trusted(study) else None
+        self._evaluator = found or self._evaluator
         return found
+
+    def _is_trusted(self, study: Study) -> bool:
+        fmus = (study.vehicle.fmu, *(build.fmu for build in study.bank.values()))
+        return all(fmu.parent in self._built for fmu in fmus) and not any(m.function for m in study.measures)
 
     def _one_by_one(
         self, study: Study, coupling: Coupling, chunks: list[Chunk], stop: Callable[[], bool]

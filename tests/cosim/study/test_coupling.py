@@ -95,7 +95,11 @@ def run_with(forces):
 def pilots(count, random):
     forces = random.uniform(0.5, 2.0, (count, 4))
     return [
-        Pilot(run_with(row), {"car.lf.force": float(np.sqrt(row**2 @ GAINS))}, {"grip": float(1e-3 * row[3])})
+        Pilot(
+            local_errors(run_with(row)),
+            {"car.lf.force": float(np.sqrt(row**2 @ GAINS))},
+            {"grip": float(1e-3 * row[3])},
+        )
         for row in forces
     ]
 
@@ -104,9 +108,9 @@ def test_errors_that_are_sums_of_squares_are_predicted_exactly_for_builds_that_n
     random = np.random.default_rng(3)
     model = fit_error_model(pilots(12, random))
     for row in random.uniform(0.1, 5.0, (20, 4)):
-        run = run_with(row)
-        assert model.of(run)[0] == pytest.approx(np.sqrt(row**2 @ GAINS), rel=1e-6)
-        assert model.of(run)[1]["grip"] == pytest.approx(1e-3 * row[3], rel=1e-6)
+        largest, errors = model.of(local_errors(run_with(row)))
+        assert largest == pytest.approx(np.sqrt(row**2 @ GAINS), rel=1e-6)
+        assert errors["grip"] == pytest.approx(1e-3 * row[3], rel=1e-6)
 
 
 def test_ends_that_report_no_error_are_left_out():
@@ -117,7 +121,7 @@ def test_errors_are_overstated_for_some_pilots_by_as_much_as_they_are_understate
     found = [p._replace(channels={"a": p.channels["car.lf.force"] * s})
              for p, s in zip(pilots(8, np.random.default_rng(5)), [0.7, 1.4] * 4, strict=True)]  # fmt: skip
     model = fit_error_model(found)
-    ratios = [model.of(p.result)[0] / p.channels["a"] for p in found]
+    ratios = [model.of(p.local)[0] / p.channels["a"] for p in found]
     assert min(ratios) * max(ratios) == pytest.approx(1.0)
 
 
@@ -128,14 +132,14 @@ def test_errors_of_measures_are_unbiased_in_the_mean_square() -> None:
         for p, k in zip(pilots(8, np.random.default_rng(5)), [0, 1, 2, 3, 2, 1, 2, 1], strict=True)
     ]
     model = fit_error_model(found)
-    stated = [model.of(p.result)[1]["grip"] for p in found]
+    stated = [model.of(p.local)[1]["grip"] for p in found]
     assert np.mean(np.square(stated)) == pytest.approx(np.mean([p.measures["grip"] ** 2 for p in found]))
 
 
 def test_a_measure_without_any_error_has_gains_of_zero():
     found = [p._replace(measures={"mean": 0.0}) for p in pilots(5, np.random.default_rng(6))]
     model = fit_error_model(found)
-    assert model.of(found[0].result)[1]["mean"] == 0.0
+    assert model.of(found[0].local)[1]["mean"] == 0.0
 
 
 def test_local_errors_are_named_by_bond_and_way():

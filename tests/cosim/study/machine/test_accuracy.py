@@ -1,6 +1,5 @@
 """The machine and the FMUs agree at a fine step, with every law, port parameter and friction."""
 
-import dataclasses
 import json
 import re
 from pathlib import Path
@@ -11,7 +10,8 @@ import pytest
 from builder.build import build
 from cosim.components.fmu_component import FmuComponent
 from cosim.study import Build, Drive, Measure, Vehicle
-from cosim.study.running.machine import Sources, read_vehicle
+from cosim.study.running import machine
+from cosim.study.running.machine import read_vehicle
 from eightpost.corners import CORNERS
 from eightpost.machine.library import instruction_set
 from eightpost.vehicle import write_vehicle
@@ -108,14 +108,12 @@ def test_a_car_with_coupled_states_agrees_with_its_fmu(fmus, tmp_path, friction)
 
 def test_an_fmu_that_was_built_before_there_were_coupled_states_has_the_same_matrices(fmus, monkeypatch):
     component, path = FmuComponent(fmus["seven_dof"], "car"), fmus["seven_dof"]
-    new, sources = read_vehicle(component, path, {}), Sources.of(component, path)
-    text = sources.files["vehicle_data.h"]
+    new, files = read_vehicle(component, path, {}), machine._headers(path, 0, 0)
+    text = files["vehicle_data.h"]
     before = "\n".join(line for line in text.splitlines() if "static const double" not in line or "COUPLED" not in line)
     before = re.sub(r"COUPLED\w* = \d+, ", "", before.replace("COUPLING", "OTHER"))
     assert "COUPLED" in text and "COUPLED" not in before
-    monkeypatch.setattr(
-        Sources, "of", lambda *_: dataclasses.replace(sources, files={**sources.files, "vehicle_data.h": before})
-    )
+    monkeypatch.setattr(machine, "_headers", lambda *_: {**files, "vehicle_data.h": before})
     old = read_vehicle(component, path, {})
     assert all(np.array_equal(getattr(old, name), getattr(new, name)) for name in ("A", "B", "C", "D", "offset"))
 

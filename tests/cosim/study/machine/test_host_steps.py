@@ -95,21 +95,20 @@ def at_rest(first):
 
 def tire_force_in_a_host(loop, step):
     """Return time and tire force of a host; the linear damper's force is known without an FMU."""
-    count = int(END / step + 1e-9)
+    count, car = int(END / step + 1e-9), A if loop != "C" else A + np.outer(FORCE, DAMPING * VELOCITY)
+    x, force, *heights = np.split(np.eye(8), [4, 5, 6, 7])  # a step of Runge and Kutta by start, held force and road
+    a = car @ x + np.outer(FORCE, force) + np.outer(ROAD, heights[0])
+    b = car @ (x + 0.5 * step * a) + np.outer(FORCE, force) + np.outer(ROAD, heights[1])
+    c = car @ (x + 0.5 * step * b) + np.outer(FORCE, force) + np.outer(ROAD, heights[1])
+    d = car @ (x + step * c) + np.outer(FORCE, force) + np.outer(ROAD, heights[2])
+    after = x + step / 6.0 * (a + 2.0 * (b + c) + d)
     height = road(0.5 * step * np.arange(2 * count + 1))
+    driven = np.lib.stride_tricks.sliding_window_view(height, 3)[::2] @ after[:, 5:].T
     rows, old = [at_rest(height[0])], 0.0
-    for k in range(count):
-        x, now = rows[-1], DAMPING * (VELOCITY @ rows[-1])
-        held = {"J": old, "A": now, "B": 1.5 * now - 0.5 * old, "C": None}[loop]
-
-        def slope(n, x, held=held, k=k):
-            force = DAMPING * (VELOCITY @ x) if held is None else held
-            return A @ x + FORCE * force + ROAD * height[2 * k + n]
-
-        a = slope(0, x)
-        b = slope(1, x + 0.5 * step * a)
-        c = slope(1, x + 0.5 * step * b)
-        rows.append(x + step / 6.0 * (a + 2.0 * (b + c) + slope(2, x + step * c)))
+    for moved in driven:
+        now = DAMPING * (VELOCITY @ rows[-1])
+        held = {"J": old, "A": now, "B": 1.5 * now - 0.5 * old, "C": 0.0}[loop]
+        rows.append(after[:, :4] @ rows[-1] + after[:, 4] * held + moved)
         old = now
     times = step * np.arange(count + 1)
     return times, TIRE * (road(times) - np.array(rows)[:, 2])

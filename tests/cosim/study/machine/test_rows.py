@@ -124,7 +124,7 @@ def test_the_stated_error_of_a_setup_is_about_its_difference_from_a_fine_step(ch
     recorded = sorted(evaluator.decisive(setups[0]))
     coarse, fine = (Batches(evaluator, step, recorded) for step in (chosen.machine.step, FINE))
     for (_, run, _), (_, right, _) in zip(coarse.runs(setups), fine.runs(setups), strict=True):
-        stated = chosen.machine.errors.of(run["track"].summary)[0]
+        stated = chosen.machine.errors.of(run["track"].local)[0]
         apart = difference(run["track"].channels().window(0.5, 2.0), right["track"].channels().window(0.5, 2.0))
         assert max(apart.values()) < 2.0 * stated < 12.0 * max(apart.values())
 
@@ -167,15 +167,26 @@ def test_a_study_without_a_compiler_runs_through_the_fmus(evaluator, monkeypatch
 
 
 @pytest.mark.slow
-def test_builds_of_other_fmus_run_through_the_fmus(study, python_fmus):
-    bank = {**dict(list(study.bank.items())[:2]), "in Python": Build(python_fmus["lpnl2"])}
+def test_builds_of_fmus_without_a_machine_run_through_the_fmus(fmus, study, tmp_path):
+    """The kind of a former law, which no folder of fmus/ has now, is written into an FMU of LPF1."""
+    former = tmp_path / "former.fmu"
+    with zipfile.ZipFile(fmus["lpf1"]) as archive, zipfile.ZipFile(former, "w") as copy:
+        for name in archive.namelist():
+            content = archive.read(name)
+            is_text = name in ("modelDescription.xml", "sources/interface.h")
+            copy.writestr(name, content.replace(b"shock_lpf1", b"shock_maxwell") if is_text else content)
+    bank = {**dict(list(study.bank.items())[:2]), "former": Build(former)}
     mixed = replace(study, bank=bank, corners=dict.fromkeys(CORNERS, tuple(bank)))
+    reason = "former: former.fmu is shock_maxwell, a law that has no batch"
+    batches = Batches(Evaluator(mixed), 2e-3)
+    assert batches.left_out == (reason,)
+    assert [batches.has(mixed.space.find(dict.fromkeys(CORNERS, name))) for name in bank] == [True, True, False]
     found = coupling_for(Evaluator(mixed))
     assert found.machine is not None and found.notes[-1] == "given"
-    assert any("run through the FMUs: in Python" in note for note in found.notes)
-    alone = replace(mixed, bank={"in Python": bank["in Python"]}, corners=dict.fromkeys(CORNERS, ("in Python",)))
+    assert f"setups with these builds run through the FMUs: {reason}" in found.notes
+    alone = replace(mixed, bank={"former": bank["former"]}, corners=dict.fromkeys(CORNERS, ("former",)))
     found = coupling_for(Evaluator(alone))
-    assert found.machine is None and "every setup runs through the FMUs: in Python" in found.notes[-1]
+    assert found.machine is None and found.notes[-1] == f"every setup runs through the FMUs: {reason}"
 
 
 def test_an_fmu_without_sources_has_no_machine(fmus, study, tmp_path):
@@ -186,21 +197,6 @@ def test_an_fmu_without_sources_has_no_machine(fmus, study, tmp_path):
                 copy.writestr(name, archive.read(name))
     with pytest.raises(NotInBatchError, match=r"car\.fmu contains no sources"):
         Batches(Evaluator(replace(study, vehicle=Vehicle(secret))), 2e-3)
-
-
-def test_an_fmu_of_a_former_law_runs_through_the_fmus(fmus, study, tmp_path):
-    """Its kind, which no folder of fmus/ has now, is written into an FMU of LPF1."""
-    former = tmp_path / "former.fmu"
-    with zipfile.ZipFile(fmus["lpf1"]) as archive, zipfile.ZipFile(former, "w") as copy:
-        for name in archive.namelist():
-            content = archive.read(name)
-            is_text = name in ("modelDescription.xml", "sources/interface.h")
-            copy.writestr(name, content.replace(b"shock_lpf1", b"shock_maxwell") if is_text else content)
-    bank = {"former": Build(former), "lpf1": Build(fmus["lpf1"])}
-    mixed = replace(study, bank=bank, corners=dict.fromkeys(CORNERS, tuple(bank)))
-    batches = Batches(Evaluator(mixed), 2e-3)
-    assert batches.left_out == ("former: former.fmu is shock_maxwell, a law that has no batch",)
-    assert [batches.has(mixed.space.find(dict.fromkeys(CORNERS, name))) for name in bank] == [False, True]
 
 
 def test_setups_that_diverge_or_are_refused_say_what_the_fmus_say(fmus, study):
@@ -293,38 +289,39 @@ def numbers_of(study, workers):
     return found
 
 
-def test_a_study_on_the_machine_runs_in_this_process(few, processes):
-    found = numbers_of(few, ProcessWorkers(3, evaluator=Evaluator(few)))
-    assert found == [([0, 1], 1), ([2, 3], 1)] and not processes.calls
+@pytest.fixture
+def here(fmus):
+    """Return a function that makes three or another number of workers for a study that built its FMUs."""
+    return lambda study, count=3: ProcessWorkers(count, evaluator=Evaluator(study), built=[fmus["lpnl2"].parent])
 
 
-def test_a_long_study_goes_on_in_worker_processes(few, processes, monkeypatch):
+def test_a_study_on_the_machine_runs_in_this_process(few, processes, here):
+    assert numbers_of(few, here(few)) == [([0, 1], 1), ([2, 3], 1)] and not processes.calls
+
+
+def test_a_long_study_goes_on_in_worker_processes(few, processes, here, monkeypatch):
     monkeypatch.setattr(running_workers, "_ALONE", 0.0)
-    found = numbers_of(few, ProcessWorkers(3, evaluator=Evaluator(few)))
-    assert found == [([0, 1], 1), ([2, 3], 3)] and processes.calls == ["rows", "close"]
-    found = numbers_of(few, ProcessWorkers(1, evaluator=Evaluator(few)))
-    assert found == [([0, 1], 1), ([2, 3], 1)] and not processes.calls[2:]
+    assert numbers_of(few, here(few)) == [([0, 1], 1), ([2, 3], 3)] and processes.calls == ["rows", "close"]
+    assert numbers_of(few, here(few, 1)) == [([0, 1], 1), ([2, 3], 1)] and not processes.calls[2:]
 
 
-def test_a_stop_ends_the_runs_in_this_process(few, processes):
-    rows = ProcessWorkers(3, evaluator=Evaluator(few)).rows(
-        few, at(COUPLING, 4e-3, few), [Chunk(0, (0,))], lambda: True
-    )
+def test_a_stop_ends_the_runs_in_this_process(few, processes, here):
+    rows = here(few).rows(few, at(COUPLING, 4e-3, few), [Chunk(0, (0,))], lambda: True)
     assert not list(rows) and not processes.calls
 
 
-def test_code_that_may_crash_runs_in_worker_processes(few, processes, monkeypatch):
-    """The FMU of another maker, or a measure of the user's own; so does a study without an evaluator here."""
-    monkeypatch.setattr(FmuComponent, "is_ours", False)
-    numbers_of(few, ProcessWorkers(3, evaluator=Evaluator(few)))
-    monkeypatch.undo()
-    monkeypatch.setattr(running_workers, "Pool", Processes)
-    assert processes.calls == ["rows", "rows", "close"]
-    mine = Measure("mine", TIRES, function=f"{__file__}:level")
-    own = replace(few, measures=(*few.measures, mine))
-    numbers_of(own, ProcessWorkers(3, evaluator=Evaluator(own)))
-    numbers_of(few, ProcessWorkers(3))
-    assert processes.calls == ["rows", "rows", "close"]
+def test_code_that_may_crash_runs_in_worker_processes(few, processes, here):
+    """An FMU that the study did not build, or a measure of the user's own; so does a study without an evaluator."""
+    mine = replace(few, measures=(*few.measures, Measure("mine", TIRES, function=f"{__file__}:level")))
+    for study, workers in (
+        (few, ProcessWorkers(3, evaluator=Evaluator(few))),
+        (mine, here(mine)),
+        (few, ProcessWorkers(3)),
+    ):
+        processes.calls.clear()
+        assert workers.count == 3
+        numbers_of(study, workers)
+        assert processes.calls == ["rows", "rows", "close"]
 
 
 def level(response):
