@@ -17,13 +17,7 @@ from eightpost.ident.vehicle.frequency_response import FrequencyResponse, contri
 from eightpost.ident.vehicle.plan import recipe
 from eightpost.ident.vehicle.stability import closed_loop_stability
 from eightpost.ident.vehicle.trust import NOT_SIMULATED, UNUSABLE, MeasuredLevels, Trust
-from eightpost.ident.vehicle.vehicle_fit import (
-    fit_path,
-    fit_verdict,
-    read_fit,
-    with_validity,
-    write_fit,
-)
+from eightpost.ident.vehicle.vehicle_fit import fit_path, fit_verdict, read_fit, with_validity, write_fit
 from eightpost.progress import reported_to
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel, IdentifiedVehicle

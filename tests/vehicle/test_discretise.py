@@ -40,8 +40,7 @@ def test_first_order_hold_is_exact_for_straight_lines():
 
 
 @pytest.mark.parametrize(
-    ("step", "hold", "message"),
-    [(0.0, "zero", "above zero"), (0.01, "second", "choose 'zero' or 'first'")],
+    ("step", "hold", "message"), [(0.0, "zero", "above zero"), (0.01, "second", "choose 'zero' or 'first'")]
 )
 def test_invalid_steps_and_holds_are_rejected(step, hold, message):
     with pytest.raises(ParameterError, match=message):

@@ -95,12 +95,7 @@ def test_a_model_without_a_steady_state_is_rejected_with_the_reason():
 def test_direct_terms_do_not_depend_on_units(gains):
     noise = 1e-13 * np.abs(CAR.C).max(axis=1, keepdims=True) * np.ones_like(CAR.D) * np.abs(CAR.B).max(axis=0) * 1e-4
     noisy = StateSpace(
-        CAR.A,
-        CAR.B * gains[0],
-        CAR.C * gains[1],
-        (CAR.D + noise) * gains[0] * gains[1],
-        CAR.inputs,
-        CAR.outputs,
+        CAR.A, CAR.B * gains[0], CAR.C * gains[1], (CAR.D + noise) * gains[0] * gains[1], CAR.inputs, CAR.outputs
     )
     velocities = [name.endswith("velocity") for name in CAR.output_names]
     assert not noisy.select(outputs=np.array(CAR.output_names)[velocities]).direct_terms()[:, :4].any()
@@ -149,11 +144,7 @@ def test_select_keeps_the_given_order():
         ({"B": [[1.0, 2.0]]}, ParameterError, r"B has the shape \(1, 2\).*need \(1, 1\)"),
         ({"A": [[np.nan]]}, ParameterError, r"A contains nan at \(0, 0\)"),
         ({"dt": 0.0}, ParameterError, "sample time is 0.0"),
-        (
-            {"outputs": (Channel("y", "m"),) * 2, "C": [[1.0]] * 2, "D": [[0.0]] * 2},
-            ParameterError,
-            "y more than once",
-        ),
+        ({"outputs": (Channel("y", "m"),) * 2, "C": [[1.0]] * 2, "D": [[0.0]] * 2}, ParameterError, "y more than once"),
     ],
 )
 def test_inconsistent_models_are_rejected(changes, error, message):

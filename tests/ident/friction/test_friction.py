@@ -14,14 +14,7 @@ from eightpost.ident.vehicle.port_search import Band, ForceSolution, FrictionSea
 from eightpost.ident.vehicle.simulation import direction, simulate_with_shocks, with_port_laws
 from eightpost.ident.vehicle.vehicle_fit import read_fit, write_fit
 from eightpost.signals import TimeSeries
-from eightpost.vehicle import (
-    Friction,
-    IdentifiedVehicle,
-    LinearStepper,
-    read_vehicle,
-    shipped,
-    write_vehicle,
-)
+from eightpost.vehicle import Friction, IdentifiedVehicle, LinearStepper, read_vehicle, shipped, write_vehicle
 from eightpost.vehicle.friction import PortFriction, advance, ports_of
 
 from .conftest import COULOMB, STIFFNESS
