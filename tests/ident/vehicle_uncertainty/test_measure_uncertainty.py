@@ -203,8 +203,8 @@ def test_power_above_that_of_the_records_is_as_uncertain_as_the_output_there():
     )
     half = (0.0, 0.25, 0.25, *(0.0,) * 7, 0.5)
     moved, apart = MeasureUncertainty.of_levels([level()], 0.03).on_drive(half), _drive_distance(half, TESTS)
-    assert moved.common == pytest.approx(math.hypot(0.01, 1.6 * 0.02 * apart, 0.25))
-    assert moved.own == pytest.approx(math.hypot(0.03, 1.5 * 0.02 * apart, 0.25))
+    assert moved.common == pytest.approx(math.hypot(0.01, 1.6 * 0.02 * apart, 0.35))
+    assert moved.own == pytest.approx(math.hypot(0.03, 1.5 * 0.02 * apart, 0.35))
 
 
 def test_a_record_counts_the_more_the_nearer_its_drive_is():
