@@ -199,8 +199,6 @@ def march(car: Any, shocks: Any, drive: Any, scale: Any, h: float, every: int) -
     return out
 
 
-Array = NDArray[np.float64]
-
 #: Stiffness of the seal before it slides [N/m].
 SEAL_STIFFNESS = 2e6
 
@@ -283,7 +281,6 @@ def dyno_record(shock: TrueShock, seed: int, seconds: float = 12.0, peak: float 
     return {"time": np.arange(count) / rate, "displacement": noisy[0], "velocity": v[::finer], "force": noisy[1]}
 
 
-Array = NDArray[np.float64]
 Four = tuple[float, float, float, float]
 
 CORNERS = ("lf", "rf", "lr", "rr")

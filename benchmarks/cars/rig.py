@@ -194,8 +194,6 @@ def write_map(car: Car, channels: dict[str, Array], path: Path) -> Path:
     return path
 
 
-Array = NDArray[np.float64]
-
 #: Kinds of laps: RMS of the roads [m], spectrum, delay of the rear axle [s], share of the mean aeroload, its RMS [N].
 #: own: rougher, with power to 38 Hz, a higher mean load than the tests and large slow loads.
 LAPS: dict[str, tuple[float, tuple[float, float, float], float, float, float]] = {
@@ -224,9 +222,6 @@ def lap_series(drive: Drive, rate: float = RATE) -> TimeSeries:
     values = drive.at(rate)
     names = tuple(f"{c}.{n}" for n in ("road", "aero") for c in ("lf", "rf", "lr", "rr"))
     return TimeSeries(np.arange(values.shape[1]) / rate, values, names, ("m",) * 4 + ("N",) * 4)
-
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
