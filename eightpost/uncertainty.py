@@ -31,13 +31,13 @@ TOTAL = "total_tire_force"
 #: Limits between the bands by which spectra are compared [Hz].
 LIMITS = (0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 17.0, 23.0, 30.0)
 
-#: Share of power that a band without any counts as having [1].
-_EMPTY = 0.005
+#: Share of power below which a band is empty, and that it counts as having [1].
+EMPTY = 0.005
 
 #: Scales of the common and of the own error on a drive at `_drive_distance` 1 of the records, relative to the spread of
 #: their errors over the bands, and per share of the drive's power above all bands that are not empty in the records:
 #: the error there is as large as the output (docs/explanation/vehicle_uncertainty.md).
-_BEYOND, _BEYOND_OWN, _UNSEEN = 1.6, 1.5, 0.5
+_BEYOND, _BEYOND_OWN, _UNSEEN = 2.0, 1.5, 0.7
 
 #: Number of standard deviations from which predictions are corrected by a common error.
 _SIGNIFICANT = 2.0
@@ -207,12 +207,12 @@ def _drive_distance(first: Sequence[float], second: Sequence[float]) -> float:
     sqrt(sum (v - w)^2 / (w + 0.005)),    v, w: shares of the power in the bands on the drive and in the records
     """
     v, w = np.asarray(first), np.asarray(second)
-    return float(np.sqrt(np.sum((v - w) ** 2 / (w + _EMPTY))))
+    return float(np.sqrt(np.sum((v - w) ** 2 / (w + EMPTY))))
 
 
 def unseen(first: Sequence[float], second: Sequence[float]) -> float:
     """Return the share of the power on a drive that lies above all bands that are not empty in records."""
-    highest = max(k for k, share in enumerate(second) if share >= _EMPTY)
+    highest = max(k for k, share in enumerate(second) if share >= EMPTY)
     return sum(first[highest + 1 :])
 
 

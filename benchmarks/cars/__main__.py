@@ -178,7 +178,7 @@ def procedures(rows: Iterable[Row]) -> str:
 
 
 def main() -> None:
-    """Print the"""
+    """Identify true cars and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS), help="kinds of cars")
     parser.add_argument("--seeds", nargs="+", type=int, default=[1], help="seeds of each kind")

@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from eightpost.shock import Lpnl2, ShockLaw, write_shock
+from eightpost.shock import Lpnl2
 from eightpost.shock.curve import KNOTS, StaticCurve
-from eightpost.shock.file import Shock
 
 Array = NDArray[np.float64]
 
@@ -201,8 +199,6 @@ def march(car: Any, shocks: Any, drive: Any, scale: Any, h: float, every: int) -
     return out
 
 
-Array = NDArray[np.float64]
-
 #: Stiffness of the seal before it slides [N/m].
 SEAL_STIFFNESS = 2e6
 
@@ -260,15 +256,6 @@ def marched(shocks: tuple[TrueShock, ...], h: float) -> Shocks:
     return Shocks(np.array([numbers[s][0] for s in shocks]), np.array([numbers[s][1] for s in shocks]))
 
 
-def write_bank(bank: tuple[TrueShock, ...], folder: Path, laws: tuple[ShockLaw, ...] = ()) -> list[Path]:
-    """Write a shock.json of the exact law (or of the given laws) of each shock."""
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = [folder / f"{shock.name}.json" for shock in bank]
-    for shock, path, law in zip(bank, paths, laws or [shock.law for shock in bank], strict=True):
-        write_shock(Shock(shock.name, law), path)
-    return paths
-
-
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def _forces(table: Array, law: Array, velocity: Array, h: float) -> Array:
     found, state = np.zeros(velocity.size), (0.0, 0.0, 0.0, 0.0, 0.0)
@@ -294,7 +281,6 @@ def dyno_record(shock: TrueShock, seed: int, seconds: float = 12.0, peak: float 
     return {"time": np.arange(count) / rate, "displacement": noisy[0], "velocity": v[::finer], "force": noisy[1]}
 
 
-Array = NDArray[np.float64]
 Four = tuple[float, float, float, float]
 
 CORNERS = ("lf", "rf", "lr", "rr")

@@ -29,13 +29,12 @@ from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.rig import DynoTest
 from eightpost.shock import Shock, ShockLaw
 from eightpost.signals import TimeSeries
-from eightpost.uncertainty import MeasureUncertainty
+from eightpost.uncertainty import TOTAL, MeasureUncertainty
 
 #: Time at the start of a lap that is not evaluated [s].
 SETTLING = 2.0
 
 QUANTITIES = ("tire_force", "hub_acceleration", "velocity", "displacement", "chassis_acceleration")
-TOTAL = "total_tire_force"
 NAMES = (
     TOTAL,
     "front.ride_height",

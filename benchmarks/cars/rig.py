@@ -12,7 +12,7 @@ from scipy.io import savemat
 from scipy.ndimage import shift
 
 from benchmarks.cars.car import CORNERS, GRAVITY, SIZE, Car, TrueShock, march, marched
-from eightpost.signals import TimeSeries, write_parquet
+from eightpost.signals import TimeSeries
 
 Array = NDArray[np.float64]
 
@@ -194,8 +194,6 @@ def write_map(car: Car, channels: dict[str, Array], path: Path) -> Path:
     return path
 
 
-Array = NDArray[np.float64]
-
 #: Kinds of laps: RMS of the roads [m], spectrum, delay of the rear axle [s], share of the mean aeroload, its RMS [N].
 #: own: rougher, with power to 38 Hz, a higher mean load than the tests and large slow loads.
 LAPS: dict[str, tuple[float, tuple[float, float, float], float, float, float]] = {
@@ -224,26 +222,6 @@ def lap_series(drive: Drive, rate: float = RATE) -> TimeSeries:
     values = drive.at(rate)
     names = tuple(f"{c}.{n}" for n in ("road", "aero") for c in ("lf", "rf", "lr", "rr"))
     return TimeSeries(np.arange(values.shape[1]) / rate, values, names, ("m",) * 4 + ("N",) * 4)
-
-
-def write_drive(drive: Drive, path: Path) -> Path:
-    """Write the drive as the drive file of a study (.parquet)."""
-    write_parquet(lap_series(drive), path, note="SYNTHETIC")
-    return path
-
-
-def write_lap(
-    car: Car, folder: Path, shocks: Sequence[int], kind: str = "track", *, seconds: float = 30.0, seed: int = 0
-) -> Path:
-    """Write the record of a lap with shocks of the bank at the corners, and its map.toml."""
-    folder.mkdir(parents=True, exist_ok=True)
-    motion = run(car, [car.bank[k] for k in shocks], lap_drive(car, seconds, seed, kind))
-    channels = recorded(car, motion, 70000 + seed)
-    write_map(car, channels, folder / "map.toml")
-    return write_record(car, channels, folder / f"lap_{kind}")
-
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,14 +16,8 @@ from eightpost.ident.vehicle.experiment import Experiment, experiment_of, find_b
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse, contribution_error, response_of
 from eightpost.ident.vehicle.plan import recipe
 from eightpost.ident.vehicle.stability import closed_loop_stability
-from eightpost.ident.vehicle.trust import NOT_SIMULATED, UNUSABLE, MeasuredLevels, Trust
-from eightpost.ident.vehicle.vehicle_fit import (
-    fit_path,
-    fit_verdict,
-    read_fit,
-    with_validity,
-    write_fit,
-)
+from eightpost.ident.vehicle.trust import MeasuredLevels
+from eightpost.ident.vehicle.vehicle_fit import fit_path, fit_verdict, read_fit, with_validity, write_fit
 from eightpost.progress import reported_to
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel, IdentifiedVehicle
@@ -36,9 +30,14 @@ def _experiment(rig):
     return Experiment("car", rig.rig, rig.forces, rig.outputs, rig.damping, sources={"base.parquet": "0" * 64})
 
 
+#: Progress that the identification of the fixture `fit` reported [1].
+SHARES: list[float] = []
+
+
 @pytest.fixture(scope="module")
 def fit(quarter_car):
-    return recipe("boggs").identify(quarter_car.records, _experiment(quarter_car))
+    with reported_to(lambda done, _total: SHARES.append(done)):
+        return recipe("boggs").identify(quarter_car.records, _experiment(quarter_car))
 
 
 def test_poor_fits_are_named_with_their_error_if_their_output_depends_on_them():
@@ -60,12 +59,10 @@ def test_the_chain_identifies_the_quarter_car_within_leakage_errors(quarter_car,
     assert errors.max() < 0.1  # error of the estimate with blocks of 9.5 s; with local polynomials it is below 0.001
 
 
-def test_the_identification_reports_every_stage_and_every_path(quarter_car):
-    shares: list[float] = []
-    with reported_to(lambda done, _total: shares.append(done)):
-        found = recipe("boggs").identify(quarter_car.records, _experiment(quarter_car)).vehicle.state_space
-    assert shares == sorted(shares) and shares[-1] == 1.0
-    assert len({share for share in shares if 0.2 < share <= 0.6}) >= len(found.inputs) * len(found.outputs)
+def test_the_identification_reports_every_stage_and_every_path(fit):
+    model = fit.vehicle.state_space
+    assert sorted(SHARES) == SHARES and SHARES[-1] == 1.0
+    assert len({share for share in SHARES if 0.2 < share <= 0.6}) >= len(model.inputs) * len(model.outputs)
 
 
 def test_shock_velocities_have_no_direct_term_so_an_fmu_can_be_built(fit):
@@ -74,10 +71,10 @@ def test_shock_velocities_have_no_direct_term_so_an_fmu_can_be_built(fit):
 
 
 @pytest.mark.slow
-def test_the_reduction_changes_outputs_within_its_tolerance(quarter_car):
-    fits = [Boggs(reduction=part).identify(quarter_car.records, _experiment(quarter_car)) for part in (None, 0.003)]
-    whole, reduced = (response_of(one.vehicle.state_space, one.response.frequency) for one in fits)
-    assert fits[1].states < fits[0].states
+def test_the_reduction_changes_outputs_within_its_tolerance(quarter_car, fit):
+    full = Boggs(reduction=None).identify(quarter_car.records, _experiment(quarter_car))
+    whole, reduced = (response_of(one.vehicle.state_space, one.response.frequency) for one in (full, fit))
+    assert fit.states < full.states
     power = quarter_car.input_power(whole.frequency)
     assert contribution_error(reduced, whole, power).max() < 0.02  # another measure of the inputs than the recipe's
 
@@ -177,16 +174,6 @@ def test_a_car_that_cannot_be_simulated_with_its_own_shocks_is_not_usable(quarte
     assert [reason.rule for reason in fit_verdict(found).decisive] == ["vehicle cannot be simulated"]
 
 
-def test_a_fit_is_judged_by_the_rules_of_all_recipes(fit):
-    """A misfit of 30 % makes any vehicle unusable, and so does one that cannot be simulated."""
-    poor = replace(fit, residual={**fit.residual, "velocity": 0.31})
-    assert with_validity(poor).verdict == fit_verdict(poor)
-    assert fit_verdict(poor).grade is Grade.NOT_USABLE
-    unusable = Trust({}, {}, {}, {UNUSABLE: NOT_SIMULATED}, None, 0, {})
-    assert fit_verdict(replace(fit, trust=unusable)).grade is Grade.NOT_USABLE
-    assert fit_verdict(fit).grade is not Grade.NOT_USABLE
-
-
 def test_a_fit_of_the_removed_recipe_auto_is_read_with_its_verdict(fit, tmp_path):
     """Version 0.2.0 wrote the choice of that recipe, which is left out, and a reason by a removed rule."""
     gone = Reason(
@@ -201,14 +188,6 @@ def test_a_fit_of_the_removed_recipe_auto_is_read_with_its_verdict(fit, tmp_path
     found = read_fit(tmp_path / "car.json")
     assert found.verdict == old.verdict
     assert gone in found.verdict.reasons
-
-
-def test_a_fit_of_another_vehicle_is_rejected(fit, tmp_path):
-    car = tmp_path / "car.json"
-    write_fit(car, fit)
-    car.write_text(car.read_text(encoding="utf-8").replace('"name": "car"', '"name": "cab"'), encoding="utf-8")
-    with pytest.raises(FileFormatError, match="another vehicle"):
-        read_fit(car)
 
 
 @pytest.mark.parametrize(

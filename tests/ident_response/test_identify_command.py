@@ -119,7 +119,6 @@ def test_the_input_of_a_coupled_identified_vehicle_is_the_whole_shock_force(done
         (lambda files: [files[0]], "cannot separate shock forces from their causes"),
         (lambda files: [*files, "-o", "car.toml"], "ends in .json"),
         (lambda files: [*files, "--baseline", "other.parquet"], "not one of the RIG files"),
-        (lambda files: [files[0], files[0]], "no test has another shock"),
         (lambda files: [*files, "--rate", "7 s"], "--rate"),
         (lambda files: [*files, "--output-channels", "spin"], "no output spin"),
     ],

@@ -98,10 +98,7 @@ def bank():
     first, second = (read_shock(BANK / f"{name}.json").law for name in ("AA_AA", "C_B"))
     assert isinstance(first, Lpnl2)
     assert isinstance(second, Lpnl2)
-    return [
-        first,
-        Lpf1(curve=second.curve, port=replace(second.port, gas_stiffness=700.0), time_constant=1e-3),
-    ]
+    return [first, Lpf1(curve=second.curve, port=replace(second.port, gas_stiffness=700.0), time_constant=1e-3)]
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Tests of frequency responses and their files, and of the errors that they raise."""
+"""Frequency responses, their files, their errors, and their residual fits and smoothing."""
 
 from __future__ import annotations
 
@@ -11,7 +11,13 @@ import pytest
 from eightpost.errors import FileFormatError, InputError, MissingChannelError, ParameterError, TooShortError
 from eightpost.ident.vehicle.estimators import H1, LocalPolynomial, SameDrive, estimate_response
 from eightpost.ident.vehicle.experiment import Blocks
-from eightpost.ident.vehicle.frequency_response import FrequencyResponse, read_response, write_response
+from eightpost.ident.vehicle.frequency_response import (
+    FrequencyResponse,
+    HighResidual,
+    ZeroPhaseSmoothing,
+    read_response,
+    write_response,
+)
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel
 
@@ -88,3 +94,29 @@ def test_unusable_records_are_rejected_with_the_reason():
         estimate_response([_record(20)], recipe=LocalPolynomial(), **both)
     with pytest.raises(InputError, match="1 forces need 2"):
         estimate_response([_record()], recipe=SameDrive(H1(blocks), ("v",)), **both)
+
+
+# ---- Residual fits and smoothing -------------------------------------------------------------------------------------
+
+F = np.arange(0.05, 40.0, 0.05)
+
+
+def test_the_high_residual_continues_slope_and_phase_of_its_control_points():
+    law = 7.0 * np.exp(0.5j) / F**2
+    spoiled = np.where(F > 20.001, law * (1.0 + 0.5 * np.sin(20.0 * F)), law)
+    spoiled[np.argmin(np.abs(F - 30.0))] = law[np.argmin(np.abs(F - 30.0))]
+    treated = HighResidual(20.0, 30.0).apply(F, spoiled)
+    np.testing.assert_allclose(treated, law, rtol=1e-9)
+
+
+def test_smoothing_removes_narrow_ripple_without_a_shift_in_frequency():
+    smooth = np.exp(-((F - 10.0) ** 2) / 50.0) * np.exp(-0.1j * F)
+    ripple = 1.0 + 0.05 * np.sin(2.0 * np.pi * F / 0.2)
+    treated = ZeroPhaseSmoothing().apply(F, smooth * ripple)
+    inside = (F > 2.0) & (F < 38.0)
+    assert np.abs(treated / smooth - 1.0)[inside].max() < 0.002
+
+
+def test_control_points_outside_the_response_are_rejected():
+    with pytest.raises(ParameterError, match="control points"):
+        HighResidual(20.0, 50.0).apply(F, np.ones(F.size, dtype=complex))

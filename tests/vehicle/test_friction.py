@@ -139,17 +139,17 @@ def test_a_quarter_car_follows_its_equations_of_motion_with_friction():
 
 
 @pytest.mark.slow
-def test_friction_dissipates_energy_in_every_period_of_a_sine():
+def test_friction_dissipates_energy_at_every_instant_and_port():
     stepper, friction = with_friction("seven_dof with damper", 300.0, 0.005)
     h = 1e-3
-    time = np.arange(501) * h
+    time = np.arange(251) * h
     u = np.zeros((time.size, stepper.B.shape[1]))
     road = [k for k, name in enumerate(MODELS["seven_dof"].input_names) if name.endswith("road")]
     u[:, road] = 0.01 * np.sin(2 * np.pi * 4.0 * time)[:, None] * np.array([1.0, -1.0, 0.5, 0.8])
     v = run(stepper, friction, stepper.equilibrium(u[0]), u, h) @ friction.ports.velocity.T
     power = 300.0 * np.tanh(v / 0.005) * v
     assert (power >= 0.0).all()
-    assert (power[:500].reshape(2, 250, 4).sum(axis=1) * h > 1.0).all()  # J per period and port
+    assert (power[:250].sum(axis=0) * h > 1.0).all()  # J per period and port
 
 
 @pytest.mark.nightly

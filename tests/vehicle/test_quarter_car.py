@@ -46,12 +46,7 @@ def test_state_matrices_agree_with_eq_4_2():
     model = QuarterCar(m1, m2, k, kt, c).with_damper()
     np.testing.assert_allclose(
         model.A,
-        [
-            [0, 0, 1, 0],
-            [0, 0, 0, 1],
-            [-k / m1, k / m1, -c / m1, c / m1],
-            [k / m2, -(k + kt) / m2, c / m2, -c / m2],
-        ],
+        [[0, 0, 1, 0], [0, 0, 0, 1], [-k / m1, k / m1, -c / m1, c / m1], [k / m2, -(k + kt) / m2, c / m2, -c / m2]],
     )
     np.testing.assert_allclose(model.B, [[0, 0, 0], [0, 0, 0], [0, -1 / m1, 1 / m1], [kt / m2, 0, -1 / m2]])
 
@@ -117,8 +112,7 @@ def test_initial_signs(source, target, sign):
 
 
 @pytest.mark.parametrize(
-    ("field", "value"),
-    [("sprung_mass", 0.0), ("tire_stiffness", -1.0), ("damping", -1.0), ("damping", np.nan)],
+    ("field", "value"), [("sprung_mass", 0.0), ("tire_stiffness", -1.0), ("damping", -1.0), ("damping", np.nan)]
 )
 def test_invalid_parameters_are_rejected_by_name(field, value):
     with pytest.raises(ParameterError, match=field):

@@ -47,10 +47,7 @@ positive = st.floats(0.2, 5.0)
 
 
 @pytest.mark.nightly
-@given(
-    scales=st.lists(positive, min_size=24, max_size=24),
-    bars=st.tuples(st.floats(0.0, 1e5), st.floats(0.0, 1e5)),
-)
+@given(scales=st.lists(positive, min_size=24, max_size=24), bars=st.tuples(st.floats(0.0, 1e5), st.floats(0.0, 1e5)))
 def test_state_matrices_follow_from_the_energies(monolithic, scales, bars):
     """T = q'M q'/2 and V = sum k (b q)^2 / 2, element by element, agree with Eq 5.17 to 5.19 as printed."""
     s = iter(scales)

@@ -1,4 +1,4 @@
-"""Tests of linear models with named channels, compared with python-control."""
+"""Linear models with named channels and discrete ones, compared with python-control and scipy."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.signal import cont2discrete
 
 from eightpost.errors import ParameterError, UnknownUnitError
 from eightpost.vehicle import Channel, StateSpace, discretise, read_vehicle, shipped
@@ -95,12 +96,7 @@ def test_a_model_without_a_steady_state_is_rejected_with_the_reason():
 def test_direct_terms_do_not_depend_on_units(gains):
     noise = 1e-13 * np.abs(CAR.C).max(axis=1, keepdims=True) * np.ones_like(CAR.D) * np.abs(CAR.B).max(axis=0) * 1e-4
     noisy = StateSpace(
-        CAR.A,
-        CAR.B * gains[0],
-        CAR.C * gains[1],
-        (CAR.D + noise) * gains[0] * gains[1],
-        CAR.inputs,
-        CAR.outputs,
+        CAR.A, CAR.B * gains[0], CAR.C * gains[1], (CAR.D + noise) * gains[0] * gains[1], CAR.inputs, CAR.outputs
     )
     velocities = [name.endswith("velocity") for name in CAR.output_names]
     assert not noisy.select(outputs=np.array(CAR.output_names)[velocities]).direct_terms()[:, :4].any()
@@ -149,11 +145,7 @@ def test_select_keeps_the_given_order():
         ({"B": [[1.0, 2.0]]}, ParameterError, r"B has the shape \(1, 2\).*need \(1, 1\)"),
         ({"A": [[np.nan]]}, ParameterError, r"A contains nan at \(0, 0\)"),
         ({"dt": 0.0}, ParameterError, "sample time is 0.0"),
-        (
-            {"outputs": (Channel("y", "m"),) * 2, "C": [[1.0]] * 2, "D": [[0.0]] * 2},
-            ParameterError,
-            "y more than once",
-        ),
+        ({"outputs": (Channel("y", "m"),) * 2, "C": [[1.0]] * 2, "D": [[0.0]] * 2}, ParameterError, "y more than once"),
     ],
 )
 def test_inconsistent_models_are_rejected(changes, error, message):
@@ -187,3 +179,47 @@ def test_a_model_is_read_only_and_can_be_pickled():
 def test_modes_and_direct_terms_of_any_model_are_found(model):
     assert len(model.modes()) <= len(model.A)
     assert model.direct_terms().shape == model.D.shape
+
+
+# ---- Discrete models -------------------------------------------------------------------------------------------------
+
+MODELS = [read_vehicle(shipped(name)).with_damper() for name in ("quarter_car", "seven_dof")]
+MATRICES = ("A", "B", "C", "D")
+
+
+def assert_same(found, expected):
+    for name, matrix in zip(MATRICES, expected, strict=True):
+        np.testing.assert_allclose(getattr(found, name), matrix, rtol=1e-9, atol=1e-11 * np.abs(matrix).max())
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
+@pytest.mark.parametrize("step", [1e-4, 0.002, 0.01])
+def test_zero_order_hold_agrees_with_scipy_and_python_control(model, step):
+    found = discretise(model, step)
+    matrices = tuple(getattr(model, name) for name in MATRICES)
+    assert_same(found, cont2discrete(matrices, step, "zoh")[:4])
+    witness = control.c2d(model.to_control(), step, "zoh")
+    assert_same(found, tuple(getattr(witness, name) for name in MATRICES))
+    assert (found.dt, found.inputs, found.outputs) == (step, model.inputs, model.outputs)
+
+
+def test_first_order_hold_is_exact_for_straight_lines():
+    model = MODELS[0]
+    t = np.arange(0.0, 0.5, 0.005)
+    u = np.interp(t, [0.0, 0.1, 0.3, 0.5], [0.0, 0.01, -0.01, 0.0]) * np.array([[1.0], [1e4], [5e4]])
+    expected = control.forced_response(model.to_control(), t, u).outputs
+    found = control.forced_response(discretise(model, 0.005, "first").to_control(), t, u).outputs
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    ("step", "hold", "message"), [(0.0, "zero", "above zero"), (0.01, "second", "choose 'zero' or 'first'")]
+)
+def test_invalid_steps_and_holds_are_rejected(step, hold, message):
+    with pytest.raises(ParameterError, match=message):
+        discretise(MODELS[0], step, hold)
+
+
+def test_a_discrete_model_is_rejected():
+    with pytest.raises(ParameterError, match="already discrete"):
+        discretise(discretise(MODELS[0], 0.01), 0.01)

@@ -94,8 +94,7 @@ def test_each_kind_has_its_own_file(tmp_path):
 def test_values_may_be_given_for_all_corners_per_axle_or_per_corner(tmp_path):
     text = shipped("seven_dof").read_text(encoding="utf-8")
     text = text.replace(
-        'tire_stiffness = "2000 lbf/in"',
-        'tire_stiffness = { lf = "2000 lbf/in", rf = "351 N/mm", rear = "2 klbf/in" }',
+        'tire_stiffness = "2000 lbf/in"', 'tire_stiffness = { lf = "2000 lbf/in", rf = "351 N/mm", rear = "2 klbf/in" }'
     )
     text = text.replace('sprung_mass = "2550 lbm"', 'sprung_weight = "2550 lb"')
     text += '[static]\ntire_force = { front = "800 lbf", lr = "700 lbf", rr = "3200 N" }\nride_height = "4 in"\n'
@@ -111,24 +110,9 @@ def test_values_may_be_given_for_all_corners_per_axle_or_per_corner(tmp_path):
 
 #: Faults of the shipped quarter car: text, its replacement, class and text of the error.
 WRONG = {
-    "misspelled parameter": (
-        "tire_stiffness",
-        "tyre_stiffness",
-        ParameterError,
-        "unknown parameter 'tyre_stiffness'",
-    ),
-    "missing parameter": (
-        'tire_stiffness = "1300 lbf/in"',
-        "",
-        ParameterError,
-        "tire_stiffness is missing; add",
-    ),
-    "missing mass": (
-        'sprung_weight = "675 lbf"\n',
-        "\n",
-        ParameterError,
-        "sprung_mass or sprung_weight is missing",
-    ),
+    "misspelled parameter": ("tire_stiffness", "tyre_stiffness", ParameterError, "unknown parameter 'tyre_stiffness'"),
+    "missing parameter": ('tire_stiffness = "1300 lbf/in"', "", ParameterError, "tire_stiffness is missing; add"),
+    "missing mass": ('sprung_weight = "675 lbf"\n', "\n", ParameterError, "sprung_mass or sprung_weight is missing"),
     "mass twice": (
         'unsprung_weight = "75 lbf"',
         'unsprung_weight = "75 lbf"\nunsprung_mass = "3 kg"',
@@ -160,12 +144,7 @@ WRONG = {
     ),
     "unknown key": ("[parameters]", "color = 1\n[parameters]", ParameterError, "unknown key 'color'"),
     "no table": ("[parameters]", "static = 3\n[parameters]", ParameterError, r"must be a table: \[static\]"),
-    "static of nothing": (
-        "[parameters]",
-        "[static]\nx = 3\n[parameters]",
-        ParameterError,
-        "unknown static value 'x'",
-    ),
+    "static of nothing": ("[parameters]", "[static]\nx = 3\n[parameters]", ParameterError, "unknown static value 'x'"),
 }
 
 
@@ -187,10 +166,7 @@ def test_a_wrong_file_is_rejected_with_the_place(tmp_path, case):
     [
         ('{ front = "1 N/m" }', "lr, rr is missing"),
         ('{ front = "1 N/m", lf = "1 N/m", rear = "1 N/m" }', "'lf' is not valid here"),
-        (
-            '{ left = "1 N/m" }',
-            "'left' is not valid here; give one value for all, or lf, rf, lr, rr or front",
-        ),
+        ('{ left = "1 N/m" }', "'left' is not valid here; give one value for all, or lf, rf, lr, rr or front"),
         ('{ front = "1 N/m", rear = "-1 N/m" }', r"spring_rate\.lr is -1 N/m"),
     ],
 )

@@ -19,6 +19,7 @@ from eightpost.ident.vehicle.static_rating import holds
 from eightpost.rig import RigConditions, RigTest
 from eightpost.signals import TimeSeries
 from eightpost.signals.filters import lowpass
+from eightpost.uncertainty import TOTAL
 from eightpost.vehicle import StateSpace
 
 # ==== Rig records: their drive and kind of test ======================================================================
@@ -158,9 +159,6 @@ def _missing_loads(series: TimeSeries, model: StateSpace, called: str) -> tuple[
 # ==== Outputs: in a record, over records, in steady motions ==========================================================
 
 # ---- Comparison of predicted and measured outputs in the band of the fit --------------------------------------------
-
-#: The sum of the four tire forces: the measure of grip (2.5).
-TOTAL = "total_tire_force"
 
 #: Quantities that setups are judged by; the criteria of the verdict apply to them.
 JUDGED = ("velocity", "tire_force", "ride_height", TOTAL)

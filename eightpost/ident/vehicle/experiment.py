@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -170,8 +170,6 @@ def _centred(record: TimeSeries, names: Sequence[str], rates: Mapping[str, tuple
 
 # ==== Experiments ====================================================================================================
 
-# ==== Experiments ====================================================================================================
-
 # ---- Definition of an identification --------------------------------------------------------------------------------
 
 
@@ -273,8 +271,8 @@ _CAR_OUTPUTS = ("ride_height", "front.ride_height", "rear.ride_height", "driver.
 
 #: RMS deviation of a shock's force from `c v`, relative to `c v`, above which the shock is reported as nonlinear [1].
 _NEAR_LINEAR = 0.3
-#: Minimum relative difference in damping between an alternate shock and the baseline shock [1].
-_OTHER = 0.1
+#: Relative difference in damping from which a shock is another one [1].
+OTHER_SHOCK = 0.1
 
 
 class Baseline(NamedTuple):
@@ -314,27 +312,37 @@ def find_baseline(records: Sequence[TimeSeries], ports: Sequence[str], *, test: 
     Raises:
         InputError: All tests have the same shock at a port, so the effect of its force cannot be separated.
     """
-    slopes = np.array([[_line(record, port)[0] for port in ports] for record in records])
+    slopes = np.array([[port_slope(record, port) for port in ports] for record in records])
     usual = np.sort(slopes, axis=0)[len(slopes) // 2]  # with two tests, the larger damping
     chosen = int(np.argmin(np.abs(slopes / usual - 1.0).max(axis=1))) if test is None else test
     changes = np.abs(slopes / slopes[chosen] - 1.0)
     for place, port in enumerate(ports):
-        if len(records) > 1 and changes[:, place].max() < _OTHER:
+        if len(records) > 1 and changes[:, place].max() < OTHER_SHOCK:
             raise InputError(
                 f"no test has another shock at {port or 'the port'}: the damping is {slopes[chosen, place]:.0f} N.s/m "
-                f"within {100.0 * _OTHER:.0f} % in all {len(records)} tests; add a test with about half of it (6.1.4)"
+                f"within {100.0 * OTHER_SHOCK:.0f} % in all {len(records)} tests; add a test with about half of it "
+                "(6.1.4)"
             )
-    deviations = {port: _line(records[chosen], port)[1] for port in ports}
-    others = sorted((k for k in range(len(records)) if k != chosen), key=lambda k: (int(np.argmax(changes[k])), k))
     damping = dict(zip(ports, slopes[chosen].tolist(), strict=True))
+    deviations = {port: _deviation(records[chosen], port, slope) for port, slope in damping.items()}
+    others = sorted((k for k in range(len(records)) if k != chosen), key=lambda k: (int(np.argmax(changes[k])), k))
     return Baseline(chosen, damping, deviations, (chosen, *others))
 
 
-def _line(record: TimeSeries, port: str) -> tuple[float, float]:
-    """Return the slope c of a shock's force over its velocity, and the RMS of F - c v relative to that of c v."""
-    v, force = (record[channel(port, name)] - record[channel(port, name)].mean() for name in ("velocity", "force"))
-    slope = float(v @ force / (v @ v))
-    return slope, float(np.std(force - slope * v) / np.std(slope * v))
+def port_slope(record: TimeSeries, port: str) -> float:
+    """Return the slope c of a port's measured force over its measured velocity [N.s/m]."""
+    v, force = _motion(record, port)
+    return float(v @ force / (v @ v))
+
+
+def _deviation(record: TimeSeries, port: str, slope: float) -> float:
+    """Return the RMS of F - c v relative to that of c v [1]."""
+    v, force = _motion(record, port)
+    return float(np.std(force - slope * v) / np.std(slope * v))
+
+
+def _motion(record: TimeSeries, port: str) -> Iterator[Array]:
+    return (record[channel(port, name)] - record[channel(port, name)].mean() for name in ("velocity", "force"))
 
 
 # ==== Ranges that the tests covered, and where another record or a simulation leaves them ============================

@@ -20,9 +20,9 @@ from eightpost.checks.lag import delay_of
 from eightpost.corners import CORNERS, channel
 from eightpost.errors import InputError, ParameterError
 from eightpost.ident.preparation import Prepared
-from eightpost.ident.vehicle.experiment import Baseline, Experiment, find_baseline, quantity
+from eightpost.ident.vehicle.experiment import OTHER_SHOCK, Baseline, Experiment, find_baseline, port_slope, quantity
 from eightpost.ident.vehicle.port_search import about_tests
-from eightpost.ident.vehicle.simulation import law_force, port_slope
+from eightpost.ident.vehicle.simulation import law_force
 from eightpost.ident.vehicle.static_rating import StaticRating, rate_tests
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, with_validity
 from eightpost.rig import RigTest
@@ -49,9 +49,6 @@ _SLIDES, _BLOCK, _FEWEST = 0.006, 3.0, 16
 
 #: Standard deviations above which a change is not noise [1]. It is high, as few blocks give the standard deviations.
 SIGNIFICANT = 5.0
-
-#: Relative difference of the damping above which a shock is another one [1].
-_OTHER_SHOCK = 0.1
 
 #: Friction is compared relative to at least this part of the RMS of the shock force [1].
 _LEAST_FRICTION = 0.05
@@ -194,7 +191,7 @@ def _relative(records: Sequence[TimeSeries], corner: str, other: str) -> tuple[l
     rate, opposite, friction, _ = np.median(theta, axis=0).tolist()
     force = float(np.mean([record[channel(corner, "force")].std() for record in records]))
     slopes = np.array([port_slope(record, corner) for record in records])
-    alike = np.abs(slopes / np.median(slopes) - 1.0) < _OTHER_SHOCK
+    alike = np.abs(slopes / np.median(slopes) - 1.0) < OTHER_SHOCK
     rubbing = math.copysign(max(abs(friction), _LEAST_FRICTION * force), rate)
     axle, rows = "front" if corner in CORNERS[:2] else "rear", []
     for term, where, weights, size in (

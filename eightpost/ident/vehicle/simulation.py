@@ -14,7 +14,7 @@ from eightpost.array_types import Array, Integers
 from eightpost.corners import channel
 from eightpost.errors import EightpostError, FmuError, InputError, ParameterError, StepError
 from eightpost.ident.shock.simulation import simulate
-from eightpost.ident.vehicle.experiment import quantity
+from eightpost.ident.vehicle.experiment import port_slope, quantity
 from eightpost.ident.vehicle.stability import closed_loop_stability, discretise_by_parts
 from eightpost.machine import Batch, Drive, LinearCar, NotInBatchError, Port, Run, ShockData, UnstableCarError, Vehicle
 from eightpost.shock import Polylinear, ShockLaw, StaticCurve, law_name
@@ -102,12 +102,6 @@ def ports_of(model: StateSpace) -> tuple[str, ...]:
     """Return the ports of a vehicle, in the order of its inputs."""
     ports = (n.removesuffix("force").rstrip(".") for n in model.input_names if n.rpartition(".")[2] == "force")
     return tuple(port for port in ports if channel(port, "velocity") in model.output_names)
-
-
-def port_slope(record: TimeSeries, port: str) -> float:
-    """Return the slope of a port's measured force over its measured velocity [N.s/m]."""
-    v, force = (record[channel(port, name)] - record[channel(port, name)].mean() for name in ("velocity", "force"))
-    return float(v @ force / (v @ v))
 
 
 def open_at_ports(vehicle: IdentifiedVehicle, record: TimeSeries) -> TimeSeries:

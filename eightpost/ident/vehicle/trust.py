@@ -13,11 +13,11 @@ from pydantic import TypeAdapter
 from eightpost.array_types import Array
 from eightpost.corners import channel
 from eightpost.errors import StepError
-from eightpost.ident.vehicle.experiment import Experiment, quantity
-from eightpost.ident.vehicle.simulation import around_dampers, free_running, port_slope
+from eightpost.ident.vehicle.experiment import OTHER_SHOCK, Experiment, port_slope, quantity
+from eightpost.ident.vehicle.simulation import around_dampers, free_running
 from eightpost.progress import parts
 from eightpost.signals import TimeSeries
-from eightpost.uncertainty import TOTAL, MeasuredLevel, MeasureUncertainty, band_shares, separation
+from eightpost.uncertainty import EMPTY, TOTAL, MeasuredLevel, MeasureUncertainty, band_shares, separation
 from eightpost.vehicle import IdentifiedVehicle, StateSpace
 from eightpost.verdict import listed
 
@@ -191,9 +191,6 @@ _SMALLEST = 0.02
 #: Ratio of the levels, simulated to measured, from which a simulation has diverged [1].
 _DIVERGED = 3.0
 
-#: Smallest relative change of a shock's damping that counts as another shock [1].
-_OTHER = 0.1
-
 #: Variance of the tests' mean error as an error of unseen setups, and squared scale of the error between two setups,
 #: relative to what the tests show; smallest scales of both, of integration steps and laws at the ports [1]
 #: (docs/explanation/vehicle_uncertainty.md).
@@ -218,10 +215,15 @@ class Powers(NamedTuple):
 
     @property
     def spread(self) -> Array:
-        """Standard deviation of the error over the bands, weighted by their power (q,)."""
-        errors, shares = 0.5 * np.log(self.simulated / self.measured), self.shares
-        middle = np.sum(shares * errors, axis=1, keepdims=True)
-        return np.asarray(np.sqrt(np.sum(shares * (errors - middle) ** 2, axis=1)))
+        """Standard deviation of the error over the bands that are not empty, weighted by their power (q,).
+
+        In an empty band, noise and the model's extrapolation decide the error, which says nothing on the other bands.
+        """
+        errors = 0.5 * np.log(self.simulated / self.measured)
+        weights = np.where(self.shares < EMPTY, 0.0, self.shares)
+        weights /= weights.sum(axis=1, keepdims=True)
+        middle = np.sum(weights * errors, axis=1, keepdims=True)
+        return np.asarray(np.sqrt(np.sum(weights * (errors - middle) ** 2, axis=1)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -408,7 +410,9 @@ def removable_tests(tests: Sequence[TimeSeries], ports: Sequence[str]) -> tuple[
         return ()
     slopes = np.array([[port_slope(test, port) for port in ports] for test in tests])
     others = [np.delete(slopes, k, axis=0) for k in range(len(tests))]
-    return tuple(k for k, rest in enumerate(others) if np.all(np.ptp(rest, axis=0) > _OTHER * np.abs(rest).min(axis=0)))
+    return tuple(
+        k for k, rest in enumerate(others) if np.all(np.ptp(rest, axis=0) > OTHER_SHOCK * np.abs(rest).min(axis=0))
+    )
 
 
 def _tires(outputs: Sequence[str]) -> list[int]:

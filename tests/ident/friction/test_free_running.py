@@ -1,4 +1,4 @@
-"""Free-running simulation of tests, its errors, and the faults that it finds."""
+"""Simulation of an identified car: of its tests, of the faults that it finds, and with shock laws at its ports."""
 
 from __future__ import annotations
 
@@ -8,12 +8,17 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
+from eightpost.ident.validation.comparison import rig_record
+from eightpost.ident.validation.vehicles import validate_vehicle
 from eightpost.ident.vehicle.common_poles import CommonPoles
+from eightpost.ident.vehicle.port_search import FrictionSearch
 from eightpost.ident.vehicle.simulation import fault_in_simulation, free_running, with_dampers
+from eightpost.shock import Polylinear, StaticCurve
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Bristle, Friction, IdentifiedVehicle, add_port_damping, read_vehicle, shipped
+from eightpost.virtual import NO_DRIFT, LinearDamper, RigSensors, random_drive, run_test
 
-from .conftest import BASELINE, COULOMB, rig_tests
+from .conftest import BASELINE, COULOMB, rig_tests, rubbing_car
 
 BAND = (0.5, 15.0)
 
@@ -49,12 +54,6 @@ def test_the_exact_car_predicts_a_test_with_either_damper(car, smooth, experimen
         error, level = errors_of(car, test, experiment)
         assert np.abs(level).max() < 0.01
         assert error.max() < 0.04  # the records have 1 % noise, and begin at rest
-
-
-def test_the_simulation_has_the_times_and_outputs_of_the_test(car, smooth, experiment):
-    found = free_running(car, smooth[0], experiment.ports)
-    assert set(experiment.outputs) <= set(found.names)
-    np.testing.assert_allclose(found.time, smooth[0].time)
 
 
 def test_a_linear_car_has_the_exact_response_to_inputs_with_straight_lines_between_samples(car):
@@ -103,3 +102,49 @@ def test_springs_of_the_tests_are_springs_of_the_car(experiment):
     assert found.vehicle.friction[""].spring == pytest.approx(2.0 * rate, rel=0.1)
     assert found.trust is not None
     assert "port springs" in found.trust.flags
+
+
+# ---- Shock laws at the ports, compared with the rig on another drive with other shocks -------------------------------
+
+#: A damper that no test of the identification had.
+FIRM = 1.5 * BASELINE
+
+
+def _law(rate):
+    """Return the law F = rate v."""
+    speed = 0.4
+    outer = (rate * speed, rate * speed, 0.0, 0.0)
+    inner = (rate * speed, *[0.0] * 14)
+    return Polylinear(StaticCurve(inner, outer, tuple(-c for c in outer), speed, 0.01, 5.0, 5.0, rate, rate))
+
+
+@pytest.fixture(scope="module")
+def unseen():
+    """Return a test of the same car on another drive with a firmer damper."""
+    car = rubbing_car(COULOMB)
+    drive = random_drive(car, 91, duration=30.0)
+    return run_test(car, drive, (LinearDamper(FIRM),), seed=91, sensors=RigSensors.perfect(), drift=NO_DRIFT)
+
+
+@pytest.fixture(scope="module")
+def fit(rubbing, experiment):
+    """Return the vehicle identified from the tests with friction."""
+    search = FrictionSearch(velocities=(0.01,), reaches=())
+    return CommonPoles(friction=search, springs=None, samples=0).identify(rubbing, experiment)
+
+
+def test_laws_at_the_ports_give_the_levels_of_the_rig_only_with_friction(fit, unseen):
+    record = rig_record(unseen, fit.vehicle.state_space)
+    (case,) = validate_vehicle(fit, [record], shocks={"": _law(FIRM)}).cases
+    assert case.shocks == "shock laws, ports closed"
+    assert case.without_friction is not None
+    assert max(abs(one.level) for one in case.judged) < 0.01
+    assert max(one.error for one in case.judged) < 0.1
+    names = {one.name for one in case.judged}
+    assert max(abs(one.level) for one in case.without_friction if one.name in names) > 0.03
+
+
+def test_a_wrong_law_at_the_port_gives_wrong_levels(fit, unseen):
+    record = rig_record(unseen, fit.vehicle.state_space)
+    (case,) = validate_vehicle(fit, [record], shocks={"": _law(0.5 * FIRM)}).cases
+    assert max(abs(one.level) for one in case.judged) > 0.1

@@ -14,14 +14,7 @@ from eightpost.ident.vehicle.port_search import Band, ForceSolution, FrictionSea
 from eightpost.ident.vehicle.simulation import direction, simulate_with_shocks, with_port_laws
 from eightpost.ident.vehicle.vehicle_fit import read_fit, write_fit
 from eightpost.signals import TimeSeries
-from eightpost.vehicle import (
-    Friction,
-    IdentifiedVehicle,
-    LinearStepper,
-    read_vehicle,
-    shipped,
-    write_vehicle,
-)
+from eightpost.vehicle import Friction, IdentifiedVehicle, LinearStepper, read_vehicle, shipped
 from eightpost.vehicle.friction import PortFriction, advance, ports_of
 
 from .conftest import COULOMB, STIFFNESS
@@ -67,7 +60,7 @@ def test_a_friction_velocity_of_zero_and_a_negative_force_are_refused():
 
 @pytest.mark.slow
 def test_the_friction_of_the_rig_is_found_within_its_uncertainty(rubbing, experiment):
-    found = FrictionSearch().find(rubbing, experiment)
+    found = FrictionSearch(velocities=(0.012,), reaches=(6e-5, 1e-4, 1.5e-4)).find(rubbing, experiment)
     # On five drives the force is 0.7 to 2.9 % low, which is an error of the law, with deviations of 0.5 to 1.5 %.
     assert abs(found.forces[""].value - COULOMB) < 0.03 * COULOMB + 3.0 * found.forces[""].deviation
     assert found.forces[""].deviation < 0.02 * COULOMB
@@ -136,14 +129,6 @@ def test_the_simulated_friction_is_that_of_the_vehicle_fmu():
         if k < 799:
             x = advance(stepper, friction, x, u[k], u[k + 1], step)
     np.testing.assert_allclose(found["velocity"], expected, atol=2e-3 * np.std(expected))
-
-
-def test_the_file_keeps_the_friction(tmp_path):
-    vehicle = _quarter_car(Friction(60.0, 0.02))
-    write_vehicle(tmp_path / "car.json", vehicle)
-    again = read_vehicle(tmp_path / "car.json")
-    assert isinstance(again, IdentifiedVehicle)
-    assert again.friction == vehicle.friction
 
 
 @pytest.mark.nightly

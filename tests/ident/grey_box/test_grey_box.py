@@ -280,11 +280,7 @@ def test_the_misfit_is_the_distance_of_the_model_in_standard_deviations(experime
 def a_fit(values, deviations=None, **changes):
     """Return a stand-in for a fit with the parameters of the true car."""
     values = {p.name: p.start for p in declared(TRUE, RIG)} | values
-    plain = {
-        "residual": {"lf.velocity": 0.02, "lf.tire_force": 0.05},
-        "message": "",
-        "at_bounds": (),
-    }
+    plain = {"residual": {"lf.velocity": 0.02, "lf.tire_force": 0.05}, "message": "", "at_bounds": ()}
     return SimpleNamespace(values=values, deviations=deviations or {}, **plain | changes)
 
 

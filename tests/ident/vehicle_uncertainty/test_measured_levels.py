@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.simulation import port_slope
+from eightpost.ident.vehicle.experiment import Experiment, port_slope
 from eightpost.ident.vehicle.trust import MeasuredLevels, Powers, level_errors, measure_names, removable_tests
 from eightpost.signals import TimeSeries
 from eightpost.uncertainty import MeasureUncertainty, separation, setup_distance
@@ -63,6 +62,12 @@ def tests(car):
     return record(car, BASELINE), record(car, ALTERNATE)
 
 
+@pytest.fixture(scope="module")
+def three(car, tests):
+    """The tests, and another alternate one with another road."""
+    return (*tests, record(car, ALTERNATE, seed=5))
+
+
 def experiment(car):
     return Experiment("quarter", ("road",), ("force",), OUTPUTS, {"": BASELINE})
 
@@ -107,6 +112,14 @@ def test_bands_that_err_in_opposite_directions_are_a_spread_and_no_error():
     assert found.spread == pytest.approx(0.1)
 
 
+@pytest.mark.parametrize(("share", "counts"), [(0.004, False), (0.006, True)])
+def test_a_band_with_less_than_half_a_percent_of_the_power_has_no_part_in_the_spread(share, counts):
+    """Noise and extrapolation decide its error, here a factor of 10."""
+    measured = np.array([[0.5, 0.5 - share, share]])
+    found = Powers(measured * np.array([1.0, 1.0, 100.0]), measured)
+    assert (found.spread > 0.1) == [counts]
+
+
 @pytest.mark.parametrize("channels", [OUTPUTS[1:], ("road",)])
 def test_white_noise_of_outputs_and_of_roads_is_not_an_error_of_the_level(car, tests, channels):
     plain, left = [], []
@@ -120,8 +133,7 @@ def test_white_noise_of_outputs_and_of_roads_is_not_an_error_of_the_level(car, t
     assert np.abs(np.mean(left, axis=0)).max() < 0.5 * worst
 
 
-def test_an_error_that_all_tests_have_corrects_predictions_and_the_true_measures_keep_theirs(car, tests):
-    three = (*tests, record(car, ALTERNATE, seed=5))
+def test_an_error_that_all_tests_have_corrects_predictions_and_the_true_measures_keep_theirs(car, three):
     found = MeasuredLevels().uncertainty(heavier(car), three, experiment(car))
     assert found["tire_force"].bias == pytest.approx(math.log(1.2), rel=0.01)
     assert found["tire_force"].common < 2e-3
@@ -169,17 +181,15 @@ def unstable(car):
     return replace(car, state_space=replace(model, A=A, B=B, C=C))
 
 
-def test_no_uncertainty_is_stated_for_a_car_whose_simulation_diverges(car, tests):
+def test_no_uncertainty_is_stated_for_a_car_whose_simulation_diverges(car, tests, three):
     wrong = unstable(car)
     assert MeasuredLevels().uncertainty(wrong, tests, experiment(car)) == {}
-    three = (*tests, record(car, ALTERNATE, seed=5))
     plain = MeasuredLevels().uncertainty(car, three, experiment(car))
     assert MeasuredLevels().uncertainty(car, three, experiment(car), refit=lambda kept: wrong) == plain
 
 
-def test_only_a_test_without_which_the_shocks_still_differ_is_left_out(car, tests):
+def test_only_a_test_without_which_the_shocks_still_differ_is_left_out(car, tests, three):
     assert removable_tests(tests, ("",)) == ()
-    three = (*tests, record(car, ALTERNATE, seed=5))
     assert removable_tests(three, ("",)) == (1, 2)
     asked = []
 

@@ -7,17 +7,13 @@ import pytest
 from eightpost.ident.vehicle import common_poles
 from eightpost.ident.vehicle.common_poles import CommonPoles
 from eightpost.ident.vehicle.experiment import Experiment
-from eightpost.ident.vehicle.trust import UNUSABLE, MeasuredLevels
-from eightpost.ident.vehicle.vehicle_fit import fit_verdict, with_validity
+from eightpost.ident.vehicle.trust import UNUSABLE
+from eightpost.ident.vehicle.vehicle_fit import with_validity
 from eightpost.verdict import Grade
 from tests.ident.friction.conftest import BASELINE, rig_tests
 
 EXPERIMENT = Experiment("corner", ("road", "aero_force"), ("force",), ("velocity", "tire_force"), {"": BASELINE})
 QUICK = CommonPoles(samples=2, friction=None, springs=None)
-
-
-def titles(fit):
-    return {reason.rule.name for reason in fit_verdict(fit).reasons}
 
 
 @pytest.mark.nightly
@@ -28,12 +24,3 @@ def test_a_vehicle_of_which_every_model_was_rejected_is_not_usable(monkeypatch):
     assert "No model could be used" in fit.trust.flags[UNUSABLE]
     assert fit.trust.flags[UNUSABLE] in fit.notes
     assert fit.vehicle.validity.verdict.grade is Grade.NOT_USABLE
-
-
-@pytest.mark.nightly
-def test_a_vehicle_that_cannot_be_simulated_with_the_shocks_of_a_test_is_not_usable(monkeypatch):
-    monkeypatch.setattr(MeasuredLevels, "uncertainty", lambda *_arguments, **_options: {})
-    fit = QUICK.identify(rig_tests(0.0, 20), EXPERIMENT)
-    assert fit.trust.measures == {}
-    assert "accuracy of predicted measures is not known" in fit.trust.flags[UNUSABLE]
-    assert fit_verdict(fit).grade is Grade.NOT_USABLE

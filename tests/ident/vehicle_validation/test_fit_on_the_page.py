@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from eightpost.errors import FileFormatError
-from eightpost.ident.validation.vehicle_page import certainty_table, port_table, write_vehicle_page
+from eightpost.ident.validation.vehicle_page import write_vehicle_page
 from eightpost.ident.validation.vehicles import validate_vehicle, vehicle_verdict
 from eightpost.ident.vehicle.trust import ForceEstimate, OrderCandidate, Orders, OutputTrust, PolePair, Trust
 from eightpost.ident.vehicle.vehicle_fit import read_fit, with_validity, write_fit
@@ -31,17 +31,6 @@ TRUST = Trust(
     8,
 )
 MEASURES = {"velocity": MeasureUncertainty(0.01, 0.1)}  #: All that a recipe states that searches no effects.
-
-
-def test_every_figure_of_the_fit_is_in_its_tables(corner):
-    fit = replace(corner, trust=TRUST)
-    cells = [[getattr(cell, "value", cell) for cell in row] for row in certainty_table(fit).rows]
-    assert cells[0] == ["velocity", 1.23, 0.4, 1.7, 45.6]
-    (port,) = ([getattr(cell, "value", cell) for cell in row] for row in port_table(fit).rows)
-    assert port[:4] == ["port", 61.25, 1.5, "none"]
-    assert port[-2:] == [4.0, 0.25]
-    assert not certainty_table(corner).rows
-    assert not port_table(corner).rows
 
 
 def written(place, document, **changes):

@@ -127,7 +127,6 @@ def test_an_edited_car_is_predicted_but_unknown(folder: Path, run: Run, corner: 
     [
         (("--cutoff", "40 Hz"), "it does not apply to a vehicle"),
         (("--shock", "soft"), "write it as NAME=SHOCK.json"),
-        (("--shock", "rear=shock.json"), "no corner and no record's shock is named 'rear'"),
         (("--kind", "track"), "must be one of random, sine, bump, static"),
         (("--kind", "other.csv=sine"), "not one of the records"),
         (("--report", "page.pdf"), "a page ends in .html or .htm"),

@@ -17,16 +17,7 @@ from eightpost.shock import Shock
 from eightpost.vehicle import StateSpace, read_vehicle, shipped
 from eightpost.verdict import Grade
 
-from .conftest import (
-    COULOMB,
-    INCH,
-    fit_of,
-    quarter_test,
-    records_of,
-    seven_test,
-    softer,
-    truth_fit,
-)
+from .conftest import COULOMB, INCH, fit_of, quarter_test, records_of, seven_test, softer, truth_fit
 
 
 @pytest.fixture(scope="module")
