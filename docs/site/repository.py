@@ -19,9 +19,7 @@ _SEARCH = re.compile(r"^<!-- search: (.+) -->$", re.MULTILINE)
 
 def _search_words(_: Sphinx, __: str, source: list[str]) -> None:
     """Replace the comment with the search words of a page by main entries of the index, which a search lists first."""
-    source[0] = _SEARCH.sub(
-        lambda found: "\n\n".join(f"```{{index}} single: !{word}\n```" for word in found[1].split(", ")), source[0]
-    )
+    source[0] = _SEARCH.sub(lambda found: f"```{{index}} !{found[1].replace(', ', ', !')}\n```", source[0])
 
 
 def _title_links(app: Sphinx, doctree: nodes.document, name: str) -> None:
