@@ -17,13 +17,13 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.table import ROOT
 from builder.build import build
 from eightpost.corners import CORNERS
 from eightpost.shock import Lpnl2, Shock, ShockLaw, write_shock
 from eightpost.signals import Drivefile
 from eightpost.vehicle import StructuralVehicle, read_vehicle
 
-ROOT = Path(__file__).resolve().parents[1]
 LOADS = ("heave_force", "roll_moment", "pitch_moment")
 SETTLING = 1.0
 #: Results with a larger error count as diverged [%].

@@ -18,98 +18,21 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.table import ROOT, checked_out
 from eightpost.__main__ import SECTIONS, every_verb
 
-ROOT = Path(__file__).resolve().parents[1]
 BEFORE, NOW = "before", "now"
 
 #: Limits of a command's output: lines (of some commands others), and width.
 LINES, WIDTH = 12, 80
 OTHER_LINES = {"demo": 60, "doctor": 20, "reproduce": 250}  # its list is the result
 
-#: Commands in the order in which their files are made.
-COMMANDS = """
-new car7
-inspect examples/data/dyno_A.csv
-fit examples/data/dyno_A.csv --gas included -o A.json
-fit examples/data/dyno_A.csv examples/data/dyno_B.csv --law lpf1 -o AB.json
-fit examples/settings/rebound.toml --law lpf1 -o clicks.json
-inspect clicks.json
-validate A.json examples/data/dyno_B.csv -o validation.html
-report A.json examples/data/dyno_A.csv -o report.html
-report --live A.json -o live.html
-virtual dyno --configuration 1 --test random --set seed=1 -o dyno.parquet
-virtual rig --program identification --set duration='30 s' -o rig/
-virtual rig --test track --set duration='20 s' --shock demo:B --set run=1 -o lap.parquet
-inspect rig/baseline.parquet
-virtual rig --test single --set only=lf.road --set duration='60 s' -o single/lf.parquet
-virtual rig --test single --set only=rf.road --set duration='60 s' -o single/rf.parquet
-inspect single/lf.parquet single/rf.parquet
-identify rig/*.parquet -o car.json
-inspect car.json
-validate car.json lap.parquet -o car.html
-build A.json examples/car.toml -o dist/
-fit examples/data/dyno_A.csv --law lpnl2 --gas included -o dist/dyno_A.json
-build dist/dyno_A.json examples/car.toml examples/corner.toml -o dist/
-check dist/A.fmu
-inspect dist/A.fmu
-inspect examples/seven_dof.toml
-run examples/seven_dof.toml -o out/
-run examples/seven_dof.toml -o out2/ --set verify=yes --fmu lf=dist/A.fmu
-inspect out/
-study compare out out2
-export car.json -o car.mat
-export A.json -o shock.dpr
-export clicks.json --over rebound=0,14,28 -o clicks.txt
-export examples/seven_dof.toml -o car.ssp
-study small.toml -o study/
-inspect study/
-study whatif study/ --at lr --rebound +1
-study sensitivity study/
-study robust study/ uncertain.toml --set draws=2
-study select study/ --total 4
-study confirm study/ selection.csv
-study compare study/ --measured selection.csv
-report study/
-study optimise small.toml -o search/ --evaluations 6
-study shapes small.toml -o aim/ --vary rebound.low --at lr --set draws=0 --set starts=1
-study clicks clicks.json --curve target.csv
-drivefile start lap.parquet --car car.json -o iteration/
-drivefile simulate iteration/ --passes 2
-units
-reproduce --list
-doctor
-demo
-"""
-
-#: Files that the commands need beside the examples.
-FILES = {
-    "small.toml": """
-schema = 1
-name = "three builds at the front and at the rear (synthetic data)"
-families = ["ride", "numbers"]
-baseline = "B/B"
-alike = [["lf", "rf"], ["lr", "rr"]]
-[vehicle]
-fmu = "examples/identified/car.json"
-[bank]
-"AA/B" = "examples/bank/AA_B.json"
-"B/B" = "examples/bank/B_B.json"
-"C/B" = "examples/bank/C_B.json"
-[[drive]]
-file = "examples/identified/lap.parquet"
-stop = "12 s"
-[[objective]]
-measure = "total tire force, RMS"
-weight = 1.0
-unit = "lbf"
-""",
-    "uncertain.toml": 'schema = 1\n[run_to_run]\n"total tire force, RMS" = "2 lbf"\n',
-    "target.csv": "velocity [m/s],force [N]\n-0.2,-900\n-0.1,-600\n0,0\n0.1,400\n0.2,700\n",
-}
+_WRITTEN = tomllib.loads((ROOT / "benchmarks" / "desk.toml").read_text(encoding="utf-8"))
+COMMANDS: str = _WRITTEN["commands"]
 
 #: Rig runs of the setups of small.toml: the number of the setup, and its shocks on the virtual rig.
 RIG_RUNS = {0: "AA/B", 4: "B/B", 8: "C/B"}
@@ -143,7 +66,7 @@ def prepare(folder: Path) -> None:
     if folder.exists():
         return
     shutil.copytree(ROOT / "examples", folder / "examples")
-    for name, text in FILES.items():
+    for name, text in _WRITTEN["files"].items():
         (folder / name).write_text(text, encoding="utf-8")
 
 
@@ -177,11 +100,8 @@ def _rig_runs(checkout: Path, folder: Path) -> None:
     """Simulate the rig runs, and write their list."""
     for number, build in RIG_RUNS.items():
         record = f"run_{number}.parquet"
-        run(
-            checkout,
-            folder,
-            f"virtual rig --test track --shock build:{build} --set seed=78 --set run={number} -o {record}",
-        )
+        options = f"--shock build:{build} --set seed=78 --set run={number}"
+        run(checkout, folder, f"virtual rig --test track {options} -o {record}")
     rows = [f"run_{number}.parquet,{number}" for number in RIG_RUNS]
     (folder / "selection.csv").write_text("\n".join(["file,setup", *rows]) + "\n", encoding="utf-8")
 
@@ -211,23 +131,12 @@ def main() -> int:
     options = _options()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        checkouts = {NOW: ROOT}
-        if options.against:
-            checkouts = {BEFORE: folder / "checkout", NOW: ROOT}
-            subprocess.run(
-                ["git", "-C", str(ROOT), "worktree", "add", "--detach", str(folder / "checkout"), options.against],
-                check=True,
-            )
-        try:
+        with checked_out(options.against) as before:
+            checkouts = {BEFORE: before, NOW: ROOT} if before else {NOW: ROOT}
             found = {
                 label: measured(checkout, options.folder or folder / label, options.only)
                 for label, checkout in checkouts.items()
             }
-        finally:
-            if options.against:
-                subprocess.run(
-                    ["git", "-C", str(ROOT), "worktree", "remove", "--force", str(folder / "checkout")], check=True
-                )
     print(counts())
     print(table(found))
     return 1 if any(output.exceeds(command) for command, output in found[NOW].items()) else 0

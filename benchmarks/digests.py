@@ -19,13 +19,13 @@ import hashlib
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
 import tempfile
 import zipfile
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +42,27 @@ _OF_THIS_RUN = re.compile(
 )
 
 _ROOT = Path(__file__).resolve().parents[1]
-_RIG = ("--program", "identification", "--duration", "40 s")
+
+#: Commands in the order in which their files are made.
+_COMMANDS = """
+demo -o demo
+fit examples/data/dyno_A.csv --law polylinear -o fit/polylinear.json
+fit examples/data/dyno_A.csv --law lpf1 -o fit/lpf1.json
+fit examples/data/dyno_A.csv --law lpnl2 -o fit/lpnl2.json
+fit examples/data/dyno_A.csv -o fit/hysteresis.json
+fit examples/data/dyno_A.csv --law lpnl2 --set recipe=boggs -o fit/boggs.json
+fit examples/data/dyno_A.csv --law lpnl2 --gas included -o dist/dyno_A.json
+build dist/dyno_A.json examples/corner.toml examples/car.toml -o dist
+run examples/quarter_car.toml -o run/quarter_car/
+run examples/seven_dof.toml -o run/seven_dof/
+run examples/seven_dof.toml --step '1 ms' --set comparison=no -o run/given/
+virtual rig --car seven_dof --program identification --set duration='40 s' -o rig/seven_dof/
+virtual rig --car eight_post --program identification --set duration='40 s' -o rig/eight_post/
+identify rig/seven_dof/*.parquet --set recipe=boggs -o cars/seven_dof.json
+identify rig/eight_post/*.parquet -o cars/eight_post.json
+validate fit/lpnl2.json examples/data/dyno_B.csv --keep -o fit/lpnl2.html
+validate cars/eight_post.json rig/eight_post/baseline.parquet --keep -o cars/eight_post.html
+"""
 
 
 def main() -> int:
@@ -77,31 +97,10 @@ def _lines(checkout: Path, folder: Path) -> list[str]:
 
 
 def _run_commands(checkout: Path, folder: Path) -> None:
-    command = partial(_command, checkout, folder)
-    examples = _ROOT / "examples"
-    dyno = str(examples / "data" / "dyno_A.csv")
-    command("demo", "-o", "demo")
-    for law in ("polylinear", "lpf1", "lpnl2"):
-        command("fit", dyno, "--law", law, "-o", f"fit/{law}.json")
-    command("fit", dyno, "--law", "lpnl2", "--recipe", "boggs", "-o", "fit/boggs.json")
-    shutil.copytree(examples, folder / "examples")
-    command("fit", dyno, "--law", "lpnl2", "--gas", "included", "-o", "dist/dyno_A.json")
-    sources = ("dist/dyno_A.json", "examples/corner.toml", "examples/car.toml")
-    command("build", *sources, "-o", "dist")
-    for name in ("quarter_car", "seven_dof"):
-        command("run", f"examples/{name}.toml", "-o", f"run/{name}/")
-    step = ("--step", "1 ms", "--no-comparison")
-    command("run", "examples/seven_dof.toml", *step, "-o", "run/given/")
-    for car, recipe in (("seven_dof", "boggs"), ("eight_post", "common-poles")):
-        command("rig", "--car", car, *_RIG, "-o", f"rig/{car}/")
-        records = sorted(str(path) for path in (folder / "rig" / car).glob("*.parquet"))
-        command("identify", *records, "--recipe", recipe, "--plot", "none", "-o", f"cars/{car}.json")
-    held_out = (
-        ("fit/lpnl2.json", "examples/data/dyno_B.csv"),
-        ("cars/eight_post.json", "rig/eight_post/baseline.parquet"),
-    )
-    for model, record in held_out:
-        command("validate", model, record, "--keep", "--report", f"{model}.html")
+    shutil.copytree(_ROOT / "examples", folder / "examples")
+    for line in _COMMANDS.strip().splitlines():
+        words = [name for word in shlex.split(line) for name in (sorted(map(str, folder.glob(word))) or [word])]
+        _command(checkout, folder, *words)
 
 
 def _command(checkout: Path, folder: Path, *arguments: str) -> None:

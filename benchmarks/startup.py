@@ -22,9 +22,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from benchmarks.table import number
+from benchmarks.table import ROOT, checked_out, number
 
-ROOT = Path(__file__).resolve().parents[1]
 BEFORE, NOW = "before", "now"
 RUN = ("run", "examples/seven_dof.toml", "-o", "out")
 STUDY = ("study", "examples/study.toml", "-o", "studied")
@@ -95,13 +94,9 @@ def main() -> int:
     options = _options()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        worktree = folder / "checkout"
-        _git("worktree", "add", "--detach", str(worktree), options.against)
-        try:
-            versions = {BEFORE: _version(worktree, folder / BEFORE), NOW: _version(ROOT, folder / NOW)}
+        with checked_out(options.against) as before:
+            versions = {BEFORE: _version(before, folder / BEFORE), NOW: _version(ROOT, folder / NOW)}
             found = measured(versions, options.repeat, INSTALLED if options.install else {})
-        finally:
-            _git("worktree", "remove", "--force", str(worktree))
     print(table(found))
     return 1 if missed(found) else 0
 
@@ -152,10 +147,6 @@ def _version(checkout: Path, folder: Path) -> Version:
 def _children() -> float:
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
-
-
-def _git(*words: str) -> None:
-    subprocess.run(["git", "-C", str(ROOT), *words], check=True, capture_output=True)
 
 
 def _options() -> argparse.Namespace:

@@ -5,24 +5,30 @@ from __future__ import annotations
 import argparse
 import contextlib
 import itertools
-import json
-import queue
+import multiprocessing
 import shutil
-import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from benchmarks.fuzz.readers import Reader, readers
 from benchmarks.fuzz.samples import make_samples
-from benchmarks.fuzz.worker import ACCEPTED, MEMORY, REFUSED, TRACEBACK, UNNAMED, in_place, make_mutant, read_mutant
+from benchmarks.fuzz.worker import (
+    ACCEPTED,
+    MEMORY,
+    REFUSED,
+    TRACEBACK,
+    UNNAMED,
+    in_place,
+    make_mutant,
+    read_mutant,
+    work,
+)
 
 CRASH, HANG = "crash", "hang"
 OUTCOMES = (REFUSED, ACCEPTED, UNNAMED, TRACEBACK, CRASH, MEMORY, HANG)
@@ -31,6 +37,8 @@ _LONGEST, _START = 60.0, 120.0
 #: Number of mutants of a reader per worker.
 _BATCH = 250
 
+
+_SPAWNED = multiprocessing.get_context("spawn")
 
 #: Name of a reader, number of its first mutant, and number after its last mutant.
 Job = tuple[str, int, int]
@@ -117,18 +125,35 @@ def run_campaign(
 def _outcomes(jobs: list[Job], seed: int, samples: Path) -> Iterator[tuple[str, int, str, str, float]]:
     """Yield reader, number, outcome, text and processor time of each mutant; a worker that crashes is replaced."""
     while jobs:
-        with _Worker([str(samples), seed, jobs]) as worker:
-            begun = None
-            for kind, *message in worker.messages():
-                begun = message if kind == "begin" else None
-                if begun is None:
-                    yield tuple(message)
-                    jobs = _after(jobs, *message[:2])
-            if begun is not None:
-                yield *begun, HANG if worker.late else CRASH, worker.how(), 0.0
-                jobs = _after(jobs, *begun)
-            elif jobs:
-                raise RuntimeError(f"{jobs[0][0]}: the worker cannot read the valid sample: {worker.how()}")
+        begun: tuple[str, int] | None = None
+        ours, theirs = _SPAWNED.Pipe(duplex=False)
+        with tempfile.NamedTemporaryFile() as printed:
+            process = _SPAWNED.Process(target=work, args=(theirs, printed.name, samples, seed, jobs))
+            process.start()
+            theirs.close()
+            outcome, patience = HANG, _START
+            try:
+                while ours.poll(patience):
+                    message, patience = ours.recv(), _LONGEST
+                    begun = message if len(message) == 2 else None
+                    if begun is None:
+                        yield message
+                        jobs = _after(jobs, *message[:2])
+            except EOFError:
+                outcome = CRASH
+                process.join(_LONGEST)
+            finally:
+                ended = process.exitcode
+                process.kill()
+                process.join()
+                ours.close()
+            how = f"exit code {ended}\n{Path(printed.name).read_text(encoding='utf-8', errors='replace')[-4000:]}"
+        how = f"no answer within {patience:g} s" if outcome == HANG else how
+        if begun is not None:
+            yield *begun, outcome, how, 0.0
+            jobs = _after(jobs, *begun)
+        elif jobs:
+            raise RuntimeError(f"{jobs[0][0]}: the worker cannot read the valid sample: {how}")
 
 
 def _after(jobs: list[Job], name: str, number: int) -> list[Job]:
@@ -137,61 +162,6 @@ def _after(jobs: list[Job], name: str, number: int) -> list[Job]:
     _, _, last = jobs[place]
     rest = [(name, number + 1, last)] if number + 1 < last else []
     return rest + jobs[place + 1 :]
-
-
-class _Worker:
-    """A worker process and its messages."""
-
-    def __init__(self, task: list[Any]) -> None:
-        command = [sys.executable, "-X", "faulthandler", "-m", "benchmarks.fuzz.worker", json.dumps(task)]
-        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        self._lines: queue.Queue[str] = queue.Queue()
-        self._errors: list[str] = []
-        self._threads = [
-            threading.Thread(target=self._pump, args=(self._process.stdout, self._lines.put), daemon=True),
-            threading.Thread(target=self._pump, args=(self._process.stderr, self._errors.append), daemon=True),
-        ]
-        for thread in self._threads:
-            thread.start()
-        self.late = False
-
-    def __enter__(self) -> _Worker:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._process.kill()
-        self._process.wait()
-        for thread in self._threads:
-            thread.join()
-        for stream in (self._process.stdout, self._process.stderr):
-            if stream is not None:
-                stream.close()
-
-    def _pump(self, stream: Iterable[str], put: Callable[[str], object]) -> None:
-        for line in stream:
-            put(line)
-        put("")
-
-    def messages(self) -> Iterator[list[Any]]:
-        """Yield the worker's messages until it ends or does not respond for too long."""
-        patience = _START
-        while True:
-            try:
-                line = self._lines.get(timeout=patience)
-            except queue.Empty:
-                self.late = True
-                return
-            if not line.endswith("\n"):
-                return
-            yield json.loads(line)
-            patience = _LONGEST
-
-    def how(self) -> str:
-        """Return how the worker ended."""
-        if self.late:
-            return f"no answer within {_LONGEST:g} s"
-        code = self._process.wait()
-        return f"exit code {code}\n{''.join(self._errors)[-4000:]}"
 
 
 def table(tallies: Sequence[Tally]) -> str:

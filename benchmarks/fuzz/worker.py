@@ -1,20 +1,20 @@
-"""A process that creates mutants, reads them, and reports the outcome of each; a crash is a finding of the campaign."""
+"""Work of a process that creates mutants, reads them, and reports the outcome of each; a crash is a finding."""
 
 from __future__ import annotations
 
 import contextlib
-import json
+import faulthandler
+import io
 import os
 import shutil
-import sys
 import tempfile
 import time
 import traceback
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
+from multiprocessing.connection import Connection
 from pathlib import Path
 from random import Random
-from typing import IO
 
 from benchmarks.fuzz.readers import Reader, readers
 from eightpost.errors import InputError
@@ -31,28 +31,17 @@ def make_mutant(reader: Reader, number: int, seed: int, path: Path) -> None:
     """Replace the sample at `path` with mutant `number` of a campaign with `seed`."""
     rng = Random(f"{seed}/{reader.name}/{number}")
     if number % _PLACES == _PLACES - 1:
-        rng.choice((_missing, _folder, _loop, _unreadable))(path)
+        kind = rng.randrange(4)
+        if kind == 0:
+            path.chmod(0)
+            return
+        path.unlink()
+        if kind == 1:
+            path.mkdir()
+        elif kind == 2:
+            path.symlink_to(path.name)  # a loop
         return
-    content = rng.choice(reader.changes)(rng, path.read_bytes())
-    path.write_bytes(content)
-
-
-def _missing(path: Path) -> None:
-    path.unlink()
-
-
-def _folder(path: Path) -> None:
-    path.unlink()
-    path.mkdir()
-
-
-def _loop(path: Path) -> None:
-    path.unlink()
-    path.symlink_to(path.name)
-
-
-def _unreadable(path: Path) -> None:
-    path.chmod(0)
+    path.write_bytes(rng.choice(reader.changes)(rng, path.read_bytes()))
 
 
 @contextlib.contextmanager
@@ -68,13 +57,11 @@ def read_mutant(reader: Reader, path: Path) -> tuple[str, str]:
     """Read a mutant; return the outcome and the error message."""
     names = (path.name, str(path.parent), *reader.neighbours)  # the message may name a file that this one names
     try:
-        with warnings.catch_warnings(), _quiet():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"), contextlib.redirect_stdout(io.StringIO()):
             reader.read(path)
     except InputError as error:
-        return (REFUSED if any(name in str(error) for name in names) else UNNAMED), f"{type(error).__name__}: {error}"[
-            :2000
-        ]
+        text = f"{type(error).__name__}: {error}"[:2000]
+        return (REFUSED if any(name in str(error) for name in names) else UNNAMED), text
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt):
             raise
@@ -82,38 +69,37 @@ def read_mutant(reader: Reader, path: Path) -> tuple[str, str]:
     return ACCEPTED, ""
 
 
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    with Path(os.devnull).open("w", encoding="utf-8") as nothing, contextlib.redirect_stdout(nothing):
-        yield
+def work(said: Connection, printed: str, samples: Path, seed: int, jobs: list[tuple[str, int, int]]) -> None:
+    """Try the mutants of jobs (reader, first number, number after the last); send two messages for each.
 
-
-def main() -> None:
-    """Read a task `[samples, seed, [[reader, first, last], ...]]`; print an outcome per mutant, one JSON line each."""
-    samples, seed, jobs = json.loads(sys.argv[1])
+    Args:
+        said: Connection to which `(reader, number)` is sent before a mutant is read, and its outcome after that.
+        printed: File for what this process prints, such as the stack of a crash.
+        samples: Folder of the valid samples.
+        seed: Seed of the mutants.
+        jobs: Mutants to try.
+    """
+    for stream in (1, 2):
+        os.dup2(os.open(printed, os.O_WRONLY | os.O_APPEND), stream)
+    faulthandler.enable()
     known = {reader.name: reader for reader in readers()}
-    said = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     for name, first, last in jobs:
-        with in_place(Path(samples), known[name].sample) as path:
+        reader = known[name]
+        with in_place(samples, reader.sample) as path:
             _limit_addresses(None)
-            _warm_up(known[name], path)
+            with contextlib.suppress(InputError):
+                reader.read(path)  # so that libraries are loaded before memory is limited
             _limit_addresses(_ADDRESSES)
-            _try(known[name], range(first, last), seed, path, said)
-
-
-def _try(reader: Reader, numbers: Iterable[int], seed: int, path: Path, said: IO[str]) -> None:
-    sound = path.read_bytes()
-    for number in numbers:
-        said.write(json.dumps(["begin", reader.name, number]) + "\n")
-        begun = time.process_time()
-        made = _made(reader, number, seed, path)
-        outcome, text = read_mutant(reader, path) if made is None else made
-        resident = _peak()
-        if outcome in (REFUSED, ACCEPTED) and resident > _RESIDENT:
-            outcome, text = MEMORY, f"{resident / 2**20:.0f} MiB"
-        said.write(json.dumps(["end", reader.name, number, outcome, text, time.process_time() - begun]) + "\n")
-        _restore(path, sound)
+            sound = path.read_bytes()
+            for number in range(first, last):
+                said.send((name, number))
+                begun = time.process_time()
+                outcome, text = _made(reader, number, seed, path) or read_mutant(reader, path)
+                resident = _peak()
+                if outcome in (REFUSED, ACCEPTED) and resident > _RESIDENT:
+                    outcome, text = MEMORY, f"{resident / 2**20:.0f} MiB"
+                said.send((name, number, outcome, text, time.process_time() - begun))
+                _restore(path, sound)
 
 
 def _made(reader: Reader, number: int, seed: int, path: Path) -> tuple[str, str] | None:
@@ -132,13 +118,6 @@ def _restore(path: Path, content: bytes) -> None:
         shutil.rmtree(path)
     path.unlink(missing_ok=True)
     path.write_bytes(content)
-
-
-def _warm_up(reader: Reader, path: Path) -> None:
-    """Read the valid sample, so that libraries are loaded before memory is limited."""
-    with warnings.catch_warnings(), contextlib.suppress(InputError):
-        warnings.simplefilter("ignore")
-        reader.read(path)
 
 
 def _limit_addresses(more: int | None) -> None:
@@ -162,7 +141,3 @@ def _peak() -> int:
             if line.startswith("VmHWM:"):
                 return int(line.split()[1]) * 1024
     return 0
-
-
-if __name__ == "__main__":
-    main()

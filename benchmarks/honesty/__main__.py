@@ -14,7 +14,7 @@ import os
 import time as clock
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from math import inf
 from multiprocessing import get_context
@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import track
 
 from benchmarks.honesty.cases import VERSION, build_fmus, draw_case
 from benchmarks.honesty.runs import compare, schemes_of
@@ -63,15 +63,6 @@ def worst(row: Row, *, decisive: bool = True) -> Pair:
     return Pair(max(stated) if stated else None, max(c["true"] for c in chosen), max(c["reference"] for c in chosen))
 
 
-def channel_pairs(row: Row, unit: str | None = None) -> list[Pair]:
-    """Return the errors of every channel of a run, or of those of one unit."""
-    return [
-        Pair(c["stated"], c["true"], c["reference"])
-        for c in row["channels"].values()
-        if unit is None or c["unit"] == unit
-    ]
-
-
 def met(row: Row) -> bool:
     """Return whether a run states that it is within the tolerance."""
     stated = worst(row).stated
@@ -88,14 +79,14 @@ def understated(rows: Sequence[Row], below: float) -> list[Row]:
     return [row for row in _stating(rows) if worst(row).true > SMALL and worst(row).ratio < below]
 
 
-def overstated(rows: Sequence[Row], above: float = 5.0) -> list[Row]:
-    """Return the runs whose worst stated error is above a multiple of the worst true one."""
-    return [row for row in _stating(rows) if worst(row).true > SMALL and worst(row).ratio > above]
+def overstated(rows: Sequence[Row]) -> list[Row]:
+    """Return the runs whose worst stated error is above five times the worst true one."""
+    return [row for row in _stating(rows) if worst(row).true > SMALL and worst(row).ratio > 5.0]
 
 
-def wrongly_accepted(rows: Sequence[Row], above: float = LARGE) -> list[Row]:
-    """Return the runs that are acceptable with a true error above a limit [%]."""
-    return [row for row in compared(rows) if row["acceptable"] and worst(row).true > above]
+def wrongly_accepted(rows: Sequence[Row]) -> list[Row]:
+    """Return the runs that are acceptable with a true error above the limit."""
+    return [row for row in compared(rows) if row["acceptable"] and worst(row).true > LARGE]
 
 
 def wrongly_met(rows: Sequence[Row]) -> list[Row]:
@@ -115,70 +106,56 @@ def _stating(rows: Sequence[Row]) -> list[Row]:
 def lines(rows: Sequence[Row], *, names: int = 8) -> Iterator[str]:
     """Return the printed lines for one kind of runs; `names` of the worst ones are listed."""
     ended, failed = compared(rows), [row for row in rows if row.get("failed")]
-    refused = [row for row in rows if not row.get("channels") and not row.get("failed")]
     yield (
-        f"{len(rows)} runs; {len(ended)} compared, {len(refused)} ended with an error message, {len(failed)} failed in "
-        f"the campaign, {len(unsettled(rows))} references not settled, "
-        f"{sum(not row['repeats'] for row in ended)} not the same twice"
+        f"{len(rows)} runs; {len(ended)} compared, {len(rows) - len(ended) - len(failed)} ended with an error message, "
+        f"{len(failed)} failed in the campaign, {len(unsettled(rows))} references not settled, "
+        f"{sum(not row['repeats'] for row in ended)} not the same twice, "
+        f"{sum(row.get('seconds', 0.0) for row in rows):.0f} s of processor time"
     )
     for row in failed:
         yield f"  failed: seed {row['seed']}, {row['scheme']}: {row['failed'].strip().splitlines()[-1]}"
-    if not ended:
-        return
-    yield from _distributions(ended)
-    yield from _counts(ended)
-    yield (
-        f"coupling steps {sum(row['work'] for row in rows if 'work' in row)}; processor time "
-        f"{sum(row.get('seconds', 0.0) for row in rows):.0f} s, of the references "
-        f"{sum(row.get('reference_seconds', 0.0) for row in rows):.0f} s"
-    )
-    yield from _named(ended, names)
+    if ended:
+        yield from _distributions(ended)
+        yield from _counts(ended)
+        yield from _named(ended, names)
 
 
 def _distributions(rows: Sequence[Row]) -> Iterator[str]:
-    if not _stating(rows):
-        yield "no run states an error"
-        return
     yield f"\nstated / true, where the true error is above {SMALL:g} %"
     yield f"{'':24}{'n':>6}" + "".join(f"{f'{100 * q:g} %':>9}" for q in QUANTILES)
     groups: dict[str, list[Pair]] = {
         "worst decisive channel": [worst(row) for row in rows],
         "worst of all channels": [worst(row, decisive=False) for row in rows],
-        "every channel": [pair for row in rows for pair in channel_pairs(row)],
-        "every acceleration": [pair for row in rows for pair in channel_pairs(row, "m/s2")],
+        "every acceleration": [
+            Pair(c["stated"], c["true"], c["reference"])
+            for row in rows
+            for c in row["channels"].values()
+            if c["unit"] == "m/s2"
+        ],
     }
     for name, pairs in groups.items():
         ratios = [pair.ratio for pair in pairs if pair.stated is not None and pair.true > SMALL and pair.settled]
         if ratios:
             found = np.quantile(ratios, QUANTILES, method="nearest")
-            yield f"{name:24}{len(ratios):6}" + "".join(f"{value:9.3g}" for value in found) + _shares(np.array(ratios))
-
-
-def _shares(ratios: np.ndarray) -> str:
-    below, far_below, above = (100.0 * float(np.mean(test)) for test in (ratios < 0.5, ratios < 0.1, ratios > 5.0))
-    return f"   below 1/2 {below:.1f} %, below 1/10 {far_below:.1f} %, above 5 {above:.1f} %"
+            yield f"{name:24}{len(ratios):6}" + "".join(f"{value:9.3g}" for value in found)
 
 
 def _counts(rows: Sequence[Row]) -> Iterator[str]:
+    refused = [row for row in rows if not row["acceptable"]]
     stating = sum(worst(row).true > SMALL for row in _stating(rows))
     tests: dict[str, tuple[list[Row], int]] = {
         "stated below half the true": (understated(rows, 0.5), stating),
         "stated below a tenth of the true": (understated(rows, 0.1), stating),
         "stated above five times the true": (overstated(rows), stating),
         f"accepted, true error above {LARGE:g} %": (wrongly_accepted(rows), len(rows)),
-        "accepted, true error above 8 %": (wrongly_accepted(rows, 8.0), len(rows)),
         "tolerance met, true error above twice the tolerance": (wrongly_met(rows), len(rows)),
         "tolerance met": ([row for row in rows if met(row)], len(rows)),
-        "not acceptable": ([row for row in rows if not row["acceptable"]], len(rows)),
-        "not acceptable, true error below 2 %": (
-            [row for row in rows if not row["acceptable"] and worst(row).true < 2.0],
-            len(rows),
-        ),
+        "not acceptable": (refused, len(rows)),
+        "not acceptable, true error below 2 %": ([row for row in refused if worst(row).true < 2.0], len(rows)),
     }
     yield ""
     for name, (found, among) in tests.items():
-        share = 100.0 * len(found) / among if among else 0.0
-        yield f"{name:54}{len(found):6} of {among} ({share:.1f} %)"
+        yield f"{name:54}{len(found):6} of {among} ({100.0 * len(found) / max(among, 1):.1f} %)"
 
 
 def _named(rows: Sequence[Row], count: int) -> Iterator[str]:
@@ -196,7 +173,7 @@ def _named(rows: Sequence[Row], count: int) -> Iterator[str]:
 
 def _line(row: Row) -> str:
     pair = worst(row)
-    stated = "nothing" if pair.stated is None else "inf" if pair.stated > _UNSTATED else f"{pair.stated:.3g} %"
+    stated = "nothing" if pair.stated is None else f"{pair.stated:.3g} %"
     channel = max((c for c in row["channels"].items() if c[1]["decisive"]), key=lambda item: item[1]["true"])[0]
     accepted = "accepted" if row["acceptable"] else "refused"
     return (
@@ -225,10 +202,11 @@ def run_campaign(
     done = {(row["seed"], row["which"]) for row in rows}
     left = [seed for seed in wanted if (seed, which) not in done]
     folder = build_fmus(name for seed in left for name in draw_case(seed).fmu_names.values())
-    for found in _computed(left, which, folder, workers, quiet):
+    for found in track(_computed(left, which, folder, workers), "systems", total=len(left), disable=quiet):
         rows += found
         if keep:
-            _append(keep, found)
+            with keep.open("a", encoding="utf-8") as stream:
+                stream.writelines(json.dumps(row) + "\n" for row in found)
     return sorted((row for row in rows if row["which"] == which), key=lambda row: (row["seed"], row["scheme"]))
 
 
@@ -249,30 +227,15 @@ def run_case(seed: int, which: str, folder: Path) -> list[Row]:
         return [about | {"scheme": which, "case": case.description, "failed": told}]
 
 
-def _append(path: Path, rows: list[Row]) -> None:
-    with path.open("a", encoding="utf-8") as stream:
-        stream.writelines(json.dumps(row) + "\n" for row in rows)
-
-
-def _computed(seeds: list[int], which: str, folder: Path, workers: int, quiet: bool) -> Iterator[list[Row]]:
+def _computed(seeds: list[int], which: str, folder: Path, workers: int) -> Iterator[list[Row]]:
     """Yield the rows of each system when it is finished."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, disable=quiet) as progress:
-        task = progress.add_task("systems", total=len(seeds))
-        for found in _in_processes(seeds, which, folder, workers):
-            progress.advance(task)
-            yield found
-
-
-def _in_processes(seeds: list[int], which: str, folder: Path, workers: int) -> Iterator[list[Row]]:
     if workers <= 1 or len(seeds) <= 1:
         yield from (run_case(seed, which, folder) for seed in seeds)
         return
     os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # the processes inherit it
     with ProcessPoolExecutor(min(workers, len(seeds)), mp_context=get_context("spawn")) as pool:
-        futures: list[Future[list[Row]]] = [pool.submit(run_case, seed, which, folder) for seed in seeds]
-        for future in as_completed(futures):
-            yield future.result()
+        futures = [pool.submit(run_case, seed, which, folder) for seed in seeds]
+        yield from (future.result() for future in as_completed(futures))
 
 
 def main() -> None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import os
-import shutil
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
@@ -67,6 +66,11 @@ def log_uniform(random: Random, low: float, high: float) -> float:
 def some(random: Random, share: float, value: float, otherwise: float = 0.0) -> float:
     """Return `value` in a share of the draws, else `otherwise`."""
     return value if random.random() < share else otherwise
+
+
+def log_uniforms(random: Random, low: float, high: float, count: int) -> Array:
+    """Return numbers (count,) whose logarithms are uniform between two bounds."""
+    return np.asarray(np.exp(random.uniform(np.log(low), np.log(high), size=count)))
 
 
 def draw_shock(random: Random, law: str) -> DrawnShock:
@@ -167,14 +171,10 @@ def _nose(nose: float, speed: float, width: float, sides: list[_Side]) -> tuple[
     return (nose * speed, *found.tolist(), *[0.0] * (15 - _NOSE_ORDER))
 
 
-Array = NDArray[np.float64]
-
-
 def draw_times(random: Random, kind: str, end: float) -> Array:
     """Return the points (N,) of a drive from 0 to at least `end` [s]; closely spaced for roads that need it."""
     if kind != "white" and random.random() < 0.15:  # uneven spacing
-        steps = np.exp(random.uniform(np.log(2e-4), np.log(1e-2), size=int(end / 2e-4)))
-        times = np.concatenate([[0.0], np.cumsum(steps)])
+        times = np.append(0.0, np.cumsum(log_uniforms(random, 2e-4, 1e-2, int(end / 2e-4))))
         return np.asarray(times[: int(np.searchsorted(times, end)) + 1])
     low, high = {"white": (200.0, 5000.0), "spikes": (500.0, 5000.0)}.get(kind, (100.0, 2000.0))
     step = 1.0 / (5000.0 if kind == "white" and random.random() < 0.2 else log_uniform(random, low, high))
@@ -183,7 +183,7 @@ def draw_times(random: Random, kind: str, end: float) -> Array:
 
 def multisine(random: Random, time: Array) -> Array:
     """Return twelve sines of 0.5 to 40 Hz with road velocities of 0.03 to 0.4 m/s."""
-    rates = np.exp(random.uniform(np.log(0.5), np.log(40.0), size=12))
+    rates = log_uniforms(random, 0.5, 40.0, 12)
     phases = random.uniform(0.0, 2.0 * np.pi, size=12)
     power = random.uniform(0.8, 1.6)
     row = np.asarray(np.sin(2.0 * np.pi * np.outer(time, rates) + phases) @ rates**-power)
@@ -237,19 +237,13 @@ def zeros(_: Random, time: Array) -> Array:
 
 
 ROADS: Mapping[str, Callable[[Random, Array], Array]] = {
-    "multisine": multisine,
-    "bumps": bumps,
-    "steps": steps,
-    "chirp": chirp,
-    "white": white,
-    "spikes": spikes,
-    "zeros": zeros,
+    road.__name__: road for road in (multisine, bumps, steps, chirp, white, spikes, zeros)
 }
 
 
 def draw_load(random: Random, time: Array, size: float) -> Array:
     """Return a load of up to about `size`, in its unit."""
-    rates = np.exp(random.uniform(np.log(0.5), np.log(20.0), size=4))
+    rates = log_uniforms(random, 0.5, 20.0, 4)
     return np.asarray(size * np.mean(np.sin(2.0 * np.pi * np.outer(time, rates) + rates), axis=1))
 
 
@@ -258,9 +252,6 @@ QUARTER_CARS, SEVEN_DOFS = 32, 8
 LIGHTEST, HEAVIEST = 8.0, 60.0
 #: Sources of the FMUs; the FMUs are built again if any of them has changed.
 _MADE_FROM = ("fmus", "builder", "eightpost/shock", "eightpost/vehicle", "benchmarks/honesty/cases.py")
-
-#: Number of source versions for which FMUs are kept.
-_KEPT = 8
 
 
 def vehicle_names() -> tuple[str, ...]:
@@ -315,15 +306,10 @@ def build_fmus(names: Iterable[str]) -> Path:
     """
     folder = cache_folder() / "honesty" / _digest()
     folder.mkdir(parents=True, exist_ok=True)
-    os.utime(folder)
-    for path in sorted(folder.parent.iterdir(), key=lambda path: path.stat().st_mtime)[:-_KEPT]:
-        shutil.rmtree(path, ignore_errors=True)  # FMUs of old source versions
     missing = [name for name in sorted(set(names)) if not (folder / f"{name}.fmu").is_file()]
     with patch.object(Zig, "platforms", (this_platform(),) if this_platform().name in PLATFORMS else ()):
-        for target, chosen in (
-            ("native", [name for name in missing if not name.endswith("_python")]),
-            ("python", [name for name in missing if name.endswith("_python")]),
-        ):
+        for target in ("native", "python"):
+            chosen = [name for name in missing if name.endswith("_python") == (target == "python")]
             if chosen:
                 build([_model_file(folder / "models", name) for name in chosen], folder, target=target)
     return folder
@@ -385,13 +371,7 @@ class DrawnBristle:
     @property
     def parameters(self) -> dict[str, float]:
         """Parameters of the vehicle FMU, without the prefix of the port."""
-        return {
-            "bristle_force": self.force,
-            "bristle_reach": self.reach,
-            "bristle_static_ratio": self.static_ratio,
-            "bristle_stribeck_velocity": self.stribeck_velocity,
-            "port_spring": self.spring,
-        }
+        return {"port_spring" if name == "spring" else f"bristle_{name}": value for name, value in asdict(self).items()}
 
 
 @dataclass(frozen=True)
@@ -470,44 +450,23 @@ class Case:
     def description(self) -> str:
         """Description in one line."""
         shocks = [shock for car in self.cars for shock in car.shocks.values()]
-        laws = ", ".join(
-            f"{sum(s.law == law for s in shocks)} {law}" for law in LAWS if any(s.law == law for s in shocks)
-        )
-        masses = [m for car in self.cars for m in _unsprung(car.model)]
-        nose = max(shock.nose_slope * shock.port.motion_ratio**2 for shock in shocks)
-        parts = [
-            f"{len(self.cars)} x {'/'.join(sorted({car.model.partition('_')[0] for car in self.cars}))}",
-            laws,
-            f"nose to {nose:.2g} N.s/m",
-            f"wheel from {min(masses):.0f} kg",
-        ]
-        if any(shock.falls for shock in shocks):
-            parts.append("falls")
-        if seal := max(shock.port.seal_friction for shock in shocks):
-            parts.append(f"seal {seal:.0f} N")
+        masses = [mass for car in self.cars for mass in np.atleast_1d(vehicle(car.model).parameters.unsprung_mass)]
         bristles = [bristle for car in self.cars for bristle in car.bristles.values()]
-        if bristles:
-            parts.append(f"bristles to {max(b.force for b in bristles):.0f} N")
-        parts.append(self._driven())
-        if self.held:
-            named = ", ".join(sorted(self.held)) if len(self.held) < 6 else f"{len(self.held)} components"
-            parts.append(f"holds: {named}")
-        if self.python:
-            parts.append(f"python: {', '.join(sorted(self.python))}")
-        return "; ".join(parts)
-
-    def _driven(self) -> str:
         drive, record = self.scenario.drive, self.scenario.record_step
-        points = f" {(len(drive.series.time) - 1) / drive.duration:.0f} Hz" if drive else ""
-        return (
-            f"{self.road}{points} from {self.scenario.drive_start:g} s, {self.scenario.stop:g} s, "
-            f"recorded {'all' if record is None else f'{1e3 * record:g} ms'}"
-        )
-
-
-def _unsprung(model: str) -> tuple[float, ...]:
-    found = vehicle(model).parameters.unsprung_mass
-    return tuple(found) if isinstance(found, tuple) else (found,)
+        return "; ".join([
+            f"{len(self.cars)} x {'/'.join(sorted({car.model.partition('_')[0] for car in self.cars}))}",
+            ", ".join(f"{count} {law}" for law, count in sorted(Counter(shock.law for shock in shocks).items())),
+            f"nose to {max(shock.nose_slope * shock.port.motion_ratio**2 for shock in shocks):.2g} N.s/m",
+            f"wheel from {min(masses):.0f} kg",
+            *(["falls"] if any(shock.falls for shock in shocks) else []),
+            f"seal {max(shock.port.seal_friction for shock in shocks):.0f} N",
+            *([f"bristles to {max(bristle.force for bristle in bristles):.0f} N"] if bristles else []),
+            f"{self.road} {(len(drive.series.time) - 1) / drive.duration:.0f} Hz" if drive else self.road,
+            f"from {self.scenario.drive_start:g} s, {self.scenario.stop:g} s",
+            f"recorded {'all' if record is None else f'{1e3 * record:g} ms'}",
+            *([f"holds: {', '.join(sorted(self.held))}"] if self.held else []),
+            *([f"python: {', '.join(sorted(self.python))}"] if self.python else []),
+        ])  # fmt: skip
 
 
 def draw_case(seed: int) -> Case:

@@ -6,6 +6,7 @@ Vehicles of one system are not connected with each other, so each is solved sepa
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numba import njit
@@ -213,11 +214,6 @@ class Answer:
     values: Array  #: Channels by time (C, N), SI.
     names: tuple[str, ...]  #: Names of the channels (C,), as in the product.
     units: tuple[str, ...]  #: SI units of the channels (C,).
-    steps: int  #: Number of integration steps, for all vehicles.
-
-
-class UnsolvedError(RuntimeError):
-    """Error for a reference whose step became too small."""
 
 
 def solve(case: Case, times: Array, tolerance: float) -> Answer:
@@ -229,17 +225,14 @@ def solve(case: Case, times: Array, tolerance: float) -> Answer:
         tolerance: Allowed error of a step, relative to the typical size of each state [1].
 
     Raises:
-        UnsolvedError: The integration does not reach the end.
+        RuntimeError: The integration does not reach the end.
     """
-    values, names, units, steps = [], [], [], 0
-    for car in case.cars:
-        equations = _Equations(case, car)
-        found, made = equations.solve(times, tolerance)
-        values.append(found)
-        names += equations.names
-        units += equations.units
-        steps += made
-    return Answer(times, np.vstack(values), tuple(names), tuple(units), steps)
+    cars = [_Equations(case, car) for car in case.cars]
+    values = np.vstack([car.solve(times, tolerance) for car in cars])
+    names, units = (
+        tuple(chain.from_iterable(row)) for row in zip(*((car.names, car.units) for car in cars), strict=True)
+    )
+    return Answer(times, values, names, units)
 
 
 def shock_numbers(shock: DrawnShock, friction: tuple[float, float], bristle: DrawnBristle) -> Array:
@@ -293,8 +286,8 @@ class _Equations:
         """Units of these channels."""
         return [channel.unit for channel in self._model.outputs] + ["N"] * len(self._ports)
 
-    def solve(self, times: Array, tolerance: float) -> tuple[Array, int]:
-        """Return the channels at the times (C, N), and the number of steps."""
+    def solve(self, times: Array, tolerance: float) -> Array:
+        """Return the channels at the times (C, N)."""
         knots = np.union1d(times, self._own_points(float(times[-1])))
         drive = self._inputs(knots)
         count = len(self._stiffness)
@@ -304,11 +297,11 @@ class _Equations:
         matrices = (self._stiffness, self._strut, self._mobility, self._shocks)
         states, made = integrate(knots, pushes, *matrices, start, sizes, tolerance, _MOST_STEPS)
         if made < 0 or not np.isfinite(states[-1]).all():
-            raise UnsolvedError(
+            raise RuntimeError(
                 f"seed {self._case.seed}: {self._car.name} has no solution at a tolerance of {tolerance:g}"
             )
         at = np.searchsorted(knots, times)
-        return self._channels(states[at], drive[:, at]), made
+        return self._channels(states[at], drive[:, at])
 
     def _named(self, port: str, quantity: str) -> str:
         return f"{port}.{quantity}" if port else quantity
@@ -352,7 +345,7 @@ class _Equations:
                 break
         else:
             if spring.any():
-                raise UnsolvedError(f"seed {self._case.seed}: {self._car.name} has no state at rest")
+                raise RuntimeError(f"seed {self._case.seed}: {self._car.name} has no state at rest")
         return np.concatenate([q, np.zeros(q.size + 2 * len(self._ports))])
 
     def _channels(self, states: Array, drive: Array) -> Array:

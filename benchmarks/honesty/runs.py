@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time as clock
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -10,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from math import ceil
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,19 +66,17 @@ AGREED = 0.001
 SETTLED_SHARE = 0.05
 
 
-@dataclass
+@dataclass(frozen=True)
 class Trial:
     """Run that the product made to obtain its result."""
 
     algorithm: Algorithm
     step: float
     scenario: cosim.Scenario
-    steps: int
-    iterations: int = 0
-    result: Result | None = None
+    result: Result | None  #: None if the run ended with an error.
 
 
-@dataclass
+@dataclass(frozen=True)
 class Finding:
     """Result of one scheme for a case, before the comparison."""
 
@@ -88,7 +86,6 @@ class Finding:
     error: str  #: Message of the error that the product raised.
     trials: list[Trial] = field(repr=False)  #: All runs that the product made.
     seconds: float  #: Processor time [s].
-    repeats: bool = True
 
 
 def compare(case: Case, folder: Path, schemes: Mapping[str, dict[str, Any]]) -> list[dict[str, Any]]:
@@ -131,27 +128,19 @@ def trials_logged() -> Iterator[list[Trial]]:
     original = Session.run
 
     def run(self: Session, *arguments: Any, **options: Any) -> Result:
-        setup = self._setup
-        trial = Trial(setup.algorithm, setup.step, setup.scenario, setup.times.size - 1)
-        log.append(trial)
+        setup, result = self._setup, None
         try:
-            trial.result = original(self, *arguments, **options)
-        except EightpostError as error:
-            if reached := re.search(r"after ([-+.\de]+) s", str(error)):
-                trial.steps = round(float(reached[1]) / setup.step)
-            raise
-        trial.steps, trial.iterations = trial.result.steps, trial.result.iterations
-        return trial.result
+            result = original(self, *arguments, **options)
+        finally:
+            log.append(Trial(setup.algorithm, setup.step, setup.scenario, result))
+        return result
 
-    Session.run = run  # type: ignore[method-assign]
-    try:
+    with patch.object(Session, "run", run):
         yield log
-    finally:
-        Session.run = original  # type: ignore[method-assign]
 
 
 def _find(system: cosim.System, case: Case, name: str, options: dict[str, Any]) -> Finding:
-    scenario, began = case.scenario, clock.process_time()
+    scenario, began, result = case.scenario, clock.process_time(), None
     if "step" in options and scenario.record_step is not None:  # a whole number of steps
         parts = max(1, round(scenario.record_step / options["step"]))
         scenario = replace(scenario, record_step=parts * options["step"])
@@ -164,17 +153,16 @@ def _find(system: cosim.System, case: Case, name: str, options: dict[str, Any]) 
     try:
         fine = _recorded_finely(system, result, log)
     except EightpostError as error:
-        return Finding(name, result, None, f"a second run failed: {error}", log, spent, repeats=False)
-    return Finding(name, result, fine, "", log, spent, _is_same(result.series, fine))
+        return Finding(name, result, None, f"a second run failed: {error}", log, spent)
+    return Finding(name, result, fine, "", log, spent)
 
 
 def _recorded_finely(system: cosim.System, result: Result, log: list[Trial]) -> TimeSeries:
     """Repeat the run that gave the result, recorded at every step or every odd number of them."""
     taken = (result.scheme or result.algorithm, result.step)
-    made = [trial for trial in log if trial.result is not None and (trial.algorithm.name, trial.step) == taken]
-    final = made[-1]
+    final = [trial for trial in log if trial.result is not None and (trial.algorithm.name, trial.step) == taken][-1]
     assert final.result is not None
-    every = ceil(final.steps / MOST_POINTS)
+    every = ceil(final.result.steps / MOST_POINTS)
     every += 1 - every % 2
     if final.scenario.record_step in (None, every * final.step) and not final.scenario.record:
         return final.result.series
@@ -182,8 +170,11 @@ def _recorded_finely(system: cosim.System, result: Result, log: list[Trial]) -> 
     return Session(system, scenario, final.algorithm, final.step).run().series
 
 
-def _is_same(series: TimeSeries, fine: TimeSeries) -> bool:
-    """Return whether two recordings agree to the bit at the times that both have."""
+def _repeats(finding: Finding) -> bool:
+    """Return whether two recordings of a run agree to the bit at the times that both have."""
+    if finding.result is None or finding.fine is None:
+        return not finding.error.startswith("a second run failed")
+    series, fine = finding.result.series, finding.fine
     _, first, second = np.intersect1d(series.time, fine.time, assume_unique=True, return_indices=True)
     return all(np.array_equal(series[name][first], fine[name][second]) for name in series.names)
 
@@ -211,10 +202,9 @@ def _row(case: Case, finding: Finding, answer: Answer, doubt: Answer, chosen: fr
         "case": case.description,
         "error": finding.error,
         "seconds": round(finding.seconds, 4),
-        "steps": sum(trial.steps for trial in finding.trials),
-        "work": sum(max(trial.steps, trial.iterations) for trial in finding.trials),
+        "steps": sum(trial.result.steps for trial in finding.trials if trial.result),
         "runs": [f"{trial.algorithm.name} {1e3 * trial.step:.4g} ms" for trial in finding.trials],
-        "repeats": finding.repeats,
+        "repeats": _repeats(finding),
     }
     if result is None or finding.fine is None:
         return row

@@ -1,6 +1,6 @@
 """Write docs/reference/commands.md from the commands themselves: `python docs/make/make_commands.py`.
 
-The page has a section for each verb, with the help text and the table of options that `eightpost VERB --help` prints.
+The page has a section for each verb, with the help text and the list of options that `eightpost VERB --help` prints.
 An option of several verbs is described at the first of them.
 """
 
@@ -41,18 +41,18 @@ def page() -> str:
     context = click.Context(main, info_name="eightpost")
     commands = [main.get_command(context, verb) for verb in VERBS]
     sections = [_section(command, click.Context(command, context, command.name)) for command in commands]
-    return _once(_INTRODUCTION + _table(main, context) + "".join(sections))
+    return _once(_INTRODUCTION + _options(main, context) + "".join(sections))
 
 
 def _once(text: str) -> str:
-    """Return the page with every row of a table that is also in an earlier one as a link to the section of that."""
+    """Return the page with every option that an earlier section has, with the same text, as a link to that section."""
     lines, section, first = [], "", dict[str, str]()
     for line in text.splitlines(keepends=True):
         if line.startswith("#"):
             section = line.strip("# \n")
-        name, _, meaning = line.partition(" | ")
+        name, _, meaning = line.partition("`: ")
         if len(meaning.split()) > _SHORT and first.setdefault(line, section) != section:
-            lines.append(f"{name} | As for [{first[line]}](#{first[line].replace(' ', '-')}). |\n")
+            lines.append(f"{name}`: as for [{first[line]}](#{first[line].replace(' ', '-')}).\n")
         else:
             lines.append(line)
     return "".join(lines)
@@ -64,7 +64,7 @@ def _section(command: click.Command, context: click.Context, level: str = "##") 
     usage = " ".join([context.command_path, *command.collect_usage_pieces(context)])
     own = f"\n{level} {name}\n\n```text\n{usage}\n```\n\n{_text(command.help)}"
     if not isinstance(command, click.Group):
-        return own + _table(command, context)
+        return own + _options(command, context)
     below = [command.get_command(context, verb) for verb in command.list_commands(context)]
     return own.rstrip("\n") + "\n" + "".join(_section(c, click.Context(c, context, c.name), f"{level}#") for c in below)
 
@@ -83,24 +83,18 @@ def _text(help_text: str) -> str:
     return "".join(f"{block}\n\n" for block in blocks)
 
 
-def _table(command: click.Command, context: click.Context) -> str:
-    """Return the table of a command's options."""
+def _options(command: click.Command, context: click.Context) -> str:
+    """Return the list of a command's options and settings."""
     options = [option for option in command.params if isinstance(option, click.Option)]
     rows = [option.get_help_record(context) for option in options if option.opts != ["--set"]]
     if isinstance(command, Verb):
         rows += [(f"--set {name}", entry.title) for name, entry in command.settings.items()]
-    cells = [(f"`{name}`", _linked(" ".join(text.split()))) for name, text in rows]
-    lines = ["| option | meaning |", "|---|---|", *(f"| {name} | {text} |" for name, text in map(_escaped, cells))]
-    return "\n".join(lines) + "\n" if rows else ""
-
-
-def _escaped(cells: tuple[str, str]) -> tuple[str, ...]:
-    return tuple(cell.replace("|", r"\|") for cell in cells)
+    return "".join(f"- `{name}`: {_linked(' '.join(text.split()))}\n" for name, text in rows)
 
 
 def _linked(text: str) -> str:
     """Return a text whose pages are links, and whose angle brackets are not HTML."""
-    return re.sub(r"docs/(\w+)/(\w+\.md)", _link, text.replace("<", r"\<"))
+    return re.sub(r"docs/(\w+)/ ?(\w+\.md)", _link, text.replace("<", r"\<"))
 
 
 def _link(match: re.Match[str]) -> str:

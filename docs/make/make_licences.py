@@ -52,14 +52,12 @@ class Package:
 
     Attributes:
         name: Name of the distribution.
-        version: Installed version.
         stated: Licence as the package states it, shortened.
         kind: Kind of the licence.
         extras: Extras that install it; empty if every installation has it.
     """
 
     name: str
-    version: str
     stated: str
     kind: str
     extras: tuple[str, ...]
@@ -95,7 +93,7 @@ def packages() -> list[Package]:
         distribution = importlib.metadata.distribution(name)
         stated, kind = licence(distribution)
         extras = tuple(extra for extra, names in of_extra.items() if name in names)
-        found.append(Package(name, distribution.version, stated, kind, extras))
+        found.append(Package(name, stated, kind, extras))
     return found
 
 
@@ -156,7 +154,7 @@ def page(found: list[Package], python: str) -> str:
         )
     by_licence: dict[str, list[str]] = {}
     for one in found:
-        by_licence.setdefault(one.stated, []).append(f"{one.name} {one.version}")
+        by_licence.setdefault(one.stated, []).append(one.name)
     table = ["| licence as stated | packages |", "|---|---|"]
     table += [f"| {stated} | {', '.join(by_licence[stated])} |" for stated in sorted(by_licence, key=str.lower)]
     return INTRODUCTION.format(python=python) + "\n".join([*notes, "", *table]) + "\n"

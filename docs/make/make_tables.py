@@ -1,7 +1,8 @@
 """Rewrite the tables in docs that are generated from the code: `python docs/make/make_tables.py`.
 
 The variables in docs/reference/ports.md come from the interface.toml files, the rules in docs/reference/verdict.md from
-the modules that define them, the words in docs/reference/glossary.md from eightpost/report/glossary.txt.
+the modules that define them, those in docs/reference/check.md from builder/check/rules.txt, the words in
+docs/reference/glossary.md from eightpost/report/glossary.txt.
 """
 
 import importlib
@@ -16,7 +17,7 @@ DOCS = Path(__file__).resolve().parents[1]
 FMUS = DOCS.parent / "fmus"
 
 #: Pages that have generated tables.
-PAGES = ("reference/glossary.md", "reference/ports.md", "reference/verdict.md")
+PAGES = ("reference/check.md", "reference/glossary.md", "reference/ports.md", "reference/verdict.md")
 
 #: Marker in the page -> file whose rows the table shows. "laws" stands for all of fmus/shock_<law>/.
 SOURCES = {
@@ -28,8 +29,13 @@ SOURCES = {
 #: Names of grades on the page of verdicts.
 _SHORT = {Grade.LIMITED: "limited"}
 
-_REGION = re.compile(r"(?P<start><!-- (?P<kind>table|rules) (?P<name>[\w.]+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
-_HEADER = "| variable | reference | causality | unit | display | start | range | meaning |\n" + "|---" * 8 + "|\n"
+#: Levels of rules of `check`, and the titles of their lists.
+LEVELS = {"error": "Errors", "drop-in": "Drop-in", "hint": "Hints"}
+
+_REGION = re.compile(
+    r"(?P<start><!-- (?P<kind>table|rules|checks) (?P<name>[\w.,:; -]+?) -->\n).*?(?P<end><!-- end -->)", re.DOTALL
+)
+_HEADER = "| variable | reference | causality | unit | display | start, range | meaning |\n" + "|---" * 7 + "|\n"
 
 
 def rewrite(page: str) -> str:
@@ -40,6 +46,8 @@ def rewrite(page: str) -> str:
 def _region(kind: str, name: str) -> str:
     if kind == "rules":
         return rules(name)
+    if kind == "checks":
+        return checks(name.split("; "))
     if name == "words":
         return words()
     return laws() if name == "laws" else table(SOURCES[name])
@@ -55,12 +63,22 @@ def rules(module: str) -> str:
     return "\n".join(lists)
 
 
+def checks(titles: list[str]) -> str:
+    """Return the rules of `check` under some titles of builder/check/rules.txt as lists, one for each level."""
+    text = (DOCS.parent / "builder" / "check" / "rules.txt").read_text(encoding="utf-8")
+    sections = {part.partition("\n")[0]: part.splitlines()[1:] for part in text.split("\n# ")}
+    rows = [line.split(" | ") for title in titles for line in sections[title] if line]
+    lists = []
+    for level, heading in LEVELS.items():
+        lines = [f"- `{row[0]}`: {row[2]}" for row in rows if row[1] == level]
+        lists += ["\n".join([f"{heading}:", "", *lines, ""])] if lines else []
+    return "\n".join(lists)
+
+
 def words() -> str:
-    """Return the table of all words of the glossary."""
+    """Return the list of all words of the glossary."""
     rows = glossary(common=True).items()
-    return "| word | meaning |\n|---|---|\n" + "".join(
-        f"| {word.replace(' | ', ', ')} | {text} |\n" for word, text in rows
-    )
+    return "".join(f"- *{word.replace(' | ', ', ')}*: {text}\n" for word, text in rows)
 
 
 def laws() -> str:
@@ -88,7 +106,8 @@ def _cells(row: dict) -> list[str]:
     causality = ", ".join(row[key] for key in ("type", "causality", "variability") if key in row)
     description = row["description"].replace("|", r"\|")
     units = [row.get("unit", ""), row.get("display", "")]
-    return [f"`{name}`", reference, causality, *units, _start(row), _range(row), description]
+    limits = ", ".join(filter(None, (_start(row), _range(row))))
+    return [f"`{name}`", reference, causality, *units, limits, description]
 
 
 def _start(row: dict) -> str:

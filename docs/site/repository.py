@@ -1,4 +1,4 @@
-"""What the site needs of the repository: titles in place of file names, a page in its root."""
+"""What the site needs of the repository: titles in place of file names, words to search for, a page in its root."""
 
 import posixpath
 import re
@@ -11,6 +11,15 @@ from sphinx.application import Sphinx
 _FRONT = """<!doctype html><meta charset="utf-8"><title>eightpost</title>
 <meta http-equiv="refresh" content="0; url=docs/index.html"><a href="docs/index.html">eightpost</a>
 """
+
+
+#: Words by which a reader looks for a page; the comment is invisible in the repository.
+_SEARCH = re.compile(r"^<!-- search: (.+) -->$", re.MULTILINE)
+
+
+def _search_words(_: Sphinx, __: str, source: list[str]) -> None:
+    """Replace the comment with the search words of a page by main entries of the index, which a search lists first."""
+    source[0] = _SEARCH.sub(lambda found: f"```{{index}} !{found[1].replace(', ', ', !')}\n```", source[0])
 
 
 def _title_links(app: Sphinx, doctree: nodes.document, name: str) -> None:
@@ -31,7 +40,8 @@ def _front_page(app: Sphinx, error: Exception | None) -> None:
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Connect the titles and the front page."""
+    """Connect the search words, the titles and the front page."""
+    app.connect("source-read", _search_words)
     app.connect("doctree-resolved", _title_links)
     app.connect("build-finished", _front_page)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

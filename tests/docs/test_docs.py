@@ -77,7 +77,9 @@ def test_a_name_that_does_not_exist_does_not_resolve():
         resolve("eightpost.shock.lpnl3.Lpnl3")
 
 
-@pytest.mark.parametrize("name", ["reference/ports.md", "reference/verdict.md", "evidence/equations.md"])
+@pytest.mark.parametrize(
+    "name", ["reference/check.md", "reference/ports.md", "reference/verdict.md", "evidence/equations.md"]
+)
 def test_the_tables_that_come_from_the_code_are_up_to_date(make_tables, name):
     page = (ROOT / "docs" / name).read_text(encoding="utf-8")
     assert make_tables.rewrite(page) == page, "run: python docs/make/make_tables.py"
