@@ -40,7 +40,7 @@ lint: $(INSTALLED) ## Check style and format.
 	$(BIN)/ruff format --check .
 
 types: $(INSTALLED) ## Check types.
-	$(BIN)/mypy
+	$(BIN)/pyrefly check
 
 contracts: $(INSTALLED) ## Check which module imports which.
 	$(BIN)/lint-imports

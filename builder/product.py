@@ -111,7 +111,7 @@ class _Dependencies:
         out = _terms(_states_of(form, form.C_re.T, form.C_im.T)).T
         self.out = self._with_rows(out.T).T  # (p, n + P)
         at_rest = form.at_rest() if form.steady else 0j * form.B_re
-        rest = _states_of(form, np.asarray(at_rest.real), np.asarray(at_rest.imag))
+        rest = _states_of(form, np.asarray(at_rest.real, dtype=np.float64), np.asarray(at_rest.imag, dtype=np.float64))
         self.rest = self._with_rows(_terms(rest))  # (n + P, m): the steady state of constant inputs
         count, pairs = form.sigma.size, np.arange(form.pairs)
         self.own = np.eye(len(self.into), dtype=bool)  # (n + P, n + P): a pair's parts depend on each other

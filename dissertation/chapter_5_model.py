@@ -335,7 +335,7 @@ class LowResidual:
 
 def _residual(treatment: HighResidual | LowResidual, slope: float) -> Findings:
     f = np.arange(0.1, 30.0, 0.1)
-    path = 3.0 * np.exp(1j * (0.7 + slope * f)) / f**1.8
+    path = np.asarray(3.0 * np.exp(1j * (0.7 + slope * f)) / f**1.8, dtype=np.complex128)
     return Findings(claims={"holds": holds(difference(treatment.apply(f, path) * f**1.8, path * f**1.8))})
 
 

@@ -116,7 +116,7 @@ def table_6_3(_: Effort) -> Findings:
 @cache
 def zeroed_table() -> tuple[tuple[str, ...], NDArray[np.bool_]]:
     """Return the outputs and the mask (14, 12) of the kept paths of Table 6.5."""
-    text = files(__package__).joinpath("printed/table_6_5.toml").read_text(encoding="utf-8")
+    text = files("dissertation").joinpath("printed/table_6_5.toml").read_text(encoding="utf-8")
     rows = tomllib.loads(text)["paths"]
     mask = np.array([[digit == "1" for digit in row.replace(" ", "")] for row in rows.values()])
     return tuple(rows), mask

@@ -102,7 +102,7 @@ class _Study:
 
     def label(self, setup: int) -> str:
         """Return the builds at lf, rf, lr, rr."""
-        return ", ".join(self.builds[k] for k in self.setups[setup].astype(int))
+        return ", ".join(str(self.builds[k]) for k in self.setups[setup].astype(int).tolist())
 
     def extremes(self, name: str, count: int) -> tuple[list[int], list[int]]:
         """Return the setups with the lowest and with the highest measure."""
@@ -338,7 +338,7 @@ def figure_7_7(effort: Effort) -> Findings:
         inside += int((np.abs(residual) <= band).sum())
         count += len(setups)
         ends = np.array([simulated.min(), simulated.max()])
-        line = np.polyval(fit, ends)
+        line = np.asarray(np.polyval(fit, ends), dtype=np.float64)
         lines = [
             Line("setups", simulated, measured, "points"),
             Line("best fit", ends, line),

@@ -168,7 +168,7 @@ def _nearest(word: str) -> list[str]:
 
 def _chapter(chapter: int) -> tuple[Item, ...]:
     """Return the items of a chapter's TOML file."""
-    text = files(__package__).joinpath(f"printed/chapter_{chapter}.toml").read_text(encoding="utf-8")
+    text = files("dissertation").joinpath(f"printed/chapter_{chapter}.toml").read_text(encoding="utf-8")
     return tuple(_item(entry) for entry in tomllib.loads(text)["item"])
 
 

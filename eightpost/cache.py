@@ -56,11 +56,9 @@ def _is_trusted(path: Path, others: int = stat.S_IWGRP | stat.S_IWOTH) -> bool:
     """Return whether nobody but this user and root can have written a file; always true on Windows."""
     if sys.platform == "win32":
         return True
-    for place in (path, path.parent):
-        state = place.stat()
-        if state.st_uid not in (os.geteuid(), 0) or state.st_mode & others:
-            return False
-    return True
+    else:
+        states = [place.stat() for place in (path, path.parent)]
+        return not any(state.st_uid not in (os.geteuid(), 0) or state.st_mode & others for state in states)
 
 
 def digest(parts: Iterable[bytes | str]) -> str:

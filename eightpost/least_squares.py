@@ -187,7 +187,7 @@ class _SearchProblem(Protocol[_Reached_co]):
     def bounds(self) -> tuple[Array, Array]:
         """Return the lowest and the highest parameters; infinite without a bound."""
 
-    def at(self, parameters: Array) -> _Reached_co:
+    def at(self, parameters: Array, /) -> _Reached_co:
         """Return the point of parameters."""
 
 

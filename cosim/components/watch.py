@@ -216,6 +216,7 @@ class _ExitNotice:
 def _is_glibc() -> bool:
     if sys.platform == "win32":
         return False
-    with suppress(ValueError, OSError, AttributeError):
-        return bool(os.confstr("CS_GNU_LIBC_VERSION"))
-    return False
+    else:
+        with suppress(ValueError, OSError, AttributeError):
+            return bool(os.confstr("CS_GNU_LIBC_VERSION"))
+        return False

@@ -175,13 +175,15 @@ def sweep_parameters(
 def _points(
     parameters: Mapping[str, Sequence[Value]] | Iterable[Mapping[str, Value]],
 ) -> tuple[Mapping[str, Value], ...]:
+    points: tuple[Mapping[str, Value], ...]
     if not isinstance(parameters, Mapping):
         points = tuple(dict(point) for point in parameters)
     else:
         for name, values in parameters.items():
             if isinstance(values, str | bytes) or not isinstance(values, Iterable):
                 raise InputError(f"parameters: {name} is {values!r}; give a list of values, such as [0.8, 1.0, 1.2]")
-        points = tuple(dict(zip(parameters, values, strict=True)) for values in product(*parameters.values()))
+        names = [str(name) for name in parameters]
+        points = tuple(dict(zip(names, values, strict=True)) for values in product(*parameters.values()))
     if not points or not all(points):
         raise InputError("parameters: give at least one parameter with at least one value")
     return points

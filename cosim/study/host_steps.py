@@ -94,7 +94,7 @@ class HostCar:
             force = np.asarray(shocks.start(0.0, np.zeros(count), travel))
             if car.at_rest:
                 state = np.linalg.solve(car.A, -(car.B @ inputs + self._pushed @ force))
-        return state, force
+        return np.asarray(state, dtype=np.float64), force
 
     def _with_law(self, shocks: ForceLaw, step: float, inputs: Array) -> _Advance:
         A, B, ports = self._vehicle.A, self._pushed, self._vehicle.C[self._motions]

@@ -372,7 +372,8 @@ def sheet_of(result: StudyResult, *, certainty: Certainty | None = None, trace_c
 
 def _setting(build: Build) -> str:
     """Return the parameters of a build as text, such as `rebound 20 clicks`."""
-    clicks, words = "clicks.", []
+    clicks: str = "clicks."
+    words: list[str] = []
     for name, value in build.parameters.items():
         adjuster = name.removeprefix(clicks)
         words.append(f"{adjuster} {value} clicks" if adjuster != name else f"{name.replace('_', ' ')} {value}")

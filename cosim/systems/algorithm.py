@@ -46,9 +46,8 @@ class Algorithm(Protocol):
     def name(self) -> str:
         """Name on the command line."""
 
-    @property
-    def repeats(self) -> bool:
-        """Whether steps are repeated, so that every component must save and restore its state."""
+    #: Whether steps are repeated, so that every component must save and restore its state.
+    repeats: ClassVar[bool]
 
     @property
     def accuracy(self) -> Accuracy:
@@ -108,7 +107,7 @@ class _Sequenced:
     def _check_sequence(self) -> None:
         """Raise InputError if the sequence is not one of names; a step given in its place is named."""
         value: object = self.sequence
-        if isinstance(value, tuple | list) and all(isinstance(name, str) for name in value):
+        if isinstance(value, (tuple, list)) and all(isinstance(name, str) for name in value):
             return
         raise InputError(
             f"sequence must be a tuple of component names such as ('car', 'lf'), not {value!r}"
@@ -141,7 +140,7 @@ class Jacobi(_Explicit):
     #: Coupling values over a step: `held` at the value at its start; `interpolated` from the last step's start to this
     #: one's, continuous and a step late; `extrapolated` with the last step's slope; `parabolic` with the slope and its
     #: change.
-    values: str = "held"
+    values: str = "held"  # type: ignore[override]
     name: str = "jacobi"
     _sweep: ClassVar[int] = JACOBI
 
@@ -160,11 +159,11 @@ class GaussSeidel(_Explicit, _Sequenced):
 
     #: Order of the components. If empty, it follows from the declared dependencies: a component whose outputs follow an
     #: input without delay comes after the one that feeds it (vehicle first, then its shocks).
-    sequence: tuple[str, ...] = ()
+    sequence: tuple[str, ...] = ()  # type: ignore[override]
     #: Coupling values of components that have not stepped: `extrapolated` with the last step's slope, `parabolic` with
     #: the slope and its change (third order, with a smaller stability limit), `interpolated` (a step late), or `held`.
     #: With `held`, known values are held too, at the newest value.
-    values: str = "extrapolated"
+    values: str = "extrapolated"  # type: ignore[override]
     name: str = "gauss-seidel"
     _sweep: ClassVar[int] = GAUSS_SEIDEL
 
@@ -186,7 +185,8 @@ class Implicit(_Sequenced):
             tuple of names.
     """
 
-    sequence: tuple[str, ...] = ()  #: Order of the components; see GaussSeidel.
+    #: Order of the components; see GaussSeidel.
+    sequence: tuple[str, ...] = ()  # type: ignore[override]
     #: Largest disagreement [1], relative to the largest value of the signal so far; up to a hundred times that if
     #: iterations stall, since a component's output may jump slightly.
     tolerance: float = 1e-5
@@ -195,8 +195,11 @@ class Implicit(_Sequenced):
     iterations: int = 15
     name: str = "implicit"
     repeats: ClassVar[bool] = True
-    #: Adams-Moulton formula of three points, compared with the Adams-Bashforth prediction.
-    accuracy: ClassVar[Accuracy] = Accuracy(3, 1.0 / 24.0)
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """Accuracy of the Adams-Moulton formula of three points, compared with the Adams-Bashforth prediction."""
+        return Accuracy(3, 1.0 / 24.0)
 
     def __post_init__(self) -> None:
         self._check_sequence()

@@ -49,7 +49,7 @@ def own_unit(components: Mapping[str, Component], name: str, value: bool | float
             raise WiringError(f"{name} = {value!r}: {suggestion(value, variable.items)}")
         return variable.items[value]
     if variable.type in DISCRETE:
-        return int(value) if isinstance(value, float) and value.is_integer() else value
+        return int(value) if isinstance(value, float) and value == round(value) else value
     if variable.type != "Real":
         return value
     if not isinstance(value, str):
@@ -229,7 +229,7 @@ class System(Summarized):
         if not isinstance(fmus, Mapping):
             raise WiringError(f"the FMUs are {fmus!r}; give them by name: {{'car': 'car.fmu', 'lf': 'shock.fmu'}}")
         for name, path in fmus.items():
-            if not isinstance(path, str | PathLike):
+            if not isinstance(path, (str, PathLike)):
                 raise WiringError(f"component {name!r} is a {type(path).__name__}; give the file of its FMU")
         components = {name: FmuComponent(Path(path), name) for name, path in fmus.items()}
         values_by_name: Mapping[str, Any] = parameters or {}
@@ -489,7 +489,7 @@ def _bonds(entries: Iterable[Bond | tuple[str, str]]) -> tuple[Bond, ...]:
     for one in entries:
         if isinstance(one, Bond):
             bonds.append(one)
-        elif isinstance(one, tuple | list) and len(one) == 2 and all(isinstance(name, str) for name in one):
+        elif isinstance(one, (tuple, list)) and len(one) == 2 and all(isinstance(name, str) for name in one):
             bonds.append(Bond.between(*one))
         else:
             raise WiringError(f"{one!r} is not a bond; write ('car.lf', 'lf'): the vehicle's port, then the shock")

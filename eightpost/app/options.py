@@ -570,8 +570,10 @@ class Workers(click.ParamType):  # type: ignore[type-arg]
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | str:
         """Return the number or the address."""
-        if not isinstance(value, str) or ":" in value:
+        if isinstance(value, int):
             return value
+        if ":" in str(value):
+            return str(value)
         if not value.isdecimal() or not int(value):
             self.fail(f"{value!r} is neither a number of processes nor an address such as tcp://host:8786", param, ctx)
         return int(value)

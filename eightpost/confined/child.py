@@ -34,17 +34,16 @@ def _unsendable(error: Exception) -> tuple[str, Any]:
 
 def _limit_memory(memory: int) -> None:
     """Limit the address space to the current use plus `memory` [bytes], on systems that support it."""
-    if sys.platform == "win32":
-        return
-    import resource  # noqa: PLC0415 -- Windows does not have it
+    if sys.platform != "win32":
+        import resource  # noqa: PLC0415 -- Windows does not have it
 
-    try:
-        taken = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
-    except OSError:
-        taken = 4 * 2**30
-    _, hard = resource.getrlimit(resource.RLIMIT_AS)
-    wanted = taken + memory
-    resource.setrlimit(resource.RLIMIT_AS, (wanted if hard == resource.RLIM_INFINITY else min(wanted, hard), hard))
+        try:
+            taken = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
+        except OSError:
+            taken = 4 * 2**30
+        _, hard = resource.getrlimit(resource.RLIMIT_AS)
+        wanted = taken + memory
+        resource.setrlimit(resource.RLIMIT_AS, (wanted if hard == resource.RLIM_INFINITY else min(wanted, hard), hard))
 
 
 if __name__ == "__main__":

@@ -188,7 +188,7 @@ def regularised_inverse(H: Complex, outputs: Array, units: tuple[str, ...], regu
     square, floor = s**2, np.maximum((regularisation * s[:, :1]) ** 2, 1e-300)
     weights = s / (square + floor)
     G = inputs[:, None] * (np.conj(Vh.transpose(0, 2, 1)) * weights[:, None, :]) @ np.conj(W.transpose(0, 2, 1))
-    return Inverse(G / outputs[:, None, :], s, square / (square + floor))
+    return Inverse((G / outputs[:, None, :]).astype(np.complex128), s, square / (square + floor))
 
 
 # ==== Correction of the response between passes, and gains from coherence, by channel and band =======================

@@ -40,7 +40,7 @@ class Lines:
     def frequency(self) -> Array:
         """Frequencies (K,) [Hz], without 0."""
         every = np.fft.rfftfreq(self.samples, 1.0 / self.rate)
-        return np.asarray(every[(every > 0.0) & (every <= self.high)])
+        return np.asarray(every[(every > 0.0) & (every <= self.high)], dtype=np.float64)
 
     @property
     def spacing(self) -> float:

@@ -198,7 +198,9 @@ class LinearCar:
             damping,
             np.concatenate([poles[kept], np.full(more, -1.0)]),
             np.concatenate([into, np.zeros((more, into.shape[1]))]),
-            np.concatenate([closed.C @ vectors[:, kept], np.zeros((len(closed.C), more))], axis=1),
+            np.concatenate([closed.C @ vectors[:, kept], np.zeros((len(closed.C), more))], axis=1).astype(
+                np.complex128
+            ),
         )
 
     @property

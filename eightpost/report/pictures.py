@@ -44,7 +44,7 @@ def new_figure(width: float, height: float, **options: Any) -> Figure:
         height: Height [in].
         options: Options of matplotlib's figure; `layout=None` if its panels have fixed positions.
     """
-    figure = Figure(figsize=(width, height), **{"layout": "constrained"} | options)
+    figure = Figure(figsize=(width, height), **dict[str, Any]({"layout": "constrained"} | options))
     FigureCanvasAgg(figure)
     return figure
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Protocol, Self
+from typing import Protocol
 
 from eightpost.array_types import Array
 
@@ -44,11 +44,11 @@ class Series(Protocol):
     def unit(self, name: str, /) -> str:
         """Return the SI unit of a channel."""
 
-    def select(self, names: Iterable[str], /) -> Self:
+    def select(self, names: Iterable[str], /) -> Series:
         """Return a series with these channels in this order."""
 
-    def window(self, start: float, stop: float, /) -> Self:
+    def window(self, start: float, stop: float, /) -> Series:
         """Return the samples between two times [s]."""
 
-    def resample(self, rate: float, /) -> Self:
+    def resample(self, rate: float, /) -> Series:
         """Return a series with a uniform sample rate [Hz]."""

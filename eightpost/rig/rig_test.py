@@ -281,6 +281,6 @@ def _conditions(path: Path) -> RigConditions:
         known: dict[str, Any] = json.loads(parquet_header(path).get("note", "") or "{}")
         names = {f.name for f in fields(RigConditions)}
         own = {name: value for name, value in known.items() if name in names}
-        return RigConditions(**{**own, "shocks": tuple(own.get("shocks", ()))})
+        return RigConditions(**dict[str, Any](own, shocks=tuple(own.get("shocks", ()))))
     except (RecursionError, *MALFORMED):  # the note does not contain conditions
         return RigConditions()

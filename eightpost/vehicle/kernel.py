@@ -80,7 +80,7 @@ def balance(A: Array) -> tuple[Array, Array]:
     counted = np.where(np.abs(A) < 1e-40 * np.abs(A).max(initial=0.0), 0.0, A)
     with np.errstate(invalid="ignore"):  # scipy converts the scaling to integers
         _, (scaling, _) = matrix_balance(counted, permute=False, separate=True)
-    return np.asarray(A * scaling / scaling[:, None]), np.asarray(scaling)
+    return np.asarray(A * scaling / scaling[:, None]), np.asarray(scaling, dtype=np.float64)
 
 
 def equilibrium(A: Array, B: Array, u: Array) -> Array:

@@ -83,7 +83,7 @@ class ModalForm:
         """Return z (K, m) in the steady states of the inputs, each of them 1; there must be one (`steady`)."""
         modes, b = self.uncoupled, self.B_re + 1j * self.B_im
         coupled = np.linalg.solve(self.coupling, b[modes:])
-        return np.asarray(-np.concatenate([b[:modes] / self.eigenvalues[:, None], coupled]))
+        return np.asarray(-np.concatenate([b[:modes] / self.eigenvalues[:, None], coupled]), dtype=np.complex128)
 
 
 def modal_form(model: StateSpace) -> ModalForm:

@@ -155,7 +155,7 @@ class StateSpace:
         """
         poles = _continuous(self.poles(), self.dt)
         poles = poles[poles.imag >= 0.0]
-        return tuple(_mode(pole) for pole in sorted(poles, key=abs))
+        return tuple(_mode(pole) for pole in poles[np.argsort(np.abs(poles), kind="stable")])
 
     def frequency_response(self, frequency_hz: ArrayLike) -> Complex:
         """Return `H = C (s I - A)^-1 B + D` (p, m, K) at `s = 2 pi j f`, or at `z = exp(2 pi j f dt)`, for f (K,) [Hz].

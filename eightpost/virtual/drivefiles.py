@@ -126,7 +126,7 @@ class _Noise:
 
     @property
     def frequency(self) -> Array:
-        return np.asarray(np.fft.rfftfreq(self.samples + 2 * self.margin, 1.0 / self.rate))
+        return np.asarray(np.fft.rfftfreq(self.samples + 2 * self.margin, 1.0 / self.rate), dtype=np.float64)
 
     def shaped(self, table: tuple[tuple[float, float], ...]) -> NDArray[np.complex128]:
         """Return the Fourier coefficients (K,) of new zero-mean noise with the amplitude spectrum of a table."""

@@ -198,7 +198,7 @@ def _cursors(runs: Mapping[str, SavedRun], channels: Sequence[str]) -> None:
     cursors: list[ui.slider] = []
 
     def read() -> None:
-        first, last = (float(cursor.value) for cursor in cursors)
+        first, last = (float(cursor.value or 0.0) for cursor in cursors)
         rows.clear()
         with rows:
             columns = ["run", "channel", f"at {first:.3f} s", f"at {last:.3f} s", "difference"]

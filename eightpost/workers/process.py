@@ -184,7 +184,7 @@ def own_group() -> dict[str, Any]:
     return {"start_new_session": True}
 
 
-def kill(process: subprocess.Popen[bytes], *, tree: bool) -> None:
+def kill(process: subprocess.Popen[Any], *, tree: bool) -> None:
     """Kill a process, and if `tree`, its process group with all that it started; wait for its end."""
     if sys.platform == "win32" or not tree:
         process.kill()
@@ -333,10 +333,10 @@ def _waiter(end: Any) -> Callable[[float], bool]:
     """Return a function that waits up to a number of seconds for data to read, and returns whether there is any."""
     if sys.platform == "win32":
         return lambda seconds: bool(end.poll(seconds))
-    # Connection.poll creates a selector at each call, which takes longer than the reply of a fast FMU.
-    poll = select.poll()
-    poll.register(end.fileno(), select.POLLIN)
-    return lambda seconds: bool(poll.poll(seconds * 1e3))
+    else:  # Connection.poll creates a selector at each call, which takes longer than the reply of a fast FMU
+        poll = select.poll()
+        poll.register(end.fileno(), select.POLLIN)
+        return lambda seconds: bool(poll.poll(seconds * 1e3))
 
 
 # ---- In the child ---------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Use of the API, for a type checker: tests/api/test_names.py runs mypy on this file, which is never executed."""
+"""Use of the API, for a type checker: tests/api/test_names.py runs pyrefly on this file, which is never executed."""
 
 from typing import assert_type
 

@@ -21,7 +21,7 @@ from tests.docs.page_blocks import FILES, ROOT, Block, all_blocks, blocks, comma
 ALL = all_blocks()
 
 #: Programs that are not part of the project; their commands are read by nobody here.
-OTHERS = {"cc", "dask", "git", "lint-imports", "mypy", "pip", "pytest", "ruff", "unzip", "cd", "."}
+OTHERS = {"cc", "dask", "git", "lint-imports", "pip", "pyrefly", "pytest", "ruff", "unzip", "cd", "."}
 
 
 def of(*languages: str) -> list[Block]:

@@ -306,7 +306,8 @@ def process_state() -> dict[str, str]:
                 state[masks[name]] = listed([str(k + 1) for k in range(64) if int(mask, 16) >> k & 1]) or "none"
             if name == "Umask":
                 state["permissions of new files"] = mask.strip()
-        state["alarm"] = "set" if signal.getitimer(signal.ITIMER_REAL)[0] else "none"
+        if sys.platform != "win32":
+            state["alarm"] = "set" if signal.getitimer(signal.ITIMER_REAL)[0] else "none"
         children = Path("/proc/self/task").glob("*/children")
         state["number of child processes"] = str(sum(len(one.read_text(encoding="ascii").split()) for one in children))
     return state
@@ -317,8 +318,9 @@ def _environment() -> dict[str, str]:
     variables: dict[str, str] = {}
     with suppress(ValueError, OSError):  # Windows has no such variable
         pointer = ctypes.POINTER(ctypes.c_char_p).in_dll(ctypes.CDLL(None), "environ")
-        for entry in itertools.takewhile(bool, (pointer[k] for k in itertools.count())) if pointer else ():
-            name, _, value = (entry or b"").decode("utf-8", "replace").partition("=")
+        entries: Iterator[bytes] = itertools.takewhile(bool, (pointer[k] for k in itertools.count()))
+        for entry in entries if pointer else ():
+            name, _, value = entry.decode("utf-8", "replace").partition("=")
             variables[f"environment variable {name}"] = value[:40]
     return variables
 

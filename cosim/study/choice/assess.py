@@ -239,7 +239,7 @@ def _drawn(
     rows, left_out = candidates(posterior, chosen, feasible, top)
     if not rows.size:
         empty = np.empty(0, dtype=np.int64)
-        return Drawn(rows, np.empty((2, 0), dtype=np.int64), np.empty(0), 1, np.empty((0, 0)), empty, 1.0), 0.0
+        return Drawn(rows, np.empty((2, 0)), np.empty(0), 1, np.empty((0, 0)), empty, 1.0), 0.0
     return draw_choice(posterior, chosen, limits_of(result), rows, top=top, count=draws, seed=seed), left_out
 
 
@@ -306,7 +306,7 @@ def _trade_offs(
         yield _trade_off(name, levels, rows[0], sources.predicted[:, m], feasible)
     if chosen.name == OBJECTIVE and known.keys() >= set(chosen.measures.tolist()):
         terms = zip(chosen.weights.tolist(), chosen.measures.tolist(), strict=True)
-        whole = chosen.offset + sum(weight * known[m] for weight, m in terms)
+        whole = np.asarray(chosen.offset + sum(weight * known[m] for weight, m in terms))
         yield _trade_off(OBJECTIVE, whole, rows[0], chosen.values(sources.predicted), feasible)
 
 

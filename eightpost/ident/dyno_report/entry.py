@@ -294,7 +294,7 @@ def _band(shock: Shock) -> ForceBand | None:
 
 def _numbers(value: object) -> Array | None:
     """Return a list of finite numbers as an array (N,), None for anything else."""
-    if not isinstance(value, list | tuple) or not all(type(item) in (int, float) for item in value):
+    if not isinstance(value, (list, tuple)) or not all(type(item) in (int, float) for item in value):
         return None
     array = np.asarray(value, dtype=np.float64)
     return array if np.isfinite(array).all() else None

@@ -324,7 +324,9 @@ def _lines(tests: Sequence[TimeSeries], names: Sequence[str]) -> _Lines:
         for name, part in parts.items():
             values = test[name]
             part.append(np.fft.rfft(window * (values - values.mean()))[inside] / np.sqrt(len(test)))
-    return _Lines(np.concatenate(frequencies), {name: np.concatenate(part) for name, part in parts.items()})
+    return _Lines(
+        np.concatenate(frequencies).astype(np.float64), {name: np.concatenate(part) for name, part in parts.items()}
+    )
 
 
 def _solve(target: Complex, columns: Sequence[Complex]) -> Array:
@@ -362,7 +364,7 @@ def _axle(
         inertia = sum(masses[i, j] * of[channel(c, "hub_acceleration")] for j, c in enumerate(pair))
         loads[corner] = of[channel(corner, "tire_force")] - inertia
         inverse = np.linalg.inv(port)
-        travels[corner] = sum(inverse[i, j] * of[channel(c, "displacement")] for j, c in enumerate(pair))
+        travels[corner] = np.asarray(sum(inverse[i, j] * of[channel(c, "displacement")] for j, c in enumerate(pair)))
     return found
 
 

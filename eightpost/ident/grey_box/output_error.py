@@ -194,7 +194,7 @@ class Band:
     def frequencies(self, samples: int, rate: float) -> Array:
         """Return the frequencies (B,) [Hz] of the lines of a record of N samples."""
         every = np.fft.rfftfreq(samples, 1.0 / rate)
-        return np.asarray(every[(every >= self.low) & (every <= self.high)])
+        return np.asarray(every[(every >= self.low) & (every <= self.high)], dtype=np.float64)
 
     def lines(self, signals: Array, rate: float) -> Complex:
         """Return the spectral lines (..., B) of signals (..., N)."""

@@ -460,7 +460,9 @@ def _car_law(spectra: Spectra, corners: Sequence[str]) -> tuple[Regression, dict
     for place in axles or (tuple(corners),):
         rows += [sum_of(place, "hub_acceleration"), *(sum_of(place, "chassis_acceleration", k) for k in range(3))]
     fit = spectra.regress(sum_of(corners, "tire_force"), rows, HIGH)
-    return fit and (fit, loads, [k for start in range(first, len(rows), 4) for k in (start, start + 1)])
+    if fit is None:
+        return None
+    return fit, loads, [k for start in range(first, len(rows), 4) for k in (start, start + 1)]
 
 
 def _whole_car(spectra: Spectra, corners: Sequence[str], mass: float | None) -> Iterator[Comparison]:

@@ -157,7 +157,9 @@ def projected(model: ForceModel, curve_rows: Array) -> tuple[Array, float]:
         weights = np.linalg.solve(gram, columns.T @ target)
     else:
         weights = linear_solution(np.vstack([columns, penalty]), np.append(target, np.zeros(len(penalty))))
-    return weights, float(np.sum((columns @ weights - target) ** 2) + np.sum((penalty @ weights) ** 2))
+    return np.asarray(weights, dtype=np.float64), float(
+        np.sum((columns @ weights - target) ** 2) + np.sum((penalty @ weights) ** 2)
+    )
 
 
 def best_lag(model: ForceModel, bounds: tuple[float, float]) -> Array:

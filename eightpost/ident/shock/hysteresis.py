@@ -556,7 +556,7 @@ class HysteresisFit(FittedLaw):
             penalties[1].append(model.scattered(part.problem.unevenness @ to_states, number))
             fixed += [model.scattered(to_linear[part.is_fixed], number), model.scattered(to_states[at_bound], number)]
         jacobian = with_fixed(np.vstack([*rows, *penalties[0], *penalties[1]]), np.vstack(fixed))
-        values = tuple(map(np.concatenate, zip(*(part.penalties for part in end.parts), strict=True)))
+        values = tuple(np.concatenate(part) for part in zip(*(part.penalties for part in end.parts), strict=True))
         notes = (self.stop_note,) * bool(self.stop_note)
         ended = {"converged": self.found.converged, "status": self.found.status, "notes": notes}
         return JointFit.of(model, x, jacobian, np.sqrt(self.weights) * end.error, values, **ended)

@@ -50,7 +50,7 @@ def _lag_response(frequency: Array, time_constant: float, step: float) -> NDArra
     """Return the gain (K,) of `lag` at frequencies (K,) [Hz], that is, of the recursion and not the continuous lag."""
     rise, weight = _weights(time_constant, step)
     delay = np.exp(-2j * np.pi * frequency * step)
-    return np.asarray((weight + (rise - weight) * delay) / (1.0 + (rise - 1.0) * delay))
+    return np.asarray((weight + (rise - weight) * delay) / (1.0 + (rise - 1.0) * delay), dtype=np.complex128)
 
 
 def lag_sensitivity(static: Array, lagged: Array, time_constant: float, step: float) -> Array:

@@ -494,7 +494,9 @@ def _shapes(model: StateSpace, names: list[str] | tuple[str, ...]) -> tuple[Comp
     rows = [model.output_names.index(name) for name in names]
     shapes = (model.C[rows] @ V[:, upper])[:, order]
     length = np.linalg.norm(shapes, axis=0)
-    return np.asarray(poles[upper][order]), np.asarray(shapes / np.where(length > 0.0, length, 1.0))
+    return np.asarray(poles[upper][order]), np.asarray(
+        shapes / np.where(length > 0.0, length, 1.0), dtype=np.complex128
+    )
 
 
 def _assurance(a: Complex, b: Complex) -> Array:

@@ -131,7 +131,7 @@ class _Whole:
 class RandomValidation(_Whole):
     """Error of a shock on a random or track record."""
 
-    prediction: Validation
+    prediction: Validation  # type: ignore[override]
     residual: ErrorSpectrum | None  #: Spectra of the error, its coherence with velocity; None for less than 2.5 s
 
 
@@ -198,7 +198,8 @@ class Loop:
 class SineValidation(_Whole):
     """Error of a shock on a sine record."""
 
-    prediction: Validation  #: Over whole periods
+    #: Over whole periods
+    prediction: Validation  # type: ignore[override]
     frequency: float  #: [Hz]
     amplitude: float  #: Half the peak-to-peak displacement, low-passed [m]
     measured: Loop

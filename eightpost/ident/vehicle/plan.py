@@ -366,7 +366,7 @@ def _is_same(records: Sequence[TimeSeries], name: str) -> bool:
     if len(records) < 2 or not all(name in record for record in records):
         return False
     size = min(map(len, records))
-    return bool(np.min(np.corrcoef([record[name][:size] for record in records])[0]) > _SAME)
+    return bool(np.min(np.corrcoef(np.stack([record[name][:size] for record in records]))[0]) > _SAME)
 
 
 # ==== Shock forces in step with the laws of their shocks =============================================================

@@ -101,7 +101,14 @@ class Blocks:
     def poles(self) -> Complex:
         """The poles (2 N,) [1/s]."""
         root = np.sqrt(self.zeta.astype(np.complex128) ** 2 - 1.0)
-        return np.concatenate((self.w * (-self.zeta + root), self.w * (-self.zeta - root)))
+        return (
+            np.concatenate((self.w * (-self.zeta + root), self.w * (-self.zeta - root)))
+            .astype(np.complex128)
+            .astype(np.complex128)
+            .astype(np.complex128)
+            .astype(np.complex128)
+            .astype(np.complex128)
+        )
 
     @property
     def A(self) -> Array:  # noqa: N802  the symbol of the equation
@@ -330,10 +337,10 @@ class Subspace:
         O = self.vectors[:, :order] * np.sqrt(self.values[:order])  # noqa: E741  the symbol of the literature
         A = np.linalg.lstsq(O[: -self.outputs], O[self.outputs :], rcond=None)[0]
         z, V = np.linalg.eig(A)
-        shapes = O[: self.outputs] @ V / (1.0 + z)
+        shapes = np.asarray(O[: self.outputs] @ V / (1.0 + z), dtype=np.complex128)
         s = _within(np.asarray(self.alpha * (z - 1.0) / (z + 1.0), dtype=np.complex128), self.alpha)
         unstable = s.real >= 0.0
-        return np.where(unstable, -s.conj(), s), shapes, int(unstable.sum())
+        return np.where(unstable, -s.conj(), s).astype(np.complex128), shapes, int(unstable.sum())
 
     def blocks(self, order: int) -> tuple[Blocks, Array, int]:
         """Return blocks without inputs, their output matrix (p, order), and the number of mirrored poles."""
