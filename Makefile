@@ -40,7 +40,7 @@ lint: $(INSTALLED) ## Check style and format.
 	$(BIN)/ruff format --check .
 
 types: $(INSTALLED) ## Check types.
-	$(BIN)/pyrefly check
+	$(BIN)/pyrefly check --python-interpreter-path $(BIN)/python --min-severity error
 
 contracts: $(INSTALLED) ## Check which module imports which.
 	$(BIN)/lint-imports

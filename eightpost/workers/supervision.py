@@ -194,31 +194,32 @@ def supervised(work: Callable[[], object], complain: Callable[[str], None]) -> i
     global record  # noqa: PLW0603 -- one record per process
     if sys.platform == "win32":
         return _supervised_on_windows(work, complain)
-    record = Record(mmap.mmap(-1, SIZE))
-    (told, tell), (life, hold) = os.pipe(), os.pipe()
-    passed = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, passed)
-    gc.freeze()  # otherwise each collection in the child copies the memory that both share
-    parent, child = os.getpid(), os.fork()
-    if child == 0:
-        os.close(told)
-        os.close(hold)
-        os.set_blocking(tell, False)
-        signal.set_wakeup_fd(tell, warn_on_full_buffer=False)  # tells the parent which signals came here, too
+    else:
+        record = Record(mmap.mmap(-1, SIZE))
+        (told, tell), (life, hold) = os.pipe(), os.pipe()
+        passed = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, passed)
+        gc.freeze()  # otherwise each collection in the child copies the memory that both share
+        parent, child = os.getpid(), os.fork()
+        if child == 0:
+            os.close(told)
+            os.close(hold)
+            os.set_blocking(tell, False)
+            signal.set_wakeup_fd(tell, warn_on_full_buffer=False)  # tells the parent which signals came here, too
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            _work(work, record, life)
+        os.close(tell)
+        os.close(life)
+        command = _Command(child, told, record)
+        for number in passed:
+            signal.signal(number, command.pass_on)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        _work(work, record, life)
-    os.close(tell)
-    os.close(life)
-    command = _Command(child, told, record)
-    for number in passed:
-        signal.signal(number, command.pass_on)
-    signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    status = command.wait()
-    _remove(record.folder)
-    if -status in passed:  # somebody ended the command: end in the same way
-        signal.signal(-status, signal.SIG_DFL)
-        os.kill(parent, -status)
-    return _code(record, status, command.watch, complain)
+        status = command.wait()
+        _remove(record.folder)
+        if -status in passed:  # somebody ended the command: end in the same way
+            signal.signal(-status, signal.SIG_DFL)
+            os.kill(parent, -status)
+        return _code(record, status, command.watch, complain)
 
 
 def _supervised_on_windows(work: Callable[[], object], complain: Callable[[str], None]) -> int:
@@ -334,48 +335,50 @@ class _Watch:
         return bool(self.hung)
 
 
-class _Command:
-    """The child that runs a command, seen from its parent.
+if sys.platform != "win32":
 
-    The pipe `told` says which signals it received.
-    """
+    class _Command:
+        """The child that runs a command, seen from its parent.
 
-    def __init__(self, child: int, told: int, found: Record) -> None:
-        self._child, self._told, self.watch = child, told, _Watch(found)
-        self._arrived: dict[int, float] = {}
-        self._pause = 0.001
-        os.set_blocking(told, False)
+        The pipe `told` says which signals it received.
+        """
 
-    def wait(self) -> int:
-        """Wait for the end of the child, and end it if it hangs; return its exit code, negative for a signal."""
-        while True:
-            self._listen(_LOOK)
-            ended, status = os.waitpid(self._child, os.WNOHANG)
-            if ended:
-                return os.waitstatus_to_exitcode(status)
-            if self.watch.is_hung():
-                os.kill(self._child, signal.SIGKILL)
+        def __init__(self, child: int, told: int, found: Record) -> None:
+            self._child, self._told, self.watch = child, told, _Watch(found)
+            self._arrived: dict[int, float] = {}
+            self._pause = 0.001
+            os.set_blocking(told, False)
 
-    def pass_on(self, number: int, _frame: Any) -> None:
-        """Pass a signal on to the child, unless it was sent to both, as Ctrl-C in a terminal is."""
-        began = time.monotonic()
-        while self._arrived.get(number, 0.0) < began - _TOGETHER:
-            if (left := began + _TOGETHER - time.monotonic()) <= 0.0:
-                with suppress(ProcessLookupError):
-                    os.kill(self._child, number)
+        def wait(self) -> int:
+            """Wait for the end of the child, and end it if it hangs; return its exit code, negative for a signal."""
+            while True:
+                self._listen(_LOOK)
+                ended, status = os.waitpid(self._child, os.WNOHANG)
+                if ended:
+                    return os.waitstatus_to_exitcode(status)
+                if self.watch.is_hung():
+                    os.kill(self._child, signal.SIGKILL)
+
+        def pass_on(self, number: int, _frame: Any) -> None:
+            """Pass a signal on to the child, unless it was sent to both, as Ctrl-C in a terminal is."""
+            began = time.monotonic()
+            while self._arrived.get(number, 0.0) < began - _TOGETHER:
+                if (left := began + _TOGETHER - time.monotonic()) <= 0.0:
+                    with suppress(ProcessLookupError):
+                        os.kill(self._child, number)
+                    return
+                self._listen(left)
+
+        def _listen(self, seconds: float) -> None:
+            """Wait for signals that the child received, up to some seconds."""
+            if not select.select([self._told], [], [], seconds)[0]:
                 return
-            self._listen(left)
-
-    def _listen(self, seconds: float) -> None:
-        """Wait for signals that the child received, up to some seconds."""
-        if not select.select([self._told], [], [], seconds)[0]:
-            return
-        with suppress(BlockingIOError):  # read in a handler
-            if numbers := os.read(self._told, 64):
-                self._arrived.update(dict.fromkeys(numbers, time.monotonic()))
-                return
-            time.sleep(min(seconds, self._pause))  # the child has closed the pipe: as a rule, it has ended
-            self._pause = min(2.0 * self._pause, _LOOK)
+            with suppress(BlockingIOError):  # read in a handler
+                if numbers := os.read(self._told, 64):
+                    self._arrived.update(dict.fromkeys(numbers, time.monotonic()))
+                    return
+                time.sleep(min(seconds, self._pause))  # the child has closed the pipe: as a rule, it has ended
+                self._pause = min(2.0 * self._pause, _LOOK)
 
 
 # ---- A program of a user: this file as a process that waits for its end ---------------------------------------------

@@ -84,5 +84,6 @@ def test_a_type_checker_knows_what_every_call_returns(tmp_path):
     script = Path(__file__).with_name("typed_use.py")
     root = PACKAGE.parent
     command = [sys.executable, "-m", "pyrefly", "check", "--config", str(root / "pyproject.toml"), str(script)]
+    command += ["--python-interpreter-path", sys.executable]
     checked = subprocess.run(command, capture_output=True, text=True, check=False, cwd=root)
     assert checked.returncode == 0, checked.stdout

@@ -41,12 +41,12 @@ from eightpost.workers.process import python_command, run
 
 def _resident() -> int:
     """Return the resident memory of the process in bytes (Linux)."""
-    if sys.platform != "linux":
-        raise NotImplementedError(sys.platform)
-    gc.collect()  # callbacks and their instances refer to each other
-    with suppress(AttributeError):  # glibc: what the imports left free in the heap would hide the growth of the steps
-        ctypes.CDLL(None).malloc_trim(0)
-    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    if sys.platform == "linux":
+        gc.collect()  # callbacks and their instances refer to each other
+        with suppress(AttributeError):  # glibc: what imports left free in the heap would hide the growth of the steps
+            ctypes.CDLL(None).malloc_trim(0)
+        return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    raise NotImplementedError(sys.platform)
 
 
 # ---- Several instances in a process ---------------------------------------------------------------------------------
