@@ -126,15 +126,15 @@ def _outcomes(jobs: list[Job], seed: int, samples: Path) -> Iterator[tuple[str, 
     """Yield reader, number, outcome, text and processor time of each mutant; a worker that crashes is replaced."""
     while jobs:
         begun: tuple[str, int] | None = None
-        ours, theirs = _SPAWNED.Pipe(duplex=False)
+        receiver, sender = _SPAWNED.Pipe(duplex=False)
         with tempfile.NamedTemporaryFile() as printed:
-            process = _SPAWNED.Process(target=work, args=(theirs, printed.name, samples, seed, jobs))
+            process = _SPAWNED.Process(target=work, args=(sender, printed.name, samples, seed, jobs))
             process.start()
-            theirs.close()
+            sender.close()
             outcome, patience = HANG, _START
             try:
-                while ours.poll(patience):
-                    message, patience = ours.recv(), _LONGEST
+                while receiver.poll(patience):
+                    message, patience = receiver.recv(), _LONGEST
                     begun = message if len(message) == 2 else None
                     if begun is None:
                         yield message
@@ -146,7 +146,7 @@ def _outcomes(jobs: list[Job], seed: int, samples: Path) -> Iterator[tuple[str, 
                 ended = process.exitcode
                 process.kill()
                 process.join()
-                ours.close()
+                receiver.close()
             how = f"exit code {ended}\n{Path(printed.name).read_text(encoding='utf-8', errors='replace')[-4000:]}"
         how = f"no answer within {patience:g} s" if outcome == HANG else how
         if begun is not None:

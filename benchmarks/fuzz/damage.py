@@ -10,6 +10,7 @@ import struct
 import warnings
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 from functools import partial
 from random import Random
 from typing import Any
@@ -186,7 +187,7 @@ def _changed(rng: Random, document: Any) -> Any:
     children: list[Any] = list(document) if isinstance(document, dict) else []
     children = list(range(len(document))) if isinstance(document, list) else children
     if not children or rng.random() < 0.15:
-        return rng.choice(_VALUES)
+        return deepcopy(rng.choice(_VALUES))  # later changes are made in place
     key = rng.choice(children)
     kind = rng.random()
     if kind < 0.1:
