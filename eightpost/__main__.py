@@ -204,8 +204,10 @@ def main(verbose: bool) -> None:
     _check_names()
     completion.tell = tell
     # Notes and errors repeat what components log; direct output would disturb the progress bar.
-    level = logging.DEBUG if verbose else logging.CRITICAL
-    logging.basicConfig(level=level, format="%(message)s", handlers=[RichHandler(level, Console(stderr=True))])
+    level = logging.WARNING if verbose else logging.CRITICAL
+    logging.basicConfig(level=level, format="%(message)s", handlers=[RichHandler(console=Console(stderr=True))])
+    for package in ("eightpost", "builder", "cosim"):  # other libraries log their search for fonts, and byte code
+        logging.getLogger(package).setLevel(logging.DEBUG if verbose else logging.NOTSET)
     logger = logging.getLogger(completion.__name__)
     logger.setLevel(logging.WARNING)
     if not logger.handlers:

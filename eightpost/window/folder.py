@@ -122,7 +122,7 @@ class Folder:
 
 
 def quoted(text: object) -> str:
-    """Return a text as it stands in a TOML file."""
+    """Return a text in the form of a TOML file, with its quotes."""
     return json.dumps(str(text), ensure_ascii=False)
 
 

@@ -31,6 +31,10 @@ _SCREENS: dict[str, Callable[[parts.Window], Awaitable[None]]] = {
     "Dyno": dyno.show, "Car": car.show, "Run": system.show, "Study": study.show,
 }  # fmt: skip
 
+#: Time for which a browser may be silent before its page is built again, without what was chosen in it [s]: commands
+#: may take all processors.
+_RECONNECT = 30.0
+
 _STYLE = """
 .screen { gap: 1rem } .side { width: 21rem; flex-shrink: 0 } .main { flex-grow: 1; min-width: 0 }
 .drop .q-uploader__file { display: none } .drop .q-uploader__list { min-height: 3rem }
@@ -95,7 +99,10 @@ def _web(window: parts.Window, port: int, token: str) -> FastAPI:
     ui.page("/", title="eightpost")(partial(_page, window))
     app.get("/file/{name:path}")(partial(_file, window))
     web = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
-    ui.run_with(web, dark=None, language="en-US", show_welcome_message=False, tailwind=False, unocss="mini")
+    ui.run_with(
+        web, dark=None, language="en-US", show_welcome_message=False, tailwind=False, unocss="mini",
+        reconnect_timeout=_RECONNECT,
+    )  # fmt: skip
     web.add_middleware(_Guard, port=port, token=token)
     return web
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import io
+import logging
 from pathlib import Path
 
 import click
 import pytest
+from click.testing import CliRunner
 from rich.console import Console
 
+from eightpost.__main__ import main
 from eightpost.app.channels import Channels
 from eightpost.app.show import show_notes, show_summary, show_table, show_text, show_verdict
 from eightpost.report.console import console_table
@@ -94,3 +97,13 @@ def test_a_word_of_the_screen_is_in_the_glossary(name):
     page = (Path(__file__).parents[2] / "docs" / "reference" / "glossary.md").read_text(encoding="utf-8")
     words = [line.split("|")[1] for line in page.splitlines() if line.startswith("|")]
     assert any(name in word for word in words)
+
+
+def test_v_shows_what_the_product_logs_and_nothing_of_other_libraries(monkeypatch):
+    monkeypatch.setattr(logging.root, "handlers", [])
+    level, names, found = logging.root.level, ("eightpost.cache", "cosim.fmu.lf", "matplotlib.font_manager"), []
+    for words in (["-v", "units"], ["units"]):
+        CliRunner().invoke(main, words)
+        found.append([name for name in names if logging.getLogger(name).isEnabledFor(logging.DEBUG)])
+    logging.root.setLevel(level)
+    assert found == [["eightpost.cache", "cosim.fmu.lf"], []]
