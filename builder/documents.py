@@ -234,7 +234,7 @@ def documents(product: Product, *, disclosure: Disclosure, fmi: int = 2) -> dict
         "documentation/licenses/license.txt": (source_folder() / "LICENSE.txt").read_bytes(),
         "terminalsAndIcons/terminalsAndIcons.xml": terminals_and_icons(shown.interface),
         "terminalsAndIcons/icon.png": icon(shown.source),
-        **validity_member(product, disclosure),
+        **validity_member(product.source, product.identifier, disclosure),
         **reference,
     }
 
