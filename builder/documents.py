@@ -82,12 +82,9 @@ _FILES = (Column("file", "tight"), Column("SHA-256", "digest"))
 
 def _shock_origin(shock: Shock) -> list[Section]:
     sections = [Section("Conditions of the measurement", _quantities(shock.conditions)), *_edits(shock)]
-    if shock.fit:
-        sections.append(Section("Fit", _fit(shock.fit)))
-    if shock.inputs:
-        rows = [(str(entry.get("name", "")), str(entry.get("sha256", ""))) for entry in shock.inputs]
-        sections.append(Section("Source files", table(_FILES, rows)))
-    return sections
+    sections += [Section("Fit", _fit(shock.fit))] if shock.fit else []
+    rows = [(str(entry.get("name", "")), str(entry.get("sha256", ""))) for entry in shock.inputs]
+    return [*sections, Section("Source files", table(_FILES, rows))] if rows else sections
 
 
 def open_shock_origin(shock: Shock) -> list[Section]:
@@ -117,9 +114,8 @@ def _identified(vehicle: IdentifiedVehicle) -> list[Section]:
     damping = {f"baseline damping, {port or 'port'} [N.s/m]": c for port, c in vehicle.baseline_damping.items()}
     sections = [Section("Vehicle", paragraph(text) + (_quantities(damping) if damping else ""))]
     sections += _edits(vehicle)
-    if vehicle.sources:
-        sections.append(Section("Source files", table(_FILES, list(vehicle.sources.items()))))
-    return sections
+    files = list(vehicle.sources.items())
+    return [*sections, Section("Source files", table(_FILES, files))] if files else sections
 
 
 def _quantities(values: Mapping[str, Any]) -> str:
@@ -234,7 +230,7 @@ def documents(product: Product, *, disclosure: Disclosure, fmi: int = 2) -> dict
         "documentation/licenses/license.txt": (source_folder() / "LICENSE.txt").read_bytes(),
         "terminalsAndIcons/terminalsAndIcons.xml": terminals_and_icons(shown.interface),
         "terminalsAndIcons/icon.png": icon(shown.source),
-        **validity_member(product, disclosure),
+        **validity_member(product.source, product.identifier, disclosure),
         **reference,
     }
 

@@ -275,11 +275,11 @@ def _doubtful(source: StructuralVehicle) -> Iterator[Reason]:
         yield RULES.reason(rule, statement, figure=doubt.summary, origin=source.name, remedy=doubt.remedy)
 
 
-def validity_member(product: Product, disclosure: Disclosure) -> dict[str, bytes]:
+def validity_member(source: Shock | Vehicle, identifier: str, disclosure: Disclosure) -> dict[str, bytes]:
     """Return the archive's member; a confidential archive has the FMU's name in place of file names."""
-    known = validity_of(product.source)
+    known = validity_of(source)
     if disclosure is Disclosure.CONFIDENTIAL:
-        reasons = (replace(reason, origin=product.identifier) for reason in known.verdict.reasons)
+        reasons = (replace(reason, origin=identifier) for reason in known.verdict.reasons)
         known = replace(known, verdict=Verdict(reasons))
     return _member(known)
 

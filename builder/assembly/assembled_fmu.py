@@ -31,9 +31,10 @@ from eightpost.wiring import Wiring
 def assembly_sources(assembly: Assembly, interface: Interface, guid: str) -> dict[str, bytes]:
     """Return the sources that both FMI versions have: file name -> content."""
     files = common_files() | source_files("assembly")
-    for unit in _units(assembly):
-        files |= _files_of(unit, next(part for part in assembly.parts if part.unit == unit))
-    plan = layout(interface, _states(assembly))
+    for unit, example in _units(assembly).items():
+        files |= _files_of(unit, example)
+    signals, forces = len(assembly.signals), sum(not part.is_vehicle for part, _ in assembly.signals)
+    plan = layout(interface, sum(map(_kept, assembly.parts)) + 2 * signals + 3 * forces + 1)
     generated = {
         "assembly_data.h": _wiring(assembly, interface),
         "interface.h": interface_header(plan, assembly.identifier, guid),
@@ -42,8 +43,12 @@ def assembly_sources(assembly: Assembly, interface: Interface, guid: str) -> dic
     return files | {name: text.encode() for name, text in generated.items()}
 
 
-def _units(assembly: Assembly) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(part.unit for part in assembly.parts))
+def _units(assembly: Assembly) -> dict[str, Part]:
+    """Return a part of each compilation unit, in order."""
+    units: dict[str, Part] = {}
+    for part in assembly.parts:
+        units.setdefault(part.unit, part)
+    return units
 
 
 def _files_of(unit: str, example: Part) -> dict[str, bytes]:
@@ -80,17 +85,9 @@ def _kept(part: Part) -> int:
     return max(1, part.states) + len(_reals(part.interface, "input", "output", "local"))
 
 
-def _forces(assembly: Assembly) -> int:
-    return sum(not part.is_vehicle for part, _ in assembly.signals)
-
-
-def _states(assembly: Assembly) -> int:
-    return sum(map(_kept, assembly.parts)) + 2 * len(assembly.signals) + 3 * _forces(assembly) + 1
-
-
 def _wiring(assembly: Assembly, interface: Interface) -> str:
-    units = _units(assembly)
-    outputs = interface.names("output")
+    units, outputs, parts = _units(assembly), interface.names("output"), assembly.parts
+    coupled = [[parts.index(part), part.interface.names("output").index(name)] for part, name in assembly.signals]
     errors = [outputs.index(f"{p.name}.coupling_error") for p, _ in assembly.signals if not p.is_vehicle]
     counts = {
         "PARTS": len(assembly.parts),
@@ -111,7 +108,7 @@ def _wiring(assembly: Assembly, interface: Interface) -> str:
         "#define PART_KINDS(X) " + " ".join(f"X({unit})" for unit in units),
         "enum { " + ", ".join(f"KIND_{unit}" for unit in units) + " };",
         _table("Place", "PART", "PARTS", _places(assembly, interface)),
-        _table("Coupled", "SIGNAL", "COUPLED", _signals(assembly)),
+        _table("Coupled", "SIGNAL", "COUPLED", coupled),
         _table("Feed", "FEED", "", feeds),
         _table("Term", "TERM", "", terms),
         f"static const int STATE_PLACE[] = {{{', '.join(map(str, states))}}}; /* in Memory.state */",
@@ -143,6 +140,7 @@ def _places(assembly: Assembly, interface: Interface) -> list[list[object]]:
     for part, keeps, fed, state in zip(assembly.parts, kept, feeds, states, strict=False):
         named = part.interface
         own_flags = [v.name for v in named.variables if v.type == "Boolean"]
+        own_signals = [k for k, (source, _) in enumerate(assembly.signals) if source is part]
         rows.append(
             [
                 f'"{part.name}"',
@@ -154,7 +152,8 @@ def _places(assembly: Assembly, interface: Interface) -> list[list[object]]:
                 len(own_flags),
                 keeps,
                 fed,
-                *_own_signals(assembly, part),
+                own_signals[0],
+                len(own_signals),
                 state,
             ]
         )
@@ -185,18 +184,9 @@ def _vehicle_places(part: Part) -> Iterator[int]:
             yield number + (modes if "imaginary" in name else 0)
 
 
-def _own_signals(assembly: Assembly, part: Part) -> tuple[int, int]:
-    own = [k for k, (source, _) in enumerate(assembly.signals) if source is part]
-    return own[0], len(own)
-
-
 def _first(names: Sequence[str], part: Part, own: Sequence[str]) -> int:
     """Return the index of a part's first variable among all; 0 if it has none."""
     return names.index(f"{part.name}.{own[0]}") if own else 0
-
-
-def _signals(assembly: Assembly) -> list[list[object]]:
-    return [[assembly.parts.index(part), part.interface.names("output").index(name)] for part, name in assembly.signals]
 
 
 def _feeds(assembly: Assembly, interface: Interface) -> tuple[list[list[object]], list[list[object]]]:

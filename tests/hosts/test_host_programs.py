@@ -77,9 +77,9 @@ def test_loop_a_is_about_first_order_and_loop_b_second(error, loop, low, high):
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("loop", ["A", "B", "C"])
-@pytest.mark.parametrize("program", ["c_host", "fmpy_host"])
-def test_programs_with_the_same_integrator_have_the_same_motion(run, program, loop):
-    ours, other = run("python_host", loop, 2e-3), run(program, loop, 2e-3)
+@pytest.mark.parametrize("name", ["c_host", "fmpy_host"])
+def test_programs_with_the_same_integrator_have_the_same_motion(run, name, loop):
+    ours, other = run("python_host", loop, 2e-3), run(name, loop, 2e-3)
     np.testing.assert_allclose(other.velocity, ours.velocity, atol=1e-9)
     np.testing.assert_allclose(other.tire_force, ours.tire_force, atol=1e-4)
 
@@ -92,9 +92,9 @@ def test_an_implicit_host_keeps_its_second_order(error):
 
 
 @pytest.mark.repeated
-@pytest.mark.parametrize("program", ["libcosim_host", "fmpy_host"])
-def test_hosts_that_step_in_parallel_have_errors_of_several_percent_at_1_ms(error, program):
-    assert 3.0 < max(error(program, "J", 1e-3)) < 9.0
+@pytest.mark.parametrize("name", ["libcosim_host", "fmpy_host"])
+def test_hosts_that_step_in_parallel_have_errors_of_several_percent_at_1_ms(error, name):
+    assert 3.0 < max(error(name, "J", 1e-3)) < 9.0
 
 
 def test_an_error_needs_points_of_the_grid_and_a_diverged_run_has_an_infinite_one(program):

@@ -24,12 +24,12 @@ def full_vehicle(program):
     return program("full_vehicle", "mujoco")
 
 
-def order(error, program, loop):
-    return math.log2(error(program, loop, 2e-3)[0] / error(program, loop, 1e-3)[0])
+def order(error, name, loop):
+    return math.log2(error(name, loop, 2e-3)[0] / error(name, loop, 1e-3)[0])
 
 
 @pytest.mark.parametrize(
-    ("program", "loop", "velocity", "tire_force"),
+    ("name", "loop", "velocity", "tire_force"),
     [
         ("mujoco_host", "A", 1.1, 0.7),
         ("mujoco_host", "B", 0.3, 0.17),
@@ -41,22 +41,22 @@ def order(error, program, loop):
         ("exudyn_host", "C, explicit RK44", 0.05, 0.03),
     ],
 )
-def test_the_loops_have_the_stated_errors_at_1_ms(error, program, loop, velocity, tire_force):
-    found = error(program, loop, 1e-3)
+def test_the_loops_have_the_stated_errors_at_1_ms(error, name, loop, velocity, tire_force):
+    found = error(name, loop, 1e-3)
     assert 0.3 * velocity < found[0] < velocity
     assert 0.3 * tire_force < found[1] < tire_force
 
 
-@pytest.mark.parametrize("program", ["mujoco_host", "drake_host", "exudyn_host"])
-def test_a_force_that_is_one_step_late_has_errors_of_several_percent(error, program):
-    late, held = error(program, "J", 1e-3), error(program, "A", 1e-3)
+@pytest.mark.parametrize("name", ["mujoco_host", "drake_host", "exudyn_host"])
+def test_a_force_that_is_one_step_late_has_errors_of_several_percent(error, name):
+    late, held = error(name, "J", 1e-3), error(name, "A", 1e-3)
     assert late[0] > 2.0 * held[0] and 4.0 < late[0] < 14.0
 
 
-@pytest.mark.parametrize("program", ["mujoco_host", "drake_host"])
-def test_explicit_hosts_keep_first_order_with_loop_a_and_second_with_loop_b(error, program):
-    assert 1.0 < order(error, program, "A") < 1.6
-    assert 1.8 < order(error, program, "B") < 2.3
+@pytest.mark.parametrize("name", ["mujoco_host", "drake_host"])
+def test_explicit_hosts_keep_first_order_with_loop_a_and_second_with_loop_b(error, name):
+    assert 1.0 < order(error, name, "A") < 1.6
+    assert 1.8 < order(error, name, "B") < 2.3
 
 
 def test_in_an_implicit_host_loop_b_is_of_second_order_only_if_it_extrapolates_to_the_end_of_the_step(error):

@@ -103,15 +103,6 @@ _MOST_POINTS = 10
 
 
 @dataclass(frozen=True)
-class _Route:
-    """The run to a point: inputs `scale` amplitudes from their start values, changed parameters if `moves`."""
-
-    seed: int
-    scale: float
-    moves: bool
-
-
-@dataclass(frozen=True)
 class Place:
     """A point of a run: the inputs up to it, its time [s], an instance, and a function that returns it to the point."""
 
@@ -130,15 +121,15 @@ class Place:
 
 
 @contextmanager
-def place(bench: Bench, route: _Route) -> Iterator[Place]:
-    """Provide the point to which a route leads.
+def place(bench: Bench, seed: int, scale: float, *, moves: bool) -> Iterator[Place]:
+    """Provide a point of a run: inputs `scale` amplitudes from their start values, changed parameters if `moves`.
 
     Raises:
         CallError: A call was rejected on the way.
     """
     time = bench.timing.at(_points(bench))
     with bench.instance() as instance:
-        inputs = _go(bench, instance, route)
+        inputs = _go(bench, instance, seed, scale, moves)
         if bench.description.can("canGetAndSetFMUstate"):
             state = instance.state()
             yield Place(bench, inputs, time, instance, lambda: instance.need("SetFMUstate", state))
@@ -146,7 +137,7 @@ def place(bench: Bench, route: _Route) -> Iterator[Place]:
 
         def again() -> None:
             instance.need("Reset")
-            _go(bench, instance, route)
+            _go(bench, instance, seed, scale, moves)
 
         yield Place(bench, inputs, time, instance, again)
 
@@ -155,13 +146,13 @@ def _points(bench: Bench) -> int:
     return min(_MOST_POINTS, bench.timing.count)
 
 
-def _go(bench: Bench, instance: Instance, route: _Route) -> Values:
-    draw = random.Random(route.seed)
+def _go(bench: Bench, instance: Instance, seed: int, scale: float, moves: bool) -> Values:
+    draw = random.Random(seed)
     bench.enter(instance)
-    if route.moves:
+    if moves:
         set_other_parameters(bench, instance, draw)
     instance.need("ExitInitializationMode")
-    inputs = [_input(variable, draw, route.scale) for variable in bench.inputs]
+    inputs = [_input(variable, draw, scale) for variable in bench.inputs]
     bench.run(instance, lambda _: inputs, range(_points(bench)))
     return inputs
 
@@ -194,10 +185,9 @@ def probe_initial_dependencies(bench: Bench) -> Results:
     draw = random.Random(2)
     for scale in _SCALES:
         with bench.initializing() as instance:
-            point = _Point(instance, unknowns)
             _set_all(bench, instance, draw, scale)
             for known in knowns:
-                point.perturb(known, pairs, change_of(known))
+                _perturb_start(instance, unknowns, known, pairs, change_of(known))
     _sweep(bench, unknowns, pairs)
     yield from pairs.faults("in initialization mode")
 
@@ -216,29 +206,26 @@ def _set_all(bench: Bench, instance: Instance, draw: random.Random, scale: float
         instance.set(variable, _input(variable, draw, scale))
 
 
-class _Point:
-    def __init__(self, instance: Instance, unknowns: Sequence[Variable]) -> None:
-        self._instance, self._unknowns = instance, unknowns
+def _perturb_start(
+    instance: Instance, unknowns: Sequence[Variable], known: Variable, pairs: Pairs, change: float
+) -> None:
+    """Change one known by `change` and restore it; record the unknowns that changed, if they were restored too.
 
-    def perturb(self, known: Variable, pairs: Pairs, change: float) -> None:
-        """Change one known by `change` and restore it; record the unknowns that changed, if they were restored too.
-
-        A known whose every change contradicts other parameters says nothing about its dependencies.
-        """
-        status, value = self._instance.get(known)
-        before = self._values()
-        if refused(status) or before is None or refused(self._instance.set(known, _changed(known, value, change))):
-            return
-        during = self._values()
-        if refused(self._instance.set(known, value)) or during is None or self._values() != before:
-            return
-        pairs.tried.add(known.name)
-        for unknown, old, new in zip(self._unknowns, before, during, strict=True):
-            pairs.record(unknown, known, (old, new))
-
-    def _values(self) -> Values | None:
-        status, values = self._instance.get_reals(self._unknowns)
-        return None if refused(status) else values
+    A known whose every change contradicts other parameters says nothing about its dependencies.
+    """
+    status, value = instance.get(known)
+    failed, before = instance.get_reals(unknowns)
+    if refused(status) or refused(failed) or refused(instance.set(known, _changed(known, value, change))):
+        return
+    failed, during = instance.get_reals(unknowns)
+    if refused(instance.set(known, value)) or refused(failed):
+        return
+    failed, after = instance.get_reals(unknowns)
+    if refused(failed) or after != before:
+        return
+    pairs.tried.add(known.name)
+    for unknown, old, new in zip(unknowns, before, during, strict=True):
+        pairs.record(unknown, known, (old, new))
 
 
 def _changed(known: Variable, value: Value, change: float) -> Value:
@@ -257,11 +244,11 @@ def _sweep(bench: Bench, unknowns: Sequence[Variable], pairs: Pairs) -> None:
             return
         with bench.initializing() as instance:
             _set_all(bench, instance, random.Random(3), 1.0)
-            point, count = _Point(instance, unknowns), min(_SWEEP, _MOST // (len(knowns) * len(bench.inputs)))
+            count = min(_SWEEP, _MOST // (len(knowns) * len(bench.inputs)))
             for value in _spread(variable, count):
                 if not refused(instance.set(variable, inside(variable, value))):
                     for known in knowns:
-                        point.perturb(known, pairs, max(change_of(known), _LEAST_CHANGE))
+                        _perturb_start(instance, unknowns, known, pairs, max(change_of(known), _LEAST_CHANGE))
 
 
 def _spread(variable: Variable, count: int) -> Iterator[float]:
@@ -298,7 +285,7 @@ def probe_dependencies(bench: Bench) -> Results:
     refusals = []
     for seed, (scale, moves) in enumerate(_POINTS):
         try:
-            with place(bench, _Route(seed, scale, moves)) as there:
+            with place(bench, seed, scale, moves=moves) as there:
                 _perturb(bench, there, pairs)
         except CallError as error:
             refusals.append(str(error))
@@ -476,7 +463,7 @@ def _over_steps(bench: Bench) -> Results:
         return
     wrong: dict[str, str] = {}
     for seed in range(_DERIVATIVE_POINTS):
-        with place(bench, _Route(seed, 1.0, moves=False)) as there:
+        with place(bench, seed, 1.0, moves=False) as there:
             for unknown, known in _pairs(bench, "Outputs"):
                 if known in bench.inputs and (fault := _compare_step(there, unknown, known)):
                     wrong.setdefault(f"{unknown.name} by {known.name}", fault)

@@ -6,6 +6,7 @@ import ctypes
 import math
 from collections.abc import Iterator, Sequence
 from ctypes import c_char_p, c_double, c_size_t, c_uint
+from dataclasses import replace
 from typing import Any
 
 from builder.check.probes.bench import Bench, CallError, Instance, Results, Skip, refused
@@ -52,11 +53,9 @@ def _undeclared(bench: Bench, library: FmuLibrary3) -> Iterator[Fault]:
         (MODEL_EXCHANGE, description.model_exchange, "model exchange"),
         (CO_SIMULATION, description.co_simulation, "co-simulation"),
     ):
-        if declared is None:
-            with_kind = _created(bench, library, kind)
-            if with_kind is not None:
-                with_kind.free()
-                yield "undeclared-type", f"an instance for {name} was created"
+        if declared is None and (created := _created(bench, library, kind)) is not None:
+            created.free()
+            yield "undeclared-type", f"an instance for {name} was created"
 
 
 def _declared(bench: Bench, library: FmuLibrary3) -> Iterator[Fault]:
@@ -82,9 +81,8 @@ def _declared(bench: Bench, library: FmuLibrary3) -> Iterator[Fault]:
 
 
 def _created(bench: Bench, library: FmuLibrary3, kind: int) -> Instance | None:
-    birth = bench.birth
     try:
-        created = Instance(library, type(birth)(birth.guid, birth.resources, kind=kind))
+        created = Instance(library, replace(bench.birth, kind=kind))
     except MissingFunctionError:
         return None
     return created if created.address is not None else None
