@@ -212,11 +212,11 @@ class FmuFile:
 
 
 def _is_needed(name: str) -> bool:
-    """Whether a run needs a file of an FMU."""
+    """Whether a run needs a file of an FMU that has a binary."""
     first, *others = PurePosixPath(name).parts
     if first == "binaries" and len(others) > 1:
         return others[0] in (fmpy.platform, fmpy.platform_tuple)
-    return first not in ("documentation", "sources")
+    return first not in ("documentation", "sources") or name == "sources/buildDescription.xml"
 
 
 def _is_source(name: str) -> bool:

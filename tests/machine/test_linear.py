@@ -77,7 +77,7 @@ def test_a_recorded_row_is_every_nth_step():
 
 
 def test_modes_that_fill_up_a_size_decay_and_have_no_effect():
-    few, more = (LinearCar.of(vehicle(), [PORT], np.array([60.0]), multiple=n) for n in (1, 8))
+    few, more = (LinearCar.of(vehicle(), [PORT], np.array([0.0]), multiple=n) for n in (1, 8))
     assert few.pairs == 1 and more.pairs == 8 and (more.poles[1:].real < 0.0).all()
     assert not more.into[1:].any() and not more.out[:, 1:].any()
     for found, right in ((more.poles[:1], few.poles), (more.into[:1], few.into), (more.out[:, :1], few.out)):

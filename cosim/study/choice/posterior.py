@@ -56,9 +56,10 @@ def half_width(probability: float, student: Array, normal: Array, degrees: float
 def _reach(probability: float, degrees: float) -> Array:
     """Return the half-widths for a sum of size 1 and each tabulated share, by bisection."""
     low, high = np.zeros_like(_SHARES), np.full_like(_SHARES, 1e3)
+    deviations = np.sqrt(np.multiply.outer(_squared_scales(_middles(_NODES), degrees), _SHARES) + 1.0 - _SHARES)
     for _ in range(50):
         middle = 0.5 * (low + high)
-        above = 2.0 * probability_below(middle, _SHARES, 1.0 - _SHARES, degrees) - 1.0 > probability
+        above = 2.0 * ndtr(middle / deviations).mean(axis=0) - 1.0 > probability
         low, high = np.where(above, low, middle), np.where(above, middle, high)
     return 0.5 * (low + high)
 

@@ -9,26 +9,27 @@ from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from cosim.components.component import to_si
+from cosim.components.fmu_component import FmuComponent
 from cosim.session.result import judged_by
 from cosim.session.setup import Limit, RunSetup
 from cosim.session.verdict import LARGEST_ERROR, LARGEST_RESIDUAL, BondEnergy, Coupled
-from cosim.study.definition import Drive, Setup
+from cosim.study.definition import Build, Drive, Setup, Study
 from cosim.study.measures import Filtered
+from cosim.study.running.error_model import ErrorModel
 from cosim.study.running.machine import BatchMeasures, ChannelBand, FmuVehicle, Plan, read_vehicle
 from cosim.systems.algorithm import default_scheme
+from cosim.systems.coupling import Scenario
+from cosim.systems.system import System
 from eightpost.array_types import Array
 from eightpost.errors import EightpostError, FmuError
 from eightpost.machine import Batch, BatchResult, NotInBatchError, ShockData, joined
 from eightpost.signals import TimeSeries
 from eightpost.workers.pool import heartbeat
-
-if TYPE_CHECKING:
-    from cosim.study.running.evaluator import ErrorModel, Evaluator
 
 #: Velocity up to which the mean slope of the shocks' curves is the damping around which their ports are solved [m/s].
 _USUAL_VELOCITY = 0.2
@@ -38,6 +39,25 @@ GAUSS_SEIDEL = "gauss-seidel"
 
 #: Number of batches that are evaluated together, which takes less time than one after the other.
 _GROUP = 8
+
+
+class Models(Protocol):
+    """FMUs and scenarios of a study."""
+
+    study: Study
+
+    @property
+    def fmus(self) -> dict[str, FmuComponent]:
+        """A component of every FMU, by file."""
+
+    def system(self, setup: Setup) -> System:
+        """Return the coupled system of a setup."""
+
+    def scenario(self, drive: Drive, *, extra: Iterable[str] = ()) -> Scenario:
+        """Return the scenario of a drive."""
+
+    def shock_data(self, build: Build) -> ShockData | None:
+        """Return a build as the machine takes it; None if its FMU refuses its parameters."""
 
 
 #: Units of the values that both ends of a bond exchange: velocity and force.
@@ -157,7 +177,7 @@ class _DriveBatch:
 
     def __init__(
         self,
-        evaluator: Evaluator,
+        models: Models,
         drive: Drive,
         step: float,
         vehicle: FmuVehicle,
@@ -165,9 +185,9 @@ class _DriveBatch:
         recorded: Sequence[str],
         measured: bool,
     ) -> None:
-        study = evaluator.study
+        study = models.study
         first = study.space.setup(0)  # any setup: all have the same wiring, and a large space is not enumerated
-        setup = RunSetup.of(evaluator.system(first), evaluator.scenario(drive), default_scheme(GAUSS_SEIDEL), step)
+        setup = RunSetup.of(models.system(first), models.scenario(drive), default_scheme(GAUSS_SEIDEL), step)
         times = setup.times[setup.recorded == 1]
         self._measures = BatchMeasures(study.measures_of(drive) if measured else (), times, study.settling)
         series = tuple(dict.fromkeys((*self._measures.series, *recorded)))
@@ -260,12 +280,10 @@ class Batches:
         NotInBatchError: The study cannot run as a batch; the message is the reason.
     """
 
-    def __init__(
-        self, evaluator: Evaluator, step: float, recorded: Sequence[str] = (), *, measured: bool = True
-    ) -> None:
-        self._study = study = evaluator.study
-        self._shocks, self.left_out = _data_of(evaluator)
-        fmus, own = evaluator.fmus, study.vehicle
+    def __init__(self, models: Models, step: float, recorded: Sequence[str] = (), *, measured: bool = True) -> None:
+        self._study = study = models.study
+        self._shocks, self.left_out = _data_of(models)
+        fmus, own = models.fmus, study.vehicle
         vehicle = read_vehicle(fmus[str(own.fmu)], own.fmu, own.parameters)
         slopes = [shock.mean_slope(_USUAL_VELOCITY) for shock in self._shocks.values() if shock is not None]
         if not slopes:
@@ -273,13 +291,13 @@ class Batches:
         damping = np.full(len(study.corners), float(np.median(slopes)))
         try:
             self._drives = {
-                drive.name: _DriveBatch(evaluator, drive, step, vehicle, damping, recorded, measured)
+                drive.name: _DriveBatch(models, drive, step, vehicle, damping, recorded, measured)
                 for drive in study.drives
             }
         except (FmuError, OSError) as error:
             raise NotInBatchError(str(error)) from error
 
-    def for_shocks(self, evaluator: Evaluator) -> Batches | None:
+    def for_shocks(self, models: Models) -> Batches | None:
         """Return batches of a study that differs only in its shocks, with the same library and memory.
 
         Returns:
@@ -288,11 +306,11 @@ class Batches:
         Raises:
             NotInBatchError: No build has a batch.
         """
-        if not {build.fmu for build in evaluator.study.bank.values()} <= {b.fmu for b in self._study.bank.values()}:
+        if not {build.fmu for build in models.study.bank.values()} <= {b.fmu for b in self._study.bank.values()}:
             return None
         found = copy(self)
-        found._study = evaluator.study
-        found._shocks, found.left_out = _data_of(evaluator)
+        found._study = models.study
+        found._shocks, found.left_out = _data_of(models)
         return found
 
     @property
@@ -324,13 +342,13 @@ class Batches:
         return None if any(shock is None for shock in found) else [shock for shock in found if shock is not None]
 
 
-def _data_of(evaluator: Evaluator) -> tuple[dict[str, ShockData | None], tuple[str, ...]]:
+def _data_of(models: Models) -> tuple[dict[str, ShockData | None], tuple[str, ...]]:
     """Return the shocks by build, None for those that run through the FMUs, and why a law or FMU has no batch."""
     found: dict[str, ShockData | None] = {}
     reasons: dict[str, None] = {}
-    for name, build in evaluator.study.bank.items():
+    for name, build in models.study.bank.items():
         try:
-            found[name] = evaluator.shock_data(build)
+            found[name] = models.shock_data(build)
         except NotInBatchError as reason:
             found[name], reasons[f"{name}: {reason}"] = None, None
     if len(reasons) == len(found):

@@ -12,7 +12,8 @@ from cosim.session.result import difference
 from cosim.session.verdict import Coupled
 from cosim.study import Build
 from cosim.study.running.coupling import choose_coupling
-from cosim.study.running.evaluator import Evaluator, Pilot, fit_error_model, local_errors
+from cosim.study.running.error_model import Pilot, fit_error_model, local_errors
+from cosim.study.running.evaluator import Evaluator
 from eightpost.archive import read_archive, write_archive
 from eightpost.corners import CORNERS
 from eightpost.errors import DivergedError, StepError, WiringError
