@@ -95,9 +95,6 @@ def test_the_scheme_is_of_second_order(name, force):
     np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2.0, atol=0.1)
 
 
-CASES = [(force, width) for force in (50.0, 200.0, 500.0) for width in (1e-3, 5e-3)]
-
-
 @pytest.mark.nightly
 def test_a_quarter_car_follows_its_equations_of_motion_with_friction():
     """m1 w1'' = k d + F,  m2 w2'' = k_t (y - w2) - k d - F,  d = w2 - w1,  F = F_c tanh(d' / v_f) + c d'."""

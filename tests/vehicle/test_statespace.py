@@ -174,13 +174,6 @@ def test_a_model_is_read_only_and_can_be_pickled():
     assert CAR not in (QUARTER, 3)
 
 
-@settings(max_examples=20)
-@given(model=state_spaces())
-def test_modes_and_direct_terms_of_any_model_are_found(model):
-    assert len(model.modes()) <= len(model.A)
-    assert model.direct_terms().shape == model.D.shape
-
-
 # ---- Discrete models -------------------------------------------------------------------------------------------------
 
 MODELS = [read_vehicle(shipped(name)).with_damper() for name in ("quarter_car", "seven_dof")]

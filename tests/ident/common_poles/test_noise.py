@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from eightpost.errors import InputError, ParameterError
-from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit
+from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit, refitted
 from eightpost.ident.vehicle.common_poles import response_deviation, sampled_models
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse, response_of
 from eightpost.ident.vehicle.pole_search import Blocks, Feedthrough, Refinement, curvature, evaluate, points_of
@@ -71,6 +73,17 @@ def test_modes_of_a_noisy_response_are_those_of_the_car(quarter_car):
         for mode, truth in zip(modes, exact, strict=True):
             assert mode.frequency_hz == pytest.approx(truth.frequency_hz, rel=5e-3)
             assert mode.damping_ratio == pytest.approx(truth.damping_ratio, abs=5e-3)
+
+
+def test_a_model_that_is_refitted_to_another_response_is_that_of_its_car(quarter_car):
+    """One step from a model of a car whose responses are 5 % smaller; its order remains."""
+    smaller = replace(quarter_car, B=0.95 * quarter_car.B, D=0.95 * quarter_car.D)
+    found = FIT.fit(noisy(smaller, 0.002, 3))
+    model = refitted(found, noisy(quarter_car, 0.002, 4), floor=FIT.floor)
+    exact = quarter_car.frequency_response(FREQUENCY[10:])
+    wrong = np.abs(model.frequency_response(FREQUENCY[10:]) - exact).max(axis=2)
+    assert (wrong < 0.02 * np.abs(exact).max(axis=2)).all()
+    assert model.A.shape == found.model.A.shape
 
 
 def test_a_model_of_pure_noise_is_stable_and_a_note_reports_no_clear_gap(quarter_car):

@@ -113,6 +113,11 @@ def test_a_level_that_all_records_share_is_a_reason_of_its_own(factors: tuple[fl
     assert len(found) == is_common
 
 
+def test_equal_setups_do_not_show_that_a_wrong_level_is_harmless() -> None:
+    flat = Trend("lf.tire_force", "N", np.ones(4), np.full(4, 1.1))
+    assert [*_common_levels(SimpleNamespace(trends=[flat]), Limits())] == []
+
+
 def test_the_common_level_is_stated_for_the_worst_output() -> None:
     trends = [Trend(name, "N", MEASURED, factor * MEASURED) for name, factor in (("a", 1.06), ("b", 0.9), ("c", 1.0))]
     (found,) = _common_levels(SimpleNamespace(trends=trends), Limits())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +16,7 @@ from eightpost.shock import Shock
 from eightpost.vehicle import StateSpace, read_vehicle, shipped
 from eightpost.verdict import Grade
 
-from .conftest import COULOMB, INCH, fit_of, quarter_test, records_of, seven_test, softer, truth_fit
+from .conftest import COULOMB, INCH, fit_of, quarter_test, records_of, seven_test, truth_fit
 
 
 @pytest.fixture(scope="module")
@@ -72,16 +71,6 @@ def test_the_95_percent_band_contains_the_true_response_95_percent_of_the_time(g
     assert np.mean(shares) == pytest.approx(0.95, abs=0.02)
 
 
-@pytest.mark.nightly
-def test_a_car_that_responds_too_slowly_is_not_usable(corner: VehicleFit, setups: list[RigTest]) -> None:
-    wrong = softer(corner)
-    study = validate_vehicle(wrong, records_of(wrong, *setups))
-    found = vehicle_verdict(study)
-    assert found.grade is Grade.NOT_USABLE
-    assert found.reasons[0].rule == "level of an output wrong"
-    assert "limit 5 %" in found.reasons[0].figure
-
-
 def louder(corner: VehicleFit, gain: float) -> VehicleFit:
     """Return the car with a tire force that is too large by a factor."""
     model = corner.vehicle.state_space
@@ -102,50 +91,6 @@ def test_a_common_gain_error_changes_levels_but_not_trends(corner: VehicleFit, s
     assert trend.remaining_error < 0.003
     assert study.cases[0].spectra["tire_force"].share > 0.9
     assert vehicle_verdict(study, Limits(level=0.12)).is_acceptable
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("gain", [0.88, 1.14])
-def test_a_level_that_is_wrong_by_one_factor_on_all_records_limits_the_use(
-    corner: VehicleFit, setups: list[RigTest], gain: float
-) -> None:
-    fit = louder(corner, gain)
-    found = vehicle_verdict(validate_vehicle(fit, records_of(fit, *setups)))
-    (reason,) = [one for one in found.reasons if one.rule.startswith("level of an output wrong")]
-    assert (reason.grade, found.is_acceptable) == (Grade.LIMITED, True)
-    assert reason.origin == "tire_force"
-    stated = re.match(r"tire_force: ([+-][\d.]+) % on 4 records, ([\d.]+) % without", reason.figure)
-    assert stated is not None, reason.figure
-    assert float(stated[1]) == pytest.approx(100.0 * (gain - 1.0), abs=0.3)
-    assert float(stated[2]) < 0.3
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize(("gain", "records"), [(1.17, 4), (0.75, 4), (1.1, 3)])
-def test_a_larger_common_error_or_too_few_records_make_a_car_not_usable(
-    corner: VehicleFit, setups: list[RigTest], gain: float, records: int
-) -> None:
-    fit = louder(corner, gain)
-    found = vehicle_verdict(validate_vehicle(fit, records_of(fit, *setups[:records])))
-    assert found.grade is Grade.NOT_USABLE
-    assert "level of an output wrong" in {reason.rule for reason in found.reasons}
-
-
-@pytest.mark.nightly
-def test_equal_setups_do_not_show_that_a_wrong_level_is_harmless(corner: VehicleFit, setups: list[RigTest]) -> None:
-    fit = louder(corner, 1.1)
-    found = vehicle_verdict(validate_vehicle(fit, records_of(fit, *[setups[0]] * 4)))
-    assert found.grade is Grade.NOT_USABLE
-
-
-@pytest.mark.nightly
-def test_friction_at_the_port_reduces_the_error_of_the_linear_car() -> None:
-    fit = truth_fit("quarter_car", friction=COULOMB)
-    (case,) = validate_vehicle(fit, records_of(fit, quarter_test(friction=COULOMB, seed=4))).cases
-    assert case.without_friction is not None
-    smooth = {one.name: one for one in case.without_friction}
-    for one in case.judged:
-        assert one.error < 0.25 * smooth[one.name].error, one.name
 
 
 @pytest.mark.nightly
