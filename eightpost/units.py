@@ -162,7 +162,7 @@ SI_UNITS = (
 
 #: Display units for each SI unit: US customary and metric.
 DISPLAY_UNITS = {
-    "Pa": ("psi", "Pa"),
+    "Pa": ("psi", "bar"),
     "K": ("degF", "K"),
     "m": ("in", "mm"),
     "m/s": ("in/s", "mm/s"),
@@ -395,9 +395,9 @@ def shown(value: float, unit: str) -> tuple[float, str]:
 
 
 def shown_range(low: float, high: float, unit: str) -> str:
-    """Return two SI values as a range, in the unit in which they are shown to this user."""
+    """Return two SI values as a range in the unit in which they are shown to this user; a single value stands alone."""
     (first, target), (last, _) = shown(low, unit), shown(high, unit)
-    return f"{first:.3g} to {last:.3g} {target}"
+    return f"{first:.3g} {target}" if low == high else f"{first:.3g} to {last:.3g} {target}"
 
 
 def shown_difference(kelvin: float) -> tuple[float, str]:

@@ -138,6 +138,15 @@ def test_results_are_in_the_users_units_or_else_in_those_of_the_file(
         assert units.shown(4.4482216, "N") == ((4.4482216, "N") if system == "si" else (pytest.approx(1.0), "lbf"))
 
 
+@pytest.mark.parametrize(
+    ("system", "pressure", "heat"), [("us", "100 psi", "32 to 50 degF"), ("si", "6.89 bar", "0 to 10 degC")]
+)
+def test_a_range_is_in_the_units_of_the_user_and_a_single_value_stands_alone(system, pressure, heat, monkeypatch):
+    monkeypatch.setenv(units.CHOICE, system)
+    assert units.shown_range(689475.7, 689475.7, "Pa") == pressure
+    assert units.shown_range(273.15, 283.15, "K") == heat
+
+
 def test_a_study_or_system_file_counts_before_the_choice_and_after_the_environment(choice, monkeypatch):
     choice.parent.mkdir()
     choice.write_text("us\n")

@@ -77,9 +77,15 @@ def law_record():
 
 
 @pytest.fixture(scope="session")
-def knots(curve, law_record):
+def smooth_fit(curve, law_record):
+    """The fit of LPF1 to a record of LPF1 with a smooth curve and a lag of 1.3 ms."""
+    return fit_shock(law_record(Lpf1(curve, 1.3e-3), 1), "lpf1", name="build 1")
+
+
+@pytest.fixture(scope="session")
+def knots(smooth_fit):
     """A curve through the knots that a fit uses, so that a law with it is inside the class of the fit."""
-    return fit_shock(law_record(Lpf1(curve, 1.3e-3), 1), "lpf1").shock.law.curve
+    return smooth_fit.shock.law.curve
 
 
 def digressive(velocity):

@@ -7,6 +7,8 @@ both sides.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import pytest
 from fmpy import read_model_description, simulate_fmu
@@ -27,21 +29,23 @@ def record(seed, *, duration):
 
 @pytest.fixture(scope="module")
 def fitted():
+    """Make the shock of a law: fitted(law)."""
     test = record(1, duration=2.0)
-    return {law: fit_shock(test, law, name=law, robust="none").shock for law in LAWS}
+    return lru_cache(lambda law: fit_shock(test, law, name=law, robust="none").shock)
 
 
 @pytest.fixture(scope="module")
 def built(fitted, tmp_path_factory):
-    """Return FMUs of the fitted shocks by target and law."""
+    """Make the FMU of a fitted shock: built(law, target)."""
     folder = tmp_path_factory.mktemp("fitted")
-    files = [folder / f"{law}.json" for law in fitted]
-    for shock, path in zip(fitted.values(), files, strict=True):
-        write_shock(shock, path)
-    return {
-        target: {item.path.stem: item.path for item in build(files, folder / target, target=target)}
-        for target in ("native", "python")
-    }
+
+    @lru_cache
+    def make(law, target):
+        write_shock(fitted(law), folder / f"{law}.json")
+        (item,) = build([folder / f"{law}.json"], folder / target, target=target)
+        return item.path
+
+    return make
 
 
 def driven(shock, test):
@@ -111,10 +115,10 @@ def staircase(series):
 def test_the_native_fmu_reproduces_the_validation_error(law, fitted, built):
     """At full speed the velocity changes by up to 0.03 m/s from sample to sample: three pieces of the curve."""
     test = record(2, duration=1.0)
-    prepared, series = driven(fitted[law], test)
+    prepared, series = driven(fitted(law), test)
     assert 0.01 < np.abs(np.diff(series["velocity"])).max() < 0.05
-    stated = evaluate(fitted[law], test).percent
-    assert percent(prepared, ramped(built["native"][law], series)) == pytest.approx(stated, abs=5e-13)
+    stated = evaluate(fitted(law), test).percent
+    assert percent(prepared, ramped(built(law, "native"), series)) == pytest.approx(stated, abs=5e-13)
     # Hysteresis fits this record better than the others.
     assert stated > (0.3 if law == "hysteresis" else 0.5), "an error that is nothing would be reproduced by anything"
 
@@ -123,8 +127,8 @@ def test_the_native_fmu_reproduces_the_validation_error(law, fitted, built):
 @pytest.mark.parametrize("target", ["native", "python"])
 @pytest.mark.parametrize("law", LAWS)
 def test_with_held_inputs_both_targets_reproduce_the_error_of_the_held_record(law, target, fitted, built):
-    prepared, series = driven(fitted[law], record(2, duration=1.0))
-    expected = percent(prepared, simulate(fitted[law].law, staircase(series))[::2])
+    prepared, series = driven(fitted(law), record(2, duration=1.0))
+    expected = percent(prepared, simulate(fitted(law).law, staircase(series))[::2])
     # The jumps of the staircase take a billionth of a step, in which a lagged force moves: 1.4e-9 on four records.
     limit = {"polylinear": 5e-13, "hysteresis": 3e-9}.get(law, 1e-9)
-    assert percent(prepared, held(built[target][law], series)) == pytest.approx(expected, abs=limit)
+    assert percent(prepared, held(built(law, target), series)) == pytest.approx(expected, abs=limit)

@@ -12,11 +12,11 @@ import pytest
 from builder.reference import Disclosure, validity_member
 from eightpost.errors import ParameterError
 from eightpost.ident import fit_shock
-from eightpost.ident.shock import fit as fitting
 from eightpost.ident.shock.law_fit import (
     CrossValidation,
     HeldOut,
     HeldOutErrors,
+    LawFit,
     _left_out_runs,
     left_out_blocks,
 )
@@ -131,7 +131,8 @@ def test_a_fit_states_its_error_beside_that_of_lpnl2_on_the_same_quarters(record
     fit, other = (fit_shock(record, law, segment=(1.0, 5.0)) for law in ("polylinear", "lpnl2"))
     assert fit.held_out.left_out == other.held_out.left_out == "quarters"
     assert fit.held_out.percent > 5.0 * fit.held_out.lpnl2_percent
-    assert fit.held_out.lpnl2_percent == pytest.approx(other.held_out.percent, rel=1e-6)
+    # The error of LPNL2 beside another law is that of its sketch, whose tolerance changes it by less than this.
+    assert fit.held_out.lpnl2_percent == pytest.approx(other.held_out.percent, abs=3e-3)
     assert other.held_out.lpnl2_percent is None
     assert fit.shock.fit["held_out"] == json.loads(json.dumps(fit.held_out.to_json()))
     assert set(other.shock.fit["held_out"]) == {"left_out", "percent"}
@@ -147,18 +148,14 @@ def test_the_error_is_one_line():
 
 @pytest.mark.parametrize("law", ["polylinear", "lpnl2"])
 def test_a_law_that_rejects_a_part_of_the_record_has_no_error_and_says_so(law, record, monkeypatch):
-    own = fitting.fit_law
+    own = LawFit.refitted_rows
 
-    def rejecting(runs, name, choices):
-        found = own(runs, name, choices)
-        if name == "lpnl2":
-            monkeypatch.setattr(type(found), "refitted_rows", refuse)
-        return found
+    def refitted_rows(found, weights):
+        if found.law == "lpnl2":
+            raise ValueError("the curve falls")
+        return own(found, weights)
 
-    def refuse(*_):
-        raise ValueError("the curve falls")
-
-    monkeypatch.setattr(fitting, "fit_law", rejecting)
+    monkeypatch.setattr(LawFit, "refitted_rows", refitted_rows)
     fit = fit_shock(record, law, segment=(1.0, 4.0))
     (note,) = [change for change in fit.changes if "the curve falls" in change]
     if law == "lpnl2":

@@ -109,7 +109,7 @@ def test_the_stated_residual_is_that_of_the_shipped_law_and_that_of_the_search(l
 
 @pytest.mark.slow
 def test_a_known_stop_is_found_and_noted(law_record):
-    fit = fit_shock(law_record(hysteresis(stop=STOP), 1, rate=RATE), "hysteresis")
+    fit = fit_shock(law_record(hysteresis(stop=STOP), 1, rate=RATE), "hysteresis", segment=(1.0, 6.0))
     found = [fit.parameter(name) for name in ("stop_stiffness", "stop_yield", "stop_time")]
     assert [one.value for one in found] == pytest.approx(STOP, rel=0.25)
     assert [one.unit for one in found] == ["N/m", "m", "s"]

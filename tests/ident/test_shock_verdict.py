@@ -45,10 +45,10 @@ def judged_records(*motions):
     return tests, prepare_runs(tests)
 
 
-def verdict(percent=0.6, held_out=0.5, trouble="", motions=THREE_TESTS):
+def verdict(percent=0.6, held_out=0.5, trouble="", motions=THREE_TESTS, static=20.0):
     held = None if held_out is None else HeldOutErrors("quarters", held_out)
     found = shock_validity(
-        *judged_records(*motions), percent=percent, held_out=held, trouble=trouble, conditions={}
+        *judged_records(*motions), percent=percent, static=static, held_out=held, trouble=trouble, conditions={}
     )  # fmt: skip
     return found.verdict
 
@@ -80,10 +80,20 @@ def test_a_usable_fit_says_within_which_strokes_speeds_and_frequencies():
 
 
 @pytest.mark.parametrize("motions", [((0.05, 0.5),), ((0.02, 1.0), (0.01, 1.2))], ids=str)
-def test_a_test_of_one_frequency_is_at_most_usable_within_limits(motions):
-    found = verdict(0.1, 0.1, motions=motions)
+def test_a_test_of_one_frequency_with_a_wide_loop_is_at_most_usable_within_limits(motions):
+    found = verdict(0.1, 0.1, motions=motions, static=12.1)
     assert found.grade is Grade.LIMITED
     assert [reason.rule for reason in found.decisive] == ["one frequency"]
+    assert "12.1 %, limit 12 %" in found.decisive[0].figure
+
+
+def test_a_test_of_one_frequency_with_a_narrow_loop_is_usable_if_it_is_not_two_sines():
+    found = verdict(0.1, 0.1, motions=((0.05, 0.5),), static=12.0)
+    assert found.grade is Grade.USABLE
+    assert [reason.rule for reason in found.reasons] == ["small error", "narrow loop"]
+    assert verdict(2.6, 0.1, motions=((0.05, 0.5),), static=5.0).grade is Grade.LIMITED
+    pair = verdict(0.1, 0.1, motions=((0.02, 1.0), (0.01, 1.2)), static=5.0)
+    assert [reason.rule for reason in pair.decisive] == ["two sines"]
 
 
 @pytest.mark.parametrize(("low", "is_reported"), [(0.0067, True), (0.0066, False), (None, True)])
@@ -95,7 +105,7 @@ def test_a_late_force_counts_if_it_turns_a_tenth_of_the_force_or_is_not_known_ag
     assert frequency == pytest.approx(3.0, rel=0.02)
     lag = None if low is None else SimpleNamespace(low=low * 2.4 / frequency)
     monkeypatch.setattr("eightpost.ident.shock.verdict.force_lag", lambda _: lag)
-    found = shock_validity(tests, runs, percent=0.1, held_out=None, trouble="", conditions={}).verdict
+    found = shock_validity(tests, runs, percent=0.1, static=5.0, held_out=None, trouble="", conditions={}).verdict
     assert (late in found.reasons) is is_reported
 
 

@@ -29,7 +29,7 @@ _PLOTS = "[...document.querySelectorAll('.js-plotly-plot')]"
 
 
 @pytest.mark.slow
-def test_the_page_draws_all_its_figures_in_both_unit_systems_and_loads_nothing(browser, study, tmp_path):
+def test_the_page_draws_all_its_figures_in_both_unit_systems_loads_nothing_and_fits_on_paper(browser, study, tmp_path):
     path = write_shock_page(tmp_path / "report.html", study, limit=10.0)
     browser.call("Page.navigate", url=path.as_uri())
     browser.until("document.body && document.body.dataset.drawn === 'all'")
@@ -53,17 +53,6 @@ def test_the_page_draws_all_its_figures_in_both_unit_systems_and_loads_nothing(b
     pdf = base64.b64decode(browser.call("Page.printToPDF", preferCSSPageSize=True)["data"])
     assert 5 <= len(re.findall(rb"/Type\s*/Page\b", pdf)) <= 20
 
-    requested = [e["params"]["request"]["url"] for e in browser.events if e["method"] == "Network.requestWillBeSent"]
-    assert [url for url in requested if not url.startswith(("data:", "blob:"))] == [path.as_uri()]
-    trouble = ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")
-    assert [event for event in browser.events if event["method"] in trouble] == []
-
-
-@pytest.mark.slow
-def test_on_paper_nothing_is_wider_than_the_page(browser, study, tmp_path):
-    path = write_shock_page(tmp_path / "report.html", study)
-    browser.call("Page.navigate", url=path.as_uri())
-    browser.until("document.body && document.body.dataset.drawn === 'all'")
     browser.call("Emulation.setEmulatedMedia", media="print")
     # A4 landscape within 12 mm margins, at 96 pixels to the inch
     width = int((297 - 24) / 25.4 * 96)
@@ -71,6 +60,11 @@ def test_on_paper_nothing_is_wider_than_the_page(browser, study, tmp_path):
     wide = "[...document.querySelectorAll('table, .plot svg.main-svg')].map((e) => e.getBoundingClientRect().right)"
     assert browser.evaluate(f"Math.max(...{wide})") <= width + 1
     assert browser.evaluate("getComputedStyle(document.querySelector('nav')).display") == "none"
+
+    requested = [e["params"]["request"]["url"] for e in browser.events if e["method"] == "Network.requestWillBeSent"]
+    assert [url for url in requested if not url.startswith(("data:", "blob:"))] == [path.as_uri()]
+    trouble = ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")
+    assert [event for event in browser.events if event["method"] in trouble] == []
 
 
 def traces(figure):

@@ -222,25 +222,36 @@ class LawFit(FittedLaw):
         everything, the rows without weight would have been seen.
         """
         minimum = _sketched(self.model.weighted(weights)).minimum_from(self.minimum.end.parameters)
-        return self.problem.model.rows(minimum.end.parameters)
+        return self.model.rows(minimum.end.parameters)
 
 
 def fit_law(groups: Sequence[Runs], law: str, choices: Choices) -> LawFit:
     """Fit a law with a curve through knots for each setting to the runs of each."""
-    runs = all_runs(groups)
-    gas, gas_notes = gas_columns(runs, choices.gas)
     weigh = weights_for(choices.robust)
-    if len(groups) > 1:
-        first = fit_law([hardest(groups)], law, choices)
-        model = joint_model(groups, gas, first.model.dynamics)
-        problem, notes = FitProblem(model), (*first.notes, *gas_notes)
-        theta = first.minimum.end.parameters[first.model.first.linear_count :]
-        joint = LawFit(law, notes, model, problem, problem.minimum_from(_static_start(model, theta)), None)
-        return joint if weigh is None else _reweighted(joint, weigh)
-    model = joint_model(groups, gas, dynamics_for(LAWS[law], limits_for(runs.measured, runs.rate)))
+    if len(groups) == 1:
+        sketch = sketched_law(groups[0], law, choices)
+        whole = sketch.finished()
+        if weigh is None or sketch.is_final or (sketch.weights == 1.0).all():
+            return whole
+        return reweighted(whole, lambda fit: fit.robust_weights(weigh), LawFit.reweighted, 1)
+    gas, notes = gas_columns(all_runs(groups), choices.gas)
+    first = fit_law([hardest(groups)], law, choices)
+    model = joint_model(groups, gas, first.model.dynamics)
+    problem = FitProblem(model)
+    theta = first.minimum.end.parameters[first.model.first.linear_count :]
+    minimum = problem.minimum_from(_static_start(model, theta))
+    joint = LawFit(law, (*first.notes, *notes), model, problem, minimum, None)
+    return joint if weigh is None else _reweighted(joint, weigh)
+
+
+def sketched_law(runs: Runs, law: str, choices: Choices) -> LawFit:
+    """Return the sketch of a law, with weights that follow its residuals."""
+    gas, notes = gas_columns(runs, choices.gas)
+    model = joint_model([runs], gas, dynamics_for(LAWS[law], limits_for(runs.measured, runs.rate)))
     problem, minimum, full_lag = _searched(model)
-    sketch = LawFit(law, (*model.dynamics.changes(), *gas_notes), model, problem, minimum, full_lag)
-    return _robust(sketch, weigh)
+    sketch = LawFit(law, (*model.dynamics.changes(), *notes), model, problem, minimum, full_lag)
+    weigh = weights_for(choices.robust)
+    return sketch if weigh is None else _reweighted(sketch, weigh)
 
 
 def _static_start(model: FitModel, theta: Array) -> Array:
@@ -289,17 +300,6 @@ def _like(full_lag: Minimum[Residual], problem: FitProblem) -> Minimum[Residual]
     parameters, model = full_lag.end.parameters, problem.model
     same = np.append(parameters[:-1], model.dynamics.like_full_lag(model.first, parameters))
     return Minimum(problem.at(same), True, "LPF1's solution: no fading of the lag is better")
-
-
-def _robust(sketch: LawFit, weigh: Weigh | None) -> LawFit:
-    """Return the finished sketch with weights that follow its own residuals; without `weigh` all weights are equal."""
-    if weigh is None:
-        return sketch.finished()
-    sketch = _reweighted(sketch, weigh)
-    whole = sketch.finished()
-    if not sketch.is_final and (sketch.weights < 1.0).any():
-        whole = reweighted(whole, lambda fit: fit.robust_weights(weigh), LawFit.reweighted, 1)
-    return whole
 
 
 def _reweighted(fit: LawFit, weigh: Weigh) -> LawFit:

@@ -407,6 +407,7 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
             tests,
             runs,
             percent=100.0 * rms / runs.deviation,
+            static=100.0 * static_rms / runs.deviation,
             held_out=story.held_out,
             trouble="" if solution.converged else solution.status or "no minimum was found",
             conditions=conditions,

@@ -172,10 +172,16 @@ ABOUT = "fit of the shock"
 #: Limits of the error, in percent of the force's standard deviation (docs/reference/verdict.md).
 GOOD, POOR = 2.5, 15.0
 
+#: Error of the static curve alone [%], up to which a test of one frequency is usable: the error is at most about this
+#: large even if the whole loop is that of a late force channel or of a spring (docs/reference/verdict.md).
+NARROW = 12.0
+
 #: Share of the force that a late force turns into stiffness, from which it is reported [1].
 _TURNED = 0.1
 
-RULES = Rules.read(Path(__file__).with_suffix(".txt"), ABOUT, good=GOOD, poor=POOR, one_frequency=ONE_FREQUENCY)
+RULES = Rules.read(
+    Path(__file__).with_suffix(".txt"), ABOUT, good=GOOD, poor=POOR, one_frequency=ONE_FREQUENCY, narrow=NARROW
+)
 
 
 def shock_validity(
@@ -183,6 +189,7 @@ def shock_validity(
     runs: Runs,
     *,
     percent: float,
+    static: float,
     held_out: HeldOutErrors | None,
     trouble: str,
     conditions: Mapping[str, Any],
@@ -193,6 +200,7 @@ def shock_validity(
         tests: Records.
         runs: Runs of the fit.
         percent: RMS of the residual, in percent of the force's standard deviation.
+        static: The same of the static curve alone [%].
         held_out: Errors on left-out parts; None if they are not known.
         trouble: Cause that kept the fit from converging; empty if it converged.
         conditions: Conditions of the measurement, as in a shock file.
@@ -200,10 +208,13 @@ def shock_validity(
     origin, strokes = origin_of(tests), StrokeRange.of(runs.prepared)
     tested = f"{strokes}{_temperatures(conditions)}"
     reasons = [_error(percent, held_out, origin, tested)]
-    if strokes.has_one_frequency:
-        reasons.append(RULES.reason("one frequency", "the test has one frequency", tested, origin))
+    loop = f"error of the static curve alone {static:.3g} %, limit {NARROW:g} %; {tested}"
+    if strokes.has_one_frequency and static > NARROW:
+        reasons.append(RULES.reason("one frequency", "the test has one frequency and a wide loop", loop, origin))
     elif runs.are_two_sines:
         reasons.append(RULES.reason("two sines", "the test has two sines only", tested, origin))
+    elif strokes.has_one_frequency:
+        reasons.append(RULES.reason("narrow loop", "the test has one frequency and a narrow loop", loop, origin))
     if trouble:
         reasons.append(RULES.reason("fit not converged", "the fit did not converge", trouble, origin))
     reasons += [reason for test in tests for reason in _of_record(test, strokes.frequency[1])]
