@@ -44,7 +44,7 @@ class ValidateOptions:
     paths: tuple[Path, ...] = argument("JSON... RECORD...", kind=FilePath())
     limit: float | None = option(
         "Maximum error [% of the measured standard deviation]; the exit code is 1 above it. Default: vehicles 25, "
-        "shocks 30.",
+        "shocks 15.",
         kind=Number(min=0.0, min_open=True), metavar="PERCENT",
     )
     shocks: tuple[tuple[str, str], ...] = option(

@@ -54,17 +54,23 @@ def test_shocks_of_one_name_and_law_are_numbered(lagged, random_test):
 
 
 @pytest.mark.parametrize(
-    ("stated", "conditions", "together"),
+    ("stated", "conditions", "why"),
     [
-        ({"clicks": 2}, DynoConditions(), True),
-        ({"build": "A"}, DynoConditions(build="a"), True),
-        ({"build": "A"}, DynoConditions(build="B"), False),
-        ({"gas_pressure [Pa]": 344738.0}, DynoConditions(gas_pressure=1034214.0), False),
+        ({"clicks": 2}, DynoConditions(), ""),
+        ({"build": "A"}, DynoConditions(build="a"), ""),
+        ({"build": "A"}, DynoConditions(build="B"), "the build of the fit is 'A', that of the record 'B'"),
+        ({"gas_pressure [Pa]": 5e5}, DynoConditions(gas_pressure=1e6),
+         "the gas pressure of the fit is 5 bar, that of the record 10 bar"),
     ],
-)
-def test_records_under_other_conditions_are_left_out_and_reported(truth, random_test, stated, conditions, together):
+)  # fmt: skip
+def test_records_under_other_conditions_are_left_out_and_the_verdict_says_why(
+    truth, random_test, stated, conditions, why, monkeypatch
+):
+    monkeypatch.setenv("EIGHTPOST_UNITS", "si")
     study = validate_shocks([shock_of(truth, **stated)], [dyno_record(random_test(1, conditions))])
+    together = not why
     assert len(study.cases) == together
+    assert why in str(shock_verdict(study).reasons)
     assert shock_verdict(study).is_acceptable is together
     assert bool(study.unpaired) is not together
     assert bool(notes_on(study)) is not together

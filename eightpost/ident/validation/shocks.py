@@ -26,7 +26,7 @@ from eightpost.ident.validation.shock_tests import (
 from eightpost.outputs import replacing
 from eightpost.report.tables import ResultTable
 from eightpost.shock import Shock, law_title, write_shock
-from eightpost.units import convert
+from eightpost.units import convert, shown
 from eightpost.validity import Validity, judged
 from eightpost.verdict import Reason, Rules, Verdict, listed
 
@@ -158,7 +158,9 @@ def _mismatch(shock: Shock, record: DynoRecord) -> str | None:
     mine, other = shock.conditions, record.conditions
     for name in ("build", "clicks", "gas_pressure [Pa]"):
         if mine.get(name) is not None and other.get(name) is not None and not _alike(mine[name], other[name]):
-            return f"{name} {mine[name]!r} is not {other[name]!r}"
+            what, unit = (name.removesuffix(" [Pa]").replace("_", " "), "Pa" if name.endswith("[Pa]") else "")
+            first, second = (_stated(condition[name], unit) for condition in (mine, other))
+            return f"the {what} of the fit is {first}, that of the record {second}"
     return None
 
 
@@ -166,6 +168,11 @@ def names_of(cases: Sequence[ShockCase]) -> tuple[str, ...]:
     """Return a name for the shock of each case: its law if the laws differ, else the whole label."""
     laws = tuple(law_title(case.shock.law_name) for case in cases)
     return laws if len(set(laws)) == len(laws) else tuple(case.label for case in cases)
+
+
+def _stated(value: Any, unit: str) -> str:
+    """Return a condition as text, a pressure in the unit that is shown."""
+    return "{:.4g} {}".format(*shown(float(value), unit)) if unit else repr(value)
 
 
 def _alike(first: Any, second: Any) -> bool:
@@ -245,7 +252,9 @@ def _errors(study: ShockValidation, limit: float | None) -> Iterator[Reason]:
 def _pairing(study: ShockValidation) -> Iterator[Reason]:
     if alone := [record.name for record in study.records if not study.of_record(record)]:
         figure = f"{len(alone)} of {len(study.records)} records"
-        yield RULES.reason("record without a shock", "no shock predicts a record", figure, listed(alone))
+        text = "no shock was fitted under the conditions of a record"
+        why = next(entry for entry in study.unpaired if f" with {alone[0]}: " in entry)
+        yield RULES.reason("record without a shock", text, f"{figure}; {why}", listed(alone))
     if own := [case for case in study.cases if case.is_fit_record]:
         rule = "not validated" if len(own) == len(study.cases) else "partly the fit's own records"
         figure = f"{len(own)} of {len(study.cases)} predictions"
