@@ -19,12 +19,12 @@ from typing import Any
 import click
 from rich.console import Console
 from rich.logging import RichHandler
-from rich.markup import escape
 
 from eightpost import __version__, completion
 from eightpost.app.former import FORMER_VERBS, current_verb
 from eightpost.app.options import Entry, Verb, VerbGroup, warn
 from eightpost.errors import EightpostError, InputError
+from eightpost.report.console import print_error
 from eightpost.workers.supervision import supervised, tell
 
 _NAME = "eightpost"
@@ -171,7 +171,7 @@ def _complain(text: str) -> None:
     if len(text) > _SHOWN:
         text = f"{text[: _SHOWN // 2]} ... {text[-_SHOWN // 2 :]}"
     text = "".join(letter if letter.isprintable() or letter in "\n\t" else repr(letter)[1:-1] for letter in text)
-    Console(stderr=True, soft_wrap=True).print(f"[bold red]error:[/] {escape(text)}", highlight=False)
+    print_error(text)
 
 
 def _check_names() -> None:

@@ -13,6 +13,7 @@ from rich.console import Console
 
 from eightpost.report import page
 from eightpost.report.charts import Axis, grid_figure, row_figure
+from eightpost.report.console import print_error
 from eightpost.report.numbers import Display
 from eightpost.report.packing import welch
 from eightpost.report.page import Section, document, explained, glossary, soft
@@ -198,3 +199,14 @@ def test_every_word_has_a_short_definition_without_a_full_stop():
     words = glossary(common=True)
     assert len(words) > len(glossary()) > 40
     assert [word for word, text in words.items() if not 10 <= len(text) <= 130 or text.endswith(".")] == []
+
+
+@pytest.mark.parametrize(("terminal", "widest"), [("1", 80), ("", 182)])
+def test_an_error_is_wrapped_between_words_in_a_terminal_and_one_line_in_a_file(terminal, widest, monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", terminal)
+    monkeypatch.setenv("COLUMNS", "80")
+    text = "lf.force in run3.csv has no unit; " * 4 + "give it with --channel 'lf.force=[lbf]'"
+    print_error(text)
+    lines = re.sub("\x1b[^m]*m", "", capsys.readouterr().err).splitlines()
+    assert max(map(len, lines)) in range(widest - 15, widest + 1)
+    assert " ".join(" ".join(lines).split()) == f"error: {text}"

@@ -13,7 +13,7 @@ from rich.markup import escape
 
 from eightpost.app.options import FilePath, argument, option, verb
 from eightpost.errors import InputError
-from eightpost.report.console import Column, Table, console_table, unbroken
+from eightpost.report.console import Column, Table, console_table, print_error, unbroken
 
 if TYPE_CHECKING:
     from builder.check import CheckReport, Finding, Level, NotChecked, Scope
@@ -72,7 +72,7 @@ def check(
         for name, steps in systems.items():
             _show_host_steps(console, name, steps)
     for report in refused:
-        Console(stderr=True, soft_wrap=True).print(f"[bold red]error:[/] {escape(report.error)}", highlight=False)
+        print_error(report.error)
     ctx.exit(2 if refused else int(not all(report.acceptable for report in reports)))
 
 

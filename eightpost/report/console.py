@@ -1,4 +1,4 @@
-"""Tables in a terminal."""
+"""Tables and errors in a terminal."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from dataclasses import replace
 from typing import Any
 
 from rich.console import Console, ConsoleOptions, RenderResult
+from rich.markup import escape
 from rich.table import Column, Table
 
-__all__ = ["Column", "Table", "brief", "console_table", "folded", "right", "unbroken"]
+__all__ = ["Column", "Table", "brief", "console_table", "folded", "print_error", "right", "unbroken"]
 
 
 def console_table(columns: Iterable[Column | str], *groups: Iterable[Sequence[str]], **options: Any) -> Table:
@@ -27,6 +28,12 @@ def console_table(columns: Iterable[Column | str], *groups: Iterable[Sequence[st
             table.add_row(*row)
         table.add_section()
     return table
+
+
+def print_error(text: str) -> None:
+    """Print an error on the standard error output: as one line, or in a terminal wrapped between words."""
+    console = Console(stderr=True)
+    console.print(f"[bold red]error:[/] {escape(text)}", highlight=False, soft_wrap=not console.is_terminal)
 
 
 def right(*headings: str) -> list[Column | str]:
