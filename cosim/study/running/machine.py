@@ -421,6 +421,10 @@ def _regular(setup: RunSetup) -> tuple[Array, int]:
 # ---- Statistics of a quantity ---------------------------------------------------------------------------------------
 
 
+#: Places of the sums of deviations and of their squares among the sums of a quantity.
+_SUM, _SQUARES = 1, 2
+
+
 def _statistic(name: str, sums: Array, count: int, step: float) -> Array:
     """Return a statistic (n,) by its name in cosim.study.measures.
 
@@ -429,21 +433,21 @@ def _statistic(name: str, sums: Array, count: int, step: float) -> Array:
         count: Number of rows.
         step: Interval between the rows [s].
     """
-    shift, total, squares, least, largest, inside, first, last = sums.swapaxes(0, 1)
-    variances = np.maximum(squares / count - (total / count) ** 2, 0.0)
-    mean, rms = shift[0] + total[0] / count, np.sqrt(variances[0])
+    shift, total, _, least, largest, inside, first, last = sums[0]
+    variances = np.maximum(sums[:, _SQUARES] / count - (sums[:, _SUM] / count) ** 2, 0.0)
+    mean, rms = shift + total / count, np.sqrt(variances[0])
     found: Mapping[str, Callable[[], Array]] = {
         "rms": lambda: rms,
         "rms_with_mean": lambda: np.sqrt(variances[0] + mean**2),
         "joint_rms": lambda: np.sqrt(variances.mean(axis=0)),
         "mean": lambda: mean,
-        "peak": lambda: np.maximum(largest[0] - mean, mean - least[0]),
-        "range": lambda: largest[0] - least[0],
-        "maximum": lambda: largest[0],
-        "minimum": lambda: least[0],
+        "peak": lambda: np.maximum(largest - mean, mean - least),
+        "range": lambda: largest - least,
+        "maximum": lambda: largest,
+        "minimum": lambda: least,
         "variation": lambda: rms / np.abs(mean),
-        "work": lambda: step * (count * shift[0] + total[0] - 0.5 * (first[0] + last[0])),
-        "share": lambda: inside[0] / count,
+        "work": lambda: step * (count * shift + total - 0.5 * (first + last)),
+        "share": lambda: inside / count,
     }
     return found[name]()
 
