@@ -75,9 +75,8 @@ def _python_fmu(product: Product) -> dict[str, bytes]:
 
     members |= documents(product, disclosure=Disclosure.FULL)
     tool = f"eightpost {__version__} with PythonFMU {version('pythonfmu')}"
-    describe = partial(
-        model_description, product.identifier, product.text, product.interface, tool=tool, co_simulation=CAPABILITIES
-    )
+    described, kinds = (product.identifier, product.text, product.interface), {"CoSimulation": CAPABILITIES}
+    describe = partial(model_description, *described, tool=tool, kinds=kinds)
     return members | {"modelDescription.xml": describe(guid=content_guid(describe(), members))}
 
 

@@ -340,17 +340,11 @@ def _corner_variables(row: Mapping[str, Any]) -> Sequence[Variable]:
     name, start, offset = row["name"], row.get("start"), row.get("offset")
     if "<corner>" not in name:
         return [variable_of(row, name, row["reference"], start, offset)]
-    prefixes = [f"{corner}." for corner in CORNERS] + [""]
-    return [
-        variable_of(
-            row,
-            name.replace("<corner>.", prefix),
-            row["reference"] + k % len(CORNERS),
-            start,
-            offset.replace("<corner>.", prefix) if offset else None,
-        )
-        for k, prefix in enumerate(prefixes)
-    ]
+    variables = []
+    for k, prefix in enumerate([*(f"{corner}." for corner in CORNERS), ""]):
+        own, added = name.replace("<corner>.", prefix), offset and offset.replace("<corner>.", prefix)
+        variables.append(variable_of(row, own, row["reference"] + k % len(CORNERS), start, added))
+    return variables
 
 
 def _is_included(
@@ -420,6 +414,8 @@ _LOG_CATEGORIES = {
 _NAMESPACE = uuid.uuid5(uuid.NAMESPACE_DNS, "fmu.eightpost")
 
 
+_ABOUT = {"author": "eightpost", "version": __version__, "license": "MIT"}
+
 #: The default experiment [s].
 _EXPERIMENT = {"startTime": "0.0", "stopTime": "30.0", "stepSize": "0.001"}
 
@@ -445,8 +441,7 @@ def model_description(
     interface: Interface,
     *,
     tool: str,
-    co_simulation: Mapping[str, str],
-    exchange: Mapping[str, str] | None = None,
+    kinds: Mapping[str, Mapping[str, str]],
     source_files: Sequence[str] = (),
     guid: str = "",
     fmi: int = 2,
@@ -460,37 +455,24 @@ def model_description(
         text: Description of the model.
         interface: Variables and their dependencies.
         tool: Name and version of the tools that built the FMU.
-        co_simulation: Attributes of the element CoSimulation.
-        exchange: Attributes of the element ModelExchange; None for an FMU that offers co-simulation only.
+        kinds: Attributes of the elements ModelExchange and CoSimulation, which say what the FMU offers.
         source_files: Names of the C files in sources/ that a rebuild compiles.
         guid: GUID, without braces.
         fmi: FMI version, 2 or 3.
     """
     is_3 = fmi == 3
     variables = (_TIME, *interface.variables) if is_3 else interface.variables
-    root = ET.Element(
-        "fmiModelDescription",
-        {
-            "fmiVersion": "3.0" if is_3 else "2.0",
-            "modelName": identifier,
-            "instantiationToken" if is_3 else "guid": f"{{{guid}}}",
-        },
-        description=text,
-        author="eightpost",
-        version=__version__,
-        license="MIT",
-        generationTool=tool,
-        variableNamingConvention="structured",
-        **({} if is_3 else {"numberOfEventIndicators": "0"}),
-    )
-    for kind, flags in (("ModelExchange", exchange), ("CoSimulation", co_simulation)):
-        if flags is not None:
-            own = _flags_3(kind, flags) if is_3 else flags
-            element = ET.SubElement(root, kind, {"modelIdentifier": identifier, **own})
-            if source_files and not is_3:  # FMI 3.0 lists them in buildDescription.xml
-                files = ET.SubElement(element, "SourceFiles")
-                for file in source_files:
-                    ET.SubElement(files, "File", name=file)
+    head = {"fmiVersion": "3.0" if is_3 else "2.0", "modelName": identifier}
+    head |= {"instantiationToken" if is_3 else "guid": f"{{{guid}}}", "description": text, **_ABOUT}
+    head |= {"generationTool": tool, "variableNamingConvention": "structured"}
+    root = ET.Element("fmiModelDescription", head | ({} if is_3 else {"numberOfEventIndicators": "0"}))
+    for kind, flags in kinds.items():
+        own = _flags_3(kind, flags) if is_3 else flags
+        element = ET.SubElement(root, kind, {"modelIdentifier": identifier, **own})
+        if source_files and not is_3:  # FMI 3.0 lists them in buildDescription.xml
+            files = ET.SubElement(element, "SourceFiles")
+            for file in source_files:
+                ET.SubElement(files, "File", name=file)
     _unit_definitions(root, variables)
     categories = ET.SubElement(root, "LogCategories")
     for name, meaning in _LOG_CATEGORIES.items():
@@ -504,6 +486,11 @@ def model_description(
     _structure(root, interface, number, is_3)
     if is_3:
         ET.SubElement(ET.SubElement(root, "Annotations"), "Annotation", type="eightpost").append(note)
+    return xml_document(root)
+
+
+def xml_document(root: ET.Element) -> bytes:
+    """Return an indented document in UTF-8."""
     ET.indent(root)
     return bytes(ET.tostring(root, encoding="UTF-8", xml_declaration=True)) + b"\n"
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import builder
 import eightpost
-from builder.interface import Interface, content_guid, model_description, source_files, source_folder
+from builder.interface import Interface, content_guid, model_description, source_files, source_folder, xml_document
 from builder.product import Product
 from builder.reference import SECRET, Disclosure
 from builder.tables import interface_header, interface_source, kept_numbers, layout, settings_data, vehicle_data
@@ -87,8 +87,7 @@ def build_description(identifier: str, files: Iterable[str]) -> bytes:
     file_set = ET.SubElement(configuration, "SourceFileSet", language="C99")
     for file in files:
         ET.SubElement(file_set, "SourceFile", name=file)
-    ET.indent(root)
-    return bytes(ET.tostring(root, encoding="UTF-8", xml_declaration=True)) + b"\n"
+    return xml_document(root)
 
 
 def _build_members(identifier: str, files: Iterable[str], fmi: int) -> dict[str, bytes]:
@@ -147,28 +146,18 @@ def _c_sources(product: Product, visible: Interface, guid: str) -> dict[str, byt
 
 # ---- Construction of native FMUs ------------------------------------------------------------------------------------
 
-#: Capabilities of fmus/common, which are the same for every model.
-CAPABILITIES = {
-    "needsExecutionTool": "false",
-    "canHandleVariableCommunicationStepSize": "true",
-    "canInterpolateInputs": "true",
+#: Flags of fmus/common, which are the same for every model, for both kinds of instance.
+_SHARED = {
     "canBeInstantiatedOnlyOncePerProcess": "false",
     "canNotUseMemoryManagementFunctions": "false",
     "canGetAndSetFMUstate": "true",
     "canSerializeFMUstate": "true",
     "providesDirectionalDerivative": "true",
 }
-
-
-#: The same of the element ModelExchange.
-EXCHANGE = {
-    "needsExecutionTool": "false",
-    "completedIntegratorStepNotNeeded": "true",
-    "canBeInstantiatedOnlyOncePerProcess": "false",
-    "canNotUseMemoryManagementFunctions": "false",
-    "canGetAndSetFMUstate": "true",
-    "canSerializeFMUstate": "true",
-    "providesDirectionalDerivative": "true",
+_STEPS = {"canHandleVariableCommunicationStepSize": "true", "canInterpolateInputs": "true"}
+_KINDS = {
+    "ModelExchange": {"needsExecutionTool": "false", "completedIntegratorStepNotNeeded": "true", **_SHARED},
+    "CoSimulation": {"needsExecutionTool": "false", **_STEPS, **_SHARED},
 }
 
 
@@ -308,8 +297,7 @@ def sealed(
         files = tuple(name for name in sorted(drafted) if name.endswith(".c"))
         members |= _build_members(identifier, files, fmi)
     describe = partial(
-        model_description, *described, tool=f"eightpost {__version__}", co_simulation=CAPABILITIES, exchange=EXCHANGE,
-        source_files=files, fmi=fmi,
+        model_description, *described, tool=f"eightpost {__version__}", kinds=_KINDS, source_files=files, fmi=fmi
     )  # fmt: skip
     guid = content_guid(describe(), {**members, **named})
     found = code(guid) | version

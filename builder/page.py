@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from builder.interface import Interface, Variable, source_folder
+from builder.interface import Interface, Variable, source_folder, xml_document
 from builder.reference import FOLDER, displayed_start, limits, start
 from eightpost import __version__, units
 from eightpost.array_types import Array
@@ -150,8 +150,7 @@ def terminals_and_icons(interface: Interface) -> bytes:
             kind = _FLOW[variable.causality] if member == "force" else "signal"
             names = {"variableName": variable.name, "memberName": member, "variableKind": kind}
             ET.SubElement(element, "TerminalMemberVariable", names)
-    ET.indent(root)
-    return bytes(ET.tostring(root, encoding="UTF-8", xml_declaration=True)) + b"\n"
+    return xml_document(root)
 
 
 # ---- The page -------------------------------------------------------------------------------------------------------

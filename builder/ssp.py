@@ -15,6 +15,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from builder.interface import xml_document
 from builder.reference import SECRET
 from eightpost import __version__
 from eightpost.archive import read_archive, write_archive
@@ -261,5 +262,4 @@ def _text(value: Value, kind: str) -> str:
 def _document(root: ET.Element) -> bytes:
     for prefix, uri in _NAMESPACES.items():
         ET.register_namespace(prefix, uri)
-    ET.indent(root)
-    return bytes(ET.tostring(root, encoding="UTF-8", xml_declaration=True)) + b"\n"
+    return xml_document(root)
