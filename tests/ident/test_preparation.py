@@ -101,6 +101,19 @@ def test_a_fast_record_is_thinned(record):
     assert reported(prepared.changes, "every 5th sample")
 
 
+def test_a_spike_of_the_force_is_replaced_and_counted_and_nothing_else_is(record):
+    series = record.series.window(0.0, 4.0)
+    clean = DynoTest(series)
+    predicted = prepare(clean).record["force"]
+    assert fits.without_spikes(clean, prepare(clean), predicted) == (clean, 0)
+    force = series["force"].copy()
+    force[4000] += 2.0 * float(np.std(force))
+    spiked = DynoTest(series.with_channel("force", "N", force))
+    found, count = fits.without_spikes(spiked, prepare(spiked), predicted)
+    assert count == 1
+    assert np.abs(found.series["force"] - series["force"]).max() < 0.02 * np.std(force)
+
+
 def test_options_are_reported(record):
     prepared = prepare(record, segment=(2.0, 6.0), cutoff=80.0)
     assert reported(prepared.changes, "seconds 2 to 6", "requested")
