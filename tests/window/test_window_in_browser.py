@@ -116,7 +116,7 @@ def test_a_run_that_is_left_by_the_browser_is_there_when_it_is_opened_again(page
     folder, link = window
     page.screen("Run")
     page.drop("tracks", EXAMPLES / "data" / "track.parquet")
-    page.choose("Drive file", "track.parquet")
+    page.until("[...document.querySelectorAll('.q-field')].some(e => /^Drive file\\s+track.parquet/.test(e.innerText))")
     page.write("Length [s]", 1)
     page.button("Run")
     page.until("[...document.querySelectorAll('.job')].some(e => e.innerText.includes('running'))")
