@@ -465,7 +465,7 @@ def read_limits(path: Path, reading: Reading, tolerances: Sequence[tuple[float, 
     else:
         sizes = [(np.full(curve.force.size, value), unit) for value, unit in tolerances]
     if not sizes:
-        raise InputError(f"--limits {name} has no column of tolerances; add --tolerance '5 %' or --tolerance '20 N'")
+        raise InputError(f"--limits {name} has no column of tolerances; add --set tolerance='5 %' or tolerance='20 N'")
     forces = [size if unit == "N" else 0.01 * size * np.abs(curve.force) for size, unit in sizes]
     return CurveLimits(name, curve, np.max(forces, axis=0))
 
