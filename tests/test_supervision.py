@@ -58,6 +58,11 @@ def test_an_fmu_that_ends_the_process_is_named_and_the_exit_code_is_1(work: str)
     assert "there is no result" in errors and "--isolate" in errors
 
 
+def test_a_library_that_lists_what_is_left_at_the_end_prints_nothing() -> None:
+    """The bindings of lief, which checks read binaries with, list all objects that the end did not collect."""
+    assert ended("import lief") == (0, "", "")
+
+
 @pytest.mark.parametrize(("work", "how"), [("os._exit(0)", "with code 0"), ("os.abort()", "by signal 6")])
 def test_a_command_that_does_not_complete_never_ends_with_0(work: str, how: str) -> None:
     code, _, errors = ended(work)
