@@ -5,11 +5,10 @@ from __future__ import annotations
 import os
 import re
 import signal
-import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
@@ -108,7 +107,6 @@ def study(
 
     console = Console()
     _stop_at_sigterm()
-    _use_arrow_without_pandas()
     folder = opened(console, study_file, output, workers, patience)
     if rank is not None:
         folder.study.measure(rank)
@@ -122,28 +120,6 @@ def study(
     show_files(console, [*traces, folder.sweep.path, page])
     stopped = result.partial or (sure and result.certainty is None and result.done.any())
     ctx.exit(0 if not stopped and result.done.all() and result.verdict.is_acceptable else 1)
-
-
-def _use_arrow_without_pandas() -> None:
-    """Let pyarrow look for pandas now and not find it.
-
-    It would import pandas with its first array, which takes a quarter of a second, to recognise objects of pandas.
-    Conversions from and to pandas still work.
-    """
-    import pyarrow
-
-    class Hidden:
-        @staticmethod
-        def find_spec(name: str, *_: object) -> None:
-            if name == "pandas":
-                raise ImportError(name)
-
-    finder: Any = Hidden
-    sys.meta_path.insert(0, finder)
-    try:
-        pyarrow.array([0.0])
-    finally:
-        sys.meta_path.remove(finder)
 
 
 def _stop_at_sigterm() -> None:
