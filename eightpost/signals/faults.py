@@ -211,6 +211,23 @@ def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
+#: Smallest mean force at low speed that shows the sign of the gas force, as a share of the force's range.
+GAS_SHARE = 0.015
+
+
+def _likely_reversed(force: Array, motion: Array, channel: str, against: str) -> tuple[str, str]:
+    """Return which of two channels that contradict each other is to be reversed, and the condition in words.
+
+    A gas force, which is left at low speed, is positive.
+    """
+    level = float(np.mean(force[np.abs(motion) <= np.quantile(np.abs(motion), 0.1)]))
+    if channel != "force" or abs(level) < GAS_SHARE * float(np.ptp(force)):
+        return channel, f"{against} is right"
+    other = against.rpartition("derived from ")[2]
+    reversed_, sign = (other, "positive") if level > 0.0 else (channel, "negative")
+    return reversed_, f"the force at low speed, which is {sign}, is that of the gas"
+
+
 def check_sign(
     values: Array, reference: Array, *, channel: str, against: str, origin: Origin = IN_MEMORY, stated: str = ""
 ) -> None:
@@ -230,9 +247,11 @@ def check_sign(
     correlation = float(np.corrcoef(values, reference)[0, 1])
     if correlation < 0.0:
         other = against.rpartition("derived from ")[2]
+        likely, why = _likely_reversed(values, reference, channel, against)
+        rest = other if likely == channel else channel
         advice = (
-            f"so one of the two has the wrong sign (both must be positive in compression): `--channel {channel}=-` if "
-            f"{against} is right, otherwise `--channel {other}=-`, or gain = -1 in the channel map. A wrong choice "
+            f"so one of the two has the wrong sign (both must be positive in compression): `--channel {likely}=-` if "
+            f"{why}, otherwise `--channel {rest}=-`, or gain = -1 in the channel map. A wrong choice "
             "swaps compression and rebound; check that the gas force is positive"
         )
         if correlation > -WEAK_SIGN:

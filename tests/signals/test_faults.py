@@ -130,6 +130,20 @@ def test_time_printed_with_few_digits_has_no_gap():
     faults.check_gaps(np.round(np.arange(1000) / 300.0, 4))
 
 
+@pytest.mark.parametrize(
+    ("gas", "advice"),
+    [
+        (0.2, "`--channel displacement=-` if the force at low speed, which is positive, is that of the gas"),
+        (-0.2, "`--channel force=-` if the force at low speed, which is negative, is that of the gas"),
+        (0.01, "`--channel force=-` if the velocity derived from displacement is right"),
+    ],
+)
+def test_of_a_contradiction_the_channel_is_reversed_that_makes_the_gas_force_positive(gas, advice):
+    with pytest.raises(WrongSignError) as caught:
+        faults.check_sign(gas - SINE, SINE, channel="force", against="the velocity derived from displacement")
+    assert advice in str(caught.value)
+
+
 def test_a_wrong_sign_names_the_channel_to_flip_not_what_was_derived_from_it():
     with pytest.raises(
         WrongSignError, match=r"`--channel force=-` if the velocity .* otherwise `--channel displacement=-`,"
