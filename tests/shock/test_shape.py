@@ -72,6 +72,12 @@ def test_curves_that_mislead_a_fit_are_found_again(compression, rebound):
     assert misfit(compression, rebound) < 2e-4
 
 
+@pytest.mark.parametrize("knee", [0.02, 0.1, 0.5])
+def test_the_slope_changes_with_the_knee_as_its_difference_quotient(knee):
+    higher, lower = (shapes._slope_weights(shapes._KNOTS, knee * np.exp(change)) for change in (1e-5, -1e-5))
+    assert shapes._knee_weights(knee) == pytest.approx((higher - lower) / 2e-5, abs=1e-8)
+
+
 def test_a_search_starts_at_every_pair_of_knees_that_no_neighbour_is_better_than(monkeypatch):
     count = shapes._KNEES.size
     errors = np.random.default_rng(2).uniform(1.0, 2.0, (count, count))

@@ -197,6 +197,14 @@ def test_anti_roll_bars_resist_roll_only():
     assert with_bars.select(**roll).dc_gain() < without.select(**roll).dc_gain()
 
 
+def test_what_a_car_does_not_state_is_not_there():
+    stated = ("track_width", "cg_to_front_axle", "cg_to_rear_axle", "sprung_mass", "roll_inertia", "pitch_inertia",
+              "unsprung_mass", "spring_rate", "tire_stiffness", "front_overhang", "rear_overhang")  # fmt: skip
+    car = SevenDof(**{name: getattr(UNEVEN, name) for name in stated})
+    nothing = replace(car, damping=Corners.same(0.0), front_anti_roll_rate=0.0, rear_anti_roll_rate=0.0)
+    assert car == nothing
+
+
 def test_an_incomplete_drivers_position_is_rejected():
     with pytest.raises(ParameterError, match="driver_left_of_centreline"):
         replace(TABLE_5_1, driver_ahead_of_cg=0.3)

@@ -315,7 +315,9 @@ def test_a_file_with_another_level_of_force_is_a_doubt_with_its_difference_from_
     assert not any("level of the force" in reason.statement for reason in rebound.verdict.reasons)
     (found,) = [reason for reason in other.verdict.reasons if "level of the force" in reason.statement]
     level, _, rest = found.figure.partition(" N ")
+    share = 100.0 * float(level) / float(np.std(higher.series["force"]))
     assert float(level) == pytest.approx(80.0, abs=6.0) and rest.startswith("from the mean of the files")
+    assert float(rest.split(", ")[1].split(" %")[0]) == pytest.approx(share, rel=0.005)
     assert found.origin == "file4.csv"
 
 
