@@ -19,6 +19,9 @@ from eightpost.machine.library import Library, compiled
 #: Signals of a shock, in the order of fmus/machine/port.h.
 SIGNALS = ("force", "static_force", "lagged_force", "lag_weight", "dissipated_power", "beyond_fit")
 
+#: Number of the velocity of a port there, which is also an output of the vehicle.
+_VELOCITY = len(SIGNALS)
+
 #: Largest numbers of limits, recorded channels and quantities of fmus/machine/march.h.
 _MOST_LIMITS, _MOST_CHANNELS, _MOST_QUANTITIES = 8, 256, 512
 
@@ -100,6 +103,9 @@ class Run:
             raise NotInBatchError("it has too many measures")
         sweeps = _SWEEPS + any(port.has_forces for port in car.ports)
         self.library = _loaded(compiled(car.pairs, self.corners, sweeps=sweeps, width=width))
+        # the sweeps have found the velocities of the ports, which need no row of outputs
+        places_of = {(-1, port.velocity): (k, _VELOCITY) for k, port in enumerate(car.ports)}
+        channels = {name: places_of.get(channels[name], channels[name]) for name in names}
         own = dict.fromkeys(number for name in names for corner, number in (channels[name],) if corner < 0)
         outputs = list(own | dict.fromkeys(limit.output for limit in limits))
         signals = list(dict.fromkeys(channels[name] for name in names if channels[name][0] >= 0))

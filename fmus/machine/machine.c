@@ -48,8 +48,8 @@ static inline WITHIN void find_cubics(const March *m, Kinds kinds, const real *v
     Found found[CORNERS];
     UNROLLED
     for (int c = 0; c < CORNERS; c++) {
-        const real ratio = m->ports[c].parameters.motion_ratio;
-        find_both(&m->ports[c], ratio * between(m, c, velocity[c]), ratio * velocity[c], &found[c]);
+        const Port *port = &m->ports[c];
+        find_both(port, by_ratio(port, kinds, between(m, c, velocity[c])), by_ratio(port, kinds, velocity[c]), &found[c]);
     }
     UNROLLED
     for (int c = 0; c < CORNERS; c++) {
@@ -160,12 +160,17 @@ static inline WITHIN void take_step(March *m, Kinds kinds, int64_t step, int is_
     }
 }
 
-/* The most frequent kind of run has code of its own. */
-static const Kinds PLAIN = {.knots = 1};
+/* The most frequent kinds of runs have code of their own. */
+static const Kinds PLAIN = {.knots = 1}, WITH_RATIOS = {.knots = 1, .ratios = 1};
 
 static APART void take_plain_step(March *m, int64_t step, int is_recorded)
 {
     take_step(m, PLAIN, step, is_recorded);
+}
+
+static APART void take_step_with_ratios(March *m, int64_t step, int is_recorded)
+{
+    take_step(m, WITH_RATIOS, step, is_recorded);
 }
 
 static APART void take_any_step(March *m, int64_t step, int is_recorded)
@@ -248,14 +253,12 @@ static truth are_sensible(const March *m)
 static void march(March *m, const Sums *sums)
 {
     const int is_plain = memcmp(&m->kinds, &PLAIN, sizeof PLAIN) == 0;
+    const int has_ratios = memcmp(&m->kinds, &WITH_RATIOS, sizeof WITH_RATIOS) == 0;
+    void (*take)(March *, int64_t, int) = is_plain ? take_plain_step : has_ratios ? take_step_with_ratios : take_any_step;
     int64_t left = m->run->every;
     for (int64_t k = 0; k < m->run->steps && in_any(m->alive); k++) {
         left--;
-        if (is_plain) {
-            take_plain_step(m, k, left == 0);
-        } else {
-            take_any_step(m, k, left == 0);
-        }
+        take(m, k, left == 0);
         if (left == 0) {
             const truth sensible = are_sensible(m);
             left = m->run->every;

@@ -24,7 +24,7 @@ enum { CONTINUOUS_STATES = 2 };
 enum { WITHOUT_LAG = 0, WITH_LAG = 1, HYSTERESIS = 2 };
 
 /* What is recorded of a shock, in the order of eightpost/machine/run.py. */
-enum { FORCE, STATIC_FORCE, LAGGED_FORCE, LAG_WEIGHT, DISSIPATED_POWER, BEYOND_FIT };
+enum { FORCE, STATIC_FORCE, LAGGED_FORCE, LAG_WEIGHT, DISSIPATED_POWER, BEYOND_FIT, VELOCITY };
 
 /* Places of knots in a search by halves; velocities are usually between half of them, the first of which is USUAL. */
 enum { SLOTS = 31, USUAL = 5 };
@@ -49,7 +49,7 @@ typedef struct {
 
 /* What occurs in any port of a run. */
 typedef struct {
-    int hysteresis, knots, polynomials, seals, friction, travel;
+    int hysteresis, knots, polynomials, seals, friction, travel, ratios;
 } Kinds;
 
 /* Python fills parameters and laws; the rest is derived from them before a run. */
@@ -151,6 +151,12 @@ static APART void find_lagged(const Port *port, real velocity, Cubic *cubic)
     gather(port->lagged, &found, 0, cubic);
 }
 
+/* A velocity or force of a port at its damper, or the other way round. */
+static inline WITHIN real by_ratio(const Port *port, Kinds kinds, real value)
+{
+    return kinds.ratios ? port->parameters.motion_ratio * value : value;
+}
+
 /* F_s [N] at a damper velocity [m/s]; `cubic` is that of about this velocity if there are knots. */
 static inline WITHIN real static_force(const Port *port, Kinds kinds, real v, const Cubic *cubic)
 {
@@ -200,7 +206,7 @@ static APART void follow_hysteresis(const Port *port, const Point *from, int kno
 static inline WITHIN void follow(const Port *port, Kinds kinds, const Point *from, real velocity, int known, Cubics *cubics, Point *to)
 {
     to->velocity = velocity;
-    to->static_force = static_force(port, kinds, port->parameters.motion_ratio * velocity, &cubics->curve);
+    to->static_force = static_force(port, kinds, by_ratio(port, kinds, velocity), &cubics->curve);
     to->lagged = (port->left * from->lagged + port->faded * from->static_force) + port->ramp * to->static_force;
     if (kinds.hysteresis) {
         follow_hysteresis(port, from, known, &cubics->lagged, to);
@@ -251,7 +257,8 @@ static inline WITHIN real shock_force(const Port *port, Kinds kinds, const Point
 {
     const Parameters *p = &port->parameters;
     const real force = dissipative_force(port, kinds, at, cubics);
-    return p->motion_ratio * (kinds.travel ? force + p->gas_stiffness * p->motion_ratio * displacement : force) + port->preload;
+    const real whole = kinds.travel ? force + p->gas_stiffness * p->motion_ratio * displacement : force;
+    return by_ratio(port, kinds, whole) + port->preload;
 }
 
 /* That of shock and friction. */
@@ -276,6 +283,8 @@ static real signal_at(const Port *port, Kinds kinds, const Point *at, const Cubi
         return dissipative_force(port, kinds, at, cubics) * v;
     case BEYOND_FIT:
         return either(is_beyond_fit(p, v), uniform(1.0), uniform(0.0));
+    case VELOCITY:
+        return at->velocity;
     default:
         return shock_force(port, kinds, at, cubics, displacement);
     }
@@ -316,6 +325,7 @@ static void prepare_port(Port *port, const PortFriction *friction, double step, 
     kinds->polynomials |= !in_every(has_knots(p));
     kinds->seals |= !in_every(p->seal_friction == 0.0);
     kinds->friction |= friction->friction_force > 0.0 || friction->bristle_force > 0.0 || friction->port_spring != 0.0;
+    kinds->ratios |= !in_every(p->motion_ratio == 1.0);
     kinds->travel |= !in_every(p->gas_stiffness == 0.0) || friction->port_spring != 0.0;
     const real ratio = port->half / p->time_constant, rise = -exponential_minus_1(-ratio);
     const real none = uniform(0.0), one = uniform(1.0);
