@@ -41,8 +41,8 @@ static inline WITHIN real between(const March *m, int c, real velocity)
     return 0.9375 * m->at[c].velocity + (0.3125 * velocity + (0.0625 * m->earlier[1][c] - 0.3125 * m->earlier[0][c]));
 }
 
-/* The cubics of all ports in the middle and at the end of the step, by the velocities at its end. Here and in a sweep, ports go through
- * each stage together: their operations do not wait for each other. */
+/* The cubics of all ports in the middle and at the end of the step, by the velocities at its end. Ports go through each stage together:
+ * their operations do not wait for each other. */
 static inline WITHIN void find_cubics(const March *m, Kinds kinds, const real *velocity, Step *steps)
 {
     Found found[CORNERS];
@@ -78,10 +78,6 @@ static inline WITHIN void evaluate(const March *m, Kinds kinds, const real *velo
     for (int c = 0; c < CORNERS; c++) {
         Step *s = &steps[c];
         follow(&m->ports[c], kinds, &m->at[c], between(m, c, velocity[c]), known, &s->cubics[MIDDLE_OF_STEP], &s->at[MIDDLE_OF_STEP]);
-    }
-    UNROLLED
-    for (int c = 0; c < CORNERS; c++) {
-        Step *s = &steps[c];
         follow(&m->ports[c], kinds, &s->at[MIDDLE_OF_STEP], velocity[c], known, &s->cubics[END_OF_STEP], &s->at[END_OF_STEP]);
         find_forces(m, kinds, c, travel[c], s, beyond);
     }
