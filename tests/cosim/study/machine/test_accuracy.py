@@ -157,6 +157,14 @@ def test_the_bits_of_a_setup_do_not_depend_on_its_lane_or_its_neighbours(fmus):
     assert bits([3]) == {3: whole[3]} and bits([6, 3]) == {6: whole[6], 3: whole[3]}
 
 
+def test_a_shock_with_a_motion_ratio_does_not_change_the_bits_of_its_neighbours_without_one(fmus):
+    study = study_of(fmus, {name: Build(fmus["lpnl2"], {"motion_ratio": r}) for name, r in (("1", 1.0), ("2", 1.3))})
+    plain, geared = (study.space.find(dict.fromkeys(study.corners, name)) for name in ("1", "2"))
+    alone = on_machine(study, [plain], step=2e-3).values.copy()
+    together = on_machine(study, [plain, geared], step=2e-3).values
+    assert together[:, :, :1].tobytes() == alone.tobytes() and (together[:, :, 1] != together[:, :, 0]).any()
+
+
 @pytest.mark.nightly
 def test_the_width_of_the_processor_changes_the_last_digits_only(fmus):
     study = study_of(fmus, random_builds(fmus, ["lpnl2", "lpf1"], 6, seed=61))
