@@ -151,7 +151,7 @@ static APART void find_lagged(const Port *port, real velocity, Cubic *cubic)
     gather(port->lagged, &found, 0, cubic);
 }
 
-/* A velocity or force of a port at its damper, or the other way round. */
+/* A velocity of the port at the damper, or a force of the damper at the port. */
 static inline WITHIN real by_ratio(const Port *port, Kinds kinds, real value)
 {
     return kinds.ratios ? port->parameters.motion_ratio * value : value;
