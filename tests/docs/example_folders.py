@@ -44,9 +44,13 @@ CODES = {
     "validate": (0, 1),
     "identify": (0, 1),
     "fit": (0, 1),
+    "check": (0, 1),  # FMUs for this platform only
 }
 
-_RECORDS = "record('dyno_A', 'run1.csv', 'run2.csv', 'dyno.csv', 'a.csv', 'b.csv', 'A.csv', 'day.csv', 'data/a.csv')\n"
+_RECORDS = """
+record('dyno_A', 'run1.csv', 'dyno.csv', 'a.csv', 'A.csv', 'day.csv', 'data/a.csv')
+record('dyno_B', 'run2.csv', 'b.csv')
+"""
 
 #: A record whose force has no unit and the opposite sign.
 _RUN7 = """
