@@ -76,6 +76,11 @@ def test_a_sound_car_has_no_fault(car, smooth):
     assert fault_in_simulation(replace(car, friction={"": Friction(bristle=Bristle(COULOMB))}), smooth) is None
 
 
+def test_a_baseline_shorter_than_the_simulation_is_used_whole(car, smooth):
+    short = smooth[0].window(0.0, 6.0)
+    assert fault_in_simulation(replace(car, friction={"": Friction(bristle=Bristle(COULOMB))}), [short]) is None
+
+
 def test_a_port_spring_that_tips_the_car_over_is_a_fault(car, smooth):
     fault = fault_in_simulation(replace(car, friction={"": Friction(spring=-1e9)}), smooth)
     assert fault is not None

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from eightpost.__main__ import main
 from eightpost.errors import FileFormatError, InputError, ParameterError
+from eightpost.ident.shock import plots
 from eightpost.ident.shock.clicks import TargetCurve, best_clicks, read_target
 from eightpost.ident.shock.dynamics import dynamics_for
 from eightpost.ident.shock.force import gas_columns, limits_for
@@ -384,6 +385,22 @@ def test_the_temperature_of_a_file_comes_from_its_channel_or_from_the_table(tmp_
     warm = read_settings_table(tmp_path / "table.toml").axes[1]
     assert warm.nodes[1] == pytest.approx(353.15)
     assert 310.0 < warm.nodes[0] < 325.0
+
+
+def test_the_click_map_has_the_measured_curves_and_the_forces_at_the_measured_settings(rebound, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(plots, "save", lambda figure, _path, **_options: drawn.append(figure))
+    plots.plot_click_map(rebound.shock, "unused.png")
+    curves, forces = drawn[0].axes
+    nodes = rebound.shock.settings.axes[0].nodes
+    measured = [line for line in curves.lines if line.get_label().endswith("measured")]
+    assert [float(line.get_label().split()[0]) for line in measured] == list(nodes)
+    for line, clicks in zip(measured, nodes, strict=True):
+        curve = rebound.shock.at(clicks={"rebound": clicks}).law.curve
+        speed, force = (np.asarray(line.get_data()[k]) for k in (0, 1))
+        assert force == pytest.approx([curve.force(v) for v in speed], abs=1e-6)
+    dots = [line for line in forces.lines if line.get_marker() == "o"]
+    assert dots and all(list(line.get_xdata()) == list(nodes) for line in dots)
 
 
 @pytest.mark.slow

@@ -12,12 +12,15 @@ from eightpost.ident.validation.vehicle_page import (
     _order_figure,
     _static_figure,
     certainty_table,
+    measure_table,
     port_table,
     static_table,
 )
 from eightpost.ident.validation.vehicles import Limits, _common_levels
 from eightpost.ident.vehicle.trust import ForceEstimate, OrderCandidate, Orders, OutputTrust, PolePair, Trust
+from eightpost.ident.vehicle.vehicle_fit import TENTH
 from eightpost.report.tables import Amount
+from eightpost.uncertainty import MeasureUncertainty
 from eightpost.vehicle import Bristle, Friction
 
 
@@ -125,3 +128,10 @@ def test_the_common_level_is_stated_for_the_worst_output() -> None:
         "b: -10.0 % on 4 records, 0.0 % without the common factor; rank correlation 1.00; limit 5 %"
     )
     assert found.origin == "a, b"
+
+
+def test_the_accuracy_of_measures_is_their_half_width_for_equal_setups_and_for_setups_a_tenth_apart():
+    one = MeasureUncertainty(0.0, 0.3)
+    table = measure_table(SimpleNamespace(trust=SimpleNamespace(measures={"lf.tire_force": one})))
+    ((name, shared, apart),) = table.rows
+    assert (name, shared.value, apart.value) == ("lf.tire_force", 0.0, pytest.approx(100.0 * one.half_width(TENTH)))
