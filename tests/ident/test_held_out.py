@@ -131,8 +131,7 @@ def test_a_fit_states_its_error_beside_that_of_lpnl2_on_the_same_quarters(record
     fit, other = (fit_shock(record, law, segment=(1.0, 5.0)) for law in ("polylinear", "lpnl2"))
     assert fit.held_out.left_out == other.held_out.left_out == "quarters"
     assert fit.held_out.percent > 5.0 * fit.held_out.lpnl2_percent
-    # The error of LPNL2 beside another law is that of its sketch, whose tolerance changes it by less than this.
-    assert fit.held_out.lpnl2_percent == pytest.approx(other.held_out.percent, abs=3e-3)
+    assert fit.held_out.lpnl2_percent == pytest.approx(other.held_out.percent, rel=1e-6)
     assert other.held_out.lpnl2_percent is None
     assert fit.shock.fit["held_out"] == json.loads(json.dumps(fit.held_out.to_json()))
     assert set(other.shock.fit["held_out"]) == {"left_out", "percent"}

@@ -26,7 +26,6 @@ from eightpost.ident.shock.law_fit import (
     RecipeName,
     fit_law,
     has_own_recipe,
-    sketched_law,
 )
 from eightpost.ident.shock.problem import Solution, blocks_of, covariances
 from eightpost.ident.shock.result import ShockFit, Story, result_of
@@ -374,7 +373,7 @@ def _held_out(fitted: CrossValidation, choices: Choices) -> tuple[HeldOutErrors 
     if law == _BESIDE:
         return HeldOutErrors(fitted.left_out, own.percent), ()
     try:
-        other = CrossValidation(sketched_law(runs.weighted(np.ones_like(weights)), _BESIDE, choices)).errors(weights)
+        other = fit_of([runs.weighted(np.ones_like(weights))], _BESIDE, choices).errors(weights)
     except ValueError as error:
         return HeldOutErrors(fitted.left_out, own.percent), (f"no held-out error of LPNL2: {error}",)
     return HeldOutErrors(fitted.left_out, own.percent, other.percent), ()
