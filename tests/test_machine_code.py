@@ -5,7 +5,7 @@ import logging
 import sys
 
 import pytest
-from numba import njit
+from numba import config, njit
 from numba.core import caching
 
 from eightpost.cache import kept
@@ -16,6 +16,7 @@ def fresh(tmp_path, monkeypatch):
     """Return a function that compiles a test function, or loads it from disk, like another process."""
     path = tmp_path / "kept_sine.py"
     path.write_text("import math\n\n\ndef sine(x):\n    return math.sin(x) + 1.0\n")
+    monkeypatch.setattr(config, "CACHE_DIR", "")  # machine code is kept beside the file, whatever the environment says
     spec = importlib.util.spec_from_file_location("kept_sine", path)
     module = importlib.util.module_from_spec(spec)
     monkeypatch.setitem(sys.modules, "kept_sine", module)
