@@ -152,7 +152,8 @@ FOUND = {
     "a dead velocity": (dead(V), "the column 'v' was not read: it is constant"),
     "a dead displacement": (dead(X), "the column 'x' was not read: it is constant"),
     "an unknown unit of velocity": (renamed(V, "v [furlong/x]"), "'v' was not read: its unit 'furlong/x'"),
-    "a saturated velocity": (saturated(V), "velocity and displacement disagree"),
+    # clipped near the middle of its range, a velocity may have no sign left
+    "a saturated velocity": (saturated(V), "velocity and displacement disagree|'v' was not read: it is a magnitude"),
     "a saturated displacement": (saturated(X), "the displacement is clipped: .* samples are equal to"),
     "an offset of velocity": (offset(V, 0.02, 0.3), "the mean of velocity is off|velocity is .* times the slope"),
     "a velocity with a wrong gain": (scaled(V, 1.08, 1.3), "velocity is 1.* times the slope of displacement"),
