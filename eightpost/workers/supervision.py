@@ -279,8 +279,6 @@ def _work(work: Callable[[], object], mine: Record, life: int | None = None) -> 
         with suppress(OSError, ValueError, AttributeError):  # Python reports the error when it ends
             sys.stdout.flush()
         mine.complete(code)
-        if "lief" not in sys.modules:  # its bindings list all objects that are left at the end
-            gc.freeze()  # otherwise the end of this process begins with a collection of everything
     sys.exit()
 
 

@@ -229,7 +229,7 @@ def fit_law(groups: Sequence[Runs], law: str, choices: Choices) -> LawFit:
     """Fit a law with a curve through knots for each setting to the runs of each."""
     weigh = weights_for(choices.robust)
     if len(groups) == 1:
-        sketch = sketched_law(groups[0], law, choices)
+        sketch = _sketch_of(groups[0], law, choices)
         whole = sketch.finished()
         if weigh is None or sketch.is_final or (sketch.weights == 1.0).all():
             return whole
@@ -244,7 +244,7 @@ def fit_law(groups: Sequence[Runs], law: str, choices: Choices) -> LawFit:
     return joint if weigh is None else _reweighted(joint, weigh)
 
 
-def sketched_law(runs: Runs, law: str, choices: Choices) -> LawFit:
+def _sketch_of(runs: Runs, law: str, choices: Choices) -> LawFit:
     """Return the sketch of a law, with weights that follow its residuals."""
     gas, notes = gas_columns(runs, choices.gas)
     model = joint_model([runs], gas, dynamics_for(LAWS[law], limits_for(runs.measured, runs.rate)))
