@@ -169,7 +169,7 @@ class SavedRun(_RunChannels):
         """
         path = Path(folder) / "result.json"
         if not path.is_file():
-            raise FileFormatError("there is no run here: name a folder that `eightpost run` wrote, or a file", path=folder)
+            raise FileFormatError("there is no run here; name a folder that `eightpost run` wrote", path=folder)
         warn_of_earlier_results(folder)
         series = read_series(path.with_name("series.parquet"))
         document = json_content(path, advice="name a folder that `eightpost run` wrote", finite=False)
