@@ -24,6 +24,8 @@ import pytest
 from pytest_datadir.plugin import LazyDataDir
 from pytest_regressions.file_regression import FileRegressionFixture
 
+from benchmarks.digests import OF_THIS_RUN
+
 RESULTS = Path(__file__).parent / "results"
 
 #: Length up to which an array is kept whole.
@@ -32,11 +34,6 @@ _SHORT = 12
 #: Differences of floating-point units and of libraries, relative to the number; smaller numbers are zeros.
 _RELATIVE, _ZERO = 1e-5, 1e-9
 
-_OF_THIS_RUN = re.compile(
-    r"\d{4}-\d\d-\d\d([T ][\d:.]+(Z|[+-]\d\d:\d\d)?)?|\b\d+\.\d+\.\d+\b"
-    r"|\{?[0-9a-f]{8}(-?[0-9a-f]{4}){3}-?[0-9a-f]{12}\}?|\b[0-9a-f]{12,64}\b|\b\d+(\.\d+)? (s|ms|min)\b"
-    r"|(?<![<\w])/([\w.+-]+/)+"
-)
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?")
 
 
@@ -81,7 +78,7 @@ def lines_of(result: object, name: str = "") -> Iterator[str]:
 
 
 def _clean(text: str) -> str:
-    return re.sub(r"[ \t]+", " ", _OF_THIS_RUN.sub("", text)).strip()
+    return re.sub(r"[ \t]+", " ", OF_THIS_RUN.sub("", text)).strip()
 
 
 def _number(value: Any) -> str:
