@@ -139,9 +139,9 @@ def _is_still(force: Array, top: FlatTop) -> bool:
 
 
 def _is_exact(force: Array, velocity: Array, top: FlatTop) -> bool:
-    """Return whether a computed force (N,) without noise or rounding has one value, but not at low speed."""
+    """Return whether a force (N,) has exactly one value in a flat top, but not at low speed."""
     equal = np.abs(force - top.value) <= 1e-9 * np.ptp(force)
-    if resolution(force) or not equal[top.samples].all():
+    if not equal[top.samples].all():
         return False
     return bool(np.quantile(np.abs(velocity[equal]), 0.05) > SLOW * np.abs(velocity).max())
 

@@ -70,7 +70,7 @@ def flat_tops(values: Array) -> Iterator[FlatTop]:
 
 
 def resolution(values: Array) -> float:
-    """Return the step of a rounded channel (N,), of which all differences are multiples; 0 if there is none."""
+    """Return the step of a rounded channel (N,), of which all differences are multiples; 0 if it is not rounded."""
     steps = np.diff(np.unique(values))
     steps = steps[steps > 1e-9 * float(np.ptp(values))]
     if not steps.size:
