@@ -19,10 +19,16 @@ from eightpost.report.packing import welch
 from eightpost.report.page import Section, document, explained, glossary, soft
 from eightpost.report.small_plot import HEIGHT, WIDTH, small_plot
 from eightpost.report.static import Picture, static_page
-from eightpost.report.tables import Amount, ResultTable, result_table
+from eightpost.report.tables import Amount, ResultTable, cell_html, result_table, unit_html
 from eightpost.verdict import Grade, Rule, Verdict
 
 # ---- Pages, tables and numbers --------------------------------------------------------------------------------------
+
+
+def test_a_page_shows_pressures_in_psi_and_bar():
+    assert unit_html("Pa") == '<span class="us">psi</span><span class="si">bar</span>'
+    assert cell_html(Amount(1e6, "Pa", 3)) == '<span class="us">145</span><span class="si">10.0</span>'
+
 
 NASTY = "</script><b>[bold]"
 TABLE = ResultTable.of("forces", ["record", "RMS [N]", "unit"], [(NASTY, 4.4482216, "m/s"), ("b", None, "s")])

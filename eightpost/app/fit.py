@@ -153,10 +153,13 @@ def _fit(console: Console, asked: FitOptions) -> Verdict:
 
 def _settings_table(asked: FitOptions) -> SettingsTable | None:
     """Return the settings of a TOML table, or of the names of several files; None if the files are runs of a shock."""
+    files, has_columns, is_plain = asked.dyno_files, asked.channels.is_stated, not (asked.split or asked.builds)
+    is_table = len(files) == 1 and files[0].suffix.lower() == ".toml"
+    if len(files) == 1 and not is_table:
+        return None
     from eightpost.ident.shock.settings_table import read_settings_table, settings_of_names, states_settings
 
-    files, has_columns, is_plain = asked.dyno_files, asked.channels.is_stated, not (asked.split or asked.builds)
-    if len(files) == 1 and files[0].suffix.lower() == ".toml":
+    if is_table:
         if has_columns or not is_plain:
             raise InputError(f"{files[0]} states columns, units, signs and builds: omit --channel, --build and --split")
         return read_settings_table(files[0], cutoff=asked.cutoff)

@@ -13,8 +13,8 @@ from eightpost.app.options import argument, verb
 def units(system: str | None = argument("[us|si|file]", kind=("us", "si", "file"), required=False)) -> None:
     """Choose the units of all results once: us or si.
 
-    us: lbf, in, psi. si: N, mm, Pa. file: those of the first file that a command reads, as before any choice. Without a
-    word, the present choice is printed. All commands, pages and pictures follow it; the environment variable
+    us: lbf, in, psi. si: N, mm, bar. file: those of the first file that a command reads, as before any choice.
+    Without a word, the present choice is printed. All commands, pages and pictures follow it; the environment variable
     EIGHTPOST_UNITS counts before it. The files that eightpost writes are in SI units in any case.
 
     \b

@@ -9,7 +9,7 @@ RULES = rules_of("dyno")
 #: Names of the rules about a part of a record; they apply to each run on its own.
 PART_RULES = frozenset(
     ("the shock changed", "the shock changed a little", "drift", "run-down of the machine", "jump of a channel",
-     "clipped displacement", "repeated samples")
+     "clipped channel", "repeated samples")
 )  # fmt: skip
 
 

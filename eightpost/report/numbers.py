@@ -100,6 +100,11 @@ class Display:
         """Return the conversion from an SI unit to US customary units, the first of the two systems of a page."""
         return cls.of(si, units.us_customary(si.removesuffix("2/Hz")))
 
+    @classmethod
+    def metric(cls, si: str) -> Display:
+        """Return the conversion from an SI unit to the second system of a page: SI, but no pascals."""
+        return cls.of(si, units.metric(si) if si == "Pa" else si)
+
     @property
     def squared(self) -> tuple[str, str]:
         """Squares of the display unit and of the SI unit, for power spectral densities."""

@@ -127,13 +127,14 @@ def cell_html(cell: Cell) -> Markup:
     """Return the HTML of a cell: a text, or an amount in both unit systems."""
     if not isinstance(cell, Amount):
         return escape(cell)
-    shown = (plain(value, cell.digits) for value in (Display.us(cell.unit).factor * cell.value, cell.value))
+    systems = (Display.us(cell.unit), Display.metric(cell.unit))
+    shown = (plain(system.factor * cell.value, cell.digits) for system in systems)
     return _in_both_units(*(text.replace("-", "−") for text in shown))
 
 
 def unit_html(si: str) -> Markup:
     """Return a unit in both systems."""
-    return _in_both_units(Display.us(si).unit, si)
+    return _in_both_units(Display.us(si).unit, Display.metric(si).unit)
 
 
 def caption_html(text: str) -> Markup:

@@ -175,7 +175,6 @@ def read_dyno_test(
         TimeGapError: Samples are missing.
         TooShortError: The record has less than 0.5 s or 200 samples.
         ConstantChannelError: Velocity, displacement or force is constant.
-        ClippedChannelError: The force is clipped.
         WrongSignError: The force or the displacement has the wrong sign.
     """
     reading = _Reading(Path(path), channel_map, dict(units or {}), tuple(flip), cutoff)
@@ -347,9 +346,8 @@ def _check_channels(record: RawRecord, mapping: ChannelMap) -> None:
 
 
 def _check_force(series: TimeSeries, origin: Origin, derived: tuple[str, ...], stated: str) -> None:
-    """Check the force for clipping, and its sign by its correlation with the velocity."""
+    """Check the sign of the force by its correlation with the velocity."""
     velocity, force = series["velocity"], series["force"]
-    faults.check_not_clipped(force, channel="force", origin=origin, against=velocity)
     if rectified_force(series):  # a reason of the verdict; the correlation with velocity says nothing
         return
     against = "the velocity derived from displacement" if derived else "velocity"

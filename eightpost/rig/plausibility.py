@@ -10,10 +10,10 @@ from scipy.ndimage import median_filter
 from eightpost.array_types import Array
 from eightpost.checks.dyno import fault
 from eightpost.checks.fault import Fault
+from eightpost.rig.clipping import clipping_faults
 from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.rig.motion import displacement_of, lag_faults, motion_faults, path_of, run_down
 from eightpost.rig.one_setting import drift_faults, explained, rest_force, setting_faults
-from eightpost.signals.faults import clipped_samples
 from eightpost.signals.filters import white_noise
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
@@ -180,8 +180,6 @@ def _rest_faults(series: TimeSeries, conditions: DynoConditions) -> Iterator[Fau
 JUMP_SHARE = {"velocity": 0.2, "displacement": 0.03, "force": 0.2}
 JUMP_FACTOR, AROUND = 10.0, 21  #: ... this multiple of the median change in so many samples around it.
 REPEATED_SHARE = 0.02  #: Share of repeated samples.
-#: Range of the force, as a share of that of the record, in samples in which a clipped displacement stays constant.
-FORCE_MOVES = 0.2
 
 
 def _sample_faults(series: TimeSeries, measured: tuple[str, ...]) -> Iterator[Fault]:
@@ -190,8 +188,7 @@ def _sample_faults(series: TimeSeries, measured: tuple[str, ...]) -> Iterator[Fa
     for name in moving:
         if figure := _jump(name, series):
             yield fault("jump of a channel", f"the {name} jumps", figure)
-    if "displacement" in moving and (figure := _held(series)):
-        yield fault("clipped displacement", "the displacement is clipped", figure)
+    yield from clipping_faults(series, moving)
     yield from _repeated(series, moving)
 
 
@@ -218,19 +215,6 @@ def _returns(values: Array, i: int) -> bool:
     """Return whether values (N,) do not stay at the level to which they jump after sample `i`."""
     change = np.median(values[i + 1 : i + 8]) - np.median(values[max(0, i - 6) : i + 1])
     return bool(abs(change) < 0.5 * abs(values[i + 1] - values[i]))
-
-
-def _held(series: TimeSeries) -> str:
-    """Return a figure if the displacement stays at its maximum or minimum while the force moves."""
-    values, force = series["displacement"], series["force"]
-    for signed in (values, -values):
-        samples = clipped_samples(signed, np.ones(values.size, dtype=bool))
-        if samples.size and np.ptp(np.quantile(force[samples], [0.1, 0.9])) > FORCE_MOVES * np.ptp(force):
-            return (
-                f"{samples.size} of {values.size} samples are equal to {1e3 * values[samples[0]]:.4g} mm while the "
-                f"force moves, the first at {series.time[samples[0]]:.4g} s"
-            )
-    return ""
 
 
 def _repeated(series: TimeSeries, names: tuple[str, ...]) -> Iterator[Fault]:

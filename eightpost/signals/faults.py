@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from eightpost.array_types import Array
 from eightpost.errors import (
     BackwardTimeError,
-    ClippedChannelError,
     ConstantChannelError,
     DuplicateTimeError,
     NotANumberError,
@@ -154,34 +153,6 @@ def check_moves(values: Array, *, channel: str, origin: Origin = IN_MEMORY) -> N
             channel=channel,
             sample=0,
         )
-
-
-def check_not_clipped(values: Array, *, channel: str, origin: Origin = IN_MEMORY, against: Array | None = None) -> None:
-    """Raise ClippedChannelError if `values` (N,) are clipped at their maximum or minimum.
-
-    The channel is clipped if sequences of at least `CLIP_RUN` samples at the extreme value make up `CLIP_SHARE` of the
-    record and exceed `CLIP_CROWDING` times the samples at the next level. The rounded peak of a slow sine is not
-    clipped by this definition.
-
-    Args:
-        values: Samples of the channel (N,).
-        channel: Name of the channel.
-        origin: Origin of the record.
-        against: Samples (N,) of the channel that drives it. Samples at which this channel is constant are ignored,
-            because the force is then also constant in a computed record.
-    """
-    moving = np.ones(values.size, dtype=bool) if against is None else np.gradient(against) != 0.0
-    for signed, end in ((values, "highest"), (-values, "lowest")):
-        clipped = clipped_samples(signed, moving)
-        if clipped.size:
-            raise origin.fault(
-                ClippedChannelError,
-                f"{clipped.size} of {values.size} samples are equal to the {end} value "
-                f"{values[clipped[0]]:.6g} (SI): the sensor or its amplifier is clipped; "
-                "record again with a larger range, or use a part without clipping",
-                channel=channel,
-                sample=int(clipped[0]),
-            )
 
 
 def clipped_samples(values: Array, moving: NDArray[np.bool_]) -> NDArray[np.intp]:

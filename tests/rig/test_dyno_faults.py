@@ -137,7 +137,6 @@ REFUSED = {
     "lost samples": (lost, errors.TimeGapError),
     "a record that ends early": (cut_off, (errors.TooShortError, errors.FileFormatError)),
     "a dead force": (dead(F), errors.ConstantChannelError),
-    "a saturated force": (saturated(F), errors.ClippedChannelError),
     "a force of the wrong sign": (scaled(F, -1.0, -1.0), errors.WrongSignError),
     "a velocity of the wrong sign": (scaled(V, -1.0, -1.0), errors.WrongSignError),
     "a displacement of the wrong sign": (scaled(X, -1.0, -1.0), errors.WrongSignError),
@@ -153,8 +152,12 @@ FOUND = {
     "a dead displacement": (dead(X), "the column 'x' was not read: it is constant"),
     "an unknown unit of velocity": (renamed(V, "v [furlong/x]"), "'v' was not read: its unit 'furlong/x'"),
     # clipped near the middle of its range, a velocity may have no sign left
-    "a saturated velocity": (saturated(V), "velocity and displacement disagree|'v' was not read: it is a magnitude"),
-    "a saturated displacement": (saturated(X), "the displacement is clipped: .* samples are equal to"),
+    "a saturated velocity": (saturated(V), "the velocity is clipped|'v' was not read: it is a magnitude"),
+    "a saturated force": (saturated(F), r"the force is clipped: [\d.]+ % of the samples are at -?[\d.]+ N"),
+    "a saturated displacement": (
+        saturated(X),
+        r"the displacement is clipped: [\d.]+ % of the samples are at -?[\d.]+",
+    ),
     "an offset of velocity": (offset(V, 0.02, 0.3), "the mean of velocity is off|velocity is .* times the slope"),
     "a velocity with a wrong gain": (scaled(V, 1.08, 1.3), "velocity is 1.* times the slope of displacement"),
     "a load cell off zero": (offset(F, -0.6, -0.35), "the force at standstill is negative.*zero the load cell"),

@@ -7,7 +7,6 @@ import pytest
 
 from eightpost.errors import (
     BackwardTimeError,
-    ClippedChannelError,
     ConstantChannelError,
     DuplicateTimeError,
     NotANumberError,
@@ -73,16 +72,6 @@ FAULTS = {
         r"run\.csv, line 11, channel 'force': the channel is constant at 3.5 ",
         lambda: faults.check_moves(np.full(2000, 3.5), channel="force", origin=ORIGIN),
     ),
-    "clipped high": (
-        ClippedChannelError,
-        r"run\.csv, line 101, channel 'force': .* highest value 0.9 ",
-        lambda: faults.check_not_clipped(np.minimum(SINE, 0.9), channel="force", origin=ORIGIN),
-    ),
-    "clipped low": (
-        ClippedChannelError,
-        r"run\.csv, line \d+, channel 'force': .* lowest value -0.95 ",
-        lambda: faults.check_not_clipped(np.maximum(SINE, -0.95), channel="force", origin=ORIGIN),
-    ),
     "no relation": (
         WrongSignError,
         r"its correlation with velocity is -0.29\d, so .*its delay, and its sign \(--channel\)",
@@ -108,22 +97,12 @@ def test_a_fault_raises_its_own_error_with_its_location(name):
         check()
 
 
-@pytest.mark.parametrize("resolution", [0.2, 0.01])
-def test_the_flat_top_of_a_coarsely_rounded_slow_sine_is_not_clipped(resolution):
-    faults.check_not_clipped(resolution * np.round(SINE / resolution), channel="force")
-
-
 @pytest.mark.parametrize(("samples", "is_clipped"), [(faults.CLIP_RUN, True), (faults.CLIP_RUN - 1, False)])
 def test_a_channel_is_clipped_from_as_many_equal_samples_in_sequence_as_stated(samples, is_clipped):
     values, top = np.linspace(0.0, 0.9, SINE.size), np.arange(samples)
     for start in (100, 600, 1100, 1600):
         values[start + top] = 1.0
     assert faults.clipped_samples(values, np.ones(values.size, dtype=bool)).size == 4 * samples * is_clipped
-
-
-def test_a_computed_hold_with_constant_velocity_is_not_clipped():
-    velocity = np.clip(2.0 * SINE, -1.0, 1.0)
-    faults.check_not_clipped(100.0 * velocity, channel="force", against=velocity)
 
 
 def test_time_printed_with_few_digits_has_no_gap():
