@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ import pytest
 from eightpost.ident.dyno_report.builds import CarCorner, DynoReport, Reading, dyno_report, read_entries, read_limits
 from eightpost.ident.dyno_report.entry import Entry, entry_of_shock, entry_of_test, with_gas_of_slow_runs
 from eightpost.ident.dyno_report.figures import branches_figure, curves_figure, loops_figure
-from eightpost.ident.dyno_report.page import report_verdict, sections_of, write_report
+from eightpost.ident.dyno_report.page import report_verdict, write_report
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import read_shock
 from eightpost.signals import TimeSeries
