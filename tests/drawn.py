@@ -83,3 +83,14 @@ def rows_of_page(path: Path) -> str:
 
 def _words(element: Any) -> str:
     return " ".join(element.text_content().split())
+
+
+def compact(content: Any) -> Any:
+    """Return the content of a file with its lists of more than two numbers as arrays."""
+    if isinstance(content, Mapping):
+        return {key: compact(value) for key, value in content.items()}
+    if not isinstance(content, list | tuple):
+        return content
+    if len(content) > 2 and all(type(value) in (int, float) for value in content):
+        return np.array(content, dtype=float)
+    return [compact(value) for value in content]
