@@ -86,9 +86,9 @@ def fit(law_record: Callable[..., DynoTest], rising: StaticCurve, curve: StaticC
 
 
 CASES = (
-    "polylinear", "lpf1", "lpnl2", pytest.param("hysteresis", marks=pytest.mark.slow), "polylinear, boggs", "lpf1, boggs", "lpnl2, boggs", "slow, boggs",
-    "very slow, boggs", "gas included", "gas subtracted", "no robustness", "spikes", "drift and heat", "a falling curve",
-    "two runs", "builds",
+    "polylinear", "lpf1", "lpnl2", pytest.param("hysteresis", marks=pytest.mark.slow), "polylinear, boggs",
+    "lpf1, boggs", "lpnl2, boggs", "slow, boggs", "very slow, boggs", "gas included", "gas subtracted", "no robustness",
+    "spikes", "drift and heat", "a falling curve", "two runs", "builds",
 )  # fmt: skip
 
 
