@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -94,3 +95,8 @@ def compact(content: Any) -> Any:
     if len(content) > 2 and all(type(value) in (int, float) for value in content):
         return np.array(content, dtype=float)
     return [compact(value) for value in content]
+
+
+def timed(text: str) -> str:
+    """Return a text whose times in seconds and milliseconds are kept, because they are results."""
+    return re.sub(r"(\d) (m?s)\b", r"\1_\2", text)

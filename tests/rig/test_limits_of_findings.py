@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from eightpost.rig import DynoConditions
 from eightpost.rig.plausibility import part_faults, record_faults
 from eightpost.signals import TimeSeries
+from tests.drawn import timed
 from tests.limits import limit_of
 
 from .test_plausibility import sine
@@ -46,7 +47,7 @@ def found_in(columns: Columns, stated: DynoConditions | None) -> str:
     if "velocity" not in series:
         series = series.with_channel("velocity", "m/s", np.gradient(series["displacement"], series.time))
     found = [*record_faults(series, measured=measured, conditions=stated), *part_faults(series, measured=measured)]
-    return "; ".join(f"{one.rule.name}: {one.statement}: {one.figure}" for one in found)
+    return timed("; ".join(f"{one.rule.name}: {one.statement}: {one.figure}" for one in found))
 
 
 def with_(columns: Columns = GOOD, /, **changed: Any) -> Columns:

@@ -12,6 +12,7 @@ from eightpost.errors import EightpostError
 from eightpost.rig import DynoTest, split_runs, temperature_effect
 from eightpost.rig.rig_faults import check_rig_record
 from eightpost.signals import TimeSeries
+from tests.drawn import timed
 from tests.limits import limit_of
 
 from ..ident.linear_rig import record
@@ -116,7 +117,7 @@ def error_of(series: TimeSeries) -> str:
     try:
         check_rig_record(series, CORNERS)
     except EightpostError as error:
-        return str(error)
+        return timed(str(error))
     return ""
 
 
@@ -167,7 +168,7 @@ def test_the_size_from_which_a_record_has_other_runs(name: str, unchanged: Calla
     alike = len(runs(low))  # type: ignore[arg-type]
     size = limit_of(lambda k: len(runs(k)) != alike, low, high)  # type: ignore[arg-type]
     unchanged({"from": size, "at either end": [
-        [(run.derived, run.notes, run.series.duration, run.stroke) for run in runs(end)]  # type: ignore[attr-defined]
+        [([timed(one) for one in run.derived], run.notes, run.series.duration, run.stroke) for run in runs(end)]  # type: ignore[attr-defined]
         for end in (low, high)]}, relative=1e-3)  # fmt: skip
 
 
