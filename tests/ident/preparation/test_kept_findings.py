@@ -238,6 +238,7 @@ def test_prepared_records(name: str, unchanged: Callable[..., None]) -> None:
     made = prepare(tests, WAYS[name])
     unchanged({
         "records": [dict(zip(one.names, one.values, strict=True)) for one in made.records], "rate": made.rate,
-        "means": made.means, "notes": [timed(note) for note in made.notes], "steps": [timed(step) for step in made.steps],
+        "means": made.means, "notes": [timed(note) for note in made.notes],
+        "steps": [timed(step) for step in made.steps],
         "summary": len(made.summary()), "reasons": [str(reason) for reason in made.reasons],
     }, relative=1e-3)  # fmt: skip
