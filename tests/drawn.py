@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import lxml.html
@@ -44,7 +45,8 @@ def _panel(axes: Axes) -> Iterator[tuple[str, Any]]:
     yield "limits", np.array([*axes.get_xlim(), *axes.get_ylim()])
     for number, line in enumerate(axes.lines):
         style = f"{line.get_label()} {to_hex(line.get_color())} {line.get_linestyle()} {line.get_marker()}"
-        yield f"line {number}", {style: [np.asarray(row, dtype=float) for row in line.get_data()]}
+        x, y = (np.asarray(row, dtype=float) for row in line.get_data())
+        yield f"line {number}", {f"{style}, x {x[0]:.6g} to {x[-1]:.6g}" if x.size else style: y}
     for number, found in enumerate(axes.collections):
         rows: list[np.ndarray] = []
         if isinstance(found, PolyCollection):
@@ -87,14 +89,26 @@ def _words(element: Any) -> str:
 
 
 def compact(content: Any) -> Any:
-    """Return the content of a file with its lists of more than two numbers as arrays."""
+    """Return the content of a file with lists of numbers as arrays, and an object of values alone as one text."""
     if isinstance(content, Mapping):
-        return {key: compact(value) for key, value in content.items()}
+        found = {key: compact(value) for key, value in content.items()}
+        return found if any(isinstance(value, Mapping | list | np.ndarray) for value in found.values()) else flat(found)
     if not isinstance(content, list | tuple):
         return content
     if len(content) > 2 and all(type(value) in (int, float) for value in content):
         return np.array(content, dtype=float)
-    return [compact(value) for value in content]
+    is_short = len(content) <= 2 and all(type(value) in (int, float, NoneType) for value in content)
+    return rounded(" to ".join(map(str, content))) if is_short else [compact(value) for value in content]
+
+
+def flat(values: Mapping[str, Any]) -> str:
+    """Return values in one line."""
+    return rounded(", ".join(f"{name} {value}" for name, value in values.items()))
+
+
+def rounded(text: str) -> str:
+    """Return a text with at most eight digits of its numbers, as in the representation of a record."""
+    return re.sub(r"-?\d+\.\d{6,}(e[-+]?\d+)?", lambda found: f"{float(found[0]):.8g}", text)
 
 
 def timed(text: str) -> str:

@@ -83,9 +83,11 @@ def test_the_axes_of_settings(unchanged: Callable[..., None]) -> None:
     found, values = settings(), (-1.0, 0.0, 2.0, 5.0, 11.0, 20.0, 24.0, 300.0, 333.0)
     nodes = ((0.0, 5.0), (0.0, 5.0, 12.0), (0.0, 5.0, 12.0, 20.0))
     unchanged({
-        "axes": {axis.name: {"whole": axis.is_whole, "variable": axis.variable, "choices": np.array(axis.choices()),
-                             **{f"{v:g}": [axis.beyond(v), axis.interval(v), axis.intervals_beyond(v),
-                                           np.array(axis.neighbours(v))] for v in values}} for axis in found.axes},
+        "axes": {axis.name: {
+            "whole": axis.is_whole, "variable": axis.variable, "choices": np.array(axis.choices()),
+            "values": [f"{v:g}: beyond {axis.beyond(v):g}, interval {axis.interval(v)}, intervals beyond "
+                       f"{axis.intervals_beyond(v):.6g}, neighbours {axis.neighbours(v)}" for v in values],
+        } for axis in found.axes},
         "weights": [np.array(node_weights(each, v)) for each in nodes for v in values[:7]],
         "factors": found.factors, "count": found.deviation_count,
         "tested": " ".join(str(is_tested(found, (r, c, t))) for r in (0.0, 5.0, 9.0, 16.0)

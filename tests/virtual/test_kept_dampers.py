@@ -11,6 +11,7 @@ from eightpost.virtual import cavitation, configuration, random_multisine, shim_
 from eightpost.virtual.damper import PSI, PhysicalDamper, Valving, nearest_valving
 from eightpost.virtual.shocks import demo_damper
 from eightpost.virtual.valves import SHIM_SETS, ShimStack
+from tests.drawn import rounded
 
 SPEEDS = (-1.0, -0.4, -0.15, -0.05, -0.01, 0.0, 0.01, 0.05, 0.15, 0.4, 1.0)
 DAMPERS = {
@@ -28,7 +29,7 @@ def test_a_damper(name: str, unchanged: Callable[..., None]) -> None:
     damper: PhysicalDamper = DAMPERS[name]
     run = damper.respond(random_multisine(1, duration=0.5).series, rate=1000.0)
     unchanged({
-        "damper": damper,
+        "damper": rounded(repr(damper)),
         "numbers": np.array(damper.row.numbers),
         "start": damper.row.start,
         "static": np.array([damper.static_force(v) for v in SPEEDS]),
@@ -50,7 +51,7 @@ def test_a_demonstration_damper(build: str, unchanged: Callable[..., None]) -> N
     damper = demo_damper(build)
     run = damper.respond(random_multisine(1, duration=0.5).series, rate=1000.0)
     static = np.array([damper.static_force(v) for v in SPEEDS])
-    unchanged({"damper": damper, "static": static, "run": dict(zip(run.names, run.values, strict=True))})
+    unchanged({"damper": rounded(repr(damper)), "static": static, "run": dict(zip(run.names, run.values, strict=True))})
 
 
 def test_the_valvings_that_come_closest(monkeypatch: pytest.MonkeyPatch, unchanged: Callable[..., None]) -> None:

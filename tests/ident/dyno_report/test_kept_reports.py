@@ -17,7 +17,7 @@ from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import read_shock
 from eightpost.signals import TimeSeries
 from eightpost.virtual.dynamometer import random_multisine
-from tests.drawn import plotted, rows_of_page
+from tests.drawn import plotted, rounded, rows_of_page
 
 from .conftest import run, sine, two_lines, valve
 
@@ -87,9 +87,10 @@ def test_the_page_of_every_kind_of_entry(report: DynoReport, tmp_path: Path, unc
 
 
 def test_the_figures_of_every_kind_of_entry(entries: list[Entry], unchanged: Callable[..., None]) -> None:
-    known = ("name", "setting", "curve", "strokes", "offset", "level", "cycles", "lag", "slow", "warming", "branches",
-             "band", "notes")  # fmt: skip
-    unchanged([{name: getattr(entry, name) for name in known} for entry in entries], relative=1e-3)
+    texts = ("setting", "strokes", "offset", "level", "lag", "slow", "warming", "notes")
+    arrays = ("curve", "branches", "band", "cycles")
+    unchanged([{"name": entry.name, "figures": [rounded(f"{name} {getattr(entry, name)}") for name in texts],
+                **{name: getattr(entry, name) for name in arrays}} for entry in entries], relative=1e-3)  # fmt: skip
     unchanged([str(reason) for reason in report_verdict(entries).reasons], "verdict")
 
 

@@ -27,7 +27,7 @@ from eightpost.ident.preparation.plausibility import record_findings
 from eightpost.rig import RigTest
 from eightpost.signals import TimeSeries
 from eightpost.virtual.program import stand_in_truth
-from tests.drawn import timed
+from tests.drawn import flat, timed
 from tests.limits import limit_of
 
 from ..linear_rig import record
@@ -216,6 +216,10 @@ def test_the_unit_that_a_gain_betrays(unchanged: Callable[..., None]) -> None:
     unchanged([f"{gain} {name}: {unit_remedy(name, gain)}" for gain in gains for name in names])
 
 
+def by_name(series: TimeSeries, values: np.ndarray) -> str:
+    return flat(dict(zip(series.names, values.tolist(), strict=True)))
+
+
 WAYS = {
     "default": Preparation(),
     "own velocity, shorter settling": Preparation(Decimation(250.0, ripple=0.1), pot_cutoff=None, settling=0.5),
@@ -237,8 +241,10 @@ def test_prepared_records(name: str, unchanged: Callable[..., None]) -> None:
         ]
     made = prepare(tests, WAYS[name])
     unchanged({
-        "records": [dict(zip(one.names, one.values, strict=True)) for one in made.records], "rate": made.rate,
-        "means": made.means, "notes": [timed(note) for note in made.notes],
+        "deviations": [by_name(one, one.values.std(axis=1)) for one in made.records],
+        "samples": [by_name(one, one.values[:, 200]) for one in made.records],
+        "rate": made.rate, "means": [flat(means) for means in made.means],
+        "notes": [timed(note) for note in made.notes],
         "steps": [timed(step) for step in made.steps],
         "summary": len(made.summary()), "reasons": [str(reason) for reason in made.reasons],
     }, relative=1e-3)  # fmt: skip

@@ -54,6 +54,7 @@ def test_a_fit_over_settings(
     write_shock(fit.shock, tmp_path / "shock.json")
     document = json.loads((tmp_path / "shock.json").read_text())
     document.pop("validity", None)
+    document["fit"].pop("status", None)
     plot_click_map(fit.shock, "map.png")
     reasons = [f"{reason.grade}: {reason}: {reason.figure}: {reason.remedy}" for reason in fit.verdict.reasons]
     unchanged({
