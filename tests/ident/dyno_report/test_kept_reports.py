@@ -97,3 +97,10 @@ def test_the_figures_of_every_kind_of_entry(entries: list[Entry], unchanged: Cal
 @pytest.mark.parametrize("figure", [curves_figure, branches_figure, loops_figure])
 def test_the_plots(report: DynoReport, figure: Callable[..., Any], unchanged: Callable[..., None]) -> None:
     unchanged("\n".join(plotted(figure(report).content())), relative=1e-3)
+
+
+def test_the_plots_of_short_runs_without_temperature(unchanged: Callable[..., None]) -> None:
+    half = sine(digressive(1.0), duration=0.75, amplitude=0.03)
+    slower = sine(digressive(1.2), duration=3.0, frequency=0.3, rate=200.0).select(["velocity", "force"])
+    report = dyno_report([entry_of_test(run(half), "half", "A"), entry_of_test(run(slower), "slower", "B")])
+    unchanged("\n".join(plotted(loops_figure(report).content())[:-9]), relative=1e-3)

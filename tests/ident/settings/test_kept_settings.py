@@ -62,7 +62,8 @@ def test_a_fit_over_settings(
         "table": printed(settings_table(fit)),
         "fits": [(one.rms, one.percent) for one in fit.fits], "changes": fit.shock.fit.get("changes"),
     }, relative=1e-3)  # fmt: skip
-    unchanged(pictures, "map", relative=1e-3)
+    if name == "warmed":
+        unchanged(pictures, "map", relative=1e-3)
 
 
 def target_of(shock: Shock, rebound: float, compression: float) -> TargetCurve:
@@ -83,7 +84,8 @@ def test_the_clicks_of_a_target(
     plot_answer(shock, target, answer, "answer.png")
     unchanged({
         "best": answer.best, "unreachable": answer.unreachable, "notes": answer.notes, "number": answer.combinations,
-        "reachable": answer.is_reachable, "table": printed(answer_table(answer)), "picture": pictures,
+        "reachable": answer.is_reachable, "table": printed(answer_table(answer)),
+        "picture": pictures if gap == 90.0 else None,
     }, relative=1e-3)  # fmt: skip
 
 
