@@ -14,6 +14,7 @@ from eightpost.errors import ParameterError
 from eightpost.ident.export import write_response_mat, write_response_uff, write_vehicle_mat
 from eightpost.ident.shock_table import TABLE_FORMATS, TableSetting, table_points
 from eightpost.shock import Polylinear
+from tests.drawn import rounded, timed
 from tests.limits import limit_of
 
 from .test_exports import response, vehicle
@@ -27,16 +28,20 @@ def content_of(path: Path) -> dict[str, Any]:
     return {name: np.abs(value) if np.iscomplexobj(value) else value for name, value in values.items()}
 
 
-@pytest.mark.parametrize("name", TABLE_FORMATS)
-@pytest.mark.parametrize("over", [False, True], ids=["one", "over"])
+SEVERAL = [name for name, form in TABLE_FORMATS.items() if form.has_settings]
+
+
+@pytest.mark.parametrize(
+    ("name", "over"), [*((name, False) for name in TABLE_FORMATS), *((name, True) for name in SEVERAL)]
+)
 def test_a_table_of_shocks(name: str, over: bool, tmp_path: Path, unchanged: Callable[..., None]) -> None:
-    if over and name in ("dpr", "carmaker"):
-        pytest.skip("this format has one shock")
     shocks = [written(tmp_path, f"c{k}", scale) for k, scale in ((8, 1.8), (0, 1.0))][: 2 if over else 1]
     path = tmp_path / f"table.{TABLE_FORMATS[name].suffix.lstrip('.')}"
     words = ["--over", "clicks=8,0"] if over else []
     said = succeeded(*shocks, *words, "--format", name, "-o", path, "--set", "error=3")
-    unchanged({"said": said.replace(str(tmp_path), ""), "file": content_of(path) if path.suffix == ".mat" else path})
+    lines = said.replace(str(tmp_path), "").replace(" note ", "\n").splitlines() if name == "csv" else []
+    content = content_of(path) if path.suffix == ".mat" else timed(rounded(path.read_text()))
+    unchanged({"said": lines, "file": content}, relative=1e-4)
 
 
 def test_points_of_a_table(unchanged: Callable[..., None]) -> None:
@@ -69,4 +74,4 @@ def test_a_vehicle_and_a_response(tmp_path: Path, unchanged: Callable[..., None]
     write_response_mat(tmp_path / "h.mat", small)
     write_response_uff(tmp_path / "h.uff", small)
     unchanged({"car": content_of(tmp_path / "car.mat"), "response": content_of(tmp_path / "h.mat")}, relative=1e-4)
-    unchanged((tmp_path / "h.uff").read_text(), "uff", relative=1e-4)
+    unchanged(rounded((tmp_path / "h.uff").read_text()), "uff", relative=1e-4)
