@@ -28,12 +28,12 @@ def content_of(path: Path) -> dict[str, Any]:
     return {name: np.abs(value) if np.iscomplexobj(value) else value for name, value in values.items()}
 
 
-SEVERAL = [name for name, form in TABLE_FORMATS.items() if form.has_settings]
+TABLES = [
+    (name, over) for name, form in TABLE_FORMATS.items() for over in (False, True) if form.has_settings or not over
+]
 
 
-@pytest.mark.parametrize(
-    ("name", "over"), [*((name, False) for name in TABLE_FORMATS), *((name, True) for name in SEVERAL)]
-)
+@pytest.mark.parametrize(("name", "over"), TABLES)
 def test_a_table_of_shocks(name: str, over: bool, tmp_path: Path, unchanged: Callable[..., None]) -> None:
     shocks = [written(tmp_path, f"c{k}", scale) for k, scale in ((8, 1.8), (0, 1.0))][: 2 if over else 1]
     path = tmp_path / f"table.{TABLE_FORMATS[name].suffix.lstrip('.')}"
