@@ -43,6 +43,10 @@ def _panel(axes: Axes) -> Iterator[tuple[str, Any]]:
     yield "title", " | ".join(filter(None, (axes.get_title(where) for where in ("left", "center", "right"))))
     yield "axes", f"{axes.get_xlabel()} | {axes.get_ylabel()} | {axes.get_xscale()} | {axes.get_yscale()}"
     yield "limits", np.array([*axes.get_xlim(), *axes.get_ylim()])
+    for number, other in enumerate(axes.child_axes):
+        other._set_lims()  # type: ignore[attr-defined] # as when it is drawn
+        yield f"axes {number}", f"{other.get_xlabel()} | {other.get_ylabel()}"
+        yield f"limits {number}", np.array([*other.get_xlim(), *other.get_ylim()])
     for number, line in enumerate(axes.lines):
         style = f"{line.get_label()} {to_hex(line.get_color())} {line.get_linestyle()} {line.get_marker()}"
         x, y = (np.asarray(row, dtype=float) for row in line.get_data())
