@@ -93,10 +93,12 @@ def _words(element: Any) -> str:
 
 
 def compact(content: Any) -> Any:
-    """Return the content of a file with lists of numbers as arrays, and an object of values alone as one text."""
+    """Return the content of a file with lists of numbers as arrays, and the values of an object in one line."""
     if isinstance(content, Mapping):
         found = {key: compact(value) for key, value in content.items()}
-        return found if any(isinstance(value, Mapping | list | np.ndarray) for value in found.values()) else flat(found)
+        parts = {key: value for key, value in found.items() if isinstance(value, Mapping | list | np.ndarray)}
+        single = flat({key: value for key, value in found.items() if key not in parts})
+        return {"": single} | parts if single and parts else parts or single
     if not isinstance(content, list | tuple):
         return content
     if len(content) > 2 and all(type(value) in (int, float) for value in content):

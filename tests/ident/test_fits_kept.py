@@ -75,7 +75,6 @@ def fit(law_record: Callable[..., DynoTest], rising: StaticCurve, curve: StaticC
         "very slow, boggs": lambda: fit_shock(smooth(1, 4.0), "lpf1", recipe="boggs", **short),
         "gas included": lambda: fit_shock(smooth(), "lpf1", gas="included", **short),
         "gas subtracted": lambda: fit_shock(smooth(), "lpf1", gas="subtracted", recipe="boggs", **short),
-        "no robustness": lambda: fit_shock(spiked(smooth()), "lpf1", robust="none", **short),
         "spikes": lambda: fit_shock(spiked(smooth()), "lpf1", **short),
         "drift and heat": lambda: fit_shock(drifting(smooth()), "lpf1", **short),
         "a falling curve": lambda: fit_shock(law_record(Lpf1(curve, 2e-3), 1, rate=500.0), "lpf1", **short),
@@ -87,7 +86,7 @@ def fit(law_record: Callable[..., DynoTest], rising: StaticCurve, curve: StaticC
 
 CASES = (
     "polylinear", "lpf1", "lpnl2", pytest.param("hysteresis", marks=pytest.mark.slow), "polylinear, boggs",
-    "lpf1, boggs", "lpnl2, boggs", "slow, boggs", "very slow, boggs", "gas included", "gas subtracted", "no robustness",
+    "lpf1, boggs", "lpnl2, boggs", "slow, boggs", "very slow, boggs", "gas included", "gas subtracted",
     "spikes", "drift and heat", "a falling curve", "two runs", "builds",
 )  # fmt: skip
 

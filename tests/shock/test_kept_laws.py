@@ -26,6 +26,8 @@ from eightpost.shock.file import fitted_parameters, setting_text, shock_uncertai
 from eightpost.shock.settings import is_tested, node_weights
 from eightpost.shock.shape import difference, fit_force, fit_law, range_of, unit_of, with_slope
 
+from tests.drawn import rounded
+
 from .test_settings import law as adjusted_law
 from .test_settings import settings
 
@@ -48,7 +50,7 @@ def test_a_law(name: str, shocks: dict[str, Shock], unchanged: Callable[..., Non
     kind = type(law)
     unchanged({
         "title": law_title(name), "states": state_names(kind), "parameters": own_parameters(kind),
-        "units": parameter_units(kind), "fit": [tuple(one) for one in fit_parameters(kind)],
+        "units": parameter_units(kind), "fit": [rounded(str(one)) for one in fit_parameters(kind)],
         "own": np.array(own_values(law)),
         "static": np.array([law.static_force(v) for v in SPEEDS.tolist()]),
         "curve": np.array([law.curve.force(v) for v in SPEEDS.tolist()]),

@@ -39,8 +39,11 @@ def test_a_table_of_shocks(name: str, over: bool, tmp_path: Path, unchanged: Cal
     words = ["--over", "clicks=8,0"] if over else []
     said = succeeded(*shocks, *words, "--format", name, "-o", path, "--set", "error=3")
     lines = said.replace(str(tmp_path), "").replace(" note ", "\n").splitlines() if name == "csv" else []
-    content = content_of(path) if path.suffix == ".mat" else timed(rounded(path.read_text()))
-    unchanged({"said": lines, "file": content}, relative=1e-4)
+    if path.suffix == ".mat":
+        unchanged(content_of(path), relative=1e-4)
+        return
+    rows = [row for row in path.read_text().splitlines() if name == "csv" or ": " not in row]  # the same remarks
+    unchanged({"said": lines, "file": timed(rounded("\n".join(rows)))}, relative=1e-4)
 
 
 def test_points_of_a_table(unchanged: Callable[..., None]) -> None:
