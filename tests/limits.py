@@ -17,3 +17,13 @@ def limit_of(applies: Callable[[float], bool], low: float, high: float, *, steps
         middle = sqrt(low * high)
         low, high = (middle, high) if applies(middle) == at_low else (low, middle)
     return low
+
+
+def first_of(applies: Callable[[int], bool], low: int, high: int) -> int:
+    """Return the smallest number at which a rule is as at the higher one of two; it must differ at the two."""
+    at_low = applies(low)
+    assert applies(high) != at_low, f"the rule is the same at {low} and {high}"
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if applies(middle) == at_low else (low, middle)
+    return high

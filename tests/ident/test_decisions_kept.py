@@ -24,7 +24,7 @@ from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Hysteresis, StaticCurve
 from eightpost.signals import TimeSeries
 from tests.drawn import rounded, timed
-from tests.limits import limit_of
+from tests.limits import first_of, limit_of
 
 
 @cache
@@ -136,6 +136,10 @@ DECISIONS: dict[str, tuple[Callable[[float], bool], float, float]] = {
 @pytest.mark.parametrize("name", DECISIONS)
 def test_the_size_at_which_a_fit_decides_otherwise(name: str, unchanged: Callable[..., None]) -> None:
     unchanged(limit_of(*DECISIONS[name]), relative=1e-3)
+
+
+def test_the_fewest_samples_of_a_fit() -> None:
+    assert first_of(lambda count: not refused(segment=(1.0, 1.0 + (count - 0.5) / 400.0)), 60, 140) == 100
 
 
 def test_the_bounds_of_the_parameters(unchanged: Callable[..., None]) -> None:

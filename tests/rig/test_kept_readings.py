@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from eightpost.errors import InputError
-from eightpost.rig import read_dyno_test, read_peak_velocity
+from eightpost.rig import PeakVelocityTable, read_dyno_test, read_peak_velocity
 from eightpost.rig.columns import propose_map
 from eightpost.rig.dyno_conditions import conditions_from, conditions_in, reversed_channels, stated_units
 from eightpost.rig.geometry import displacement_modes, force_modes
 from eightpost.signals import read_record
 from eightpost.virtual.program import stand_in_truth
 from tests.drawn import rounded, timed
-from tests.limits import limit_of
+from tests.limits import first_of, limit_of
 
 from .test_dyno_exports import BRACKETS, CELLS, COLONS
 from .test_dyno_peak_velocity import BROKEN, LAYOUTS, written
@@ -86,6 +86,34 @@ def test_limits_of_tables(tmp_path: Path, unchanged: Callable[..., None]) -> Non
         "another force": limit_of(lambda k: tables(repeated(k)) is None, 0.1, 90.0),
         "loop": shown(tables(loop(2000))[0]), "gas": shown(tables(gas(150.0))[0]),
     }, relative=1e-3)  # fmt: skip
+
+
+def test_the_most_rows_of_a_list_of_peaks_and_the_fewest_of_a_record(tmp_path: Path) -> None:
+    def is_read(content: str) -> bool:
+        try:
+            read_dyno_test(written(tmp_path, content))
+        except InputError:
+            return False
+        return True
+
+    def is_loop(rows: int) -> bool:
+        try:
+            return len(read_peak_velocity(written(tmp_path, loop(rows)))[0]) < 30
+        except InputError:
+            return False
+
+    time = np.arange(400) / 100.0
+    v = 0.2 * np.cos(9.0 * time)
+    lines = [f"{t:.9g},{a:.9g},{2000.0 * a + 90.0:.9g}\n" for t, a in zip(time, v, strict=True)]
+    assert first_of(is_loop, 190, 210) == 201
+    assert first_of(lambda rows: is_read("t [s],v [m/s],F [N]\n" + "".join(lines[:rows])), 190, 210) == 200
+
+
+@pytest.mark.parametrize("row", [1, 3])
+def test_a_row_of_a_table_that_is_not_a_number_is_named(row: int) -> None:
+    speed, force = np.array([0.1, 0.2, 0.3]), np.array([100.0, 200.0, 300.0])
+    with pytest.raises(InputError, match=f"row {row} is not a number"):
+        PeakVelocityTable(speed, np.where(np.arange(3) == row - 1, np.nan, force), -force)
 
 
 PREAMBLES = {"colons": COLONS, "cells": CELLS, "brackets": BRACKETS}

@@ -13,7 +13,7 @@ from eightpost.rig import DynoTest, split_runs, temperature_effect
 from eightpost.rig.rig_faults import check_rig_record
 from eightpost.signals import TimeSeries
 from tests.drawn import timed
-from tests.limits import limit_of
+from tests.limits import first_of, limit_of
 
 from ..ident.linear_rig import record
 from .test_dyno_runs import dyno, rest, sine
@@ -128,6 +128,11 @@ def test_the_size_from_which_a_rig_record_is_refused(
     change, words, low, high = REFUSED[name]
     size = limit_of(lambda size: words in error_of(change(good, size)), low, high)
     unchanged({"from": size, "at either end": [error_of(change(good, end)) for end in (low, high)]}, relative=1e-3)
+
+
+def test_the_fewest_samples_of_a_rig_record(good: TimeSeries) -> None:
+    slower = good.at(slice(None, None, 6))
+    assert first_of(lambda count: not error_of(slower.at(slice(0, count))), 900, 1100) == 1000
 
 
 def warming(kelvin: float, *speeds: float) -> DynoTest:

@@ -25,7 +25,6 @@ from eightpost.shock import (
 from eightpost.shock.file import fitted_parameters, setting_text, shock_uncertainty
 from eightpost.shock.settings import is_tested, node_weights
 from eightpost.shock.shape import difference, fit_force, fit_law, range_of, unit_of, with_slope
-
 from tests.drawn import rounded
 
 from .test_settings import law as adjusted_law
