@@ -35,7 +35,7 @@ import pyarrow.parquet
 _NOT_RESULTS = {"created", "version", "workers", "sources"}
 
 #: What differs between two runs of the same code: dates, versions, folders, identifiers and digests, durations.
-_OF_THIS_RUN = re.compile(
+OF_THIS_RUN = re.compile(
     r"\d{4}-\d\d-\d\d([T ][\d:.]+(Z|[+-]\d\d:\d\d)?)?|\b\d+\.\d+\.\d+\b"
     r"|\{?[0-9a-f]{8}(-?[0-9a-f]{4}){3}-?[0-9a-f]{12}\}?|\b[0-9a-f]{12,64}\b|\b\d+(\.\d+)? (s|ms|min)\b"
     r"|(?<![<\w])/([\w.+-]+/)+"
@@ -166,12 +166,12 @@ def _parquet_numbers(path: Path) -> Iterator[str]:
 
 
 def _text(path: Path) -> Iterator[str]:
-    yield _OF_THIS_RUN.sub("", path.read_text(encoding="utf-8"))
+    yield OF_THIS_RUN.sub("", path.read_text(encoding="utf-8"))
 
 
 def _description(path: Path) -> Iterator[str]:
     with zipfile.ZipFile(path) as archive:
-        yield _OF_THIS_RUN.sub("", archive.read("modelDescription.xml").decode())
+        yield OF_THIS_RUN.sub("", archive.read("modelDescription.xml").decode())
 
 
 if __name__ == "__main__":

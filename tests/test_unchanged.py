@@ -24,8 +24,11 @@ def test_a_record_is_kept_by_its_parts(unchanged: Callable[..., None]) -> None:
 @pytest.mark.parametrize(
     ("kept", "now", "equal"),
     [
-        ("force 12.5 N", "force 12.50001 N", True),
-        ("force 12.5 N", "force 12.51 N", False),
+        ("force 12.5 N", "force 12.51 N", True),
+        ("force 12.5 N", "force 12.52 N", False),
+        ("(20,) min -4 max 2 mean 1e-5", "(20,) min -4 max 2 mean 3e-3", True),
+        ("(20,) min -4 max 2 mean 1e-5", "(20,) min -4 max 2 mean 5e-3", False),
+        ("force 4 N and 1e-5 N", "force 4 N and 3e-3 N", False),
         ("offset 1e-12", "offset -3e-11", True),
         ("2 of 3 runs", "2 of 3 sweeps", False),
         ("one\ntwo", "one", False),

@@ -126,9 +126,6 @@ def fit(ctx: click.Context, asked: FitOptions = group(FitOptions)) -> None:
       eightpost fit 0.3A.csv 0.9A.csv 1.6A.csv -o shock.json
       eightpost fit run7.csv --channel 'force=-Force [lbf]' --gas included -o dist/run7.json
     """
-    from threadpoolctl import threadpool_limits
-
-    ctx.with_resource(threadpool_limits(1, "blas"))  # threads do not speed up matrices this small
     if asked.plot is not None:
         import eightpost.report.pictures  # noqa: F401 -- refuses a picture that cannot be drawn before the fit
     ctx.exit(0 if _fit(Console(), asked).is_acceptable else 1)

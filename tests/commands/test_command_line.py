@@ -210,6 +210,15 @@ def test_the_demo_runs_the_whole_workflow_and_writes_plots(eightpost, tmp_path):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have Unicode names of files in every locale")
+@pytest.mark.parametrize(("chosen", "used"), [(None, "1"), ("4", "4")])
+def test_linear_algebra_has_one_thread_unless_the_user_chose_a_number(eightpost, monkeypatch, chosen, used):
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", chosen or "")
+    if chosen is None:
+        monkeypatch.delenv("OPENBLAS_NUM_THREADS")
+    assert eightpost("inspect", ROOT / "examples" / "car.toml").exit_code == 0
+    assert os.environ["OPENBLAS_NUM_THREADS"] == used
+
+
 def test_a_file_name_that_is_not_text_in_the_locale_is_reported_with_what_to_set():
     ascii_only = os.environ | {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     command = [sys.executable, "-m", "eightpost", "fit", "Dämpfer.csv"]

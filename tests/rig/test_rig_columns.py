@@ -122,5 +122,5 @@ def test_a_rig_file_without_a_map_is_named_as_such_by_other_readers(unmapped):
         MissingChannelError, match=r"looks like a rig record.*, not a dynamometer's; `eightpost inspect`"
     ):
         read_dyno_test(unmapped)
-    with pytest.raises(MissingChannelError, match=r"no channel of a rig.* map; `eightpost inspect` proposes one"):
+    with pytest.raises(MissingChannelError, match=r"no channel of a rig.* map; `eightpost inspect .* -o FOLDER`"):
         read_rig_test(unmapped)

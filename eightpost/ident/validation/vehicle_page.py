@@ -79,18 +79,23 @@ def terminal_tables(study: VehicleValidation) -> tuple[ResultTable, ...]:
 
 def overview(study: VehicleValidation) -> ResultTable:
     """Return a row for each record with its worst outputs."""
-    columns = ("record", "number", "kind", "shocks", "worst RMS, %", "output", "worst error, %", "output",
-               "beyond the fit")  # fmt: skip
+    columns = ("record", "number", "kind", "RMS, %", "output", "error, %", "output")
     rows = (
-        (case.record.name + _remark(case), str(number), case.record.kind, case.shocks, *_worst(case.judged, "level"),
-         *_worst(case.judged, "error"), "yes" if case.extrapolations else "no")
+        (case.record.name + _remark(case), str(number), case.record.kind, *_worst(case.judged, "level"),
+         *_worst(case.judged, "error"))
         for number, case in enumerate(study.cases, start=1)
     )  # fmt: skip
-    return ResultTable.of("Each record and its worst outputs", columns, rows)
+    forces = " and ".join(dict.fromkeys(case.shocks for case in study.cases))
+    return ResultTable.of(f"The worst outputs of each record, from {forces}", columns, rows)
 
 
 def _remark(case: VehicleCase) -> str:
-    remarks = [text for text, holds in (("used by the fit", case.is_fit_record), ("gentle", case.is_gentle)) if holds]
+    held = (
+        ("used by the fit", case.is_fit_record),
+        ("gentle", case.is_gentle),
+        ("beyond the fit", bool(case.extrapolations)),
+    )
+    remarks = [text for text, holds in held if holds]
     return f" ({', '.join(remarks)})" if remarks else ""
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import shift
 from scipy.signal import resample_poly
+from threadpoolctl import threadpool_limits
 
 from eightpost.array_types import Array
 from eightpost.checks.lag import delay_of
@@ -483,7 +484,8 @@ class IdentificationPlan:
             TooShortError: The records have too few frequency bins.
         """
         records = [self.prepared.records[k] for k in self.baseline.order]
-        fit = recipe(name).identify(records, self.experiment)
+        with threadpool_limits(1, "blas"):  # threads that wait for each other would take longer than the work
+            fit = recipe(name).identify(records, self.experiment)
         loads = {load: self.experiment.means.get(load, 0.0) for load in self.experiment.loads}
         fit = replace(fit, vehicle=about_tests(fit.vehicle, loads), notes=(*self.notes, *fit.notes))
         reasons = (*self.prepared.reasons, *reasons_of_tests(self.prepared, self.experiment))

@@ -155,6 +155,33 @@ def test_a_wrong_sign_is_named_as_such_and_nothing_else(sound):
     assert f"pass --channel {name}=-" in found.remedy
 
 
+def at_all_corners(*quantities):
+    return tuple(f"{corner}.{quantity}" for corner in CORNERS for quantity in quantities)
+
+
+@pytest.mark.parametrize(
+    ("channels", "named"),
+    [
+        (("lf.displacement", "lf.velocity", "lf.force"), "all channels of the shock lf"),
+        (at_all_corners("displacement", "velocity", "force"), "force and displacement of all shocks"),
+        (at_all_corners("force"), "force of all corners"),
+        (at_all_corners("hub_acceleration", "chassis_acceleration"), "all accelerations"),
+        (at_all_corners("road", "hub_acceleration", "chassis_acceleration"), "all roads and accelerations"),
+    ],
+    ids=["one shock", "all shocks", "all forces", "accelerations", "downwards"],
+)
+def test_a_sign_convention_of_the_team_is_named_as_one_finding(sound, channels, named):
+    series = sound
+    for name in channels:
+        series = with_row(series, name, -sound[name])
+    found = [one for one in record_findings(series, CORNERS) if not one.channels[0].endswith("ride_height")]
+    assert [(one.rule, set(one.channels)) for one in found] == [(WRONG_SIGN, set(channels))]
+    assert f"the sign convention of {named} is reversed: with the opposite one they agree" in only(found).figure
+    measured = [name for name in channels if not name.endswith("velocity")]
+    assert all(name in only(found).remedy for name in measured)
+    assert "velocity" not in only(found).remedy
+
+
 def test_a_wrong_sign_and_a_wrong_scale_are_both_named(sound):
     wrong = with_row(sound, "lr.chassis_acceleration", -sound["lr.chassis_acceleration"])
     wrong = with_row(wrong, "rf.tire_force", 1.4 * sound["rf.tire_force"])
@@ -301,7 +328,7 @@ def test_a_late_channel_is_reported_once(sound, tmp_path, name):
     assert float(found) == pytest.approx(12.0, abs=0.5)
     code, said = run("inspect", written(late, tmp_path / "rig.parquet"))
     assert code == 1, said
-    assert said.count("warning") == 1
+    assert said.count("warning ") == 1
     assert f"warning {name} is " in said
 
 

@@ -68,7 +68,7 @@ def done(folder: Path, rig_files: Path) -> tuple[Result, Path]:
 def test_a_good_car_exits_0_with_a_summary(done: tuple[Result, Path]) -> None:
     result, _ = done
     assert result.exit_code == 0, result.output
-    for text in ("Each record and its worst outputs", "Trends of RMS", "MAC", "7 records that it was not fitted to"):
+    for text in ("The worst outputs of each record", "Trends of RMS", "MAC", "7 records that it was not fitted to"):
         assert text in result.output, text
 
 
