@@ -109,3 +109,11 @@ def test_the_table_of_the_examples(tmp_path: Path, unchanged: Callable[..., None
         "of names": {"axes": by_name.axes, "settings": by_name.settings, "notes": by_name.notes},
         "temperatures": joined_temperatures([300.0, 302.9, 306.1, 290.0, 309.0, 312.2]),
     })  # fmt: skip
+
+
+def test_of_two_columns_of_a_target_the_first_is_read(tmp_path: Path) -> None:
+    rows = "-200,-20,-400,-4\n-100,-9,-200,-3\n200,20,400,4\n"
+    (tmp_path / "two.csv").write_text(f"Velocity [mm/s],Velocity [in/s],Force [N],Force [lbf]\n{rows}")
+    found = read_target(tmp_path / "two.csv")
+    assert found.velocity == pytest.approx([-0.2, -0.1, 0.2])
+    assert np.ptp(found.force) == pytest.approx(800.0)
