@@ -40,7 +40,7 @@ from eightpost.shock import (
 )
 from eightpost.vehicle import shipped
 
-pytest_plugins = ["tests.run_rules", "tests.unchanged"]
+pytest_plugins = ["tests.run_rules", "tests.unchanged", "tests.drawn"]
 
 # Linear algebra in one thread, here and in what tests start: the threads of two workers wait for each other, and a
 # decomposition of 150 states then lasts a second in place of 50 ms.

@@ -301,3 +301,53 @@ def test_the_largest_of_several_covariances_counts_and_rounding_gives_no_negativ
     both = np.array([[[4.0, -1.0], [-1.0, 9.0]], [[5.0, 0.0], [0.0, 0.0]]])
     assert standard_error(rows, both) == pytest.approx([5.0**0.5, 6.0])
     assert standard_error(rows, -1e-20 * np.eye(2)).tolist() == [0.0, 0.0]
+
+
+# ---- Kept numbers ---------------------------------------------------------------------------------------------------
+
+
+def test_weights_of_residuals_of_all_sizes(unchanged):
+    base = np.random.default_rng(3).standard_normal(400)
+    shown = {}
+    for name, share, size in (("few", 0.01, 30.0), ("some", 0.04, 12.0), ("many", 0.07, 12.0), ("near", 0.01, 6.0)):
+        residual = base.copy()
+        residual[: round(share * base.size)] += size
+        for kind in ("auto", "huber", "tukey"):
+            for deviation in (1.0, 15.0, 100.0):
+                weights = weights_for(kind)(residual, deviation)
+                shown[f"{name} {kind} {deviation}"] = [weights, downweighted_rows(weights)]
+    unchanged(shown)
+
+
+def test_searches_of_all_endings(unchanged):
+    found = {}
+    for evaluations in (3, 40):
+        for tolerance in (1e-2, 1e-12):
+            for longest in (0.05, np.inf):
+                minimum = minimum_from(
+                    _Valley(), np.array([-1.2, 1.9]), tolerance=tolerance, evaluations=evaluations, longest=longest
+                )
+                found[f"{evaluations} {tolerance} {longest}"] = [
+                    minimum.end.parameters, minimum.cost, minimum.converged, minimum.status,
+                ]  # fmt: skip
+    unchanged(found)
+
+
+class _Valley:
+    """Rosenbrock's valley within bounds, as residuals."""
+
+    def bounds(self):
+        return np.array([-1.5, -0.5]), np.array([0.8, 2.0])
+
+    def at(self, x):
+        residual, slopes = np.array([10.0 * (x[1] - x[0] ** 2), 1.0 - x[0]]), [[-20.0 * x[0], 10.0], [-1.0, 0.0]]
+        return Residual(x, residual, lambda: np.array(slopes))
+
+
+def test_covariances_of_blocks(unchanged):
+    random = np.random.default_rng(5)
+    jacobian, residual = random.standard_normal((60, 3)), random.standard_normal(60)
+    directions, blocks = Directions.of(jacobian), [slice(k, k + 10) for k in range(0, 60, 10)]
+    covariance = directions.covariance(residual, blocks)
+    unchanged([covariance, directions.moves(residual, blocks), with_fixed(jacobian, np.array([[1.0, 0.0, 2.0]])),
+               standard_error(jacobian[:4], np.stack([covariance, 2.0 * covariance]))])  # fmt: skip

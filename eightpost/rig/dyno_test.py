@@ -505,8 +505,9 @@ class TemperatureEffect:
     def __str__(self) -> str:
         (degrees, unit), (spread, _) = shown_difference(1.0), shown_difference(self.spread)
         slope, error = 100.0 * self.per_kelvin / degrees, 100.0 * self.error / degrees
+        known = "unknown" if np.isnan(error) else f"{error:.2f}"
         return (
-            f"force changes by {slope:+.2f} %/{unit} (standard error {error:.2f}), from {self.runs} repeated runs "
+            f"force changes by {slope:+.2f} %/{unit} (standard error {known}), from {self.runs} repeated runs "
             f"over a range of {spread:.1f} {unit}"
         )
 

@@ -454,7 +454,8 @@ def test_layout_is_read_to_the_same_values(layout, tmp_path):
 
 
 @pytest.mark.parametrize("layout", REFUSED)
-def test_layout_is_refused_with_advice(layout, tmp_path):
+def test_layout_is_refused_with_advice(layout, tmp_path, unchanged):
     write, message = REFUSED[layout]
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(InputError, match=message) as caught:
         read_dyno_test(write(tmp_path))
+    unchanged(str(caught.value))

@@ -184,10 +184,11 @@ def test_an_export_is_read_to_the_same_values(layout, tmp_path):
 
 
 @pytest.mark.parametrize("layout", REFUSED)
-def test_an_export_that_is_not_understood_is_refused_with_advice(layout, tmp_path):
+def test_an_export_that_is_not_understood_is_refused_with_advice(layout, tmp_path, unchanged):
     write, message = REFUSED[layout]
     with pytest.raises(InputError) as caught:
         read_dyno_test(write(tmp_path))
+    unchanged(str(caught.value))
     assert re.search(f"(?s)run.*{message}", str(caught.value).replace(str(tmp_path), ""))
 
 

@@ -245,10 +245,11 @@ def test_a_layout_is_read_to_the_same_values(layout, tmp_path):
 
 
 @pytest.mark.parametrize("layout", REFUSED)
-def test_a_layout_that_is_not_understood_is_refused_with_advice(layout, tmp_path):
+def test_a_layout_that_is_not_understood_is_refused_with_advice(layout, tmp_path, unchanged):
     write, message = REFUSED[layout]
     with pytest.raises(InputError) as caught:
         read_dyno_test(write(tmp_path))
+    unchanged(str(caught.value))
     # The name of the test's folder may contain the words that are looked for.
     assert re.search(f"(?s)run.*{message}", str(caught.value).replace(str(tmp_path), ""))
 

@@ -239,6 +239,7 @@ def test_the_effect_of_temperature_is_that_of_repeated_runs():
     cold = entry("cold", "A", 2000.0, heat=lambda t: 300.0 + 0.0 * t)
     effect = heat_effect(dyno_report([hot, cold]).variants[0])
     assert effect.per_kelvin == pytest.approx(np.log(0.9) / 20.0, rel=0.02)
+    assert "(standard error unknown), from 2 repeated runs" in str(effect)
     assert heat_effect(dyno_report([entry("a", "A")]).variants[0]) is None
 
 
