@@ -13,7 +13,7 @@ from unittest.mock import patch
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.case import ROOT
+from benchmarks.table import ROOT
 from builder.build import build
 from builder.toolchain import PLATFORMS, Zig, this_platform
 from cosim import Bond, Capabilities, Component, FmuComponent, Scenario, System
