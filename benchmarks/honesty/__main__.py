@@ -182,9 +182,6 @@ def _line(row: Row) -> str:
     )
 
 
-_ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-
-
 def run_campaign(
     seeds: Iterable[int], which: str, *, workers: int = 2, keep: Path | None = None, quiet: bool = False
 ) -> list[Row]:
@@ -232,7 +229,8 @@ def _computed(seeds: list[int], which: str, folder: Path, workers: int) -> Itera
     if workers <= 1 or len(seeds) <= 1:
         yield from (run_case(seed, which, folder) for seed in seeds)
         return
-    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # the processes inherit it
+    threads = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+    os.environ.update(dict.fromkeys(threads, "1"))  # the processes inherit it
     with ProcessPoolExecutor(min(workers, len(seeds)), mp_context=get_context("spawn")) as pool:
         futures = [pool.submit(run_case, seed, which, folder) for seed in seeds]
         yield from (future.result() for future in as_completed(futures))
@@ -263,10 +261,9 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--workers", type=int, default=2, help="number of processes")
     parser.add_argument(
         "--schemes",
-        choices=("default", "given", "all", "every"),
+        choices=("default", "given", "all"),
         default="default",
-        help="given: eight of the forty schemes at given steps, drawn for each system; all: with the default; every: "
-        "the default and all forty",
+        help="given: eight of the forty schemes at given steps, drawn for each system; all: with the default",
     )
     parser.add_argument("--json", type=Path, help="file for the rows; rows already in it are not computed again")
     parser.add_argument("--names", type=int, default=8, help="number of worst runs to list, of each kind")

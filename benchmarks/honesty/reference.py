@@ -11,6 +11,7 @@ from itertools import chain
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.integrate import RK45
 
 from benchmarks.honesty.cases import LAWS, Case, DrawnBristle, DrawnCar, DrawnShock, vehicle
 from eightpost.vehicle import StateSpace
@@ -25,20 +26,10 @@ OUTER_UP = INNER + _INNER_COUNT
 OUTER_DOWN = OUTER_UP + _OUTER_COUNT
 COLUMNS = OUTER_DOWN + _OUTER_COUNT
 
-#: Stages of the pair: nodes, weights, and the difference of its two solutions.
-_C = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
-_A = np.array(
-    [
-        [0, 0, 0, 0, 0, 0],
-        [1 / 5, 0, 0, 0, 0, 0],
-        [3 / 40, 9 / 40, 0, 0, 0, 0],
-        [44 / 45, -56 / 15, 32 / 9, 0, 0, 0],
-        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0, 0],
-        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0],
-        [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
-    ]
-)
-_E = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+#: Stages of the pair of Dormand and Prince: nodes, weights, and the difference of its two solutions.
+_C = np.append(RK45.C, 1.0)
+_A = np.vstack([np.pad(RK45.A, ((0, 0), (0, 1))), RK45.B])
+_E = RK45.E
 
 
 @njit(cache=True)
@@ -229,9 +220,7 @@ def solve(case: Case, times: Array, tolerance: float) -> Answer:
     """
     cars = [_Equations(case, car) for car in case.cars]
     values = np.vstack([car.solve(times, tolerance) for car in cars])
-    names, units = (
-        tuple(chain.from_iterable(row)) for row in zip(*((car.names, car.units) for car in cars), strict=True)
-    )
+    names, units = (tuple(chain.from_iterable(row)) for row in ((c.names for c in cars), (c.units for c in cars)))
     return Answer(times, values, names, units)
 
 
@@ -268,27 +257,18 @@ class _Equations:
         self._mobility = np.ascontiguousarray(model.B[count:, self._forces])
         rows = [model.output_names.index(self._named(port, "displacement")) for port in self._ports]
         self._strut = np.ascontiguousarray(model.C[rows, :count])
-        self._shocks = np.array(
-            [
-                shock_numbers(shock, car.friction.get(port, (0.0, 1.0)), car.bristles.get(port, DrawnBristle()))
-                for port, shock in car.shocks.items()
-            ]
-        )
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the vehicle's outputs, followed by the shocks' forces."""
-        own = [f"{self._car.name}.{name}" for name in self._model.output_names]
-        return own + [f"{self._car.shock_name(port)}.force" for port in self._ports]
-
-    @property
-    def units(self) -> list[str]:
-        """Units of these channels."""
-        return [channel.unit for channel in self._model.outputs] + ["N"] * len(self._ports)
+        beside = [(car.friction.get(p, (0.0, 1.0)), car.bristles.get(p, DrawnBristle())) for p in self._ports]
+        self._shocks = np.array([shock_numbers(s, *one) for s, one in zip(car.shocks.values(), beside, strict=True)])
+        #: Names of the vehicle's outputs, followed by the shocks' forces, and their units.
+        self.names = [f"{car.name}.{name}" for name in model.output_names]
+        self.names += [f"{car.shock_name(port)}.force" for port in self._ports]
+        self.units = [channel.unit for channel in model.outputs] + ["N"] * len(self._ports)
 
     def solve(self, times: Array, tolerance: float) -> Array:
         """Return the channels at the times (C, N)."""
-        knots = np.union1d(times, self._own_points(float(times[-1])))
+        scenario = self._case.scenario
+        own = scenario.drive.series.time - scenario.drive_start if scenario.drive else np.zeros(0)
+        knots = np.union1d(times, own[(own > 0.0) & (own < times[-1])])
         drive = self._inputs(knots)
         count = len(self._stiffness)
         pushes = np.ascontiguousarray((self._model.B[count:, self._driven] @ drive).T)
@@ -297,22 +277,12 @@ class _Equations:
         matrices = (self._stiffness, self._strut, self._mobility, self._shocks)
         states, made = integrate(knots, pushes, *matrices, start, sizes, tolerance, _MOST_STEPS)
         if made < 0 or not np.isfinite(states[-1]).all():
-            raise RuntimeError(
-                f"seed {self._case.seed}: {self._car.name} has no solution at a tolerance of {tolerance:g}"
-            )
+            raise RuntimeError(f"seed {self._case.seed}: {self._car.name} has no solution at tolerance {tolerance:g}")
         at = np.searchsorted(knots, times)
         return self._channels(states[at], drive[:, at])
 
     def _named(self, port: str, quantity: str) -> str:
         return f"{port}.{quantity}" if port else quantity
-
-    def _own_points(self, end: float) -> Array:
-        """Return the drive's own points within the run [s]."""
-        scenario = self._case.scenario
-        if scenario.drive is None:
-            return np.zeros(0)
-        own = scenario.drive.series.time - scenario.drive_start
-        return np.asarray(own[(own > 0.0) & (own < end)])
 
     def _inputs(self, knots: Array) -> Array:
         """Return the inputs other than shock forces, at the knots (D, N)."""
