@@ -16,8 +16,11 @@ import sys
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.util import resolve_name
 from pathlib import Path
 from statistics import median
+
+from benchmarks.table import ROOT, markdown
 
 PACKAGES = ("eightpost", "builder", "cosim", "fmus")
 _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
@@ -151,21 +154,16 @@ def _resolved(base: str, name: str, modules: set[str], exported: dict[str, dict[
 
 
 def _absolute(file: Source, node: ast.ImportFrom) -> str:
-    if not node.level:
-        return node.module or ""
-    package = file.module.split(".") if file.is_package else file.module.split(".")[:-1]
-    base = package[: len(package) - (node.level - 1)]
-    return ".".join([*base, *([node.module] if node.module else [])])
+    package = file.module if file.is_package else file.module.rpartition(".")[0]
+    return resolve_name("." * node.level + (node.module or ""), package)
 
 
 def main() -> None:
     """Print the table."""
-    roots = [Path(argument).resolve() for argument in sys.argv[1:]] or [Path(__file__).resolve().parents[1]]
+    roots = [Path(argument).resolve() for argument in sys.argv[1:]] or [ROOT]
     columns = [figures(root) for root in roots]
-    print("| |" + "|".join(f" {root.name} " for root in roots) + "|")
-    print("|---|" + "---|" * len(roots))
-    for title in columns[0]:
-        print(f"| {title} | " + " | ".join(column[title] for column in columns) + " |")
+    rows = [[title, *(column[title] for column in columns)] for title in columns[0]]
+    print(markdown(["", *(root.name for root in roots)], rows))
 
 
 if __name__ == "__main__":

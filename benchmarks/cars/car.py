@@ -9,12 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from eightpost.array_types import Array
 from eightpost.shock import Lpnl2
 from eightpost.shock.curve import KNOTS, StaticCurve
-
-Array = NDArray[np.float64]
 
 #: Half range [m/s] of the tables of static shock forces, and their spacing [m/s].
 FASTEST, SPACING = 4.0, 0.001
@@ -199,6 +197,9 @@ def march(car: Any, shocks: Any, drive: Any, scale: Any, h: float, every: int) -
     return out
 
 
+#: Damping at rest and at speed [N.s/m], speed of the knee [m/s], of one stroke.
+Side = tuple[float, float, float]
+
 #: Stiffness of the seal before it slides [N/m].
 SEAL_STIFFNESS = 2e6
 
@@ -208,8 +209,8 @@ class TrueShock:
     """Digressive shock with a lag that fades, and dry friction of its seal, which no law of the project has."""
 
     name: str
-    compression: tuple[float, float, float]  #: Damping at rest and at speed [N.s/m], speed of the knee [m/s].
-    rebound: tuple[float, float, float]
+    compression: Side
+    rebound: Side
     lag: float = 1e-3  #: Time constant [s].
     fades: tuple[float, float] = (1500.0, 3500.0)  #: Static forces from which the lag fades, and without lag [N].
     seal: float = 0.0  #: Dry friction [N]; 0: `law` is the truth.
@@ -238,11 +239,13 @@ class TrueShock:
 
     def scaled(self, factor: float, name: str) -> TrueShock:
         """Return the shock with all damping times a factor."""
+        sides = times(self.compression, factor), times(self.rebound, factor)
+        return replace(self, name=name, compression=sides[0], rebound=sides[1])
 
-        def times(side: tuple[float, float, float]) -> tuple[float, float, float]:
-            return factor * side[0], factor * side[1], side[2]
 
-        return replace(self, name=name, compression=times(self.compression), rebound=times(self.rebound))
+def times(side: Side, factor: float) -> Side:
+    """Return the numbers of a stroke with its damping times a factor."""
+    return factor * side[0], factor * side[1], side[2]
 
 
 @cache

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.rig import DynoTest
 from eightpost.shock import Shock, ShockLaw
 from eightpost.signals import TimeSeries
-from eightpost.uncertainty import TOTAL, MeasureUncertainty
+from eightpost.uncertainty import TOTAL
 
 #: Time at the start of a lap that is not evaluated [s].
 SETTLING = 2.0
@@ -120,20 +120,12 @@ def _row(case: Case, folder: Path) -> dict[str, Any]:
     row["true"] = truth(car, setups, lap)
     try:
         row["predicted"], shares = predicted(fit, laws, setups, lap_series(lap, _FINER * RATE))
-        row["stated"] = {n: stated(one, shares[n]) for n, one in _measures(fit).items() if n in shares}
+        measures = {} if fit.trust is None else fit.trust.measures
+        on_lap = {n: one.on_drive(shares[n]) for n, one in measures.items() if n in shares}
+        row["stated"] = {n: {"common": one.common, "own": one.own, "bias": one.bias} for n, one in on_lap.items()}
     except EightpostError as error:
         row["error"] = f"{type(error).__name__}: {error}"
     return row
-
-
-def _measures(fit: VehicleFit) -> Mapping[str, MeasureUncertainty]:
-    return {} if fit.trust is None else fit.trust.measures
-
-
-def stated(measure: MeasureUncertainty, shares: Sequence[float]) -> dict[str, float]:
-    """Return what a fit states about a measure on a drive with shares of its power in bands."""
-    found = measure.on_drive(shares)
-    return {"common": found.common, "own": found.own, "bias": found.bias}
 
 
 def fitted_laws(car: Car, seed: int) -> list[ShockLaw]:

@@ -7,14 +7,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.io import savemat
 from scipy.ndimage import shift
 
 from benchmarks.cars.car import CORNERS, GRAVITY, SIZE, Car, TrueShock, march, marched
+from eightpost.array_types import Array, Complex
 from eightpost.signals import TimeSeries
-
-Array = NDArray[np.float64]
 
 #: Sample rate of records [Hz], steps of the march per sample, and time before the record in which the drive grows [s].
 RATE, STEPS, LEAD = 1000.0, 5, 4.0
@@ -27,7 +25,7 @@ ROAD, AERO = (0.3, 28.0, 0.75), (0.2, 6.0, 0.5)
 class Drive:
     """Roads (4) and aeroloads (4) as functions of time, by their lines of a Fourier series."""
 
-    lines: NDArray[np.complex128]  #: Complex amplitudes (8, lines) of the multiples of 1 / duration.
+    lines: Complex  #: Complex amplitudes (8, lines) of the multiples of 1 / duration.
     means: Array  #: Means (8,); those of the roads are zero.
     seconds: float
 
@@ -220,7 +218,7 @@ def lap_drive(car: Car, seconds: float, seed: int, kind: str = "track") -> Drive
 def lap_series(drive: Drive, rate: float = RATE) -> TimeSeries:
     """Return the drive as inputs of a vehicle, exactly."""
     values = drive.at(rate)
-    names = tuple(f"{c}.{n}" for n in ("road", "aero") for c in ("lf", "rf", "lr", "rr"))
+    names = tuple(f"{c}.{n}" for n in ("road", "aero") for c in CORNERS)
     return TimeSeries(np.arange(values.shape[1]) / rate, values, names, ("m",) * 4 + ("N",) * 4)
 
 

@@ -11,12 +11,12 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.table import ROOT
 from builder.build import build
 from builder.toolchain import PLATFORMS, Zig, this_platform
 from cosim import Bond, Capabilities, Component, FmuComponent, Scenario, System
+from eightpost.array_types import Array
 from eightpost.cache import cache_folder
 from eightpost.corners import CORNERS
 from eightpost.shock import LAWS as CLASSES
@@ -25,7 +25,6 @@ from eightpost.signals import Drivefile, TimeSeries
 from eightpost.vehicle import Corners, IdentifiedVehicle, QuarterCar, SevenDof, StructuralVehicle, write_vehicle
 
 Random = np.random.Generator
-Array = NDArray[np.float64]
 
 LAWS = ("polylinear", "lpf1", "lpnl2")
 

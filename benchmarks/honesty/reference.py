@@ -10,10 +10,10 @@ from itertools import chain
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.integrate import RK45
 
 from benchmarks.honesty.cases import LAWS, Case, DrawnBristle, DrawnCar, DrawnShock, vehicle
+from eightpost.array_types import Array
 from eightpost.vehicle import StateSpace
 
 POLYLINEAR, LPF1, LPNL2 = range(3)
@@ -186,8 +186,6 @@ def port_forces(states, ports, shocks):
             frictions[s, m], _ = friction(shocks[s], v, x, states[m, 2 * count + rows + s])
     return forces, frictions
 
-
-Array = NDArray[np.float64]
 
 #: Typical sizes of a displacement [m], a velocity [m/s], a lagged force [N] and a bristle's deflection [m].
 _SIZES = (1e-3, 1e-1, 1e2, 1e-4)

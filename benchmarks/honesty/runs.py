@@ -12,7 +12,6 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from numpy.typing import NDArray
 
 import cosim
 from benchmarks.honesty.cases import Case
@@ -20,10 +19,9 @@ from benchmarks.honesty.reference import Answer, solve
 from cosim import Algorithm, Automatic, GaussSeidel, Implicit, Jacobi, Result
 from cosim.session.result import judged_by
 from cosim.session.session import Session
+from eightpost.array_types import Array
 from eightpost.errors import EightpostError
 from eightpost.signals import TimeSeries
-
-Array = NDArray[np.float64]
 
 
 def reference_scales(values: Array, units: Sequence[str]) -> Array:
