@@ -40,15 +40,14 @@ def draw(kind: str, seed: int) -> Car:
     return KINDS[kind](_Draw(kind, seed))
 
 
-def _bank(some: _Draw, wheel: float, ratio: float, seal: float = 0.0) -> tuple[TrueShock, ...]:
+def _bank(some: _Draw, wheel: float, ratio: float) -> tuple[TrueShock, ...]:
     """Return seven shocks about one that damps a wheel by `wheel` [N.s/m] at low speed."""
     low = some.one(wheel, 0.1) / ratio**2
     compression = (low, low * some.between(0.25, 0.45), some.between(0.05, 0.1))
     rebound = (low * some.between(1.1, 1.5), low * some.between(0.3, 0.5), some.between(0.06, 0.12))
     lag, fades = some.one(1.2e-3, 0.25), (some.one(1500.0, 0.2), some.one(4000.0, 0.2))
     return tuple(
-        TrueShock(f"build{k}", times(compression, c), times(rebound, r), lag, fades, seal)
-        for k, (c, r) in enumerate(_BANK)
+        TrueShock(f"build{k}", times(compression, c), times(rebound, r), lag, fades) for k, (c, r) in enumerate(_BANK)
     )
 
 

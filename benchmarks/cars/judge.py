@@ -16,17 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cars.car import CORNERS, Car, dyno_record
+from benchmarks.cars.car import CORNERS, Car
 from benchmarks.cars.draw import draw
 from benchmarks.cars.rig import RATE, Drive, Motion, lap_drive, lap_series, run, write_tests
 from cosim.study.measures import shares_of
 from eightpost.api.models import identify
 from eightpost.errors import EightpostError
-from eightpost.ident import fit_shock
 from eightpost.ident.vehicle.port_search import about_loads
 from eightpost.ident.vehicle.simulation import ManySetups
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
-from eightpost.rig import DynoTest
 from eightpost.shock import Shock, ShockLaw
 from eightpost.signals import TimeSeries
 from eightpost.uncertainty import TOTAL
@@ -57,8 +55,8 @@ def truth(car: Car, setups: Sequence[Sequence[int]], lap: Drive) -> list[dict[st
     return [measures(run(car, [car.bank[k] for k in setup], lap)) for setup in setups]
 
 
-#: Dry friction of the seals of shocks that are fitted, which no law has [N]; duration of a lap [s]; number of setups.
-SEAL, LAP, SETUPS = 15.0, 30.0, 24
+#: Duration of a lap [s], and number of setups.
+LAP, SETUPS = 30.0, 24
 
 #: Samples of a prediction per sample of a record.
 _FINER = 4
@@ -73,12 +71,11 @@ class Case:
     seconds: float = 200.0  #: Length of each test [s].
     procedure: str = "control"
     lap: str = "track"
-    shocks: str = "known"  #: known: the study has the true laws; fitted: laws fitted to a dynamometer's record.
 
     @property
     def name(self) -> str:
         """Name of the row's file."""
-        return "_".join(map(str, (self.kind, self.seed, f"{self.seconds:g}", self.procedure, self.lap, self.shocks)))
+        return f"{self.kind}_{self.seed}_{self.seconds:g}_{self.procedure}_{self.lap}"
 
 
 def row_of(case: Case, folder: Path) -> dict[str, Any]:
@@ -99,14 +96,11 @@ def setups_of(seed: int, count: int = SETUPS) -> list[tuple[int, ...]]:
 
 def _row(case: Case, folder: Path) -> dict[str, Any]:
     car = draw(case.kind, case.seed)
-    if case.shocks == "fitted":
-        car = car.with_seals(SEAL)
     row: dict[str, Any] = asdict(case)
     records = folder / f"{case.name}_records"
     paths = write_tests(car, records, case.seconds, case.seed, case.procedure)
-    exact = [shock.law for shock in (*car.bank, car.alternate)]
-    *laws, alternate = fitted_laws(car, case.seed) if case.shocks == "fitted" else exact
-    tested = [Shock("baseline", laws[car.baseline]), Shock("alternate", alternate)]
+    laws = [shock.law for shock in car.bank]
+    tested = [Shock("baseline", laws[car.baseline]), Shock("alternate", car.alternate.law)]
     try:
         fit = identify(paths, channel_map=records / "map.toml", name=case.name, shocks=tested)
     except EightpostError as error:
@@ -126,17 +120,6 @@ def _row(case: Case, folder: Path) -> dict[str, Any]:
     except EightpostError as error:
         row["error"] = f"{type(error).__name__}: {error}"
     return row
-
-
-def fitted_laws(car: Car, seed: int) -> list[ShockLaw]:
-    """Return laws that are fitted to a dynamometer's record of each shock of the bank, and of the alternate one."""
-    laws = []
-    for k, shock in enumerate((*car.bank, car.alternate)):
-        record = dyno_record(shock, 10 * seed + k)
-        units = {"displacement": "m", "velocity": "m/s", "force": "N"}
-        series = TimeSeries(record["time"], np.array([record[n] for n in units]), tuple(units), tuple(units.values()))
-        laws.append(fit_shock([DynoTest(series)], name=shock.name).shock.law)
-    return laws
 
 
 def predicted(

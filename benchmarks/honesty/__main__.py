@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import tempfile
 import time as clock
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -198,12 +199,13 @@ def run_campaign(
     rows = [row for row in (read_rows(keep) if keep and keep.exists() else []) if row["seed"] in set(wanted)]
     done = {(row["seed"], row["which"]) for row in rows}
     left = [seed for seed in wanted if (seed, which) not in done]
-    folder = build_fmus(name for seed in left for name in draw_case(seed).fmu_names.values())
-    for found in track(_computed(left, which, folder, workers), "systems", total=len(left), disable=quiet):
-        rows += found
-        if keep:
-            with keep.open("a", encoding="utf-8") as stream:
-                stream.writelines(json.dumps(row) + "\n" for row in found)
+    with tempfile.TemporaryDirectory() as folder:
+        build_fmus((name for seed in left for name in draw_case(seed).fmu_names.values()), Path(folder))
+        for found in track(_computed(left, which, Path(folder), workers), "systems", total=len(left), disable=quiet):
+            rows += found
+            if keep:
+                with keep.open("a", encoding="utf-8") as stream:
+                    stream.writelines(json.dumps(row) + "\n" for row in found)
     return sorted((row for row in rows if row["which"] == which), key=lambda row: (row["seed"], row["scheme"]))
 
 

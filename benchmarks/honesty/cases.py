@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -12,12 +11,10 @@ from unittest.mock import patch
 
 import numpy as np
 
-from benchmarks.table import ROOT
 from builder.build import build
 from builder.toolchain import PLATFORMS, Zig, this_platform
 from cosim import Bond, Capabilities, Component, FmuComponent, Scenario, System
 from eightpost.array_types import Array
-from eightpost.cache import cache_folder
 from eightpost.corners import CORNERS
 from eightpost.shock import LAWS as CLASSES
 from eightpost.shock import Port, Shock, StaticCurve, fit_parameters, write_shock
@@ -249,8 +246,6 @@ def draw_load(random: Random, time: Array, size: float) -> Array:
 QUARTER_CARS, SEVEN_DOFS = 32, 8
 #: Unsprung masses [kg].
 LIGHTEST, HEAVIEST = 8.0, 60.0
-#: Sources of the FMUs; the FMUs are built again if any of them has changed.
-_MADE_FROM = ("fmus", "builder", "eightpost/shock", "eightpost/vehicle", "benchmarks/honesty/cases.py")
 
 
 def vehicle_names() -> tuple[str, ...]:
@@ -297,32 +292,14 @@ def _seven_dof(k: int) -> SevenDof:
     )
 
 
-def build_fmus(names: Iterable[str]) -> Path:
-    """Return a folder with an FMU of each name, `<name>.fmu`; missing ones are built.
-
-    Args:
-        names: Names of vehicles and laws; with the suffix `_python` for python FMUs.
-    """
-    folder = cache_folder() / "honesty" / _digest()
-    folder.mkdir(parents=True, exist_ok=True)
-    missing = [name for name in sorted(set(names)) if not (folder / f"{name}.fmu").is_file()]
+def build_fmus(names: Iterable[str], folder: Path) -> None:
+    """Build an FMU of each vehicle and law, `<name>.fmu`; with the suffix `_python`, a python FMU."""
+    wanted = sorted(set(names))
     with patch.object(Zig, "platforms", (this_platform(),) if this_platform().name in PLATFORMS else ()):
         for target in ("native", "python"):
-            chosen = [name for name in missing if name.endswith("_python") == (target == "python")]
+            chosen = [name for name in wanted if name.endswith("_python") == (target == "python")]
             if chosen:
                 build([_model_file(folder / "models", name) for name in chosen], folder, target=target)
-    return folder
-
-
-def _digest() -> str:
-    """Return a digest that identifies the sources of a build."""
-    key = hashlib.sha256()
-    for place in _MADE_FROM:
-        path = ROOT / place
-        for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
-            if file.is_file() and "__pycache__" not in file.parts:
-                key.update(str(file.relative_to(ROOT)).encode() + file.read_bytes())
-    return key.hexdigest()[:16]
 
 
 def _model_file(folder: Path, name: str) -> Path:
