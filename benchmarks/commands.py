@@ -32,7 +32,9 @@ import tempfile
 import tomllib
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -188,10 +190,6 @@ def missed(found: Outputs) -> list[str]:
     ]
 
 
-def _json_numbers(path: Path) -> Iterator[str]:
-    yield from _numbers(json.loads(path.read_text(encoding="utf-8")))
-
-
 #: Keys of JSON whose values are durations of the calculation, versions or names of this run.
 _NOT_RESULTS = {"created", "version", "workers", "sources"}
 
@@ -210,12 +208,9 @@ def _numbers(content: Any) -> Iterator[str]:
 
 def _csv_numbers(path: Path) -> Iterator[str]:
     with path.open(encoding="utf-8", newline="") as stream:
-        for row in csv.reader(stream):
-            for cell in row:
-                try:
-                    yield float(cell).hex()
-                except ValueError:
-                    continue
+        for cell in chain.from_iterable(csv.reader(stream)):
+            with suppress(ValueError):  # a text
+                yield float(cell).hex()
 
 
 def _parquet_numbers(path: Path) -> Iterator[bytes]:
@@ -235,13 +230,23 @@ def _description(path: Path) -> Iterator[str]:
 
 
 _READERS: Mapping[str, Callable[[Path], Iterator[str | bytes]]] = {
-    ".json": _json_numbers, ".csv": _csv_numbers, ".parquet": _parquet_numbers, ".html": _text, ".fmu": _description,
-}  # fmt: skip
+    ".json": lambda path: _numbers(json.loads(path.read_text(encoding="utf-8"))),
+    ".csv": _csv_numbers,
+    ".parquet": _parquet_numbers,
+    ".html": _text,
+    ".fmu": _description,
+}
 
 
 def main() -> int:
     """Print the tables; return the exit code."""
-    options = _options()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--against", default="", help="earlier commit to compare with; default: none")
+    parser.add_argument("--only", default="", help="text of the commands to run; default: all")
+    parser.add_argument("--repeat", type=int, default=3, help="number of runs of every command with a target")
+    parser.add_argument("--install", action="store_true", help="also install the versions, and compare sizes")
+    parser.add_argument("--folder", type=Path, help="folder to run in; default: a temporary one")
+    options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name, checked_out(options.against) as before:
         folder = options.folder or Path(name)
         versions = [Version(before, folder / "before")] if before else []
@@ -257,16 +262,6 @@ def main() -> int:
             print(f"installation{extras}: {', '.join(map(number, sizes))} MB (target: {most:g})")
             late += [extras] if sizes[-1] > most else []
     return 1 if differing or late else 0
-
-
-def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--against", default="", help="earlier commit to compare with; default: none")
-    parser.add_argument("--only", default="", help="text of the commands to run; default: all")
-    parser.add_argument("--repeat", type=int, default=3, help="number of runs of every command with a target")
-    parser.add_argument("--install", action="store_true", help="also install the versions, and compare sizes")
-    parser.add_argument("--folder", type=Path, help="folder to run in; default: a temporary one")
-    return parser.parse_args()
 
 
 if __name__ == "__main__":

@@ -336,16 +336,6 @@ class Car:
         return np.array([self.height(x, inside * y) for x, y in self.places])
 
     @property
-    def loaders(self) -> Array:
-        """Heights of the aeroloaders' points per q (4, D)."""
-        return np.array([self.height(0.9 * x, 0.8 * y) for x, y in self.places])
-
-    @property
-    def frames(self) -> Array:
-        """Heights of the body at the front and the rear axle per q (2, D)."""
-        return np.array([self.height(x, 0.0) for x in (self.axles[0], -self.axles[1])])
-
-    @property
     def wheels(self) -> Array:
         """Heights of the wheels per q (4, D)."""
         return np.eye(SIZE)[7:]
@@ -376,7 +366,7 @@ class Car:
             damping=damping,
             travel=self.wheels - self.points(1.0),
             wheel=self.wheels,
-            load=self.loaders,
+            load=np.array([self.height(0.9 * x, 0.8 * y) for x, y in self.places]),
             spring=np.column_stack(
                 [self.springs, n, self.rising, self.bumps[0] * four, self.bumps[1] * four, sprung / n]
             ),

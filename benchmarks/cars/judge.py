@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cars.car import CORNERS, Car
+from benchmarks.cars.car import CORNERS
 from benchmarks.cars.draw import draw
-from benchmarks.cars.rig import RATE, Drive, Motion, lap_drive, lap_series, run, write_tests
+from benchmarks.cars.rig import RATE, Motion, lap_drive, lap_series, run, write_tests
 from cosim.study.measures import shares_of
 from eightpost.api.models import identify
 from eightpost.errors import EightpostError
@@ -48,11 +48,6 @@ def measures(motion: Motion) -> dict[str, float]:
     """Return the RMS value of each measure."""
     total = np.sum([motion.settled(f"{corner}.tire_force", SETTLING) for corner in CORNERS], axis=0)
     return {n: float((total if n == TOTAL else motion.settled(n, SETTLING)).std()) for n in NAMES}
-
-
-def truth(car: Car, setups: Sequence[Sequence[int]], lap: Drive) -> list[dict[str, float]]:
-    """Return the true measures of setups, by the index of each corner's shock in the bank."""
-    return [measures(run(car, [car.bank[k] for k in setup], lap)) for setup in setups]
 
 
 #: Duration of a lap [s], and number of setups.
@@ -111,7 +106,7 @@ def _row(case: Case, folder: Path) -> dict[str, Any]:
     row["verdict"] = {"grade": fit.verdict.grade, "reasons": [[r.rule, r.grade, str(r)] for r in fit.verdict.reasons]}
     setups = setups_of(case.seed)
     lap = lap_drive(car, LAP, case.seed, case.lap)
-    row["true"] = truth(car, setups, lap)
+    row["true"] = [measures(run(car, [car.bank[k] for k in setup], lap)) for setup in setups]
     try:
         row["predicted"], shares = predicted(fit, laws, setups, lap_series(lap, _FINER * RATE))
         measures = {} if fit.trust is None else fit.trust.measures

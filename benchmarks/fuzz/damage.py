@@ -262,10 +262,7 @@ def packed(
 ) -> bytes:
     """Return an archive with reproducible bytes; compression level 1 for speed.
 
-    Args:
-        members: Content of each member.
-        method: Compression.
-        more: Members that are added even if their names occur twice: content, or Unix mode of a special file.
+    Members of `more`, the content or the Unix mode of a special file, are added even if their names occur twice.
     """
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", method, compresslevel=1) as archive, warnings.catch_warnings():

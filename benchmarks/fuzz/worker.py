@@ -101,7 +101,10 @@ def work(said: Connection, printed: str, samples: Path, seed: int, jobs: list[tu
                 if outcome in SOUND and resident > _RESIDENT:
                     outcome, text = MEMORY, f"{resident / 2**20:.0f} MiB"
                 said.send((name, number, outcome, text, time.process_time() - begun))
-                _restore(path, sound)
+                if path.is_dir() and not path.is_symlink():
+                    shutil.rmtree(path)
+                path.unlink(missing_ok=True)
+                path.write_bytes(sound)
 
 
 def _made(reader: Reader, number: int, seed: int, path: Path) -> tuple[str, str] | None:
@@ -113,13 +116,6 @@ def _made(reader: Reader, number: int, seed: int, path: Path) -> tuple[str, str]
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     return None
-
-
-def _restore(path: Path, content: bytes) -> None:
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path)
-    path.unlink(missing_ok=True)
-    path.write_bytes(content)
 
 
 def _limit_addresses(more: int | None) -> None:

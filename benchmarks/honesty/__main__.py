@@ -240,20 +240,6 @@ def _computed(seeds: list[int], which: str, folder: Path, workers: int) -> Itera
 
 def main() -> None:
     """Run and print."""
-    options = _options()
-    seeds = options.only or range(options.seed_base, options.seed_base + options.systems)
-    began = clock.perf_counter()
-    rows = run_campaign(seeds, options.schemes, workers=options.workers, keep=options.json)
-    for title, chosen in (
-        ("the default", [row for row in rows if row["scheme"] == "default"]),
-        ("given steps", [row for row in rows if row["scheme"] != "default"]),
-    ):
-        if chosen:
-            print("\n".join([f"\n== {title}", *lines(chosen, names=options.names)]))
-    print(f"\n{clock.perf_counter() - began:.0f} s")
-
-
-def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.honesty", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -269,7 +255,17 @@ def _options() -> argparse.Namespace:
     )
     parser.add_argument("--json", type=Path, help="file for the rows; rows already in it are not computed again")
     parser.add_argument("--names", type=int, default=8, help="number of worst runs to list, of each kind")
-    return parser.parse_args()
+    options = parser.parse_args()
+    seeds = options.only or range(options.seed_base, options.seed_base + options.systems)
+    began = clock.perf_counter()
+    rows = run_campaign(seeds, options.schemes, workers=options.workers, keep=options.json)
+    for title, chosen in (
+        ("the default", [row for row in rows if row["scheme"] == "default"]),
+        ("given steps", [row for row in rows if row["scheme"] != "default"]),
+    ):
+        if chosen:
+            print("\n".join([f"\n== {title}", *lines(chosen, names=options.names)]))
+    print(f"\n{clock.perf_counter() - began:.0f} s")
 
 
 if __name__ == "__main__":

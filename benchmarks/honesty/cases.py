@@ -248,14 +248,9 @@ QUARTER_CARS, SEVEN_DOFS = 32, 8
 LIGHTEST, HEAVIEST = 8.0, 60.0
 
 
-def vehicle_names() -> tuple[str, ...]:
-    """Return the names of all vehicles of the bank."""
-    return tuple([f"quarter_{k:02d}" for k in range(QUARTER_CARS)] + [f"seven_{k:02d}" for k in range(SEVEN_DOFS)])
-
-
 @cache
 def vehicle(name: str) -> StructuralVehicle:
-    """Return a vehicle of the bank, without dampers; for `name` see `vehicle_names`."""
+    """Return a vehicle of the bank, without dampers, `quarter_00` to `quarter_31` or `seven_00` to `seven_07`."""
     kind, _, number = name.partition("_")
     make = _quarter_car if kind == "quarter" else _seven_dof
     return StructuralVehicle(name, make(int(number)))
@@ -355,7 +350,7 @@ class DrawnCar:
     """One vehicle with its shocks."""
 
     name: str  #: Name of the component.
-    model: str  #: Name of the vehicle in the bank (`cars.vehicle`).
+    model: str  #: Name of the vehicle in the bank (`vehicle`).
     shocks: Mapping[str, DrawnShock]  #: Shocks by port: "" for a quarter car, else a corner.
     #: Suspension friction that creeps by port: force [N] and velocity [m/s].
     friction: Mapping[str, tuple[float, float]]
@@ -370,11 +365,10 @@ class DrawnCar:
         """Parameters of the vehicle FMU."""
         found = {}
         for port, (force, velocity) in self.friction.items():
-            prefix = f"{port}." if port else ""
-            found |= {f"{prefix}friction_force": force, f"{prefix}friction_velocity": velocity}
+            found |= {f"{port}.friction_force": force, f"{port}.friction_velocity": velocity}
         for port, bristle in self.bristles.items():
-            found |= {f"{port}.{name}" if port else name: value for name, value in bristle.parameters.items()}
-        return found
+            found |= {f"{port}.{name}": value for name, value in bristle.parameters.items()}
+        return {name.lstrip("."): value for name, value in found.items()}
 
 
 @dataclass(frozen=True)
@@ -398,7 +392,7 @@ class Case:
         return {name: f"{fmu}_python" if name in self.python else fmu for name, fmu in names.items()}
 
     def system(self, folder: Path) -> System:
-        """Return a new system from the FMUs in a folder (`cars.build_fmus`)."""
+        """Return a new system from the FMUs in a folder (`build_fmus`)."""
         components: dict[str, Component] = {}
         for name, fmu in self.fmu_names.items():
             kind = HeldFmu if name in self.held else FmuComponent

@@ -92,6 +92,16 @@ def friction(p, v, x, y):
 
 
 @njit(cache=True)
+def port_motion(port, y):
+    """Return displacement and velocity at a port."""
+    x = v = 0.0
+    for j in range(port.size):
+        x += port[j] * y[j]
+        v += port[j] * y[port.size + j]
+    return x, v
+
+
+@njit(cache=True)
 def slopes(y, push, stiffness, ports, mobility, shocks, into):
     """Write y' for y = (q, q', z, deflections) under accelerations `push` (Q,)."""
     count, rows = push.size, shocks.shape[0]
@@ -102,10 +112,7 @@ def slopes(y, push, stiffness, ports, mobility, shocks, into):
             total += stiffness[i, j] * y[j]
         into[count + i] = total
     for s in range(rows):
-        v = x = 0.0
-        for j in range(count):
-            x += ports[s, j] * y[j]
-            v += ports[s, j] * y[count + j]
+        x, v = port_motion(ports[s], y)
         force, follows = shock(shocks[s], v, x, y[2 * count + s])
         drag, bends = friction(shocks[s], v, x, y[2 * count + rows + s])
         force += drag
@@ -178,10 +185,7 @@ def port_forces(states, ports, shocks):
     forces, frictions = np.empty((rows, states.shape[0])), np.zeros((rows, states.shape[0]))
     for s in range(rows):
         for m in range(states.shape[0]):
-            v = x = 0.0
-            for j in range(count):
-                x += ports[s, j] * states[m, j]
-                v += ports[s, j] * states[m, count + j]
+            x, v = port_motion(ports[s], states[m])
             forces[s, m], _ = shock(shocks[s], v, x, states[m, 2 * count + s])
             frictions[s, m], _ = friction(shocks[s], v, x, states[m, 2 * count + rows + s])
     return forces, frictions
@@ -250,10 +254,10 @@ class _Equations:
         count = len(model.A) // 2
         assert not model.A[:count, :count].any() and not model.A[count:, count:].any()
         self._stiffness = np.ascontiguousarray(model.A[count:, :count])
-        self._forces = [model.input_names.index(self._named(port, "force")) for port in self._ports]
+        self._forces = [model.input_names.index(f"{port}.force".lstrip(".")) for port in self._ports]
         self._driven = [k for k in range(len(model.inputs)) if k not in self._forces]
         self._mobility = np.ascontiguousarray(model.B[count:, self._forces])
-        rows = [model.output_names.index(self._named(port, "displacement")) for port in self._ports]
+        rows = [model.output_names.index(f"{port}.displacement".lstrip(".")) for port in self._ports]
         self._strut = np.ascontiguousarray(model.C[rows, :count])
         beside = [(car.friction.get(p, (0.0, 1.0)), car.bristles.get(p, DrawnBristle())) for p in self._ports]
         self._shocks = np.array([shock_numbers(s, *one) for s, one in zip(car.shocks.values(), beside, strict=True)])
@@ -278,9 +282,6 @@ class _Equations:
             raise RuntimeError(f"seed {self._case.seed}: {self._car.name} has no solution at tolerance {tolerance:g}")
         at = np.searchsorted(knots, times)
         return self._channels(states[at], drive[:, at])
-
-    def _named(self, port: str, quantity: str) -> str:
-        return f"{port}.{quantity}" if port else quantity
 
     def _inputs(self, knots: Array) -> Array:
         """Return the inputs other than shock forces, at the knots (D, N)."""

@@ -109,7 +109,7 @@ class Campaign:
             ]
 
     def _run_area(self, area: Area, sample: list[Mutant], root: Path, trees: SimpleQueue[Tree]) -> list[Record]:
-        known, tests = read_records(self._file), digest_of_tests(area, root)
+        known, tests = read_records(self.folder), digest_of_tests(area, root)
         missing = [mutant for mutant in sample if self._must_try(mutant, known, tests)]
         if missing:
             limit = self._limit(area, trees)
@@ -117,10 +117,6 @@ class Campaign:
                 for record in pool.map(lambda mutant: self._try(area, mutant, limit, tests, trees), missing):
                     known[record.key] = record
         return [self._equivalent(mutant) or known[mutant.key] for mutant in sample]
-
-    @property
-    def _file(self) -> Path:
-        return self.folder / "records.jsonl"
 
     def _must_try(self, mutant: Mutant, known: dict[str, Record], tests: str) -> bool:
         if self._equivalent(mutant) is not None:
@@ -147,7 +143,7 @@ class Campaign:
         noticed = re.search(r"^FAILED (\S+)|^ERROR (\S+)", trial.output, re.MULTILINE)
         note = "" if noticed is None else noticed[1] or noticed[2]
         record = Record.of(mutant, trial.outcome, seconds=trial.seconds, tests=tests, note=note)
-        append_record(self._file, record)
+        append_record(self.folder, record)
         self.report(f"{record.outcome:9} {record.seconds:5.1f} s  {mutant.file}:{mutant.line}  {mutant.lines[1]}")
         return record
 

@@ -198,15 +198,20 @@ def digest_of_tests(area: Area, root: Path) -> str:
     return digest.hexdigest()[:16]
 
 
-def read_records(path: Path) -> dict[str, Record]:
+#: File of the records in the folder of a campaign.
+_RECORDS = "records.jsonl"
+
+
+def read_records(folder: Path) -> dict[str, Record]:
     """Return the last record of each mutant by its key."""
+    path = folder / _RECORDS
     if not path.exists():
         return {}
     lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
     return {line["key"]: Record(**line | {"outcome": Outcome(line["outcome"])}) for line in lines}
 
 
-def append_record(path: Path, record: Record) -> None:
-    """Add a record to a file."""
-    with path.open("a", encoding="utf-8") as file:
+def append_record(folder: Path, record: Record) -> None:
+    """Add a record."""
+    with (folder / _RECORDS).open("a", encoding="utf-8") as file:
         file.write(json.dumps(asdict(record)) + "\n")

@@ -164,22 +164,18 @@ def main() -> None:
     kept = options.rows.read_text(encoding="utf-8").splitlines() if options.rows.exists() else []
     rows: list[Row] = [json.loads(line) for line in kept]
     known = {row["case"] for row in rows}
-    for found in _cases(options, known):
+    if options.set == "measured":
+        cases = measured(options.records)
+    else:
+        begun = {name.split(":")[0] for name in known}
+        cases = (case(*SETS[options.set], place) for place in range(options.count) if str(place) not in begun)
+    for found in (one for one in cases if one.name not in known):
         new = list(rows_of(found))
         rows += new
         with options.rows.open("a", encoding="utf-8") as file:
             file.writelines(json.dumps(row) + "\n" for row in new)
         print(found.name, new[0].get("grade", "refused"), file=sys.stderr, flush=True)
     print(report(rows))
-
-
-def _cases(options: argparse.Namespace, known: set[str]) -> Iterator[Case]:
-    if options.set == "measured":
-        yield from (found for found in measured(options.records) if found.name not in known)
-        return
-    kinds, seed = SETS[options.set]
-    begun = {name.split(":")[0] for name in known}
-    yield from (case(kinds, seed, place) for place in range(options.count) if str(place) not in begun)
 
 
 if __name__ == "__main__":
