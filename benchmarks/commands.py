@@ -101,7 +101,7 @@ class Version:
         """Run a command."""
         cache, folder = self.folder.with_name(f"{self.folder.name}_cache"), self.folder
         if command.startswith(FIRST):
-            shutil.rmtree(cache)
+            shutil.rmtree(cache, ignore_errors=True)
         given = shlex.split(command.removeprefix(FIRST))
         words = [name for word in given for name in (sorted(map(str, folder.glob(word))) or [word])]
         words = [word.removeprefix(f"{folder}{os.sep}") for word in words]
@@ -172,7 +172,7 @@ def table(found: Outputs) -> str:
     for command, versions in found.items():
         cells = [f"{ran[-1].lines}, {ran[-1].width}, {number(fastest(ran))}" for ran in versions]
         rows.append([f"`{command}`", *cells, f"{SECONDS.get(command, '')}"])
-    names = ["before", "now"][-len(rows[0]) + 2 :]
+    names = ["before", "now"][-max(map(len, found.values()), default=1) :]
     return markdown(["command", *(f"lines, widest line, s {name}" for name in names), "target [s]"], rows)
 
 
