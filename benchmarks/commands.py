@@ -254,8 +254,7 @@ def main() -> int:
         found = measured(versions, only=options.only, repeat=options.repeat)
         first, last = versions[0].written(), versions[-1].written()
         differing = sorted(file for file in first | last if first.get(file) != last.get(file))
-        print(f"{counts()}\n{table(found)}\n")
-        print(*(f"differs: {file}" for file in differing), sep="\n")
+        print("\n".join([counts(), table(found), "", *(f"differs: {file}" for file in differing)]))
         late = missed(found)
         for extras, most in MEGABYTES.items() if options.install else ():
             sizes = [version.megabytes(extras) for version in versions]
