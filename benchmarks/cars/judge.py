@@ -109,8 +109,8 @@ def _row(case: Case, folder: Path) -> dict[str, Any]:
     row["true"] = [measures(run(car, [car.bank[k] for k in setup], lap)) for setup in setups]
     try:
         row["predicted"], shares = predicted(fit, laws, setups, lap_series(lap, _FINER * RATE))
-        measures = {} if fit.trust is None else fit.trust.measures
-        on_lap = {n: one.on_drive(shares[n]) for n, one in measures.items() if n in shares}
+        trusted = {} if fit.trust is None else fit.trust.measures
+        on_lap = {n: one.on_drive(shares[n]) for n, one in trusted.items() if n in shares}
         row["stated"] = {n: {"common": one.common, "own": one.own, "bias": one.bias} for n, one in on_lap.items()}
     except EightpostError as error:
         row["error"] = f"{type(error).__name__}: {error}"
