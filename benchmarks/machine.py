@@ -1,36 +1,32 @@
 """Processor time and error of setups on the machine, beside the same setups through the FMUs.
 
-    python -m benchmarks.machine [--setups N] [--sample N] [--verb] [--large] [--json FILE]
+    python -m benchmarks.machine [--setups N] [--sample N] [--large]
 
 The shipped study (examples/study.toml): seven builds at four corners, a 33 s lap, its measures; then Hysteresis at all
 corners, kinds of friction, a quarter car, and the identified car of the examples with friction that sticks. Both ways
 run in one process in turns: a block of setups on the machine, then a part of it through the FMUs; the ratio is the
 median over the turns. The machine's step is chosen as for a study. Errors are rms differences from a sixteenth of the
 step, in percent of the standard deviation, the largest of eight setups. Compilation and loading are not counted.
-With --verb the whole verb, with page and certainty, is timed as a process; with --large, 104,976 setups (18 builds at
-four corners) and a million of a space of 1000 random builds on a lap of 4 s run on the machine alone.
+With --large, 104,976 setups (18 builds at four corners) and a million of a space of 1000 random builds on a lap of 4 s
+run on the machine alone.
 
-Prints Markdown; --json writes the rows. All times are processor times of this machine and this run.
+Prints Markdown. All times are processor times of this machine and this run.
 """
 
 from __future__ import annotations
 
 import argparse
-import ctypes
-import json
-import os
 import resource
-import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.table import ROOT, markdown
 from builder.build import build
 from cosim.session.result import difference
 from cosim.study import Build, Drive, Measure, Study, Vehicle
@@ -39,10 +35,10 @@ from cosim.study.running.coupling import coupling_for
 from cosim.study.running.evaluator import Coupling, Evaluator, MachineCoupling
 from cosim.study.study_file import read_study, source_files
 from eightpost.corners import CORNERS
-from eightpost.machine import library
+from eightpost.shock import Hysteresis, StaticCurve, read_shock, write_shock
 from eightpost.virtual.drivefiles import track_drivefile
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+EXAMPLES = ROOT / "examples"
 
 #: Length of the lap [s], and the seed of its road.
 LAP, SEED = 33.0, 11
@@ -68,53 +64,49 @@ Row = dict[str, Any]
 
 def main() -> None:
     """Measure and print the tables."""
-    options = _options()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--setups", type=int, default=2401, help="setups of the shipped study")
+    parser.add_argument("--sample", type=int, default=192, help="setups of the others")
+    parser.add_argument("--large", action="store_true", help="also run large spaces, for some minutes")
+    options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         found = [
             {"what": what} | compare(study, options.setups if what == "shipped study" else options.sample)
             for what, study in _studies(folder)
         ]
-        print(markdown(found))
-        if options.verb:
-            print("\n" + _verb(folder))
+        print(table(found))
         if options.large:
             study = _shipped_study(folder)
-            print("\n" + _share_of_peak(study))
-            print(_many(study, 18, 18**4))
-            print(_many(_short(study), 1000, 1_000_000))
-    if options.json:
-        options.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+            lap = replace(study.drives[0], stop=4.0)
+            measures = tuple(measure for measure in study.measures if measure.section is None)
+            print("\n" + _many(study, 18, 18**4))
+            study = replace(study, drives=(lap,), measures=measures, objective=(), constraints=())
+            print(_many(study, 1000, 1_000_000))
 
 
 def _studies(folder: Path) -> Iterator[tuple[str, Study]]:
     """Yield studies with their names."""
     study = _shipped_study(folder)
     yield "shipped study", study
-    bank = {f"{k}": replace(_hysteresis(folder), parameters=_scaled(k)) for k in range(4)}
+    scales = [{"compression_scale": 0.7 + 0.2 * k, "rebound_scale": 1.3 - 0.2 * k} for k in range(4)]
+    made = _hysteresis(folder)
+    bank = {f"{k}": replace(made, parameters=scale) for k, scale in enumerate(scales)}
     yield "Hysteresis", replace(study, bank=bank, corners=dict.fromkeys(CORNERS, tuple(bank)), baseline={})
     for kind, values in FRICTION.items():
         yield kind, replace(study, vehicle=replace(study.vehicle, parameters=_everywhere(values)))
     quarter, identified = build([EXAMPLES / "corner.toml", EXAMPLES / "identified" / "car.json"], folder / "cars")
     tires = (Measure("tire", ("car.tire_force",)),)
     drive = replace(study.drives[0], targets={"lf.road": "car.road"})
-    one = replace(
-        study,
-        vehicle=Vehicle(quarter.path, inputs={"aero_force": 0.0}),
-        corners={"corner": tuple(study.bank)},
-        baseline={},
-        alike=(),
-    )
+    own = Vehicle(quarter.path, inputs={"aero_force": 0.0})
+    one = replace(study, vehicle=own, corners={"corner": tuple(study.bank)}, baseline={}, alike=())
     yield "quarter car", replace(one, measures=tires, drives=(drive,), objective=(), constraints=())
-    sticking = Vehicle(
-        identified.path,
-        inputs={f"{corner}.aero": 0.0 for corner in CORNERS},
-        parameters=_everywhere(FRICTION["friction that sticks"]),
-    )
+    inputs, friction = {f"{corner}.aero": 0.0 for corner in CORNERS}, _everywhere(FRICTION["friction that sticks"])
+    sticking = Vehicle(identified.path, inputs=inputs, parameters=friction)
     road = Drive("track", study.drives[0].file, 33.0, targets={f"{c}.road": f"car.{c}.road" for c in CORNERS})
     velocities = tuple(Measure(f"{c} velocity", (f"car.{c}.velocity",)) for c in CORNERS)
-    own = replace(study, vehicle=sticking, measures=velocities, drives=(road,), objective=(), constraints=())
-    yield "identified car, friction that sticks", own
+    last = replace(study, vehicle=sticking, measures=velocities, drives=(road,), objective=(), constraints=())
+    yield "identified car, friction that sticks", last
 
 
 def _everywhere(values: Mapping[str, float]) -> dict[str, float]:
@@ -123,9 +115,6 @@ def _everywhere(values: Mapping[str, float]) -> dict[str, float]:
 
 def _hysteresis(folder: Path) -> Build:
     """Return an FMU of Hysteresis of common size: a curve through knots with the quadratic cells that it needs."""
-    from builder.build import build  # noqa: PLC0415 -- as above
-    from eightpost.shock import Hysteresis, StaticCurve, read_shock, write_shock  # noqa: PLC0415
-
     shock = read_shock(EXAMPLES / "bank" / "B_B.json")
     velocity = np.array([-1.1, 1.2])[np.repeat([0, 1], [12, 13])] * np.abs(np.linspace(-1.0, 1.0, 25)) ** 1.8
     slope = 1500.0 + 5000.0 / (1.0 + (velocity / 0.1) ** 2)
@@ -135,10 +124,6 @@ def _hysteresis(folder: Path) -> Build:
     law = Hysteresis(curve, lagged, (0.004, 0.001, 0.002), 1e5, 4e-4, 0.01, port=shock.law.port)
     write_shock(replace(shock, law=law), folder / "hysteresis.json")
     return Build(build([folder / "hysteresis.json"], folder / "laws")[0].path)
-
-
-def _scaled(k: int) -> dict[str, float]:
-    return {"compression_scale": 0.7 + 0.2 * k, "rebound_scale": 1.3 - 0.2 * k}
 
 
 def compare(study: Study, setups: int) -> Row:
@@ -195,79 +180,6 @@ def _errors(evaluator: Evaluator, machine: MachineCoupling, setups: Sequence[Any
 _KINDS = ("tire_force", "velocity", "hub_acceleration")
 
 
-def _verb(folder: Path) -> str:
-    """Return the processor time of `eightpost study`, the first and the second time."""
-    seconds = []
-    for out in ("first", "second"):
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        command = [sys.executable, "-m", "eightpost", "study", "study.toml", "-o", str(folder / out)]
-        subprocess.run(command, cwd=EXAMPLES, check=True, capture_output=True, env=dict(os.environ))
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        seconds.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
-    return f"eightpost study: {seconds[0]:.1f} s of processor time, again with other output {seconds[1]:.1f} s"
-
-
-#: Fused operations on vectors that do not wait for each other.
-_PEAK = b"""
-typedef double vector __attribute__((vector_size(64)));
-__attribute__((visibility("default"))) double turn(int count)
-{
-    vector a[20];
-    for (int k = 0; k < 20; k++) {
-        a[k] = (vector){0} + k;
-    }
-    for (int n = 0; n < count; n++) {
-        _Pragma("GCC unroll 20")
-        for (int k = 0; k < 20; k++) {
-            a[k] = a[k] * 0.999 + 1e-7;
-        }
-    }
-    double sum = 0.0;
-    for (int k = 0; k < 20; k++) {
-        sum += a[k][0];
-    }
-    return sum;
-}
-"""
-
-
-def _peak(turns: int = 100_000) -> float:
-    """Return the additions and multiplications per second of processor time that this core can do."""
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-        path = Path(folder) / "peak.so"
-        path.write_bytes(library.built({"peak.c": _PEAK}))
-        turn = ctypes.CDLL(str(path)).turn
-    return 20 * 16 * turns / min(_seconds(lambda: turn(turns)) for _ in range(20))
-
-
-def _seconds(work: Callable[[], object]) -> float:
-    began = time.process_time()
-    work()
-    return time.process_time() - began
-
-
-def _share_of_peak(study: Study) -> str:
-    """Return how much of the core's peak a run of the seven-DOF car with LPNL2 shocks reaches.
-
-    Additions and multiplications of a step are counted in fmus/machine: 6 a pair of states, 22 a force, 14 a bond; the
-    rest are rows of matrices. Searches and comparisons are not counted.
-    """
-    setups = [study.space.setup(k) for k in range(0, 2400, 50)]
-    batches = Batches(Evaluator(study), THROUGH_MACHINE, measured=False)
-    steps = round(study.drives[0].stop / THROUGH_MACHINE)
-    seconds = min(_seconds(lambda: list(batches.runs(setups))) for _ in range(3)) / len(setups)
-    pairs, corners, sweeps = 7, 4, 2
-    rows = 2 * pairs * (2 * corners) + corners * 2 * pairs + sweeps * corners * 2 * corners
-    reached = (6 * pairs + 2 * rows + 22 * sweeps * 2 * corners + 14 * corners) * steps / seconds
-    return f"a run reaches {1e-9 * reached:.0f} of {1e-9 * _peak():.0f} GFLOP/s"
-
-
-def _short(study: Study) -> Study:
-    """Return a study on a lap of 4 s."""
-    lap, measures = replace(study.drives[0], stop=4.0), tuple(m for m in study.measures if m.section is None)
-    return replace(study, drives=(lap,), measures=measures, objective=(), constraints=())
-
-
 def _many(study: Study, builds: int, count: int) -> str:
     """Return processor time and memory of random setups of random builds on the machine alone."""
     rng, some = np.random.default_rng(2), tuple(study.bank.values())
@@ -288,20 +200,19 @@ def _many(study: Study, builds: int, count: int) -> str:
     return f"{done} of {count} setups x {stop:g} s: {seconds:.0f} s of processor time, {grown:.0f} MB more memory"
 
 
-def markdown(rows: Sequence[Row]) -> str:
-    """Return the rows as a table."""
-    head = "| what | step [ms] | setups | machine [ms] | FMUs [ms] | ratio | tire | velocity | hub | from FMUs [%] |"
+def table(rows: Sequence[Row]) -> str:
+    """Return the rows as Markdown."""
+    heads = ("what", "step [ms]", "setups", "machine [ms]", "FMUs [ms]", "ratio", "tire", "velocity", "hub",
+             "from FMUs [%]")  # fmt: skip
     cells = []
     for r in rows:
         if "note" in r:
-            cells.append(f"| {r['what']} | {r['note']} |")
+            cells.append([r["what"], r["note"]])
             continue
-        errors = " | ".join(f"{r['errors'][kind]:.3f}" if kind in r["errors"] else "" for kind in _KINDS)
-        cells.append(
-            f"| {r['what']} | {r['step_ms']:.3g} | {r['setups']} | {r['machine_ms']:.2f} | {r['fmu_ms']:.1f} | "
-            f"{r['ratio']:.0f} | {errors} | {r['difference']:.2g} |"
-        )
-    return "\n".join([head, f"|{'---|' * 10}", *cells])
+        errors = (f"{r['errors'][kind]:.3f}" if kind in r["errors"] else "" for kind in _KINDS)
+        cells.append([r["what"], f"{r['step_ms']:.3g}", str(r["setups"]), f"{r['machine_ms']:.2f}",
+                      f"{r['fmu_ms']:.1f}", f"{r['ratio']:.0f}", *errors, f"{r['difference']:.2g}"])  # fmt: skip
+    return markdown(heads, cells)
 
 
 def _shipped_study(folder: Path) -> Study:
@@ -317,16 +228,6 @@ def _shipped_study(folder: Path) -> Study:
         baseline=dict.fromkeys(study.corners, names[-1]),
         drives=(replace(study.drives[0], file=lap, stop=LAP),),
     )
-
-
-def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--setups", type=int, default=2401, help="setups of the shipped study")
-    parser.add_argument("--sample", type=int, default=192, help="setups of the others")
-    parser.add_argument("--verb", action="store_true", help="also time the whole verb")
-    parser.add_argument("--large", action="store_true", help="also run large spaces, for some minutes")
-    parser.add_argument("--json", type=Path, help="write the rows to this file")
-    return parser.parse_args()
 
 
 if __name__ == "__main__":

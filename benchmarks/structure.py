@@ -16,8 +16,11 @@ import sys
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.util import resolve_name
 from pathlib import Path
 from statistics import median
+
+from benchmarks.table import ROOT, markdown
 
 PACKAGES = ("eightpost", "builder", "cosim", "fmus")
 _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
@@ -56,19 +59,18 @@ def figures(root: Path) -> dict[str, str]:
     folders = Counter(file.path.parent for file in files)
     lines = sorted(file.text.count("\n") for file in files)
     by_module = importers(files)
-    names = [name for file in files for name in _public_names(file.tree)]
+    named = [node for file in files for node in file.tree.body if isinstance(node, (*_FUNCTIONS, ast.ClassDef))]
+    imports = [node for file in files for node in ast.walk(file.tree) if isinstance(node, ast.Import | ast.ImportFrom)]
     pages = (root / "docs").rglob("*.md")
-    mutual = {frozenset((a, b)) for a in by_module for b in by_module[a] if a in by_module.get(b, ())}
     return {
         "lines of Python": f"{sum(lines)}",
         "files": f"{len(files)}",
         "folders": f"{len(folders)}",
         "files in the largest folder": f"{max(folders.values())}",
         "module length, median / maximum": f"{median(lines):.0f} / {lines[-1]}",
-        "public functions and classes": f"{len(names)}",
+        "public functions and classes": f"{sum(not node.name.startswith('_') for node in named)}",
         "modules with one importer": f"{sum(len(by) == 1 for by in by_module.values())}",
-        "mutually dependent pairs of modules": f"{len(mutual)}",
-        "import lines": f"{sum(_import_lines(file.tree) for file in files)}",
+        "import lines": f"{sum((node.end_lineno or 0) - node.lineno + 1 for node in imports)}",
         "function length, median / 90th percentile / maximum": (
             f"{median(lengths):.0f} / {lengths[int(0.9 * len(lengths))]} / {lengths[-1]}"
         ),
@@ -93,18 +95,6 @@ def _function_lengths(files: list[Source]) -> Iterator[int]:
                 first = node.body[0]
                 docstring = (first.end_lineno or 0) - first.lineno + 1 if documented else 0
                 yield (node.end_lineno or 0) - node.lineno + 1 - docstring
-
-
-def _public_names(tree: ast.Module) -> Iterator[str]:
-    for node in tree.body:
-        if isinstance(node, (*_FUNCTIONS, ast.ClassDef)) and not node.name.startswith("_"):
-            yield node.name
-
-
-def _import_lines(tree: ast.Module) -> int:
-    """Lines that import statements take."""
-    imports = (node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom))
-    return sum((node.end_lineno or 0) - node.lineno + 1 for node in imports)
 
 
 def importers(files: list[Source]) -> dict[str, set[str]]:
@@ -151,21 +141,16 @@ def _resolved(base: str, name: str, modules: set[str], exported: dict[str, dict[
 
 
 def _absolute(file: Source, node: ast.ImportFrom) -> str:
-    if not node.level:
-        return node.module or ""
-    package = file.module.split(".") if file.is_package else file.module.split(".")[:-1]
-    base = package[: len(package) - (node.level - 1)]
-    return ".".join([*base, *([node.module] if node.module else [])])
+    package = file.module if file.is_package else file.module.rpartition(".")[0]
+    return resolve_name("." * node.level + (node.module or ""), package)
 
 
 def main() -> None:
     """Print the table."""
-    roots = [Path(argument).resolve() for argument in sys.argv[1:]] or [Path(__file__).resolve().parents[1]]
+    roots = [Path(argument).resolve() for argument in sys.argv[1:]] or [ROOT]
     columns = [figures(root) for root in roots]
-    print("| |" + "|".join(f" {root.name} " for root in roots) + "|")
-    print("|---|" + "---|" * len(roots))
-    for title in columns[0]:
-        print(f"| {title} | " + " | ".join(column[title] for column in columns) + " |")
+    rows = [[title, *(column[title] for column in columns)] for title in columns[0]]
+    print(markdown(["", *(root.name for root in roots)], rows))
 
 
 if __name__ == "__main__":

@@ -1,14 +1,27 @@
-"""What the benchmarks share: numbers in the tables that they print, and other versions of this checkout."""
+"""What the benchmarks share: tables and their numbers, other versions of this checkout, what differs between runs."""
 
 from __future__ import annotations
 
+import re
 import subprocess
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
+
+#: What differs between two runs of the same code: dates, versions, folders, identifiers and digests, durations.
+OF_THIS_RUN = re.compile(
+    r"\d{4}-\d\d-\d\d([T ][\d:.]+(Z|[+-]\d\d:\d\d)?)?|\b\d+\.\d+\.\d+\b"
+    r"|\{?[0-9a-f]{8}(-?[0-9a-f]{4}){3}-?[0-9a-f]{12}\}?|\b[0-9a-f]{12,64}\b|\b\d+(\.\d+)? (s|ms|min)\b"
+    r"|(?<![<\w])/([\w.+-]+/)+"
+)
+
+
+def markdown(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table."""
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, ["---"] * len(heads), *rows))
 
 
 def number(value: float | None, digits: int = 3) -> str:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import atexit
 import gc
-import importlib.util
+import importlib
 import os
 import pickle
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -75,13 +74,13 @@ _PLACE = ConstrainedLayoutEngine.execute
 @pytest.fixture(scope="session")
 def monolithic() -> ModuleType:
     """The module tests/monolithic.py, the coupled car as one system of equations."""
-    return _beside("monolithic")
+    return importlib.import_module("tests.monolithic")
 
 
 @pytest.fixture(scope="session")
 def chromium() -> ModuleType:
     """The module tests/chromium.py, which controls a browser."""
-    return _beside("chromium")
+    return importlib.import_module("tests.chromium")
 
 
 @pytest.fixture(scope="module")
@@ -93,17 +92,6 @@ def browser(chromium: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> I
     opened = chromium.Browser(program, tmp_path_factory.mktemp("profile"))
     yield opened
     opened.close()
-
-
-def _beside(module_name: str) -> ModuleType:
-    """Import a module from the folder of this file."""
-    name = f"eightpost_tests_{module_name}"
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{module_name}.py"))
-        assert spec is not None and spec.loader is not None
-        module = sys.modules[name] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    return sys.modules[name]
 
 
 def _curve() -> StaticCurve:

@@ -17,6 +17,8 @@ from benchmarks.honesty.__main__ import read_rows, run_campaign
 from benchmarks.honesty.cases import (
     BRISTLES_FROM,
     CORNERS,
+    QUARTER_CARS,
+    SEVEN_DOFS,
     Case,
     DrawnBristle,
     DrawnCar,
@@ -25,7 +27,6 @@ from benchmarks.honesty.cases import (
     draw_shock,
     multisine,
     vehicle,
-    vehicle_names,
 )  # fmt: skip
 from cosim import Scenario
 from eightpost.shock import Port
@@ -51,7 +52,8 @@ def test_systems_have_all_that_they_are_to_have() -> None:
     assert any(shock.falls for shock in shocks)
     assert any(case.scenario.drive_start for case in cases)
     assert any(len(car.shocks) == 4 for case in cases for car in case.cars)
-    masses = [m for name in vehicle_names() for m in np.atleast_1d(vehicle(name).parameters.unsprung_mass)]
+    names = [f"{kind}_{k:02d}" for kind, n in (("quarter", QUARTER_CARS), ("seven", SEVEN_DOFS)) for k in range(n)]
+    masses = [m for name in names for m in np.atleast_1d(vehicle(name).parameters.unsprung_mass)]
     assert 8.0 <= min(masses) < 9.0
     assert 55.0 < max(masses) <= 60.0
 

@@ -1,6 +1,6 @@
 """The shipped identified car: it states its uncertainty, rubs as the rig's car does, and needs a compromise."""
 
-import importlib.util
+import importlib
 import tomllib
 from pathlib import Path
 
@@ -61,9 +61,7 @@ def test_what_is_best_for_the_ride_heights_is_not_best_for_the_tire_forces():
 
 @pytest.mark.nightly
 def test_the_car_and_the_lap_are_the_output_of_their_script(tmp_path):
-    spec = importlib.util.spec_from_file_location("make_identified", EXAMPLES / "make_identified.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = importlib.import_module("examples.make_identified")
     module.identify(tmp_path, module.DURATION)
     module.record_lap(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["car.json", "lap.parquet"]

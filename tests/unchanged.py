@@ -24,7 +24,7 @@ import pytest
 from pytest_datadir.plugin import LazyDataDir
 from pytest_regressions.file_regression import FileRegressionFixture
 
-from benchmarks.digests import OF_THIS_RUN
+from benchmarks.table import OF_THIS_RUN
 
 RESULTS = Path(__file__).parent / "results"
 

@@ -8,7 +8,7 @@ errors of gain. Seeds below 100 are for tuning, seeds 1000 to 1099 for reports.
     car = draw("rubber", 3)
     write_tests(car, folder, seconds=60.0, seed=3)  # five .mat or .csv files, and the channel map
     lap = lap_drive(car, seconds=30.0, seed=3)
-    truth(car, [(0, 3, 6, 2)], lap)  # measures of setups, by the index of each corner's shock in car.bank
+    measures(run(car, [car.bank[k] for k in (0, 3, 6, 2)], lap))  # of a setup
 
 `python -m benchmarks.cars --help` identifies cars and prints tables.
 """

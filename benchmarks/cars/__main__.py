@@ -10,21 +10,21 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from benchmarks.cars.draw import KINDS
 from benchmarks.cars.judge import NAMES, RIDE, TOTAL, Case, row_of
 from benchmarks.cars.rig import LAPS, PROCEDURES
+from benchmarks.table import markdown
+from eightpost.array_types import Array
 from eightpost.uncertainty import MeasureUncertainty, setup_distance
 
-Array = NDArray[np.float64]
 Row = dict[str, Any]
 
 #: Levels of intervals, and limits of the bins of stated probabilities.
@@ -102,26 +102,23 @@ def regret(row: Row) -> float:
 def summary(rows: Iterable[Row]) -> str:
     """Return the table by kind of car, worst cars last, and the table of stated probabilities."""
     judged = [row for row in rows if "predicted" in row]
-    head = "car lap s | all % | max % | Spearman | 50 % | 80 % | 95 % | worst measure 95 % | regret % | verdict | cpu s"
-    lines = [f"| {head} |", "|---" * head.count("|") + "|---|"]
+    heads = ("car lap s", "all %", "max %", "Spearman", "50 %", "80 %", "95 %", "worst measure 95 %", "regret %",
+             "verdict", "cpu s")  # fmt: skip
     groups = [(f"{r['kind']} {r['seed']}", [r]) for r in judged]
-    groups += [(f"**{kind}**", [r for r in judged if r["kind"] == kind]) for kind in dict.fromkeys(_kinds(judged))]
-    lines += [_line(name, group) for name, group in [*groups, ("**all**", judged)] if group]
-    lines += [f"| {r['kind']} {r['seed']} | {r['error']} |" for r in rows if "error" in r]
-    return "\n".join([*lines, "", *probabilities(judged)])
+    kinds = dict.fromkeys(r["kind"] for r in judged)
+    groups += [(f"**{kind}**", [r for r in judged if r["kind"] == kind]) for kind in kinds]
+    lines = [_cells(name, group) for name, group in [*groups, ("**all**", judged)] if group]
+    lines += [[f"{r['kind']} {r['seed']}", r["error"]] for r in rows if "error" in r]
+    return f"{markdown(heads, lines)}\n\n{probabilities(judged)}"
 
 
-def _kinds(rows: Sequence[Row]) -> list[str]:
-    return [row["kind"] for row in rows]
-
-
-def _line(name: str, rows: Sequence[Row]) -> str:
+def _cells(name: str, rows: Sequence[Row]) -> list[str]:
     figures = np.concatenate([errors(row).ravel() for row in rows])
     covered = [[inside(row, level) for row in rows] for level in LEVELS]
     shares = [100.0 * np.mean([x for one in level for flags in one.values() for x in flags]) for level in covered]
     worst = {n: np.mean([x for one in covered[-1] for x in one.get(n, [])]) for n in (covered[-1][0] or {})}
     grades = ", ".join(sorted({str(row["verdict"]["grade"]) for row in rows}))
-    cells = [
+    return [
         f"{name} {rows[0]['lap']} {rows[0]['seconds']:g}",
         f"{np.sqrt(np.mean(figures**2)):.2f}",
         f"{np.abs(figures).max():.1f}",
@@ -132,49 +129,45 @@ def _line(name: str, rows: Sequence[Row]) -> str:
         grades,
         f"{max(row['cpu'] for row in rows):.0f}",
     ]
-    return "| " + " | ".join(cells) + " |"
 
 
-def probabilities(rows: Sequence[Row]) -> list[str]:
+def probabilities(rows: Sequence[Row]) -> str:
     """Return the table of stated probabilities that a setup is better than another, and how often it is."""
     pairs = np.concatenate([np.zeros((0, 2)), *map(comparisons, rows)])
     place = np.clip(np.digitize(pairs[:, 0], BINS) - 1, 0, len(BINS) - 2)
-    lines = ["| stated | pairs | mean stated | true | difference |", "|---|---|---|---|---|"]
+    lines = []
     for k in range(len(BINS) - 1):
         chosen = pairs[place == k]
         if len(chosen):
             mean, right = chosen.mean(axis=0)
             limits = f"{BINS[k]:g} to {BINS[k + 1]:g}"
-            lines.append(f"| {limits} | {len(chosen)} | {mean:.3f} | {right:.3f} | {right - mean:+.3f} |")
-    return lines
+            lines.append([limits, str(len(chosen)), f"{mean:.3f}", f"{right:.3f}", f"{right - mean:+.3f}"])
+    return markdown(("stated", "pairs", "mean stated", "true", "difference"), lines)
 
 
-def by_quantity(rows: Sequence[Row]) -> list[str]:
+def by_quantity(rows: Sequence[Row]) -> str:
     """Return RMS error and mean error of each quantity in percent, over all cars and setups."""
     found: dict[str, list[Array]] = {}
     for row in rows:
         for name, column in zip(names_of(row, NAMES), errors(row, NAMES).T, strict=True):
             found.setdefault(name.rpartition(".")[2], []).append(column)
-    rms: Callable[[Array], float] = lambda x: float(np.sqrt(np.mean(x**2)))  # noqa: E731
-    lines = ["| quantity | RMS error % | of the mean error of a car % |", "|---|---|---|"]
-    for name, columns in found.items():
-        lines.append(f"| {name} | {rms(np.array(columns)):.2f} | {rms(np.array([c.mean() for c in columns])):.2f} |")
-    return lines
+    both = {name: (np.array(columns), np.array([c.mean() for c in columns])) for name, columns in found.items()}
+    lines = [[name, *(f"{np.sqrt(np.mean(one**2)):.2f}" for one in pair)] for name, pair in both.items()]
+    return markdown(("quantity", "RMS error %", "of the mean error of a car %"), lines)
 
 
 def procedures(rows: Iterable[Row]) -> str:
     """Return the table of procedures: errors, rank correlation, verdict and its reasons."""
-    lines = ["| car | procedure | all % | max % | Spearman | verdict | reasons |", "|---|---|---|---|---|---|---|"]
+    lines = []
     for row in rows:
-        name = f"| {row['kind']} {row['seed']} | {row['procedure']}"
         verdict = row.get("verdict", {"grade": "refused", "reasons": []})
         reasons = ", ".join(rule for rule, grade, _ in verdict["reasons"] if grade != "usable") or row.get("error", "")
         figures = ["", "", ""]
         if "predicted" in row:
             found = errors(row)
             figures = [f"{np.sqrt(np.mean(found**2)):.2f}", f"{np.abs(found).max():.1f}", f"{lowest_spearman(row):.3f}"]
-        lines.append(" | ".join([name, *figures, str(verdict["grade"]), reasons]) + " |")
-    return "\n".join(lines)
+        lines.append([f"{row['kind']} {row['seed']}", row["procedure"], *figures, str(verdict["grade"]), reasons])
+    return markdown(("car", "procedure", "all %", "max %", "Spearman", "verdict", "reasons"), lines)
 
 
 def main() -> None:
@@ -184,7 +177,6 @@ def main() -> None:
     parser.add_argument("--seeds", nargs="+", type=int, default=[1], help="seeds of each kind")
     parser.add_argument("--seconds", type=float, default=200.0, help="length of each of the five tests")
     parser.add_argument("--lap", choices=LAPS, default="track", help="lap on which setups are judged")
-    parser.add_argument("--shocks", choices=("known", "fitted"), default="known", help="laws that the study has")
     parser.add_argument("--procedures", nargs="*", choices=PROCEDURES, help="bad procedures; without names all")
     parser.add_argument("--kept", type=Path, required=True, help="folder of the rows")
     given = parser.parse_args()
@@ -193,13 +185,13 @@ def main() -> None:
     for seed in given.seeds:
         for kind in given.kinds:
             for name in names:
-                rows.append(row_of(Case(kind, seed, given.seconds, name, given.lap, given.shocks), given.kept))
+                rows.append(row_of(Case(kind, seed, given.seconds, name, given.lap), given.kept))
                 print(f"{kind} {seed} {name}: done", file=sys.stderr, flush=True)
     if given.procedures is not None:
         print(procedures(rows))
         return
     print(summary(rows))
-    print("", *by_quantity([row for row in rows if "predicted" in row]), sep="\n")
+    print("\n" + by_quantity([row for row in rows if "predicted" in row]))
 
 
 if __name__ == "__main__":

@@ -9,12 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from eightpost.array_types import Array
 from eightpost.shock import Lpnl2
 from eightpost.shock.curve import KNOTS, StaticCurve
-
-Array = NDArray[np.float64]
 
 #: Half range [m/s] of the tables of static shock forces, and their spacing [m/s].
 FASTEST, SPACING = 4.0, 0.001
@@ -44,7 +42,7 @@ class Shocks(NamedTuple):
 
     table: Array  #: Static force at velocities from -FASTEST to FASTEST (4, K).
     #: Shares of the static force before and of its rise that the lagged force follows in a step; forces from which the
-    #: lag fades and without lag, dry friction inside and its stiffness (4, 6).
+    #: lag fades and without lag (4, 4).
     law: Array
 
 
@@ -76,14 +74,13 @@ def rubber(bend: float, limit: float, k: float, c: float, moved: float, rate: fl
 def shock_force(table: Any, law: Any, state: Any, v: float, h: float) -> Any:
     """Return the force of a shock at the velocity v at the end of a step, and its state there.
 
-    The state is: velocity, travel, lagged force, static force, dry friction.
+    The state is: velocity, travel, lagged force, static force.
     """
     static = static_force(table, v)
     lagged = state[2] + (state[3] - state[2]) * law[0] + (static - state[3]) * law[1]
     share = min(max((law[3] - abs(static)) / (law[3] - law[2]), 0.0), 1.0)
     moved = 0.5 * h * (state[0] + v)
-    dry = contact(state[4], law[4], law[5] * moved)
-    return share * lagged + (1.0 - share) * static + dry, (v, state[1] + moved, lagged, static, dry)
+    return share * lagged + (1.0 - share) * static, (v, state[1] + moved, lagged, static)
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
@@ -122,7 +119,7 @@ def march(car: Any, shocks: Any, drive: Any, scale: Any, h: float, every: int) -
     inverse, stiffness, damping, travel, wheel, load, spring, friction, mount, tire, bar, weight = car
     D, steps = inverse.shape[0], drive.shape[1]
     q, p, a, push = np.zeros(D), np.zeros(D), np.zeros(D), np.zeros(D)
-    states, dry = np.zeros((4, 5)), np.zeros((4, 2))
+    states, dry = np.zeros((4, 4)), np.zeros((4, 2))
     twist, w, wv = np.zeros(2), np.zeros(4), np.zeros(4)
     before, moved, now = np.zeros(4), np.zeros(4), np.zeros(28)
     out = np.zeros((28 + 2 * D, (steps + every - 1) // every))
@@ -160,7 +157,7 @@ def march(car: Any, shocks: Any, drive: Any, scale: Any, h: float, every: int) -
             s = n0 * w[c] + 0.5 * slope * w[c] * w[c]
             table, law = shocks[0][c], shocks[1][c]
             damper, after = behind_mount(table, law, states[c], mount[c], s, n * wv[c], h)
-            for k in range(5):
+            for k in range(4):
                 states[c, k] = after[k]
             stop = bump * (s - gap) ** 2 if s > gap else 0.0
             force = n * (damper + preload + rate * s + stop) - n0 * preload
@@ -199,20 +196,19 @@ def march(car: Any, shocks: Any, drive: Any, scale: Any, h: float, every: int) -
     return out
 
 
-#: Stiffness of the seal before it slides [N/m].
-SEAL_STIFFNESS = 2e6
+#: Damping at rest and at speed [N.s/m], speed of the knee [m/s], of one stroke.
+Side = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class TrueShock:
-    """Digressive shock with a lag that fades, and dry friction of its seal, which no law of the project has."""
+    """Digressive shock with a lag that fades."""
 
     name: str
-    compression: tuple[float, float, float]  #: Damping at rest and at speed [N.s/m], speed of the knee [m/s].
-    rebound: tuple[float, float, float]
+    compression: Side
+    rebound: Side
     lag: float = 1e-3  #: Time constant [s].
     fades: tuple[float, float] = (1500.0, 3500.0)  #: Static forces from which the lag fades, and without lag [N].
-    seal: float = 0.0  #: Dry friction [N]; 0: `law` is the truth.
 
     def static(self, v: Array) -> tuple[Array, Array]:
         """Return the static force and its slope at velocities."""
@@ -221,7 +217,7 @@ class TrueShock:
 
     @property
     def law(self) -> Lpnl2:
-        """The same law, without seal."""
+        """The same law."""
         side = np.concatenate([np.geomspace(0.01, 1.0, KNOTS // 2 - 1), [FASTEST]])
         v = np.concatenate([-side[::-1], [0.0], side])
         force, slope = self.static(v)
@@ -234,15 +230,17 @@ class TrueShock:
         ratio = h / self.lag
         rise = -math.expm1(-ratio)
         curve = self.law.curve
-        return _table(curve), np.array([rise, 1.0 - rise / ratio, *self.fades, self.seal, SEAL_STIFFNESS])
+        return _table(curve), np.array([rise, 1.0 - rise / ratio, *self.fades])
 
     def scaled(self, factor: float, name: str) -> TrueShock:
         """Return the shock with all damping times a factor."""
+        sides = times(self.compression, factor), times(self.rebound, factor)
+        return replace(self, name=name, compression=sides[0], rebound=sides[1])
 
-        def times(side: tuple[float, float, float]) -> tuple[float, float, float]:
-            return factor * side[0], factor * side[1], side[2]
 
-        return replace(self, name=name, compression=times(self.compression), rebound=times(self.rebound))
+def times(side: Side, factor: float) -> Side:
+    """Return the numbers of a stroke with its damping times a factor."""
+    return factor * side[0], factor * side[1], side[2]
 
 
 @cache
@@ -254,31 +252,6 @@ def marched(shocks: tuple[TrueShock, ...], h: float) -> Shocks:
     """Return the arrays of the shocks at the four corners."""
     numbers = {shock: shock.numbers(h) for shock in set(shocks)}
     return Shocks(np.array([numbers[s][0] for s in shocks]), np.array([numbers[s][1] for s in shocks]))
-
-
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
-def _forces(table: Array, law: Array, velocity: Array, h: float) -> Array:
-    found, state = np.zeros(velocity.size), (0.0, 0.0, 0.0, 0.0, 0.0)
-    for k in range(velocity.size):
-        found[k], state = shock_force(table, law, state, velocity[k], h)
-    return found
-
-
-def dyno_record(shock: TrueShock, seed: int, seconds: float = 12.0, peak: float = 0.012) -> dict[str, Array]:
-    """Return time, displacement and force of a random test on a dynamometer, with noise, at 2 kHz."""
-    generator, rate, finer = np.random.default_rng([5, seed]), 2000.0, 4
-    count = round(seconds * rate)
-    f = np.fft.rfftfreq(count, 1.0 / rate)
-    size = np.where((f > 0.3) & (f < 25.0), np.maximum(f, 1.0) ** -1.0, 0.0)
-    lines = size * np.exp(2j * np.pi * generator.random(f.size))
-    x = np.fft.irfft(lines, finer * count)
-    factor = peak / np.abs(x).max()
-    pi = 2j * np.pi * f
-    v = factor * np.fft.irfft(pi * lines, finer * count)
-    h = 1.0 / (finer * rate)
-    force = _forces(*shock.numbers(h), v, h)[::finer]
-    noisy = [y + 0.003 * y.std() * generator.standard_normal(count) for y in (factor * x[::finer], force)]
-    return {"time": np.arange(count) / rate, "displacement": noisy[0], "velocity": v[::finer], "force": noisy[1]}
 
 
 Four = tuple[float, float, float, float]
@@ -363,16 +336,6 @@ class Car:
         return np.array([self.height(x, inside * y) for x, y in self.places])
 
     @property
-    def loaders(self) -> Array:
-        """Heights of the aeroloaders' points per q (4, D)."""
-        return np.array([self.height(0.9 * x, 0.8 * y) for x, y in self.places])
-
-    @property
-    def frames(self) -> Array:
-        """Heights of the body at the front and the rear axle per q (2, D)."""
-        return np.array([self.height(x, 0.0) for x in (self.axles[0], -self.axles[1])])
-
-    @property
     def wheels(self) -> Array:
         """Heights of the wheels per q (4, D)."""
         return np.eye(SIZE)[7:]
@@ -380,11 +343,6 @@ class Car:
     def with_fuel(self, mass: float) -> Car:
         """Return the car with fuel just behind its centre."""
         return replace(self, fuel=(mass, -0.3))
-
-    def with_seals(self, friction: float) -> Car:
-        """Return the car with dry friction in all of its shocks."""
-        bank = tuple(replace(shock, seal=friction) for shock in self.bank)
-        return replace(self, bank=bank, alternate=replace(self.alternate, seal=friction))
 
     def numbers(self) -> Numbers:
         """Return the arrays of the march."""
@@ -408,7 +366,7 @@ class Car:
             damping=damping,
             travel=self.wheels - self.points(1.0),
             wheel=self.wheels,
-            load=self.loaders,
+            load=np.array([self.height(0.9 * x, 0.8 * y) for x, y in self.places]),
             spring=np.column_stack(
                 [self.springs, n, self.rising, self.bumps[0] * four, self.bumps[1] * four, sprung / n]
             ),

@@ -9,27 +9,25 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.cars.car import CORNERS, Car, dyno_record
+from benchmarks.cars.car import CORNERS
 from benchmarks.cars.draw import draw
-from benchmarks.cars.rig import RATE, Drive, Motion, lap_drive, lap_series, run, write_tests
+from benchmarks.cars.rig import RATE, Motion, lap_drive, lap_series, run, write_tests
 from cosim.study.measures import shares_of
 from eightpost.api.models import identify
 from eightpost.errors import EightpostError
-from eightpost.ident import fit_shock
 from eightpost.ident.vehicle.port_search import about_loads
 from eightpost.ident.vehicle.simulation import ManySetups
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
-from eightpost.rig import DynoTest
 from eightpost.shock import Shock, ShockLaw
 from eightpost.signals import TimeSeries
-from eightpost.uncertainty import TOTAL, MeasureUncertainty
+from eightpost.uncertainty import TOTAL
 
 #: Time at the start of a lap that is not evaluated [s].
 SETTLING = 2.0
@@ -52,13 +50,8 @@ def measures(motion: Motion) -> dict[str, float]:
     return {n: float((total if n == TOTAL else motion.settled(n, SETTLING)).std()) for n in NAMES}
 
 
-def truth(car: Car, setups: Sequence[Sequence[int]], lap: Drive) -> list[dict[str, float]]:
-    """Return the true measures of setups, by the index of each corner's shock in the bank."""
-    return [measures(run(car, [car.bank[k] for k in setup], lap)) for setup in setups]
-
-
-#: Dry friction of the seals of shocks that are fitted, which no law has [N]; duration of a lap [s]; number of setups.
-SEAL, LAP, SETUPS = 15.0, 30.0, 24
+#: Duration of a lap [s], and number of setups.
+LAP, SETUPS = 30.0, 24
 
 #: Samples of a prediction per sample of a record.
 _FINER = 4
@@ -73,12 +66,11 @@ class Case:
     seconds: float = 200.0  #: Length of each test [s].
     procedure: str = "control"
     lap: str = "track"
-    shocks: str = "known"  #: known: the study has the true laws; fitted: laws fitted to a dynamometer's record.
 
     @property
     def name(self) -> str:
         """Name of the row's file."""
-        return "_".join(map(str, (self.kind, self.seed, f"{self.seconds:g}", self.procedure, self.lap, self.shocks)))
+        return f"{self.kind}_{self.seed}_{self.seconds:g}_{self.procedure}_{self.lap}"
 
 
 def row_of(case: Case, folder: Path) -> dict[str, Any]:
@@ -99,14 +91,11 @@ def setups_of(seed: int, count: int = SETUPS) -> list[tuple[int, ...]]:
 
 def _row(case: Case, folder: Path) -> dict[str, Any]:
     car = draw(case.kind, case.seed)
-    if case.shocks == "fitted":
-        car = car.with_seals(SEAL)
     row: dict[str, Any] = asdict(case)
     records = folder / f"{case.name}_records"
     paths = write_tests(car, records, case.seconds, case.seed, case.procedure)
-    exact = [shock.law for shock in (*car.bank, car.alternate)]
-    *laws, alternate = fitted_laws(car, case.seed) if case.shocks == "fitted" else exact
-    tested = [Shock("baseline", laws[car.baseline]), Shock("alternate", alternate)]
+    laws = [shock.law for shock in car.bank]
+    tested = [Shock("baseline", laws[car.baseline]), Shock("alternate", car.alternate.law)]
     try:
         fit = identify(paths, channel_map=records / "map.toml", name=case.name, shocks=tested)
     except EightpostError as error:
@@ -117,34 +106,15 @@ def _row(case: Case, folder: Path) -> dict[str, Any]:
     row["verdict"] = {"grade": fit.verdict.grade, "reasons": [[r.rule, r.grade, str(r)] for r in fit.verdict.reasons]}
     setups = setups_of(case.seed)
     lap = lap_drive(car, LAP, case.seed, case.lap)
-    row["true"] = truth(car, setups, lap)
+    row["true"] = [measures(run(car, [car.bank[k] for k in setup], lap)) for setup in setups]
     try:
         row["predicted"], shares = predicted(fit, laws, setups, lap_series(lap, _FINER * RATE))
-        row["stated"] = {n: stated(one, shares[n]) for n, one in _measures(fit).items() if n in shares}
+        trusted = {} if fit.trust is None else fit.trust.measures
+        on_lap = {n: one.on_drive(shares[n]) for n, one in trusted.items() if n in shares}
+        row["stated"] = {n: {"common": one.common, "own": one.own, "bias": one.bias} for n, one in on_lap.items()}
     except EightpostError as error:
         row["error"] = f"{type(error).__name__}: {error}"
     return row
-
-
-def _measures(fit: VehicleFit) -> Mapping[str, MeasureUncertainty]:
-    return {} if fit.trust is None else fit.trust.measures
-
-
-def stated(measure: MeasureUncertainty, shares: Sequence[float]) -> dict[str, float]:
-    """Return what a fit states about a measure on a drive with shares of its power in bands."""
-    found = measure.on_drive(shares)
-    return {"common": found.common, "own": found.own, "bias": found.bias}
-
-
-def fitted_laws(car: Car, seed: int) -> list[ShockLaw]:
-    """Return laws that are fitted to a dynamometer's record of each shock of the bank, and of the alternate one."""
-    laws = []
-    for k, shock in enumerate((*car.bank, car.alternate)):
-        record = dyno_record(shock, 10 * seed + k)
-        units = {"displacement": "m", "velocity": "m/s", "force": "N"}
-        series = TimeSeries(record["time"], np.array([record[n] for n in units]), tuple(units), tuple(units.values()))
-        laws.append(fit_shock([DynoTest(series)], name=shock.name).shock.law)
-    return laws
 
 
 def predicted(

@@ -7,14 +7,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.io import savemat
 from scipy.ndimage import shift
 
 from benchmarks.cars.car import CORNERS, GRAVITY, SIZE, Car, TrueShock, march, marched
+from eightpost.array_types import Array, Complex
 from eightpost.signals import TimeSeries
-
-Array = NDArray[np.float64]
 
 #: Sample rate of records [Hz], steps of the march per sample, and time before the record in which the drive grows [s].
 RATE, STEPS, LEAD = 1000.0, 5, 4.0
@@ -27,7 +25,7 @@ ROAD, AERO = (0.3, 28.0, 0.75), (0.2, 6.0, 0.5)
 class Drive:
     """Roads (4) and aeroloads (4) as functions of time, by their lines of a Fourier series."""
 
-    lines: NDArray[np.complex128]  #: Complex amplitudes (8, lines) of the multiples of 1 / duration.
+    lines: Complex  #: Complex amplitudes (8, lines) of the multiples of 1 / duration.
     means: Array  #: Means (8,); those of the roads are zero.
     seconds: float
 
@@ -112,7 +110,8 @@ def run(
         "chassis_acceleration": car.points(0.85) @ acceleration,
     }
     channels = {f"{c}.{name}": values[k] for name, values in rows.items() for k, c in enumerate(CORNERS)}
-    heights = car.frames @ q - input_[:4].reshape(2, 2, -1).mean(axis=1)
+    body = np.array([car.height(x, 0.0) for x in (car.axles[0], -car.axles[1])]) @ q  # at the axles
+    heights = body - input_[:4].reshape(2, 2, -1).mean(axis=1)
     return Motion(channels | {"front.ride_height": heights[0], "rear.ride_height": heights[1]})
 
 
@@ -132,26 +131,19 @@ def recorded(car: Car, motion: Motion, seed: int) -> dict[str, Array]:
     return found
 
 
-#: Names, unit and SI value of that unit by quantity, and signs; the names contain the team's own name of the corner.
-_METRIC = {
-    "road": ("WL {} Pos", "mm", 1e-3),
-    "tire_force": ("WL {} Load", "kN", 1e3),
-    "aero": ("AL {} Load", "kN", 1e3),
-    "force": ("Damper {} Load", "N", -1.0),
-    "displacement": ("Damper {} Pot", "mm", -1e-3),
-    "hub_acceleration": ("Hub {}", "g", GRAVITY),
-    "chassis_acceleration": ("Body {}", "g", GRAVITY),
-    "ride_height": ("RH {}", "mm", 1e-3),
-}
-_US = {
-    "road": ("Pan{} Z", "in", 0.0254),
-    "tire_force": ("Pan{} Fz", "lbf", 4.4482216152605),
-    "aero": ("Aero{} Fz", "lbf", 4.4482216152605),
-    "force": ("Shk{} F", "lbf", 4.4482216152605),
-    "displacement": ("Shk{} X", "in", 0.0254),
-    "hub_acceleration": ("Upright{} Az", "g", GRAVITY),
-    "chassis_acceleration": ("Chassis{} Az", "g", GRAVITY),
-    "ride_height": ("Ride {}", "in", 0.0254),
+LBF = 4.4482216152605
+
+#: Name, unit and SI value of that unit by quantity, for a metric team, with its signs, and for a US team; the names
+#: contain the team's own name of the corner.
+_COLUMNS = {
+    "road": (("WL {} Pos", "mm", 1e-3), ("Pan{} Z", "in", 0.0254)),
+    "tire_force": (("WL {} Load", "kN", 1e3), ("Pan{} Fz", "lbf", LBF)),
+    "aero": (("AL {} Load", "kN", 1e3), ("Aero{} Fz", "lbf", LBF)),
+    "force": (("Damper {} Load", "N", -1.0), ("Shk{} F", "lbf", LBF)),
+    "displacement": (("Damper {} Pot", "mm", -1e-3), ("Shk{} X", "in", 0.0254)),
+    "hub_acceleration": (("Hub {}", "g", GRAVITY), ("Upright{} Az", "g", GRAVITY)),
+    "chassis_acceleration": (("Body {}", "g", GRAVITY), ("Chassis{} Az", "g", GRAVITY)),
+    "ride_height": (("RH {}", "mm", 1e-3), ("Ride {}", "in", 0.0254)),
 }
 _PLACES = {"lf": "FL", "rf": "FR", "lr": "RL", "rr": "RR", "front": "F", "rear": "R"}
 
@@ -159,7 +151,7 @@ _PLACES = {"lf": "FL", "rf": "FR", "lr": "RL", "rr": "RR", "front": "F", "rear":
 def column_of(car: Car, name: str) -> tuple[str, str, float]:
     """Return the team's own name of a channel, its unit, and the SI value of the unit with the team's sign."""
     place, _, quantity = name.rpartition(".")
-    text, unit, value = (_METRIC if car.sensors.units == "metric" else _US)[quantity]
+    text, unit, value = _COLUMNS[quantity][car.sensors.units == "us"]
     return text.format(_PLACES[place]), unit, value
 
 
@@ -220,7 +212,7 @@ def lap_drive(car: Car, seconds: float, seed: int, kind: str = "track") -> Drive
 def lap_series(drive: Drive, rate: float = RATE) -> TimeSeries:
     """Return the drive as inputs of a vehicle, exactly."""
     values = drive.at(rate)
-    names = tuple(f"{c}.{n}" for n in ("road", "aero") for c in ("lf", "rf", "lr", "rr"))
+    names = tuple(f"{c}.{n}" for n in ("road", "aero") for c in CORNERS)
     return TimeSeries(np.arange(values.shape[1]) / rate, values, names, ("m",) * 4 + ("N",) * 4)
 
 

@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import itertools
 import multiprocessing
+import re
 import shutil
 import sys
 import tempfile
@@ -18,20 +19,9 @@ from pathlib import Path
 
 from benchmarks.fuzz.readers import Reader, readers
 from benchmarks.fuzz.samples import make_samples
-from benchmarks.fuzz.worker import (
-    ACCEPTED,
-    MEMORY,
-    REFUSED,
-    TRACEBACK,
-    UNNAMED,
-    in_place,
-    make_mutant,
-    read_mutant,
-    work,
-)
+from benchmarks.fuzz.worker import CRASH, HANG, OUTCOMES, SOUND, in_place, make_mutant, read_mutant, work
+from benchmarks.table import markdown
 
-CRASH, HANG = "crash", "hang"
-OUTCOMES = (REFUSED, ACCEPTED, UNNAMED, TRACEBACK, CRASH, MEMORY, HANG)
 #: Time limits for one mutant, and for a worker's start including imports [s].
 _LONGEST, _START = 60.0, 120.0
 #: Number of mutants of a reader per worker.
@@ -72,14 +62,8 @@ class Tally:
         """Count a mutant."""
         self.counts[outcome] += 1
         self.seconds += seconds
-        if outcome not in (REFUSED, ACCEPTED):
+        if outcome not in SOUND:
             self.failures.append(Failure(self.reader, number, outcome, text))
-
-
-def shares(chosen: Sequence[Reader], mutants: int) -> dict[str, int]:
-    """Return the number of mutants for each reader, at least one."""
-    whole = sum(reader.share for reader in chosen)
-    return {reader.name: max(1, round(mutants * reader.share / whole)) for reader in chosen}
 
 
 def run_campaign(
@@ -96,14 +80,15 @@ def run_campaign(
 
     Args:
         chosen: Readers to try.
-        mutants: Number of mutants of all readers together.
+        mutants: Number of mutants of all readers together; each reader has at least one.
         seed: Seed of the mutants.
         samples: Folder of the valid samples.
         workers: Number of parallel processes.
         together: Whether one process tries all readers, which saves most of the time for few mutants.
         progress: Callback that receives each reader's tally when it is complete.
     """
-    counts = shares(chosen, mutants)
+    whole = sum(reader.share for reader in chosen)
+    counts = {reader.name: max(1, round(mutants * reader.share / whole)) for reader in chosen}
     jobs = [
         [(name, first, min(first + _BATCH, count)) for first in range(0, count, _BATCH)]
         for name, count in counts.items()
@@ -166,23 +151,32 @@ def _after(jobs: list[Job], name: str, number: int) -> list[Job]:
 
 def table(tallies: Sequence[Tally]) -> str:
     """Return the tallies as a Markdown table."""
-    heads = ("reader", "mutants", *OUTCOMES)
-    rows = [(t.reader, str(t.mutants), *(str(t.counts[o]) for o in OUTCOMES)) for t in tallies]
-    total = ("all", str(sum(t.mutants for t in tallies)), *(str(sum(t.counts[o] for t in tallies)) for o in OUTCOMES))
-    lines = [heads, tuple("---" + ":" * (k > 0) for k in range(len(heads))), *rows, total]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    total = Tally("all", sum((tally.counts for tally in tallies), Counter()))
+    rows = [(t.reader, str(t.mutants), *(str(t.counts[o]) for o in OUTCOMES)) for t in (*tallies, total)]
+    return markdown(("reader", "mutants", *OUTCOMES), rows)
 
 
 def main() -> int:
     """Run a campaign; exit 1 if any mutant is a defect."""
-    given = _arguments()
+    parser = argparse.ArgumentParser(prog="benchmarks.fuzz", description=__doc__)
+    parser.add_argument("--mutants", type=int, default=6000, help="Number of mutants over all readers.")
+    parser.add_argument("--seed", type=int, default=1, help="Seed of the mutants.")
+    parser.add_argument("--reader", action="append", metavar="WORD", help="Only readers with WORD in their name.")
+    parser.add_argument("--workers", type=int, default=2, help="Number of parallel processes.")
+    parser.add_argument("--replay", type=int, metavar="NUMBER", help="Mutant of the reader to read in this process.")
+    parser.add_argument("-o", "--output", type=Path, default=Path("build/fuzz"), help="Folder for mutants that fail.")
+    given = parser.parse_args()
     chosen = [reader for reader in readers() if not given.reader or any(word in reader.name for word in given.reader)]
     with tempfile.TemporaryDirectory(prefix="fuzz_samples_") as folder:
         samples = Path(folder) / "samples"
         make_samples(samples)
         chosen = [reader for reader in chosen if (samples / reader.sample).exists()]
         if given.replay is not None:
-            return _replay(chosen, given.replay, given.seed, samples)
+            for reader in chosen:
+                with in_place(samples, reader.sample) as path:
+                    make_mutant(reader, given.replay, given.seed, path)
+                    print(f"{reader.name}: {': '.join(read_mutant(reader, path))}")
+            return 0
         begun = time.monotonic()
         tallies = run_campaign(chosen, mutants=given.mutants, seed=given.seed, samples=samples, workers=given.workers,
                                progress=_progress)  # fmt: skip
@@ -192,21 +186,8 @@ def main() -> int:
     print(table(tallies))
     print(f"seed {given.seed}, {time.monotonic() - begun:.0f} s; defects: {len(failures)}")
     if failures:
-        print(
-            f"mutants and messages: {given.output}/; to repeat one: --reader NAME --replay NUMBER --seed {given.seed}"
-        )
+        print(f"mutants, messages: {given.output}/; to repeat one: --reader NAME --replay NUMBER --seed {given.seed}")
     return int(bool(failures))
-
-
-def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="benchmarks.fuzz", description=__doc__)
-    parser.add_argument("--mutants", type=int, default=6000, help="Number of mutants over all readers.")
-    parser.add_argument("--seed", type=int, default=1, help="Seed of the mutants.")
-    parser.add_argument("--reader", action="append", metavar="WORD", help="Only readers with WORD in their name.")
-    parser.add_argument("--workers", type=int, default=2, help="Number of parallel processes.")
-    parser.add_argument("--replay", type=int, metavar="NUMBER", help="Mutant of the reader to read in this process.")
-    parser.add_argument("-o", "--output", type=Path, default=Path("build/fuzz"), help="Folder for mutants that fail.")
-    return parser.parse_args()
 
 
 def _progress(tally: Tally) -> None:
@@ -218,25 +199,13 @@ def _keep(failure: Failure, chosen: list[Reader], seed: int, samples: Path, outp
     """Save a failing mutant and its message."""
     reader = next(reader for reader in chosen if reader.name == failure.reader)
     output.mkdir(parents=True, exist_ok=True)
-    stem = (
-        f"{reader.name.replace(' ', '_').replace(',', '').replace('.', '')}_{seed}_{failure.number}_{failure.outcome}"
-    )
+    stem = f"{re.sub(r'[^a-z0-9]+', '_', reader.name.lower())}_{seed}_{failure.number}_{failure.outcome}"
     (output / f"{stem}.txt").write_text(failure.text, encoding="utf-8", errors="replace")
-    with (
-        in_place(samples, reader.sample) as path,
-        contextlib.suppress(Exception),
-    ):  # a mutant that cannot be created is reported above
+    # A mutant that cannot be created is reported above.
+    with in_place(samples, reader.sample) as path, contextlib.suppress(Exception):
         make_mutant(reader, failure.number, seed, path)
         if path.is_file():
             shutil.copy(path, output / f"{stem}{path.suffix}")
-
-
-def _replay(chosen: list[Reader], number: int, seed: int, samples: Path) -> int:
-    for reader in chosen:
-        with in_place(samples, reader.sample) as path:
-            make_mutant(reader, number, seed, path)
-            print(f"{reader.name}: {': '.join(read_mutant(reader, path))}")
-    return 0
 
 
 if __name__ == "__main__":

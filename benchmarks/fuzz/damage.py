@@ -68,17 +68,10 @@ def rearrange(rng: Random, content: bytes) -> bytes:
     return content[:a] + rng.choice((second, first * rng.choice((2, 3, 50)) + second, second + first)) + content[c:]
 
 
-def overwrite(rng: Random, content: bytes, within: int | None = None, words: Sequence[int] = _WORDS) -> bytes:
+def overwrite(
+    rng: Random, content: bytes, within: int | None = None, words: Sequence[int] = _WORDS, form: str = "<I"
+) -> bytes:
     """Overwrite one to four words of 32 bits, or those of the first bytes, with limits of integers."""
-    return _overwritten(rng, content, within, words, "<I")
-
-
-def overwrite_links(rng: Random, content: bytes) -> bytes:
-    """Overwrite 64-bit words (links and lengths of an MDF 4 file) with limits, other links or small numbers."""
-    return _overwritten(rng, content, 6000, _LINKS, "<Q")
-
-
-def _overwritten(rng: Random, content: bytes, within: int | None, words: Sequence[int], form: str) -> bytes:
     changed, size = bytearray(content), struct.calcsize(form)
     for _ in range(rng.randint(1, 4)):
         at = size * rng.randrange(max(1, len(content[:within]) // size))
@@ -132,6 +125,8 @@ def long_field(rng: Random, content: bytes) -> bytes:
 
 
 overwrite_head = partial(overwrite, within=1024)
+#: Links and lengths of an MDF 4 file become limits, other links or small numbers.
+overwrite_links = partial(overwrite, within=6000, words=_LINKS, form="<Q")
 BINARY: tuple[Change, ...] = (*(flip_bits,) * 2, truncate, insert, *(rearrange,) * 3, overwrite, overwrite_head)
 TEXT: tuple[Change, ...] = (
     flip_bits, truncate, insert, *(rearrange,) * 3, recode, *(change_lines,) * 2,
@@ -267,10 +262,7 @@ def packed(
 ) -> bytes:
     """Return an archive with reproducible bytes; compression level 1 for speed.
 
-    Args:
-        members: Content of each member.
-        method: Compression.
-        more: Members that are added even if their names occur twice: content, or Unix mode of a special file.
+    Members of `more`, the content or the Unix mode of a special file, are added even if their names occur twice.
     """
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", method, compresslevel=1) as archive, warnings.catch_warnings():

@@ -3,32 +3,15 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from pkgutil import resolve_name
 from random import Random
 from typing import Any
 
-from benchmarks.fuzz.damage import (
-    BINARY,
-    TEXT,
-    Change,
-    bomb,
-    change_around,
-    change_entries,
-    change_heads,
-    change_json,
-    change_mat,
-    change_member,
-    change_npz,
-    change_parquet,
-    change_toml,
-    change_xml,
-    long_field,
-    overwrite_head,
-    overwrite_links,
-)
+from benchmarks.fuzz import damage
+from benchmarks.fuzz.damage import BINARY, TEXT, Change
 
 
 @dataclass(frozen=True)
@@ -53,25 +36,25 @@ class Reader:
 
 def _in_archive(*likely: str) -> tuple[Change, ...]:
     def document(rng: Random, name: str, content: bytes) -> bytes:
-        changes = (*(change_xml,) * 6, *TEXT[:8]) if name.endswith((".xml", ".ssd", ".ssv", ".ssm")) else BINARY
+        changes = (*(damage.change_xml,) * 6, *TEXT[:8]) if name.endswith((".xml", ".ssd", ".ssv", ".ssm")) else BINARY
         return rng.choice(changes)(rng, content)
 
     def member(rng: Random, content: bytes) -> bytes:
-        return change_member(rng, content, document, likely)
+        return damage.change_member(rng, content, document, likely)
 
-    return (*(member,) * 10, *(change_entries,) * 2, *(change_heads,) * 2, change_around, *BINARY)
+    return (*(member,) * 10, *(damage.change_entries,) * 2, *(damage.change_heads,) * 2, damage.change_around, *BINARY)
 
 
 def _in_member(changes: tuple[Change, ...], *likely: str) -> tuple[Change, ...]:
     def change(rng: Random, content: bytes) -> bytes:
-        return change_member(rng, content, lambda rng, _, member: rng.choice(changes)(rng, member), likely)
+        return damage.change_member(rng, content, lambda rng, _, member: rng.choice(changes)(rng, member), likely)
 
     return (change,)
 
 
-_JSON = (*(change_json,) * 16, *TEXT)
-_TOML = (*(change_toml,) * 16, *TEXT)
-_PARQUET = (*BINARY, *(change_parquet,) * 5)
+_JSON = (*(damage.change_json,) * 16, *TEXT)
+_TOML = (*(damage.change_toml,) * 16, *TEXT)
+_PARQUET = (*BINARY, *(damage.change_parquet,) * 5)
 _FMU = _in_archive("modelDescription.xml")
 _FMU_3 = _in_archive("modelDescription.xml", "buildDescription.xml", "terminalsAndIcons.xml")
 
@@ -178,69 +161,55 @@ def _window(path: Path) -> Any:
 
 def readers() -> tuple[Reader, ...]:
     """Return all readers."""
-    return (*_records(), *_models(), *_fmus(), *_studies(), *_states())
-
-
-def _records() -> Iterator[Reader]:
-    yield Reader("record .csv", "record.csv", _record, TEXT, 2.0)
-    yield Reader("record .csv, preamble", "german.csv", _record, TEXT)
-    yield Reader("record .csv, 10 MB field", "record.csv", _record, (long_field,), 0.05)
-    yield Reader("dyno record", "record.csv", "eightpost.rig.dyno_test:read_dyno_tests", TEXT)
-    yield Reader("peak-velocity table", "peaks.csv", "eightpost.rig.peak_velocity:read_peak_velocity", TEXT)
-    yield Reader("record .parquet", "record.parquet", _record, (*BINARY, change_parquet))
-    yield Reader("record .mat", "record.mat", _record, (*BINARY, *(change_mat,) * 8), 2.0)
-    yield Reader("record .mf4", "record.mf4", _record, (*BINARY, overwrite_links), 1.5)
-    yield Reader("record .mdf", "record.mdf", _record, (*BINARY, overwrite_head), 0.5)
-    yield Reader("record .rsp", "record.rsp", _record, (*BINARY, *(overwrite_head,) * 3, *TEXT[-6:]))
-    yield Reader("record .vbo", "lap.vbo", _record, TEXT)
-    yield Reader("record .json", "record.json", _record, _JSON)
-    yield Reader("rig record", "rig.parquet", "eightpost.rig.rig_test:read_rig_test", _PARQUET, 0.5)
-    yield Reader("drivefile", "drive.parquet", "eightpost.signals:Drivefile.read", _PARQUET, 0.5)
-    yield Reader("channel map", "map.toml", _map, _TOML, neighbours=("record.csv",))
-
-
-def _models() -> Iterator[Reader]:
-    yield Reader("shock file", "shock.json", _shock, _JSON, 2.0)
-    yield Reader("shock file, built", "shock.json", _shock_origin, _JSON)
-    yield Reader("vehicle .toml", "seven_dof.toml", "eightpost.vehicle:read_vehicle", _TOML)
-    yield Reader("vehicle .json", "vehicle.json", "eightpost.vehicle:read_vehicle", _JSON)
-    yield Reader("fit of a vehicle", "fitted.fit.json", _fit, _JSON, 0.5)
-    yield Reader("preparation", "preparation.toml", "eightpost.ident.preparation:read_preparation", _TOML)
-    npz = (*_in_archive(".npy"), *(change_npz,) * 3)
-    yield Reader("response .npz", "response.npz", "eightpost.ident.vehicle.frequency_response:read_response", npz, 1.5)
+    npz = (*_in_archive(".npy"), *(damage.change_npz,) * 3)
     settings = "eightpost.ident.shock.settings_table:read_settings_table"
-    yield Reader("table of settings", "table.toml", settings, _TOML, neighbours=("record.csv",))
-
-
-def _fmus() -> Iterator[Reader]:
-    yield Reader("FMU", "fmus/shock.fmu", _fmu, _FMU, 2.0)
-    yield Reader("FMU, bomb", "plain.fmu", _fmu, (bomb,), 0.02)
-    yield Reader("FMU, own document", "fmus/shock.fmu", _fmu, _in_member(_JSON, "resources/eightpost.json"))
-    yield Reader("FMU, checked", "fmus/shock.fmu", _check, _FMU)
-    yield Reader("FMU of FMI 3.0, checked", "arrays.fmu", _check, _FMU_3)
-    yield Reader("FMU, checked, bomb", "plain.fmu", _check, (bomb,), 0.02)
-    binary = _in_member((*BINARY, *(overwrite_head,) * 5), ".so", ".dll", ".dylib")
-    yield Reader("FMU, binary checked", "fmus/shock.fmu", _check, binary, 0.5)
-    yield Reader("FMU, assembled", "fmus/shock.fmu", _parts, _FMU, 0.5)
-    yield Reader("SSP package", "package.ssp", _ssp, _in_archive(".ssd", ".ssv", ".ssm"), 2.0)
-    yield Reader("system file", "system.toml", "cosim.system_file:read_case", _TOML, 1.5)
-
-
-def _studies() -> Iterator[Reader]:
-    yield Reader("study file", "study.toml", _study, _TOML, 1.5)
-    yield Reader("study results", "results.parquet", _results, (*BINARY, *(change_parquet,) * 8), 1.5)
-    yield Reader("selection", "selection.csv", _selection, TEXT)
-    yield Reader("list of runs", "selection.csv", _run_list, TEXT)
-    yield Reader("uncertainty file", "uncertain.toml", _uncertainty, _TOML)
-    yield Reader("comparison", "comparison.json", "cosim.study.choice.compare:read_run_to_run", _JSON)
-    yield Reader("result of a run", "run/result.json", _result, _JSON)
+    binary = _in_member((*BINARY, *(damage.overwrite_head,) * 5), ".so", ".dll", ".dylib")
     chunks = f"chunks/{'0' * 16}"
-    yield Reader("chunk of a study", f"{chunks}/chunk_0000000_3.parquet", _chunks, BINARY, 0.5)
-    yield Reader("coupling of a study", f"{chunks}/coupling.json", _chunks, _JSON, 0.5)
-
-
-def _states() -> Iterator[Reader]:
-    yield Reader("state of an iteration", "lap/iteration.json", _iteration, _JSON, 1.5)
-    yield Reader("limits of an iteration", "lap/pass_01/limits.json", _iteration, _JSON, 0.5)
-    yield Reader("target of an iteration", "lap/target.parquet", _iteration, _PARQUET, 0.5)
-    yield Reader("state of the window", "window/window.json", _window, _JSON)
+    return (
+        Reader("record .csv", "record.csv", _record, TEXT, 2.0),
+        Reader("record .csv, preamble", "german.csv", _record, TEXT),
+        Reader("record .csv, 10 MB field", "record.csv", _record, (damage.long_field,), 0.05),
+        Reader("dyno record", "record.csv", "eightpost.rig.dyno_test:read_dyno_tests", TEXT),
+        Reader("peak-velocity table", "peaks.csv", "eightpost.rig.peak_velocity:read_peak_velocity", TEXT),
+        Reader("record .parquet", "record.parquet", _record, (*BINARY, damage.change_parquet)),
+        Reader("record .mat", "record.mat", _record, (*BINARY, *(damage.change_mat,) * 8), 2.0),
+        Reader("record .mf4", "record.mf4", _record, (*BINARY, damage.overwrite_links), 1.5),
+        Reader("record .mdf", "record.mdf", _record, (*BINARY, damage.overwrite_head), 0.5),
+        Reader("record .rsp", "record.rsp", _record, (*BINARY, *(damage.overwrite_head,) * 3, *TEXT[-6:])),
+        Reader("record .vbo", "lap.vbo", _record, TEXT),
+        Reader("record .json", "record.json", _record, _JSON),
+        Reader("rig record", "rig.parquet", "eightpost.rig.rig_test:read_rig_test", _PARQUET, 0.5),
+        Reader("drivefile", "drive.parquet", "eightpost.signals:Drivefile.read", _PARQUET, 0.5),
+        Reader("channel map", "map.toml", _map, _TOML, neighbours=("record.csv",)),
+        Reader("shock file", "shock.json", _shock, _JSON, 2.0),
+        Reader("shock file, built", "shock.json", _shock_origin, _JSON),
+        Reader("vehicle .toml", "seven_dof.toml", "eightpost.vehicle:read_vehicle", _TOML),
+        Reader("vehicle .json", "vehicle.json", "eightpost.vehicle:read_vehicle", _JSON),
+        Reader("fit of a vehicle", "fitted.fit.json", _fit, _JSON, 0.5),
+        Reader("preparation", "preparation.toml", "eightpost.ident.preparation:read_preparation", _TOML),
+        Reader("response .npz", "response.npz", "eightpost.ident.vehicle.frequency_response:read_response", npz, 1.5),
+        Reader("table of settings", "table.toml", settings, _TOML, neighbours=("record.csv",)),
+        Reader("FMU", "fmus/shock.fmu", _fmu, _FMU, 2.0),
+        Reader("FMU, bomb", "plain.fmu", _fmu, (damage.bomb,), 0.02),
+        Reader("FMU, own document", "fmus/shock.fmu", _fmu, _in_member(_JSON, "resources/eightpost.json")),
+        Reader("FMU, checked", "fmus/shock.fmu", _check, _FMU),
+        Reader("FMU of FMI 3.0, checked", "arrays.fmu", _check, _FMU_3),
+        Reader("FMU, checked, bomb", "plain.fmu", _check, (damage.bomb,), 0.02),
+        Reader("FMU, binary checked", "fmus/shock.fmu", _check, binary, 0.5),
+        Reader("FMU, assembled", "fmus/shock.fmu", _parts, _FMU, 0.5),
+        Reader("SSP package", "package.ssp", _ssp, _in_archive(".ssd", ".ssv", ".ssm"), 2.0),
+        Reader("system file", "system.toml", "cosim.system_file:read_case", _TOML, 1.5),
+        Reader("study file", "study.toml", _study, _TOML, 1.5),
+        Reader("study results", "results.parquet", _results, (*BINARY, *(damage.change_parquet,) * 8), 1.5),
+        Reader("selection", "selection.csv", _selection, TEXT),
+        Reader("list of runs", "selection.csv", _run_list, TEXT),
+        Reader("uncertainty file", "uncertain.toml", _uncertainty, _TOML),
+        Reader("comparison", "comparison.json", "cosim.study.choice.compare:read_run_to_run", _JSON),
+        Reader("result of a run", "run/result.json", _result, _JSON),
+        Reader("chunk of a study", f"{chunks}/chunk_0000000_3.parquet", _chunks, BINARY, 0.5),
+        Reader("coupling of a study", f"{chunks}/coupling.json", _chunks, _JSON, 0.5),
+        Reader("state of an iteration", "lap/iteration.json", _iteration, _JSON, 1.5),
+        Reader("limits of an iteration", "lap/pass_01/limits.json", _iteration, _JSON, 0.5),
+        Reader("target of an iteration", "lap/target.parquet", _iteration, _PARQUET, 0.5),
+        Reader("state of the window", "window/window.json", _window, _JSON),
+    )

@@ -150,18 +150,15 @@ def _states(folder: Path) -> None:
     _write_json(folder / "window/window.json", {"readings": {"dyno/a.csv": reading}})
 
 
-def study() -> Study:
-    """Return a study of nine setups and two measures, without an FMU."""
-    return Study(
+def _study(folder: Path) -> None:
+    """Write the files of a study of nine setups and two measures, without an FMU."""
+    made = Study(
         name="constructed", vehicle=Vehicle(Path("car.fmu")), bank={b: Build(Path(f"{b}.fmu")) for b in _BUILDS},
         corners=dict.fromkeys(_CORNERS, _BUILDS), drives=(Drive("lap", Path("lap.parquet"), 30.0),),
         measures=tuple(Measure(name, ("car.lf.velocity",), display="mm/s") for name in ("ride", "grip")),
         baseline=dict.fromkeys(_CORNERS, "soft"),
     )  # fmt: skip
-
-
-def _study(folder: Path) -> None:
-    made, units = study(), {"ride": "m/s", "grip": "m/s"}
+    units = {"ride": "m/s", "grip": "m/s"}
     rest = {"status": "done", "message": "", "marks": "", "coupling_error_percent": 0.1, "seconds": 0.03}
     rows = [
         {"setup": k, **made.space.setup(k).builds, "ride": 0.1 + 0.01 * k, "grip": 0.2 - 0.01 * k, **rest}

@@ -20,7 +20,9 @@ from benchmarks.fuzz.readers import Reader, readers
 from eightpost.errors import InputError
 
 #: Outcomes of a mutant; all but the first two are defects.
-REFUSED, ACCEPTED, UNNAMED, TRACEBACK, MEMORY = "refused", "accepted", "unnamed", "traceback", "memory"
+OUTCOMES = ("refused", "accepted", "unnamed", "traceback", "crash", "memory", "hang")
+SOUND = REFUSED, ACCEPTED = OUTCOMES[:2]
+UNNAMED, TRACEBACK, CRASH, MEMORY, HANG = OUTCOMES[2:]
 #: Memory limits for reading one mutant [bytes]: resident memory, and address space in addition to that.
 _RESIDENT, _ADDRESSES = 2**30, 3 * 2**30
 #: One mutant in this number does not change the content: a missing file, a folder, a link to itself.
@@ -96,10 +98,13 @@ def work(said: Connection, printed: str, samples: Path, seed: int, jobs: list[tu
                 begun = time.process_time()
                 outcome, text = _made(reader, number, seed, path) or read_mutant(reader, path)
                 resident = _peak()
-                if outcome in (REFUSED, ACCEPTED) and resident > _RESIDENT:
+                if outcome in SOUND and resident > _RESIDENT:
                     outcome, text = MEMORY, f"{resident / 2**20:.0f} MiB"
                 said.send((name, number, outcome, text, time.process_time() - begun))
-                _restore(path, sound)
+                if path.is_dir() and not path.is_symlink():
+                    shutil.rmtree(path)
+                path.unlink(missing_ok=True)
+                path.write_bytes(sound)
 
 
 def _made(reader: Reader, number: int, seed: int, path: Path) -> tuple[str, str] | None:
@@ -111,13 +116,6 @@ def _made(reader: Reader, number: int, seed: int, path: Path) -> tuple[str, str]
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     return None
-
-
-def _restore(path: Path, content: bytes) -> None:
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path)
-    path.unlink(missing_ok=True)
-    path.write_bytes(content)
 
 
 def _limit_addresses(more: int | None) -> None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import tempfile
 import time as clock
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -182,9 +183,6 @@ def _line(row: Row) -> str:
     )
 
 
-_ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-
-
 def run_campaign(
     seeds: Iterable[int], which: str, *, workers: int = 2, keep: Path | None = None, quiet: bool = False
 ) -> list[Row]:
@@ -201,12 +199,13 @@ def run_campaign(
     rows = [row for row in (read_rows(keep) if keep and keep.exists() else []) if row["seed"] in set(wanted)]
     done = {(row["seed"], row["which"]) for row in rows}
     left = [seed for seed in wanted if (seed, which) not in done]
-    folder = build_fmus(name for seed in left for name in draw_case(seed).fmu_names.values())
-    for found in track(_computed(left, which, folder, workers), "systems", total=len(left), disable=quiet):
-        rows += found
-        if keep:
-            with keep.open("a", encoding="utf-8") as stream:
-                stream.writelines(json.dumps(row) + "\n" for row in found)
+    with tempfile.TemporaryDirectory() as folder:
+        build_fmus((name for seed in left for name in draw_case(seed).fmu_names.values()), Path(folder))
+        for found in track(_computed(left, which, Path(folder), workers), "systems", total=len(left), disable=quiet):
+            rows += found
+            if keep:
+                with keep.open("a", encoding="utf-8") as stream:
+                    stream.writelines(json.dumps(row) + "\n" for row in found)
     return sorted((row for row in rows if row["which"] == which), key=lambda row: (row["seed"], row["scheme"]))
 
 
@@ -232,7 +231,8 @@ def _computed(seeds: list[int], which: str, folder: Path, workers: int) -> Itera
     if workers <= 1 or len(seeds) <= 1:
         yield from (run_case(seed, which, folder) for seed in seeds)
         return
-    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # the processes inherit it
+    threads = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+    os.environ.update(dict.fromkeys(threads, "1"))  # the processes inherit it
     with ProcessPoolExecutor(min(workers, len(seeds)), mp_context=get_context("spawn")) as pool:
         futures = [pool.submit(run_case, seed, which, folder) for seed in seeds]
         yield from (future.result() for future in as_completed(futures))
@@ -240,7 +240,22 @@ def _computed(seeds: list[int], which: str, folder: Path, workers: int) -> Itera
 
 def main() -> None:
     """Run and print."""
-    options = _options()
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.honesty", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--systems", type=int, default=400, help="number of systems")
+    parser.add_argument("--seed-base", type=int, default=0, help="seed of the first system")
+    parser.add_argument("--only", type=int, nargs="+", help="seeds to run, instead of a range")
+    parser.add_argument("--workers", type=int, default=2, help="number of processes")
+    parser.add_argument(
+        "--schemes",
+        choices=("default", "given", "all"),
+        default="default",
+        help="given: eight of the forty schemes at given steps, drawn for each system; all: with the default",
+    )
+    parser.add_argument("--json", type=Path, help="file for the rows; rows already in it are not computed again")
+    parser.add_argument("--names", type=int, default=8, help="number of worst runs to list, of each kind")
+    options = parser.parse_args()
     seeds = options.only or range(options.seed_base, options.seed_base + options.systems)
     began = clock.perf_counter()
     rows = run_campaign(seeds, options.schemes, workers=options.workers, keep=options.json)
@@ -251,26 +266,6 @@ def main() -> None:
         if chosen:
             print("\n".join([f"\n== {title}", *lines(chosen, names=options.names)]))
     print(f"\n{clock.perf_counter() - began:.0f} s")
-
-
-def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.honesty", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--systems", type=int, default=400, help="number of systems")
-    parser.add_argument("--seed-base", type=int, default=0, help="seed of the first system")
-    parser.add_argument("--only", type=int, nargs="+", help="seeds to run, instead of a range")
-    parser.add_argument("--workers", type=int, default=2, help="number of processes")
-    parser.add_argument(
-        "--schemes",
-        choices=("default", "given", "all", "every"),
-        default="default",
-        help="given: eight of the forty schemes at given steps, drawn for each system; all: with the default; every: "
-        "the default and all forty",
-    )
-    parser.add_argument("--json", type=Path, help="file for the rows; rows already in it are not computed again")
-    parser.add_argument("--names", type=int, default=8, help="number of worst runs to list, of each kind")
-    return parser.parse_args()
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -11,13 +10,11 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
-from numpy.typing import NDArray
 
-from benchmarks.case import ROOT
 from builder.build import build
 from builder.toolchain import PLATFORMS, Zig, this_platform
 from cosim import Bond, Capabilities, Component, FmuComponent, Scenario, System
-from eightpost.cache import cache_folder
+from eightpost.array_types import Array
 from eightpost.corners import CORNERS
 from eightpost.shock import LAWS as CLASSES
 from eightpost.shock import Port, Shock, StaticCurve, fit_parameters, write_shock
@@ -25,7 +22,6 @@ from eightpost.signals import Drivefile, TimeSeries
 from eightpost.vehicle import Corners, IdentifiedVehicle, QuarterCar, SevenDof, StructuralVehicle, write_vehicle
 
 Random = np.random.Generator
-Array = NDArray[np.float64]
 
 LAWS = ("polylinear", "lpf1", "lpnl2")
 
@@ -250,18 +246,11 @@ def draw_load(random: Random, time: Array, size: float) -> Array:
 QUARTER_CARS, SEVEN_DOFS = 32, 8
 #: Unsprung masses [kg].
 LIGHTEST, HEAVIEST = 8.0, 60.0
-#: Sources of the FMUs; the FMUs are built again if any of them has changed.
-_MADE_FROM = ("fmus", "builder", "eightpost/shock", "eightpost/vehicle", "benchmarks/honesty/cases.py")
-
-
-def vehicle_names() -> tuple[str, ...]:
-    """Return the names of all vehicles of the bank."""
-    return tuple([f"quarter_{k:02d}" for k in range(QUARTER_CARS)] + [f"seven_{k:02d}" for k in range(SEVEN_DOFS)])
 
 
 @cache
 def vehicle(name: str) -> StructuralVehicle:
-    """Return a vehicle of the bank, without dampers; for `name` see `vehicle_names`."""
+    """Return a vehicle of the bank, without dampers, `quarter_00` to `quarter_31` or `seven_00` to `seven_07`."""
     kind, _, number = name.partition("_")
     make = _quarter_car if kind == "quarter" else _seven_dof
     return StructuralVehicle(name, make(int(number)))
@@ -298,32 +287,14 @@ def _seven_dof(k: int) -> SevenDof:
     )
 
 
-def build_fmus(names: Iterable[str]) -> Path:
-    """Return a folder with an FMU of each name, `<name>.fmu`; missing ones are built.
-
-    Args:
-        names: Names of vehicles and laws; with the suffix `_python` for python FMUs.
-    """
-    folder = cache_folder() / "honesty" / _digest()
-    folder.mkdir(parents=True, exist_ok=True)
-    missing = [name for name in sorted(set(names)) if not (folder / f"{name}.fmu").is_file()]
+def build_fmus(names: Iterable[str], folder: Path) -> None:
+    """Build an FMU of each vehicle and law, `<name>.fmu`; with the suffix `_python`, a python FMU."""
+    wanted = sorted(set(names))
     with patch.object(Zig, "platforms", (this_platform(),) if this_platform().name in PLATFORMS else ()):
         for target in ("native", "python"):
-            chosen = [name for name in missing if name.endswith("_python") == (target == "python")]
+            chosen = [name for name in wanted if name.endswith("_python") == (target == "python")]
             if chosen:
                 build([_model_file(folder / "models", name) for name in chosen], folder, target=target)
-    return folder
-
-
-def _digest() -> str:
-    """Return a digest that identifies the sources of a build."""
-    key = hashlib.sha256()
-    for place in _MADE_FROM:
-        path = ROOT / place
-        for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
-            if file.is_file() and "__pycache__" not in file.parts:
-                key.update(str(file.relative_to(ROOT)).encode() + file.read_bytes())
-    return key.hexdigest()[:16]
 
 
 def _model_file(folder: Path, name: str) -> Path:
@@ -379,7 +350,7 @@ class DrawnCar:
     """One vehicle with its shocks."""
 
     name: str  #: Name of the component.
-    model: str  #: Name of the vehicle in the bank (`cars.vehicle`).
+    model: str  #: Name of the vehicle in the bank (`vehicle`).
     shocks: Mapping[str, DrawnShock]  #: Shocks by port: "" for a quarter car, else a corner.
     #: Suspension friction that creeps by port: force [N] and velocity [m/s].
     friction: Mapping[str, tuple[float, float]]
@@ -394,11 +365,10 @@ class DrawnCar:
         """Parameters of the vehicle FMU."""
         found = {}
         for port, (force, velocity) in self.friction.items():
-            prefix = f"{port}." if port else ""
-            found |= {f"{prefix}friction_force": force, f"{prefix}friction_velocity": velocity}
+            found |= {f"{port}.friction_force": force, f"{port}.friction_velocity": velocity}
         for port, bristle in self.bristles.items():
-            found |= {f"{port}.{name}" if port else name: value for name, value in bristle.parameters.items()}
-        return found
+            found |= {f"{port}.{name}": value for name, value in bristle.parameters.items()}
+        return {name.lstrip("."): value for name, value in found.items()}
 
 
 @dataclass(frozen=True)
@@ -422,7 +392,7 @@ class Case:
         return {name: f"{fmu}_python" if name in self.python else fmu for name, fmu in names.items()}
 
     def system(self, folder: Path) -> System:
-        """Return a new system from the FMUs in a folder (`cars.build_fmus`)."""
+        """Return a new system from the FMUs in a folder (`build_fmus`)."""
         components: dict[str, Component] = {}
         for name, fmu in self.fmu_names.items():
             kind = HeldFmu if name in self.held else FmuComponent

@@ -10,9 +10,10 @@ from itertools import chain
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from scipy.integrate import RK45
 
 from benchmarks.honesty.cases import LAWS, Case, DrawnBristle, DrawnCar, DrawnShock, vehicle
+from eightpost.array_types import Array
 from eightpost.vehicle import StateSpace
 
 POLYLINEAR, LPF1, LPNL2 = range(3)
@@ -25,20 +26,10 @@ OUTER_UP = INNER + _INNER_COUNT
 OUTER_DOWN = OUTER_UP + _OUTER_COUNT
 COLUMNS = OUTER_DOWN + _OUTER_COUNT
 
-#: Stages of the pair: nodes, weights, and the difference of its two solutions.
-_C = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
-_A = np.array(
-    [
-        [0, 0, 0, 0, 0, 0],
-        [1 / 5, 0, 0, 0, 0, 0],
-        [3 / 40, 9 / 40, 0, 0, 0, 0],
-        [44 / 45, -56 / 15, 32 / 9, 0, 0, 0],
-        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0, 0],
-        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0],
-        [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
-    ]
-)
-_E = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
+#: Stages of the pair of Dormand and Prince: nodes, weights, and the difference of its two solutions.
+_C = np.append(RK45.C, 1.0)
+_A = np.vstack([np.pad(RK45.A, ((0, 0), (0, 1))), RK45.B])
+_E = RK45.E
 
 
 @njit(cache=True)
@@ -101,6 +92,16 @@ def friction(p, v, x, y):
 
 
 @njit(cache=True)
+def port_motion(port, y):
+    """Return displacement and velocity at a port."""
+    x = v = 0.0
+    for j in range(port.size):
+        x += port[j] * y[j]
+        v += port[j] * y[port.size + j]
+    return x, v
+
+
+@njit(cache=True)
 def slopes(y, push, stiffness, ports, mobility, shocks, into):
     """Write y' for y = (q, q', z, deflections) under accelerations `push` (Q,)."""
     count, rows = push.size, shocks.shape[0]
@@ -111,10 +112,7 @@ def slopes(y, push, stiffness, ports, mobility, shocks, into):
             total += stiffness[i, j] * y[j]
         into[count + i] = total
     for s in range(rows):
-        v = x = 0.0
-        for j in range(count):
-            x += ports[s, j] * y[j]
-            v += ports[s, j] * y[count + j]
+        x, v = port_motion(ports[s], y)
         force, follows = shock(shocks[s], v, x, y[2 * count + s])
         drag, bends = friction(shocks[s], v, x, y[2 * count + rows + s])
         force += drag
@@ -187,16 +185,11 @@ def port_forces(states, ports, shocks):
     forces, frictions = np.empty((rows, states.shape[0])), np.zeros((rows, states.shape[0]))
     for s in range(rows):
         for m in range(states.shape[0]):
-            v = x = 0.0
-            for j in range(count):
-                x += ports[s, j] * states[m, j]
-                v += ports[s, j] * states[m, count + j]
+            x, v = port_motion(ports[s], states[m])
             forces[s, m], _ = shock(shocks[s], v, x, states[m, 2 * count + s])
             frictions[s, m], _ = friction(shocks[s], v, x, states[m, 2 * count + rows + s])
     return forces, frictions
 
-
-Array = NDArray[np.float64]
 
 #: Typical sizes of a displacement [m], a velocity [m/s], a lagged force [N] and a bristle's deflection [m].
 _SIZES = (1e-3, 1e-1, 1e2, 1e-4)
@@ -229,9 +222,7 @@ def solve(case: Case, times: Array, tolerance: float) -> Answer:
     """
     cars = [_Equations(case, car) for car in case.cars]
     values = np.vstack([car.solve(times, tolerance) for car in cars])
-    names, units = (
-        tuple(chain.from_iterable(row)) for row in zip(*((car.names, car.units) for car in cars), strict=True)
-    )
+    names, units = (tuple(chain.from_iterable(row)) for row in ((c.names for c in cars), (c.units for c in cars)))
     return Answer(times, values, names, units)
 
 
@@ -263,32 +254,23 @@ class _Equations:
         count = len(model.A) // 2
         assert not model.A[:count, :count].any() and not model.A[count:, count:].any()
         self._stiffness = np.ascontiguousarray(model.A[count:, :count])
-        self._forces = [model.input_names.index(self._named(port, "force")) for port in self._ports]
+        self._forces = [model.input_names.index(f"{port}.force".lstrip(".")) for port in self._ports]
         self._driven = [k for k in range(len(model.inputs)) if k not in self._forces]
         self._mobility = np.ascontiguousarray(model.B[count:, self._forces])
-        rows = [model.output_names.index(self._named(port, "displacement")) for port in self._ports]
+        rows = [model.output_names.index(f"{port}.displacement".lstrip(".")) for port in self._ports]
         self._strut = np.ascontiguousarray(model.C[rows, :count])
-        self._shocks = np.array(
-            [
-                shock_numbers(shock, car.friction.get(port, (0.0, 1.0)), car.bristles.get(port, DrawnBristle()))
-                for port, shock in car.shocks.items()
-            ]
-        )
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the vehicle's outputs, followed by the shocks' forces."""
-        own = [f"{self._car.name}.{name}" for name in self._model.output_names]
-        return own + [f"{self._car.shock_name(port)}.force" for port in self._ports]
-
-    @property
-    def units(self) -> list[str]:
-        """Units of these channels."""
-        return [channel.unit for channel in self._model.outputs] + ["N"] * len(self._ports)
+        beside = [(car.friction.get(p, (0.0, 1.0)), car.bristles.get(p, DrawnBristle())) for p in self._ports]
+        self._shocks = np.array([shock_numbers(s, *one) for s, one in zip(car.shocks.values(), beside, strict=True)])
+        #: Names of the vehicle's outputs, followed by the shocks' forces, and their units.
+        self.names = [f"{car.name}.{name}" for name in model.output_names]
+        self.names += [f"{car.shock_name(port)}.force" for port in self._ports]
+        self.units = [channel.unit for channel in model.outputs] + ["N"] * len(self._ports)
 
     def solve(self, times: Array, tolerance: float) -> Array:
         """Return the channels at the times (C, N)."""
-        knots = np.union1d(times, self._own_points(float(times[-1])))
+        scenario = self._case.scenario
+        own = scenario.drive.series.time - scenario.drive_start if scenario.drive else np.zeros(0)
+        knots = np.union1d(times, own[(own > 0.0) & (own < times[-1])])
         drive = self._inputs(knots)
         count = len(self._stiffness)
         pushes = np.ascontiguousarray((self._model.B[count:, self._driven] @ drive).T)
@@ -297,22 +279,9 @@ class _Equations:
         matrices = (self._stiffness, self._strut, self._mobility, self._shocks)
         states, made = integrate(knots, pushes, *matrices, start, sizes, tolerance, _MOST_STEPS)
         if made < 0 or not np.isfinite(states[-1]).all():
-            raise RuntimeError(
-                f"seed {self._case.seed}: {self._car.name} has no solution at a tolerance of {tolerance:g}"
-            )
+            raise RuntimeError(f"seed {self._case.seed}: {self._car.name} has no solution at tolerance {tolerance:g}")
         at = np.searchsorted(knots, times)
         return self._channels(states[at], drive[:, at])
-
-    def _named(self, port: str, quantity: str) -> str:
-        return f"{port}.{quantity}" if port else quantity
-
-    def _own_points(self, end: float) -> Array:
-        """Return the drive's own points within the run [s]."""
-        scenario = self._case.scenario
-        if scenario.drive is None:
-            return np.zeros(0)
-        own = scenario.drive.series.time - scenario.drive_start
-        return np.asarray(own[(own > 0.0) & (own < end)])
 
     def _inputs(self, knots: Array) -> Array:
         """Return the inputs other than shock forces, at the knots (D, N)."""

@@ -5,14 +5,13 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import ceil
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from numpy.typing import NDArray
 
 import cosim
 from benchmarks.honesty.cases import Case
@@ -20,10 +19,9 @@ from benchmarks.honesty.reference import Answer, solve
 from cosim import Algorithm, Automatic, GaussSeidel, Implicit, Jacobi, Result
 from cosim.session.result import judged_by
 from cosim.session.session import Session
+from eightpost.array_types import Array
 from eightpost.errors import EightpostError
 from eightpost.signals import TimeSeries
-
-Array = NDArray[np.float64]
 
 
 def reference_scales(values: Array, units: Sequence[str]) -> Array:
@@ -82,7 +80,6 @@ class Finding:
     result: Result | None  #: Result of the product; None if it raised an error.
     fine: TimeSeries | None  #: The same run, recorded at (almost) every coupling step.
     error: str  #: Message of the error that the product raised.
-    trials: list[Trial] = field(repr=False)  #: All runs that the product made.
     seconds: float  #: Processor time [s].
 
 
@@ -101,7 +98,7 @@ def compare(case: Case, folder: Path, schemes: Mapping[str, dict[str, Any]]) -> 
 
 
 def schemes_of(seed: int, which: str) -> dict[str, dict[str, Any]]:
-    """Return the arguments of `cosim.run` by scheme: `default`, `given` (eight of them, drawn), `all`, `every`."""
+    """Return the arguments of `cosim.run` by scheme: `default`, `given` (eight of forty, drawn), or `all` of these."""
     found: dict[str, dict[str, Any]] = {} if which == "given" else {"default": {}}
     if which == "default":
         return found
@@ -110,8 +107,6 @@ def schemes_of(seed: int, which: str) -> dict[str, dict[str, Any]]:
         for name, algorithm in ALGORITHMS.items()
         for step in STEPS
     }
-    if which == "every":
-        return found | given
     chosen = np.random.default_rng((seed, 40)).choice(sorted(given), size=8, replace=False)
     return found | {str(name): given[str(name)] for name in chosen}
 
@@ -143,13 +138,13 @@ def _find(system: cosim.System, case: Case, name: str, options: dict[str, Any]) 
         try:
             result = cosim.run(system, scenario, **options)
         except EightpostError as error:
-            return Finding(name, None, None, str(error), log, clock.process_time() - began)
+            return Finding(name, None, None, str(error), clock.process_time() - began)
     spent = clock.process_time() - began
     try:
         fine = _recorded_finely(system, result, log)
     except EightpostError as error:
-        return Finding(name, result, None, f"a second run failed: {error}", log, spent)
-    return Finding(name, result, fine, "", log, spent)
+        return Finding(name, result, None, f"a second run failed: {error}", spent)
+    return Finding(name, result, fine, "", spent)
 
 
 def _recorded_finely(system: cosim.System, result: Result, log: list[Trial]) -> TimeSeries:
@@ -197,22 +192,17 @@ def _row(case: Case, finding: Finding, answer: Answer, doubt: Answer, chosen: fr
         "case": case.description,
         "error": finding.error,
         "seconds": round(finding.seconds, 4),
-        "steps": sum(trial.result.steps for trial in finding.trials if trial.result),
-        "runs": [f"{trial.algorithm.name} {1e3 * trial.step:.4g} ms" for trial in finding.trials],
         "repeats": _repeats(finding),
     }
     if result is None or finding.fine is None:
         return row
-    channels = _channels(result, finding.fine, answer, doubt, case.scenario.settling, chosen)
     return row | {
         "acceptable": result.verdict.about(*ABOUT).is_acceptable,
         "step": result.step,
         "taken": result.scheme or result.algorithm,
         "coupled": max((bond.percent for bond in result.coupled.values()), default=0.0),
-        "energy": max((abs(bond.relative) for bond in result.energy.values()), default=0.0),
         "tolerance": result.tolerance or Automatic().tolerance,
-        "notes": [note[:200] for note in result.notes],
-        "channels": channels,
+        "channels": _channels(result, finding.fine, answer, doubt, case.scenario.settling, chosen),
     }
 
 
@@ -226,19 +216,15 @@ def _channels(
     scales = reference_scales(truth, answer.units)
     found = np.stack([fine[name] for name in answer.names])[:, after]
     true, own = percent(found - truth, scales), percent(other - truth, scales)
+    given = {name: value for name, value in result.stated_error.items() if value is not None}
+    stated = {name: min(float(value), 1e300) for name, value in given.items()}  # JSON has no infinity
     return {
         name: {
-            "stated": _number(result.stated_error.get(name)),
+            "stated": stated.get(name),
             "true": float(true[k]),
             "reference": float(own[k]),
             "decisive": name in chosen,
             "unit": answer.units[k],
-            "scale": float(scales[k]),
         }
         for k, name in enumerate(answer.names)
     }
-
-
-def _number(value: float | None) -> float | None:
-    """Return a value for JSON, which has no infinity; 1e300 is used instead."""
-    return None if value is None else min(float(value), 1e300)

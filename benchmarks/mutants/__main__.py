@@ -20,6 +20,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from queue import SimpleQueue
@@ -36,8 +37,9 @@ from benchmarks.mutants.trial import (
     digest_of_tests,
     read_records,
 )
+from benchmarks.table import markdown
 
-_HEAD = "| area | tried | killed | of these by time limit | survived | killed [%] | equivalent | invalid |"
+_HEADS = ("area", "tried", "killed", "of these by time limit", "survived", "killed [%]", "equivalent", "invalid")
 _NOTICED = (Outcome.KILLED, Outcome.TIMEOUT)
 
 
@@ -51,21 +53,21 @@ def report(records: Sequence[Record], seed: int) -> str:
     """Return the report of a campaign."""
     areas = dict.fromkeys(record.area for record in records)
     rows = [_row(area, [record for record in records if record.area == area]) for area in areas]
-    parts = [f"Mutants, seed {seed}:", "\n".join([_HEAD, "|---" * 8 + "|", *rows, _row("all", records)])]
-    parts += [_listed(record) for record in records if record.outcome is Outcome.SURVIVED]
+    parts = [f"Mutants, seed {seed}:", markdown(_HEADS, [*rows, _row("all", records)])]
+    parts += [
+        f"Survived: {record.file}:{record.line} ({record.area})\n\n```diff\n{record.diff}\n```"
+        for record in records
+        if record.outcome is Outcome.SURVIVED
+    ]
     return "\n\n".join(parts) + "\n"
 
 
-def _row(name: str, records: Sequence[Record]) -> str:
+def _row(name: str, records: Sequence[Record]) -> list[str]:
     count = {outcome: sum(record.outcome is outcome for record in records) for outcome in Outcome}
     killed, survived = sum(count[outcome] for outcome in _NOTICED), count[Outcome.SURVIVED]
     cells = (name, killed + survived, killed, count[Outcome.TIMEOUT], survived, f"{100.0 * killed_share(records):.1f}",
              count[Outcome.EQUIVALENT], count[Outcome.INVALID])  # fmt: skip
-    return f"| {' | '.join(map(str, cells))} |"
-
-
-def _listed(record: Record) -> str:
-    return f"Survived: {record.file}:{record.line} ({record.area})\n\n```diff\n{record.diff}\n```"
+    return [str(cell) for cell in cells]
 
 
 #: Time limit of a trial: multiple of the time without a change, plus a number of seconds.
@@ -107,7 +109,7 @@ class Campaign:
             ]
 
     def _run_area(self, area: Area, sample: list[Mutant], root: Path, trees: SimpleQueue[Tree]) -> list[Record]:
-        known, tests = read_records(self._file), digest_of_tests(area, root)
+        known, tests = read_records(self.folder), digest_of_tests(area, root)
         missing = [mutant for mutant in sample if self._must_try(mutant, known, tests)]
         if missing:
             limit = self._limit(area, trees)
@@ -115,10 +117,6 @@ class Campaign:
                 for record in pool.map(lambda mutant: self._try(area, mutant, limit, tests, trees), missing):
                     known[record.key] = record
         return [self._equivalent(mutant) or known[mutant.key] for mutant in sample]
-
-    @property
-    def _file(self) -> Path:
-        return self.folder / "records.jsonl"
 
     def _must_try(self, mutant: Mutant, known: dict[str, Record], tests: str) -> bool:
         if self._equivalent(mutant) is not None:
@@ -134,26 +132,26 @@ class Campaign:
 
     def _limit(self, area: Area, trees: SimpleQueue[Tree]) -> float:
         """Return the time limit of a trial [s], from the time of a trial without a change."""
-        trial = _on_a_tree(trees, lambda tree: tree.try_mutant(area, None, _BASELINE_LIMIT))
+        trial = _tried(trees, area, None, _BASELINE_LIMIT)
         if trial.outcome is not Outcome.SURVIVED:
             raise RuntimeError(f"{area.name}: its tests fail on the unchanged sources:\n{trial.output}")
         self.report(f"{area.name}: the tests take {trial.seconds:.0f} s")
         return _SLOWER * trial.seconds + _LONGER
 
     def _try(self, area: Area, mutant: Mutant, limit: float, tests: str, trees: SimpleQueue[Tree]) -> Record:
-        trial = _on_a_tree(trees, lambda tree: tree.try_mutant(area, mutant, limit))
+        trial = _tried(trees, area, mutant, limit)
         noticed = re.search(r"^FAILED (\S+)|^ERROR (\S+)", trial.output, re.MULTILINE)
         note = "" if noticed is None else noticed[1] or noticed[2]
         record = Record.of(mutant, trial.outcome, seconds=trial.seconds, tests=tests, note=note)
-        append_record(self._file, record)
+        append_record(self.folder, record)
         self.report(f"{record.outcome:9} {record.seconds:5.1f} s  {mutant.file}:{mutant.line}  {mutant.lines[1]}")
         return record
 
 
-def _on_a_tree(trees: SimpleQueue[Tree], task: Callable[[Tree], Trial]) -> Trial:
+def _tried(trees: SimpleQueue[Tree], area: Area, mutant: Mutant | None, limit: float) -> Trial:
     tree = trees.get()
     try:
-        return task(tree)
+        return tree.try_mutant(area, mutant, limit)
     finally:
         trees.put(tree)
 
@@ -161,32 +159,23 @@ def _on_a_tree(trees: SimpleQueue[Tree], task: Callable[[Tree], Trial]) -> Trial
 def main() -> int:
     """Run a campaign."""
     areas = read_areas()
-    options = _options([area.name for area in areas])
-    chosen = [area for area in areas if area.name in options.areas]
-    found = Campaign(chosen, read_equivalents(), options.folder, options.seed, options.workers, _print).run(
-        options.count
-    )
-    text = report(found, options.seed)
-    (options.folder / "report.md").write_text(text, encoding="utf-8")
-    print(text)
-    return 0 if killed_share(found) >= options.least else 1
-
-
-def _options(names: list[str]) -> argparse.Namespace:
+    names = [area.name for area in areas]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=200, help="number of mutants in all areas (default 200)")
     parser.add_argument("--seed", type=int, default=1, help="seed of the sample (default 1)")
     parser.add_argument("--areas", nargs="+", choices=names, default=names, help="areas to sample (default all)")
     parser.add_argument("--workers", type=int, default=2, help="number of parallel trials (default 2)")
-    parser.add_argument(
-        "--folder", type=Path, default=Path("out/mutants"), help="folder of the records (default out/mutants)"
-    )
+    parser.add_argument("--folder", type=Path, default=Path("out/mutants"), help="records (default out/mutants)")
     parser.add_argument("--least", type=float, default=0.9, help="required share of killed mutants (default 0.9)")
-    return parser.parse_args()
-
-
-def _print(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)
+    options = parser.parse_args()
+    chosen = [area for area in areas if area.name in options.areas]
+    tell = partial(print, file=sys.stderr, flush=True)
+    campaign = Campaign(chosen, read_equivalents(), options.folder, options.seed, options.workers, tell)
+    found = campaign.run(options.count)
+    text = report(found, options.seed)
+    (options.folder / "report.md").write_text(text, encoding="utf-8")
+    print(text)
+    return 0 if killed_share(found) >= options.least else 1
 
 
 if __name__ == "__main__":

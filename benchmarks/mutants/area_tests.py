@@ -19,7 +19,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[2]
+from benchmarks.table import ROOT
 
 #: Packages and folders whose sources belong to areas, and the endings of sources.
 PRODUCT, SOURCES = ("eightpost", "builder", "cosim", "fmus", "dissertation"), (".py", ".c", ".h")
@@ -107,9 +107,14 @@ _MANY = 6
 
 def main(given: Sequence[str] | None = None) -> int:
     """Run pytest."""
-    options = _options(given)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("file", metavar="FILE", nargs="?", type=Path, help="source, test, or folder of either")
+    what.add_argument("--quick", action="store_true", help="a few tests of every area")
+    parser.add_argument("--slow", action="store_true", help="slow tests, too")
+    options = parser.parse_args(given)
     try:
-        arguments = quick_arguments() if options.quick else arguments_of(options.file)
+        arguments = _together(area.quick for area in read_areas()) if options.quick else arguments_of(options.file)
     except ValueError as error:
         print(error, file=sys.stderr)
         return 2
@@ -117,11 +122,6 @@ def main(given: Sequence[str] | None = None) -> int:
     command = [sys.executable, "-m", "pytest", "-q", "-m", marks, *_processes(arguments), *arguments]
     print(shlex.join(command[2:]), flush=True)
     return subprocess.run(command, cwd=ROOT, check=False).returncode
-
-
-def quick_arguments() -> list[str]:
-    """Return the arguments of pytest for a few tests of every area."""
-    return _together(area.quick for area in read_areas())
 
 
 def arguments_of(file: Path) -> list[str]:
@@ -141,24 +141,16 @@ def arguments_of(file: Path) -> list[str]:
         )
     print(f"{file}:", ", ".join(area.name for area in areas))
     shared = set.intersection(*(set(area.plugins) for area in areas))
-    return [*_plugins(shared), *_together(area.tests for area in areas)]
+    return [*loading(sorted(shared)), *_together(area.tests for area in areas)]
 
 
-def _options(given: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("file", metavar="FILE", nargs="?", type=Path, help="source, test, or folder of either")
-    what.add_argument("--quick", action="store_true", help="a few tests of every area")
-    parser.add_argument("--slow", action="store_true", help="slow tests, too")
-    return parser.parse_args(given)
+def loading(plugins: Iterable[str]) -> list[str]:
+    """Return the arguments of pytest that load plugins."""
+    return [part for name in plugins for part in ("-p", f"benchmarks.mutants.plugins.{name}")]
 
 
 def _together(tests: Iterable[tuple[str, ...]]) -> list[str]:
     return list(dict.fromkeys(chain.from_iterable(tests)))
-
-
-def _plugins(names: set[str]) -> list[str]:
-    return [part for name in sorted(names) for part in ("-p", f"benchmarks.mutants.plugins.{name}")]
 
 
 def _processes(arguments: Sequence[str]) -> list[str]:

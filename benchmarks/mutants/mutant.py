@@ -64,7 +64,12 @@ def mutants(areas: Sequence[Area], seed: int, root: Path = ROOT) -> Iterator[Mut
 
     A longer sample with the same seed starts with the shorter one.
     """
-    places = [(area, path, site) for area in areas for path in area.sources for site in _sites(root / path)]
+    places = [
+        (area, path, site)
+        for area in areas
+        for path in area.sources
+        for site in (python_sites if path.suffix == ".py" else c_sites)((root / path).read_text(encoding="utf-8"))
+    ]
     chance = random.Random(seed)
     chance.shuffle(places)
     for area, path, site in places:
@@ -72,11 +77,6 @@ def mutants(areas: Sequence[Area], seed: int, root: Path = ROOT) -> Iterator[Mut
         after = chance.choice(site.changes)(before)
         if after is not None and after != before:
             yield Mutant(area.name, path.as_posix(), site.line, before, after)
-
-
-def _sites(path: Path) -> list[Site]:
-    find = python_sites if path.suffix == ".py" else c_sites
-    return find(path.read_text(encoding="utf-8"))
 
 
 _NO_CODE = re.compile(r'/\*.*?\*/|//[^\n]*|"(?:\\.|[^"\\\n])*"|^[ \t]*#(?:\\\n|[^\n])*', re.DOTALL | re.MULTILINE)

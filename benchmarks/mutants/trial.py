@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import compileall
-import contextlib
 import hashlib
 import json
 import multiprocessing
@@ -15,12 +14,12 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from benchmarks.mutants.area_tests import ROOT, Area
+from benchmarks.mutants.area_tests import ROOT, Area, loading
 from benchmarks.mutants.mutant import Mutant
 
 #: Third-party packages that most tests import. numba is not included, because it reads its environment only once.
@@ -117,12 +116,20 @@ class Tree:
             limit: Time limit [s].
         """
         begin = time.monotonic()
+        arguments = [*_OPTIONS, *loading([*area.plugins, "own_tree"]), *area.tests]
         with self._changed(mutant), tempfile.TemporaryDirectory() as scratch:
-            environment = self._environment(Path(scratch))
-            status, output = run_pytest(self._arguments(area), self.folder, environment, limit)
+            environment = {  # neither byte code nor numba's machine code of changed sources is cached
+                "PYTHONPATH": str(self.folder),
+                "PYTHONDONTWRITEBYTECODE": "1",
+                "EIGHTPOST_CACHE": str(self.cache),
+                "NUMBA_CACHE_DIR": f"{scratch}/numba",
+                "HYPOTHESIS_STORAGE_DIRECTORY": f"{scratch}/hypothesis",
+                "PYTEST_DEBUG_TEMPROOT": scratch,
+            }
+            status, output = run_pytest(arguments, self.folder, environment, limit)
         return Trial(_outcome(status, output), time.monotonic() - begin, output)
 
-    @contextlib.contextmanager
+    @contextmanager
     def _changed(self, mutant: Mutant | None) -> Iterator[None]:
         if mutant is None:
             yield
@@ -134,23 +141,6 @@ class Tree:
         finally:
             path.write_text(mutant.before, encoding="utf-8")
             os.utime(path, (_LONG_AGO, _LONG_AGO))
-
-    def _arguments(self, area: Area) -> list[str]:
-        plugins = [
-            part for name in (*area.plugins, "own_tree") for part in ("-p", f"benchmarks.mutants.plugins.{name}")
-        ]
-        return [*_OPTIONS, *plugins, *area.tests]
-
-    def _environment(self, scratch: Path) -> dict[str, str]:
-        """Return the environment, in which neither byte code nor numba's machine code of changed sources is cached."""
-        return {
-            "PYTHONPATH": str(self.folder),
-            "PYTHONDONTWRITEBYTECODE": "1",
-            "EIGHTPOST_CACHE": str(self.cache),
-            "NUMBA_CACHE_DIR": str(scratch / "numba"),
-            "HYPOTHESIS_STORAGE_DIRECTORY": str(scratch / "hypothesis"),
-            "PYTEST_DEBUG_TEMPROOT": str(scratch),
-        }
 
 
 def copy_tree(folder: Path, cache: Path, root: Path = ROOT) -> Tree:
@@ -208,15 +198,20 @@ def digest_of_tests(area: Area, root: Path) -> str:
     return digest.hexdigest()[:16]
 
 
-def read_records(path: Path) -> dict[str, Record]:
+#: File of the records in the folder of a campaign.
+_RECORDS = "records.jsonl"
+
+
+def read_records(folder: Path) -> dict[str, Record]:
     """Return the last record of each mutant by its key."""
+    path = folder / _RECORDS
     if not path.exists():
         return {}
     lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
     return {line["key"]: Record(**line | {"outcome": Outcome(line["outcome"])}) for line in lines}
 
 
-def append_record(path: Path, record: Record) -> None:
-    """Add a record to a file."""
-    with path.open("a", encoding="utf-8") as file:
+def append_record(folder: Path, record: Record) -> None:
+    """Add a record."""
+    with (folder / _RECORDS).open("a", encoding="utf-8") as file:
         file.write(json.dumps(asdict(record)) + "\n")

@@ -27,7 +27,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
-from benchmarks.table import number
+from benchmarks.table import markdown, number
 from benchmarks.verdicts.cases import LAST_THIRD, Case, case, measured, part, whole
 from benchmarks.verdicts.dampers import CHECK, FINAL, TUNE
 from eightpost.ident import ShockFit, evaluate, fit_shock
@@ -38,6 +38,9 @@ from eightpost.verdict import ORDER
 #: Kinds of dampers and seed of each set.
 SETS = {"tune": (TUNE, 101), "check": (CHECK, 202), "final": (FINAL, 303)}
 
+#: Law that is fitted.
+LAW = "hysteresis"
+
 #: Factor, and temperature [K], by which a left-out record may be outside the range of a fit.
 BEYOND, WARMER = 1.1, 2.0
 
@@ -47,27 +50,23 @@ SHARES = np.array([-0.9, -0.7, -0.4, -0.15, 0.15, 0.4, 0.7, 0.9])
 Row = dict[str, Any]
 
 
-def rows_of(found: Case, law: str) -> Iterator[Row]:
+def rows_of(found: Case) -> Iterator[Row]:
     """Yield one row for each left-out record of a case; one without an error if the fit refuses the records."""
     try:
-        fit = fit_shock(found.fitted, law)
+        fit = fit_shock(found.fitted, LAW)
     except ValueError as error:  # raised by laws and fits that reject the data
         yield {"case": found.name, "refused": str(error)}
         return
     common: Row = {"case": found.name, "grade": fit.verdict.grade.value, "residual": fit.percent}
     common["rules"] = [reason.rule for reason in fit.verdict.decisive]
     common["held_out"] = None if fit.held_out is None else fit.held_out.percent
-    covered = _covered(found.fitted, law) if common["grade"] == ORDER[-1] else None
+    covered = _covered(found.fitted) if common["grade"] == ORDER[-1] else None
     for name, record in found.held_out.items():
         judged = evaluate(fit.shock, record, segment=whole(record))
         is_other_run = found.is_measured and name != LAST_THIRD
         percent = 100.0 * (float(judged.error.std()) if is_other_run else judged.rms) / judged.deviation
-        yield common | {
-            "held": name,
-            "error": percent,
-            "within": _is_within(fit, found.fitted, record),
-            "covered": covered,
-        }
+        within = _is_within(fit, found.fitted, record)
+        yield common | {"held": name, "error": percent, "within": within, "covered": covered}
         covered = None  # counted once for each fit
 
 
@@ -97,14 +96,14 @@ def _median(values: np.ndarray, weights: np.ndarray) -> float:
     return float(values[order[np.searchsorted(share, 0.5)]])
 
 
-def _covered(fitted: Sequence[DynoTest], law: str) -> float | None:
+def _covered(fitted: Sequence[DynoTest]) -> float | None:
     """Return the share of speeds [%] at which the bands of fits to both halves of records agree, if these are green."""
     halves = []
     for first in (0.0, 0.5):
         lengths = [run.series.duration for run in fitted]
         parts = [part(run, first * end, (first + 0.5) * end) for run, end in zip(fitted, lengths, strict=True)]
         try:
-            halves.append(fit_shock(parts, law, segment=min(map(whole, parts))))
+            halves.append(fit_shock(parts, LAW, segment=min(map(whole, parts))))
         except ValueError:  # raised by laws and fits that reject the data
             return None
     if any(one.verdict.grade != ORDER[-1] for one in halves):
@@ -129,8 +128,7 @@ def report(rows: Sequence[Row]) -> str:
     good = _good_fits(judged)
     green = sum(grade == ORDER[-1] for grade in good.values())
     covered = [row["covered"] for row in judged if row.get("covered") is not None]
-    cells = [heads, ["---"] * len(heads), *lines]
-    text = "\n".join(f"| {' | '.join(line)} |" for line in cells)
+    text = markdown(heads, lines)
     text += f"\n\nFits with at most 5 % on all records within their range: {len(good)}, of which green: {green}."
     if covered:
         share = f"{np.mean(covered):.0f} % of the speeds, at worst {min(covered):.0f} %"
@@ -162,27 +160,22 @@ def main() -> None:
     parser.add_argument("--rows", type=Path, required=True, help="file of the rows (JSON lines), which is continued")
     parser.add_argument("--count", type=int, default=40, help="number of virtual dampers")
     parser.add_argument("--records", type=Path, help="folder of measured records, for the set `measured`")
-    parser.add_argument("--law", default="hysteresis", help="law that is fitted")
     options = parser.parse_args()
     kept = options.rows.read_text(encoding="utf-8").splitlines() if options.rows.exists() else []
     rows: list[Row] = [json.loads(line) for line in kept]
     known = {row["case"] for row in rows}
-    for found in _cases(options, known):
-        new = list(rows_of(found, options.law))
+    if options.set == "measured":
+        cases = measured(options.records)
+    else:
+        begun = {name.split(":")[0] for name in known}
+        cases = (case(*SETS[options.set], place) for place in range(options.count) if str(place) not in begun)
+    for found in (one for one in cases if one.name not in known):
+        new = list(rows_of(found))
         rows += new
         with options.rows.open("a", encoding="utf-8") as file:
             file.writelines(json.dumps(row) + "\n" for row in new)
         print(found.name, new[0].get("grade", "refused"), file=sys.stderr, flush=True)
     print(report(rows))
-
-
-def _cases(options: argparse.Namespace, known: set[str]) -> Iterator[Case]:
-    if options.set == "measured":
-        yield from (found for found in measured(options.records) if found.name not in known)
-        return
-    kinds, seed = SETS[options.set]
-    begun = {name.split(":")[0] for name in known}
-    yield from (case(kinds, seed, place) for place in range(options.count) if str(place) not in begun)
 
 
 if __name__ == "__main__":

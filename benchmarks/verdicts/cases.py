@@ -173,7 +173,8 @@ def measured(folder: Path) -> Iterator[Case]:
     of a fit to all others.
     """
     for damper in sorted(path for path in folder.iterdir() if path.is_dir()):
-        runs = {path.stem: _short(read_dyno_test(path)) for path in sorted(damper.glob("*.csv"))}
+        whole_runs = {path.stem: read_dyno_test(path) for path in sorted(damper.glob("*.csv"))}
+        runs = {name: part(run, 0.0, min(run.series.duration, LONGEST)) for name, run in whole_runs.items()}
         for name, run in runs.items():
             end = run.series.duration
             thirds = [part(run, *ends) for ends in ((0.0, end / 1.5), (end / 1.5, end))]
@@ -183,10 +184,6 @@ def measured(folder: Path) -> Iterator[Case]:
             )
             if len(others) > 1:
                 yield Case(f"{damper.name}, all but {name}", tuple(others.values()), {name: run}, is_measured=True)
-
-
-def _short(run: DynoTest) -> DynoTest:
-    return part(run, 0.0, min(run.series.duration, LONGEST))
 
 
 def part(run: DynoTest, start: float, stop: float) -> DynoTest:

@@ -235,7 +235,4 @@ def magnetic(random: Random) -> Damper:
                   **common(random))  # fmt: skip
 
 
-FINAL: Mapping[str, Kind] = {
-    "bypassed": bypassed, "cushioned": cushioned, "selective": selective, "loose": loose, "aerated": aerated,
-    "magnetic": magnetic,
-}  # fmt: skip
+FINAL: Mapping[str, Kind] = {kind.__name__: kind for kind in (bypassed, cushioned, selective, loose, aerated, magnetic)}

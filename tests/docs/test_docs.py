@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-import importlib.util
 import json
 import re
 import shutil
@@ -51,12 +50,7 @@ def resolve(name: str) -> object:
 
 @pytest.fixture(scope="module")
 def make_tables():
-    spec = importlib.util.spec_from_file_location(
-        "eightpost_docs_make_tables", ROOT / "docs" / "make" / "make_tables.py"
-    )
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return importlib.import_module("docs.make.make_tables")
 
 
 def test_every_name_in_the_map_of_equations_exists():

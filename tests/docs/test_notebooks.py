@@ -1,6 +1,6 @@
 """The notebooks of examples/notebooks run, and their kept outputs are what they give."""
 
-import importlib.util
+import importlib
 import re
 from pathlib import Path
 
@@ -21,10 +21,7 @@ def marked(path):
 
 
 def script():
-    spec = importlib.util.spec_from_file_location("make_notebooks", ROOT / "docs" / "make" / "make_notebooks.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return importlib.import_module("docs.make.make_notebooks")
 
 
 def texts(notebook):

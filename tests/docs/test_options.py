@@ -1,6 +1,6 @@
 """Every option and argument of every verb is described in its help text and on a page."""
 
-import importlib.util
+import importlib
 import re
 from pathlib import Path
 
@@ -155,9 +155,5 @@ def test_a_help_text_is_plain_english():
 
 
 def test_the_page_of_commands_is_up_to_date():
-    spec = importlib.util.spec_from_file_location(
-        "eightpost_docs_make_commands", ROOT / "docs" / "make" / "make_commands.py"
-    )
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    assert module.page() == COMMANDS_PAGE.read_text(encoding="utf-8"), "run: python docs/make/make_commands.py"
+    made = importlib.import_module("docs.make.make_commands").page()
+    assert made == COMMANDS_PAGE.read_text(encoding="utf-8"), "run: python docs/make/make_commands.py"

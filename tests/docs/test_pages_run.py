@@ -1,7 +1,4 @@
-"""The code blocks of the pages run, one after the other, in a folder with the reader's files.
-
-The start pages that take least are run with every test; all other pages with `pytest -m nightly`.
-"""
+"""The code blocks of the pages run, one after the other, in a folder with the reader's files."""
 
 from __future__ import annotations
 
@@ -24,9 +21,6 @@ from tests.docs.page_blocks import ROOT, blocks, commands, pages
 
 EXAMPLES = ROOT / "examples"
 
-#: Pages that are run with every test; the commands of others take longer, or other tests run them too.
-ALWAYS = ("docs/start/python_developer.md", "docs/start/simulation_engineer.md")
-
 RUN = {
     path: found
     for page in pages()
@@ -38,11 +32,11 @@ RUN = {
 _FEW = '[corners]\nlf = ["B/B", "C/C"]\nrf = ["B/B"]\nlr = ["B/B"]\nrr = ["B/B"]\n'
 
 
-def lay_out(folder: Path, stop: str = "5 s") -> None:
+def lay_out(folder: Path) -> None:
     """Copy the examples to a folder, with short runs and a study of two setups."""
     shutil.copytree(EXAMPLES, folder / "examples")
     case = folder / "examples" / "seven_dof.toml"
-    case.write_text(case.read_text().replace('stop = "30 s"', f'stop = "{stop}"'))
+    case.write_text(case.read_text().replace('stop = "30 s"', 'stop = "5 s"'))
     study = folder / "examples" / "study.toml"
     text = study.read_text().replace('stop = "30 s"', 'stop = "21 s"')
     text, count = re.subn(r"^# \[corners\].*\n# lf = .*\n", _FEW, text, flags=re.MULTILINE)
@@ -91,19 +85,6 @@ class Reader:
             subprocess.run(words, check=True, env=os.environ | {"PYTHONPATH": str(ROOT)})
 
 
-def run_page(page: str, folder: Path, take: Callable[..., None], keep: Callable[[list[str]], bool] = bool) -> Reader:
-    """Run the blocks of a page in a folder that has the examples."""
-    reader = Reader(folder, GIVEN.get(page, Given()), take)
-    for block in RUN[page]:
-        if block.language == "python":
-            reader.python(block.text, block.place)
-            continue
-        for words in commands(block):
-            if keep(words):
-                reader.command(words)
-    return reader
-
-
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of what several pages need; each is made when the first page takes it."""
@@ -144,46 +125,43 @@ def take(shared: Path) -> Callable[..., None]:
     return brought
 
 
-@pytest.mark.nightly
-def test_the_page_of_python_developers_gives_what_it_promises(tmp_path, monkeypatch, take):
-    lay_out(tmp_path)
-    monkeypatch.chdir(tmp_path)
-    names = run_page("docs/start/python_developer.md", tmp_path, take).names
+def check_python_developer(names: dict[str, Any]) -> None:
     assert names["fit"].percent < 4.0
     assert 500.0 < names["force"].std() < 1500.0
     assert abs(names["result"].energy["car.lf"].relative) < 1e-2
 
 
-@pytest.mark.nightly
-def test_the_page_of_simulation_engineers_gives_what_it_promises(tmp_path, monkeypatch, take):
-    """Three seconds of the run are sufficient.
-
-    The check (8 s of processor time for each FMU), the assembly and the package are left to the nightly tests, which
-    run the page as it is printed, with FMUs for all platforms.
-    """
-    lay_out(tmp_path, stop="3 s")
-    monkeypatch.chdir(tmp_path)
-    reader = run_page(
-        "docs/start/simulation_engineer.md",
-        tmp_path,
-        take,
-        lambda words: words[1] not in ("export", "check") and words[1:3] != ["build", "system.toml"],
-    )
-    assert reader.names["difference"] < 1e-6
+def check_simulation_engineer(names: dict[str, Any]) -> None:
+    assert names["difference"] < 1e-6
     series = read_series("out/series.parquet")
-    assert series.time[-1] == pytest.approx(3.0)
+    assert series.time[-1] == pytest.approx(5.0)
     assert 0.02 < series["car.lf.velocity"].std() < 0.3
+
+
+#: What pages promise beyond commands that succeed.
+PROMISES = {
+    "docs/start/python_developer.md": check_python_developer,
+    "docs/start/simulation_engineer.md": check_simulation_engineer,
+}
 
 
 @pytest.mark.nightly
 @pytest.mark.usefixtures("all_platforms")  # pages check their FMUs, and a missing platform is a finding
 @pytest.mark.parametrize("page", sorted(RUN))
-def test_the_blocks_of_a_page_run(page, tmp_path, monkeypatch, take):
+def test_the_blocks_of_a_page_run_and_give_what_it_promises(page, tmp_path, monkeypatch, take):
     lay_out(tmp_path)
     monkeypatch.chdir(tmp_path)
-    run_page(page, tmp_path, take)
+    reader = Reader(tmp_path, GIVEN.get(page, Given()), take)
+    for block in RUN[page]:
+        if block.language == "python":
+            reader.python(block.text, block.place)
+        else:
+            for words in commands(block):
+                reader.command(words)
+    if page in PROMISES:
+        PROMISES[page](reader.names)
 
 
 def test_the_preparations_are_those_of_pages_with_blocks():
     assert set(GIVEN) <= set(RUN), "the page has moved, or has no block that is run"
-    assert set(ALWAYS) <= set(RUN)
+    assert set(PROMISES) <= set(RUN)
