@@ -148,8 +148,8 @@ def test_a_wrong_scale_of_any_channel_is_named_with_its_factor(sound, name, size
     assert float(found.figure.split(" is ")[1].split(" times")[0]) == pytest.approx(factor, rel=0.05)
 
 
-def test_a_wrong_sign_is_named_as_such_and_nothing_else(sound):
-    name = "rr.displacement"
+@pytest.mark.parametrize("name", ["rr.displacement", "rf.force"])
+def test_a_wrong_sign_is_named_as_such_and_nothing_else(sound, name):
     found = only(record_findings(with_row(sound, name, -sound[name]), CORNERS))
     assert (found.rule, found.channels) == (WRONG_SIGN, (name,))
     assert f"pass --channel {name}=-" in found.remedy
