@@ -1,0 +1,59 @@
+"""The words of a page, and what its interactive figures draw, for the fixture `unchanged`."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+from pathlib import Path
+from typing import Any
+
+import lxml.html
+import numpy as np
+
+from tests.unchanged import text_of_page
+
+
+def words_of(page: Path) -> str:
+    """Return the words of a page, with each row of a table on a line."""
+    tree = lxml.html.fromstring(page.read_text(encoding="utf-8"))
+    for row in tree.xpath("//tr"):
+        words = " | ".join(" ".join(cell.text_content().split()) for cell in row)
+        row.clear()
+        row.text = words
+    return text_of_page(lxml.html.tostring(tree, encoding="unicode"))
+
+
+def figures_of(page: Path) -> dict[str, object]:
+    """Return the panels, shapes and traces of each figure of a page."""
+    tree = lxml.html.fromstring(page.read_text(encoding="utf-8"))
+    (script,) = tree.xpath("//script[@id='figures']")
+    figures = json.loads(gzip.decompress(base64.b64decode(script.text)))["figures"]
+    return {f"figure {k}": _described(figure) for k, figure in enumerate(figures, start=1)}
+
+
+def _described(figure: dict[str, Any]) -> dict[str, object]:
+    layout, units = figure["layout"], figure["units"]
+    axes = {
+        name: f"{axis['title']['text']} [{units[name.replace('axis', '')]}] {axis['type']} "
+              f"{[round(end, 6) for end in axis['domain']]} {axis.get('range', '')}"
+        for name, axis in layout.items() if "axis" in name
+    }  # fmt: skip
+    shapes = {
+        f"shape {k} {shape['xref']} {shape['yref']}": np.array([shape[key] for key in ("x0", "x1", "y0", "y1")])
+        for k, shape in enumerate(layout["shapes"])
+    }
+    headings = "; ".join(one["text"] for one in layout["annotations"])
+    size = f"{layout['width']} by {layout['height']}, margins {list(layout['margin'].values())}"
+    traces = {f"{k} {_style(trace)}": _points(trace) for k, trace in enumerate(figure["data"])}
+    return {"size": size, "headings": headings, **axes, **shapes, **traces}
+
+
+def _style(trace: dict[str, Any]) -> str:
+    """Return all of a trace but its points."""
+    dressed = {key: trace[key] for key in ("line", "marker", "opacity", "fill") if key in trace}
+    return f"{trace['name']} {trace['xaxis']} {trace['mode']} {json.dumps(dressed)} {trace['showlegend']}"
+
+
+def _points(trace: dict[str, Any]) -> dict[str, object]:
+    return {key: np.array(trace[key], dtype=np.float64) for key in "xy"}
