@@ -1,4 +1,4 @@
-"""The words of a page, and what its interactive figures draw, for the fixture `unchanged`."""
+"""The words of a page, and what its figures and pictures draw, for the fixture `unchanged`."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from typing import Any
 
 import lxml.html
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from tests.unchanged import text_of_page
 
@@ -57,3 +60,26 @@ def _style(trace: dict[str, Any]) -> str:
 
 def _points(trace: dict[str, Any]) -> dict[str, object]:
     return {key: np.array(trace[key], dtype=np.float64) for key in "xy"}
+
+
+def picture_of(figure: Figure) -> dict[str, object]:
+    """Return what a picture shows: size, titles, and the axes with their lines, bars, texts and legends."""
+    texts = [text.get_text() for text in (figure._suptitle, *figure.texts) if text is not None]  # type: ignore[attr-defined]
+    axes = {f"axes {k}": _axes(one) for k, one in enumerate(figure.axes, start=1)}
+    return {"size": figure.get_size_inches(), "texts": "; ".join(texts), **axes}
+
+
+def _axes(axes: Axes) -> dict[str, object]:
+    legend = axes.get_legend()
+    named = (axes.get_title(), axes.get_title("left"), axes.get_xlabel(), axes.get_ylabel())
+    shown = [text.get_text() for text in (*axes.texts, *(legend.get_texts() if legend else ()))]
+    limits = {"x": np.array(axes.get_xlim()), "y": np.array(axes.get_ylim())}
+    lines = {
+        f"line {k} {line.get_color()} {line.get_linewidth():g} {line.get_linestyle()} {line.get_marker()}":
+            {"x": np.asarray(line.get_xdata(), float), "y": np.asarray(line.get_ydata(), float)}
+        for k, line in enumerate(axes.lines)
+    }  # fmt: skip
+    bars = np.array([(one.get_x(), one.get_y(), one.get_width(), one.get_height())
+                     for one in axes.patches if isinstance(one, Rectangle)])  # fmt: skip
+    parts = {"scales": f"{axes.get_xscale()} {axes.get_yscale()}", "shown": shown, "limits": limits, "bars": bars}
+    return {"named": "; ".join(filter(None, named)), **parts, **lines}

@@ -13,7 +13,6 @@ from eightpost.ident.validation.shock_page import _over_frequency, _overlay, _st
 from eightpost.ident.validation.shock_tests import Hold
 from eightpost.ident.validation.shocks import validate_shocks
 from eightpost.signals import TimeSeries
-
 from tests.drawn import figures_of, words_of
 
 from .conftest import INCH, shock_of

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from eightpost.corners import CORNERS
 from eightpost.errors import MissingChannelError, ParameterError
+from eightpost.ident.validation.vehicle_page import write_vehicle_page
 from eightpost.ident.validation.vehicles import Limits, validate_vehicle, vehicle_verdict
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.rig import RigTest
 from eightpost.shock import Shock
 from eightpost.vehicle import StateSpace, read_vehicle, shipped
 from eightpost.verdict import Grade
+from tests.drawn import figures_of, words_of
 
 from .conftest import COULOMB, INCH, fit_of, quarter_test, records_of, seven_test, truth_fit
+from .test_fit_on_the_page import TRUST
 
 
 @pytest.fixture(scope="module")
@@ -37,6 +42,13 @@ def test_the_exact_car_predicts_the_rig_within_noise(good) -> None:  # type: ign
             # White noise of 1 % at 1250 Hz has 0.2 % below 20 Hz; the measured force has the same noise.
             assert abs(output.level) < 0.003, (case.record.name, output.name)
             assert output.error < 0.01, (case.record.name, output.name)
+
+
+def test_the_page_of_a_validation_and_its_figures(good, tmp_path: Path, unchanged: Callable[..., None]) -> None:  # type: ignore[no-untyped-def]
+    trusted = replace(good, fit=replace(good.fit, trust=TRUST))
+    path = write_vehicle_page(tmp_path / "page.html", trusted)
+    unchanged(words_of(path), "text", relative=1e-3)
+    unchanged(figures_of(path), "figures", relative=1e-3)
 
 
 def test_the_exact_car_is_usable(good) -> None:  # type: ignore[no-untyped-def]
