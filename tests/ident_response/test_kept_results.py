@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from eightpost.corners import CORNERS
-from eightpost.ident.vehicle.common_poles import Excitation
+from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit
+from eightpost.ident.vehicle.common_poles import CommonPoles, Excitation
 from eightpost.ident.vehicle.experiment import (
     Blocks,
     CoherentBand,
@@ -22,6 +23,7 @@ from eightpost.ident.vehicle.experiment import (
 )
 from eightpost.ident.vehicle.frequency_response import Preconditioning, response_of
 from eightpost.ident.vehicle.plan import LIMITS, recipe
+from eightpost.ident.vehicle.port_search import FrictionSearch, SpringSearch
 from eightpost.ident.vehicle.simulation import (
     ManySetups,
     bristle_force,
@@ -44,6 +46,7 @@ from eightpost.ident.vehicle.siso_models import (
 from eightpost.ident.vehicle.stability import closed_loop_stability, discretise_by_parts, safe_slopes
 from eightpost.ident.vehicle.trust import MeasuredLevels, level_errors
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, fit_verdict, with_validity, write_fit
+from eightpost.progress import reported_to
 from eightpost.shock import read_shock
 from eightpost.signals import TimeSeries
 from eightpost.uncertainty import MeasureUncertainty
@@ -219,12 +222,25 @@ def described(fit: VehicleFit) -> dict[str, object]:
     """Return a fit without its matrices, which have no unique coordinates, and without its duration."""
     parts = {name: getattr(fit, name) for name in ("recipe", "residual", "notes", "stable", "ranges")}
     assert fit.trust is not None
-    parts |= {"measures": measures_of(fit.trust.measures), "trust": replace(fit.trust, measures={})}
+    parts |= {"measures": measures_of(fit.trust.measures), "trust": replace(fit.trust, measures={}, orders=None)}
     verdict = [str(one) for one in fit_verdict(fit).reasons]
     model = fit.vehicle.state_space
     return {**parts, "states": len(model.A), "modes": np.array(model.modes()), "model": model.frequency_response(AT),
             "coherence": fit.response.coherence, "estimate": np.abs(fit.response.H), "friction": fit.vehicle.friction,
             "damping": fit.vehicle.baseline_damping, "verdict": verdict}  # fmt: skip
+
+
+@pytest.mark.slow
+def test_the_fit_with_common_poles_and_its_progress(quarter_car, monkeypatch, unchanged: Unchanged) -> None:
+    """The progress does not depend on time here."""
+    monkeypatch.setattr("eightpost.progress._INTERVAL", np.inf)
+    tests, shares = [one.window(0.0, 25.0) for one in quarter_car.records], list[float]()
+    search = FrictionSearch((0.005, 0.02), (1e-4,), (10.0, 20.0), iterations=2)
+    fit = CommonPoleFit(order=4, max_states=8)
+    recipe = CommonPoles(fit=fit, friction=search, springs=SpringSearch(seconds=10.0, iterations=2), samples=3)
+    with reported_to(lambda done, _total: shares.append(done)):
+        fit = recipe.identify(tests, experiment_with(quarter_car))
+    unchanged({**described(fit), "progress": np.round(shares, 3)}, relative=1e-3)
 
 
 @pytest.mark.slow
