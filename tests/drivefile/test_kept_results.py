@@ -111,8 +111,6 @@ def test_a_correction_its_gains_and_an_inverse(unchanged: Unchanged) -> None:
     lines = Lines(1000, 100.0, 20.0)
     generator, count = np.random.default_rng(5), lines.frequency.size
     H, *drives = generator.standard_normal((4, count, 3, 2)) + 1j * generator.standard_normal((4, count, 3, 2))
-        generator.standard_normal((count, 3, 2)) + 1j * generator.standard_normal((count, 3, 2)) for _ in range(4)
-    )
     passes = [(one[:, 0], np.einsum("kij,kj->ki", 0.8 * H, one[:, 0]) + 0.3 * one[:, :, 0]) for one in drives]
     factor, coherence = correction(H, passes, lines, 2.0)
     inverse = regularised_inverse(H, 1.0 + np.abs(H[:, :, 0]), ("m", "N"), 0.05)
