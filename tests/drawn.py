@@ -21,7 +21,7 @@ def words_of(page: Path) -> str:
     """Return the words of a page, with each row of a table on a line."""
     tree = lxml.html.fromstring(page.read_text(encoding="utf-8"))
     for row in tree.xpath("//tr"):
-        words = " | ".join(" ".join(cell.text_content().split()) for cell in row)
+        words = " | ".join(" ".join(" ".join(cell.itertext()).split()) for cell in row)
         row.clear()
         row.text = words
     return text_of_page(lxml.html.tostring(tree, encoding="unicode"))

@@ -11,12 +11,14 @@ import pytest
 
 from eightpost.corners import CORNERS
 from eightpost.errors import MissingChannelError, ParameterError
+from eightpost.ident.validation.comparison import StaticOutput
 from eightpost.ident.validation.vehicle_page import write_vehicle_page
 from eightpost.ident.validation.vehicles import Limits, validate_vehicle, vehicle_verdict
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.rig import RigTest
 from eightpost.shock import Shock
-from eightpost.vehicle import StateSpace, read_vehicle, shipped
+from eightpost.uncertainty import MeasureUncertainty
+from eightpost.vehicle import Friction, StateSpace, read_vehicle, shipped
 from eightpost.verdict import Grade
 from tests.drawn import figures_of, words_of
 
@@ -45,10 +47,36 @@ def test_the_exact_car_predicts_the_rig_within_noise(good) -> None:  # type: ign
 
 
 def test_the_page_of_a_validation_and_its_figures(good, tmp_path: Path, unchanged: Callable[..., None]) -> None:  # type: ignore[no-untyped-def]
-    trusted = replace(good, fit=replace(good.fit, trust=TRUST))
-    path = write_vehicle_page(tmp_path / "page.html", trusted)
+    """One record has a result without friction, and another one is static."""
+    first, *_, last = good.cases
+    smooth = tuple(replace(one, predicted=0.9 * one.predicted) for one in first.outputs)
+    load, levels = np.arange(-2.0, 3.0) * 100.0, np.array([-3.0, -1.0, 0.5, 1.0, 2.5])
+    holds = tuple(StaticOutput(name, "N", load, levels, factor * levels) for name, factor in (("a", 1.1), ("b", 0.8)))
+    static = replace(last, record=replace(last.record, kind="static", name="held"), holds=holds)
+    vehicle = replace(good.fit.vehicle, friction={"": Friction(55.0, 0.004)})
+    measures = {"velocity": MeasureUncertainty(0.01, 0.1), "tire_force": MeasureUncertainty(0.02, 0.05)}
+    fit = replace(good.fit, vehicle=vehicle, trust=replace(TRUST, measures=measures))
+    whole = replace(good, cases=(replace(first, without_friction=smooth), *good.cases[1:], static), fit=fit)
+    path = write_vehicle_page(tmp_path / "page.html", whole)
     unchanged(words_of(path), "text", relative=1e-3)
     unchanged(figures_of(path), "figures", relative=1e-3)
+
+
+@pytest.mark.parametrize("limits", [Limits(0.0005, 0.002), Limits(0.002, 0.004), Limits(rank=1.0)])
+def test_the_reasons_within_tight_limits_are_the_kept_ones(
+    good, limits: Limits, unchanged: Callable[..., None]
+) -> None:  # type: ignore[no-untyped-def]
+    """The car is not stable, was fitted to a record, and one record is gentle and goes beyond the fit."""
+    first, second, *others = good.cases
+    cases = (replace(first, is_fit_record=True), replace(second, is_gentle=True, extrapolations=("far",)), *others)
+    study = replace(good, cases=cases, fit=replace(good.fit, stable=False))
+    reasons = [
+        f"{one.grade.name}: {one.statement}; {one.figure}; {one.origin}"
+        for one in vehicle_verdict(study, limits).reasons
+    ]
+    only = replace(good, cases=good.of_kind("sine"))
+    more = [f"{one.grade.name}: {one.statement}; {one.figure}" for one in vehicle_verdict(only, limits).reasons]
+    unchanged({"limits": limits.summary(), "reasons": reasons, "without random records": more}, relative=1e-3)
 
 
 def test_the_exact_car_is_usable(good) -> None:  # type: ignore[no-untyped-def]
