@@ -26,10 +26,8 @@ CHANNELS = (Channel("u", "N"),), (Channel("y", "m"),)
 
 def response(frequency: tuple[float, ...] = (0.0, 1.0, 2.0), **changes: Any) -> FrequencyResponse:
     f = np.array(frequency)
-    arrays = {"H": np.ones((1, 1, 3)), "coherence": None, "partial_coherence": None, "variance": None} | changes
-    return FrequencyResponse(
-        f, arrays["H"], *CHANNELS, arrays["coherence"], arrays["partial_coherence"], arrays["variance"]
-    )
+    arrays: dict[str, Any] = {"H": np.ones((1, 1, 3)), "coherence": None, "variance": None} | changes
+    return FrequencyResponse(f, arrays["H"], *CHANNELS, arrays["coherence"], None, arrays["variance"])
 
 
 def parameter(start: float = 1.0, **changes: Any) -> Parameter:
@@ -47,7 +45,8 @@ RANGES: list[tuple[Callable[..., object], list[dict[str, Any]], list[dict[str, A
      [{"degree": -1}, {"spare": 1.0}, {"spacing": 0.0}, {"high": 0.0}]),
     (Blocks,
      [{"length": 0.1}, {"length": 1.0, "overlap": 0.0}, {"length": 1.0, "overlap": 0.99}],
-     [{"length": 0.0}, {"length": 1.0, "overlap": -0.1}, {"length": 1.0, "overlap": 1.0}, {"length": 1.0, "high": 0.0}]),
+     [{"length": 0.0}, {"length": 1.0, "overlap": -0.1}, {"length": 1.0, "overlap": 1.0},
+      {"length": 1.0, "high": 0.0}]),
     (CoherentBand, [{"coherence": 0.01}, {"coherence": 0.99}, {"highest": 12.0}],
      [{"coherence": 0.0}, {"coherence": 1.0}, {"highest": 0.1}]),
     (Thresholds, [{"coherence": 0.01}, {"coherence": 0.99}, {"level": -0.1}],
@@ -61,8 +60,7 @@ RANGES: list[tuple[Callable[..., object], list[dict[str, Any]], list[dict[str, A
       {"poles": -np.ones((1, 1)), "residues": np.ones((1, 1)), "direct": 0.0}]),
     (response, [{}, {"coherence": np.ones((1, 3))}, {"variance": np.full((1, 1, 3), np.inf)}],
      [{"frequency": ()}, {"frequency": (-0.1, 1.0, 2.0)}, {"frequency": (0.0, 1.0, 1.0)}, {"H": np.ones((1, 1, 2))},
-      {"frequency": (0.0, 1.0, np.inf)}, {"H": np.full((1, 1, 3), np.nan)}, {"coherence": np.ones((1, 1, 3))},
-      {"coherence": np.full((1, 3), np.nan)}]),
+      {"frequency": (0.0, 1.0, np.inf)}, {"H": np.full((1, 1, 3), np.nan)}, {"coherence": np.ones((1, 1, 3))}]),
     (parameter, [{"start": 0.0}, {"start": 2.0}, {"prior": 0.1}],
      [{"start": -0.1}, {"start": 2.1}, {"prior": 0.0}]),
     (Settings, [{"gain": 1.0}, {"gain": 0.01}, {"regularisation": 0.0}, {"regularisation": 0.99}],
@@ -71,16 +69,12 @@ RANGES: list[tuple[Callable[..., object], list[dict[str, Any]], list[dict[str, A
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("make", "values"), [(make, values) for make, accepted, _ in RANGES for values in accepted], ids=str
-)
+@pytest.mark.parametrize(("make", "values"), [(make, values) for make, accepted, _ in RANGES for values in accepted])
 def test_a_value_just_inside_its_range_is_accepted(make: Callable[..., object], values: dict[str, Any]) -> None:
     make(**values)
 
 
-@pytest.mark.parametrize(
-    ("make", "values"), [(make, values) for make, _, refused in RANGES for values in refused], ids=str
-)
+@pytest.mark.parametrize(("make", "values"), [(make, values) for make, _, refused in RANGES for values in refused])
 def test_a_value_just_outside_its_range_is_refused(make: Callable[..., object], values: dict[str, Any]) -> None:
     with pytest.raises(ParameterError):
         make(**values)
@@ -104,7 +98,7 @@ def test_smoothing_needs_three_evenly_spaced_frequencies(frequency: tuple[float,
 
 def test_a_band_without_frequencies_is_refused_and_one_of_a_single_frequency_is_not() -> None:
     assert response().band(0.9, 1.1).frequency.tolist() == [1.0]
-    with pytest.raises(ParameterError, match="no frequency between 1.1 and 1.9 Hz; it has 0 to 2 Hz"):
+    with pytest.raises(ParameterError, match=r"no frequency between 1\.1 and 1\.9 Hz; it has 0 to 2 Hz"):
         response().band(1.1, 1.9)
 
 
@@ -122,9 +116,9 @@ def moving(velocity: float, *, fast: float = 0.0, force: float = 100.0) -> TimeS
 
 def test_what_is_beyond_the_tests_is_said_with_its_limits(unchanged: Callable[..., None]) -> None:
     said: dict[str, object] = {}
-    for velocity in (0.5, 0.6, 0.625, 0.65, 0.7, 0.8, 1.0):
-        said[f"velocity {velocity}"] = COVERED.beyond(moving(velocity, force=1300.0))
-    for share in (0.002, 0.008, 0.012, 0.03, 0.045, 0.055, 0.08, 0.12, 0.3):
+    for velocity in (0.5, 0.54, 0.56, 0.59, 0.61):
+        said[f"velocity {velocity}"] = COVERED.beyond(moving(velocity, force=2400.0 * velocity))
+    for share in (0.045, 0.055, 0.095, 0.105, 0.3):
         said[f"share {share}"] = COVERED.beyond(moving(0.3, fast=share))
     for velocity in (0.02, 0.024, 0.026, 0.03):
         said[f"gentle {velocity}"] = COVERED.is_gentle(moving(velocity))
