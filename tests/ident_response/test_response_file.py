@@ -133,6 +133,16 @@ def test_a_preconditioned_response_is_the_kept_one(width, unchanged):
     unchanged(contribution_error(found, FrequencyResponse(F, H, *channels), np.ones((1, F.size))), "errors")
 
 
+@pytest.mark.parametrize(("coherence", "partial"), [(0.5, False), (0.0, True)])
+def test_a_path_of_unknown_coherence_or_without_a_threshold_is_not_extrapolated(coherence, partial):
+    path = np.exp(-0.1j * F) / (1.0 + F)
+    known = np.full((1, 1, F.size), 0.01) if partial else None
+    response = FrequencyResponse(F, path[None, None], (Channel("u", "N"),), (Channel("y", "m"),), None, known)
+    found, notes = Preconditioning(coherence=coherence, width=0.0).apply(response)
+    np.testing.assert_array_equal(found.H[0, 0], path)
+    assert notes == ()
+
+
 def test_the_residual_and_the_smoothing_of_a_path_are_the_kept_ones(unchanged):
     path = 7.0 * np.exp(0.5j * F) / (1.0 + F**2) * (1.0 + 0.2 * np.sin(5.0 * F))
     unchanged({"residual": HighResidual(20.0, 30.0).apply(F, path), "smooth": ZeroPhaseSmoothing().apply(F, path)})

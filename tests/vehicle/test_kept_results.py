@@ -128,6 +128,7 @@ def test_the_file_and_the_summary_of_a_car(name: str, unchanged: Unchanged, tmp_
     ("growth", "damping", "stated"),
     [
         (99.9, {}, None),
+        (100.0, {}, None),
         (100.1, {}, "without dampers, a motion of 4.77 Hz grows at a rate of 100 1/s"),
         (0.0069, {"": 1.0}, None),
         (0.0071, {"": 1.0}, "with its baseline dampers, a motion of 4.77 Hz grows at a rate of 0.0071 1/s"),
