@@ -72,8 +72,8 @@ def picture_of(figure: Figure) -> dict[str, object]:
 def _axes(axes: Axes) -> dict[str, object]:
     legend = axes.get_legend()
     named = (axes.get_title(), axes.get_title("left"), axes.get_xlabel(), axes.get_ylabel())
-    shown = [text.get_text() for text in (*axes.texts, *(legend.get_texts() if legend else ()))]
-    limits = {"x": np.array(axes.get_xlim()), "y": np.array(axes.get_ylim())}
+    shown = "; ".join(text.get_text() for text in (*axes.texts, *(legend.get_texts() if legend else ())))
+    limits = np.array([*axes.get_xlim(), *axes.get_ylim(), *axes.get_position().bounds])
     lines = {
         f"line {k} {line.get_color()} {line.get_linewidth():g} {line.get_linestyle()} {line.get_marker()}":
             {"x": np.asarray(line.get_xdata(), float), "y": np.asarray(line.get_ydata(), float)}
@@ -81,5 +81,10 @@ def _axes(axes: Axes) -> dict[str, object]:
     }  # fmt: skip
     bars = np.array([(one.get_x(), one.get_y(), one.get_width(), one.get_height())
                      for one in axes.patches if isinstance(one, Rectangle)])  # fmt: skip
-    parts = {"scales": f"{axes.get_xscale()} {axes.get_yscale()}", "shown": shown, "limits": limits, "bars": bars}
+    parts = {
+        "scales": f"{axes.get_xscale()} {axes.get_yscale()}",
+        "shown": shown,
+        "limits and place": limits,
+        "bars": bars,
+    }
     return {"named": "; ".join(filter(None, named)), **parts, **lines}
