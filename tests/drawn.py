@@ -64,7 +64,7 @@ def _points(trace: dict[str, Any]) -> dict[str, object]:
 
 def picture_of(figure: Figure) -> dict[str, object]:
     """Return what a picture shows: size, titles, and the axes with their lines, bars, texts and legends."""
-    texts = [text.get_text() for text in (figure._suptitle, *figure.texts) if text is not None]  # type: ignore[attr-defined]
+    texts = [text.get_text() for text in figure.texts]
     axes = {f"axes {k}": _axes(one) for k, one in enumerate(figure.axes, start=1)}
     return {"size": figure.get_size_inches(), "texts": "; ".join(texts), **axes}
 
