@@ -8,8 +8,16 @@ import numpy as np
 import pytest
 
 from eightpost.errors import InputError
-from eightpost.ident.vehicle.estimators import H1, LocalPolynomial, SameDrive, estimate_response, input_noise, regress
-from eightpost.ident.vehicle.experiment import Blocks, Record, Records
+from eightpost.ident.vehicle.estimators import (
+    H1,
+    LocalPolynomial,
+    SameDrive,
+    estimate_response,
+    input_noise,
+    input_power,
+    regress,
+)
+from eightpost.ident.vehicle.experiment import Blocks, Record, Records, gather
 from eightpost.ident.vehicle.frequency_response import contribution_error, response_of
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel
@@ -41,6 +49,24 @@ def test_the_leakage_of_windowed_blocks_decreases_with_their_length(quarter_car,
     errors = [_errors(quarter_car, _estimate(quarter_car, H1(Blocks(length, window)))).max() for length in lengths]
     assert errors == sorted(errors, reverse=True)
     assert errors[-1] < 0.25 * errors[0]
+
+
+@pytest.mark.parametrize(
+    "recipe",
+    [H1(Blocks(5.0)), H1(Blocks(4.0, "hamming")), LocalPolynomial(degree=4, spacing=0.5), LocalPolynomial(spacing=0.5),
+     LocalPolynomial.of_width(0.4, 20.0), SameDrive(H1(Blocks(5.0)), ("force",))],
+    ids=["hann", "hamming", "fourth degree", "local", "of a width", "same drive"],
+)  # fmt: skip
+def test_an_estimate_is_the_kept_one(quarter_car, recipe, unchanged):
+    found = _estimate(quarter_car, recipe)
+    unchanged({name: array for name, array in found.arrays().items() if array is not None}, relative=1e-4)
+    records = gather(quarter_car.records, quarter_car.inputs, quarter_car.outputs, quarter_car.damping)
+    unchanged(input_power(records, found.frequency), "power")
+
+
+def test_the_noise_of_the_inputs_is_the_kept_one(unchanged):
+    found = input_noise(records(0.03), (1.0, 25.0))
+    unchanged({"found": found, "says": found.summary(LocalPolynomial())}, relative=1e-4)
 
 
 def test_short_windows_overestimate_damping(quarter_car):

@@ -14,7 +14,9 @@ from eightpost.ident.vehicle.experiment import Blocks
 from eightpost.ident.vehicle.frequency_response import (
     FrequencyResponse,
     HighResidual,
+    Preconditioning,
     ZeroPhaseSmoothing,
+    contribution_error,
     read_response,
     write_response,
 )
@@ -115,6 +117,35 @@ def test_smoothing_removes_narrow_ripple_without_a_shift_in_frequency():
     treated = ZeroPhaseSmoothing().apply(F, smooth * ripple)
     inside = (F > 2.0) & (F < 38.0)
     assert np.abs(treated / smooth - 1.0)[inside].max() < 0.002
+
+
+@pytest.mark.parametrize("width", [1.0, 0.0])
+def test_a_preconditioned_response_is_the_kept_one(width, unchanged):
+    """Two outputs, the second of which is lost from 9 Hz on, and again in a band before that."""
+    generator = np.random.default_rng(1)
+    H = np.stack([100.0 / (2.0 + 2j * np.pi * F) ** 2, np.exp(-0.1j * F) / (1.0 + F)])[:, None]
+    lost = (F > 9.0) | ((F > 3.0) & (F < 3.4))
+    partial = np.stack([np.full(F.size, 0.99), np.where(lost, 0.02, 0.9)])[:, None]
+    H[1, 0, lost] *= 2.0 * np.exp(2j * np.pi * generator.random(lost.sum()))
+    channels = (Channel("u", "N"),), (Channel("y", "m"), Channel("z", "m"))
+    found, notes = Preconditioning(width=width).apply(FrequencyResponse(F, H, *channels, None, partial))
+    unchanged({"y": found.H[0], "z": found.H[1], "at": found.H[:, 0, ::100], "notes": notes})
+    unchanged(contribution_error(found, FrequencyResponse(F, H, *channels), np.ones((1, F.size))), "errors")
+
+
+@pytest.mark.parametrize(("coherence", "partial"), [(0.5, False), (0.0, True)])
+def test_a_path_of_unknown_coherence_or_without_a_threshold_is_not_extrapolated(coherence, partial):
+    path = np.exp(-0.1j * F) / (1.0 + F)
+    known = np.full((1, 1, F.size), 0.01) if partial else None
+    response = FrequencyResponse(F, path[None, None], (Channel("u", "N"),), (Channel("y", "m"),), None, known)
+    found, notes = Preconditioning(coherence=coherence, width=0.0).apply(response)
+    np.testing.assert_array_equal(found.H[0, 0], path)
+    assert notes == ()
+
+
+def test_the_residual_and_the_smoothing_of_a_path_are_the_kept_ones(unchanged):
+    path = 7.0 * np.exp(0.5j * F) / (1.0 + F**2) * (1.0 + 0.2 * np.sin(5.0 * F))
+    unchanged({"residual": HighResidual(20.0, 30.0).apply(F, path), "smooth": ZeroPhaseSmoothing().apply(F, path)})
 
 
 def test_control_points_outside_the_response_are_rejected():

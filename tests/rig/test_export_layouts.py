@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from eightpost.errors import InputError
 from eightpost.rig import read_dyno_test, read_dyno_tests
 from eightpost.signals.csv_file import _is_cut_off, _split_cells
+from eightpost.signals.formats import read_records
 from eightpost.signals.table_text import split_header
 
 from .layouts import (
@@ -181,6 +182,28 @@ def test_an_export_is_read_to_the_same_values(layout, tmp_path):
         if name in test.series and name not in ("velocity" if test.derived else ""):
             assert test.series[name] == pytest.approx(expected, abs=1e-4 * abs(expected).max()), name
     assert test.series.time - test.series.time[0] == pytest.approx(T, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_what_is_noted_about_each_layout_is_kept(tmp_path, unchanged):
+    """Columns, units, notes and origin of each table, and the words with which a layout is refused."""
+    kept = {}
+    for layout, write in (READ | {name: write for name, (write, _) in REFUSED.items()}).items():
+        folder = tmp_path / re.sub(r"\W", "_", layout)
+        folder.mkdir()
+        try:
+            records = read_records(write(folder))
+        except InputError as error:
+            kept[layout] = str(error).replace(str(folder), "")
+            continue
+        for k, one in enumerate(records):
+            columns = "; ".join(f"{name} [{unit}]" for name, unit in zip(one.names, one.units, strict=True))
+            lines, numbers = one.origin.lines, [column for column in one.columns if column.dtype != object]
+            first = "" if lines is None else f"from line {lines[0]}, units in {one.origin.header_line}"
+            said = [*one.notes, *one.steps, *(" ".join(row) for row in one.preamble)]
+            kept[f"{layout}, table {k}"] = f"{columns}: {len(one.columns[0])} samples {first}. {'; '.join(said)}"
+            kept[f"{layout}, last numbers {k}"] = np.array([column[-1] for column in numbers], dtype=np.float64)
+    unchanged(kept)
 
 
 @pytest.mark.parametrize("layout", REFUSED)

@@ -145,7 +145,8 @@ def test_mat_of_another_tool_is_read_from_vectors_or_a_struct(tmp_path):
 
 
 def test_mat_vectors_of_another_length_than_the_time_are_not_read(tmp_path):
-    content = {"t": [0.0, 1.0, 2.0], "F": [1.0, 2.0], "v": [1.0, 2.0, 3.0], "units": {"t": "s", "v": "m/s"}}
+    content = {"t": [0.0, 1.0, 2.0], "F": [1.0, 2.0], "v": [1.0, 2.0, 3.0], "w": [1.0, 2.0, 3.0, 4.0]}
+    content["units"] = {"t": "s", "v": "m/s", "w": "m"}
     savemat(tmp_path / "a.mat", content)
     assert read_series(tmp_path / "a.mat").names == ("v",)
 

@@ -13,6 +13,7 @@ from eightpost.ident.validation.shock_page import _over_frequency, _overlay, _st
 from eightpost.ident.validation.shock_tests import Hold
 from eightpost.ident.validation.shocks import validate_shocks
 from eightpost.signals import TimeSeries
+from tests.drawn import figures_of, words_of
 
 from .conftest import INCH, shock_of
 
@@ -23,6 +24,12 @@ def study(lagged, static_curve, random_test, sine_test, static_test, bump_test):
     records += [dyno_record(sine_test(a, v), name=f"sine {a} {v}") for a, v in ((0.5, 5.0), (0.25, 10.0), (0.1, 5.0))]
     records += [dyno_record(static_test, name=name) for name in ("static", "again")]
     return validate_shocks([static_curve, lagged], records)
+
+
+def test_the_page_and_its_figures(study, tmp_path, unchanged):
+    path = write_shock_page(tmp_path / "report.html", study, limit=10.0)
+    unchanged(words_of(path), "text", relative=1e-3)
+    unchanged(figures_of(path), "figures", relative=1e-3)
 
 
 _PLOTS = "[...document.querySelectorAll('.js-plotly-plot')]"

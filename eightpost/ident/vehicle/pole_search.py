@@ -101,14 +101,8 @@ class Blocks:
     def poles(self) -> Complex:
         """The poles (2 N,) [1/s]."""
         root = np.sqrt(self.zeta.astype(np.complex128) ** 2 - 1.0)
-        return (
-            np.concatenate((self.w * (-self.zeta + root), self.w * (-self.zeta - root)))
-            .astype(np.complex128)
-            .astype(np.complex128)
-            .astype(np.complex128)
-            .astype(np.complex128)
-            .astype(np.complex128)
-        )
+        poles = np.concatenate((self.w * (-self.zeta + root), self.w * (-self.zeta - root)))
+        return poles.astype(np.complex128)
 
     @property
     def A(self) -> Array:  # noqa: N802  the symbol of the equation

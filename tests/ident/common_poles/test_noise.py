@@ -52,6 +52,22 @@ def test_refinement_leaves_a_misfit_of_one_deviation_and_never_more_than_the_sta
     assert all(0.9 < excess < 1.1 for excess in found.excess.values())
 
 
+@pytest.mark.parametrize("order", [None, 6])
+def test_a_fit_is_the_kept_one(quarter_car, order, unchanged):
+    """Its order is chosen among 2 to 8, or given; some frequencies of the load are unknown."""
+    noise = noisy(quarter_car, 0.03, 3, FREQUENCY[::2])
+    variance = np.array(noise.variance)
+    variance[:, 1, 60:] = np.inf
+    found = CommonPoleFit(order=order, high=19.9, max_states=8).fit(replace(noise, variance=variance))
+    drawn = sampled_models(found, 3)
+    at = np.array([0.5, 2.0, 5.0, 15.0])
+    kept = {name: getattr(found, name) for name in ("order", "orders", "residual", "excess", "notes", "band")}
+    unchanged(
+        {**kept, "cost": found.refined.solution.cost, "start": found.start.cost, "modes": np.array(found.model.modes()),
+         "model": found.model.frequency_response(at), "deviation": response_deviation(drawn, at)}, relative=1e-3,
+    )  # fmt: skip
+
+
 @pytest.mark.slow
 def test_errors_agree_with_the_reported_uncertainty(quarter_car):
     found = [FIT.fit(noisy(quarter_car, 0.02, seed)) for seed in range(16)]

@@ -7,9 +7,9 @@ import pytest
 
 from eightpost.corners import CORNERS
 from eightpost.ident.vehicle.experiment import Ranges
-from eightpost.ident.vehicle.stability import safe_slopes
+from eightpost.ident.vehicle.stability import closed_loop_stability, safe_slopes
 from eightpost.signals import TimeSeries
-from eightpost.vehicle import Channel, StateSpace
+from eightpost.vehicle import Channel, IdentifiedVehicle, StateSpace
 
 from .conftest import BASELINE
 
@@ -29,6 +29,19 @@ def test_a_port_whose_force_acts_in_the_wrong_direction_is_reported():
     found = safe_slopes(model, {"": 1000.0})
     assert found.softest is None
     assert "not proved" in found.summary()
+
+
+@pytest.mark.parametrize("in_the_loop", [False, True])
+def test_only_a_growing_part_between_shock_force_and_velocity_makes_the_loop_unstable(quarter_car, in_the_loop):
+    one, n = quarter_car, len(quarter_car.A)
+    force, velocity = one.input_names.index("force"), one.output_names.index("velocity")
+    A = np.zeros((n + 1, n + 1))
+    A[:n, :n], A[n, n] = one.A, 5.0
+    B, C = np.vstack([one.B, np.zeros(len(one.inputs))]), np.hstack([one.C, np.zeros((len(one.outputs), 1))])
+    B[n, force if in_the_loop else one.input_names.index("road")] = 1e-6
+    C[velocity if in_the_loop else one.output_names.index("tire_force"), n] = 1.0
+    model = StateSpace(A, B, C, one.D, one.inputs, one.outputs)
+    assert closed_loop_stability(IdentifiedVehicle("car", model, {"": BASELINE})).stable is not in_the_loop
 
 
 def _simulated(speed, hz):

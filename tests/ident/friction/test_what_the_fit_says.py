@@ -14,11 +14,24 @@ from eightpost.ident.vehicle.port_search import (
     FrictionEstimate,
     FrictionSearch,
     SpringSearch,
+    about_loads,
+    about_tests,
     nonlinear_spring_sentence,
+    port_springs,
 )
 from eightpost.ident.vehicle.trust import ForceEstimate
+from eightpost.progress import reported_to
 from eightpost.signals import TimeSeries
-from eightpost.vehicle import Bristle, Channel, Friction, StateSpace, add_port_damping, read_vehicle, shipped
+from eightpost.vehicle import (
+    Bristle,
+    Channel,
+    Friction,
+    IdentifiedVehicle,
+    StateSpace,
+    add_port_damping,
+    read_vehicle,
+    shipped,
+)
 
 from .conftest import rig_tests
 
@@ -63,6 +76,27 @@ def test_more_steps_of_the_search_change_the_force_by_less_than_a_tenth_of_its_d
         for search in (SpringSearch(seconds=20.0), SpringSearch(20.0, iterations=6))
     )
     assert abs(found.value - settled.value) < 0.1 * settled.deviation
+
+
+@pytest.mark.slow
+def test_the_estimates_of_friction_and_springs_are_the_kept_ones(
+    rubbing, progressive, experiment, monkeypatch, unchanged
+):
+    monkeypatch.setattr("eightpost.progress._INTERVAL", np.inf)
+    shares = []
+    search = FrictionSearch((0.003, 0.012, 0.05), (3e-5, 1e-4, 3e-4), (20.0, 40.0))
+    with reported_to(lambda done, _total: shares.append(round(done, 3))):
+        found = search.find(rubbing, experiment)
+    creeping = replace(search, reaches=()).find(rubbing, experiment)
+    springs = SpringSearch(seconds=30.0).find(progressive, experiment)
+    parts = {"found": found, "creeping": creeping, "springs": springs}
+    says = {"progress": np.array(shares), "says": found.summary(), "acts": found.acts, "sticks": found.sticks}
+    loads = {"aero_force": 2000.0}
+    law = Friction(bristle=Bristle(80.0, 1e-4, 1.15), spring=2e5)
+    car = IdentifiedVehicle("car", add_port_damping(read_vehicle(shipped("quarter_car")).coupled(), {"": 3000.0}),
+                            {"": 3000.0}, friction={"": law})  # fmt: skip
+    moved = {"tests": about_tests(car, loads).friction, "loads": about_loads(car, loads).friction}
+    unchanged({**parts, **says, "port": port_springs(springs, progressive, ("",)), "moved": moved}, relative=1e-3)
 
 
 def test_a_linear_spring_is_not_reported_as_nonlinear(smooth, experiment):

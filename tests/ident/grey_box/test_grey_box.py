@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import asdict, astuple, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +11,7 @@ from scipy.signal import resample
 
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError, ParameterError, TooShortError
-from eightpost.ident.grey_box.family import GreyBoxCar, bristle_of, declared, linear_model, start_values
+from eightpost.ident.grey_box.family import GreyBoxCar, bristle_of, declared, linear_model, port_laws, start_values
 from eightpost.ident.grey_box.recipe import GreyBox, _misfit, _notes, _record, _springs, _unused, sampled_cars
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.frequency_response import response_of
@@ -75,6 +75,50 @@ def _test(experiment, seed, seconds=20.0, noise=0.003, **changes):
     for k, c in enumerate(CORNERS):
         channels[f"{c}.force"] = ("N", inputs[:, 8 + k] + 3000.0 * channels[f"{c}.velocity"][1])
     return TimeSeries.from_channels(np.arange(len(inputs)) / RATE, channels)
+
+
+LOADS = (*RIG[:4], "heave_force", "roll_moment", "pitch_moment")
+MORE = (*OUTPUTS, "lf.chassis_acceleration", "rr.chassis_acceleration", "driver.acceleration")
+#: Every effect of the family, another on each corner.
+EFFECTS = {"front.mass coupling": 6.0, "front.shock_share": 0.05, "friction_reach": 1.5e-4, "front.aero_spread": 0.6}
+EFFECTS |= {
+    f"{c}.{name}": value * (1.0 + 0.1 * k)
+    for k, c in enumerate(CORNERS)
+    for name, value in (("spring_progression", 1.5), ("tire_stiffening", 3.0), ("motion_ratio", 0.8))
+}
+
+
+@pytest.mark.parametrize("rig", [RIG, LOADS], ids=["aeroloaders", "loads"])
+def test_the_motion_and_the_linear_model_of_a_car_are_the_kept_ones(experiment, rig, unchanged):
+    """The tires lift off in this motion."""
+    other = replace(experiment, rig=rig, outputs=MORE)
+    table = declared(TRUE | EFFECTS, rig)
+    values = {p.name: p.start for p in table}
+    inputs = 2.0 * _drive(8, 1.6)[:, [*range(len(rig)), *range(8, 12)]]
+    outputs = GreyBoxCar(other, table.names, np.full(4, 1500.0)).run(np.array([list(values.values())]), inputs, RATE)
+    model = linear_model(values, other)
+    fast = {name: outputs[0, :, k] for k, name in enumerate(MORE)}
+    lines = dict(zip(model.output_names, model.frequency_response([0.7, 3.0, 12.0, 60.0]), strict=True))
+    laws = {port: np.array([*astuple(law.bristle), law.spring]) for port, law in port_laws(values, other).items()}
+    sizes = {name: np.abs(line) for name, line in lines.items()}
+    unchanged({"motion": fast, "model": sizes, "modes": np.array(model.modes()), "laws": laws})
+
+
+def test_the_parameters_and_their_limits_are_the_kept_ones(unchanged):
+    every = {p.name: p for rig in (RIG, LOADS) for p in declared({}, rig)}
+    unchanged({name: f"{p.unit} {p.start} {p.low} {p.high} {p.size} {p.prior}" for name, p in every.items()})
+
+
+@pytest.mark.parametrize("kind", ["aeroloaders", "loads", "extreme"])
+def test_the_start_values_are_the_kept_ones(experiment, kind, unchanged):
+    """The records are noise, for which the balances give values far away, up to their limits."""
+    rig = RIG if kind == "aeroloaders" else LOADS
+    generator, count = np.random.default_rng(7), 1250
+    names = (*rig, *OUTPUTS, *(f"{c}.force" for c in CORNERS))
+    size = 1e-6 if kind == "extreme" else 1.0
+    rows = {name: ("1", generator.standard_normal(count) * (size if name.endswith("road") else 1.0)) for name in names}
+    test = TimeSeries.from_channels(np.arange(count) / RATE, rows)
+    unchanged(start_values([test], replace(experiment, rig=rig)), relative=1e-4)
 
 
 @pytest.mark.nightly
@@ -214,6 +258,21 @@ def test_the_recipe_recovers_a_known_car_down_to_the_noise(explained):
     for name in ("lf.spring_rate", "rr.tire_stiffness", "rear.mass coupling", "lf.friction", "rear.shock_share"):
         assert fit.values[name] == pytest.approx(TRUE[name], rel=0.03)
     assert max(fit.residual.values()) < 0.02
+
+
+@pytest.mark.slow
+def test_the_fit_to_a_short_test_is_the_kept_one(experiment, unchanged):
+    """The records have static loads of the tires; a prior holds the stiffness of one spring."""
+    recipe = GreyBox(seconds=(8.0, 8.0), priors={"lf.spring_rate": (2.2e5, 0.02)})
+    tests = [_test(experiment, 21, 12.0)]
+    loaded = replace(experiment, means={f"{c}.tire_force": 3000.0 for c in CORNERS})
+    found = recipe.explain(tests, loaded)
+    fit = recipe.vehicle_fit(found, tests, loaded, 0.0)
+    values = {p.name: np.array([p.value, p.low, p.high, p.at_bound]) for p in fit.parameters}
+    trusts = {name: np.array([one.response, one.measure, one.misfit]) for name, one in fit.trust.outputs.items()}
+    forces = {"friction": fit.trust.friction, "springs": fit.trust.springs, "flags": fit.trust.flags}
+    kept = {"residual": fit.residual, "notes": fit.notes, "ranges": fit.ranges}
+    unchanged({**kept, "values": values, "trusts": trusts, **forces, "message": found.message}, relative=1e-3)
 
 
 @pytest.fixture(scope="module")

@@ -106,6 +106,25 @@ def test_a_gate_fails_on_what_inputs_explain_beyond_chance_and_on_large_residual
     assert found["b"] == ("b: the residual is 6 % of the output (limit 5 %); it is not known whether this is noise.")
 
 
+@pytest.mark.parametrize("second", [0.3, 0.0])
+def test_the_gate_of_a_simulation_is_the_kept_one(second, unchanged):
+    """The simulation has a wrong damping; without its second resonator it lacks a mode."""
+    record, true = random_record(100, 0.3, seconds=20.0)
+    values = list((true | {"zeta1": 1.1 * true["zeta1"], "gain2": second}).values())
+    simulated = [Resonators().run(np.array([values]), record.inputs, RATE)[0]]
+    gate = residual_gate(["y"], [record], simulated, band=Band(0.5, 12.0))
+    unchanged({"gate": gate["y"]._asdict(), "failures": failures(gate)}, relative=1e-4)
+
+
+@pytest.mark.slow
+def test_a_fit_of_resonators_is_the_kept_one(unchanged):
+    record, _ = random_record(7, 0.3, seconds=12.0)
+    fit = fitted(resonators(0.3), record)
+    lines = [Band(1.0, 10.0, window).lines(record.outputs[:, 0], RATE) for window in ("boxcar", "hann")]
+    unchanged({"values": fit.values, "deviations": fit.deviations, "intervals": fit.intervals(), "lines": lines,
+               "residual": fit.residual, "covariance": fit.covariance}, relative=1e-3)  # fmt: skip
+
+
 def test_noise_that_no_test_can_tell_from_a_missing_effect_is_not_accepted():
     record, _ = random_record(3, 0.3, noise=0.4)
     assert "it is not known whether this is noise" in gate_of(fitted(resonators(0.3), record), record)[1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from click.testing import CliRunner
 
 from eightpost.__main__ import main
 from eightpost.errors import InputError, ParameterError, TooShortError
+from eightpost.ident import linearity_plots
 from eightpost.ident.linearity import (
     Condition,
     Linearity,
@@ -24,6 +26,7 @@ from eightpost.ident.preparation import prepare
 from eightpost.ident.vehicle.estimators import LocalPolynomial
 from eightpost.rig import RigTest
 from eightpost.signals import TimeSeries
+from tests.drawn import picture_of
 
 from ..linear_rig import DAMPING, car, record
 
@@ -122,6 +125,24 @@ def test_only_tests_of_other_amplitudes_show_an_effect_which_is_a_share_of_the_r
     assert {each.condition for each in found.verdicts} == {Condition.I}
     similar = replace(weak, series=replace(weak.series, values=3.0 * weak.series.values))
     assert judged(large, load, similar, outputs=["tire_force"]).effects == ()
+
+
+@pytest.mark.slow
+def test_the_verdicts_effects_tables_and_plots_of_a_quarter_car(
+    quarter_tests: tuple[RigTest, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unchanged: Callable[..., None]
+) -> None:
+    found = judged(*quarter_tests, outputs=["tire_force", "velocity"])
+    shown = {}
+    monkeypatch.setattr(
+        linearity_plots, "save", lambda figure, path, **_: shown.update({path.name: picture_of(figure)})
+    )
+    linearity_plots.plot_output(found, "tire_force", tmp_path / "tire_force.png")
+    linearity_plots.plot_conditions(found, tmp_path / "conditions.png")
+    linearity_plots.write_paths(tmp_path / "paths.csv", found, sources={"large": "0" * 64})
+    linearity_plots.write_effects(tmp_path / "effects.csv", found)
+    tables = {name: (tmp_path / f"{name}.csv").read_text(encoding="utf-8") for name in ("paths", "effects")}
+    parts = {"verdicts": found.verdicts, "effects": found.effects, "notes": found.notes, "paths": found.paths}
+    unchanged({**parts, **tables, **shown}, relative=1e-3)
 
 
 @pytest.mark.nightly

@@ -52,6 +52,20 @@ def of_all(factor):
     return dict.fromkeys(CORNERS, factor)
 
 
+@pytest.mark.parametrize(
+    "changed",
+    [{}, {"spring": of_all(1.06)}, {"friction": {"lf": 1.5}}, {"bar": {"lr": 0.9, "rr": 0.9}}, {"damping": of_all(1.4)},
+     {"spring": {"rf": np.where(np.arange(COUNT) < COUNT // 2, 1.0, 1.1)}}],
+    ids=["none", "springs", "friction", "bar", "damping", "within"],
+)  # fmt: skip
+def test_the_comparison_of_tests_is_the_kept_one(changed, unchanged):
+    records = [record(0), record(1), record(2), record(3, **changed)]
+    means = [MEANS] * 3 + [MEANS | {"lf.tire_force": 1.005 * WEIGHT, "rr.tire_force": 1.02 * WEIGHT}]
+    found = compare_tests(records, means)
+    kept = {f"{one.quantity} within {one.within}": f"{one.where} {one.tests} {one.size:.4g}" for one in found.changes}
+    unchanged({**kept, "rubbing": found.rubbing}, relative=1e-3)
+
+
 def test_tests_of_one_car_agree_and_friction_is_that_of_the_car():
     records = [record(seed) for seed in range(4)]
     found = compare_tests(records, [MEANS] * 4)

@@ -10,8 +10,11 @@ from PIL import Image, ImageChops
 
 from eightpost.ident.vehicle import plots
 from eightpost.ident.vehicle.plots import plot_fits
+from eightpost.vehicle import read_vehicle, shipped
+from tests.drawn import picture_of
 
 from .conftest import truth_fit
+from .test_fit_on_the_page import TRUST
 
 OUTPUTS = ("velocity", "tire_force", "ride_height")
 
@@ -40,6 +43,25 @@ def test_panels_have_their_size_in_inches_below_the_title(fit, tmp_path, monkeyp
     panel, strip = (figures[0].axes[k].get_position() for k in (0, -1))
     assert (wide * panel.width, high * panel.height) == pytest.approx((3.05, 2.05))
     assert strip.y1 < panel.y0 < panel.y1 < figures[0]._suptitle.get_position()[1] < 1.0
+
+
+def test_the_plots_of_a_fit(fit, tmp_path, monkeypatch, unchanged):
+    shown = {}
+    monkeypatch.setattr(plots, "save", lambda figure, path, **_: shown.update({path.stem: picture_of(figure)}))
+    partial = replace(fit.response, partial_coherence=np.full(fit.response.H.shape, 0.7))
+    plot_fits(
+        partial.select(outputs=OUTPUTS[:2]), fit.vehicle.state_space.select(outputs=OUTPUTS[:2]), "mine", tmp_path
+    )
+    plots.plot_stabilisation(TRUST.orders, tmp_path / "orders.png")
+    unchanged(shown)
+
+
+def test_the_magnitudes_of_responses_of_varied_cars(unchanged):
+    car, frequency = read_vehicle(shipped("quarter_car")), plots.frequencies_to(20.0)
+    found = plots.variants_of(car, "tire_stiffness", (0.5, 1.0, 2.0), frequency)
+    figure = plots.magnitudes({label: one.response for label, one in found.items()}, "spring_force")
+    figure.draw_without_rendering()
+    unchanged({"picture": picture_of(figure), "modes": {label: one.modes for label, one in found.items()}})
 
 
 @pytest.mark.nightly

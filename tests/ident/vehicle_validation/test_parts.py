@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -82,6 +84,45 @@ def test_loads_that_are_never_constant_have_no_levels() -> None:
 )
 def test_a_record_is_recognised_by_its_drive(road: np.ndarray, load: np.ndarray, kind: str) -> None:
     assert recognise_drive(_series(road=road - road.mean(), load=load), ["road"], ["load"]).kind == kind
+
+
+def test_comparisons_sines_levels_and_spectra_are_the_kept_ones(unchanged: Callable[..., None]) -> None:
+    generator, turns = np.random.default_rng(5), 2.0 * np.pi * 3.0 * TIME
+    measured = np.sin(turns) + 0.2 * generator.standard_normal(TIME.size)
+    one = _comparison(measured, 0.9 * np.sin(turns + 0.3))
+    figures = {name: getattr(one, name) for name in ("rms", "level", "error", "correlation")}
+    load = 100.0 * np.floor(TIME / 4.0) + np.where(TIME % 4.0 < 1.0, 20.0 * generator.standard_normal(TIME.size), 0.0)
+    channels = {"lf.aero": ("N", load), "rf.aero": ("N", -load), "other": ("m", load)}
+    record = TimeSeries.from_channels(TIME, {**channels, "tire_force": ("N", 0.5 * load + measured)})
+    held = static_outputs(record, record.with_channel("tire_force", "N", 0.4 * load), ["lf.aero", "rf.aero"])
+    trend = Trend("tire_force", "N", np.array([1.0, 1.1, 1.3, 1.2]), np.array([1.1, 1.2, 1.3, 1.35]))
+    trends = {name: getattr(trend, name) for name in ("spread", "correlation", "rank", "bias", "remaining_error")}
+    inside = Judging(20.0, settling=15.0).inside(record)
+    spectrum, sine = one.spectrum(RATE, 20.0), sine_output(one, 3.0, RATE)
+    unchanged(
+        {"figures": figures, "spectrum": spectrum, "sine": sine, "gain": sine.gain, "held": held,
+         "slopes": [each.slopes for each in held], **trends, "time": inside.time, "inside": inside["tire_force"]}
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("share", [0.48, 0.52])
+def test_a_road_that_stands_for_half_of_the_time_is_a_bump(share: float) -> None:
+    noise = np.random.default_rng(6).standard_normal(TIME.size)
+    road = np.where(4.0 * share > (TIME % 4.0), 0.0, 0.01 * noise)
+    found = recognise_drive(_series(road=road, load=0.0 * TIME), ["road"], ["load"])
+    assert (found.kind == "bump") is (share > 0.5), found
+
+
+@pytest.mark.parametrize(("second", "kind"), [(0.2, "sine"), (0.5, "random")])
+def test_a_road_with_nine_tenths_of_its_power_near_one_frequency_is_a_sine(second: float, kind: str) -> None:
+    road = 0.01 * (np.sin(2.0 * np.pi * 2.0 * TIME) + second * np.sin(2.0 * np.pi * 5.0 * TIME))
+    assert recognise_drive(_series(road=road, load=0.0 * TIME), ["road"], ["load"]).kind == kind
+
+
+@pytest.mark.parametrize(("size", "kind"), [(0.8e-4, "static"), (1.2e-4, "bump")])
+def test_a_road_is_at_rest_below_a_tenth_of_a_millimetre(size: float, kind: str) -> None:
+    road = size * np.where(TIME % 10.0 < 5.0, 1.0, -1.0)
+    assert recognise_drive(_series(road=road, load=100.0 * np.floor(TIME / 5.0)), ["road"], ["load"]).kind == kind
 
 
 def test_shapes_that_differ_in_one_sign_have_a_lower_mac() -> None:

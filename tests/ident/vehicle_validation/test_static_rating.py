@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from eightpost.errors import InputError
-from eightpost.ident.vehicle.static_rating import StaticRating, rate_statically
+from eightpost.ident.vehicle.static_rating import StaticRating, rate_statically, rate_tests
+from eightpost.rig import RigTest
 from eightpost.rig.geometry import displacement_modes, force_modes
 from eightpost.signals import TimeSeries
 from eightpost.virtual.drivefiles import static_drive
@@ -53,6 +54,19 @@ def test_the_stiffness_matrix_follows_from_the_cars_elements(straight, records):
     exact = _stiffness(straight)
     np.testing.assert_allclose(found.stiffness, exact, atol=5e-3 * np.abs(exact).max())
     assert found.unexplained.max() < 0.01
+
+
+def test_the_rating_of_a_car_is_the_kept_one(straight, records, unchanged):
+    """Of one record, the first levels have a tire without load."""
+    lifted = records[1].with_channel("lr.tire_force", "N", records[1]["lr.tire_force"] - 6000.0)
+    found, less = rate_statically(records, LOADS), rate_statically([*records, lifted], LOADS)
+    # Without the rounding errors of entries that are zero.
+    matrices = {name: np.round(getattr(found, name).ravel()[:8]) + 0.0 for name in ("stiffness", "modal")}
+    rows = {mode: np.round(row, 5) + 0.0 for mode, row in found.modal_us.items()}
+    says = [one.summary(("lf.tire_force", "rear.ride_height")) for one in (found, less)]
+    tests = [RigTest(record.resample(1250.0)) for record in records[:2]]
+    forces = {"tests": rate_tests(tests, LOADS).zero["lf.tire_force"], "levels": [found.levels, less.levels]}
+    unchanged({**matrices, **rows, "says": says, **forces}, relative=1e-3)
 
 
 def test_the_modal_matrix_is_the_transformed_matrix_of_the_aeroloaders(straight, records):

@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from eightpost.corners import CORNERS
 from eightpost.errors import MissingChannelError, ParameterError
+from eightpost.ident.validation.comparison import StaticOutput
+from eightpost.ident.validation.vehicle_page import write_vehicle_page
 from eightpost.ident.validation.vehicles import Limits, validate_vehicle, vehicle_verdict
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
 from eightpost.rig import RigTest
 from eightpost.shock import Shock
-from eightpost.vehicle import StateSpace, read_vehicle, shipped
+from eightpost.uncertainty import MeasureUncertainty
+from eightpost.vehicle import Friction, StateSpace, read_vehicle, shipped
 from eightpost.verdict import Grade
+from tests.drawn import figures_of, words_of
 
 from .conftest import COULOMB, INCH, fit_of, quarter_test, records_of, seven_test, truth_fit
+from .test_fit_on_the_page import TRUST
 
 
 @pytest.fixture(scope="module")
@@ -37,6 +44,37 @@ def test_the_exact_car_predicts_the_rig_within_noise(good) -> None:  # type: ign
             # White noise of 1 % at 1250 Hz has 0.2 % below 20 Hz; the measured force has the same noise.
             assert abs(output.level) < 0.003, (case.record.name, output.name)
             assert output.error < 0.01, (case.record.name, output.name)
+
+
+def test_the_page_of_a_validation_and_its_figures(good, tmp_path: Path, unchanged: Callable[..., None]) -> None:  # type: ignore[no-untyped-def]
+    """One record has a result without friction, and another one is static."""
+    first, *_, last = good.cases
+    smooth = tuple(replace(one, predicted=0.9 * one.predicted) for one in first.outputs)
+    load, levels = np.arange(-2.0, 3.0) * 100.0, np.array([-3.0, -1.0, 0.5, 1.0, 2.5])
+    holds = tuple(StaticOutput(name, "N", load, levels, factor * levels) for name, factor in (("a", 1.1), ("b", 0.8)))
+    static = replace(last, record=replace(last.record, kind="static", name="held"), holds=holds)
+    vehicle = replace(good.fit.vehicle, friction={"": Friction(55.0, 0.004)})
+    measures = {"velocity": MeasureUncertainty(0.01, 0.1), "tire_force": MeasureUncertainty(0.02, 0.05)}
+    fit = replace(good.fit, vehicle=vehicle, trust=replace(TRUST, measures=measures))
+    whole = replace(good, cases=(replace(first, without_friction=smooth), *good.cases[:0:-1], static), fit=fit)
+    path = write_vehicle_page(tmp_path / "page.html", whole)
+    unchanged(words_of(path), "text", relative=1e-3)
+    unchanged(figures_of(path), "figures", relative=1e-3)
+
+
+@pytest.mark.parametrize("limits", [Limits(0.0005, 0.002), Limits(0.002, 0.004), Limits(rank=1.0)])
+def test_reasons_within_tight_limits_are_kept(good, limits: Limits, unchanged: Callable[..., None]) -> None:  # type: ignore[no-untyped-def]
+    """The car is not stable, was fitted to a record, and one record is gentle and goes beyond the fit."""
+    first, second, *others = good.cases
+    cases = (replace(first, is_fit_record=True), replace(second, is_gentle=True, extrapolations=("far",)), *others)
+    study = replace(good, cases=cases, fit=replace(good.fit, stable=False))
+    studies = {"whole": study, "sines": replace(good, cases=good.of_kind("sine"))}
+    kept = {
+        f"{name}: {one.rule}": f"{one.grade.name}; {one.figure}; {one.origin}"
+        for name, one_study in studies.items()
+        for one in vehicle_verdict(one_study, limits).reasons
+    }
+    unchanged({"limits": limits.summary(), **kept}, relative=1e-3)
 
 
 def test_the_exact_car_is_usable(good) -> None:  # type: ignore[no-untyped-def]
