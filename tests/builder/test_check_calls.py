@@ -1,4 +1,4 @@
-"""The calls that each probe makes, with their numbers and results, and what it finds: none of them changes unseen."""
+"""The calls that each probe makes, what it finds, and from which error on it finds one: none of it changes unseen."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import importlib
 import zlib
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -125,6 +126,12 @@ def folder_of(
     return of
 
 
+def _probed(group: str, folder: Path, progress: Path) -> list[Result]:
+    progress.touch()
+    module = importlib.import_module(f"builder.check.probes.{GROUPS[group].module}")
+    return [*getattr(module, f"probe_{group}")(Bench(folder, progress))]
+
+
 @pytest.mark.parametrize("group", PROBED)
 def test_a_probe_makes_the_same_calls(
     group: str, folder_of: Callable[[str], Path], tmp_path: Path,
@@ -137,12 +144,82 @@ def test_a_probe_makes_the_same_calls(
         calls = Calls()
         with monkeypatch.context() as patch:
             patch.setattr(FmuLibrary, "native", calls.recorded(FmuLibrary.native))
-            (tmp_path / name).touch()
-            module = importlib.import_module(f"builder.check.probes.{GROUPS[group].module}")
-            found = [*getattr(module, f"probe_{group}")(Bench(folder_of(name), tmp_path / name))]
+            found = _probed(group, folder_of(name), tmp_path / name)
         results[name] = {
             "found": [text for one in found if (text := _said(one))],
             "calls": calls.summary(),
             "order": calls.order if group != "instances" else "that of threads",
         }
     unchanged(results)
+
+
+@dataclass
+class Wrong:
+    """Calls of FMI functions, of which one returns numbers that are wrong by a share.
+
+    `when` says of which instances: of `all`, of all but the `first`, of those with a `stop` time, or of those of which
+    another function has been called, which it names.
+    """
+
+    function: str
+    when: str
+    share: float
+
+    def __post_init__(self) -> None:
+        self.seen: defaultdict[Any, set[str]] = defaultdict(set)
+
+    def applied(self, native: Callable[[FmuLibrary, str], Any]) -> Callable[[FmuLibrary, str], Any]:
+        """Return FmuLibrary.native, one of whose functions is wrong."""
+
+        def of(library: FmuLibrary, name: str) -> Any:
+            function = native(library, name)
+
+            def call(*arguments: Any) -> Any:
+                result = function(*arguments)
+                if name.startswith("Instantiate"):
+                    self.seen[result] = {"all", *(["first"] if self.seen else [])}
+                    return result
+                instance = self.seen[arguments[0]] if arguments else set()
+                instance |= {name, "stop"} if name == "SetupExperiment" and arguments[4] else {name}
+                if name == self.function and self.when in instance:
+                    values = next(one for one in reversed(arguments) if isinstance(one, ctypes.Array))
+                    values[:] = [value * (1.0 + self.share) for value in values]
+                return result
+
+            return call
+
+        return of
+
+
+#: Rules, and what breaks them: group of probes, FMU, function, when it is wrong, and the share it may be wrong by.
+BROKEN = {
+    "start-agrees": ("simulation", "bouncing_mass", "GetReal", "all", 1e-12),
+    "stop-independent": ("simulation", "van_der_pol", "GetReal", "stop", 0.01),
+    "inputs-kept": ("inputs", "van_der_pol", "GetReal", "all", 1e-6),
+    "inputs-kept by the second run": ("inputs", "van_der_pol", "GetReal", "first", 1e-9),
+    "reference-results": ("reference", "lpnl2", "GetReal", "all", 1e-9),
+    "reset": ("reset", "bouncing_mass", "GetReal", "Reset", 1e-9),
+    "rollback": ("state", "bouncing_mass", "GetReal", "SetFMUstate", 1e-9),
+    "directional-derivative": ("derivatives", "quarter_car", "GetDirectionalDerivative", "all", 1e-3),
+    "exchange-directional": ("model_exchange", "quarter_car", "GetDirectionalDerivative", "all", 1e-3),
+    "exchange-agrees": ("model_exchange", "quarter_car", "GetReal", "DoStep", 0.02),
+    "states-variables": ("model_exchange", "quarter_car", "GetDerivatives", "all", 1e-9),
+    "nominals-agree": ("model_exchange", "quarter_car", "GetNominalsOfContinuousStates", "all", 1e-6),
+    "adjoint-derivative": ("version_3", "lpnl2 3", "GetAdjointDerivative", "all", 1e-9),
+    "array-start": ("version_3", "filter_bank", "GetFloat64", "all", 1e-6),
+}
+
+
+@pytest.mark.parametrize("rule", BROKEN)
+def test_a_rule_is_broken_by_an_error_above_its_limit_and_by_no_smaller_one(
+    rule: str, folder_of: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    group, fmu, function, when, limit = BROKEN[rule]
+
+    def is_broken(share: float) -> bool:
+        with monkeypatch.context() as patch:
+            patch.setattr(FmuLibrary, "native", Wrong(function, when, share).applied(FmuLibrary.native))
+            found = _probed(group, folder_of(fmu), tmp_path / "progress")
+        return any(one[0] == rule.split(maxsplit=1)[0] and one[1] for one in found if isinstance(one, tuple))
+
+    assert (is_broken(0.9 * limit), is_broken(1.1 * limit)) == (False, True)
