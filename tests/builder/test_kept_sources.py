@@ -38,4 +38,4 @@ def test_the_c_data_of_a_car_are_the_same(name: str, fmus: Mapping[str, Path], u
 def test_the_c_data_of_a_shock_over_settings_are_the_same(unchanged: Callable[..., None]) -> None:
     product = shock_product(shock_of("hysteresis_lagged"), "shock", temperature_input=True)
     sources = _c_sources(product, product.interface, "0")
-    unchanged([line for line in _lines(sources["settings_data.h"]) if len(line) < 400])
+    unchanged([line for line in _lines(sources["settings_data.h"]) if not line.startswith("{0.0, 0.0, 0.0, 0.0")])

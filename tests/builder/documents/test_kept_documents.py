@@ -24,7 +24,11 @@ def _rows(page: str) -> list[str]:
 
 def _kept(members: Mapping[str, bytes], name: str) -> dict[str, object]:
     inputs, outputs = reference_of(dict(members), name) if f"{EXTRA}/{name}_in.csv" in members else ({}, {})
-    texts = {one: content.decode() for one, content in members.items() if one.endswith((".txt", ".json", ".opt"))}
+    texts = {
+        one: content.decode()
+        for one, content in members.items()
+        if one.startswith(("extra/", "resources/")) and not one.endswith(".csv")
+    }
     return {"page": _rows(page_of(dict(members))), "inputs": inputs, "outputs": outputs} | texts | {
         "terminals": members[TERMINALS].decode(), "members": sorted(members)
     }  # fmt: skip
