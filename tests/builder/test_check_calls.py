@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import importlib
+import re
 import zlib
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping
@@ -16,7 +17,7 @@ import pytest
 
 from builder.check import GROUPS
 from builder.check.probes import instances
-from builder.check.probes.bench import Bench, Measured, Result, Skip
+from builder.check.probes.bench import Bench, Instance, Measured, Result, Skip
 from builder.check.probes.library import FmuLibrary
 from eightpost.archive import read_archive
 
@@ -26,9 +27,9 @@ from .check_defects import foreign_fmu
 PROBED = {
     "simulation": ["lpnl2", "bouncing_mass", "filter_bank"],
     "inputs": ["quarter_car", "van_der_pol", "filter_bank"],
-    "state_machine": ["lpnl2", "mass_spring", "bouncing_mass", "filter_bank"],
-    "values": ["lpnl2", "bouncing_mass", "filter_bank"],
-    "null": ["lpnl2"],
+    "state_machine": ["lpnl2", "lpnl2 3", "mass_spring", "bouncing_mass", "filter_bank"],
+    "values": ["lpnl2", "quarter_car 3", "bouncing_mass", "filter_bank"],
+    "null": ["lpnl2", "lpnl2 3"],
     "first_outputs": ["quarter_car", "mass_spring"],
     "model_exchange": ["lpnl2", "quarter_car", "filter_bank"],
     "reset": ["bouncing_mass", "filter_bank"],
@@ -52,6 +53,16 @@ class Calls:
     def __init__(self) -> None:
         self.made: defaultdict[str, list[tuple[list[Any], Any]]] = defaultdict(list)
         self.order = 0
+        self.said: Counter[str] = Counter()
+
+    def heard(self, log: Callable[..., None]) -> Callable[..., None]:
+        """Return the logger of an instance, whose texts are kept."""
+
+        def heard(instance: Instance, environment: int, name: bytes, status: int, category: bytes, text: bytes) -> None:
+            self.said[re.sub(r"\[\d+\] = \S+", "[k] = x", f"{status} {category.decode()}: {text.decode()}")] += 1
+            log(instance, environment, name, status, category, text)
+
+        return heard
 
     def recorded(self, native: Callable[[FmuLibrary, str], Any]) -> Callable[[FmuLibrary, str], Any]:
         """Return FmuLibrary.native, whose functions are recorded."""
@@ -144,10 +155,12 @@ def test_a_probe_makes_the_same_calls(
         calls = Calls()
         with monkeypatch.context() as patch:
             patch.setattr(FmuLibrary, "native", calls.recorded(FmuLibrary.native))
+            patch.setattr(Instance, "_log", calls.heard(Instance._log))
             found = _probed(group, folder_of(name), tmp_path / name)
         results[name] = {
             "found": [text for one in found if (text := _said(one))],
             "calls": calls.summary(),
+            "said": [f"{count} times {text}" for text, count in sorted(calls.said.items())],
             "order": calls.order if group != "instances" else "that of threads",
         }
     unchanged(results)
