@@ -163,7 +163,7 @@ def test_a_defect_in_the_files_is_found_by_its_rule(fmus, tmp_path, unchanged):
     found = {}
     for name in (name for name, defect in ON_FILE.items() if defect.groups == STATIC):
         subject = read_subject(defective(fmus[ON_FILE[name].fmu], tmp_path, ON_FILE[name]))
-        findings = static_findings(subject)
+        findings = [*static_findings(subject)]
         rules = {one.rule.identifier for one in findings if re.search(ON_FILE[name].message, one.message)}
         assert ON_FILE[name].rule in rules, name
         found[name] = " | ".join(f"{one.rule.identifier}: {one.message}" for one in findings)
