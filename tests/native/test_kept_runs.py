@@ -64,7 +64,7 @@ class Runs:
         assert fmu.call("EnterInitializationMode") == OK
         knowns = [*[v.name for v in self.parameters if not re.search(_BOUND, v.name)][:40], *self.inputs]
         tangents = self.tangents(knowns, fmu.outputs())
-        start = fmu.get(*self.seen)
+        start = np.array(fmu.get(*self.seen))
         assert fmu.call("ExitInitializationMode") == OK, fmu.messages_text()
         return {"rejected": rejected, "at the start": start, "tangents at the start": tangents}
 
@@ -111,7 +111,7 @@ def _model_exchange(fmu: Host, seed: int) -> dict[str, object]:
     for flag in flags:
         assert fmu.call("SetBoolean", fmu.of([flag]), c_size_t(1), (c_int * 1)(0)) == OK
     result: dict[str, object] = {"flags": flags, "rejected": runs.parametrized()}
-    result["at the start"] = fmu.exchange(1.5).get(*runs.seen)
+    result["at the start"] = np.array(fmu.exchange(1.5).get(*runs.seen))
     names, rows, tangents = fmu.state_names, [], []
     nominals = fmu.nominals()
     for _ in range(20):
