@@ -32,6 +32,18 @@ COMMANDS = (
     "study none.toml",
     "fit data/dyno_A.csv --law none -o {folder}/x.json",
     "fit data/track.parquet --law lpnl2 -o {folder}/x.json",
+    "fit data/dyno_A.csv --law polylinear -o {folder}/x.json",
+    "fit data/dyno_A.csv settings/rebound_07.csv --law lpf1 -o {folder}/x.json",
+    "validate bank/AA_B.json data/dyno_B.csv -o {folder}/v.html -v",
+    "validate bank/AA_B.json -o {folder}/v.html",
+    "report data/dyno_A.csv bank/AA_B.json -o {folder}/r.html -v",
+    "report data/dyno_A.csv --limits data/dyno_B.csv --set tolerance='5 %' -o {folder}/r.html",
+    "identify data/dyno_A.csv -o {folder}/car.json",
+    "drivefile next none",
+    "build none.json -o {folder}",
+    "build bank/AA_B.json bank/AA_B.json -o {folder}",
+    "check none.fmu",
+    "run none.toml",
     "new {folder}/starter",
 )
 
