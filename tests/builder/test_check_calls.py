@@ -59,7 +59,9 @@ class Calls:
         """Return the logger of an instance, whose texts are kept."""
 
         def heard(instance: Instance, environment: int, name: bytes, status: int, category: bytes, text: bytes) -> None:
-            self.said[re.sub(r"\[\d+\] = \S+", "[k] = x", f"{status} {category.decode()}: {text.decode()}")] += 1
+            self.said[
+                re.sub(r"\S+ = \S+|least \S+|most \S+", "x", f"{status} {category.decode()}: {text.decode()}")
+            ] += 1
             log(instance, environment, name, status, category, text)
 
         return heard

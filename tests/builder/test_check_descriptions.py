@@ -20,7 +20,8 @@ SIZES = ("0", "1", "3", "500000", "500001", "x", "-2", " 4 ")
 def _of(variable: Variable) -> str:
     stated = {name: getattr(variable, name) for name in (
         "index", "reference", "type", "native", "causality", "variability", "initial", "effective_initial", "start",
-        "unit", "is_array", "is_callable", "is_continuous_real", "is_settable_at_start", "aliases", "dimensions", "starts",
+        "unit", "is_array", "is_callable", "is_continuous_real", "is_settable_at_start", "aliases", "dimensions",
+        "starts",
     )}  # fmt: skip
     numbers = [variable.number(name) for name in ("start", "min", "max", "nominal")]
     return f"{ {name: one for name, one in stated.items() if one} } {dict(variable.attributes)} {numbers}"

@@ -12,7 +12,7 @@ from builder.reference import Disclosure
 from .members import kept_of, members_of
 
 
-@pytest.mark.parametrize("name", ["quarter_car", "hysteresis"])
+@pytest.mark.parametrize("name", ["quarter_car"])
 def test_the_documents_of_a_model_are_the_same(
     name: str, archives: Mapping[str, Mapping[str, bytes]], unchanged: Callable[..., None]
 ) -> None:
