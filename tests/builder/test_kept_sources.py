@@ -18,6 +18,7 @@ from eightpost.archive import read_archive
 
 from .shock_over_settings import shock_of
 
+FILES = ["a.c", "b.c"]
 #: What differs with every change of the sources, and the lines of arrays.
 _OWN = r'(guid|instantiationToken|version|generationTool)="[^"]*"|\{[0-9a-f-]{36}\}|0x[0-9a-f]+|\d{15,}'
 
@@ -52,7 +53,7 @@ def test_a_library_is_compiled_with_the_same_command(compiler: type[Toolchain], 
     unchanged({
         f"{platform.name}, {platform.name_3}, {target}": [
             platform.member("car"), platform.member("car", 3),
-            " ".join(re.sub(r"^/.*/", "", word) for word in toolchain.command("car", platform, target, ["a.c", "b.c"])[1:]),
+            " ".join(re.sub(r"^/.*/", "", word) for word in toolchain.command("car", platform, target, FILES)[1:]),
         ]
         for platform in platforms for target in platform.targets
     })  # fmt: skip
