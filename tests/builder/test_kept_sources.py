@@ -25,7 +25,7 @@ _OWN = r'(guid|instantiationToken|version|generationTool)="[^"]*"|\{[0-9a-f-]{36
 
 def _lines(content: bytes) -> list[str]:
     text = re.sub(_OWN, "", content.decode())
-    return [line.strip() for line in text.splitlines() if line.strip() and "<File name" not in line]
+    return [line.strip() for line in text.splitlines() if line.strip() and not re.match(r"\s*(<File name|</)", line)]
 
 
 @pytest.mark.parametrize("version", ["2", "3"])
