@@ -93,7 +93,8 @@ class Runs:
 
 
 def _columns(names: list[str], rows: np.ndarray) -> dict[str, np.ndarray]:
-    return dict(zip(names, np.asarray(rows).T, strict=True))
+    """Return the rows of each column; of a car with shocks, those of the left side."""
+    return {name: rows for name, rows in zip(names, np.asarray(rows).T, strict=True) if "car.r" not in name}
 
 
 def _co_simulation(fmu: Host, seed: int) -> dict[str, object]:
