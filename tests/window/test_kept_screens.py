@@ -45,7 +45,8 @@ def _lines(element: Any) -> Iterator[str]:
     for curve in options.get("data", ()) if isinstance(options, Mapping) else ():
         sizes = {axis: np.asarray(curve[axis], float) for axis in "xy" if len(curve.get(axis) or ())}
         ranges = (f"{axis}: {len(one)} in {np.nanmin(one):.6g} to {np.nanmax(one):.6g}" for axis, one in sizes.items())
-        yield f"  curve {curve.get('name')} {' '.join(ranges)}"
+        drawn = {name: one for name, one in curve.items() if isinstance(one, str | int) or name in ("line", "marker")}
+        yield f"  curve {drawn} {' '.join(ranges)}"
 
 
 async def _screen(folder: Folder, name: str, chosen: dict[str, Any]) -> list[str]:
