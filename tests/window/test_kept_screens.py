@@ -63,7 +63,7 @@ async def _screen(folder: Folder, name: str, chosen: dict[str, Any]) -> list[str
         built.set()
 
     async with user_simulation() as user:
-        ui.page("/")(page)
+        ui.page("/", response_timeout=60.0)(page)
         await user.open("/")
         await asyncio.wait_for(built.wait(), 60.0)
         assert user.client is not None
