@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import psutil
@@ -14,7 +15,7 @@ import pytest
 
 from eightpost import marks
 from eightpost.files import atomic_path
-from eightpost.workers.process import python_command, usable_processors
+from eightpost.workers.process import Child, EndedError, python_command, usable_processors
 
 # ---- The end of the parent ------------------------------------------------------------------------------------------
 
@@ -166,3 +167,58 @@ def test_no_other_file_asks_the_system() -> None:
         if any(word in path.read_text(encoding="utf-8") for word in ("sched_getaffinity", "cpu_count"))
     ]
     assert asking == ["process.py"]
+
+
+# ---- A child that is asked ------------------------------------------------------------------------------------------
+
+#: A child that replies with twice a number, after notices; a text is run in it.
+ASKED = """
+import os, signal, sys, time
+from eightpost.workers.process import ParentChannel
+channel = ParentChannel(sys.argv[1])
+def answer(request):
+    channel.notify("noticed")
+    if isinstance(request, str):
+        exec(request)
+    return 2 * request if request else lambda: 0
+channel.serve(answer, lambda error: "no data")
+"""
+
+
+@pytest.fixture
+def child(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Child]:
+    (tmp_path / "asked.py").write_text(ASKED)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *sys.path]))
+    made = Child("asked", starting=60.0)
+    yield made
+    made.kill()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the signals are those of POSIX")
+@pytest.mark.parametrize(
+    ("request_", "message", "code"),
+    [
+        ("os._exit(0)", "crashed (its process ended with code 0)", 0),
+        ("os._exit(3)", "crashed (its process ended with code 3)", 3),
+        ("os.kill(os.getpid(), signal.SIGKILL)", "crashed (SIGKILL)", -9),
+    ],
+)
+def test_a_child_that_ends_in_a_request_is_told_with_its_code(
+    request_: str, message: str, code: int, child: Child
+) -> None:
+    noticed: list[object] = []
+    assert (child.ask(21, 30.0, noticed.append), child.ask(0, 30.0)) == (42, "no data")
+    assert noticed == ["noticed"]
+    with pytest.raises(EndedError) as raised:
+        child.ask(request_, 30.0)
+    assert (str(raised.value), raised.value.code, raised.value.hung, child.alive) == (message, code, False, False)
+
+
+def test_a_child_that_does_not_reply_in_time_is_ended(child: Child) -> None:
+    assert child.ask(1, 30.0) == 2
+    began = time.monotonic()
+    with pytest.raises(EndedError, match=r"did not respond within 0\.2 s and was ended") as raised:
+        child.ask("time.sleep(60)", 0.2)
+    assert 0.2 <= time.monotonic() - began < 20.0
+    assert (raised.value.code, raised.value.hung, child.alive) == (None, True, False)

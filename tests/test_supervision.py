@@ -5,6 +5,7 @@ from __future__ import annotations
 import mmap
 import os
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -45,6 +46,49 @@ def ended(work: str, limit: float = 30.0, **options: Any) -> tuple[int, str, str
     command = start(work, limit, **options)
     output, errors = command.communicate(timeout=60)
     return command.returncode, output, errors
+
+
+def test_long_texts_of_a_record_are_cut_and_leave_the_others_as_they_are() -> None:
+    record = Record(mmap.mmap(-1, SIZE))
+    record.complete(7)
+    long = "x" * (2 * SIZE)
+    for _ in range(2):
+        record.folder, record.remains = f"folder {long}", f"remains {long}"
+        record.name_parts(["one", "two", long])
+        with record.calling(f"component {long}", "step"):
+            assert record.called == (f"component {long}"[:959], "")
+            assert record.is_calling
+    assert (len(record.folder), len(record.remains)) == (1023, 2047)
+    assert record.folder.startswith("folder x") and record.remains.startswith("remains x")
+    assert record.code == 7 and not record.is_calling
+
+
+def test_the_loop_is_told_by_its_part_and_time() -> None:
+    record = Record(mmap.mmap(-1, SIZE))
+    record.name_parts(["car", "lf", "rf"])
+    assert record.code is None
+    states = {record.state}
+    with record.calling_loop():
+        for part, name in enumerate(("car", "lf", "rf", "unknown")):
+            struct.pack_into("q", record.memory, record.calls, part + 1)
+            struct.pack_into("q", record.memory, record.calls + 8, part)
+            struct.pack_into("d", record.memory, record.clock, 0.25 * part)
+            assert record.called == (name, f" at {0.25 * part:g} s")
+            states.add(record.state)
+        assert record.is_calling
+        with record.calling("'odd'", "start"):
+            assert record.called == ("'odd'", " to start")
+            states.add(record.state)
+        assert record.called[0] == "unknown"
+        assert "component unknown was called at 0.75 s and did not return within" in record.hang()
+    assert not record.is_calling and len(states) == 6
+
+
+@pytest.mark.parametrize("code", [0, 1, 2, 130, 255])
+def test_a_complete_command_has_its_exit_code(code: int) -> None:
+    record = Record(mmap.mmap(-1, SIZE))
+    record.complete(code)
+    assert record.code == code
 
 
 @pytest.mark.parametrize(

@@ -235,7 +235,7 @@ class Child:
     """A child process. It starts at once; the first request waits for it.
 
     Args:
-        module: Module that the child runs; its first argument is the number for `parent_channel`.
+        module: Module that the child runs; its first argument is the number for `ParentChannel`.
         arguments: Further arguments of the module.
         bare: Package whose own imports are skipped.
         folder: Folder that the child removes when this process has ended.

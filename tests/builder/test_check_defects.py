@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 
 from builder.check import check
+from builder.check.archive import read_subject
+from builder.check.description import static_findings
 
 from . import check_defects as defects
 from .check_defects import (
@@ -157,10 +159,24 @@ def test_the_table_has_enough_defects():
 
 
 @pytest.mark.slow
+def test_a_defect_in_the_files_is_found_by_its_rule(fmus, tmp_path, unchanged):
+    found = {}
+    for name in (name for name, defect in ON_FILE.items() if defect.groups == STATIC):
+        subject = read_subject(defective(fmus[ON_FILE[name].fmu], tmp_path, ON_FILE[name]))
+        findings = [*static_findings(subject)]
+        rules = {one.rule.identifier for one in findings if re.search(ON_FILE[name].message, one.message)}
+        assert ON_FILE[name].rule in rules, name
+        found[name] = " | ".join(f"{one.rule.identifier}: {one.message}" for one in findings)
+    unchanged({name: re.sub(r"\d+ bytes( of \d+)?|line \d+", "", text) for name, text in found.items()})
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.nightly) if name in COMPILED else name for name in ON_FILE]
-)
-def test_a_defect_in_the_files_is_found_by_its_rule(name, fmus, tmp_path):
+    "name",
+    [pytest.param(name, marks=pytest.mark.nightly) if name in COMPILED else name
+     for name, defect in ON_FILE.items() if defect.groups != STATIC],
+)  # fmt: skip
+def test_a_defect_in_the_files_is_found_by_a_run(name, fmus, tmp_path):
     defect = ON_FILE[name]
     assert defect.rule in found(defective(fmus[defect.fmu], tmp_path, defect), defect)
 

@@ -124,11 +124,11 @@ def test_defects_in_the_code_are_found_by_their_rules(bundle, bases, tmp_path, c
         assert_found(found, defect)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("definition", BY_DEFINITION)
 def test_a_defect_of_arrays_and_versions_of_a_foreign_fmu_is_found(definition, tmp_path):
     rule, message = BY_DEFINITION[definition]
-    found = findings_of(defects.foreign_fmu("filter_bank", tmp_path, definition), ("version_3",))
+    found = findings_of(defects.foreign_fmu("filter_bank", tmp_path, definition), ("simulation", "version_3"))
     assert [finding.rule.identifier for finding in found] == [rule]
     assert message in found[0].message
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from html.parser import HTMLParser
+from typing import Any
 
+import lxml.html
 import numpy as np
 
 import eightpost.shock
@@ -86,3 +89,24 @@ def reference_of(members: dict[str, bytes], name: str) -> tuple[dict[str, np.nda
 
 def assert_close(found: np.ndarray, expected: np.ndarray) -> None:
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9 * max(np.abs(expected).max(), 1e-9))
+
+
+def _rows(page: str) -> list[str]:
+    """Return the headings, rows of tables and texts of pictures, one a line; of an array the first element."""
+    found = lxml.html.fromstring(page).xpath("//h1 | //h2 | //h3 | //tr | //img | //pre")
+    parts = ([*one.itertext(), one.get("alt", "")] for one in found)
+    rows = [" | ".join(" ".join(part.split()) for part in texts if part.strip()) for texts in parts]
+    return [row for row in rows if not re.match(r"\S+\[([2-9]|\d\d)\] ", row)]
+
+
+def kept_of(members: Mapping[str, bytes], name: str) -> dict[str, Any]:
+    """Return what is kept of the documents of an FMU: tables of the page, reference results, texts, terminals."""
+    inputs, outputs = reference_of(dict(members), name) if f"{EXTRA}/{name}_in.csv" in members else ({}, {})
+    texts = {
+        one: content.decode()
+        for one, content in members.items()
+        if one.startswith(("extra/", "resources/")) and not one.endswith(".csv")
+    }
+    return {"page": _rows(page_of(dict(members))), "inputs": inputs, "outputs": outputs} | texts | {
+        "terminals": members.get(TERMINALS, b"").decode(), "members": sorted(members)
+    }  # fmt: skip

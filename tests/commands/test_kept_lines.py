@@ -1,0 +1,73 @@
+"""The lines that all verbs print: verdicts, notes, tables, progress in a log, findings of doctor."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from functools import partial
+
+import click
+import pytest
+from rich.console import Console
+
+from eightpost.app import doctor, show
+from eightpost.app.doctor import Finding, State
+from eightpost.report.console import console_table
+from eightpost.verdict import Grade, Reason, Verdict
+
+LONG = "words of a sentence that goes on and on over several lines of a terminal " * 5
+
+
+def _printed(call: Callable[[Console], object], *, detailed: bool, width: int = 100) -> list[str]:
+    """Return the lines that a function prints, with or without -v."""
+    console = Console(file=io.StringIO(), width=width)
+    with click.Context(click.Command("verb")) as context:
+        context.params["verbose"] = detailed
+        call(console)
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    return [line.rstrip() for line in text.splitlines()]
+
+
+def _reason(about: str, grade: Grade, remedy: str, statement: str = "it is so") -> Reason:
+    return Reason(
+        f"rule of {about}", about, grade, f"{about}: {statement}", f"{len(about)} N; limit 4 N", "a.csv", remedy
+    )
+
+
+VERDICTS = {
+    "nothing": Verdict(),
+    "usable": Verdict([_reason("shock", Grade.USABLE, "nothing")]),
+    "one": Verdict([_reason("shock", Grade.LIMITED, "fit it again")]),
+    "without advice": Verdict([_reason("shock", Grade.UNKNOWN, "nothing")]),
+    "several": Verdict([_reason(about, grade, LONG, LONG) for about in ("car", "shock") for grade in Grade]),
+}
+
+
+@pytest.mark.parametrize("detailed", [False, True], ids=["short", "detailed"])
+def test_what_verbs_say_is_the_same(detailed: bool, unchanged: Callable[..., None]) -> None:
+    calls: dict[str, Callable[..., object]] = {
+        name: partial(show.show_verdict, verdict=verdict) for name, verdict in VERDICTS.items()
+    }
+    calls |= {f"{k} notes": partial(show.show_notes, notes=[LONG] * k) for k in (2, 3)}
+    calls |= {f"{k} rows": partial(show.show_table, table=console_table("ab", [("1", "x")] * k)) for k in (4, 5)}
+    findings = [Finding("group", f"name {k}", state, "it is so", "do that" * (k % 2)) for k, state in enumerate(State)]
+    calls |= {f"works: {works}": partial(doctor._show, found=findings, works=works) for works in (True, False)}
+    found = {name: _printed(call, detailed=detailed) for name, call in calls.items()}
+    rows = partial(show.show_summary, title="Title", rows=[("a", "short"), ("long label", LONG), ("none", "")])
+    unchanged(found | {f"{width} wide": _printed(rows, detailed=detailed, width=width) for width in (60, 200)})
+
+
+def test_progress_in_a_log_has_a_line_every_half_minute_with_the_time_that_is_left(
+    monkeypatch: pytest.MonkeyPatch, unchanged: Callable[..., None]
+) -> None:
+    clock = [100.0]
+    monkeypatch.setattr(show.time, "monotonic", lambda: clock[0])
+    console, found = Console(file=io.StringIO(), width=100), {}
+    for name, total, start in (("setups", 2401, 0), ("later", 100, 40), ("share", 1.0, 0.0), ("unknown", None, 0)):
+        with show.bar(console, name, total) as advance:
+            for k in range(24):
+                clock[0] += 9.0
+                advance(start + k * (total or 50) / 100.0, None if total or k < 9 else 77)
+    found["lines"] = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    found["items"] = [*show.each(console, "abc", "items", 3)]
+    unchanged({"lines": [line.replace(" left", " to go") for line in found["lines"]], "items": found["items"]})
