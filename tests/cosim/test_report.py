@@ -378,9 +378,7 @@ def _car(make):
 
     def table(inputs, outputs):
         ends = ((inputs, "input"), (outputs, "output"))
-        return make.table(
-            *(make.variable(n, causality, unit) for units, causality in ends for n, unit in units.items())
-        )
+        return make.table(*(make.variable(n, way, unit) for units, way in ends for n, unit in units.items()))
 
     ports = table(
         {"force": "N", "heave": "in", "aero": "lbf", "own": "N"}, {"velocity": "m/s", "place": "in", "y": "N"}
