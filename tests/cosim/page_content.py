@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import platform
+from collections.abc import Mapping
 from typing import Any
 
 import lxml.html
@@ -29,15 +31,16 @@ class KeptStore:
 
 
 def content_of(html: str) -> dict[str, Any]:
-    """Return the words of a page without those of the machine, and the elements of its drawings, one a line."""
-    words = text_of_page(html.replace(versions(), "").replace(platform.machine(), ""))
-    return {"words": words, "drawing": "\n".join(drawn(html))}
+    """Return the words of a page without those of the machine, five elements a line, and its drawings."""
+    words = text_of_page(html.replace(versions(), "").replace(platform.machine(), "")).splitlines()
+    return {"words": [" | ".join(words[k : k + 5]) for k in range(0, len(words), 5)], "drawing": "\n".join(drawn(html))}
 
 
-def drawn(html: str) -> list[str]:
-    """Return the elements of all drawings of a page: the tag, the attributes and the text of each."""
-    elements = lxml.html.fromstring(html).xpath("//svg/descendant-or-self::*")
-    return [" ".join([e.tag, *(f"{key}={value}" for key, value in e.items()), e.text or ""]).strip() for e in elements]
+def manifest_lines(manifest: Mapping[str, Any]) -> list[str]:
+    """Return the manifest of a page, one line for each of its parts."""
+    short = json.loads(json.dumps(manifest, default=str), parse_float=lambda text: float(f"{float(text):.8g}"))
+    parts = {key: value if isinstance(value, list) else [value] for key, value in short.items()}
+    return [f"{key} {json.dumps(one, ensure_ascii=False)}" for key, values in parts.items() for one in values]
 
 
 @pytest.fixture
