@@ -43,6 +43,12 @@ def manifest_lines(manifest: Mapping[str, Any]) -> list[str]:
     return [f"{key} {json.dumps(one, ensure_ascii=False)}" for key, values in parts.items() for one in values]
 
 
+def drawn(html: str) -> list[str]:
+    """Return the elements of all drawings of a page: the tag, the attributes and the text of each."""
+    elements = lxml.html.fromstring(html).xpath("//svg/descendant-or-self::*")
+    return [" ".join([e.tag, *(f"{key}={value}" for key, value in e.items()), e.text or ""]).strip() for e in elements]
+
+
 @pytest.fixture
 def stores(monkeypatch: pytest.MonkeyPatch) -> list[KeptStore]:
     """Return the list of the stores of the pages that a test makes; their arrays are not packed."""
