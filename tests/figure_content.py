@@ -32,20 +32,26 @@ def _artists(axes: Any) -> Iterator[str]:
     for line in axes.lines:
         x, y = (np.asarray(data, dtype=float) for data in line.get_data())
         style = [line.get_color(), line.get_linestyle(), line.get_linewidth(), line.get_marker(), line.get_markersize()]
-        yield f"line {line.get_label()} {style}"
+        yield f"line {_label(line)} {style}"
         if x.size:
             yield from lines_of({"x": x, "y": y})
     for bar in axes.patches:
         yield f"patch {bar.get_facecolor()}"
         yield from lines_of({"corners": _corners(bar)})
     for part in axes.collections:
-        yield f"collection {type(part).__name__} {part.get_label()}"
+        yield f"collection {_label(part)}"
         if isinstance(part, LineCollection):
             yield from lines_of({"segments": np.concatenate([np.asarray(one) for one in part.get_segments()])})
         elif isinstance(part, PolyCollection):
             yield from lines_of({"area": np.concatenate([path.vertices for path in part.get_paths()])})
     for image in axes.images:
         yield from lines_of({"image": np.asarray(image.get_array(), dtype=float), "extent": list(image.get_extent())})
+
+
+def _label(artist: Any) -> str:
+    """Return the label of an artist; empty if it has none of its own."""
+    label: str = artist.get_label()
+    return "" if label.startswith("_") else label
 
 
 def _corners(patch: Any) -> np.ndarray:

@@ -46,8 +46,10 @@ CHANGES: dict[str, dict[str, float]] = {
 }  # fmt: skip
 
 #: Places of the parameters that the tests change.
-PLACES = {"motion_ratio": 0, "compression_scale": 1, "rebound_scale": 2, "gas_stiffness": 3, "gas_preload": 4,
-          "seal_friction": 5, "friction_velocity": 6, "curve.compression_speed": 9, "curve.rebound_speed": 10}  # fmt: skip
+PLACES = {
+    "motion_ratio": 0, "compression_scale": 1, "rebound_scale": 2, "gas_stiffness": 3, "gas_preload": 4,
+    "seal_friction": 5, "friction_velocity": 6, "curve.compression_speed": 9, "curve.rebound_speed": 10,
+}  # fmt: skip
 
 
 def shock_of(shock: Any, changes: Mapping[str, float]) -> ShockData:
