@@ -314,7 +314,7 @@ def violation(values: Array, constraint: Constraint) -> Array:
     """
     above = (values - constraint.at_most) / _scale(constraint.at_most)
     below = (constraint.at_least - values) / _scale(constraint.at_least)
-    return np.nan_to_num(np.maximum(above, below), nan=inf)
+    return np.nan_to_num(np.maximum(above, below), nan=inf, neginf=-1.0)
 
 
 def _scale(limit: float) -> float:
