@@ -94,7 +94,8 @@ def runs(folder: Path) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("options", "code"), [
-    (("--set", "rank=0.9"), 1), (("--set", "rank=-1", "--measure", "a"), 0), (("--set", "rank=-1", "--set", "level=3"), 1),
+    (("--set", "rank=0.9"), 1), (("--set", "rank=-1", "--measure", "a"), 0),
+    (("--set", "rank=-1", "--set", "level=3"), 1),
 ], ids=["default", "rank", "level"])  # fmt: skip
 def test_what_compare_says_of_rig_runs_is_unchanged(
     options: tuple[str, ...], code: int, folder: Path, runs: Path, unchanged: Unchanged
