@@ -47,9 +47,8 @@ def packages() -> dict[str, bytes]:
     entries = mapping(entry("k", "rebound_scale", HALF), entry("c", "gas_stiffness"))
     inline = f"<ssd:ParameterMapping>{entries}</ssd:ParameterMapping>"
     mapped = binding(parameter("k", 2.0), parameter("c", 900.0), mapping=inline)
-    annotated = corner(
-        after='<ssd:Annotations><ssc:Annotation type="a"><FixedStepMaster stepSize="0.004"/></ssc:Annotation></ssd:Annotations>'
-    )
+    step = '<ssc:Annotation type="a"><FixedStepMaster stepSize="0.004"/></ssc:Annotation>'
+    annotated = corner(after=f"<ssd:Annotations>{step}</ssd:Annotations>")
     start = '<ssd:DefaultExperiment startTime="0.1" stopTime="0.5"/>'
     outer = connectors(road="input m", out="output m/s")
     ports = link("car.velocity", "shock.velocity") + link("shock.force", "car.force") + link(":road", "car.road")
