@@ -11,7 +11,9 @@ import pytest
 import scipy.signal
 
 from cosim.study.measures import Sections
+from eightpost.errors import FmuError
 from eightpost.machine import Batch, Drive, LinearCar, Port, Quantity, Run, ShockData, Vehicle
+from eightpost.machine.library import built
 from eightpost.machine.run import SIGNALS, Limit
 from eightpost.shock import LAWS, law_name
 
@@ -114,3 +116,8 @@ def test_the_data_of_a_car_are_unchanged(unchanged: Callable[..., None]) -> None
 def test_the_mean_slope_of_a_shock_is_unchanged(name: str, shocks: Any, unchanged: Callable[..., None]) -> None:
     unchanged({change: [shock_of(shocks[name], values).mean_slope(v) for v in (0.02, 0.2, 2.0)]
                for change, values in CHANGES.items()})  # fmt: skip
+
+
+def test_the_first_error_of_a_compiler_is_stated() -> None:
+    with pytest.raises(FmuError, match=r"the machine does not compile with .*: bad\.c:1:\d+: (fatal )?error"):
+        built({"bad.c": b"int x = ;\nint y = ;\n"})

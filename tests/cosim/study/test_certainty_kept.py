@@ -18,6 +18,7 @@ from cosim.study.choice.certainty import (
     certainty_reasons,
     summary_lines,
 )
+from cosim.study.choice.posterior import half_width, probability_below
 from cosim.study.definition import Constraint, Term
 from cosim.study.table import StudyResult, error_column
 from eightpost.corners import CORNERS
@@ -104,15 +105,16 @@ def many_setups() -> Certainty:
     return certainty_of(stating(found, {"o0": (0.02, 0.3)}), Knowledge((lag("C/C", 0.01),)), draws=256)
 
 
-@pytest.mark.parametrize(
-    "made", [weighted, by_one_measure, replaced, infeasible, doubtful_limits, negative_levels, many_setups],
-    ids=lambda made: made.__name__,
-)  # fmt: skip
+@pytest.mark.parametrize("made", [
+    pytest.param(weighted, marks=pytest.mark.slow), by_one_measure, replaced, infeasible, doubtful_limits,
+    negative_levels, many_setups,
+], ids=lambda made: made.__name__)  # fmt: skip
 def test_a_certainty_is_unchanged(made: Callable[[], Certainty], unchanged: Callable[..., None]) -> None:
     found = made()
     unchanged(replace(found, effects=(), runs=()), relative=1e-4)
 
 
+@pytest.mark.slow
 def test_what_is_said_of_a_certainty_is_unchanged(unchanged: Callable[..., None]) -> None:
     result = study(objective=OBJECTIVE, constraints=LIMITS)
     found = weighted()
@@ -133,3 +135,18 @@ def test_a_lower_objective_is_a_negative_change_whatever_its_sign(sign: float) -
     known = replace(found, study=replace(found.study, baseline=dict.fromkeys(CORNERS, "B/B") | {"rr": other}))
     (whole,) = [one for one in certainty_of(known).trade_offs if one.measure == "objective"]
     assert lead != other and whole.high < 0.0 and whole.lowest == 0.0
+
+
+def test_a_sum_without_an_error_is_below_a_value_or_not() -> None:
+    none = np.zeros(3)
+    assert probability_below(np.array([-1e-9, 0.0, 1e-9]), none, none, 4.0).tolist() == [0.0, 0.5, 1.0]
+    assert half_width(0.95, none, none, 4.0).tolist() == [0.0, 0.0, 0.0]
+
+
+def test_half_widths_of_sums_are_unchanged(unchanged: Callable[..., None]) -> None:
+    shares = np.linspace(0.0, 1.0, 7)
+    unchanged({f"{p} {degrees}": half_width(p, 4.0 * shares, 4.0 * (1.0 - shares), degrees)
+               for p in (0.5, 0.8, 0.95) for degrees in (4.0, 30.0)})  # fmt: skip
+    values = np.array([-2.0, 0.3, 1.5])
+    unchanged({f"{share}": probability_below(values, np.full(3, share), np.full(3, 1.0 - share), 4.0)
+               for share in (0.0, 0.4, 1.0)}, "below")  # fmt: skip
