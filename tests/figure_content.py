@@ -23,6 +23,8 @@ def figure_lines(figure: Figure) -> list[str]:
         found.append(
             f"panel: {' | '.join(words)} | {[text.get_text() for text in legend.get_texts()] if legend else ''}"
         )
+        if figure.get_layout_engine() is None:
+            found.append(f"place {np.round(axes.get_position().bounds, 4).tolist()}")
         found += [f"  {line}" for line in _artists(axes)]
     return found
 
