@@ -27,7 +27,7 @@ from cosim.session.run import verify
 from cosim.session.setup import among, coupling_times, joined, merged, step_sizes, summed_steps
 from cosim.session.verdict import BondEnergy, Coupled, Model
 from cosim.systems.algorithm import VALUES
-from eightpost.errors import InputError
+from eightpost.errors import DivergedError, InputError, WiringError
 from eightpost.signals import Drivefile, TimeSeries
 from eightpost.validity import Range, Validity
 from eightpost.verdict import Verdict
@@ -142,6 +142,60 @@ def test_a_verification_is_unchanged(parts: Any, make: Any, unchanged: Unchanged
         result = run(system, scenario, algorithm=algorithm, step=step, engine="python")
         found = verify(system, scenario, algorithm, result, engine="python")
         unchanged({"difference": found.difference, "finer": found.finer.step, "samples": len(found.finer.series)}, name)
+
+
+# ---- Start, tolerances and divergence -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("factor", "sweeps"), [
+    (-0.2, range(15, 25)), (-0.5, range(31, 60)), (0.0, range(2, 4)),
+    (0.9, range(31, 60)), (-4.0, range(31, 60)), (1.0, range(31, 400)),
+])  # fmt: skip
+def test_a_loop_without_delay_starts_at_its_equilibrium(factor: float, sweeps: range, make: Any) -> None:
+    """y = factor (y + 3) has the solution 3 factor / (1 - factor); without one, the start is no equilibrium."""
+    parts = {"a": make.gain(factor), "b": make.gain(1.0)}
+    joined_parts = (Connection("a.y", "b.u"), Connection("b.y", "a.u", 1.0, 3.0))
+    scenario = Scenario(0.01)
+    result = run(
+        System(parts, connections=joined_parts), scenario, algorithm=Jacobi("held"), step=0.01, engine="python"
+    )
+    assert result.converged == (factor != 1.0) and result.equilibrium_sweeps in sweeps
+    if factor != 1.0:
+        assert result.series["a.y"][0] == pytest.approx(3.0 * factor / (1.0 - factor), rel=1e-9)
+    else:
+        assert any("the start is not an equilibrium" in note for note in result.notes)
+
+
+def test_an_absolute_tolerance_of_a_signal_that_is_not_coupled_is_refused(parts: Any, make: Any) -> None:
+    algorithm = Adaptive(absolute={"shock.travel": 1e-3})
+    with pytest.raises(
+        WiringError, match=r"shock.travel is not a coupled signal; those are car.velocity, gain.y, shock"
+    ):
+        run(car(parts, make), Scenario(0.05, drive()), algorithm=algorithm, step=0.004, engine="python")
+
+
+@pytest.mark.parametrize(
+    "absolute", [{"shock.force": 50.0}, {"car.velocity": 0.5}, {}], ids=["force", "velocity", "none"]
+)
+def test_an_adaptive_run_with_absolute_tolerances_is_unchanged(
+    absolute: dict[str, float], parts: Any, make: Any, unchanged: Unchanged
+) -> None:
+    algorithm = Adaptive(absolute=absolute, relative=1e-6 if absolute else 1e-9, least=1e-4)
+    result = run(car(parts, make), Scenario(0.02, drive()), algorithm=algorithm, step=0.004, engine="python",
+                 compared=False)  # fmt: skip
+    unchanged({
+        "steps": result.steps, "rejected": result.rejected_steps, "largest": result.largest_step, "least": result.step,
+        "partial": result.partial, "velocity": result.series["car.velocity"],
+    })  # fmt: skip
+
+
+@pytest.mark.parametrize(("scheme", "advice"), [
+    (Jacobi(), "smaller coupling step, gauss-seidel, or implicit"),
+    (GaussSeidel(), "smaller coupling step, or implicit"),
+])  # fmt: skip
+def test_a_coupling_that_diverges_ends_with_advice(scheme: Any, advice: str, parts: Any, make: Any) -> None:
+    with pytest.raises(DivergedError, match=rf"the coupling diverged: \S+ is \S+ after \S+ s; use a {advice}"):
+        run(car(parts, make, 90000.0), Scenario(0.06, drive()), algorithm=scheme, step=0.004, engine="python")
 
 
 # ---- Times ----------------------------------------------------------------------------------------------------------

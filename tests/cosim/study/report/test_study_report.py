@@ -471,10 +471,11 @@ def test_the_curve_of_an_fmu_is_the_static_force_of_its_law(fmus, shocks):
         np.testing.assert_allclose(shock_curve(Build(fmus[name])).force, expected, atol=1.0)
 
 
-def test_every_build_of_a_bank_has_the_curve_of_its_own_parameters(fmus):
+def test_every_build_of_a_bank_has_the_curve_of_its_own_parameters(fmus, unchanged):
     curves = shock_curves(study(fmus))
     assert set(curves) == set(SCALES)
     assert curves["stiff"].force[-1] > 1.5 * curves["middle"].force[-1] > 0.0
+    unchanged({name: [curve.velocity, *np.split(curve.force, [12, 24, 36, 48])] for name, curve in curves.items()})
 
 
 def test_a_build_whose_fmu_is_missing_has_no_curve_and_no_page(fmus, tmp_path):
