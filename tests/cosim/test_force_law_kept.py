@@ -100,3 +100,18 @@ def test_a_trial_step_can_be_taken_back_and_its_refusal_is_recorded(
         assert mean.sum(axis=0) == pytest.approx([4.5, 4.5])
     refused[0] = 3
     assert engine.advance(p, m, 0, h) == 1 and m.failure.tolist() == [3.0, 0.0, STEP_CALL]
+
+
+@pytest.mark.parametrize("changed", ["time", "velocity", "displacement", "nothing"])
+def test_a_point_that_was_tried_is_accepted_as_it_is_only_at_its_own_time_and_motion(
+    changed: str, fmus: Mapping[str, Path]
+) -> None:
+    with ForceLaw(fmus["lpnl2"]) as law:
+        forces = []
+        for is_tried in (False, True):
+            law.start(0.0, 0.05, 0.001)
+            if is_tried:
+                time, velocity, travel = 2e-3 * (changed != "time") + 1e-3, 0.12, 0.002
+                law.force(time, velocity + 0.1 * (changed == "velocity"), travel + 0.01 * (changed == "displacement"))
+            forces.append(law.accept(3e-3, 0.12, 0.002))
+        assert forces[0] == forces[1]
