@@ -3,6 +3,7 @@
 import base64
 import gzip
 import io
+import json
 import re
 
 import numpy as np
@@ -12,15 +13,19 @@ from markupsafe import Markup
 from rich.console import Console
 
 from eightpost.report import page
-from eightpost.report.charts import Axis, grid_figure, row_figure
+from eightpost.report.charts import COLORS, MEASURED, Axis, grid_figure, row_figure
 from eightpost.report.console import print_error
-from eightpost.report.numbers import Display
-from eightpost.report.packing import welch
+from eightpost.report.numbers import Display, figure, file_size, fixed, listed, percent, plain
+from eightpost.report.packing import Store, spectra, traces, welch
 from eightpost.report.page import Section, document, explained, glossary, soft
+from eightpost.report.pictures import Cloud, Mark, cloud, loop, picture
+from eightpost.report.pictures import traces as traces_of
 from eightpost.report.small_plot import HEIGHT, WIDTH, small_plot
 from eightpost.report.static import Picture, static_page
 from eightpost.report.tables import Amount, ResultTable, cell_html, result_table, unit_html
+from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade, Rule, Verdict
+from tests.figure_content import figure_lines
 
 # ---- Pages, tables and numbers --------------------------------------------------------------------------------------
 
@@ -216,3 +221,131 @@ def test_an_error_is_wrapped_between_words_in_a_terminal_and_one_line_in_a_file(
     lines = re.sub("\x1b[^m]*m", "", capsys.readouterr().err).splitlines()
     assert max(map(len, lines)) in range(widest - 15, widest + 1)
     assert " ".join(" ".join(lines).split()) == f"error: {text}"
+
+
+# ---- Numbers, charts, plots and pictures, kept figure by figure -----------------------------------------------------
+
+
+@pytest.mark.parametrize(("function", "arguments", "text"), [
+    (figure, (0.0,), "0"), (figure, (1234.5678,), "1235"), (figure, (-1.5e-5,), "−1.5·10⁻⁵"),
+    (figure, (1e16, 2), "1·10¹⁶"), (fixed, (1e-4,), "0.0001000"), (fixed, (9.9e-5,), "9.9·10⁻⁵"),
+    (fixed, (99999.0,), "99999"), (fixed, (1e5,), "1·10⁵"), (fixed, (162.0,), "162.0"), (fixed, (10.0, 2), "10"),
+    (fixed, (9.99, 3), "9.99"), (fixed, (1.0, 3), "1.00"), (plain, (1234.5, 3), "1230"),
+    (plain, (999999.0, 3), "1000000"),
+    (plain, (1e6, 3), "1.00e+06"), (plain, (-2.0, 3), "-2.00"), (plain, (0.00001, 3), "1.00e-05"),
+    (plain, (123.0, 3), "123"), (percent, (99.4,), "99 %"), (percent, (99.5,), "99.5 %"), (percent, (99.96,), "100 %"),
+    (percent, (-99.7,), "−99.7 %"), (percent, (100.4,), "100 %"), (percent, (12.34,), "12 %"),
+    (percent, (-0.5,), "−0.5 %"), (percent, (123.4,), "123 %"),
+])  # fmt: skip
+def test_a_number_has_its_digits(function, arguments, text):
+    assert function(*arguments).replace("\xa0", " ") == text
+
+
+@pytest.mark.parametrize(("count", "text"), [
+    (8, "0, 1, 2, 3, 4, 5, 6, 7"), (9, "0, 1, 2, 3, 4, 5, 6, 7, 8"), (10, "0, 1, 2, 3, 4, 5, 6, 7 and 2 more"), (0, ""),
+])  # fmt: skip
+def test_a_long_list_is_cut_where_two_or_more_names_are_saved(count, text):
+    assert listed([str(k) for k in range(count)]) == text
+
+
+def test_a_file_is_as_large_as_its_kibibytes(tmp_path):
+    (tmp_path / "a").write_bytes(b"x" * 3000)
+    assert file_size(tmp_path / "a") == "3 KiB"
+
+
+def test_a_chart_is_unchanged(unchanged):
+    axes = [(Axis("v", "m/s"), Axis("F", "N"), "first"), (Axis("f", "", "log", (0.0, 2.0)), Axis("|H|"), ""),
+            (Axis("t", "s"), Axis("x", "m"), "third")]  # fmt: skip
+    made, x = row_figure("a caption", 170, axes, 2, gap=0.2), np.linspace(-1.23456789, 1.0, 4)
+    made.line(0, x, 1000.0 * x, name="measured", color=MEASURED)
+    made.line(0, x, 1000.0 * x, name="law", color=COLORS[1], dash="dash")
+    made.dots(1, x**2, x, name="dots", size=3.5)
+    made.dots(1, x**2, x, name="dots")
+    made.marks(2, x, np.zeros(4), name="", color=COLORS[2], symbol="square")
+    made.ribbon(2, x, x - 1.0, x + 1.0, name="band", color=COLORS[3])
+    made.band(1, 2.0, 8.0)
+    made.level(1, 0.95)
+    content = made.content()
+    unchanged({"units": content["units"], "all": sorted(made.units), "height": made.height,
+               "data": [json.dumps(one) for one in content["data"]],
+               "layout": [f"{key} {json.dumps(value)}" for key, value in content["layout"].items()]})  # fmt: skip
+
+
+@pytest.mark.parametrize(("names", "length", "top"), [(0, 0, 30), (1, 4, 58), (14, 60, 302), (40, 5, 112), (11, 5, 58)])
+def test_the_legend_above_a_chart_has_columns_of_equal_width(names, length, top):
+    made = grid_figure("", 300, [(Axis("v"), Axis("F"), "")], 1, gap=(0.0, 0.0))
+    for k in range(names):
+        made.line(0, np.zeros(2), np.zeros(2), name=f"{k:0{length}d}", color="#000")
+    assert made.content()["layout"]["margin"]["t"] == top
+
+
+def test_small_plots_are_unchanged(unchanged):
+    x = np.linspace(-0.9, 0.7, 5)
+    curves = [(x, 900.0 * x + 30.0, "today"), (x, 1500.0 * x**3, "chosen")]
+    flat = [(np.zeros(2), np.full(2, 5.0), "chosen")]
+    metric = ("v", Display.of("m/s", "mm/s")), ("F", Display.of("N", "N"))
+    unchanged({"curves": small_plot(curves, VELOCITY, FORCE, "a label"), "metric": small_plot(curves, *metric, "c"),
+               "flat": small_plot(flat, VELOCITY, FORCE, "b")})  # fmt: skip
+
+
+def test_pictures_of_series_and_points_are_unchanged(unchanged):
+    time = np.arange(0.0, 30.0, 0.05)
+    rows = {f"c{k}": ("N" if k % 2 else "m/s", np.sin((1.0 + k) * time)) for k in range(14)}
+    long, short = (
+        TimeSeries.from_channels(time[:n], {k: (u, v[:n]) for k, (u, v) in rows.items()}) for n in (600, 160)
+    )
+    kept = time[:250] < 8.0
+    points = Cloud((np.sin(time[:250]), time[:250]), ("x", "y"), kept, (Mark("best", 3), Mark("today", 40)))
+    few = Cloud((np.cos(time[:9]), time[:9]), ("x", "y"), kept[:9], is_line=True)
+    unchanged({
+        "long": figure_lines(picture(long, title="a title").figure)[:12],
+        "short": figure_lines(picture(short, ["c0", "c1"]).figure),
+        "part": figure_lines(picture(long, "c1", start=3.0, stop=4.0).figure),
+        "runs": figure_lines(traces_of({"one": long, "two": short}, ["c1"], start=0.0, stop=2.0, title="t")),
+        "loop": figure_lines(loop(long, "c0", "c1", title="u").figure),
+        "cloud": figure_lines(cloud(points, title="setups").figure), "line": figure_lines(cloud(few).figure),
+    })  # fmt: skip
+
+
+@pytest.mark.parametrize(("stop", "shown"), [(8.0, (0.0, 8.0)), (8.125, (2.0625, 6.0625))])
+def test_of_a_series_of_more_than_eight_seconds_the_middle_is_drawn(stop, shown):
+    time = np.arange(0.0, stop + 1e-9, 0.0625)
+    (line,) = picture(TimeSeries.from_channels(time, {"c": ("N", time)})).figure.axes[0].lines
+    assert (line.get_xdata()[0], line.get_xdata()[-1]) == pytest.approx(shown)
+
+
+@pytest.mark.parametrize(("columns", "broken"), [(7, False), (8, True)])
+def test_a_table_of_many_columns_has_less_space_between_them(columns, broken):
+    heads = [f"h{k}" for k in range(columns)]
+    shown = result_table(ResultTable.of("", heads, [list(range(columns))]))
+    assert (shown.collapse_padding, shown.pad_edge) == (broken, not broken)
+
+
+def test_series_that_hardly_fit_into_a_page_are_thinned_and_shorter_ones_are_not():
+    time = np.arange(41) * 0.1
+    series = TimeSeries.from_channels(time, {"a": ("N", np.sin(time)), "b": ("N", np.cos(3.0 * time))})
+    whole, thin, least = (traces(series, capacity=capacity) for capacity in (84, 80, 1))
+    assert (whole.samples, whole.values.shape[1], whole.interval) == (1, 41, pytest.approx(0.1))
+    assert (thin.samples, thin.values.shape[1], thin.interval) == (3, 28, pytest.approx(0.3))
+    assert thin.time[:4] == pytest.approx([0.0, 0.1, 0.3, 0.4]) and (least.samples, least.values.shape[1]) == (41, 2)
+
+
+@pytest.mark.parametrize(("count", "known"), [(15, False), (16, True), (400, True)])
+def test_a_spectrum_needs_sixteen_samples_and_has_blocks_of_four_seconds(count, known):
+    time = np.arange(count) * 0.02
+    found = spectra(TimeSeries.from_channels(time, {"a": ("N", np.sin(20.0 * time))}))
+    assert (found is not None) == known
+    if found is not None:
+        assert found.block == pytest.approx(min(count * 0.02, 4.0)) and found.duration == pytest.approx(time[-1])
+        assert found.frequency[0] == pytest.approx(1.0 / found.block)
+    assert spectra(TimeSeries(time, np.empty((0, count)), (), ())) is None
+
+
+def test_numbers_of_a_page_begin_at_multiples_of_eight_bytes_and_come_back():
+    store, values = Store(), np.array([0.25, -1.5, 3.0])
+    places = [store.add_single(values), store.add(values), store.add_levels(values), store.add_levels(np.ones(2))]
+    content = gzip.decompress(base64.b64decode(store.text))
+    assert places == [0, 16, 40, 48] and np.frombuffer(content, "<f8", 3, 16).tolist() == values.tolist()
+    assert np.frombuffer(content, "<f4", 3, 0).tolist() == values.tolist()
+    levels = np.cumsum(np.frombuffer(content, "<u2", 3, 40).astype(int)) % 65536
+    assert levels.tolist() == [round(1.75 / 4.5 * 65535), 0, 65535] and content[48:52] == bytes(4)

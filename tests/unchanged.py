@@ -91,6 +91,8 @@ def _array(values: np.ndarray[Any, Any]) -> str:
     if values.size <= _SHORT or not np.issubdtype(values.dtype, np.number):
         return " ".join(map(_number, values.ravel().tolist()))
     flat = np.abs(values.ravel()) if np.iscomplexobj(values) else values.ravel().astype(float)
+    if np.isnan(flat).all():
+        return f"{values.shape} nan"
     figures = {"min": np.nanmin, "max": np.nanmax, "mean": np.nanmean, "rms": lambda x: np.sqrt(np.nanmean(x**2))}
     found = " ".join(f"{name} {_number(float(figure(flat)))}" for name, figure in figures.items())
     return f"{values.shape} {found} within {_number(float(flat[values.size // 3]))}"

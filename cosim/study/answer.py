@@ -9,7 +9,15 @@ from typing import NamedTuple
 import numpy as np
 from markupsafe import Markup
 
-from cosim.study.choice.certainty import OBJECTIVE, Certainty, Contribution, Status, TradeOff, chance_text
+from cosim.study.choice.certainty import (
+    OBJECTIVE,
+    Certainty,
+    Contribution,
+    Status,
+    TradeOff,
+    chance_text,
+    relative_change,
+)
 from cosim.study.sheet import Scale, Sheet, ShockCurve
 from eightpost.report.numbers import percent
 from eightpost.report.small_plot import small_plot
@@ -153,7 +161,7 @@ def _predicted(sheet: Sheet, row: int | None = None) -> Answer:
     base, column = sheet.baseline, sheet.ranked_by
     gain, rows = "", [best]
     if base is not None and base != best and sheet.done[base]:
-        change = float(column.values[best] / column.values[base]) - 1.0
+        change = float(relative_change(column.values[best], column.values[base]))
         gain = f"{_named(column.name)} {_signed(change)} against today's setup; how exact this is, is unknown."
         rows.append(base)
     return Answer(
@@ -250,7 +258,7 @@ def _predicted_trade_offs(sheet: Sheet, row: int) -> tuple[TradeOffLine, ...]:
     base = sheet.baseline
     if base is None or base == row or not sheet.done[base]:
         return ()
-    changes = ((one.name, float(one.values[row] / one.values[base]) - 1.0) for one in sheet.measures[:LISTED])
+    changes = ((one.name, float(relative_change(one.values[row], one.values[base]))) for one in sheet.measures[:LISTED])
     return tuple(TradeOffLine(name, _signed(one), "unknown", "even") for name, one in changes if np.isfinite(one))
 
 

@@ -54,8 +54,8 @@ def plain(value: float, digits: int) -> str:
 
 
 def percent(value: float) -> str:
-    """Return a value given in percent, with two digits."""
-    return f"{figure(value, 2 if abs(value) < 100.0 else 3)}\N{NO-BREAK SPACE}%"
+    """Return a value given in percent, with two digits; with three, if two would be 1·10²."""
+    return f"{figure(value, 2 if abs(value) < 99.5 else 3)}\N{NO-BREAK SPACE}%"
 
 
 def file_size(path: Path) -> str:

@@ -24,9 +24,11 @@ from eightpost.api.shape_page import (
     write_aim,
 )
 from eightpost.api.shapes import Aim, Curves, Request, Target, _Neighbour
+from eightpost.errors import InputError
 from eightpost.shock.shape import Shape, ShapeFit, Side
 from eightpost.verdict import is_intact
 from eightpost.virtual.damper import NearestValving, Valving
+from tests.unchanged import text_of_page
 
 CORNERS = ("lf", "rf", "lr", "rr")
 SHAPE = Shape(Side(3e3, 1500.0, 0.1, 600.0, 100.0), Side(4e3, 1500.0, 0.1, 600.0, 100.0))
@@ -222,3 +224,28 @@ def test_the_page_shows_each_target_with_its_band_between_valving_and_nearest_bu
     assert target[3][0] == pytest.approx(forces) and near[3][0] == pytest.approx(forces)
     _, _, drawn = written(aim(band=None))
     assert "band" not in [name for _, name, _, _ in drawn]
+
+
+def test_the_page_and_the_file_of_the_targets_are_unchanged(tmp_path, unchanged):
+    data, page = write_aim(aim(car=car(unknown=("hub",)), gains=np.arange(100.0) - 5.0), tmp_path)
+    words = text_of_page(page.read_text(encoding="utf-8")).splitlines()
+    unchanged([" | ".join(words[k : k + 5]) for k in range(0, len(words), 5)])
+    content = json.loads(data.read_text())
+    unchanged([f"{key} {json.dumps(value, ensure_ascii=False)}" for key, value in content.items()], "file")
+
+
+def test_the_curves_of_a_target_are_unchanged(written, unchanged):
+    _, page, drawn = written(aim(car=car()))
+    unchanged({"title": page["title"], "curves": [(kind, name, x, *y) for kind, name, x, y in drawn]})
+
+
+@pytest.mark.parametrize(("fields", "message"), [
+    ({"tolerance": 0.331}, "tolerance must be 0 to 33 %, not 33.1 %"), ({"tolerance": -0.001}, "tolerance must be 0"),
+    ({"keep": 0.0}, "must be above 0 and at most 100 %, not 0 %"), ({"keep": 1.001}, "not 100.1 %"),
+    ({"vary": ("knee",)}, "a shape has no number 'knee'"), ({"limits": {"lag": (1.0, 2.0)}}, "does not vary"),
+    ({"limits": {"rebound.low": (2.0, 2.0)}}, "the lower one, 2 N.s/m, must be below 2 N.s/m"),
+])  # fmt: skip
+def test_a_request_that_cannot_be_searched_is_refused(fields, message):
+    with pytest.raises(InputError, match=message):
+        Request(**fields)
+    assert Request(tolerance=0.33, keep=1.0).starts == 3 and Request(tolerance=0.0).seed == 0

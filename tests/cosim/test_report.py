@@ -16,7 +16,7 @@ import cosim
 from cosim import Bond, Connection, Result, Scenario, System
 from cosim.report import page as page_module
 from cosim.report import write_report
-from cosim.report.drawing import arrows, groups
+from cosim.report.drawing import arrows, graph, groups
 from cosim.report.page import _drive_digest
 from cosim.session.verdict import BondEnergy, Coupled
 from eightpost import __version__
@@ -24,6 +24,10 @@ from eightpost.errors import OutputError
 from eightpost.report.numbers import figure
 from eightpost.report.packing import LEVELS, traces
 from eightpost.signals import Drivefile, TimeSeries
+
+from .page_content import content_of, drawn, manifest_lines, stores
+
+__all__ = ["stores"]
 
 SPECIAL = 'a <b>&"quoted"\'</script>'
 
@@ -339,3 +343,87 @@ def test_a_report_is_written_as_one_utf_8_file(run, tmp_path):
     path = write_report(tmp_path / "out" / "report.html", *run, title="Rüttelprüfstand")
     assert [p.name for p in path.parent.iterdir()] == ["report.html"]
     assert "<h1>Rüttelprüfstand</h1>" in path.read_text(encoding="utf-8")
+
+
+# ---- Kept pages and drawings ----------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def whole(run):
+    """The run with everything that a page can show."""
+    result, system, scenario = run
+    stated = {"mass.y": 0.12, "damper.y": float("inf")}
+    joint = Coupled(1e-3, 0.5, 2.0, 800.0, 0.5, 800.0)
+    result = replace(
+        result, stated_error=stated, energy={"joint": BondEnergy(-9.0, 100.0)}, coupled={"joint": joint}, seconds=1.5,
+        stepping_seconds=0.25, partial=True, notes=("a note of 3 %",), held_direct=("damper.y",), iterations=7,
+        rejected_steps=2, largest_step=8e-3, scheme="implicit", parameters={"mass": {"scale": 1.5}},
+        algorithm="automatic", settling=0.4,
+    )  # fmt: skip
+    return result, system, replace(scenario, stop=1.5, drive_start=0.25)
+
+
+def test_a_page_is_unchanged(whole, stores, unchanged):
+    content = content_of(page_module.page(*whole, title="a run"))
+    result = whole[0]
+    unchanged(content)
+    manifest, _ = page_module._packed(result, traces(result.series), page_module.spectra(result.settled()))
+    unchanged({"manifest": manifest_lines(manifest), "arrays": stores[0].arrays}, "numbers")
+    within = replace(result, settling=5.0, stated_error={"damper.y": 0.5, "mass.y": 1.5}, decisive=("damper.y",))
+    unchanged({"tiles": list(page_module.tiles(within)), "notes": page_module.notes(within)}, "within settling")
+
+
+def _car(make):
+    """A component with three neighbours: sums, gains, units, constants, its own outputs, and neighbours that join."""
+
+    def table(inputs, outputs):
+        ends = ((inputs, "input"), (outputs, "output"))
+        return make.table(*(make.variable(n, way, unit) for units, way in ends for n, unit in units.items()))
+
+    ports = table(
+        {"force": "N", "heave": "in", "aero": "lbf", "own": "N"}, {"velocity": "m/s", "place": "in", "y": "N"}
+    )
+    shock = table({"v": "in/s", "x": "m", "u": "N", "t": "degC"}, {"f": "N"})
+    long = "a component with a name that is too long to be drawn"
+    components = {"car": make.component(ports, None), "front": make.component(shock, None),
+                  long: make.component(shock, None), "leaf": make.gain(), "alone": make.gain()}  # fmt: skip
+    bonds = (
+        Bond("front bond", Connection("car.velocity", "front.v", -1.0), Connection("front.f", "car.force"),
+             Connection("car.place", "front.x", 0.5)),
+        Bond("rear bond", Connection("car.velocity", f"{long}.v"), Connection(f"{long}.f", "car.force", -2.5)),
+    )  # fmt: skip
+    joined = (
+        Connection("front.f", f"{long}.u", -1.0), Connection(f"{long}.f", "leaf.u"),
+        Connection("leaf.y", "front.u"), Connection("car.y", "car.own"), Connection("car.place", f"{long}.x"),
+    )  # fmt: skip
+    constants = {"car.aero": 12.5, "alone.u": 0.0, "front.t": 20.0, f"{long}.t": 30.0}
+    system = System(components, bonds, joined, constants=constants, sums=frozenset({"car.force"}))
+    time = np.array([0.0, 1.0])
+    drive = Drivefile(TimeSeries.from_channels(time, {"road": ("m", time)}))
+    return system, Scenario(1.0, drive, targets={"road": "car.heave"})
+
+
+def test_a_drawing_is_unchanged(make, unchanged):
+    system, scenario = _car(make)
+    found = groups(tuple(system.components), arrows(system, scenario), {"car": "car.fmu", "front": "shock.fmu"})
+    drawings = [graph(group, {"car": "a car with a long name.fmu"}) for group in found]
+    unchanged([line for drawing in drawings for line in drawn(drawing)])
+
+
+def test_more_components_than_a_drawing_shows_are_counted_in_it(make):
+    hub = make.component(make.table(make.variable("y", "output", "N")), None)
+    components = {"hub": hub} | {f"leaf{k}": make.gain() for k in range(27)}
+    system = System(components, connections=tuple(Connection("hub.y", f"leaf{k}.u") for k in range(27)))
+    (group,) = groups(tuple(components), arrows(system, Scenario(1.0)), {})
+    shown = graph(group, {})
+    assert "leaf23" in shown and "leaf24" not in shown and "and 3 more" in shown
+
+
+def test_channels_have_panels_colours_and_dashes(unchanged):
+    time = np.array([0.0, 1.0])
+    names = [f"c{k}.force" for k in range(30)] + [f"c.q{k}" for k in range(6)]
+    series = TimeSeries.from_channels(time, dict.fromkeys(names, ("N", time)))
+    unchanged({
+        panel.quantity: [panel.opened, *(f"{line.row} {line.color} {line.dash} {line.drawn}" for line in panel.lines)]
+        for panel in page_module.panels(series)
+    })  # fmt: skip

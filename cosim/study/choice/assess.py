@@ -32,6 +32,7 @@ from cosim.study.choice.certainty import (
     Status,
     TradeOff,
     VehicleSource,
+    relative_change,
 )
 from cosim.study.choice.posterior import Observations, Posterior, Surprise, surprises_of
 from cosim.study.choice.sources import FILE, OUTPUT, UNKNOWN, ErrorSources, error_sources
@@ -312,8 +313,8 @@ def _trade_offs(
 
 def _trade_off(name: str, levels: Array, row: int, predicted: Array, feasible: Flags) -> TradeOff:
     """Return the change of drawn levels (D, 2) from the second setup to the first, which has a row."""
-    low, change, high = np.quantile(levels[:, 0] / levels[:, 1], [0.025, 0.5, 0.975]) - 1.0
-    lowest = float(predicted[row] / np.nanmin(predicted[feasible]) - 1.0)
+    low, change, high = np.quantile(relative_change(*levels.T), [0.025, 0.5, 0.975])
+    lowest = float(relative_change(predicted[row], np.nanmin(predicted[feasible])))
     return TradeOff(name, float(change), float(low), float(high), lowest)
 
 

@@ -109,10 +109,17 @@ class TradeOff:
     """Level of a measure of the leading setup relative to the baseline's (without one: to the median setup's)."""
 
     measure: str  #: Name of the measure.
-    change: float  #: Median of the true ratio minus 1 [1]; positive: the leading setup is higher, i.e. worse.
+    #: Median of the true change, relative to the size of the other level [1]; positive: the leading setup is higher,
+    #: i.e. worse.
+    change: float
     low: float  #: Lower end of its 95 % interval [1].
     high: float  #: Upper end of its 95 % interval [1].
     lowest: float  #: The leading setup's level above the lowest predicted level of all feasible setups, relative [1].
+
+
+def relative_change(level: float | Array, reference: float | Array) -> Array:
+    """Return the change from a reference, relative to its size [1]: positive for a higher level, also below 0."""
+    return np.asarray((level - reference) / np.abs(reference))
 
 
 @dataclass(frozen=True, slots=True)

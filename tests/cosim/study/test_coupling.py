@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import re
+from dataclasses import asdict, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from cosim.session.result import difference
 from cosim.session.verdict import Coupled
 from cosim.study import Build
-from cosim.study.running.coupling import choose_coupling
+from cosim.study.running.coupling import candidates, choose_coupling, coupling_for, finer
 from cosim.study.running.error_model import Pilot, fit_error_model, local_errors
 from cosim.study.running.evaluator import Evaluator
 from eightpost.archive import read_archive, write_archive
@@ -200,3 +201,58 @@ def test_a_step_at_which_the_study_diverges_is_run_with_the_implicit_scheme(smal
     bank = {"fixed": of_one_step(0.001)}
     coupling = choose_coupling(Evaluator(small_study(bank=bank, corners=dict.fromkeys(CORNERS, tuple(bank)))))
     assert coupling.scheme == "implicit"
+
+
+# ---- Kept couplings, setups and rows --------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def short(small_study):
+    """A study of two builds on a fraction of a second of the track."""
+    study = small_study(settling=0.1, accuracy=3.0, baseline={"lf": "soft", "rf": "soft", "lr": "stiff", "rr": "stiff"})
+    return Evaluator(replace(study, drives=(replace(study.drives[0], stop=0.5),)))
+
+
+def _record(coupling):
+    found = asdict(coupling) | {"notes": coupling.notes[-2:]}
+    return {key: value for key, value in found.items() if value is not None}
+
+
+@pytest.mark.slow
+def test_a_coupling_through_the_fmus_and_its_rows_are_unchanged(short, unchanged):
+    coupling = choose_coupling(short)
+    unchanged(_record(coupling), relative=1e-3)
+    setup = short.study.space.setup(6)
+    unchanged(short.row(setup, coupling) | {"seconds": 0.0}, "row", relative=1e-3)
+
+
+@pytest.mark.slow
+def test_a_coupling_on_the_machine_and_its_rows_are_unchanged(short, unchanged):
+    coupling = coupling_for(short)
+    assert coupling.machine is not None
+    notes = [re.sub(r"\d+ setups at once \([^)]*\)", "setups at once", note) for note in coupling.notes]
+    found = _record(coupling) | {"notes": notes}
+    unchanged(found | {"machine": found["machine"] | {"errors": None}}, relative=1e-3)
+    rows = short.rows([short.study.space.setup(k) for k in (0, 6, 15)], coupling)
+    unchanged([row | {"seconds": 0.0} for row in rows], "rows", relative=1e-2)
+
+
+@pytest.mark.parametrize(("parts", "excess", "more"), [
+    (1, 1.0, 2), (4, 1.5, 5), (10, 8.0, 16), (10, 8.3, 16), (10, 20.0, 20), (10, 999.0, 20), (10, 1001.0, 20),
+    (10, np.inf, 20),
+    (100, 1.0, 101), (100, 3.0, 115),
+])  # fmt: skip
+def test_the_number_of_steps_follows_from_a_third_order_with_a_margin(parts, excess, more):
+    assert finer(parts, excess) == more
+
+
+def test_the_setups_on_which_a_step_is_chosen_are_the_baseline_and_those_with_one_build(small_study, fmus):
+    bank = {f"b{k}": Build(fmus["lpnl2"], {"rebound_scale": 1.0 + k}) for k in range(30)}
+    study = small_study(bank=bank, corners=dict.fromkeys(CORNERS, tuple(bank)), baseline=dict.fromkeys(CORNERS, "b3"))
+    numbers = [setup.index for setup in candidates(SimpleNamespace(study=study))]
+    same = [k * (30**3 + 30**2 + 30 + 1) for k in range(30)]
+    assert numbers[0] == same[3] and set(numbers) <= set(same) and len(numbers) == len(set(numbers))
+    assert [same.index(number) for number in numbers] == [3, 0, *range(6, 30, 3)]
+    corners = dict(zip(CORNERS, (("b0",), ("b1",), ("b2",), ("b4", "b5")), strict=True))
+    apart = replace(study, corners=corners, baseline={})
+    assert [setup.index for setup in candidates(SimpleNamespace(study=apart))] == [0, 1]

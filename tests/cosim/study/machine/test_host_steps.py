@@ -155,9 +155,10 @@ def test_a_loop_is_bounded_below_its_limit_of_stability_and_grows_above_it(loop,
 
 
 @pytest.mark.slow
-def test_no_printed_step_is_above_the_limit_of_stability(steps):
+def test_no_printed_step_is_above_the_limit_of_stability(steps, unchanged):
     assert all(step <= steps.stable[loop] for loop in LOOPS for step in steps.steps[loop])
     assert steps.steps["C"][0] > steps.steps["A"][0] > steps.steps["J"][0]
+    unchanged(steps, relative=1e-3)
 
 
 def test_a_drive_that_does_not_move_the_car_is_refused(system):

@@ -6,6 +6,7 @@ import csv
 import json
 import re
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import openpyxl
@@ -16,8 +17,10 @@ from cosim.study.choice.certainty import Certainty, Contradiction, Contribution,
 from cosim.study.choice.rig_day import select
 from cosim.study.choice.sensitivity import available_sensitivities
 from cosim.study.definition import Build, Constraint
+from cosim.study.measures import AboveBand
 from cosim.study.page import (
     dominant_corner,
+    packed,
     page,
     sheet_of,
     write_ranking,
@@ -31,6 +34,7 @@ from cosim.study.sheet import (
     Extras,
     Scale,
     ShockCurve,
+    background,
     build_colors,
     copy_shock_pages,
     shock_curve,
@@ -44,7 +48,10 @@ from eightpost.signals import read_record
 from eightpost.validity import Validity
 from eightpost.verdict import Grade, Reason, Verdict, sealed
 
+from ...page_content import content_of, manifest_lines, stores
 from ..coupled import SCALES, study
+
+__all__ = ["stores"]
 
 FRONT, TIRE, HUB = "front ride height, RMS", "total tire force, RMS", "rf hub acceleration, RMS"
 FEW = ("AA/AA", "B/B", "C/C")
@@ -464,10 +471,11 @@ def test_the_curve_of_an_fmu_is_the_static_force_of_its_law(fmus, shocks):
         np.testing.assert_allclose(shock_curve(Build(fmus[name])).force, expected, atol=1.0)
 
 
-def test_every_build_of_a_bank_has_the_curve_of_its_own_parameters(fmus):
+def test_every_build_of_a_bank_has_the_curve_of_its_own_parameters(fmus, unchanged):
     curves = shock_curves(study(fmus))
     assert set(curves) == set(SCALES)
     assert curves["stiff"].force[-1] > 1.5 * curves["middle"].force[-1] > 0.0
+    unchanged({name: [curve.velocity, *np.split(curve.force, [12, 24, 36, 48])] for name, curve in curves.items()})
 
 
 def test_a_build_whose_fmu_is_missing_has_no_curve_and_no_page(fmus, tmp_path):
@@ -477,3 +485,81 @@ def test_a_build_whose_fmu_is_missing_has_no_curve_and_no_page(fmus, tmp_path):
     pages = copy_shock_pages(gone, tmp_path)
     assert set(pages) == set(SCALES) - {"soft"}
     assert all((tmp_path / page).read_bytes().startswith(b"<!") for page in pages.values())
+
+
+# ==== Kept pages and files ===========================================================================================
+
+
+@pytest.fixture
+def full(few, certain, lap):
+    """Return a result, sheet and extras with everything that a page can show."""
+    bank = {name: Build(build.fmu, {"clicks.rebound": 20, "gas_force": 1.5}) for name, build in few.study.bank.items()}
+    study = replace(
+        few.study, bank=bank,
+        constraints=(*few.study.constraints, Constraint(FRONT, at_least=0.002, at_most=0.2)),
+        vehicle=replace(few.study.vehicle, means_trusted=False, parameters={"mass": 2.0}),
+    )  # fmt: skip
+    source = replace(
+        few.provenance, above_band={"road": AboveBand(25.0, 0.123)},
+        settings={"coupling": {"scheme": "jacobi", "step": 2e-3}},
+        digests=few.provenance.digests | {"bank/notes.toml": "cd" * 32},
+    )  # fmt: skip
+    result = StudyResult(study, few.table, source, partial=True)
+    trade_offs = (TradeOff("objective", -0.041, -0.05, -0.03, 0.0), TradeOff(HUB, 0.02, 0.01, 0.03, 0.0),
+                  TradeOff(FRONT, -0.01, -0.02, 0.01, 0.0))  # fmt: skip
+    certainty = certain(few, trade_offs=trade_offs)
+    sheet = replace(sheet_of(result, certainty=certainty, trace_command="run {setup}"), baseline=0)
+    velocity = np.linspace(-1.0, 1.0, 5)
+    curves = {name: ShockCurve(velocity, (k + 1.0) * velocity) for k, name in enumerate(sheet.builds)}
+    selection = select(few, [FRONT, TIRE], total=4).chosen
+    extras = Extras({12: lap(1), 30: lap(2)}, available_sensitivities(few), selection, curves, {"B/B": "shocks/b.html"},
+                    AimPage("shapes.html", 0.021, 0.012, True))  # fmt: skip
+    return result, sheet, extras
+
+
+def test_the_page_of_a_study_is_unchanged(full, stores, unchanged):
+    content = content_of(page(*full[1:]))
+    manifest, _ = packed(*full[1:], [1, 2])
+    unchanged(content["words"])
+    unchanged({"manifest": manifest_lines(manifest), "arrays": stores[-1].arrays}, "numbers")
+
+
+def test_the_files_of_a_study_are_unchanged(full, lap, tmp_path, unchanged):
+    result, sheet, _ = full
+    lines = write_ranking(sheet, tmp_path / "ranking.csv").read_text(encoding="utf-8").splitlines()
+    book = openpyxl.load_workbook(write_workbook(sheet, tmp_path / "ranking.xlsx"))
+    forms = {f"{page.title} {key}": one.width for page in book for key, one in page.column_dimensions.items()}
+    cells = {page.title: [" | ".join(map(str, row)) for row in islice(page.values, 12)] for page in book}
+    ranking = book["Ranking"]
+    shading = [str(one.sqref) for one in ranking.conditional_formatting]
+    formats = [cell.number_format for cell in ranking[2]]
+    traces = write_traces(sheet, 12, lap(1), tmp_path / "setup.csv").read_text(encoding="utf-8").splitlines()
+    unchanged({"csv": lines[:25], "workbook": cells, "widths": forms, "formats": formats, "shading": shading,
+               "filter": [ranking.auto_filter.ref, ranking.freeze_panes], "traces": traces[:12]})  # fmt: skip
+    alike = StudyResult(replace(result.study, alike=(("lf", "rf"),)), result.table, result.provenance)
+    unchanged({"answer": answer_of(sheet), "facts": [": ".join(one) for one in background(alike, "").facts]}, "answer")
+    unchanged(study_verdict(result, sheet.certainty).to_json(), "verdict")
+
+
+def test_colours_of_builds_are_unchanged(unchanged):
+    unchanged(list(build_colors(20)))
+
+
+@pytest.mark.parametrize(("better", "first"), [("low", [2, 0, 1, 3]), ("high", [1, 2, 0, 3])])
+def test_setups_with_equal_values_are_in_the_order_of_their_numbers(sheet, better, first):
+    values = np.array([-1.0, 0.5, -1.0 if better == "high" else -2.0, np.nan])
+    column = replace(sheet.measures[0], values=values, better=better)
+    numbers = np.array([5, 1, 3, 0])
+    small = replace(sheet, objective=None, measures=(column,), numbers=numbers, allowed=np.ones(4, bool), failures={})
+    assert small.order.tolist() == first
+
+
+@pytest.mark.parametrize(("largest", "form"), [
+    (1000.0, "0"), (999.0, "0.0"), (100.0, "0.0"), (99.0, "0.00"), (10.0, "0.00"), (9.9, "0.0000"), (-1000.0, "0"),
+])  # fmt: skip
+def test_a_column_of_the_workbook_shows_four_digits(sheet, largest, form, tmp_path):
+    values = np.where(np.arange(sheet.numbers.size) == 0, largest, min(largest, 0.0))
+    column = replace(sheet.measures[-1], scale=Scale.of("1"), values=values)
+    one = replace(sheet, objective=None, measures=(column,))
+    ranking = openpyxl.load_workbook(write_workbook(one, tmp_path / "ranking.xlsx"))["Ranking"]
+    assert ranking.cell(2, 3 + len(sheet.corners)).number_format == form
