@@ -14,7 +14,8 @@ ROOT = Path(__file__).resolve().parents[1]
 #: What differs between two runs of the same code: dates, versions, folders, identifiers and digests, durations.
 OF_THIS_RUN = re.compile(
     r"\d{4}-\d\d-\d\d([T ][\d:.]+(Z|[+-]\d\d:\d\d)?)?|\b\d+\.\d+\.\d+\b"
-    r"|\{?[0-9a-f]{8}(-?[0-9a-f]{4}){3}-?[0-9a-f]{12}\}?|\b[0-9a-f]{12,64}\b|\b\d+(\.\d+)? (s|ms|min)\b"
+    r"|\{?[0-9a-f]{8}(-?[0-9a-f]{4}){3}-?[0-9a-f]{12}\}?|\b(?=\d*[a-f])[0-9a-f]{12,64}\b"
+    r"|\b\d+(\.\d+)? s (?=of processor time)|(?<=\()\d+\.\d+ s(?=\))|\b\d+:\d\d:\d\d\b"
     r"|(?<![<\w])/([\w.+-]+/)+"
 )
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
 import json
 import re
 from collections.abc import Iterator, Mapping
@@ -13,7 +15,7 @@ import lxml.html
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
-from matplotlib.collections import PathCollection, PolyCollection
+from matplotlib.collections import LineCollection, PathCollection, PolyCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
@@ -21,9 +23,9 @@ from tests.unchanged import lines_of
 
 
 @pytest.fixture
-def pictures(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
+def pictures(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
     """The contents of all pictures that are saved in a test; their files are empty."""
-    saved: list[dict[str, Any]] = []
+    saved: list[list[str]] = []
 
     def save(figure: Figure, path: Path, **_: object) -> None:
         saved.append(drawn(figure))
@@ -33,36 +35,63 @@ def pictures(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
     return saved
 
 
-def drawn(figure: Figure) -> dict[str, Any]:
-    """Return titles, labels, scales and all lines, dots and areas of a picture."""
-    return {"size": figure.get_size_inches(), "title": figure.get_suptitle(),
-            "panels": [dict(_panel(axes)) for axes in figure.axes if axes.get_visible()]}  # fmt: skip
+def drawn(figure: Figure) -> list[str]:
+    """Return size and title of a picture, and texts, limits, lines, areas, bars and images of each of its panels."""
+    texts = " | ".join(text.get_text() for text in figure.texts)
+    found = [f"size {figure.get_size_inches().tolist()} {texts}"]
+    for axes in filter(Axes.get_visible, figure.axes):
+        named = [
+            *(axes.get_title(where) for where in ("left", "center", "right")),
+            axes.get_xlabel(),
+            axes.get_ylabel(),
+        ]
+        legend = axes.get_legend()
+        named += [axes.get_xscale(), axes.get_yscale(), *(t.get_text() for t in (legend.get_texts() if legend else ()))]
+        found += [f"panel: {' | '.join(filter(None, named))}", *(f"  {line}" for line in _artists(axes))]
+        if figure.get_layout_engine() is None:
+            found.append(f"  place {np.round(axes.get_position().bounds, 4).tolist()}")
+    return found
 
 
-def _panel(axes: Axes) -> Iterator[tuple[str, Any]]:
-    yield "title", " | ".join(filter(None, (axes.get_title(where) for where in ("left", "center", "right"))))
-    yield "axes", f"{axes.get_xlabel()} | {axes.get_ylabel()} | {axes.get_xscale()} | {axes.get_yscale()}"
-    yield "limits", np.array([*axes.get_xlim(), *axes.get_ylim()])
-    for number, other in enumerate(axes.child_axes):
+def _artists(axes: Axes) -> Iterator[str]:
+    yield from lines_of(np.array([*axes.get_xlim(), *axes.get_ylim()]), "limits")
+    for other in axes.child_axes:
         other._set_lims()  # type: ignore[attr-defined] # as when it is drawn
-        yield f"axes {number}", f"{other.get_xlabel()} | {other.get_ylabel()}"
-        yield f"limits {number}", np.array([*other.get_xlim(), *other.get_ylim()])
-    for number, line in enumerate(axes.lines):
-        style = f"{line.get_label()} {to_hex(line.get_color())} {line.get_linestyle()} {line.get_marker()}"
-        x, y = (np.asarray(row, dtype=float) for row in line.get_data())
-        yield f"line {number}", {f"{style}, x {x[0]:.6g} to {x[-1]:.6g}" if x.size else style: y}
-    for number, found in enumerate(axes.collections):
-        rows: list[np.ndarray] = []
-        if isinstance(found, PolyCollection):
-            rows = [path.vertices for path in found.get_paths()]
-        elif isinstance(found, PathCollection):
-            rows = [np.asarray(found.get_offsets())]
-        yield f"area {number}", {str(found.get_label()): rows}
-    for number, patch in enumerate(axes.patches):
-        yield f"patch {number}", patch.get_path().vertices
-    for number, image in enumerate(axes.images):
-        yield f"image {number}", np.asarray(image.get_array(), dtype=float)
-    yield "texts", " | ".join(text.get_text() for text in axes.texts if text.get_text())
+        yield from lines_of(
+            np.array([*other.get_xlim(), *other.get_ylim()]), f"axis {other.get_xlabel()}{other.get_ylabel()}"
+        )
+    yield from (f"text {one.get_text()} at {np.round(one.get_position(), 6)}" for one in axes.texts if one.get_text())
+    for line in axes.lines:
+        x, y = (np.asarray(data, dtype=float) for data in line.get_data())
+        style = [to_hex(line.get_color()), line.get_linestyle(), line.get_linewidth(), line.get_marker()]
+        yield f"line {_label(line)} {style} {line.get_markersize()}"
+        yield from lines_of({"  x": x, "  y": y}) if x.size else ()
+    for bar in axes.patches:
+        corners = bar.get_patch_transform().transform(bar.get_path().vertices)
+        yield from lines_of({f"patch {bar.get_facecolor()}": np.asarray(corners).ravel()})
+    for part in axes.collections:
+        yield f"collection {_label(part)}"
+        if isinstance(part, LineCollection):
+            yield from lines_of({"  segments": np.concatenate([np.asarray(one) for one in part.get_segments()])})
+        elif isinstance(part, PolyCollection):
+            yield from lines_of({"  area": np.concatenate([path.vertices for path in part.get_paths()])})
+        elif isinstance(part, PathCollection):
+            yield from lines_of({"  dots": np.asarray(part.get_offsets())})
+    for image in axes.images:
+        yield from lines_of({"image": np.asarray(image.get_array(), dtype=float), "extent": list(image.get_extent())})
+
+
+def _label(artist: Any) -> str:
+    """Return the label of an artist; empty if it has none of its own."""
+    label: str = artist.get_label()
+    return "" if label.startswith("_") else label
+
+
+def figures_of(page: Path) -> dict[str, list[str]]:
+    """Return the lines that are kept of each figure of a page."""
+    (script,) = lxml.html.fromstring(page.read_text(encoding="utf-8")).xpath("//script[@id='figures']")
+    figures = json.loads(gzip.decompress(base64.b64decode(script.text)))["figures"]
+    return {f"figure {k}": plotted(figure) for k, figure in enumerate(figures, start=1)}
 
 
 def plotted(content: Mapping[str, Any]) -> list[str]:

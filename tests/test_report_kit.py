@@ -25,7 +25,7 @@ from eightpost.report.static import Picture, static_page
 from eightpost.report.tables import Amount, ResultTable, cell_html, result_table, unit_html
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade, Rule, Verdict
-from tests.figure_content import figure_lines
+from tests.drawn import drawn
 
 # ---- Pages, tables and numbers --------------------------------------------------------------------------------------
 
@@ -298,12 +298,12 @@ def test_pictures_of_series_and_points_are_unchanged(unchanged):
     points = Cloud((np.sin(time[:250]), time[:250]), ("x", "y"), kept, (Mark("best", 3), Mark("today", 40)))
     few = Cloud((np.cos(time[:9]), time[:9]), ("x", "y"), kept[:9], is_line=True)
     unchanged({
-        "long": figure_lines(picture(long, title="a title").figure)[:12],
-        "short": figure_lines(picture(short, ["c0", "c1"]).figure),
-        "part": figure_lines(picture(long, "c1", start=3.0, stop=4.0).figure),
-        "runs": figure_lines(traces_of({"one": long, "two": short}, ["c1"], start=0.0, stop=2.0, title="t")),
-        "loop": figure_lines(loop(long, "c0", "c1", title="u").figure),
-        "cloud": figure_lines(cloud(points, title="setups").figure), "line": figure_lines(cloud(few).figure),
+        "long": drawn(picture(long, title="a title").figure)[:12],
+        "short": drawn(picture(short, ["c0", "c1"]).figure),
+        "part": drawn(picture(long, "c1", start=3.0, stop=4.0).figure),
+        "runs": drawn(traces_of({"one": long, "two": short}, ["c1"], start=0.0, stop=2.0, title="t")),
+        "loop": drawn(loop(long, "c0", "c1", title="u").figure),
+        "cloud": drawn(cloud(points, title="setups").figure), "line": drawn(cloud(few).figure),
     })  # fmt: skip
 
 

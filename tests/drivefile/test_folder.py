@@ -20,7 +20,7 @@ from eightpost.vehicle import shipped
 from eightpost.verdict import Grade
 from eightpost.virtual import RigSensors, quarter_truth, run_test
 from eightpost.virtual.shocks import LinearDamper
-from tests.drawn import figures_of, words_of
+from tests.drawn import figures_of, rows_of_page
 
 #: The damper of Table 4.1, so that the linear car of the table is the car on the rig.
 DAMPER = "16.67 lbf.s/in"
@@ -81,7 +81,7 @@ def test_the_exact_car_converges_and_writes_its_files(iteration):
 
 
 def test_the_page_and_the_files_of_an_iteration(iteration, unchanged):
-    unchanged(words_of(iteration / "report.html"), "page", relative=1e-3)
+    unchanged(rows_of_page(iteration / "report.html"), "page", relative=1e-3)
     unchanged(figures_of(iteration / "report.html"), "figures", relative=1e-3)
     unchanged({path.parent.name: path for path in sorted(iteration.glob("*/errors.json"))}, "errors", relative=1e-3)
 

@@ -13,7 +13,7 @@ from eightpost.ident.validation.shock_page import _over_frequency, _overlay, _st
 from eightpost.ident.validation.shock_tests import Hold
 from eightpost.ident.validation.shocks import validate_shocks
 from eightpost.signals import TimeSeries
-from tests.drawn import figures_of, words_of
+from tests.drawn import figures_of, rows_of_page
 
 from .conftest import INCH, shock_of
 
@@ -28,7 +28,7 @@ def study(lagged, static_curve, random_test, sine_test, static_test, bump_test):
 
 def test_the_page_and_its_figures(study, tmp_path, unchanged):
     path = write_shock_page(tmp_path / "report.html", study, limit=10.0)
-    unchanged(words_of(path), "text", relative=1e-3)
+    unchanged(rows_of_page(path), "text", relative=1e-3)
     unchanged(figures_of(path), "figures", relative=1e-3)
 
 

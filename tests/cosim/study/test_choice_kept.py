@@ -44,8 +44,8 @@ from cosim.study.table import StudyResult, error_column
 from eightpost.corners import CORNERS
 from eightpost.files import json_content
 from eightpost.signals import TimeSeries
+from tests.drawn import drawn
 
-from ...figure_content import figure_lines
 from .assessed import assessed, lag
 from .constructed import result
 
@@ -125,7 +125,7 @@ def test_a_comparison_with_the_rig_is_unchanged(
     (first, second) = json_content(tmp_path / "comparison.json")["measures"]
     unchanged({key: np.array(value) if isinstance(value, list) else value for key, value in first.items()})
     unchanged({key: second[key] for key in ("spearman", "slope", "judged", "bias_percent")}, "second")
-    unchanged({"figure": figure_lines(figures[0]), "reasons": list(map(str, verdict.reasons))}, "figure")
+    unchanged({"figure": drawn(figures[0]), "reasons": list(map(str, verdict.reasons))}, "figure")
 
 
 def test_the_picture_of_a_comparison_of_runs_is_unchanged(unchanged: Unchanged) -> None:
@@ -134,7 +134,7 @@ def test_the_picture_of_a_comparison_of_runs_is_unchanged(unchanged: Unchanged) 
                                                   "z": ("N", 0.0 * time)})
             for name, scale in {"first": 1.0, "second": 1.25, "third": 0.5}.items()}  # fmt: skip
     measures = tuple(Measure(name, (name,)) for name in "xyz")
-    unchanged(figure_lines(changes(runs, measures)))
+    unchanged(drawn(changes(runs, measures)))
     with pytest.raises(ValueError, match="at least two runs"):
         compare_runs({"first": None})
 

@@ -35,8 +35,8 @@ from cosim.study.verdict import study_verdict
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError
 from eightpost.signals import TimeSeries
+from tests.drawn import drawn
 
-from ...figure_content import figure_lines
 from .constructed import result, study
 
 Unchanged = Callable[..., None]
@@ -187,12 +187,12 @@ def table(**fields: Any) -> StudyResult:
 def test_a_table_and_its_picture_are_unchanged(tmp_path: Path, unchanged: Unchanged) -> None:
     found = table()
     unchanged({"summary": repr(found), "costs": found.cost(),
-               "figure": figure_lines(found.plot().figure), "ranking": found.ranking(), "by b": found.ranking("b"),
+               "figure": drawn(found.plot().figure), "ranking": found.ranking(), "by b": found.ranking("b"),
                "rows": found.rows_of(np.array([3, 60, 12]), "b"), "marked": found.marked("tire"),
                "seconds": found.seconds,
                "shown": found.shown("a"), "difference": found.shown_difference("a", 0.0254),
                "factor": found.factor(found.study.objective[0]), "infeasible": found.infeasible})  # fmt: skip
-    unchanged(figure_lines(table(objective=(), baseline={}).plot("b", "a").figure), "other picture")
+    unchanged(drawn(table(objective=(), baseline={}).plot("b", "a").figure), "other picture")
     found.save(tmp_path / "results.parquet")
     loaded = StudyResult.load(tmp_path / "results.parquet")
     assert loaded.table.equals(found.table) and loaded.study == found.study and loaded.provenance == found.provenance

@@ -26,7 +26,7 @@ from eightpost.ident.preparation import prepare
 from eightpost.ident.vehicle.estimators import LocalPolynomial
 from eightpost.rig import RigTest
 from eightpost.signals import TimeSeries
-from tests.drawn import picture_of
+from tests.drawn import drawn
 
 from ..linear_rig import DAMPING, car, record
 
@@ -133,9 +133,7 @@ def test_the_verdicts_effects_tables_and_plots_of_a_quarter_car(
 ) -> None:
     found = judged(*quarter_tests, outputs=["tire_force", "velocity"])
     shown = {}
-    monkeypatch.setattr(
-        linearity_plots, "save", lambda figure, path, **_: shown.update({path.name: picture_of(figure)})
-    )
+    monkeypatch.setattr(linearity_plots, "save", lambda figure, path, **_: shown.update({path.name: drawn(figure)}))
     linearity_plots.plot_output(found, "tire_force", tmp_path / "tire_force.png")
     linearity_plots.plot_conditions(found, tmp_path / "conditions.png")
     linearity_plots.write_paths(tmp_path / "paths.csv", found, sources={"large": "0" * 64})

@@ -11,7 +11,7 @@ from PIL import Image, ImageChops
 from eightpost.ident.vehicle import plots
 from eightpost.ident.vehicle.plots import plot_fits
 from eightpost.vehicle import read_vehicle, shipped
-from tests.drawn import picture_of
+from tests.drawn import drawn as described
 
 from .conftest import truth_fit
 from .test_fit_on_the_page import TRUST
@@ -47,7 +47,7 @@ def test_panels_have_their_size_in_inches_below_the_title(fit, tmp_path, monkeyp
 
 def test_the_plots_of_a_fit(fit, tmp_path, monkeypatch, unchanged):
     shown = {}
-    monkeypatch.setattr(plots, "save", lambda figure, path, **_: shown.update({path.stem: picture_of(figure)}))
+    monkeypatch.setattr(plots, "save", lambda figure, path, **_: shown.update({path.stem: described(figure)}))
     partial = replace(fit.response, partial_coherence=np.full(fit.response.H.shape, 0.7))
     plot_fits(
         partial.select(outputs=OUTPUTS[:2]), fit.vehicle.state_space.select(outputs=OUTPUTS[:2]), "mine", tmp_path
@@ -61,7 +61,7 @@ def test_the_magnitudes_of_responses_of_varied_cars(unchanged):
     found = plots.variants_of(car, "tire_stiffness", (0.5, 1.0, 2.0), frequency)
     figure = plots.magnitudes({label: one.response for label, one in found.items()}, "spring_force")
     figure.draw_without_rendering()
-    unchanged({"picture": picture_of(figure), "modes": {label: one.modes for label, one in found.items()}})
+    unchanged({"picture": described(figure), "modes": {label: one.modes for label, one in found.items()}})
 
 
 @pytest.mark.nightly

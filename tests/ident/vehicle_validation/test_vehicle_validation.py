@@ -20,7 +20,7 @@ from eightpost.shock import Shock
 from eightpost.uncertainty import MeasureUncertainty
 from eightpost.vehicle import Friction, StateSpace, read_vehicle, shipped
 from eightpost.verdict import Grade
-from tests.drawn import figures_of, words_of
+from tests.drawn import figures_of, rows_of_page
 
 from .conftest import COULOMB, INCH, fit_of, quarter_test, records_of, seven_test, truth_fit
 from .test_fit_on_the_page import TRUST
@@ -58,7 +58,7 @@ def test_the_page_of_a_validation_and_its_figures(good, tmp_path: Path, unchange
     fit = replace(good.fit, vehicle=vehicle, trust=replace(TRUST, measures=measures))
     whole = replace(good, cases=(replace(first, without_friction=smooth), *good.cases[:0:-1], static), fit=fit)
     path = write_vehicle_page(tmp_path / "page.html", whole)
-    unchanged(words_of(path), "text", relative=1e-3)
+    unchanged(rows_of_page(path), "text", relative=1e-3)
     unchanged(figures_of(path), "figures", relative=1e-3)
 
 
