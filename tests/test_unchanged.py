@@ -40,7 +40,7 @@ def test_a_word_and_a_number_are_noticed_and_rounding_is_not(kept: str, now: str
 
 
 def test_dates_folders_and_durations_are_not_kept() -> None:
-    texts = ("written 2026-11-29 12:00 in 3.2 s to /tmp/a/x.json", "written 2026-11-30 09:31 in 8 s to /b/x.json")
+    texts = ("written 2026-11-29 12:00 to /tmp/a/x.json (3.2 s)", "written 2026-11-30 09:31 to /b/x.json (8.0 s)")
     assert len({line for text in texts for line in lines_of(text)}) == 1
 
 

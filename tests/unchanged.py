@@ -1,6 +1,6 @@
 """The fixture `unchanged`: a result is the one that tests/results keeps, number by number.
 
-    pytest --force-regen TEST    # keeps the present result: read its difference with git before you commit it
+    pytest --regen-all TEST    # keeps the present result: read its difference with git before you commit it
 
 A text is kept without dates, folders, durations and identifiers. Of a record, a mapping or a sequence each part has a
 line; of a long array, its smallest, largest, mean and root mean square value and one in between.

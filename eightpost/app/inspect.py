@@ -148,7 +148,10 @@ def _kind_of(path: Path) -> str:
         return "study" if is_study(path) else "run"
     if suffix == ".json":
         return {"shock": "shock", "vehicle": "vehicle"}.get(document_kind(path) or "", "")
-    return toml_kind(path) if suffix == ".toml" else {".fmu": "fmu", ".ssp": "system", ".ssd": "system"}.get(suffix, "")
+    kind = toml_kind(path) if suffix == ".toml" else ""
+    if kind == "study":
+        raise InputError(f"{path} defines a study: run it with study -o FOLDER, and inspect the folder")
+    return kind or {".fmu": "fmu", ".ssp": "system", ".ssd": "system"}.get(suffix, "")
 
 
 def _show_document(console: Console, path: Path, kind: str) -> None:

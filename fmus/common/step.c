@@ -30,7 +30,7 @@ static fmi2Status checked_step(const Component *c, double time, double h)
 {
     const Memory *m = &c->memory;
     if (!is_finite(time) || !is_finite(h) || h <= 0.0) {
-        return bad_step(c, "the step must be positive and finite, not ", h, " s, from ", time);
+        return bad_step(c, "the step must be positive and finite; it is ", h, " s, from ", time);
     }
     if (time - m->time > rounding(time) || m->time - time > rounding(time)) {
         return bad_step(c, "the step begins at ", time, " s, but the last one ended at ", m->time);

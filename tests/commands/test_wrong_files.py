@@ -39,6 +39,7 @@ WRONG = {
     "identify shocks/dyno_A.csv shocks/dyno_B.csv -o c.json": "the file has: Time, Position, Velocity, Force",
     "rig --test random --shock dmo:B -o r.parquet": "a shock is one of demo:A, configuration:1, build:C/B",
     "inspect B_B.json --vary damping": "B_B.json is not a vehicle file, and --vary varies a parameter of one; omit it",
+    "inspect study.toml": "study.toml defines a study: run it with study -o FOLDER, and inspect the folder",
     # Simulation engineer
     "build other.json -o dist": "is not a file that eightpost wrote or documents: it contains 'a'",
     "build study.toml -o dist": "the file defines a study or a system, not a vehicle; a vehicle file has model =",
