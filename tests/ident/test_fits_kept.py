@@ -103,7 +103,7 @@ def test_a_fit(name: str, fit: Callable[[str], ShockFit], tmp_path: Path, unchan
         "verdict": [f"{reason.grade}: {reason}: {reason.figure}: {reason.remedy}" for reason in found.verdict.reasons],
         "predicted": found.predicted.values,
         "parameters": printed(parameter_table(found)),
-    }, relative=1e-3)  # fmt: skip
+    }, relative=2e-3)  # fmt: skip
 
 
 def test_tables_and_pictures_of_fits(
