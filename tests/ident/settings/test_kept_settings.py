@@ -55,6 +55,8 @@ def test_a_fit_over_settings(
     document = json.loads((tmp_path / "shock.json").read_text())
     document.pop("validity", None)
     document["fit"].pop("status", None)
+    if name == "warmed":  # offsets of the curves and preload are one parameter: its standard error is that of rounding
+        document["fit"]["parameters"].pop("gas_preload")
     plot_click_map(fit.shock, "map.png")
     reasons = [f"{reason.grade}: {reason}: {reason.figure}: {reason.remedy}" for reason in fit.verdict.reasons]
     unchanged({
