@@ -80,7 +80,7 @@ def test_the_comparison_of_files_covers_numbers_but_neither_texts_nor_durations(
     first, again = (compared("a.json", json.dumps(result)) for result in results)
     assert first == again != compared("a.json", json.dumps(results[0] | {"a": [1.0 + 1e-15, True]}))
     assert compared("a.csv", "x [m],1\n") == compared("a.csv", "y [m],1.0\n") != compared("a.csv", "x [m],2\n")
-    assert compared("a.html", "1 %, 2026-11-29, 3.1 s") == compared("a.html", "1 %, 2026-11-30, 4 s")
+    assert compared("a.html", "1 %, 2026-11-29 (3.1 s)") == compared("a.html", "1 %, 2026-11-30 (4.0 s)")
     assert compared("a.html", "1 %") != compared("a.html", "2 %")
 
 
