@@ -143,7 +143,6 @@ def test_the_verdicts_effects_tables_and_plots_of_a_quarter_car(
     unchanged({**parts, **tables, **shown}, relative=1e-3)
 
 
-@pytest.mark.nightly
 def test_an_actuator_with_only_noise_is_at_rest() -> None:
     test = single("lf.road")
     noise = 1e-5 * np.random.default_rng(4).standard_normal((3, len(test.series)))
