@@ -202,7 +202,7 @@ def main(verbose: bool) -> None:
       eightpost run examples/seven_dof.toml -o out/
     """
     _check_names()
-    # Matrices are small here: threads of linear algebra that waited for each other took two thirds of `identify`.
+    # Matrices are small here: on a busy machine, threads that waited for each other took two thirds of `identify`.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     completion.tell = tell
     # Notes and errors repeat what components log; direct output would disturb the progress bar.
