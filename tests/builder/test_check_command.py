@@ -106,8 +106,9 @@ def test_a_folder_is_rejected(quickly, tmp_path):
 
 
 @pytest.mark.nightly
-def test_the_printed_report_names_the_groups_that_were_run_in_one_line(fmus):
+def test_the_printed_report_names_the_groups_that_were_run_in_one_line(fmus, monkeypatch):
     report = check(fmus["lpnl2"], groups=("static", "footprint", "surroundings"))
-    console = Console(file=io.StringIO(), width=40)
+    console = Console(file=io.StringIO(), width=80)
+    monkeypatch.setattr("eightpost.app.show.is_detailed", lambda: True)
     show_report(console, report)
     assert "  performed static, footprint, surroundings\n" in console.file.getvalue()
