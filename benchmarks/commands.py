@@ -45,7 +45,7 @@ from eightpost.__main__ import SECTIONS, every_verb
 
 #: Limits of a command's output: lines (of some commands others), and width.
 LINES, WIDTH = 12, 80
-OTHER_LINES = {"demo": 60, "doctor": 20, "reproduce": 250}  # its list is the result
+OTHER_LINES = {"demo": 60, "doctor": 20, "reproduce": 250, "--help": 60}  # lists are their results
 
 _GIVEN = tomllib.loads((ROOT / "benchmarks" / "commands.toml").read_text(encoding="utf-8"))
 COMMANDS: list[str] = _GIVEN["commands"].strip().splitlines()

@@ -120,20 +120,20 @@ def answer_table(answer: ClickAnswer) -> Table:
     rows = [
         (
             choice.text,
-            f"{choice.rms:.1f}",
+            f"{choice.rms:.0f}",
             f"{choice.percent:.1f}",
-            *(f"{part.mean:+.0f} ({part.rms:.0f})" for part in choice.ranges),
+            *(f"{part.mean:+.0f}" for part in choice.ranges),
             _note(choice.is_tested, choice.is_same and choice is not answer.best),
         )
         for choice in answer.choices
     ]
-    return console_table(columns, rows, title="Mean (RMS) of setting minus target [N]")
+    return console_table(columns, rows, title="Mean of setting minus target [N]; equal: within the band of the first")
 
 
 def _note(is_tested: bool, is_same: bool) -> str:
     notes = [
-        *([] if is_tested else ["untested combination"]),
-        *(["within the band of the first"] if is_same else []),
+        *([] if is_tested else ["untested"]),
+        *(["equal"] if is_same else []),
     ]
     return ", ".join(notes)
 
