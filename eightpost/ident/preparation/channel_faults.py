@@ -1,4 +1,4 @@
-"""Faults of channels of a rig record: wrong units, spikes, dropouts, clipping, delays of loggers, lost channels."""
+"""Faults of channels of a rig record: of several together, units, spikes, dropouts, clipping, delays, lost channels."""
 
 from __future__ import annotations
 
@@ -41,6 +41,52 @@ def unit_remedy(channel: str, gain: float) -> str:
         if abs(gain / convert(1.0, read, own) - 1.0) < UNIT_TOLERANCE:
             return f"its unit is probably {own}, but it is read as {read}; give unit = '{own}' in the channel map"
     return RULES.named("a channel has the wrong scale").remedy
+
+
+# ==== Channels that can have one fault together =======================================================================
+
+#: Channels of each dimension, for a unit that is wrong in all of them.
+DIMENSIONS = {
+    "all forces": ("tire_force", "force", "aero", "aero_force", "heave_force"),
+    "all accelerations": ("hub_acceleration", "chassis_acceleration", "vertical_acceleration"),
+}
+
+
+def fault_groups(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Return the sets of channels that can have one fault: each channel, a quantity at all corners, a dimension.
+
+    The velocity of a potentiometer has its faults too, if the logger computes one from the other.
+    """
+    groups: dict[str, tuple[str, ...]] = {name: (name,) for name in names}
+    quantities: dict[str, tuple[str, ...]] = {}
+    for name in names:
+        quantity = name.rpartition(".")[2]
+        quantities[quantity] = (*quantities.get(quantity, ()), name)
+        velocity = name.replace("displacement", "velocity")
+        groups |= {f"{name} with its velocity": (name, velocity)} if velocity != name and velocity in names else {}
+    groups |= {f"*.{quantity}": own for quantity, own in quantities.items() if len(own) > 1}
+    pots = (*quantities.get("displacement", ()), *quantities.get("velocity", ()))
+    groups |= {"*.displacement and velocity": pots} if {"displacement", "velocity"} <= quantities.keys() else {}
+    return groups | {dimension: _of(names, *members) for dimension, members in DIMENSIONS.items()}
+
+
+def sign_conventions(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Return the sets of channels that one convention of signs reverses, other than those of `fault_groups`."""
+    shocks = _of(names, "force", "displacement", "velocity")
+    corners = dict.fromkeys(name.rpartition(".")[0] for name in shocks)
+    vertical = _of(names, "road", *DIMENSIONS["all accelerations"])
+    return {
+        **{
+            f"all channels of the shock {corner}": tuple(n for n in shocks if n.startswith(corner))
+            for corner in corners
+        },
+        "force and displacement of all shocks": shocks,
+        "all roads and accelerations": vertical,
+    }
+
+
+def _of(names: Sequence[str], *quantities: str) -> tuple[str, ...]:
+    return tuple(name for name in names if name.rpartition(".")[2] in quantities)
 
 
 # ==== Faults that the samples of one channel show: spikes, dropouts, clipping ========================================
