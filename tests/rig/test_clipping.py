@@ -5,7 +5,7 @@ import pytest
 
 from eightpost.ident import fit_shock
 from eightpost.rig import dyno_test_of
-from eightpost.signals.flat_tops import flat_tops
+from eightpost.rig.clipping import flat_tops
 from eightpost.verdict import Grade
 
 UNITS = {"time": "s", "displacement": "mm", "velocity": "mm/s", "force": "N"}
