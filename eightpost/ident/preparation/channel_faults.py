@@ -1,4 +1,4 @@
-"""Faults of channels of a rig record: of several together, units, spikes, dropouts, clipping, delays, lost channels."""
+"""Faults of the channels of a rig record: units, spikes, dropouts, clipping, delays, lost channels, shared causes."""
 
 from __future__ import annotations
 
