@@ -12,10 +12,10 @@ enum { CONTINUOUS_STATES = 2 };
 #define time_constant time_constants
 #include "hysteresis.c.inc"
 
-/* Moves the origin of a cubic to that of single precision and scales it. */
+/* Moves the origin of a cubic to zero and scales it. */
 static void finish_cell(double *cell, double from, double factor)
 {
-    const double x = (double)(float)from - from, c0 = cell[0], c1 = cell[1], c2 = cell[2], c3 = cell[3];
+    const double x = -from, c0 = cell[0], c1 = cell[1], c2 = cell[2], c3 = cell[3];
     cell[0] = factor * (c0 + x * (c1 + x * (c2 + x * c3)));
     cell[1] = factor * (c1 + x * (2.0 * c2 + x * 3.0 * c3));
     cell[2] = factor * (c2 + 3.0 * x * c3);

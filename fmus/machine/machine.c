@@ -41,19 +41,13 @@ static inline WITHIN real between(const March *m, int c, real velocity)
     return 0.9375 * m->at[c].velocity + (0.3125 * velocity + (0.0625 * m->earlier[1][c] - 0.3125 * m->earlier[0][c]));
 }
 
-/* The cubics of all ports in the middle and at the end of the step, by the velocities at its end. Ports go through each stage together:
- * their operations do not wait for each other. */
-static inline WITHIN void find_cubics(const March *m, Kinds kinds, const real *velocity, Step *steps)
+/* The places of the cubics of all ports in the middle and at the end of the step, by the velocities at its end. */
+static inline WITHIN void find_places(const March *m, Kinds kinds, const real *velocity, Places *found)
 {
-    Found found[CORNERS];
     UNROLLED
     for (int c = 0; c < CORNERS; c++) {
         const Port *port = &m->ports[c];
         find_both(port, by_ratio(port, kinds, between(m, c, velocity[c])), by_ratio(port, kinds, velocity[c]), &found[c]);
-    }
-    UNROLLED
-    for (int c = 0; c < CORNERS; c++) {
-        gather_cubics(&m->ports[c], kinds, &found[c], steps[c].cubics);
     }
 }
 
@@ -71,12 +65,16 @@ static inline WITHIN void find_forces(const March *m, Kinds kinds, int c, real t
 }
 
 /* Evaluates the ports at velocities and travels at the end of the step. */
-static inline WITHIN void evaluate(const March *m, Kinds kinds, const real *velocity, const real *travel, int known, Step *steps,
-                                   real *beyond)
+static inline WITHIN void evaluate(const March *m, Kinds kinds, const real *velocity, const real *travel, const Places *found,
+                                   Step *steps, real *beyond)
 {
     UNROLLED
     for (int c = 0; c < CORNERS; c++) {
         Step *s = &steps[c];
+        const int known = found == NULL;
+        if (!known && kinds.knots) {
+            gather_cubics(&m->ports[c], kinds, &found[c], s->cubics);
+        }
         follow(&m->ports[c], kinds, &m->at[c], between(m, c, velocity[c]), known, &s->cubics[MIDDLE_OF_STEP], &s->at[MIDDLE_OF_STEP]);
         follow(&m->ports[c], kinds, &s->at[MIDDLE_OF_STEP], velocity[c], known, &s->cubics[END_OF_STEP], &s->at[END_OF_STEP]);
         find_forces(m, kinds, c, travel[c], s, beyond);
@@ -108,22 +106,24 @@ static inline WITHIN void solve(March *m, Kinds kinds, int64_t step, real *veloc
 {
     const Car *car = m->run->car;
     const double *road = m->run->velocities + (step + 1) * CORNERS, *travels = m->run->travels + (step + 1) * CORNERS;
-    real free[CORNERS], free_travel[CORNERS] = {{0.0}}, travel[CORNERS] = {{0.0}}, states[STATES + FORCES], *beyond = states + STATES;
+    real free[CORNERS], free_travel[CORNERS], travel[CORNERS], states[STATES + FORCES], *beyond = states + STATES;
     predict(m, states);
     UNROLLED
     for (int c = 0; c < CORNERS; c++) {
         free[c] = with_row(uniform(road[c]), car->velocity[c], states, STATES);
         velocity[c] = 3.0 * (m->at[c].velocity - m->earlier[0][c]) + m->earlier[1][c];
+        travel[c] = uniform(0.0);
         if (kinds.travel) {
             travel[c] = free_travel[c] = with_row(uniform(travels[c]), car->travel[c], states, STATES);
         }
     }
+    Places found[CORNERS];
     if (kinds.knots) {
-        find_cubics(m, kinds, velocity, steps);
+        find_places(m, kinds, velocity, found);
     }
     UNROLLED
     for (int n = 0; n < SWEEPS; n++) {
-        evaluate(m, kinds, velocity, travel, n > 0, steps, beyond);
+        evaluate(m, kinds, velocity, travel, n > 0 ? NULL : found, steps, beyond);
         UNROLLED
         for (int c = 0; c < CORNERS; c++) {
             const real found = with_row(free[c], car->moved[c], beyond, FORCES);
@@ -133,7 +133,9 @@ static inline WITHIN void solve(March *m, Kinds kinds, int64_t step, real *veloc
         }
     }
     memcpy(m->states, states, sizeof states);
-    memcpy(m->travel, travel, sizeof travel);
+    if (kinds.travel) {
+        memcpy(m->travel, travel, sizeof travel);
+    }
 }
 
 /* Advances the car and its ports by a step. */

@@ -29,9 +29,9 @@ enum { FORCE, STATIC_FORCE, LAGGED_FORCE, LAG_WEIGHT, DISSIPATED_POWER, BEYOND_F
 /* Places of knots in a search by halves; velocities are usually between half of them, the first of which is USUAL. */
 enum { SLOTS = 31, USUAL = 5 };
 
-/* A cubic of each setup in v - origin. */
+/* A cubic of each setup in v. */
 typedef struct {
-    real at[COEFFICIENTS], origin;
+    real at[COEFFICIENTS];
 } Cubic;
 
 /* A shock and its port at one time. */
@@ -66,32 +66,26 @@ typedef struct {
 
 /* ---- The static curve ------------------------------------------------------------------------------------------------------- */
 
-/* The first coefficients of the cells of two velocities of each setup, and the origins of the cells. */
-typedef struct {
-    Places first;
-    Narrow origin;
-} Found;
-
 static inline WITHIN Narrow chosen_of(Places condition, Narrow a, Narrow b)
 {
     return (Narrow)(((Places)a & condition) | ((Places)b & ~condition));
 }
 
 /* Halves the knots in question, of which there are 2 half + 1. */
-static inline WITHIN void halve(const Narrow *from, int half, Narrow both, Found *found, Narrow *to)
+static inline WITHIN void halve(const Narrow *from, int half, Narrow both, Places *first, Narrow *to)
 {
     const Places above = both >= from[half];
-    found->first += above & (COEFFICIENTS * (half + 1));
-    found->origin = chosen_of(above, from[half], found->origin);
+    *first += above & (COEFFICIENTS * (half + 1));
     UNROLLED
     for (int k = 0; k < half; k++) {
         to[k] = chosen_of(above, from[half + 1 + k], from[k]);
     }
 }
 
-/* Velocities and knots are compared in single precision: a velocity that is equal to a knot but for that rounding may take the cubic
+/* The first coefficients of the cells of two velocities of each setup.
+ * Velocities and knots are compared in single precision: a velocity that is equal to a knot but for that rounding may take the cubic
  * of the neighbouring cell, which has the same value and slope there. */
-static inline WITHIN void find_both(const Port *port, real v, real w, Found *found)
+static inline WITHIN void find_both(const Port *port, real v, real w, Places *first)
 {
     Narrow both, left[SLOTS / 2];
     for (int k = 0; k < SETUPS; k++) {
@@ -100,40 +94,36 @@ static inline WITHIN void find_both(const Port *port, real v, real w, Found *fou
     }
     const Narrow *knots = port->knots;
     if (are_all((both >= knots[USUAL - 1]) & (both < knots[USUAL + SLOTS / 2]))) {
-        found->first = (Places){0} + COEFFICIENTS * USUAL;
-        found->origin = knots[USUAL - 1];
-        halve(knots + USUAL, 7, both, found, left);
+        *first = (Places){0} + COEFFICIENTS * USUAL;
+        halve(knots + USUAL, 7, both, first, left);
     } else {
-        found->first = (Places){0};
-        found->origin = knots[0];
-        halve(knots, 15, both, found, left);
-        halve(left, 7, both, found, left);
+        *first = (Places){0};
+        halve(knots, 15, both, first, left);
+        halve(left, 7, both, first, left);
     }
-    halve(left, 3, both, found, left);
-    halve(left, 1, both, found, left);
-    halve(left, 0, both, found, left);
-    IN_MEMORY(found->first); /* from where numbers are faster taken */
+    halve(left, 3, both, first, left);
+    halve(left, 1, both, first, left);
+    halve(left, 0, both, first, left);
+    IN_MEMORY(*first); /* from where numbers are faster taken */
 }
 
 /* The cubics of the first or the second velocity. */
-static inline WITHIN void gather(const Cells *cells, const Found *found, int which, Cubic *cubic)
+static inline WITHIN void gather(const Cells *cells, const Places *found, int which, Cubic *cubic)
 {
     const double *rows[SETUPS];
     for (int k = 0; k < SETUPS; k++) {
-        rows[k] = &cells[k][0][0] + (unsigned)found->first[which * SETUPS + k];
-        cubic->origin[k] = (double)found->origin[which * SETUPS + k];
+        rows[k] = &cells[k][0][0] + (unsigned)(*found)[which * SETUPS + k];
     }
     transpose(rows, cubic->at);
 }
 
 static inline real value_at(const Cubic *c, real v)
 {
-    const real x = v - c->origin;
-    return c->at[0] + x * (c->at[1] + x * (c->at[2] + x * c->at[3]));
+    return c->at[0] + v * (c->at[1] + v * (c->at[2] + v * c->at[3]));
 }
 
 /* The cubics of two points of a port but those of the lagged velocity. */
-static inline WITHIN void gather_cubics(const Port *port, Kinds kinds, const Found *found, Cubics *cubics)
+static inline WITHIN void gather_cubics(const Port *port, Kinds kinds, const Places *found, Cubics *cubics)
 {
     UNROLLED
     for (int which = 0; which < 2; which++) {
@@ -146,7 +136,7 @@ static inline WITHIN void gather_cubics(const Port *port, Kinds kinds, const Fou
 
 static APART void find_lagged(const Port *port, real velocity, Cubic *cubic)
 {
-    Found found;
+    Places found;
     find_both(port, velocity, velocity, &found);
     gather(port->lagged, &found, 0, cubic);
 }
@@ -340,7 +330,7 @@ static void start_point(const Port *port, Kinds kinds, real velocity, Cubics *cu
 {
     const real v = port->parameters.motion_ratio * velocity;
     Cubics both[2];
-    Found found;
+    Places found;
     memset(at, 0, sizeof *at);
     at->velocity = velocity;
     find_both(port, v, v, &found);
