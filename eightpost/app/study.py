@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from eightpost import completion
-from eightpost.app.build import build_with_progress
+from eightpost.app.exchange import build_with_progress
 from eightpost.app.options import (
     RANK,
     WORKERS,
