@@ -183,6 +183,8 @@ def show_built(console: Console, built: list[Built]) -> Verdict:
     return verdict
 
 
+# ---- `eightpost check` ----------------------------------------------------------------------------------------------
+
 _COLOURS = {"error": "bold red", "drop-in": "yellow", "hint": "cyan"}
 
 
@@ -342,6 +344,8 @@ def _row(finding: Finding) -> tuple[str, ...]:
     advice = f"{escape(rule.advice)} [dim]({rule.source})[/]"
     return (f"[{_COLOURS[level]}]{level}[/]", rule.identifier, escape(text), advice)
 
+
+# ---- `eightpost export` ---------------------------------------------------------------------------------------------
 
 #: Settings of a vehicle or a response, and options and settings of shocks.
 _VEHICLE_SETTINGS, _OF_SHOCKS = {"ports", "high", "step"}, {"error", "speed", "--format", "--over"}

@@ -1,4 +1,4 @@
-"""`eightpost virtual` and `drivefile`: tests of models, whose data are SYNTHETIC, and commands that follow the track."""
+"""`eightpost virtual` and `drivefile`: tests of models, whose data are SYNTHETIC, and drive files from track data."""
 
 from __future__ import annotations
 
