@@ -14,12 +14,11 @@ from builder.interface import Interface, Variable, own_value, shock_kinds, sourc
 from builder.native_fmu import model_files
 from builder.product import BEYOND_SETTINGS
 from builder.tables import interface_header, layout, settings_data
-from eightpost import __version__
+from eightpost import __version__, fmi
 from eightpost.archive import read_archive
 from eightpost.errors import FmuError
 from eightpost.files import MALFORMED
-from eightpost.fmi import description as fmi
-from eightpost.fmi.description import Description, read_description
+from eightpost.fmi import Description, read_description
 from eightpost.shock import LAWS, Axis, Port, Settings, ShockLaw, StaticCurve, Term, own_parameters
 from eightpost.shock.curve import KNOTS
 from eightpost.shock.settings import LAGGED_SLOPE, TEMPERATURE

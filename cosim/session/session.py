@@ -40,7 +40,7 @@ from cosim.systems.algorithm import Adaptive, Algorithm
 from cosim.systems.coupling import Coupling, Scenario
 from cosim.systems.system import System
 from eightpost.errors import DivergedError, StepError, TerminatedError, WiringError
-from eightpost.fmi.functions import DISCARD
+from eightpost.fmi import DISCARD
 from eightpost.progress import Progress
 from eightpost.signals import Drivefile
 

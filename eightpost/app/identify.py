@@ -399,7 +399,6 @@ def _validate_shocks(
 
 def _validate_vehicle(console: Console, path: Path, files: Sequence[Path], asked: ValidateOptions) -> Verdict:
     """Validate a vehicle, print the tables, write the report, and return the verdict."""
-    from eightpost.app.identify import trust_tables
     from eightpost.ident.validation.comparison import rig_record
     from eightpost.ident.validation.vehicle_page import terminal_tables
     from eightpost.ident.validation.vehicles import Limits, keep_verdict, validate_vehicle, vehicle_verdict

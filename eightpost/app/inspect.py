@@ -30,12 +30,12 @@ from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table, unbroken
 
 if TYPE_CHECKING:
-    from eightpost.checks import Fault
     from eightpost.display import Summary
     from eightpost.ident.linearity import Linearity
     from eightpost.ident.vehicle.frequency_response import FrequencyResponse
     from eightpost.rig import DynoTest, PeakVelocityTable, RigTest
     from eightpost.rig.columns import ProposedMap
+    from eightpost.rig.faults import Fault
     from eightpost.signals import ChannelMap, TimeSeries
     from eightpost.signals.raw_record import RawRecord
     from eightpost.vehicle import Mode
@@ -175,7 +175,7 @@ def _fmu_summary(path: Path) -> Summary:
 
     from eightpost.archive import read_archive
     from eightpost.display import Summary, some
-    from eightpost.fmi.description import read_description
+    from eightpost.fmi import read_description
 
     content = read_archive(path)
     root = ElementTree.fromstring(content["modelDescription.xml"])

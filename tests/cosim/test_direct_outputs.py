@@ -30,7 +30,7 @@ from cosim.engine import blocks
 from cosim.systems.system import Connection
 from eightpost.corners import CORNERS
 from eightpost.errors import StepError
-from eightpost.fmi.description import read_description
+from eightpost.fmi import read_description
 from eightpost.signals import Drivefile, TimeSeries
 
 Join = Callable[..., System]
