@@ -26,9 +26,8 @@ from eightpost.errors import FmuError
 from eightpost.files import sha256_of
 from eightpost.report import page as html
 from eightpost.report.charts import COLORS
-from eightpost.report.numbers import Display, figure, listed, percent
-from eightpost.report.packing import Spectra, Store, Traces, spectra, traces, welch
-from eightpost.report.tables import Tile
+from eightpost.report.page import Spectra, Store, Traces, spectra, traces, welch
+from eightpost.report.tables import Display, Tile, figure, listed, percent
 from eightpost.signals import Drivefile, TimeSeries
 
 # ==== Origin: files with their digests, versions and the machine =====================================================

@@ -29,7 +29,7 @@ from eightpost.array_types import Array, Flags, Integers
 from eightpost.errors import EightpostError, FileFormatError
 from eightpost.files import MALFORMED, atomic_path, json_content
 from eightpost.report.charts import COLORS
-from eightpost.report.numbers import Display
+from eightpost.report.tables import Display
 from eightpost.signals import Drivefile, TimeSeries
 from eightpost.units import metric
 from eightpost.verdict import Verdict, is_intact

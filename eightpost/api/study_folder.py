@@ -409,7 +409,7 @@ class StudyFolder:
             InputError: Nothing changes, an adjuster is at its stop, or there is no such corner or setup.
         """
         from cosim.study.choice.sensitivity import shock_at, what_if
-        from eightpost.api.clicks import change_of
+        from eightpost.api.shapes import change_of
 
         if not any(clicks.values()):
             raise InputError("nothing changes; give --rebound or --compression, e.g. --rebound +1")

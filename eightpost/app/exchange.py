@@ -50,7 +50,7 @@ def _assemble_with_progress(console: Console, source: Path, output: Path, *, fmi
 
 def _show_assembled(console: Console, built: Assembled) -> None:
     """Print the components of the FMU, its micro step and its platforms."""
-    from eightpost.report.numbers import file_size
+    from eightpost.report.tables import file_size
     from eightpost.units import convert
 
     names = built.interface.names
@@ -172,7 +172,7 @@ def show_built(console: Console, built: list[Built]) -> Verdict:
     """Print the FMUs and the verdict that they carry; return the verdict."""
     from builder.build import verdict_on
     from eightpost.app.show import show_notes, show_verdict
-    from eightpost.report.numbers import file_size
+    from eightpost.report.tables import file_size
 
     files = [f"{item.path}: {item.interface.kind} {item.interface.version}, FMI {item.fmi}.0, {item.target}, "
              f"{file_size(item.path)}" for item in built]  # fmt: skip
