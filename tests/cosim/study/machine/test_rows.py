@@ -11,9 +11,8 @@ from cosim.session.result import difference
 from cosim.study import Build, Measure, Term, Vehicle
 from cosim.study.measures import STATISTICS, Filtered
 from cosim.study.running import workers as running_workers
-from cosim.study.running.batches import Batches
+from cosim.study.running.batches import Batches, ErrorModel
 from cosim.study.running.coupling import Compared, coupling_for
-from cosim.study.running.error_model import ErrorModel
 from cosim.study.running.evaluator import Check, Coupling, Evaluator, MachineCoupling, coupling_of
 from cosim.study.running.machine import read_vehicle
 from cosim.study.running.sweep import run_study
