@@ -43,7 +43,7 @@ inspect | Show what a file contains, and everything suspicious in it.
 fit | Fit a shock law to dynamometer records: one, several runs together, or one shock over its adjusters.
 identify | Identify a vehicle from rig tests.
 validate@identify | Validate fitted shocks or an identified vehicle on held-out records.
-report | Write a page about shocks: their dynamometer records and fitted laws, by build; or about a study.
+report@fit | Write a page about shocks: their dynamometer records and fitted laws, by build; or about a study.
 FMUs for simulation
 build@exchange | Build an FMU from each source, for co-simulation and model exchange.
 check@exchange | Check FMUs of any maker: the rules of the FMI standard, and known causes of failed imports.

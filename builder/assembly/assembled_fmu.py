@@ -286,7 +286,7 @@ _CONNECTIONS = (Column("from", "name"), Column("to", "name"), Column("gain", "nu
 _CAPTION = "Force at the port of each shock without gas force, over the fitted velocity range."
 
 
-def assembly_documents(assembly: Assembly, interface: Interface, fmi: int = 2) -> dict[str, bytes]:
+def _assembly_documents(assembly: Assembly, interface: Interface, fmi: int = 2) -> dict[str, bytes]:
     """Return the documents of an archive: member name -> content; the same assembly gives the same bytes."""
     picture = curves_picture(assembly.identifier, {part.name: _shock_law(assembly, part) for part in assembly.shocks})
     reference = _assembly_reference(assembly, interface)
@@ -525,7 +525,7 @@ def _feeds(assembly: Assembly, interface: Interface) -> tuple[list[list[object]]
 def without_binaries(assembly: Assembly, interface: Interface, fmi: int) -> Source:
     """Return the FMU of an FMI version, 2 or 3, without its binaries."""
     described = assembly.identifier, assembly.text, interface
-    members = assembly_documents(assembly, interface, fmi)
+    members = _assembly_documents(assembly, interface, fmi)
     return sealed(described, members, lambda guid: assembly_sources(assembly, interface, guid), fmi=fmi)
 
 

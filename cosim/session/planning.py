@@ -223,7 +223,7 @@ def blank_tape(setup: RunSetup) -> Tape:
     return Tape(np.zeros((rows, columns.size)), np.zeros(rows), columns, np.zeros(1, np.int64))
 
 
-def recorded_series(setup: RunSetup, tape: Tape) -> TimeSeries:
+def _recorded_series(setup: RunSetup, tape: Tape) -> TimeSeries:
     """Return the contents of a tape and the recorded discrete variables, in SI.
 
     Raises:
@@ -414,7 +414,7 @@ class Outcome:
         setup, m, ending = self.setup, self.running.memory, self.ending
         system, counts = setup.system, m.counts
         return Result(
-            series=recorded_series(setup, self.running.tape),
+            series=_recorded_series(setup, self.running.tape),
             converged=bool(self.equilibrium.converged and ending.why != STUCK and counts[LOOSE] == 0),
             notes=tuple(self._notes()),
             algorithm=setup.algorithm.name,

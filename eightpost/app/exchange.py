@@ -360,7 +360,7 @@ def _default_package(given: Mapping[str, Any]) -> Path:
 
 
 @dataclass(frozen=True, slots=True)
-class ExportOptions:
+class _ExportOptions:
     """Options of `eightpost export`."""
 
     # fmt: off
@@ -403,7 +403,7 @@ class ExportOptions:
 
 
 @verb
-def export(ctx: click.Context, asked: ExportOptions = group(ExportOptions)) -> None:
+def export(ctx: click.Context, asked: _ExportOptions = group(_ExportOptions)) -> None:
     """Export models, frequency responses, shock curves and systems for other tools.
 
     SOURCE is a vehicle (.json, or .toml with parameters), a frequency response (.npz), or one or more shocks (.json). A

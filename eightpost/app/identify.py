@@ -55,7 +55,7 @@ RECIPES = ("boggs", "common-poles", "grey-box")
 
 
 @dataclass(frozen=True, slots=True)
-class IdentifyOptions:
+class _IdentifyOptions:
     """Options of `eightpost identify`."""
 
     # fmt: off
@@ -105,7 +105,7 @@ class IdentifyOptions:
 
 
 @verb
-def identify(ctx: click.Context, asked: IdentifyOptions = group(IdentifyOptions)) -> None:
+def identify(ctx: click.Context, asked: _IdentifyOptions = group(_IdentifyOptions)) -> None:
     """Identify a vehicle from rig tests: one with baseline shocks, one with another shock at each corner.
 
     RIG is a .parquet, .csv, .mat or .mf4 file with the channels of docs/explanation/rig.md, or with a channel map. Use
@@ -131,7 +131,7 @@ def identify(ctx: click.Context, asked: IdentifyOptions = group(IdentifyOptions)
     ctx.exit(0 if fit.verdict.is_acceptable else 1)
 
 
-def _identified(more: Console, asked: IdentifyOptions) -> VehicleFit:
+def _identified(more: Console, asked: _IdentifyOptions) -> VehicleFit:
     """Read the tests, print what is known about them, and identify the vehicle."""
     from eightpost.ident.preparation import Decimation, Preparation, prepare, read_preparation
     from eightpost.ident.vehicle.plan import plan_identification
@@ -201,7 +201,7 @@ def _show_baseline(console: Console, rig_files: Sequence[Path], reference: Basel
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
 
 
-def trust_tables(fit: VehicleFit) -> Iterator[Table]:
+def _trust_tables(fit: VehicleFit) -> Iterator[Table]:
     """Yield the tables of what a fit says about its own outputs, measures and friction."""
     from eightpost.ident.vehicle.vehicle_fit import friction_table, measure_table, trust_table
 
@@ -227,7 +227,7 @@ def _show_fit(console: Console, fit: VehicleFit, verdict: Verdict) -> None:
     show_summary(console, f"{fit.vehicle.name}, recipe {fit.recipe}, {fit.seconds:.0f} s of processor time", rows)
     more = details(console)
     more.print(residual_table(fit))
-    for table in trust_tables(fit):
+    for table in _trust_tables(fit):
         more.print(table)
     for note in fit.notes:
         more.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
@@ -241,7 +241,7 @@ SETTLING = 4.0
 
 
 @dataclass(frozen=True, slots=True)
-class ValidateOptions:
+class _ValidateOptions:
     """Options of `eightpost validate`."""
 
     # fmt: off
@@ -297,7 +297,7 @@ class ValidateOptions:
 
 
 @verb
-def validate(ctx: click.Context, asked: ValidateOptions = group(ValidateOptions)) -> None:
+def validate(ctx: click.Context, asked: _ValidateOptions = group(_ValidateOptions)) -> None:
     """Validate fitted shocks or an identified vehicle on held-out records.
 
     JSON files are shocks, or one vehicle. A RECORD is a dynamometer or rig record, or a folder of records.
@@ -368,7 +368,7 @@ def _show(console: Console, records: Iterable[Record], tables: Iterable[ResultTa
 
 
 def _validate_shocks(
-    console: Console, paths: list[Path], files: Sequence[Path], asked: ValidateOptions
+    console: Console, paths: list[Path], files: Sequence[Path], asked: _ValidateOptions
 ) -> Verdict:  # fmt: skip
     """Validate shocks, print the tables, write the report, and return the verdict."""
     from eightpost.ident.validation import shocks as validation
@@ -397,7 +397,7 @@ def _validate_shocks(
     return verdict
 
 
-def _validate_vehicle(console: Console, path: Path, files: Sequence[Path], asked: ValidateOptions) -> Verdict:
+def _validate_vehicle(console: Console, path: Path, files: Sequence[Path], asked: _ValidateOptions) -> Verdict:
     """Validate a vehicle, print the tables, write the report, and return the verdict."""
     from eightpost.ident.validation.comparison import rig_record
     from eightpost.ident.validation.vehicle_page import terminal_tables
@@ -421,7 +421,7 @@ def _validate_vehicle(console: Console, path: Path, files: Sequence[Path], asked
     verdict = vehicle_verdict(study, limits)
     _show(console, records, terminal_tables(study))
     more = details(console)
-    for table in trust_tables(fit):
+    for table in _trust_tables(fit):
         more.print(table)
     show_notes(more, study.notes)
     show_verdict(console, verdict)

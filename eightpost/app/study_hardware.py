@@ -355,7 +355,7 @@ def measure_table(compared: RunComparison) -> Table:
 
 
 @dataclass(frozen=True, slots=True)
-class ShapeOptions:
+class _ShapeOptions:
     """Options of `eightpost study shapes`."""
 
     # fmt: off
@@ -405,7 +405,7 @@ class ShapeOptions:
 
 
 @verb
-def shapes(ctx: click.Context, asked: ShapeOptions = group(ShapeOptions)) -> None:
+def shapes(ctx: click.Context, asked: _ShapeOptions = group(_ShapeOptions)) -> None:
     """Find the shock curves to aim at: the best shapes for a study, also ones that nobody has built.
 
     STUDY is the TOML file of `eightpost study` with shock files in its bank. A shape has a few numbers: bleed, knee,

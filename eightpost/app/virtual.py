@@ -54,7 +54,7 @@ FRICTION = setting("Friction of the car along its shocks.", kind=("on", "off"), 
 
 
 @dataclass(frozen=True, slots=True)
-class DynoOptions:
+class _DynoOptions:
     """Options of `eightpost virtual dyno`."""
 
     # fmt: off
@@ -95,7 +95,7 @@ class DynoOptions:
 
 
 @verb
-def dyno(asked: DynoOptions = group(DynoOptions)) -> None:
+def dyno(asked: _DynoOptions = group(_DynoOptions)) -> None:
     """Test a physical shock on the virtual dynamometer; the data are SYNTHETIC.
 
     The shock model differs from all laws that can be fitted: it has two compressible chambers, shim valves, a head
@@ -126,7 +126,7 @@ def dyno(asked: DynoOptions = group(DynoOptions)) -> None:
     show_notes(console, written, "wrote")
 
 
-def _specimen(asked: DynoOptions) -> Specimen:
+def _specimen(asked: _DynoOptions) -> Specimen:
     """Return the shock of the options."""
     from eightpost.virtual.dynamometer import Specimen
 
@@ -157,7 +157,7 @@ def _check_options(test_name: str, *, amplitude: float | None, speed: float | No
 
 
 @dataclass(frozen=True, slots=True)
-class RigOptions:
+class _RigOptions:
     """Options of `eightpost virtual rig`."""
 
     # fmt: off
@@ -209,7 +209,7 @@ class RigOptions:
 
 
 @verb
-def rig(asked: RigOptions = group(RigOptions)) -> None:
+def rig(asked: _RigOptions = group(_RigOptions)) -> None:
     """Test a car on the virtual rig; the data are SYNTHETIC.
 
     The model of the car differs from all models that can be identified (docs/explanation/rig.md). The records have the
@@ -261,7 +261,7 @@ def rig(asked: RigOptions = group(RigOptions)) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class StartOptions:
+class _StartOptions:
     """Options of `eightpost drivefile start`."""
 
     # fmt: off
@@ -324,7 +324,7 @@ class StartOptions:
 
 
 @verb
-def start(asked: StartOptions = group(StartOptions)) -> None:
+def start(asked: _StartOptions = group(_StartOptions)) -> None:
     """Compute the first drive file from a track record.
 
     TRACK is a record with the channels of docs/explanation/rig.md, or with a channel map.

@@ -220,7 +220,7 @@ def _hats(values: Array, count: int) -> Array:
     return np.stack([np.interp(values, knots, row) for row in np.eye(knots.size)], axis=1)
 
 
-def drift_faults(series: TimeSeries, measured: tuple[str, ...]) -> Iterator[Fault]:
+def _drift_faults(series: TimeSeries, measured: tuple[str, ...]) -> Iterator[Fault]:
     """Yield a fault if the force drifts at the same motion, or the displacement beside the velocity."""
     force, model = series["force"], explained(series)[0]
     span = float(np.ptp(model))
@@ -334,7 +334,7 @@ def part_faults(series: TimeSeries, *, measured: tuple[str, ...], until: float =
     steady = series if stop is None else series.window(float(series.time[0]), stop)
     if not rectified_force(series):
         changed = list(setting_faults(steady))
-        yield from changed or drift_faults(steady, measured)
+        yield from changed or _drift_faults(steady, measured)
     if stop is not None and stop - series.time[0] < until:
         figure = f"from {stop:.4g} s to {series.time[-1]:.4g} s the motion runs down"
         remedy = f"fit the part before it: --set segment='0 s, {stop - series.time[0]:.4g} s'"

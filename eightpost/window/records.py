@@ -68,7 +68,7 @@ def columns_of(record: Path) -> Columns:
     return raw, {name: found[0] for name, found in proposal.columns.items() if len(found) == 1} if proposal else {}
 
 
-def name_channels(
+def _name_channels(
     window: Window, columns: Columns, channels: Sequence[str], path: Path, done: Callable[[], Awaitable[None]]
 ) -> None:
     """Show a list for each channel, from which its column is chosen, and its sign."""
@@ -248,7 +248,7 @@ def _offer(window: Window, record: _Read, done: Callable[[], Awaitable[None]]) -
                 ui.button(f"Reverse the {channel}", on_click=lambda name=channel: flip(name)).props("no-caps outline")
     elif record.columns is not None:
         path = record.path.with_name(f"{record.path.stem}.map.toml")
-        name_channels(window, record.columns, DYNO, path, done)
+        _name_channels(window, record.columns, DYNO, path, done)
 
 
 # ---- Reading, once for each content of a file ------------------------------------------------------------------------
@@ -351,7 +351,7 @@ class _CarScreen:
         if error is not None:
             show_error(error)
             if columns is not None:
-                name_channels(self.window, columns, RIG, files[0].with_name(MAP_BESIDE), self.records.refresh)
+                _name_channels(self.window, columns, RIG, files[0].with_name(MAP_BESIDE), self.records.refresh)
 
     def build_result(self, fit: VehicleFit | EightpostError | None) -> None:
         """Show the identified car: verdict, errors of its outputs, files and plots."""

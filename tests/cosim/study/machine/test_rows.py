@@ -19,7 +19,7 @@ from cosim.study.running.sweep import run_study
 from cosim.study.running.workers import Chunk, ProcessWorkers
 from eightpost.corners import CORNERS
 from eightpost.errors import FmuError
-from eightpost.machine import NotInBatchError, library
+from eightpost.machine import NotInBatchError, car
 
 from ..conftest import WorkersHere
 from .lanes import COUPLING, FINE, LAWS, on_machine, random_builds, random_setups, study_of
@@ -148,10 +148,10 @@ DEFECTS = {
 @pytest.mark.parametrize("defect", DEFECTS)
 def test_a_machine_that_differs_from_the_fmus_is_not_used(study, defect, monkeypatch):
     name, old, new = DEFECTS[defect]
-    right = library.sources()
+    right = car.sources()
     assert right[name].count(old.encode()) == 1
     changed = {**right, name: right[name].replace(old.encode(), new.encode())}
-    monkeypatch.setattr(library, "sources", lambda: changed)
+    monkeypatch.setattr(car, "sources", lambda: changed)
     found = coupling_for(Evaluator(study))
     assert found.machine is None and "through the FMUs" in found.notes[-1]
 
