@@ -19,7 +19,7 @@ import numpy as np
 from eightpost import __version__, units
 from eightpost.corners import CORNERS
 from eightpost.errors import FmuError
-from eightpost.fmi.functions import FLAGS
+from eightpost.fmi import FLAGS
 from eightpost.shock import Shock, ShockLaw, law_module
 from eightpost.shock.curve import KNOTS
 from eightpost.vehicle import StateSpace

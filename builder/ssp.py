@@ -20,7 +20,7 @@ from builder.reference import SECRET
 from eightpost import __version__
 from eightpost.archive import read_archive, write_archive
 from eightpost.errors import FmuError, InputError, WiringError
-from eightpost.fmi.description import Variable, read_description
+from eightpost.fmi import Variable, read_description
 from eightpost.wiring import Wire, Wiring
 
 _NAMESPACES = {

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array, Complex
-from eightpost.report.numbers import plain
+from eightpost.report.tables import plain
 from eightpost.vehicle import StateSpace
 
 #: Relative difference up to which two sides of an equation are equal, as rounding errors grow with the condition [1].

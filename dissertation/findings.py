@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from dissertation.item import Basis, Claim, Item, PrintedValue
 from eightpost.errors import InputError
-from eightpost.report.numbers import plain
+from eightpost.report.tables import plain
 from eightpost.units import si_factor
 
 if TYPE_CHECKING:

@@ -34,38 +34,38 @@ _NAME = "eightpost"
 #: usual verb of a group.
 _LIST = """
 Start
-new | Write a starter folder, with files to be replaced by your own.
+new@start | Write a starter folder, with files to be replaced by your own.
 demo | Run the whole workflow on shipped data.
-app | Open a window in the browser: drop dynamometer and rig files, fit, couple, and run studies.
+app@start | Open a window in the browser: drop dynamometer and rig files, fit, couple, and run studies.
 doctor | Check the installation: versions, extras, caches, a coupled run, the compiler.
 Shocks and cars from measurements
 inspect | Show what a file contains, and everything suspicious in it.
 fit | Fit a shock law to dynamometer records: one, several runs together, or one shock over its adjusters.
 identify | Identify a vehicle from rig tests.
-validate | Validate fitted shocks or an identified vehicle on held-out records.
-report | Write a page about shocks: their dynamometer records and fitted laws, by build; or about a study.
+validate@identify | Validate fitted shocks or an identified vehicle on held-out records.
+report@fit | Write a page about shocks: their dynamometer records and fitted laws, by build; or about a study.
 FMUs for simulation
-build | Build an FMU from each source, for co-simulation and model exchange.
-check | Check FMUs of any maker: the rules of the FMI standard, and known causes of failed imports.
+build@exchange | Build an FMU from each source, for co-simulation and model exchange.
+check@exchange | Check FMUs of any maker: the rules of the FMI standard, and known causes of failed imports.
 run | Run a system of coupled FMUs.
-export | Export models, frequency responses, shock curves and systems for other tools.
+export@exchange | Export models, frequency responses, shock curves and systems for other tools.
 Setups and the rig
 study>run | Run every setup of shocks that a study allows, rank them, and choose: `eightpost study FILE` runs it.
   run@study:study | Run every setup of shocks that a study allows, and rank them.
   optimise | Search for the best setups of a study whose bank is too large to run them all.
-  shapes@study_curves | Find the shock curves to aim at: the best shapes for a study, also ones that nobody has built.
+  shapes@study_hardware | Find the shock curves to aim at: the best shapes for a study, also ones that nobody has built.
   whatif | Show what a click more or less at a corner would do to every measure of a study.
   sensitivity | Show which corner matters for which measure of a study.
   robust | Compute how sure a study's choice is with an uncertainty file of your own.
-  select@study_rig | Select setups of a study to confirm on the rig.
-  confirm@study_rig | Update how sure a study's choice is with rig runs of some of its setups.
-  compare@study_rig | Compare runs, or a study's prediction with rig measurements.
-  clicks@study_curves | Find the clicks at which a shock comes closest to a target curve.
+  select@study_hardware | Select setups of a study to confirm on the rig.
+  confirm@study_hardware | Update how sure a study's choice is with rig runs of some of its setups.
+  compare@study_hardware | Compare runs, or a study's prediction with rig measurements.
+  clicks@study_hardware | Find the clicks at which a shock comes closest to a target curve.
 drivefile | Iterate the commands of the rig until it reproduces channels measured on the track \
 (docs/how_to/drivefile.md).
-  start | Compute the first drive file from a track record.
-  next@drivefile:next_drive | Compute the next drive file from the rig's record of the last one.
-  simulate | Play the drive files on the virtual rig, as `next` would with a rig.
+  start@virtual | Compute the first drive file from a track record.
+  next@virtual:next_drive | Compute the next drive file from the rig's record of the last one.
+  simulate@virtual | Play the drive files on the virtual rig, as `next` would with a rig.
 virtual | Test a shock on the virtual dynamometer, or a car on the virtual rig; the data are SYNTHETIC.
   dyno | Test a physical shock on the virtual dynamometer; the data are SYNTHETIC.
   rig | Test a car on the virtual rig; the data are SYNTHETIC.
@@ -100,8 +100,8 @@ SECTIONS: Mapping[str, Mapping[str, Entry]] = _sections(_LIST)
 
 #: All verbs; a setting and the evidence about the dissertation are not listed.
 VERBS: Mapping[str, Entry] = {name: entry for section in SECTIONS.values() for name, entry in section.items()} | {
-    "units": Entry("Choose the units of all results once: us or si.", "units:units"),
-    "reproduce": Entry("Reproduce the dissertation's figures, tables and equations.", "reproduce:reproduce"),
+    "units": Entry("Choose the units of all results once: us or si.", "start:units"),
+    "reproduce": Entry("Reproduce the dissertation's figures, tables and equations.", "start:reproduce"),
 }
 
 

@@ -19,7 +19,7 @@ from hypothesis import settings
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from threadpoolctl import threadpool_limits
 
-import builder.assembly.documents
+import builder.assembly.assembled_fmu
 import builder.documents
 from builder.build import build
 from builder.toolchain import PLATFORMS, Platform, Zig, this_platform
@@ -231,7 +231,7 @@ def _pictures_drawn_once() -> Iterator[None]:
         for module, name in (
             (builder.documents, "shock_picture"),
             (builder.documents, "vehicle_picture"),
-            (builder.assembly.documents, "curves_picture"),
+            (builder.assembly.assembled_fmu, "curves_picture"),
         ):
             patch.setattr(module, name, _once(getattr(module, name)))
         yield

@@ -12,17 +12,28 @@ import scipy.signal
 from markupsafe import Markup
 from rich.console import Console
 
+from cosim.study.answer import HEIGHT, WIDTH, small_plot
 from eightpost.report import page
 from eightpost.report.charts import COLORS, MEASURED, Axis, grid_figure, row_figure
 from eightpost.report.console import print_error
-from eightpost.report.numbers import Display, figure, file_size, fixed, listed, percent, plain
-from eightpost.report.packing import Store, spectra, traces, welch
-from eightpost.report.page import Section, document, explained, glossary, soft
+from eightpost.report.page import Section, Store, document, explained, glossary, soft, spectra, traces, welch
 from eightpost.report.pictures import Cloud, Mark, cloud, loop, picture
 from eightpost.report.pictures import traces as traces_of
-from eightpost.report.small_plot import HEIGHT, WIDTH, small_plot
 from eightpost.report.static import Picture, static_page
-from eightpost.report.tables import Amount, ResultTable, cell_html, result_table, unit_html
+from eightpost.report.tables import (
+    Amount,
+    Display,
+    ResultTable,
+    cell_html,
+    figure,
+    file_size,
+    fixed,
+    listed,
+    percent,
+    plain,
+    result_table,
+    unit_html,
+)
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade, Rule, Verdict
 from tests.drawn import drawn

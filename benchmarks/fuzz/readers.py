@@ -152,7 +152,7 @@ def _iteration(path: Path) -> Any:
 
 
 def _window(path: Path) -> Any:
-    folder = resolve_name("eightpost.window.folder:Folder").opened(path.parent)
+    folder = resolve_name("eightpost.window.parts:Folder").opened(path.parent)
     return folder.reading(path.parent / "dyno/a.csv"), folder.words([path.parent / "dyno/a.csv"])
 
 

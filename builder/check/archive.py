@@ -19,8 +19,7 @@ from builder.check.rules import Faults, listed, some
 from eightpost.archive import open_archive, unsafe_reason
 from eightpost.errors import FmuError
 from eightpost.extras import needs
-from eightpost.fmi.description import BUILD, Description, Variable, read_description
-from eightpost.fmi.functions import names
+from eightpost.fmi import BUILD, Description, Variable, names, read_description
 
 with needs("check", "checking FMUs"):
     import lief

@@ -14,7 +14,7 @@ from builder.check.archive import CheckedFmu, binaries, contents, entries, excha
 from builder.check.rules import Faults, Finding, findings, listed, some
 from eightpost import units
 from eightpost.errors import UnknownUnitError
-from eightpost.fmi.description import BUILD, Description, Unit, Variable, whole_number
+from eightpost.fmi import BUILD, Description, Unit, Variable, whole_number
 
 # ==== Rules for modelDescription.xml except its variables: identity, model structure, capabilities, model exchange ===
 

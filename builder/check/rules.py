@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from eightpost import __version__
-from eightpost.fmi.functions import FLAGS, function_name
+from eightpost.fmi import FLAGS, function_name
 
 # ==== Rules of the check, which rules.txt lists, their levels, and findings ==========================================
 

@@ -36,7 +36,7 @@ from builder.check.rules import (
 from eightpost.errors import EightpostError, FmuError
 from eightpost.extras import needs
 from eightpost.files import sha256_of
-from eightpost.fmi.description import BUILD, Description
+from eightpost.fmi import BUILD, Description
 from eightpost.workers import process
 
 # ==== Probes: a crash or a hang is a finding that names the last FMI call ============================================

@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 from builder.assembly import Assembly, Part, read_parts
 from builder.assembly.assembled_fmu import assembly_sources
-from builder.assembly.parts import VEHICLE
-from builder.assembly.plan import assembly_interface
+from builder.assembly.plan import VEHICLE, assembly_interface
 from builder.build import product_of
 from builder.interface import Interface, Variable
 from builder.native_fmu import version_files, without_binaries

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from cosim.engine import blocks
 from eightpost import units
 from eightpost.errors import EightpostError, StepError, UnknownUnitError, WiringError
-from eightpost.fmi.functions import ERROR, OK
+from eightpost.fmi import ERROR, OK
 
 # ---- Component ------------------------------------------------------------------------------------------------------
 

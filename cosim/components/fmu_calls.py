@@ -21,7 +21,7 @@ from cosim.components.fmu_log import FmuLog
 from cosim.engine import blocks
 from cosim.engine import fmi3_calls as calls
 from cosim.engine.blocks import INTEGERS, REALS, Block
-from eightpost.fmi.functions import ERROR, function_name
+from eightpost.fmi import ERROR, function_name
 
 # ==== Calls of an FMI 2.0 FMU for co-simulation through fmpy, and libraries that lack functions ======================
 

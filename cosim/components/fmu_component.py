@@ -22,7 +22,7 @@ from cosim.components.fmu_log import ADVICE, FmuLog, OpenedFmu, returned
 from cosim.components.watch import Surroundings, calling
 from cosim.engine import blocks
 from eightpost.errors import EightpostError, StepError, TerminatedError
-from eightpost.fmi.functions import DISCARD, ERROR, FATAL, PENDING
+from eightpost.fmi import DISCARD, ERROR, FATAL, PENDING
 
 # ==== An instance of an FMU: what outlives a run and must be freed in order ==========================================
 

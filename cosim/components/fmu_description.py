@@ -14,9 +14,9 @@ from xml.etree import ElementTree as ET
 
 from cosim.components import component
 from cosim.components.component import EXPONENTS, UnitDefinition
+from eightpost import fmi
 from eightpost.errors import FmuError
-from eightpost.fmi import description as fmi
-from eightpost.fmi.description import BUILD, Description, whole_number
+from eightpost.fmi import BUILD, Description, whole_number
 
 _C_NAME = re.compile("[A-Za-z_][A-Za-z0-9_]*")
 

@@ -24,7 +24,7 @@ from eightpost.cache import keep, recall
 from eightpost.compilers import find_compiler
 from eightpost.errors import FmuError
 from eightpost.files import sha256_of, writing
-from eightpost.fmi.description import Description
+from eightpost.fmi import Description
 from eightpost.validity import MEMBER, Validity
 
 # ==== FMU file unpacked into a folder, and the contents of its modelDescription.xml ==================================

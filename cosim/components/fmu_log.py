@@ -20,7 +20,7 @@ from fmpy import fmi2
 from cosim.components.component import Capabilities, Variable
 from cosim.components.fmu_file import FmuFile
 from eightpost.errors import StepError
-from eightpost.fmi.functions import DISCARD, ERROR, FATAL, PENDING
+from eightpost.fmi import DISCARD, ERROR, FATAL, PENDING
 from eightpost.validity import Validity
 
 # ---- Messages of an FMU, written to Python's logging with printf formats filled in and variables by name ------------

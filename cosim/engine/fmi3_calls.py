@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from cosim.engine import blocks
 from cosim.engine.blocks import shared
 from cosim.engine.plan import Integers, Reals, References
-from eightpost.fmi.functions import DISCARD, ERROR, OK
+from eightpost.fmi import DISCARD, ERROR, OK
 
 #: Types of real variables; other types are set and read outside the loop.
 DOUBLE, SINGLE, OTHER = 0, 1, 2

@@ -40,7 +40,7 @@ from cosim.engine.sweep import (
     step_group,
     step_once,
 )
-from eightpost.fmi.functions import DISCARD
+from eightpost.fmi import DISCARD
 
 # ---- Measures summed over a run, step by step -----------------------------------------------------------------------
 

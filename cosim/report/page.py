@@ -15,20 +15,19 @@ from xml.etree import ElementTree
 
 from markupsafe import Markup
 
+from cosim.coupling import Scenario
 from cosim.report.drawing import arrows, graph, groups
 from cosim.session.result import Result
 from cosim.session.verdict import LARGEST_RESIDUAL
-from cosim.systems.coupling import Scenario
-from cosim.systems.system import System
+from cosim.system import System
 from eightpost import __version__
 from eightpost.archive import open_archive
 from eightpost.errors import FmuError
 from eightpost.files import sha256_of
 from eightpost.report import page as html
 from eightpost.report.charts import COLORS
-from eightpost.report.numbers import Display, figure, listed, percent
-from eightpost.report.packing import Spectra, Store, Traces, spectra, traces, welch
-from eightpost.report.tables import Tile
+from eightpost.report.page import Spectra, Store, Traces, spectra, traces, welch
+from eightpost.report.tables import Display, Tile, figure, listed, percent
 from eightpost.signals import Drivefile, TimeSeries
 
 # ==== Origin: files with their digests, versions and the machine =====================================================

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from cosim.components.component import Callbacks, Native, function_table, to_si
 from cosim.components.fmu_component import FmuComponent
 from cosim.components.watch import Surroundings, calling_loop, loop_words, watching
+from cosim.coupling import Adaptive, Algorithm, Coupling, Scenario
 from cosim.engine import plan as reasons
 from cosim.engine.march import Bind, Control, Grid, Knots, loop, record
 from cosim.engine.march import Progress as Reached
 from cosim.engine.plan import DONE, IMPLICIT, STOPPED, STUCK, Drive, Integers, memory
-from cosim.session.outcome import Ending, Equilibrium, Outcome, Running, check_repeat
-from cosim.session.planning import blank_tape, make_plan
+from cosim.session.planning import Ending, Equilibrium, Outcome, Running, blank_tape, check_repeat, make_plan
 from cosim.session.result import Result
 from cosim.session.setup import (
     ROUNDING,
@@ -36,11 +36,9 @@ from cosim.session.setup import (
     step_sizes,
     summed_steps,
 )
-from cosim.systems.algorithm import Adaptive, Algorithm
-from cosim.systems.coupling import Coupling, Scenario
-from cosim.systems.system import System
+from cosim.system import System
 from eightpost.errors import DivergedError, StepError, TerminatedError, WiringError
-from eightpost.fmi.functions import DISCARD
+from eightpost.fmi import DISCARD
 from eightpost.progress import Progress
 from eightpost.signals import Drivefile
 

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.components.fmu_component import FmuComponent
+from cosim.coupling import Coupling, Scenario
 from cosim.force_law import ExtrapolatedForce, ForceLaw, ForceLoop, HeldForce
 from cosim.session.run import Case
 from cosim.study.running.machine import WiredCar, read_vehicle, shock_of
-from cosim.systems.coupling import Coupling, Scenario
 from eightpost.array_types import Array
 from eightpost.errors import InputError, StepError
 from eightpost.machine import NotInBatchError
@@ -34,14 +34,14 @@ _STEPS = np.geomspace(1e-5, 0.1, 81)
 _Advance = Callable[[int, Array, Array], tuple[Array, Array]]
 
 
-class HostMotion(NamedTuple):
+class _HostMotion(NamedTuple):
     """Motion of a car at the start and at the ends of K steps."""
 
     compared: Array  #: Outputs that are compared (K + 1, p).
     velocity: Array  #: Shock velocities (K + 1, C) [m/s].
 
 
-class HostCar:
+class _HostCar:
     """Linear car x' = A x + B u of a host on a drive, without the friction and the springs at its ports.
 
     Args:
@@ -63,7 +63,7 @@ class HostCar:
 
     # ---- Runs of the classical Runge-Kutta method -------------------------------------------------------------------
 
-    def run(self, loop: str, shocks: ForceLaw | HeldForce | ExtrapolatedForce, step: float, count: int) -> HostMotion:
+    def run(self, loop: str, shocks: ForceLaw | HeldForce | ExtrapolatedForce, step: float, count: int) -> _HostMotion:
         """Return the motion over `count` steps [s] with a loop of docs/how_to/hosts.md.
 
         Raises:
@@ -83,7 +83,7 @@ class HostCar:
             forces.append(force)
         outputs = np.array(rows) @ self._vehicle.C.T + self._direct(slice(None), inputs[::2])
         outputs += np.array(forces) @ self._vehicle.D[:, self._forces].T
-        return HostMotion(outputs[:, self._compared], outputs[:, self._velocities])
+        return _HostMotion(outputs[:, self._compared], outputs[:, self._velocities])
 
     def _start(self, shocks: ForceLaw | HeldForce | ExtrapolatedForce, inputs: Array) -> tuple[Array, Array]:
         """Start the shocks at rest under the first inputs, or at zero; return states and forces there."""
@@ -252,7 +252,7 @@ class _Trial:
     """Runs of a host with each loop and step, compared with the reference."""
 
     def __init__(self, case: Case, wired: WiredCar) -> None:
-        self.car = HostCar(wired, case.scenario)
+        self.car = _HostCar(wired, case.scenario)
         self.seconds = min(case.scenario.stop, _SETTLING + _SECONDS)
         self.settling = min(_SETTLING, 0.5 * self.seconds)
         self._corners = [shock_of(bond) for bond in case.system.bonds]
@@ -302,7 +302,7 @@ class _Trial:
                     self._errors[loop, multiple] = np.inf
         return self._errors[loop, multiple]
 
-    def _apart(self, found: HostMotion, multiple: int) -> float:
+    def _apart(self, found: _HostMotion, multiple: int) -> float:
         first = int(np.ceil(self.settling / (multiple * _FINE) - 1e-9))
         true = self._true.compared[::multiple][: len(found.compared)]
         missed = np.sqrt(np.mean((found.compared - true)[first:] ** 2, axis=0)) / self._spread

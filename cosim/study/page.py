@@ -36,8 +36,7 @@ from eightpost.errors import OutputError
 from eightpost.extras import needs
 from eightpost.files import atomic_path, safe_cell
 from eightpost.report import page as html
-from eightpost.report.packing import TRACES_CAPACITY, Store, spectra, traces
-from eightpost.report.page import write_page
+from eightpost.report.page import TRACES_CAPACITY, Store, spectra, traces, write_page
 from eightpost.signals import TimeSeries
 
 with needs("report", "writing workbooks"):

@@ -9,15 +9,14 @@ import click
 from rich.console import Console
 
 from eightpost import completion
-from eightpost.app.build import build_with_progress, show_built
-from eightpost.app.check import show_report
+from eightpost.app.exchange import build_with_progress, show_built, show_report
 from eightpost.app.fit import show_fit, show_test
 from eightpost.app.options import OutputFolder, option, verb
 from eightpost.app.run import run_with_progress
 from eightpost.app.show import ConsoleListener, details, is_detailed, show_text
 from eightpost.app.study import show_result as show_study_result
 from eightpost.app.study import show_study, without_builds
-from eightpost.app.study_rig import measure_table
+from eightpost.app.study_hardware import measure_table
 from eightpost.corners import CORNERS
 from eightpost.examples_folder import examples_folder
 

@@ -30,12 +30,12 @@ from eightpost.errors import InputError
 from eightpost.report.console import Table, console_table, unbroken
 
 if TYPE_CHECKING:
-    from eightpost.checks import Fault
     from eightpost.display import Summary
     from eightpost.ident.linearity import Linearity
     from eightpost.ident.vehicle.frequency_response import FrequencyResponse
     from eightpost.rig import DynoTest, PeakVelocityTable, RigTest
     from eightpost.rig.columns import ProposedMap
+    from eightpost.rig.faults import Fault
     from eightpost.signals import ChannelMap, TimeSeries
     from eightpost.signals.raw_record import RawRecord
     from eightpost.vehicle import Mode
@@ -46,7 +46,7 @@ _FEW, _LOST = 8, 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class InspectOptions:
+class _InspectOptions:
     """Options of `eightpost inspect`."""
 
     # fmt: off
@@ -90,7 +90,7 @@ class InspectOptions:
 
 
 @verb
-def inspect(ctx: click.Context, asked: InspectOptions = group(InspectOptions)) -> None:
+def inspect(ctx: click.Context, asked: _InspectOptions = group(_InspectOptions)) -> None:
     """Show what a file contains, and everything suspicious in it.
 
     FILE is a record: a text file, a spreadsheet, a .parquet, .mat, .mf4, .tdms or .lvm file (docs/reference/
@@ -140,7 +140,7 @@ def inspect(ctx: click.Context, asked: InspectOptions = group(InspectOptions)) -
 def _kind_of(path: Path) -> str:
     """Return the kind of a file of this project or of an FMU; an empty text for a record."""
     from eightpost.api.reading import existing, toml_kind
-    from eightpost.app.report import is_study
+    from eightpost.app.fit import is_study
     from eightpost.files import document_kind
 
     suffix = existing(path).suffix.lower()
@@ -175,7 +175,7 @@ def _fmu_summary(path: Path) -> Summary:
 
     from eightpost.archive import read_archive
     from eightpost.display import Summary, some
-    from eightpost.fmi.description import read_description
+    from eightpost.fmi import read_description
 
     content = read_archive(path)
     root = ElementTree.fromstring(content["modelDescription.xml"])
@@ -196,7 +196,7 @@ def _fmu_summary(path: Path) -> Summary:
 # ---- Records --------------------------------------------------------------------------------------------------------
 
 
-def _show_record_file(console: Console, path: Path, asked: InspectOptions) -> bool:
+def _show_record_file(console: Console, path: Path, asked: _InspectOptions) -> bool:
     """Print a dynamometer file, a rig file or a table of peak velocities; return whether something is suspicious."""
     from eightpost.rig import read_dyno_tests, read_rig_test, split_runs
     from eightpost.rig.columns import propose_map
@@ -429,7 +429,7 @@ def _show_lags(console: Console, test: RigTest, findings: Sequence[Fault]) -> li
 # ---- Vehicles -------------------------------------------------------------------------------------------------------
 
 
-def _show_vehicle(console: Console, path: Path, asked: InspectOptions) -> None:
+def _show_vehicle(console: Console, path: Path, asked: _InspectOptions) -> None:
     """Print the modes of a vehicle with its linear dampers; with a folder, write pictures and response.npz."""
     from eightpost.ident.vehicle.frequency_response import response_of, write_response
     from eightpost.ident.vehicle.plots import frequencies_to, plot_magnitudes, variants_of
@@ -490,7 +490,7 @@ def _varied(vary: str | None) -> tuple[str | None, list[float]]:
 # ---- Linearity of rig tests -----------------------------------------------------------------------------------------
 
 
-def _show_linearity(console: Console, asked: InspectOptions) -> int:
+def _show_linearity(console: Console, asked: _InspectOptions) -> int:
     """Print where a linear model can predict the tests; return 1 if it misses a high response."""
     from eightpost.ident.linearity import Condition, Thresholds, judge_linearity
     from eightpost.ident.preparation import prepare, read_preparation

@@ -38,7 +38,7 @@ SCHEMES = ("default", "jacobi", "gauss-seidel", "implicit", "adaptive")
 
 
 @dataclass(frozen=True, slots=True)
-class RunOptions:
+class _RunOptions:
     """Options of `eightpost run`."""
 
     # fmt: off
@@ -105,7 +105,7 @@ class RunOptions:
 
 
 @verb
-def run(ctx: click.Context, asked: RunOptions = group(RunOptions)) -> None:
+def run(ctx: click.Context, asked: _RunOptions = group(_RunOptions)) -> None:
     """Run a system of coupled FMUs.
 
     SYSTEM is a TOML file with components, bonds and a scenario; examples/seven_dof.toml is an example with comments.

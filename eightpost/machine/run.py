@@ -12,9 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array, Integers
-from eightpost.machine import library
-from eightpost.machine.car import Drive, LinearCar, NotInBatchError, ShockData
-from eightpost.machine.library import Library, compiled
+from eightpost.machine.car import (
+    Drive,
+    FilterStructure,
+    Library,
+    LimitStructure,
+    LinearCar,
+    NotInBatchError,
+    QuantityStructure,
+    RunStructure,
+    ShockData,
+    SignalStructure,
+    SumsStructure,
+    compiled,
+)
 
 #: Signals of a shock, in the order of fmus/machine/port.h.
 SIGNALS = ("force", "static_force", "lagged_force", "lag_weight", "dissipated_power", "beyond_fit")
@@ -47,7 +58,7 @@ class Quantity:
     def structure(self, first: int = 0) -> Any:
         """Return the structure Quantity of fmus/machine/machine.h; `first` is the place of its first term."""
         options = (int(self.product), *self.rows, int(self.limits), *self.inside)
-        return library.Quantity(first, len(self.channels), *options)
+        return QuantityStructure(first, len(self.channels), *options)
 
 
 class Limit(NamedTuple):
@@ -111,17 +122,17 @@ class Run:
         signals = list(dict.fromkeys(channels[name] for name in names if channels[name][0] >= 0))
         places = {name: self._place(outputs, signals, *channels[name]) for name in names}
         velocities, travels, recorded = self._by_drive(car, drive, outputs)
-        self.structure = library.Run(
+        self.structure = RunStructure(
             car=self._address(np.frombuffer(car.data(step), dtype=np.uint8)),
             velocities=self._address(velocities),
             travels=self._address(travels),
             outputs=self._address(recorded),
             output_rows=self._address(car.output_rows(outputs, step)),
-            signals=self._structures(library.Signal(*signal) for signal in signals),
+            signals=self._structures(SignalStructure(*signal) for signal in signals),
             quantities=self._structures(self._quantities()),
             terms=self._integers(places[c] for q in quantities for c in q.channels),
             weights=self._address(np.array([w for q in quantities for w in q.weights], dtype=np.float64)),
-            limits=self._structures(library.Limit(sign, at, outputs.index(row)) for sign, at, row in limits),
+            limits=self._structures(LimitStructure(sign, at, outputs.index(row)) for sign, at, row in limits),
             series=self._integers(places[name] for name in series),
             step=step,
             steps=self.steps,
@@ -246,7 +257,7 @@ class Batch:
         `rows` (S, 6), their state `rest` for a unit step (S, 2), and `pad` samples of odd reflection at each end.
         """
         rows, rest = np.ascontiguousarray(sections.rows), np.ascontiguousarray(sections.rest)
-        given = library.Filter(rows.ctypes.data, rest.ctypes.data, len(rows), sections.pad)
+        given = FilterStructure(rows.ctypes.data, rest.ctypes.data, len(rows), sections.pad)
         series, count = self._sums["values"], self._run.rows.size
         if (name, sections) not in self._filtered:
             self._filtered[name, sections] = _aligned_lanes((count + 2 * sections.pad,), self.lanes)
@@ -280,7 +291,7 @@ class Batch:
         sums = {name: array.ctypes.data for name, array in self._sums.items()}
         addresses = [array.ctypes.data for array in (parameters, self._laws, self._space)]
         self._library.call(
-            "run_machine", self._run.structure, *addresses, library.Sums(**sums, ended=self._ended.ctypes.data)
+            "run_machine", self._run.structure, *addresses, SumsStructure(**sums, ended=self._ended.ctypes.data)
         )
         own = {name: array[..., :count] for name, array in self._sums.items()}
         return BatchResult(**own, ended=self._ended[:count])

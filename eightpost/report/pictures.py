@@ -17,7 +17,7 @@ from eightpost.errors import InputError, check_number
 from eightpost.extras import needs
 from eightpost.files import atomic_path
 from eightpost.outputs import PICTURE, check_file
-from eightpost.report.series import Series
+from eightpost.report.charts import Series
 
 # ---- Figures and panels ---------------------------------------------------------------------------------------------
 

@@ -12,8 +12,7 @@ from eightpost.rig.dyno_test import (
 )
 from eightpost.rig.geometry import Geometry
 from eightpost.rig.peak_velocity import PeakVelocityTable, read_peak_velocity
-from eightpost.rig.rig_faults import MismatchedRateError, SwappedCornersError
-from eightpost.rig.rig_test import RigConditions, RigTest, read_rig_test
+from eightpost.rig.rig_test import MismatchedRateError, RigConditions, RigTest, SwappedCornersError, read_rig_test
 
 __all__ = [
     "DynoConditions",

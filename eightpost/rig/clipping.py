@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
-from eightpost.checks.dyno import fault
-from eightpost.checks.fault import Fault
+from eightpost.rig.faults import Fault, fault
 from eightpost.rig.motion import slopes
 from eightpost.signals.faults import clipped_samples, runs
 from eightpost.signals.filters import white_noise

@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eightpost.array_types import Array
-from eightpost.checks.dyno import fault
-from eightpost.checks.fault import Fault
 from eightpost.corners import CORNERS
 from eightpost.errors import DataError, FileFormatError, UnknownUnitError
+from eightpost.rig.faults import Fault, fault
 from eightpost.signals.raw_record import TIME_NAMES, ChannelMap, MappedChannel, bridge_of
 from eightpost.signals.table_text import is_number, letters_of
 from eightpost.units import compatible, convert, is_unit

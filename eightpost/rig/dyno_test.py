@@ -12,7 +12,6 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from eightpost.array_types import Array
-from eightpost.checks.dyno import PART_RULES
 from eightpost.display import Summary
 from eightpost.errors import MissingChannelError, WrongSignError
 from eightpost.files import sha256_of
@@ -34,6 +33,7 @@ from eightpost.rig.dyno_conditions import (
     reversed_channels,
     stated_units,
 )
+from eightpost.rig.faults import PART_RULES
 from eightpost.rig.motion import grouped, path_of, turning_points
 from eightpost.rig.plausibility import SEGMENT, part_faults, record_faults, rectified_force
 from eightpost.signals import faults

@@ -16,7 +16,7 @@ from urllib.parse import parse_qs
 
 from eightpost.errors import OutputError
 from eightpost.extras import needs
-from eightpost.window.folder import Folder
+from eightpost.window.parts import Folder
 
 with needs("app", "the window"):
     import uvicorn
@@ -25,10 +25,10 @@ with needs("app", "the window"):
     from starlette.responses import FileResponse, PlainTextResponse, RedirectResponse, Response
     from starlette.types import ASGIApp, Receive, Scope, Send
 
-from eightpost.window import car, dyno, parts, study, system
+from eightpost.window import parts, records, system
 
 _SCREENS: dict[str, Callable[[parts.Window], Awaitable[None]]] = {
-    "Dyno": dyno.show, "Car": car.show, "Run": system.show, "Study": study.show,
+    "Dyno": records.show_dyno, "Car": records.show_car, "Run": system.show_system, "Study": system.show_study,
 }  # fmt: skip
 
 #: Time for which a browser may be silent before its page is built again, without what was chosen in it [s]: commands

@@ -1,4 +1,4 @@
-/* What a machine runs, filled by Python (eightpost/machine/library.py has the same structures). */
+/* What a machine runs, filled by Python (eightpost/machine/car.py has the same structures). */
 #ifndef EIGHTPOST_MACHINE_H
 #define EIGHTPOST_MACHINE_H
 

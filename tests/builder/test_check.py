@@ -17,7 +17,7 @@ from builder.check.archive import read_subject
 from builder.check.description import _integers, units_of
 from builder.check.rules import findings
 from builder.toolchain import this_platform
-from eightpost.app.check import check as command
+from eightpost.app.exchange import check as command
 from eightpost.archive import read_archive, write_archive
 from eightpost.errors import EightpostError, FmuError
 from eightpost.shock import LAWS

@@ -11,7 +11,7 @@ from lxml import etree
 
 from builder.check.probes import bench as probes
 from builder.check.probes.bench import amplitude, change_of, differ, inside, other_value, status_name
-from eightpost.fmi.description import Variable, read_description
+from eightpost.fmi import Variable, read_description
 
 
 def _variable(unit: str, causality: str = "input", **given: float) -> Variable:

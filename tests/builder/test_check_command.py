@@ -8,8 +8,8 @@ from click.testing import CliRunner
 from rich.console import Console
 
 from builder.check import GROUPS, check, json_document
-from eightpost.app.check import check as command
-from eightpost.app.check import show_report
+from eightpost.app.exchange import check as command
+from eightpost.app.exchange import show_report
 from eightpost.archive import read_archive, write_archive
 
 

@@ -8,7 +8,7 @@ import pytest
 from builder.check import check
 from builder.check.probes import dependencies
 from builder.check.probes.dependencies import Pairs, _perturb
-from eightpost.fmi.description import Variable
+from eightpost.fmi import Variable
 
 ROAD = Variable(0, "road", "0", "Real", "input", "continuous", None, "", {"unit": "m", "start": "0"})
 HEIGHT = Variable(1, "height", "1", "Real", "output", "continuous", None, "", {"unit": "m"})

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import pytest
 
-from eightpost.fmi.description import Description, Variable, read_description
+from eightpost.fmi import Description, Variable, read_description
 
 from .check_defects import FOREIGN, XML
 

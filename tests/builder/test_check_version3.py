@@ -21,9 +21,9 @@ from builder.check.probes.version3 import _steps
 from builder.check.rules import finding_in_version_3, text_in_version_3
 from builder.reference import Disclosure
 from cosim.system_file import read_case
-from eightpost.app.check import check as command
+from eightpost.app.exchange import check as command
 from eightpost.archive import read_archive, write_archive
-from eightpost.fmi.description import read_description
+from eightpost.fmi import read_description
 from eightpost.shock import LAWS
 from eightpost.vehicle import Friction, IdentifiedVehicle, read_vehicle, shipped, write_vehicle
 

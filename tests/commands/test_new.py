@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from eightpost.__main__ import main
-from eightpost.app.new import FILES
+from eightpost.app.start import FILES
 
 
 def call(*words):

@@ -12,8 +12,8 @@ from click.testing import CliRunner
 from cosim.components.component import Variable
 from cosim.study import Build, StudyResult
 from eightpost.__main__ import main
-from eightpost.api.clicks import change_of
 from eightpost.api.shape_page import aim_verdict
+from eightpost.api.shapes import change_of
 from eightpost.errors import InputError
 from eightpost.shock import read_shock
 

@@ -15,9 +15,9 @@ from cosim.study.choice.optimise import Optimum
 from cosim.study.measures import Measure
 from eightpost.api.shape_page import number_table
 from eightpost.api.shapes import bank_plan
-from eightpost.app.check import _table as findings_table
+from eightpost.app.exchange import _table as findings_table
 from eightpost.app.study import _front_table, show_study
-from eightpost.app.study_rig import measure_table
+from eightpost.app.study_hardware import measure_table
 from eightpost.corners import CORNERS
 from eightpost.report.tables import ResultTable, result_table
 from eightpost.shock.shape import CURVE_NUMBERS, Shape, Side

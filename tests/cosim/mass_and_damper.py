@@ -9,7 +9,7 @@ from cosim import Algorithm, Bond, Capabilities, Result, Scenario, System, run
 from cosim.components.component import Callbacks, address_of
 from cosim.engine import blocks
 from eightpost.errors import StepError
-from eightpost.fmi.functions import DISCARD
+from eightpost.fmi import DISCARD
 
 MASS, STIFFNESS, DAMPING = 10.0, 4000.0, 60.0
 

@@ -27,10 +27,10 @@ from cosim import (
 from cosim.components.component import Callbacks, address_of
 from cosim.components.fmu_file import FmuFile
 from cosim.engine import blocks
-from cosim.systems.system import Connection
+from cosim.system import Connection
 from eightpost.corners import CORNERS
 from eightpost.errors import StepError
-from eightpost.fmi.description import read_description
+from eightpost.fmi import read_description
 from eightpost.signals import Drivefile, TimeSeries
 
 Join = Callable[..., System]

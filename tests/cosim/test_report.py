@@ -21,8 +21,8 @@ from cosim.report.page import _drive_digest
 from cosim.session.verdict import BondEnergy, Coupled
 from eightpost import __version__
 from eightpost.errors import OutputError
-from eightpost.report.numbers import figure
-from eightpost.report.packing import LEVELS, traces
+from eightpost.report.page import LEVELS, traces
+from eightpost.report.tables import figure
 from eightpost.signals import Drivefile, TimeSeries
 
 from .page_content import content_of, drawn, manifest_lines, stores

@@ -9,12 +9,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from eightpost.checks.dyno import fault
 from eightpost.ident import fit_shock
 from eightpost.ident.shock.law_fit import CrossValidation, HeldOutErrors
 from eightpost.ident.shock.runs import StrokeRange, prepare_runs, strokes
 from eightpost.ident.shock.verdict import peak_velocity_validity, shock_validity
 from eightpost.rig.dyno_test import DynoTest
+from eightpost.rig.faults import fault
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade
 

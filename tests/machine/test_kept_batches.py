@@ -13,7 +13,7 @@ import scipy.signal
 from cosim.study.measures import Sections
 from eightpost.errors import FmuError
 from eightpost.machine import Batch, Drive, LinearCar, Port, Quantity, Run, ShockData, Vehicle
-from eightpost.machine.library import built
+from eightpost.machine.car import built
 from eightpost.machine.run import SIGNALS, Limit
 from eightpost.shock import LAWS, law_name
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from builder.assembly import Assembly, read_parts
-from builder.assembly.documents import _vehicle_model
+from builder.assembly.assembled_fmu import _vehicle_model
 from builder.build import build
 from builder.product import vehicle_product
 from cosim import FmuComponent

@@ -5,9 +5,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eightpost.checks.lag import delay_of
 from eightpost.ident.shock.simulation import lag as first_order
-from eightpost.rig.motion import EARLIEST, LAG, LATEST, LEAD, WIDEST, _ForceLag, force_lag, lag_faults, lag_statement
+from eightpost.rig.motion import (
+    EARLIEST,
+    LAG,
+    LATEST,
+    LEAD,
+    WIDEST,
+    _ForceLag,
+    delay_of,
+    force_lag,
+    lag_faults,
+    lag_statement,
+)
 from eightpost.rig.plausibility import record_faults
 from eightpost.signals import TimeSeries
 

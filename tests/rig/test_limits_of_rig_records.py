@@ -10,7 +10,7 @@ import pytest
 from eightpost.corners import CORNERS
 from eightpost.errors import EightpostError
 from eightpost.rig import DynoTest, split_runs, temperature_effect
-from eightpost.rig.rig_faults import check_rig_record
+from eightpost.rig.rig_test import check_rig_record
 from eightpost.signals import TimeSeries
 from tests.drawn import timed
 from tests.limits import first_of, limit_of

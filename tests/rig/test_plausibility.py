@@ -15,8 +15,7 @@ from eightpost.ident import fit_shock
 from eightpost.rig import read_dyno_test
 from eightpost.rig.dyno_conditions import reversed_channels
 from eightpost.rig.motion import run_down
-from eightpost.rig.one_setting import rest_force, setting_faults
-from eightpost.rig.plausibility import _level, _spectrum_faults, rectified_force
+from eightpost.rig.plausibility import _level, _spectrum_faults, rectified_force, rest_force, setting_faults
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Grade
 

@@ -20,7 +20,7 @@ from eightpost.errors import (
 )
 from eightpost.files import sha256_of
 from eightpost.rig import MismatchedRateError, RigConditions, RigTest, SwappedCornersError, read_rig_test
-from eightpost.rig.rig_faults import _refuse_rival, _Rival, check_rig_record
+from eightpost.rig.rig_test import _refuse_rival, _Rival, check_rig_record
 from eightpost.signals import ChannelMap, TimeSeries
 from eightpost.virtual import NO_DRIFT, LinearDamper, RigSensors, random_drive, run_test, stand_in_truth
 

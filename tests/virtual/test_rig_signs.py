@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from eightpost.errors import WrongSignError
 from eightpost.rig import SwappedCornersError
-from eightpost.rig.rig_faults import check_rig_record
+from eightpost.rig.rig_test import check_rig_record
 from eightpost.virtual import (
     NO_DRIFT,
     TRUTHS,

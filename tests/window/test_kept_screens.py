@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eightpost.window.folder import Folder
+from eightpost.window.parts import Folder
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FILES = {

@@ -13,7 +13,7 @@ from cosim.study.study_file import source_files
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError
 from eightpost.signals import ChannelMap
-from eightpost.window.folder import Folder
+from eightpost.window.parts import Folder
 
 
 def window(name):

@@ -30,7 +30,7 @@ from builder.check.probes.library import (
     memory_functions,
 )
 from builder.check.rules import Fault, listed
-from eightpost.fmi.description import Description, Variable, read_description
+from eightpost.fmi import Description, Variable, read_description
 
 # ==== One instance and the calls of a host; calls return their status, and only `need` and similar methods raise =====
 

@@ -28,7 +28,7 @@ from builder.check.probes.bench import (
     status_name,
 )
 from builder.check.rules import Fault, Faults, listed, some
-from eightpost.fmi.description import Description, Variable
+from eightpost.fmi import Description, Variable
 
 # ==== Probes of dependencies at initialization and over a step, compared with the declared ones ======================
 

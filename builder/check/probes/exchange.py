@@ -24,7 +24,7 @@ from builder.check.probes.bench import (
 from builder.check.probes.dependencies import declared_pairs, judged
 from builder.check.probes.library import MODEL_EXCHANGE, EventInfo, MissingFunctionError, binary_path, library_of
 from builder.check.rules import Fault, listed, some
-from eightpost.fmi.description import Variable, whole_number
+from eightpost.fmi import Variable, whole_number
 
 # ==== An integrator's side of model exchange: instances, their states and derivatives ================================
 

@@ -19,8 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import urlparse
 
-from eightpost.fmi.description import OLD_TYPES, Description
-from eightpost.fmi.functions import FUNCTIONS, function_name
+from eightpost.fmi import FUNCTIONS, OLD_TYPES, Description, function_name
 
 # ==== The C functions of an FMU, with argument types and a record of the last call ===================================
 

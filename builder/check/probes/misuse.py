@@ -22,7 +22,7 @@ from builder.check.probes.bench import (
 )
 from builder.check.probes.library import ERROR, FATAL, FREEING_NOTHING, MissingFunctionError
 from builder.check.rules import Fault, listed, some
-from eightpost.fmi.description import Variable
+from eightpost.fmi import Variable
 
 # ---- Calls in the wrong order, invalid steps, locked variables ------------------------------------------------------
 

@@ -36,7 +36,7 @@ from builder.check.probes.bench import (
 )
 from builder.check.probes.library import DISCARD, ERROR, MissingFunctionError
 from builder.check.rules import Fault, listed, some
-from eightpost.fmi.description import Variable
+from eightpost.fmi import Variable
 
 # ==== Probes of valid runs: constant and varying inputs, irregular steps, the first outputs, model exchange ==========
 

@@ -22,7 +22,7 @@ from builder.check.probes.library import (
     path_of,
 )
 from builder.check.rules import Fault, some
-from eightpost.fmi.description import Variable, whole_number
+from eightpost.fmi import Variable, whole_number
 
 _STEPS = 20
 _ROUNDING = 1e-9

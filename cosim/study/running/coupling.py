@@ -9,16 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cosim.coupling import Automatic
 from cosim.session.result import Result, difference
 from cosim.session.run import FIRST_STEP, run
 from cosim.study.definition import Drive, Setup, Study
-from cosim.study.running.batches import Batches, BatchRun
-from cosim.study.running.error_model import ErrorModel, Pilot, fit_error_model, local_errors
+from cosim.study.running.batches import Batches, BatchRun, ErrorModel, Pilot, fit_error_model, local_errors
 from cosim.study.running.evaluator import Check, Coupling, Evaluator, MachineCoupling, local_error
-from cosim.systems.algorithm import Automatic
 from eightpost.errors import DivergedError, EightpostError, StepError, WiringError
-from eightpost.machine.car import NotInBatchError
-from eightpost.machine.library import instruction_set
+from eightpost.machine.car import NotInBatchError, instruction_set
 from eightpost.signals import TimeSeries
 from eightpost.workers.pool import heartbeat
 

@@ -15,18 +15,16 @@ from pydantic import TypeAdapter
 
 from cosim.components.component import Component, to_si
 from cosim.components.fmu_component import FmuComponent
+from cosim.coupling import Scenario, default_scheme
 from cosim.session.result import Result
 from cosim.session.session import Session
 from cosim.session.verdict import LARGEST_ERROR
 from cosim.study.definition import Build, Drive, Setup, Study, bond_at, check_corners, read_drive
 from cosim.study.measures import AboveBand, Filtered, above_band, band_ends
-from cosim.study.running.batches import Batches, BatchRun, RunSummary
-from cosim.study.running.error_model import ErrorModel, local_errors
+from cosim.study.running.batches import Batches, BatchRun, ErrorModel, RunSummary, local_errors
 from cosim.study.running.machine import read_shock
 from cosim.study.table import DONE, FAILED, StudyResult, error_column
-from cosim.systems.algorithm import default_scheme
-from cosim.systems.coupling import Scenario
-from cosim.systems.system import System
+from cosim.system import System
 from eightpost.errors import EightpostError, WiringError
 from eightpost.machine import NotInBatchError, ShockData
 from eightpost.signals import TimeSeries

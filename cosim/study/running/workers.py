@@ -24,8 +24,7 @@ from cosim.study.running.evaluator import Coupling, Evaluator, Row
 from cosim.study.table import FAILED
 from eightpost import __version__
 from eightpost.errors import StepError
-from eightpost.machine.car import NotInBatchError
-from eightpost.machine.library import sources
+from eightpost.machine.car import NotInBatchError, sources
 from eightpost.workers.pool import POLL, Pool, working
 
 

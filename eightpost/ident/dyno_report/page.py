@@ -23,9 +23,8 @@ from eightpost.ident.dyno_report.cycles import STROKES, Cycles, Found, Stroke, U
 from eightpost.ident.dyno_report.entry import Entry
 from eightpost.ident.dyno_report.figures import branches_figure, curves_figure, loops_figure
 from eightpost.ident.dyno_report.loop import BEND, Branches, ratio_at
-from eightpost.report.numbers import plain
 from eightpost.report.page import Block, Section, digest, document, soft, write_page
-from eightpost.report.tables import NONE, Amount, Cell, ResultTable, cell_html, unit_html
+from eightpost.report.tables import NONE, Amount, Cell, ResultTable, cell_html, plain, unit_html
 from eightpost.verdict import Reason, Rules, Verdict
 
 # ==== Verdict: the findings about the records, and the verdicts of the shock files ===================================

@@ -11,14 +11,22 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from eightpost.array_types import Array
-from eightpost.checks.fault import Fault
-from eightpost.checks.lag import delay_of
-from eightpost.checks.rig import RULES, fault
 from eightpost.corners import channel
 from eightpost.errors import ConstantChannelError
+from eightpost.rig.faults import Fault
+from eightpost.rig.motion import delay_of
 from eightpost.signals.filters import derivative, lowpass
 from eightpost.signals.timeseries import TimeSeries
 from eightpost.units import convert
+from eightpost.verdict import Rules
+
+RULES = Rules.read(Path(__file__).with_name("rig.txt"), "rig record")
+
+
+def fault(rule: str, channels: tuple[str, ...], figure: str, remedy: str = "") -> Fault:
+    """Return a fault of channels of a rig record against the rule of a name."""
+    return Fault(RULES.named(rule), figure, channels=channels, remedy=remedy)
+
 
 # ==== Advice on a unit ===============================================================================================
 

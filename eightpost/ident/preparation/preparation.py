@@ -11,7 +11,6 @@ import numpy as np
 from scipy.signal import cheby1, sosfiltfilt
 
 from eightpost.array_types import Array
-from eightpost.checks.fault import Fault
 from eightpost.corners import CORNERS, channel
 from eightpost.errors import InputError, ParameterError, TooShortError
 from eightpost.files import toml_content
@@ -26,6 +25,7 @@ from eightpost.ident.preparation.channel_faults import (
 )
 from eightpost.ident.preparation.plausibility import record_findings
 from eightpost.ident.threads import for_each
+from eightpost.rig.faults import Fault
 from eightpost.rig.geometry import MODES, Geometry, displacement_modes, force_modes, ride_heights
 from eightpost.rig.rig_test import CHANNEL_UNITS, RigTest
 from eightpost.signals.filters import velocity_from_displacement

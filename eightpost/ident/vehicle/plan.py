@@ -17,7 +17,6 @@ from scipy.signal import resample_poly
 from threadpoolctl import threadpool_limits
 
 from eightpost.array_types import Array
-from eightpost.checks.lag import delay_of
 from eightpost.corners import CORNERS, channel
 from eightpost.errors import InputError, ParameterError
 from eightpost.ident.preparation import Prepared
@@ -27,6 +26,7 @@ from eightpost.ident.vehicle.simulation import law_force
 from eightpost.ident.vehicle.static_rating import StaticRating, rate_tests
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, with_validity
 from eightpost.rig import RigTest
+from eightpost.rig.motion import delay_of
 from eightpost.shock import Shock
 from eightpost.signals import TimeSeries
 from eightpost.signals.filters import lowpass

@@ -7,7 +7,7 @@ const AXIS = { get gridcolor() { return tint("grid"); }, zeroline: false, get li
 const PAPER = { get font() { return { family: "system-ui, sans-serif", size: 12, color: tint("ink") }; },
   get paper_bgcolor() { return tint("paper"); }, get plot_bgcolor() { return tint("paper"); }, modebar: { bgcolor: "rgba(0,0,0,0)" } };
 const SETTINGS = { displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"] };
-const LEVELS = 65535; // see eightpost/report/packing.py
+const LEVELS = 65535; // see eightpost/report/page.py
 let metric = document.body.classList.contains("metric"); // whether values are shown in SI units
 
 /** Return a text in which plotly finds no markup. */

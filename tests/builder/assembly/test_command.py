@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from builder.toolchain import this_platform
-from eightpost.app.build import build as command
+from eightpost.app.exchange import build as command
 from eightpost.errors import InputError
 
 

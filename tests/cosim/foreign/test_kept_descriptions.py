@@ -13,7 +13,7 @@ from cosim.components.component import Variable, named_unit
 from cosim.components.fmu_description import Rows, internal_step, only_step, read_description, units_of
 from cosim.components.fmu_log import LEVELS, ComponentLog, Messages, OpenedFmu, returned
 from eightpost.errors import FmuError, StepError
-from eightpost.fmi.functions import DISCARD, ERROR, FATAL, PENDING
+from eightpost.fmi import DISCARD, ERROR, FATAL, PENDING
 
 UNITS = """<UnitDefinitions>
 <Unit name="m/s"><BaseUnit m="1" s="-1"/></Unit><Unit name="in"><BaseUnit m="1" factor="0.0254"/></Unit>

@@ -12,8 +12,8 @@ import pytest
 from cosim.session.result import difference
 from cosim.session.verdict import Coupled
 from cosim.study import Build
+from cosim.study.running.batches import Pilot, fit_error_model, local_errors
 from cosim.study.running.coupling import candidates, choose_coupling, coupling_for, finer
-from cosim.study.running.error_model import Pilot, fit_error_model, local_errors
 from cosim.study.running.evaluator import Evaluator
 from eightpost.archive import read_archive, write_archive
 from eightpost.corners import CORNERS

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eightpost.checks.fault import Fault
 from eightpost.corners import CORNERS
 from eightpost.ident.preparation import (
     Decimation,
@@ -25,6 +24,7 @@ from eightpost.ident.preparation.channel_faults import clipped, dropouts, spikes
 from eightpost.ident.preparation.mechanics import comparisons, spectra_of
 from eightpost.ident.preparation.plausibility import record_findings
 from eightpost.rig import RigTest
+from eightpost.rig.faults import Fault
 from eightpost.signals import TimeSeries
 from eightpost.virtual.program import stand_in_truth
 from tests.drawn import flat, timed

@@ -10,10 +10,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm, t
 
-from eightpost.checks.rig import RULES
 from eightpost.corners import CORNERS
 from eightpost.ident.preparation import advance_channels, prepare
-from eightpost.ident.preparation.channel_faults import clipped, spikes
+from eightpost.ident.preparation.channel_faults import RULES, clipped, spikes
 from eightpost.ident.preparation.mechanics import SIGNIFICANT, Comparison, Kind, Spectra, few_blocks_factor
 from eightpost.ident.preparation.plausibility import findings_of, is_broadband, record_findings
 from eightpost.rig import RigTest

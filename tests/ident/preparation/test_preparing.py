@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from scipy.signal import cheby1, sosfreqz
 
-from eightpost.checks.lag import delay_of
 from eightpost.corners import CORNERS
 from eightpost.errors import ConstantChannelError, InputError, MissingChannelError, ParameterError, TooShortError
 from eightpost.ident.preparation import (
@@ -27,6 +26,7 @@ from eightpost.ident.vehicle.estimators import LocalPolynomial, estimate_respons
 from eightpost.ident.vehicle.frequency_response import contribution_error, response_of
 from eightpost.rig import RigTest
 from eightpost.rig.geometry import displacement_modes, force_modes
+from eightpost.rig.motion import delay_of
 from eightpost.signals import TimeSeries
 from eightpost.virtual.drivefiles import sine_drive
 from eightpost.virtual.program import quarter_truth, run_test, stand_in_truth

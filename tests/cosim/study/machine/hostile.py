@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from eightpost.machine import LAWS, SIGNALS, Batch, Drive, LinearCar, Port, Quantity, Run, ShockData, Vehicle, library
+from eightpost.machine import LAWS, SIGNALS, Batch, Drive, LinearCar, Port, Quantity, Run, ShockData, Vehicle, car
 
 #: A mass on a spring: states are travel and velocity, inputs the force and the road's velocity.
 CAR = Vehicle(
@@ -56,7 +56,7 @@ def runs(rng: np.random.Generator) -> Iterator[Batch]:
 
 def main() -> None:
     """Run as many batches as the first argument says, with the compiler options that follow."""
-    library._FLAGS = ("-std=gnu11", "-O1", "-g", "-w", "-shared", "-fPIC", "-fvisibility=hidden", *sys.argv[2:])
+    car._FLAGS = ("-std=gnu11", "-O1", "-g", "-w", "-shared", "-fPIC", "-fvisibility=hidden", *sys.argv[2:])
     rng = np.random.default_rng(1)
     given, ended = shocks(rng), 0
     with np.errstate(all="ignore"):

@@ -9,7 +9,7 @@ from cosim.study import Measure, Vehicle
 from cosim.study.running.batches import Batches
 from cosim.study.running.evaluator import Evaluator
 from eightpost.corners import CORNERS
-from eightpost.machine import library
+from eightpost.machine import car
 
 from .lanes import LAWS, random_builds, random_setups, study_of
 
@@ -17,7 +17,7 @@ from .lanes import LAWS, random_builds, random_setups, study_of
 def main() -> None:
     """Run studies of the FMUs in the folder that is the first argument, and of the car that is the second."""
     fmus = {path.stem: path for path in Path(sys.argv[1]).glob("*.fmu")}
-    library._FLAGS = ("-std=gnu11", "-O1", "-g", "-w", "-shared", "-fPIC", "-fvisibility=hidden", *sys.argv[3:])
+    car._FLAGS = ("-std=gnu11", "-O1", "-g", "-w", "-shared", "-fPIC", "-fvisibility=hidden", *sys.argv[3:])
     values = {"friction_force": 40.0, "bristle_force": 60.0, "bristle_static_ratio": 1.2, "port_spring": 1e5}
     measures = [Measure("band", ("car.front.ride_height",), band=(1.0, 5.0))]
     measures += [Measure(name, ("car.lf.tire_force",), name) for name in ("rms", "peak", "mean")]

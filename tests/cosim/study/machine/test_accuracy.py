@@ -13,7 +13,7 @@ from cosim.study import Build, Drive, Measure, Vehicle
 from cosim.study.running import machine
 from cosim.study.running.machine import read_vehicle
 from eightpost.corners import CORNERS
-from eightpost.machine.library import instruction_set
+from eightpost.machine.car import instruction_set
 from eightpost.vehicle import write_vehicle
 from tests.double_modes import car_with_seat
 

@@ -11,7 +11,7 @@ from scipy.signal import lsim
 from builder.build import build
 from cosim.study.host_steps import LIMITS, LOOPS, HostSteps, host_steps
 from cosim.system_file import read_case
-from eightpost.app.check import check
+from eightpost.app.exchange import check
 from eightpost.errors import InputError
 from eightpost.shock import Polylinear, Shock, StaticCurve, write_shock
 from eightpost.signals import Drivefile

@@ -11,16 +11,15 @@ from cosim.session.result import difference
 from cosim.study import Build, Measure, Term, Vehicle
 from cosim.study.measures import STATISTICS, Filtered
 from cosim.study.running import workers as running_workers
-from cosim.study.running.batches import Batches
+from cosim.study.running.batches import Batches, ErrorModel
 from cosim.study.running.coupling import Compared, coupling_for
-from cosim.study.running.error_model import ErrorModel
 from cosim.study.running.evaluator import Check, Coupling, Evaluator, MachineCoupling, coupling_of
 from cosim.study.running.machine import read_vehicle
 from cosim.study.running.sweep import run_study
 from cosim.study.running.workers import Chunk, ProcessWorkers
 from eightpost.corners import CORNERS
 from eightpost.errors import FmuError
-from eightpost.machine import NotInBatchError, library
+from eightpost.machine import NotInBatchError, car
 
 from ..conftest import WorkersHere
 from .lanes import COUPLING, FINE, LAWS, on_machine, random_builds, random_setups, study_of
@@ -149,10 +148,10 @@ DEFECTS = {
 @pytest.mark.parametrize("defect", DEFECTS)
 def test_a_machine_that_differs_from_the_fmus_is_not_used(study, defect, monkeypatch):
     name, old, new = DEFECTS[defect]
-    right = library.sources()
+    right = car.sources()
     assert right[name].count(old.encode()) == 1
     changed = {**right, name: right[name].replace(old.encode(), new.encode())}
-    monkeypatch.setattr(library, "sources", lambda: changed)
+    monkeypatch.setattr(car, "sources", lambda: changed)
     found = coupling_for(Evaluator(study))
     assert found.machine is None and "through the FMUs" in found.notes[-1]
 

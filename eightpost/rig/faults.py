@@ -1,4 +1,4 @@
-"""Fault of a record, which becomes a reason of its verdict."""
+"""Faults of the records of dynamometers and rigs, and the rules of the check of a dynamometer record (dyno.txt)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,15 @@ class Fault:
         return f"{self.figure}: {self.remedy or self.rule.remedy}"
 
 
-def rules_of(kind: str) -> Rules:
-    """Return the rules of a kind of record, `dyno` or `rig`, from the table in this folder."""
-    names = {"dyno": "dynamometer record", "rig": "rig record"}
-    return Rules.read(Path(__file__).with_name(f"{kind}.txt"), names[kind])
+RULES = Rules.read(Path(__file__).with_name("dyno.txt"), "dynamometer record")
+
+#: Names of the rules about a part of a record; they apply to each run on its own.
+PART_RULES = frozenset(
+    ("the shock changed", "the shock changed a little", "drift", "run-down of the machine", "jump of a channel",
+     "clipped channel", "repeated samples")
+)  # fmt: skip
+
+
+def fault(rule: str, statement: str, figure: str, remedy: str = "") -> Fault:
+    """Return a fault of a dynamometer record against the rule of a name."""
+    return Fault(RULES.named(rule), figure, statement, remedy=remedy)

@@ -1,8 +1,16 @@
-"""Functions that read files of other programs in the child process: some damaged files crash the libraries."""
+"""Reading of files in a separate process with time and memory limits, for libraries that a damaged file can crash.
+
+A crash of the process becomes an error that names the file. The process starts with the first such file and reads the
+later ones too, so that the libraries are loaded only once; after a crash a new one starts.
+"""
 
 from __future__ import annotations
 
 import importlib
+import os
+import subprocess
+import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,8 +18,81 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eightpost.errors import FileFormatError
+from eightpost.errors import EightpostError, FileFormatError
 from eightpost.extras import is_installed, requirement
+from eightpost.files import reading
+from eightpost.workers.process import Child, EndedError, ParentChannel
+
+#: Memory that the child may use in addition to its libraries [bytes]: a minimum, and a multiple of the file size.
+MEMORY, _MEMORY_PER_BYTE = 2 * 2**30, 8
+#: Time limit for one file [s], and additional time for each byte [s].
+_TIME, _TIME_PER_BYTE = 60.0, 1e-6
+
+_lock = threading.Lock()
+_children: list[Child] = []
+
+
+def read_confined(function: str, path: str | Path, *options: Any, kind: str) -> Any:
+    """Call a function with a file in the child process, and return its result.
+
+    Args:
+        function: Module and function, `package.module:name`, called with the path and the options.
+        path: Path of the file.
+        options: Further arguments; they and the result must be picklable.
+        kind: Expected type of file, for messages: "a MATLAB file".
+
+    Raises:
+        FileFormatError: The library cannot read the file, crashed, or exceeded the memory or time limit.
+        EightpostError: An error that the function raised itself.
+    """
+    path = Path(path)
+    with reading(path):
+        size = path.stat().st_size
+        path.open("rb").close()
+    question = (function, str(path.absolute()), options, max(MEMORY, _MEMORY_PER_BYTE * size))
+    seconds = _TIME + _TIME_PER_BYTE * size
+    try:
+        outcome, answer = _answer(question, seconds)
+    except EndedError as error:
+        how = f"took longer than {seconds:.0f} s" if error.hung else _how(error)
+        what = f"not {kind}: the process that read it {how}; the file is damaged, export or copy it again"
+        raise FileFormatError(what, path=path) from None
+    if outcome == "refused":
+        raise answer
+    if outcome == "failed":
+        raise FileFormatError(f"not {kind}: {answer}", path=path)
+    return answer
+
+
+def _answer(question: tuple[Any, ...], seconds: float) -> Any:
+    """Send a request to the child. If it crashes, retry with a new child, because an earlier file may be the cause."""
+    with _lock:
+        used = bool(_children) and _children[0].owner == os.getpid()
+        if used:
+            try:
+                return _children[0].ask(question, seconds)
+            except EndedError as error:
+                _children.clear()
+                if error.hung:
+                    raise
+        _children[:] = [_start()]
+        try:
+            return _children[0].ask(question, seconds)
+        except EndedError:
+            _children.clear()
+            raise
+
+
+def _start() -> Child:
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    return Child("eightpost.confined", env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def _how(error: EndedError) -> str:
+    return f"ended with code {error.code}" if error.code is not None and error.code >= 0 else error.how
+
+
+# ==== Readers of files of other programs, which run in the child process =============================================
 
 
 def load_matlab(path: Path, simplify: bool) -> dict[str, Any]:
@@ -249,3 +330,45 @@ def load_lvm(_: Path, lines: list[str], separator: str) -> tuple[dict[str, str],
         names = tuple(segment["Channel names"])
         segments.append(LvmSegment(names, np.atleast_2d(data), tags, tuple(segment.get("comments", ()))))
     return {key: value for key, value in content.items() if isinstance(key, str) and isinstance(value, str)}, segments
+
+
+# ==== The child process, which reads one file after the other ========================================================
+
+
+def _call(request: tuple[str, str, tuple[Any, ...], int]) -> tuple[str, Any]:
+    """Call the function of a request; return ("done", result), ("refused", error) or ("failed", message)."""
+    function, path, options, memory = request
+    module, _, name = function.partition(":")
+    try:
+        read = getattr(importlib.import_module(module), name)
+        _limit_memory(memory)
+        return "done", read(Path(path), *options)
+    except EightpostError as error:
+        return "refused", error
+    except MemoryError:
+        limit = f"{memory / 2**30:.1f} GiB"
+        return "failed", f"reading it needs more than {limit} of memory; it is damaged, or export a shorter record"
+    except Exception as error:  # libraries raise many types for files that they cannot read
+        return "failed", f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+
+
+def _unsendable(error: Exception) -> tuple[str, Any]:
+    return "failed", f"it contains objects that are not data ({error})"
+
+
+def _limit_memory(memory: int) -> None:
+    """Limit the address space to the current use plus `memory` [bytes], on systems that support it."""
+    if sys.platform != "win32":
+        import resource  # noqa: PLC0415 -- Windows does not have it
+
+        try:
+            taken = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
+        except OSError:
+            taken = 4 * 2**30
+        _, hard = resource.getrlimit(resource.RLIMIT_AS)
+        wanted = taken + memory
+        resource.setrlimit(resource.RLIMIT_AS, (wanted if hard == resource.RLIM_INFINITY else min(wanted, hard), hard))
+
+
+if __name__ == "__main__":
+    ParentChannel(sys.argv[1]).serve(_call, _unsendable)

@@ -1,1 +1,0 @@
-"""What is simulated: systems of components with bonds and connections, scenarios, and coupling algorithms."""
