@@ -25,10 +25,10 @@ class _Extra:
 
 
 #: Distributions that every installation has, by the name under which Python imports them.
-REQUIRED: Mapping[str, str] = {
+REQUIRED: Mapping[str, str] = {"arro3.core": "arro3-core", "arro3.io": "arro3-io"} | {
     name: name
     for name in (
-        "click", "fmpy", "llvmlite", "markupsafe", "numba", "numpy", "pint", "platformdirs", "pyarrow", "pydantic",
+        "click", "fmpy", "llvmlite", "markupsafe", "numba", "numpy", "pint", "platformdirs", "pydantic",
         "rich", "scipy", "threadpoolctl",
     )
 }  # fmt: skip
