@@ -16,11 +16,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import llvmlite.binding as llvm
-
 from eightpost.cache import keep, recall
 from eightpost.compilers import find_compiler
 from eightpost.errors import FmuError
+from eightpost.extras import is_installed, needs
 
 # ---- Sources --------------------------------------------------------------------------------------------------------
 
@@ -73,7 +72,14 @@ def sources() -> Mapping[str, bytes]:
 
 
 def instruction_set() -> str:
-    """Return the widest instruction set of this processor that a machine uses; empty: that of every processor."""
+    """Return the widest instruction set of this processor that a machine uses.
+
+    Empty, without llvmlite too: that of every processor.
+    """
+    if not is_installed("llvmlite"):
+        return ""
+    with needs("fit", "the widest instruction set"):
+        import llvmlite.binding as llvm  # noqa: PLC0415 - an extra
     features = llvm.get_host_cpu_features()
     return next((name for name in _WIDTHS if features.get(name)), "")
 
