@@ -17,7 +17,7 @@ from cosim.components.component import Conversion, FunctionTable, convert_betwee
 from cosim.components.fmu_component import FmuComponent
 from cosim.engine import blocks
 from cosim.engine import force_law as engine
-from cosim.engine.march import bound, compiled
+from cosim.engine.march import bound, compiled, is_interpreted
 from eightpost.errors import EightpostError, FmuError, InputError, StepError, WiringError
 
 # ==== Ports of one FMU ===============================================================================================
@@ -185,7 +185,7 @@ class ForceLoop:
         self._parameters = [_parameters_of(parameters or {}, name, self._names) for name in self._names]
         for component in self._components:
             self._check(component)
-        self._bind = bound if engine == "python" else partial(compiled, instead={})
+        self._bind = bound if is_interpreted(engine) else partial(compiled, instead={})
         self._difference = 1e-6  # change of an input for the Jacobian [m/s], [m]
         self._motion = _blank_motion(len(self._components))
         self._clock, self._force, self._trial = self._motion.clock, self._motion.force, self._motion.trial

@@ -22,6 +22,7 @@ from typing import Any, TypeVar
 import platformdirs
 
 from eightpost.errors import InputError
+from eightpost.extras import needs
 from eightpost.files import atomic_path
 from eightpost.outputs import replacing
 
@@ -139,8 +140,9 @@ def kept(function: Dispatcher, number: int = 0) -> Dispatcher:
 @cache
 def _checked_files() -> Any:
     """Return the class of the index and machine code files of one numba function, each preceded by its SHA-256."""
-    from numba.core.caching import IndexDataCacheFile  # noqa: PLC0415 - takes long, and most users need no numba
-    from numba.core.serialize import dumps  # noqa: PLC0415
+    with needs("fit", "machine code"):
+        from numba.core.caching import IndexDataCacheFile  # noqa: PLC0415 - takes long, and most users need no numba
+        from numba.core.serialize import dumps  # noqa: PLC0415
 
     class CheckedFiles(IndexDataCacheFile):  # type: ignore[misc]
         def __init__(self, cache_path: str, filename_base: str, source_stamp: Any) -> None:

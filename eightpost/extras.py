@@ -1,7 +1,8 @@
 """Optional packages, grouped by what they are for (the extras of the distribution), and the error if one is missing.
 
-`pip install eightpost` installs what is needed to run FMUs and to fit shocks. Every other package belongs to an extra,
-is imported where it is used, inside `needs(...)`, and if it is missing the error names the extra to install.
+`pip install eightpost` installs what is needed to run FMUs, and to fit shocks without dynamics. Every other package
+belongs to an extra, is imported where it is used, inside `needs(...)`, and if it is missing the error names the extra
+to install.
 """
 
 from __future__ import annotations
@@ -26,9 +27,11 @@ class _Extra:
 
 #: Distributions that every installation has, by the name under which Python imports them.
 REQUIRED: Mapping[str, str] = {
+    "arro3.core": "arro3-core", "arro3.io": "arro3-io", "typing_extensions": "typing-extensions",
+} | {
     name: name
     for name in (
-        "click", "fmpy", "llvmlite", "markupsafe", "numba", "numpy", "pint", "platformdirs", "pyarrow", "pydantic",
+        "click", "fmpy", "markupsafe", "numpy", "pint", "platformdirs", "pydantic",
         "rich", "scipy", "threadpoolctl",
     )
 }  # fmt: skip
@@ -41,6 +44,10 @@ EXTRAS: Mapping[str, _Extra] = {
     ),
     "aim": _Extra("logs of AiM (.xrk, .xrz)", {"libxrk": "libxrk"}),
     "app": _Extra("the window in the browser, eightpost app", {"nicegui": "nicegui"}, contains=("report",)),
+    "fit": _Extra(
+        "fits of laws with dynamics, identify, virtual rigs, and runs in a tenth of the time",
+        {"llvmlite": "llvmlite", "numba": "numba"},
+    ),
     "files": _Extra(
         "records in spreadsheets and LabVIEW files",
         {"lvm_read": "lvm_read", "nptdms": "nptdms", "python_calamine": "python-calamine"},

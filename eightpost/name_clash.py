@@ -14,7 +14,7 @@ _OURS = ("builder", "cosim", "eightpost")
 THIRD_PARTY = (
     "asammdf", "click", "control", "dask", "distributed", "fmpy", "fmu_manipulation_toolbox", "h5py", "jinja2",
     "latex2mathml", "libxrk", "lief", "llvmlite", "lxml", "markdown_it", "markupsafe", "matplotlib", "nicegui",
-    "nptdms", "numba", "numpy", "pandas", "PIL", "pint", "platformdirs", "plotly", "pyarrow", "pydantic", "pymoo",
+    "nptdms", "numba", "numpy", "pandas", "PIL", "pint", "platformdirs", "plotly", "pydantic", "pymoo",
     "python_calamine", "pythonfmu", "pyuff", "rich", "scipy", "xarray", "xlsxwriter", "ziglang",
 )  # fmt: skip
 

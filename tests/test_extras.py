@@ -1,18 +1,21 @@
-"""`pip install eightpost` runs FMUs and fits shocks; whatever needs another package says which extra installs it."""
+"""`pip install eightpost` runs FMUs and fits shocks without dynamics; all else says which extra installs it."""
 
 from __future__ import annotations
 
 import ast
 import importlib
+import importlib.metadata
 import json
 import re
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from eightpost.extras import EXTRAS, REQUIRED, MissingExtraError, is_installed, missing, needs, packages
 
@@ -22,6 +25,9 @@ OURS = ("builder", "cosim", "eightpost")
 
 #: Packages of extras that FMPy and rich install too.
 WITH_REQUIRED = {"jinja2", "lxml", "markdown_it"}
+
+#: Packages of the extra app: its modules are imported by eightpost.window.server, inside `needs`.
+WINDOW = {"fastapi", "nicegui", "starlette", "uvicorn"}
 
 #: Runs commands in a process in which the packages of all extras cannot be imported, as after `pip install eightpost`.
 MINIMAL = """
@@ -62,8 +68,22 @@ def minimal(quarter_car_system, fmus, tmp_path_factory):
         "new": ["new", folder / "starter"],
         "compare": ["study", "compare", folder / "out", folder / "starter" / ".." / "out"],
         "fit": ["fit", record, "--law", "polylinear", "-o", folder / "shock.json"],
-        "fit --plot": ["fit", record, "-o", folder / "shock.json", "--plot", folder / "shock.png"],
-        "inspect": ["inspect", folder / "table.xlsx"],
+        "fit --plot": [
+            "fit",
+            record,
+            "--law",
+            "polylinear",
+            "-o",
+            folder / "shock.json",
+            "--plot",
+            folder / "shock.png",
+        ],
+        "fit a law with dynamics": ["fit", record, "-o", folder / "shock.json"],
+        "virtual dyno": ["virtual", "dyno", "--configuration", "1", "--test", "random", "-o", folder / "dyno.parquet"],
+        "virtual rig": ["virtual", "rig", "--program", "identification", "-o", folder / "rig"],
+        "doctor": ["doctor"],
+        "inspect": ["inspect", record],
+        "inspect a spreadsheet": ["inspect", folder / "table.xlsx"],
         "build": ["build", shock, "-o", folder],
         "check": ["check", fmus["lpf1"]],
         "study": ["study", EXAMPLES / "study.toml", "-o", folder / "study"],
@@ -91,8 +111,8 @@ def test_without_extras_fmus_run_and_nothing_else_is_imported(minimal):
     assert not loaded
 
 
-@pytest.mark.parametrize("verb", ["compare", "fit", "new"])
-def test_a_verb_that_draws_nothing_needs_no_extra(minimal, verb):
+@pytest.mark.parametrize("verb", ["compare", "doctor", "fit", "inspect", "new"])
+def test_a_verb_that_neither_draws_nor_compiles_needs_no_extra(minimal, verb):
     code, text = minimal[0][verb]
     assert code == 0, text
 
@@ -102,7 +122,10 @@ def test_a_verb_that_draws_nothing_needs_no_extra(minimal, verb):
     [
         ("run --report", "report"),
         ("fit --plot", "report"),
-        ("inspect", "files"),
+        ("fit a law with dynamics", "fit"),
+        ("virtual dyno", "fit"),
+        ("virtual rig", "fit"),
+        ("inspect a spreadsheet", "files"),
         ("check", "check"),
         ("build", "build"),
         ("study", "build"),
@@ -140,6 +163,34 @@ def test_the_table_of_extras_is_that_of_pyproject():
     assert set(REQUIRED.values()) == set(map(plain, project()["dependencies"]))
 
 
+def brought(requirements: Iterable[str]) -> set[str]:
+    """Return the distributions that requirements install on this machine, with all that they require."""
+    found, waiting = set[str](), [Requirement(text) for text in requirements]
+    while waiting:
+        one = waiting.pop()
+        if one.marker and not any(one.marker.evaluate({"extra": extra}) for extra in ("", *one.extras)):
+            continue
+        if (name := canonicalize_name(one.name)) not in found:
+            found.add(name)
+            waiting += map(Requirement, importlib.metadata.requires(name) or ())
+    return found
+
+
+def megabytes(distributions: Iterable[str]) -> float:
+    """Return the size of installed distributions without byte code [MB], as their lists of files state it."""
+    files = (path for name in distributions for path in importlib.metadata.files(name) or () if path.suffix != ".pyc")
+    return sum(path.size or 0 for path in files) / 1e6
+
+
+def test_an_installation_without_extras_has_at_most_350_megabytes() -> None:
+    distributions = brought(project()["dependencies"])
+    assert not distributions & {"llvmlite", "matplotlib", "numba", "pandas", "pyarrow"}
+    assert {"arro3-core", "fmpy", "numpy", "scipy"} <= distributions
+    own = sum(path.stat().st_size for folder in (*OURS, "fmus", "examples") for path in (ROOT / folder).rglob("*.*")
+              if path.is_file() and path.suffix != ".pyc") / 1e6  # fmt: skip
+    assert megabytes(distributions) + own <= 350.0
+
+
 def imports(tree: ast.AST, guards: tuple[str, ...] = ()) -> Iterator[tuple[str, tuple[str, ...], int]]:
     """Yield the package, the extras of the enclosing `with needs(...)` and the line of each import."""
     for node in ast.iter_child_nodes(tree):
@@ -158,13 +209,13 @@ def imports(tree: ast.AST, guards: tuple[str, ...] = ()) -> Iterator[tuple[str, 
 
 @pytest.mark.nightly
 def test_every_import_of_an_optional_package_names_the_extra_that_installs_it():
-    free = {*sys.stdlib_module_names, *OURS, *REQUIRED}
+    free = {*sys.stdlib_module_names, *OURS, *(name.partition(".")[0] for name in REQUIRED)}
     faults = []
     for path in sorted(path for package in OURS for path in (ROOT / package).rglob("*.py")):
         found = list(imports(ast.parse(path.read_text(encoding="utf-8"))))
         guarded = {package for package, guards, _ in found for extra in guards if package in packages(extra)}
         beside = {other.stem for other in path.parent.iterdir()}  # a law in an FMU imports the files beside it
-        known = free | guarded | beside
+        known = free | guarded | beside | (WINDOW if path.parent.name == "window" else set())
         faults += [f"{path}:{line}: {package}" for package, _, line in found if package not in known]
     assert not faults
 

@@ -95,7 +95,7 @@ from eightpost.signals import TimeSeries, write_series
 from eightpost.vehicle import read_vehicle, shipped, write_vehicle
 from eightpost.archive import write_archive
 from eightpost.errors import OutputError
-import scipy.io, pyarrow.parquet
+import scipy.io, arro3.io
 
 folder = Path(sys.argv[1])
 series = TimeSeries.from_channels(np.arange(5000) / 100.0, {"x": ("m", np.random.default_rng(1).normal(size=5000))})

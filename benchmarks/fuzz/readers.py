@@ -142,7 +142,7 @@ def _chunks(path: Path) -> Any:
     units = {measure.name: result.unit(measure.name) for measure in result.measures}
     schema = resolve_name("cosim.study.table:study_schema")(result.study, units)
     folder = resolve_name("cosim.study.running.sweep:ChunkFolder")(path.parents[2], "0" * 64, schema)
-    return folder.coupling(), folder.table()
+    return folder.coupling(), list(folder.tables())
 
 
 def _iteration(path: Path) -> Any:

@@ -8,8 +8,6 @@ import shutil
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet
 
 from benchmarks.fuzz.damage import members_of, packed
 from builder.build import build
@@ -25,6 +23,7 @@ from eightpost.ident.vehicle.frequency_response import FrequencyResponse, respon
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, write_fit
 from eightpost.shock import Lpnl2, Port, Shock, StaticCurve, write_shock
 from eightpost.signals import TimeSeries, write_series
+from eightpost.signals.parquet_file import write_table
 from eightpost.vehicle import Friction, IdentifiedVehicle, read_vehicle, shipped, write_vehicle
 from eightpost.verdict import Verdict
 
@@ -173,4 +172,4 @@ def _study(folder: Path) -> None:
     chunks = folder / "chunks" / ("0" * 16)
     coupling = {"scheme": "gauss-seidel", "step": 1e-3, "share": 0.5, "stated_error": 0.1, "notes": ["tried 1 ms"]}
     _write_json(chunks / "coupling.json", coupling)
-    pa.parquet.write_table(result.table.slice(0, 3), chunks / "chunk_0000000_3.parquet")
+    write_table(result.table.take(np.arange(3)), chunks / "chunk_0000000_3.parquet")

@@ -25,7 +25,7 @@ from benchmarks.mutants.mutant import Mutant
 #: Third-party packages that most tests import. numba is not included, because it reads its environment only once.
 _LOADED = (
     "__main__", "control", "filelock", "fmpy", "hypothesis.strategies", "jinja2", "lxml.etree", "numpy", "pint",
-    "pyarrow.parquet", "pydantic", "pytest", "scipy.integrate", "scipy.optimize", "scipy.signal", "scipy.stats",
+    "arro3.io", "pydantic", "pytest", "scipy.integrate", "scipy.optimize", "scipy.signal", "scipy.stats",
     "threadpoolctl",
 )  # fmt: skip
 

@@ -21,6 +21,7 @@ from cosim.components.fmu_log import FmuLog
 from cosim.engine import blocks
 from cosim.engine import fmi3_calls as calls
 from cosim.engine.blocks import INTEGERS, REALS, Block
+from eightpost.extras import is_installed
 from eightpost.fmi import ERROR, function_name
 
 # ==== Calls of an FMI 2.0 FMU for co-simulation through fmpy, and libraries that lack functions ======================
@@ -383,6 +384,8 @@ def _adapter(table: Rows, slack: float, addresses: Mapping[str, int]) -> calls.A
 @cache
 def _machine_code() -> dict[str, int]:
     """Return the addresses of the compiled calls of the loop; empty if they cannot be compiled."""
+    if not is_installed("numba"):
+        return {}
     from cosim.engine.machine_code import c_functions  # noqa: PLC0415 -- LLVM, which FMI 2.0 does not need here
 
     empty = _adapter(Rows((), are_numbered=True), 0.0, {})

@@ -14,27 +14,30 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
-import numba
 import numpy as np
-from llvmlite import ir
-from numba.core import cgutils, types
-from numba.core.typing.templates import AttributeTemplate
-from numba.extending import (
-    infer_getattr,
-    lower_builtin,
-    lower_getattr_generic,
-    models,
-    overload,
-    register_model,
-    type_callable,
-)
-from numba.np import arrayobj
-from numba.np.numpy_support import from_dtype
 
 from cosim.engine import blocks
 from cosim.engine.blocks import FAILED, INTEGERS, REALS, SHARED, WORDS, Kind, described
 from cosim.engine.machine_code import Request
+from eightpost.extras import needs
 from eightpost.object_code.native import optimised
+
+with needs("fit", "machine code of the loop"):
+    import numba
+    from llvmlite import ir
+    from numba.core import cgutils, types
+    from numba.core.typing.templates import AttributeTemplate
+    from numba.extending import (
+        infer_getattr,
+        lower_builtin,
+        lower_getattr_generic,
+        models,
+        overload,
+        register_model,
+        type_callable,
+    )
+    from numba.np import arrayobj
+    from numba.np.numpy_support import from_dtype
 
 # ---- Blocks as types of numba ---------------------------------------------------------------------------------------
 

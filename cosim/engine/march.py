@@ -40,6 +40,7 @@ from cosim.engine.sweep import (
     step_group,
     step_once,
 )
+from eightpost.extras import is_installed
 from eightpost.fmi import DISCARD
 
 # ---- Measures summed over a run, step by step -----------------------------------------------------------------------
@@ -454,15 +455,20 @@ def compiled(function: Callable[..., int], instead: dict[str, Callable[..., int]
     return bind
 
 
+def is_interpreted(engine: str) -> bool:
+    """Return whether an engine interprets the loop; `auto` does without numba, with equal results."""
+    return engine == "python" or (engine == "auto" and not is_installed("numba"))
+
+
 def loop(engine: str, *, adaptive: bool, implicit: bool) -> tuple[Bind, int]:
     """Return the function that binds the loop, and the number of steps per call.
 
     Args:
-        engine: `python`, else the compiled loop.
+        engine: One of `ENGINES`.
         adaptive: Whether an error estimate controls the steps.
         implicit: Whether steps are repeated.
     """
     function = _march_adaptive if adaptive else march
-    if engine == "python":
+    if is_interpreted(engine):
         return bound(function), PYTHON_CHUNK
     return compiled(function, {} if implicit else {"step_group": step_once}), COMPILED_CHUNK

@@ -465,8 +465,8 @@ def sheet_of(result: StudyResult, *, certainty: Certainty | None = None, trace_c
         objective=None
         if ranked is None
         else Column(OBJECTIVE, Scale.of("1"), ranked, uncertainty=_uncertainty_of(levels.get(OBJECTIVE))),
-        failures={row: messages[row].as_py() or "it did not finish" for row in np.flatnonzero(~result.done).tolist()},
-        marks={row: result.table["marks"][row].as_py() for row in np.flatnonzero(result.is_marked).tolist()},
+        failures={row: messages[row] or "it did not finish" for row in np.flatnonzero(~result.done).tolist()},
+        marks={row: result.table["marks"][row] for row in np.flatnonzero(result.is_marked).tolist()},
         baseline=result.baseline_row,
         certainty=certainty,
         terms=tuple(

@@ -1,17 +1,15 @@
-"""Table of a study in a Parquet file: its columns, its header with the provenance of the values, its row groups."""
+"""Table of a study in a Parquet file: its columns, and its header with the provenance of the values."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.compute
-import pyarrow.parquet
+from arro3.core import DataType, Field, Schema
 from pydantic import TypeAdapter
 
 from cosim.study.definition import Setup, Study, Term
@@ -21,102 +19,15 @@ from eightpost.array_types import Array, Flags, Integers
 from eightpost.completion import warn_of_earlier_results
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError, InputError
-from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json
+from eightpost.files import MALFORMED, check_schema, parse_json
 from eightpost.labelled import data_frame, dataset
-from eightpost.signals.parquet_file import parquet_size, read_columns, read_table
+from eightpost.signals.parquet_file import Table, joined, read_table, write_table
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
     from eightpost.report.pictures import Picture
-
-# ---- The file: written row group by row group, read column by column ------------------------------------------------
-
-#: Largest size of a table that is read into memory as a whole [bytes]; larger ones are read column by column.
-IN_MEMORY = 32 * 2**20
-
-#: Size of a cell of a table in memory [bytes].
-_CELL = 8
-
-
-@dataclass(frozen=True, slots=True)
-class StoredTable:
-    """Table in a Parquet file, of which each column is read when it is asked for.
-
-    It has those attributes of a pyarrow.Table that the study uses.
-    """
-
-    path: Path  #: Path of the file.
-    schema: pa.Schema  #: Columns, and metadata of the file.
-    num_rows: int  #: Number of rows.
-    #: Size of the file [bytes] and time of its last change [ns], by which a replaced file is noticed.
-    size: tuple[int, int]
-
-    @property
-    def column_names(self) -> list[str]:
-        """Names of the columns."""
-        names: list[str] = self.schema.names
-        return names
-
-    def __getitem__(self, name: str) -> pa.ChunkedArray:
-        """Read a column.
-
-        Raises:
-            FileFormatError: The file was replaced or removed since it was opened, or is damaged.
-            KeyError: There is no such column.
-        """
-        if name not in self.schema.names:
-            raise KeyError(name)
-        return self._read([name])[name]
-
-    def take(self, rows: object) -> pa.Table:
-        """Return some rows of all columns."""
-        return self.read().take(rows)
-
-    def read(self) -> pa.Table:
-        """Return the whole table."""
-        return self._read(None)
-
-    def _read(self, names: list[str] | None) -> pa.Table:
-        if not self.path.is_file() or _identity(self.path) != self.size:
-            raise FileFormatError("was replaced or removed while it was used; run the command again", path=self.path)
-        return read_columns(self.path, names)
-
-
-def open_table(path: Path, *, advice: str = "name the results.parquet of a study") -> pa.Table | StoredTable:
-    """Return a table with its metadata: in memory if it is small, else column by column.
-
-    Raises:
-        FileFormatError: The file does not exist, or is not a Parquet file.
-    """
-    size = _identity(path) if path.is_file() else (0, 0)
-    schema, rows = parquet_size(path, advice=advice)
-    if rows * len(schema) * _CELL <= IN_MEMORY:
-        return read_table(path, advice=advice)
-    return StoredTable(path, schema, rows, size)
-
-
-def _write_tables(path: Path, schema: pa.Schema, tables: Iterable[pa.Table]) -> None:
-    """Write tables as row groups of one file, one after the other; an existing file is replaced when it is complete.
-
-    Raises:
-        InputError: Two rows have the same setup number, or the setups are not in order.
-    """
-    last = -1
-    with atomic_path(path) as temporary, pyarrow.parquet.ParquetWriter(temporary, schema, compression="zstd") as writer:
-        for table in tables:
-            numbers = np.concatenate([[last], table["setup"].to_numpy()])
-            if np.any(np.diff(numbers) <= 0):
-                raise InputError(f"{path}: two rows have the same setup number, or they are not in order")
-            last = int(numbers[-1])
-            writer.write_table(table.replace_schema_metadata(schema.metadata))
-
-
-def _identity(path: Path) -> tuple[int, int]:
-    found = path.stat()
-    return found.st_size, found.st_mtime_ns
-
 
 # ---- Columns --------------------------------------------------------------------------------------------------------
 
@@ -132,45 +43,31 @@ def error_column(measure: str) -> str:
     return f"coupling error of {measure}"
 
 
-def study_schema(study: Study, measure_units: Mapping[str, str]) -> pa.Schema:
+def study_schema(study: Study, measure_units: Mapping[str, str]) -> Schema:
     """Return the columns of a study's table."""
-    tail = {"coupling_error_percent": pa.float64(), "seconds": pa.float64()}
+    number, text = DataType.float64(), DataType.string()
     measures, errors = [], []
     for m in study.measures:
         words = {"unit": measure_units[m.name], "display": m.display or measure_units[m.name], "label": m.name}
         name = error_column(m.name)
-        measures.append(pa.field(m.name, pa.float64(), metadata=words))
-        errors.append(pa.field(name, pa.float64(), metadata=words | {"label": name}))
-    fields = [pa.field("setup", pa.int64()), *(pa.field(corner, pa.string()) for corner in study.corners), *measures]
-    return pa.schema([*fields, *(pa.field(name, tail.get(name, pa.string())) for name in TAIL), *errors])
+        measures.append(Field(m.name, number, metadata=words))
+        errors.append(Field(name, number, metadata=words | {"label": name}))
+    tail = [Field(name, number if name in ("coupling_error_percent", "seconds") else text) for name in TAIL]
+    corners = [Field(corner, text) for corner in study.corners]
+    return Schema([Field("setup", DataType.int64()), *corners, *measures, *tail, *errors])
 
 
-def result_table(rows: Sequence[Mapping[str, Any]], schema: pa.Schema) -> pa.Table:
+def result_table(rows: Sequence[Mapping[str, Any]], schema: Schema) -> Table:
     """Return rows, given by column name, as a table sorted by setup number.
 
     Raises:
         InputError: Two rows have the same setup number.
     """
-    table = pa.Table.from_pylist(list(rows), schema=schema).sort_by("setup")
-    numbers = table["setup"].to_numpy()
-    if np.unique(numbers).size < numbers.size:
+    table = Table.of_rows(rows, schema)
+    table = table.take(np.argsort(table["setup"]))
+    if np.any(np.diff(table["setup"]) == 0):
         raise InputError("two rows have the same setup number")
     return table
-
-
-def _check_columns(table: pa.Table | StoredTable, schema: pa.Schema) -> None:
-    """Check that a table has the columns of a schema, and that every row has a setup number.
-
-    Raises:
-        ValueError: A column is missing or has another type, or a row has no setup number.
-    """
-    for column in schema:
-        if column.name not in table.column_names:
-            raise ValueError(f"the column {column.name!r} is missing")
-        if not table.schema.field(column.name).type.equals(column.type):
-            raise ValueError(f"the column {column.name!r} does not have the type {column.type}")
-    if table["setup"].null_count:
-        raise ValueError("a row has no setup number")
 
 
 # ---- Provenance of the values, and the header that states it --------------------------------------------------------
@@ -210,7 +107,7 @@ class Provenance:
 _PROVENANCE: TypeAdapter[Provenance] = TypeAdapter(Provenance)
 
 
-def _header_of(study: Study, provenance: Provenance, *, partial: bool) -> dict[bytes, str]:
+def _header_of(study: Study, provenance: Provenance, *, partial: bool) -> dict[bytes, bytes]:
     header = {
         "schema": "eightpost.study",
         "schema_version": SCHEMA,
@@ -218,16 +115,16 @@ def _header_of(study: Study, provenance: Provenance, *, partial: bool) -> dict[b
         "partial": partial,
         "study": json.loads(study.to_json()),
     }
-    return {_KEY: json.dumps(header)}
+    return {_KEY: json.dumps(header).encode()}
 
 
-def _header_in(path: Path, table: pa.Table | StoredTable) -> dict[str, Any]:
+def _header_in(path: Path, table: Table) -> dict[str, Any]:
     """Return the header of a file.
 
     Raises:
         FileFormatError: The file is not a study's result, or was written by a newer version.
     """
-    metadata = table.schema.metadata or {}
+    metadata = table.schema.metadata
     if _KEY not in metadata:
         raise FileFormatError("is not a study result: it has no eightpost header", path=path)
     header: dict[str, Any] = parse_json(metadata[_KEY], path, finite=False)
@@ -279,14 +176,13 @@ class StudyResult(Summarized):
     """
 
     study: Study  #: Definition of the study.
-    #: One row per setup, by number; a large table is read from its file column by column.
-    table: pa.Table | StoredTable
+    table: Table  #: One row per setup, by number.
     provenance: Provenance  #: Provenance of the values.
     partial: bool = False  #: Whether setups are missing because the study was interrupted.
     _cache: dict[str, Array] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
-        return int(self.table.num_rows)
+        return len(self.table)
 
     @property
     def measures(self) -> tuple[Measure, ...]:
@@ -296,21 +192,17 @@ class StudyResult(Summarized):
     @property
     def setups(self) -> Integers:
         """Numbers of the setups (R,)."""
-        return np.asarray(self.table["setup"].to_numpy(), dtype=np.int64)
+        return np.asarray(self.table["setup"], dtype=np.int64)
 
     @property
     def done(self) -> Flags:
         """Whether each setup ran successfully (R,)."""
-        return self._flags(pa.compute.equal(self.table["status"], DONE))
+        return np.asarray(self.table["status"] == DONE)
 
     @property
     def is_marked(self) -> Flags:
         """Whether each setup has a mark (R,)."""
-        return self._flags(pa.compute.not_equal(self.table["marks"], ""))
-
-    @staticmethod
-    def _flags(column: pa.ChunkedArray) -> Flags:
-        return np.asarray(column.fill_null(False).to_numpy(), dtype=np.bool_)
+        return np.asarray(self.table["marks"] != "")
 
     def setup(self, row: int) -> Setup:
         """Return the setup of a row."""
@@ -328,21 +220,13 @@ class StudyResult(Summarized):
 
     def builds(self, corner: str) -> list[str]:
         """Return the build of every row (R,) at a corner."""
-        names, places = self._coded(corner)
-        return [names[place] for place in places.tolist()]
+        return list(self.table[corner])
 
     def places(self, builds: Sequence[str]) -> Integers:
         """Return the positions of the builds of every row at every corner (R, corners) among some builds."""
-        found = np.empty((len(self), len(self.study.corners)), dtype=np.int64)
-        for column, corner in enumerate(self.study.corners):
-            names, places = self._coded(corner)
-            found[:, column] = np.array([builds.index(name) for name in names], dtype=np.int64)[places]
-        return found
-
-    def _coded(self, corner: str) -> tuple[list[str], Integers]:
-        """Return the different builds at a corner, and the position of each row's build among them (R,)."""
-        column = self.table[corner].combine_chunks().dictionary_encode()
-        return column.dictionary.to_pylist(), np.asarray(column.indices.to_numpy(), dtype=np.int64)
+        place = {build: number for number, build in enumerate(builds)}
+        found = [[place[build] for build in self.table[corner]] for corner in self.study.corners]
+        return np.array(found, dtype=np.int64).T
 
     def unit(self, measure: str) -> str:
         """Return a measure's SI unit."""
@@ -354,7 +238,7 @@ class StudyResult(Summarized):
 
     def column(self, name: str) -> Array:
         """Return a column of numbers of the table (R,); NaN where it has none."""
-        return np.asarray(self.table[name].to_numpy(zero_copy_only=False), dtype=np.float64)
+        return np.asarray(self.table[name], dtype=np.float64)
 
     def values(self, measure: str) -> Array:
         """Return a measure of every row (R,) in SI; NaN if the setup failed.
@@ -432,24 +316,22 @@ class StudyResult(Summarized):
     @property
     def failures(self) -> tuple[tuple[Setup, str], ...]:
         """Setups that failed, each with its message."""
-        messages = self.table["message"]
-        return tuple((self.setup(row), messages[row].as_py()) for row in np.flatnonzero(~self.done).tolist())
+        return tuple((self.setup(row), self.table["message"][row]) for row in np.flatnonzero(~self.done).tolist())
 
     def marked(self, kind: str) -> int:
         """Return the number of setups whose marks contain a text."""
-        found = pa.compute.match_substring(self.table["marks"], kind)
-        return int(np.count_nonzero(self._flags(found)))
+        return sum(kind in marks for marks in self.table["marks"])
 
     @property
     def seconds(self) -> float:
         """Worker time of all setups [s]."""
-        return float(np.sum(self.table["seconds"].to_numpy()))
+        return float(np.sum(self.table["seconds"]))
 
     @property
     def worst_coupling_error(self) -> float | None:
         """Largest coupling error [%]; None if none is known."""
-        errors = self.table["coupling_error_percent"].drop_null().to_numpy()
-        return float(errors.max()) if errors.size else None
+        errors = self.table["coupling_error_percent"]
+        return float(np.nanmax(errors)) if np.isfinite(errors).any() else None
 
     def _summary(self) -> Summary:
         ranking, total = self.ranking(), len(self.study.space)
@@ -519,14 +401,12 @@ class StudyResult(Summarized):
 
     def save(self, path: str | Path) -> None:
         """Write a Parquet file; an existing file is replaced only after the new one is complete."""
-        whole = self.table.read() if isinstance(self.table, StoredTable) else self.table
-        table = whole.replace_schema_metadata(_header_of(self.study, self.provenance, partial=self.partial))
-        with atomic_path(path) as temporary:
-            pyarrow.parquet.write_table(table, temporary, compression="zstd")
+        header = _header_of(self.study, self.provenance, partial=self.partial)
+        write_table(replace(self.table, schema=self.table.schema.with_metadata(header)), Path(path))
 
     @classmethod
     def join(
-        cls, path: Path, study: Study, tables: Iterable[pa.Table], provenance: Provenance, *, partial: bool
+        cls, path: Path, study: Study, tables: Iterable[Table], provenance: Provenance, *, partial: bool
     ) -> StudyResult:
         """Write tables as one Parquet file, one after the other, and return it as a result.
 
@@ -534,11 +414,14 @@ class StudyResult(Summarized):
             path: Path of the file; an existing file is replaced only after the new one is complete.
 
         Raises:
-            InputError: Two rows have the same setup number.
+            InputError: Two rows have the same setup number, or the setups are not in order.
         """
-        schema = study_schema(study, provenance.measure_units)
-        _write_tables(path, schema.with_metadata(_header_of(study, provenance, partial=partial)), tables)
-        return cls(study, open_table(path), provenance, partial)
+        whole = joined(tables, study_schema(study, provenance.measure_units))
+        if np.any(np.diff(whole["setup"]) <= 0):
+            raise InputError(f"{path}: two rows have the same setup number, or they are not in order")
+        found = cls(study, whole, provenance, partial)
+        found.save(path)
+        return found
 
     @classmethod
     def load(cls, path: str | Path) -> StudyResult:
@@ -552,14 +435,16 @@ class StudyResult(Summarized):
         """
         path = Path(path)
         warn_of_earlier_results(path.parent)
-        table = open_table(path)
+        table = read_table(path, advice="name the results.parquet of a study")
         stated = _header_in(path, table)
         try:
             header = _with_found_files(stated, path.parent)
             study = Study.from_json(json.dumps(header["study"]))
             made_by = Provenance.of_header(header)
-            _check_columns(table, study_schema(study, made_by.measure_units))
+            table.select(study_schema(study, made_by.measure_units))
+            if table["setup"].dtype != np.int64:
+                raise ValueError("a row has no setup number")
             return cls(study, table, made_by, bool(header["partial"]))
-        except (pa.ArrowException, *MALFORMED) as error:
+        except MALFORMED as error:
             what = f"is not a study result that this version can read ({error})"
             raise FileFormatError(what, path=path) from error

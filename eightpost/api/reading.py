@@ -267,13 +267,12 @@ def _toml_kind(path: Path) -> Kind:
 
 
 def _is_study_result(path: Path) -> bool:
-    from pyarrow.parquet import read_schema
-
     from eightpost.errors import EightpostError
+    from eightpost.signals.parquet_file import read_metadata
 
     try:
-        return b'"eightpost.study"' in (read_schema(path).metadata or {}).get(b"eightpost", b"")
-    except (OSError, ValueError, EightpostError):
+        return b'"eightpost.study"' in read_metadata(path).get(b"eightpost", b"")
+    except EightpostError:
         return False  # the reader of records reports the error
 
 

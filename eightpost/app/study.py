@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import signal
 from collections.abc import Sequence
@@ -101,9 +100,6 @@ def study(
       eightpost study examples/study.toml -o out/ --trace 1200
     """
     from eightpost.app.show import show_files
-
-    # Read when pyarrow is imported: its own allocator keeps some 150 MB of the files that a large study joins.
-    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
 
     console = Console()
     _stop_at_sigterm()

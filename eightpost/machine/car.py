@@ -17,13 +17,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import llvmlite.binding as llvm
 import numpy as np
 
 from eightpost.array_types import Array, Complex, Integers
 from eightpost.cache import keep, recall
 from eightpost.compilers import find_compiler
 from eightpost.errors import FmuError
+from eightpost.extras import is_installed, needs
 
 # ==== The library: compiled once per size of a car and per processor, from sources of the FMUs =======================
 
@@ -79,7 +79,14 @@ def sources() -> Mapping[str, bytes]:
 
 
 def instruction_set() -> str:
-    """Return the widest instruction set of this processor that a machine uses; empty: that of every processor."""
+    """Return the widest instruction set of this processor that a machine uses.
+
+    Empty, without llvmlite too: that of every processor.
+    """
+    if not is_installed("llvmlite"):
+        return ""
+    with needs("fit", "the widest instruction set"):
+        import llvmlite.binding as llvm  # noqa: PLC0415 - an extra
     features = llvm.get_host_cpu_features()
     return next((name for name in _WIDTHS if features.get(name)), "")
 

@@ -7,9 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from typing import Any
 
-import llvmlite.binding as llvm
-
 from eightpost.array_types import Array
+from eightpost.extras import needs
+
+with needs("fit", "machine code"):
+    import llvmlite.binding as llvm
 
 # ---- Object files for this processor --------------------------------------------------------------------------------
 

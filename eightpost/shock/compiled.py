@@ -15,15 +15,17 @@ from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any, cast
 
-from numba import njit, types
-from numba.extending import register_jitable
-from numba.np.numpy_support import from_dtype
-from numba.np.unsafe.ndarray import to_fixed_tuple
-
+from eightpost.extras import needs
 from eightpost.object_code.native import optimised
 from eightpost.shock.law import Piece, ShockLaw, Valve, valve_force
 from eightpost.shock.laws import LAWS, law_module, own_size, state_names
 from eightpost.shock.records import LAW_NUMBERS
+
+with needs("fit", "machine code of laws"):
+    from numba import njit, types
+    from numba.extending import register_jitable
+    from numba.np.numpy_support import from_dtype
+    from numba.np.unsafe.ndarray import to_fixed_tuple
 
 # ---- Compilation of functions from other files ----------------------------------------------------------------------
 

@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 import csv
-import io
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import arro3.io
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv
+from arro3.core import Array, Table
 from numpy.typing import NDArray
 
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path, plain_cell, quoted_cell, reading, safe_line
 from eightpost.signals.faults import Origin
-from eightpost.signals.parquet_file import to_arrow, to_numpy
 from eightpost.signals.raw_record import RawRecord
 from eightpost.signals.table_text import (
     decimal_mark,
@@ -44,7 +43,10 @@ if TYPE_CHECKING:
 
 # ==== Reading and writing of delimited text files with preamble, header with units, and decimal comma ================
 
-_NO_TIMES = "%%never%%"  #: A format that no cell has, so that times of day and dates stay texts.
+#: Texts of cells without a number.
+_MISSING = frozenset(
+    ("", "#N/A", "#N/A N/A", "#NA", "-1.#IND", "-1.#QNAN", "1.#IND", "1.#QNAN", "N/A", "NA", "NULL", "n/a", "null")
+)
 #: Maximum share of filled cells of a column without a name that is left out: it has remarks beside some samples.
 _REMARKS = 0.5
 Block = tuple[int, int, tuple[tuple[str, ...], ...]]
@@ -115,34 +117,27 @@ def _record(
                 "than the others, so the file is probably not complete; export it again"
             )
             notes, numbers = (*notes, note), numbers[:-1]
-    columns, more = _columns("\n".join(layout.filled(lines[i - 1]) for i in numbers), layout, numbers, path)
+    decimal = decimal_mark("\n".join(lines[i - 1] for i in numbers), layout.delimiter)
+    columns, more = _columns([layout.filled(cells[i - first]) for i in numbers], layout, decimal, numbers, path)
     origin = Origin(path, numbers, layout.unit_line)
     return RawRecord(origin, layout.names, layout.units, columns, preamble, notes, (*steps, *more))
 
 
 def _columns(
-    body: str, layout: Layout, numbers: NDArray[np.int64], path: Path
+    rows: list[list[str]], layout: Layout, decimal: str, numbers: NDArray[np.int64], path: Path
 ) -> tuple[tuple[NDArray[Any], ...], tuple[str, ...]]:
     """Return one vector (N,) for each named column, of type object if a cell is not a number, and notes."""
     width = len(layout.names) + layout.padding
-    decimal = decimal_mark(body, layout.delimiter)
-    content = body.encode()
-    try:
-        table = pa.csv.read_csv(
-            io.BytesIO(content),
-            read_options=pa.csv.ReadOptions(
-                column_names=[str(i) for i in range(width)], use_threads=False, block_size=len(content) + 2
-            ),
-            parse_options=pa.csv.ParseOptions(delimiter=layout.delimiter),
-            convert_options=pa.csv.ConvertOptions(decimal_point=decimal, timestamp_parsers=[_NO_TIMES]),
-        )
-    except pa.ArrowException as error:
-        raise _ragged(body, layout, numbers, path) or FileFormatError(str(error), path=path) from error
+    for row, number in zip(rows, numbers, strict=True):
+        if len(row) != width:
+            what = f"the line has {len(row)} columns instead of {width}; check whether the file was truncated"
+            raise FileFormatError(what, path=path, line=int(number))
+    table = list(zip(*rows, strict=True)) or [()] * width
     named = len(layout.names)
-    if any(_filled(column) > _REMARKS for column in table.columns[named:]):
+    if any(sum(cell not in _MISSING for cell in column) > _REMARKS * len(column) for column in table[named:]):
         what = f"the header names {named} columns, but the lines of numbers have {width}; name every column"
         raise FileFormatError(what, path=path, line=layout.header_line)
-    columns = [_vector(column, decimal) for column in table.columns[:named]]
+    columns = [_vector(column, decimal) for column in table[:named]]
     unclear = [i for i, one in enumerate(columns) if one.dtype == object and decimal == "." and has_three_decimals(one)]
     for i in unclear:
         columns[i] = np.array([float(str(cell).replace(",", ".")) for cell in columns[i]])
@@ -151,33 +146,15 @@ def _columns(
     return tuple(columns), (note,) if unclear else ()
 
 
-def _filled(column: Any) -> float:
-    """Return the share of cells that are not empty."""
-    if not pa.types.is_string(column.type):
-        return 1.0 - float(column.null_count / len(column))
-    return sum(bool(cell and cell.strip()) for cell in column.to_pylist()) / max(len(column), 1)
-
-
-def _vector(column: Any, decimal: str) -> NDArray[Any]:
+def _vector(cells: Sequence[str], decimal: str) -> NDArray[Any]:
     """Return a column as numbers with NaN for empty cells, or as objects if it is not numeric."""
-    if pa.types.is_null(column.type):
-        return np.full(len(column), np.nan)
-    if pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
-        return to_numpy(column)
-    texts = np.array([str(cell) if cell is not None else "" for cell in column.to_pylist()], dtype=object)
+    text, texts = "".join(cells), np.array(cells, dtype=object)
+    if "_" not in text and (decimal == "." or "." not in text):  # Python would read 1_000
+        plain = cells if decimal == "." else [cell.replace(",", ".") for cell in cells]
+        with suppress(ValueError):
+            return np.array([np.nan if cell in _MISSING else float(cell) for cell in plain])
     grouped = None if decimal == "." and has_three_decimals(texts) else numbers_with_groups(texts, decimal)
     return texts if grouped is None else grouped
-
-
-def _ragged(body: str, layout: Layout, numbers: NDArray[np.int64], path: Path) -> FileFormatError | None:
-    """Return an error for the first line with a wrong number of cells; slow, so used only after a failure."""
-    width = len(layout.names) + layout.padding
-    for line, number in zip(body.split("\n"), numbers, strict=True):
-        count = len(_split_cells(line, layout.delimiter))
-        if count != width:
-            what = f"the line has {count} columns instead of {width}; check whether the file was truncated"
-            return FileFormatError(what, path=path, line=int(number))
-    return None
 
 
 def write_csv(
@@ -213,10 +190,11 @@ def write_csv(
         header.append(quoted_cell(f"{titles.get(name, name)} [{written}]"))
         # Adding zero turns -0.0, which rounding may give, into 0.0.
         vectors.append(converted if name not in decimals else np.round(converted, decimals[name]) + 0.0)
-    table = pa.table([to_arrow(vector) for vector in vectors], names=[str(i) for i in range(len(vectors))])
+    arrays = [Array.from_numpy(np.ascontiguousarray(vector)) for vector in vectors]
+    table = Table.from_arrays(arrays, names=[str(i) for i in range(len(arrays))])
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
         stream.write("".join(f"{line}\n" for line in (*map(safe_line, preamble), ",".join(header))).encode())
-        pa.csv.write_csv(table, stream, pa.csv.WriteOptions(include_header=False))
+        arro3.io.write_csv(table, stream, header=False)
 
 
 # ==== Layout: delimiter, header, units, and several tables one below the other =======================================
@@ -240,11 +218,9 @@ class Layout:
     #: Number of cells of lines without the last columns, which only some lines have; 0 if all have them.
     short: int = 0
 
-    def filled(self, line: str) -> str:
-        """Return a line with empty cells for the last columns if it has none."""
-        if not self.short or len(_split_cells(line, self.delimiter)) != self.short:
-            return line
-        return line + self.delimiter * (len(self.names) - self.short)
+    def filled(self, cells: list[str]) -> list[str]:
+        """Return the cells of a line with empty ones for the last columns if it has none."""
+        return cells + [""] * (len(self.names) - self.short) if self.short and len(cells) == self.short else cells
 
 
 def _find_layout(lines: list[str], path: Path, *, offset: int = 0) -> Layout:

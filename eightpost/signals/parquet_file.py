@@ -1,21 +1,24 @@
-"""Parquet files of signals, and the header of all files that eightpost writes."""
+"""Parquet files of tables and of signals, and the header of all files that eightpost writes."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import arro3.core as arrow
+import arro3.io
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet
+from arro3.core import DataType
 from numpy.typing import NDArray
 
 from eightpost import __version__
 from eightpost.errors import FileFormatError
-from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json, reading
+from eightpost.files import atomic_path, check_schema, parse_json, reading
 from eightpost.signals.faults import Origin
 from eightpost.signals.raw_record import RawRecord
 from eightpost.signals.table_text import named_with_unit
@@ -62,90 +65,170 @@ def parse_header(text: str | bytes, path: Path) -> dict[str, Any]:
     return dict(header)
 
 
-# ==== Tables: numeric columns between numpy and Arrow, and error messages that name the file =========================
+# ==== Tables: columns as arrays, and error messages that name the file ===============================================
 
 
-def to_arrow(values: NDArray[Any]) -> pa.Array:
-    """Return numbers as an Arrow array that shares their memory if they are contiguous."""
-    values = np.ascontiguousarray(values)
-    return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), values.size, [None, pa.py_buffer(values)])
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Columns of equal length by name, in the order of a schema.
+
+    Missing values are NaN in a column of numbers and "" in one of texts. Integers keep their type unless one is
+    missing, other numbers are float64; all other types are objects.
+    """
+
+    schema: arrow.Schema  #: Names, types and metadata of the columns, and metadata of the file.
+    columns: Mapping[str, NDArray[Any]]  #: Values (N,) of each column.
+
+    @classmethod
+    def of_rows(cls, rows: Sequence[Mapping[str, Any]], schema: arrow.Schema) -> Table:
+        """Return rows, given by column name, as a table; a value that a row lacks is missing."""
+        return cls(schema, {field.name: _values([row.get(field.name) for row in rows], field.type) for field in schema})
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values()), ()))
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return self.columns[name]
+
+    def take(self, rows: NDArray[Any]) -> Table:
+        """Return some rows, given by their numbers (K,) or by a flag for each row (N,)."""
+        return replace(self, columns={name: values[rows] for name, values in self.columns.items()})
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return each row by column name."""
+        every = zip(*(values.tolist() for values in self.columns.values()), strict=True)
+        return [dict(zip(self.columns, row, strict=True)) for row in every]
+
+    def select(self, schema: arrow.Schema) -> Table:
+        """Return the columns of a schema.
+
+        Raises:
+            ValueError: A column is missing or has another type.
+        """
+        for field in schema:
+            if field.name not in self.columns:
+                raise ValueError(f"the column {field.name!r} is missing")
+            if self.schema.field(field.name).type != field.type:
+                raise ValueError(f"the column {field.name!r} does not have the type {_name(field.type)}")
+        return Table(schema, {name: self.columns[name] for name in schema.names})
 
 
-def to_numpy(column: pa.ChunkedArray) -> NDArray[np.float64]:
-    """Return a column of numbers as floats, with NaN for missing values."""
-    if column.null_count or not column.num_chunks:
-        return np.asarray(column.to_numpy(), dtype=np.float64)
-    return np.concatenate([np.from_dlpack(chunk) for chunk in column.chunks], dtype=np.float64)
+def joined(tables: Iterable[Table], schema: arrow.Schema) -> Table:
+    """Return the rows of tables with the same columns, one table below the other."""
+    parts = [Table.of_rows([], schema), *tables]
+    return Table(schema, {name: np.concatenate([part[name] for part in parts]) for name in schema.names})
+
+
+def _name(kind: DataType) -> str:
+    return str(kind).strip().rpartition("<")[2].rstrip(">").lower()
+
+
+def _is_text(kind: DataType) -> bool:
+    return DataType.is_string(kind) or DataType.is_large_string(kind) or DataType.is_string_view(kind)
+
+
+def _values(cells: list[Any], kind: DataType) -> NDArray[Any]:
+    if _is_text(kind):
+        return np.array([sys.intern(cell or "") for cell in cells], dtype=object)
+    if DataType.is_integer(kind) and None not in cells:
+        return np.array(cells, dtype=np.int64)
+    return np.array(cells, dtype=np.float64 if DataType.is_numeric(kind) else object)
+
+
+def _vector(column: arrow.ChunkedArray) -> NDArray[Any]:
+    """Return a column as integers, floats or objects; see Table."""
+    kind = column.type
+    if column.null_count or not len(column) or not (DataType.is_integer(kind) or DataType.is_floating(kind)):
+        return _values(column.to_pylist(), kind)
+    return column.to_numpy().astype(np.float64) if DataType.is_floating(kind) else column.to_numpy()
+
+
+def _array(values: NDArray[Any], kind: DataType) -> arrow.Array:
+    """Return a column as an Arrow array; NaN is a missing value."""
+    if not DataType.is_numeric(kind):
+        return arrow.Array(values.tolist(), kind)
+    if DataType.is_floating(kind) and np.isnan(values).any():
+        cells = values.astype(object)
+        cells[np.isnan(values)] = None
+        return arrow.Array(cells.tolist(), kind)
+    return arrow.Array.from_numpy(np.ascontiguousarray(values)).cast(kind)
+
+
+def write_table(table: Table, path: Path) -> None:
+    """Write a table; an existing file is replaced only after the new one is complete."""
+    arrays = [_array(table[field.name], field.type) for field in table.schema]
+    write_arrow(arrow.Table.from_arrays(arrays, schema=table.schema), path)
+
+
+def write_arrow(table: arrow.Table, path: str | Path, **options: Any) -> None:
+    """Write an Arrow table, with options of arro3.io.write_parquet; see write_table."""
+    with atomic_path(path) as temporary:
+        arro3.io.write_parquet(table, temporary, compression="zstd(1)", **options)
 
 
 #: Maximum number of cells in a table (2 GiB of numbers). A damaged or malicious file may declare any number.
 MOST_CELLS = 2**28
 
+#: Number of rows that are read before the number of cells is checked.
+_ROWS = 2**16
 
-def read_table(path: str | Path, *, schema: pa.Schema | None = None, advice: str = "") -> pa.Table:
+_MAGIC = b"PAR1"  #: First and last bytes of a Parquet file.
+
+
+def read_table(path: str | Path, *, advice: str = "") -> Table:
     """Return a Parquet file's table with its metadata.
 
     Args:
         path: Path of the file.
-        schema: Required columns, by name and type; None to accept any columns.
         advice: Advice for the user if the file does not exist.
-
-    Raises:
-        FileFormatError: The file cannot be read, is not a Parquet file, has other columns or too many cells.
-    """
-    path = Path(path)
-    with _refusing(path, advice), pa.parquet.ParquetFile(path) as file:
-        _check_size(path, file.metadata)
-        table = file.read(use_threads=False)
-        table.validate(full=True)
-        if schema is not None:
-            table = table.select(schema.names).cast(schema.with_metadata(table.schema.metadata))
-    return table
-
-
-def read_columns(path: str | Path, names: Sequence[str] | None) -> pa.Table:
-    """Return some columns of a Parquet file as a table; None for all of them.
-
-    Raises:
-        FileFormatError: The file cannot be read, is not a Parquet file, or lacks a column.
-    """
-    path = Path(path)
-    with _refusing(path, ""):
-        table = pa.parquet.read_table(path, columns=names, use_threads=False, partitioning=None)
-        table.validate(full=True)
-        if names is not None and (missing := set(names) - set(table.column_names)):
-            raise FileFormatError(f"has no column {min(missing)!r}", path=path)
-    return table
-
-
-def parquet_size(path: str | Path, *, advice: str = "") -> tuple[pa.Schema, int]:
-    """Return the schema of a Parquet file with its metadata, and its number of rows.
 
     Raises:
         FileFormatError: The file cannot be read, is not a Parquet file, or has too many cells.
     """
-    path = Path(path)
-    with _refusing(path, advice), pa.parquet.ParquetFile(path) as file:
-        _check_size(path, file.metadata)
-        return file.schema_arrow, int(file.metadata.num_rows)
+    content = _content(Path(path), advice)
+    columns = zip(content.column_names, content.columns, strict=True)
+    return Table(content.schema, {name: _vector(column) for name, column in columns})
 
 
-def _check_size(path: Path, metadata: pa.parquet.FileMetaData) -> None:
-    cells = metadata.num_rows * metadata.num_columns
-    if not 0 <= cells <= MOST_CELLS:
-        declared = f"{metadata.num_rows} rows of {metadata.num_columns} columns; the limit is {MOST_CELLS} cells"
-        raise FileFormatError(f"it declares {declared}; export a shorter record or fewer channels", path=path)
+def read_metadata(path: str | Path) -> dict[bytes, bytes]:
+    """Return the metadata of a Parquet file.
+
+    Raises:
+        FileFormatError: The file cannot be read, or is not a Parquet file.
+    """
+    with _opened(Path(path), "") as reader:
+        return dict(reader.schema.metadata)
+
+
+def _content(path: Path, advice: str = "") -> arrow.Table:
+    with _opened(path, advice) as reader:
+        batches, rows, width = [], 0, len(reader.schema)
+        for batch in reader:
+            batches.append(batch)
+            rows += batch.num_rows
+            if rows * width > MOST_CELLS:
+                what = f"it has over {MOST_CELLS} cells in {width} columns; export a shorter record or fewer channels"
+                raise FileFormatError(what, path=path)
+        return arrow.Table.from_batches(batches, schema=reader.schema)
 
 
 @contextmanager
-def _refusing(path: Path, advice: str) -> Iterator[None]:
-    """Turn all exceptions of pyarrow into an error that names the file."""
+def _opened(path: Path, advice: str) -> Iterator[arrow.RecordBatchReader]:
+    """Open a Parquet file; exceptions of arro3 in the block become an error that names the file."""
     with reading(path, advice=advice):
         try:
-            yield
-        except FileFormatError:
+            content = path.open("rb")
+            with content:
+                begin, size = content.read(4), content.seek(0, 2)
+                content.seek(max(0, size - 4))
+                if size < 12 or begin != _MAGIC or content.read() != _MAGIC:
+                    raise ValueError("it does not begin and end with PAR1")
+            yield arro3.io.read_parquet(path, batch_size=_ROWS)
+        except (FileFormatError, OSError, MemoryError):
             raise
-        except (pa.ArrowException, *MALFORMED) as error:
+        except BaseException as error:  # arro3 panics if the end of a file is damaged
+            if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
+                raise
             what = f"not a readable Parquet file: {str(error).rstrip('.')}; copy or write it again"
             raise FileFormatError(what, path=path) from error
 
@@ -161,14 +244,14 @@ def read_parquet(path: Path) -> tuple[RawRecord, ...]:
     Raises:
         FileFormatError: The file is not a Parquet file, or has a newer schema version.
     """
-    table = read_table(path)
-    stated = _header(table.schema, path).get("units", {})
+    content = _content(path)
+    stated = _header(content.schema.metadata, path).get("units", {})
     split = [
-        (name, "s") if pa.types.is_duration(column.type) else named_with_unit(name, stated)
-        for name, column in zip(table.column_names, table.columns, strict=True)
+        (name, "s") if DataType.is_duration(column.type) else named_with_unit(name, stated)
+        for name, column in zip(content.column_names, content.columns, strict=True)
     ]
     names, units = zip(*split, strict=True) if split else ((), ())
-    return (RawRecord(Origin(path), names, units, tuple(_vector(column) for column in table.columns)),)
+    return (RawRecord(Origin(path), names, units, tuple(_signal(column) for column in content.columns)),)
 
 
 def parquet_header(path: str | Path) -> dict[str, Any]:
@@ -177,22 +260,18 @@ def parquet_header(path: str | Path) -> dict[str, Any]:
     Raises:
         FileFormatError: The file is not a Parquet file, or has a newer schema version.
     """
-    path = Path(path)
-    with _refusing(path, ""):
-        schema = pa.parquet.read_schema(path)
-    return _header(schema, path)
+    return _header(read_metadata(path), Path(path))
 
 
-def _header(schema: pa.Schema, path: Path) -> dict[str, Any]:
-    metadata = dict(schema.metadata or {})
+def _header(metadata: Mapping[bytes, bytes], path: Path) -> dict[str, Any]:
     return parse_header(metadata[_KEY], path) if _KEY in metadata else {}
 
 
-def _vector(column: Any) -> NDArray[Any]:
-    if pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
-        return to_numpy(column)
-    if pa.types.is_duration(column.type):
-        return to_numpy(column.cast(pa.duration("ns")).cast(pa.int64())) * 1e-9
+def _signal(column: arrow.ChunkedArray) -> NDArray[Any]:
+    if DataType.is_duration(column.type):
+        return _vector(column.cast(DataType.duration("ns")).cast(DataType.int64())) * 1e-9
+    if DataType.is_numeric(column.type):
+        return _vector(column).astype(np.float64)
     return np.array([str(cell) for cell in column.to_pylist()], dtype=object)
 
 
@@ -214,8 +293,8 @@ def write_parquet(
         storage: Number type of the channels; time is always float64.
     """
     units = {"time": "s", **dict(zip(series.names, series.units, strict=True))}
-    columns = [to_arrow(series.time), *(to_arrow(row.astype(storage)) for row in series.values)]
-    table = pa.table(columns, names=list(units))
-    table = table.replace_schema_metadata({_KEY: time_series_header(units, sources=sources, note=note)})
-    with atomic_path(path) as temporary:
-        pa.parquet.write_table(table, temporary, compression="zstd", use_dictionary=False, use_byte_stream_split=True)
+    vectors = [series.time, *(row.astype(storage) for row in series.values)]
+    arrays = [arrow.Array.from_numpy(np.ascontiguousarray(vector)) for vector in vectors]
+    header = {_KEY: time_series_header(units, sources=sources, note=note).encode()}
+    table = arrow.Table.from_arrays(arrays, names=list(units), metadata=header)
+    write_arrow(table, path, dictionary_enabled=False, encoding="byte_stream_split")

@@ -10,13 +10,16 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
-from numba import njit
-from numba.extending import register_jitable
 
 from eightpost.array_types import Array
 from eightpost.cache import kept
+from eightpost.extras import needs
 from eightpost.vehicle import friction
 from eightpost.vehicle.friction import Bristle
+
+with needs("fit", "friction of a car"):
+    from numba import njit
+    from numba.extending import register_jitable
 
 #: Number that changes with the file of the law; see `eightpost.cache.kept`.
 BRISTLE_FILE = zlib.crc32(Path(friction.__file__).read_bytes())

@@ -13,15 +13,18 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 import numpy as np
-from numba import njit
 from scipy.interpolate import CubicSpline
 
 from eightpost.array_types import Array
 from eightpost.cache import kept
 from eightpost.errors import ParameterError, StepError
+from eightpost.extras import needs
 from eightpost.shock.compiled import LAW_FILES, law_step
 from eightpost.shock.records import LAW_NUMBERS
 from eightpost.vehicle.compiled import BRISTLE_FILE, deflection_after
+
+with needs("fit", "a virtual rig"):
+    from numba import njit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

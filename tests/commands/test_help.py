@@ -20,7 +20,7 @@ from eightpost.ident.vehicle.plan import RECIPES
 from eightpost.shock import LAWS
 from eightpost.virtual.program import PROGRAMS, TRUTHS
 
-SLOW = ("numpy", "scipy", "matplotlib", "numba", "llvmlite", "pint", "pyarrow", "plotly", "pydantic", "fmpy", "jinja2")
+SLOW = ("numpy", "scipy", "matplotlib", "numba", "llvmlite", "pint", "arro3", "plotly", "pydantic", "fmpy", "jinja2")
 
 #: All verbs run in one process, so that a library loaded by any of them is found.
 EVERY_HELP = """

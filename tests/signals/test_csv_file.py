@@ -140,7 +140,7 @@ def test_a_file_is_written_with_the_requested_units_and_digits(tmp_path):
     series = TimeSeries.from_channels([0.0, 0.1], {"x": ("m", [0.0254, -1e-9]), "y": ("m", [1.0, 2.0])})
     path = tmp_path / "out.csv"
     write_csv(series, path, units={"x": "in"}, decimals={"x": 3}, titles={"x": "Position, raw"}, preamble=["made up"])
-    assert path.read_text() == 'made up\ntime [s],"Position, raw [in]",y [m]\n0,1,1\n0.1,0,2\n'
+    assert path.read_text() == 'made up\ntime [s],"Position, raw [in]",y [m]\n0.0,1.0,1.0\n0.1,0.0,2.0\n'
 
 
 def test_files_of_unknown_kind_and_missing_files_are_refused(tmp_path):

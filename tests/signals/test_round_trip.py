@@ -5,11 +5,13 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 import pytest
+from arro3.core import DataType, Field, Schema
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
@@ -17,9 +19,17 @@ from scipy.io import savemat
 from eightpost import __version__
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path, sha256_of
-from eightpost.signals import TimeSeries, parquet_header, read_series, write_mat, write_parquet, write_series
+from eightpost.signals import (
+    TimeSeries,
+    parquet_file,
+    parquet_header,
+    read_series,
+    write_mat,
+    write_parquet,
+    write_series,
+)
 from eightpost.signals.mat_file import read_mat
-from eightpost.signals.parquet_file import to_arrow, to_numpy
+from eightpost.signals.parquet_file import Table, read_parquet, read_table, write_table
 from eightpost.units import SI_UNITS
 
 SUFFIXES = (".csv", ".txt", ".parquet", ".mat")
@@ -53,21 +63,71 @@ def test_a_series_is_read_back_bit_for_bit(suffix, series):
     np.testing.assert_array_equal(back.values, series.values)
 
 
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
-def test_floats_keep_their_bits_in_arrow(dtype):
-    values = np.array([0.0, -0.0, 1e-310, np.nan, np.inf, 0.1], dtype=dtype)[::-1]
-    array = to_arrow(values)
-    assert array.type == pa.from_numpy_dtype(values.dtype)
-    assert array.null_count == 0
-    assert to_numpy(pa.chunked_array([array])).tobytes() == values.astype(float).tobytes()
+@pytest.mark.parametrize("storage", ["float64", "float32"])
+def test_floats_keep_their_bits_in_a_parquet_file_and_in_other_programs(
+    tmp_path: Path, storage: Literal["float64", "float32"]
+) -> None:
+    path, time = tmp_path / "a.parquet", np.arange(6.0)
+    values = np.array([0.0, -0.0, 1e-310, 1e-40, 3e38, 0.1]).astype(storage)
+    write_parquet(TimeSeries.from_channels(time, {"x": ("m", values.astype(float))}), path, storage=storage)
+    (record,) = read_parquet(path)
+    assert record.columns[1].tobytes() == values.astype(float).tobytes()
+    other = pyarrow.parquet.read_table(path)
+    assert other["x"].type == pa.from_numpy_dtype(values.dtype) and other["x"].null_count == 0
+    assert other["x"].to_numpy().tobytes() == values.tobytes()
 
 
-def test_chunks_are_joined_integers_become_floats_and_missing_values_nan():
-    column = to_numpy(pa.chunked_array([[1, 2], [3, None]]))
-    assert column.dtype == np.float64
-    np.testing.assert_array_equal(column, [1.0, 2.0, 3.0, np.nan])
-    assert to_numpy(pa.chunked_array([[1, 2], [3]])).tolist() == [1.0, 2.0, 3.0]
-    assert to_numpy(pa.chunked_array([], type=pa.float64())).size == 0
+def test_integers_become_floats_and_missing_values_nan_in_all_row_groups(tmp_path: Path) -> None:
+    table = pa.table({"t [s]": pa.array([1, 2, None, 4], pa.duration("ms")), "F [N]": [1, 2, 3, None],
+                      "x [m]": pa.array([1, 2, 2**64 - 1, 4], pa.uint64()), "gear": ["a", None, "b", "c"]})  # fmt: skip
+    pa.parquet.write_table(table, tmp_path / "a.parquet", row_group_size=3)
+    (record,) = read_parquet(tmp_path / "a.parquet")
+    assert record.units == ("s", "N", "m", None)
+    for column, expected in zip(record.columns[:3], ([1e-3, 2e-3, np.nan, 4e-3], [1, 2, 3, np.nan], [1, 2, 2.0**64, 4]),
+                                strict=True):  # fmt: skip
+        assert column.dtype == np.float64
+        np.testing.assert_array_equal(column, expected)
+    assert record.columns[3].tolist() == ["a", "None", "b", "c"]
+    pa.parquet.write_table(table.slice(0, 0), tmp_path / "a.parquet")
+    assert [column.size for column in read_parquet(tmp_path / "a.parquet")[0].columns] == [0, 0, 0, 0]
+
+
+def test_tables_are_read_whoever_wrote_them(tmp_path: Path) -> None:
+    fields = [Field("setup", DataType.int64()), Field("a", DataType.float64(), metadata={"unit": "N"}),
+              Field("lf", DataType.string()), Field("tie", DataType.bool())]  # fmt: skip
+    schema = Schema(fields, metadata={b"eightpost": b"{}"})
+    rows = [{"setup": 3, "a": 1.5, "lf": "B", "tie": True}, {"setup": 5, "a": None, "lf": None, "tie": False}]
+    write_table(Table.of_rows(rows, schema), tmp_path / "own.parquet")
+    other = pyarrow.parquet.read_table(tmp_path / "own.parquet")
+    assert other.to_pylist() == [rows[0], rows[1] | {"lf": ""}]
+    assert other.schema.metadata == {b"eightpost": b"{}"} and other.schema.field("a").metadata == {b"unit": b"N"}
+    other = pa.Table.from_pylist(rows, other.schema)
+    pa.parquet.write_table(other, tmp_path / "other.parquet", compression="snappy", row_group_size=1)
+    own, back = read_table(tmp_path / "own.parquet"), read_table(tmp_path / "other.parquet")
+    assert own.schema == back.schema == schema
+    np.testing.assert_equal(own.rows(), [rows[0], rows[1] | {"a": np.nan, "lf": ""}])
+    np.testing.assert_equal(back.rows(), own.rows())
+
+
+def test_a_parquet_file_with_too_many_cells_is_refused_before_it_fills_the_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(parquet_file, "MOST_CELLS", 2**18)
+    path = tmp_path / "a.parquet"
+    pa.parquet.write_table(pa.table({"t [s]": np.arange(2.0**18), "x [m]": np.zeros(2**18)}), path)
+    with pytest.raises(FileFormatError, match=r"a\.parquet: it has over 262144 cells in 2 columns; export a shorter"):
+        read_series(path)
+
+
+def test_a_parquet_file_of_which_only_the_end_is_damaged_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    write_parquet(a_series(), path)
+    content = bytearray(path.read_bytes())
+    end = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
+    content[end : end + 32] = bytes(32)
+    path.write_bytes(content)
+    with pytest.raises(FileFormatError, match=r"a\.parquet: not a readable Parquet file: .*; copy or write it again"):
+        read_series(path)
 
 
 def test_a_series_is_written_and_read_without_pandas(tmp_path):

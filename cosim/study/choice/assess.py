@@ -112,7 +112,7 @@ def _run_to_run(sources: ErrorSources, chosen: Criterion, confirmed: bool) -> Co
 def _coupling(result: StudyResult, sources: ErrorSources, chosen: Criterion) -> Contribution:
     name = "coupling"
     columns = [error_column(sources.names[m]) for m in chosen.measures.tolist()]
-    if all(c in result.table.column_names and result.table[c].null_count < len(result) for c in columns):
+    if all(c in result.table.columns and np.isfinite(result.table[c]).any() for c in columns):
         worst = float(sources.coupling[:, chosen.measures].max(initial=0.0))
         return Contribution(name, Status.INCLUDED, f"errors of the coupling of up to {100.0 * worst:.2g} %")
     return Contribution(name, Status.LEFT_OUT, "the table does not state the coupling errors of these measures")

@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Any, cast, get_type_hints
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet
+from arro3.core import DataType, Field, Schema
 from pydantic import create_model
 
-from cosim.study.table import StoredTable, StudyResult, open_table
+from cosim.study.table import StudyResult
 from eightpost.array_types import Array, Flags, Integers
 from eightpost.errors import FileFormatError, InputError
-from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json
+from eightpost.files import MALFORMED, check_schema, parse_json
+from eightpost.signals.parquet_file import Table, read_table, write_table
 from eightpost.verdict import Reason, Rules, listed
 
 # ---- Content --------------------------------------------------------------------------------------------------------
@@ -404,14 +404,15 @@ def _columns_of(measure: str) -> tuple[str, str, tuple[str, ...]]:
 
 def write_certainty(certainty: Certainty, path: str | Path) -> None:
     """Write a certainty; an existing file is replaced only after the new one is complete."""
-    columns: dict[str, Any] = {"setup": pa.array(certainty.setups, pa.int64())}
-    columns |= {name: _column(getattr(certainty, name)) for name in _OWN}
-    columns["tie"] = pa.array(certainty.tie)
+    single, double = DataType.float32(), DataType.float64()
+    columns: list[tuple[str, DataType, Any]] = [("setup", DataType.int64(), certainty.setups)]
+    columns += [(name, single, getattr(certainty, name)) for name in _OWN]
+    columns.append(("tie", DataType.bool(), certainty.tie))
     for name, levels in certainty.levels.items():
         expected, best, widths = _columns_of(name)
-        columns[expected] = _column(levels.expected, pa.float64())
-        columns |= {width: _column(half) for width, half in zip(widths, levels.half_widths, strict=True)}
-        columns[best] = _column(levels.best)
+        columns.append((expected, double, levels.expected))
+        columns += [(width, single, half) for width, half in zip(widths, levels.half_widths, strict=True)]
+        columns.append((best, single, levels.best))
     measures = tuple(
         _Measure(name, one.relative, one.basis, one.run_to_run if np.isfinite(one.run_to_run) else None)
         for name, one in certainty.levels.items()
@@ -419,9 +420,9 @@ def write_certainty(certainty: Certainty, path: str | Path) -> None:
     own = {name: getattr(certainty, name) for name in _ENTRIES}
     content: dict[str, Any] = _Header(measures=measures, **own).model_dump(mode="json")
     header = {"schema": "eightpost.certainty", "schema_version": SCHEMA, **content}
-    table = pa.table(columns).replace_schema_metadata({_KEY: json.dumps(header, allow_nan=False)})
-    with atomic_path(path) as temporary:
-        pyarrow.parquet.write_table(table, temporary, compression="zstd")
+    metadata = {_KEY: json.dumps(header, allow_nan=False).encode()}
+    schema = Schema([Field(name, kind) for name, kind, _ in columns], metadata=metadata)
+    write_table(Table(schema, {name: values for name, _, values in columns}), Path(path))
 
 
 def read_certainty(path: str | Path, *, digest: str | None = None) -> Certainty:
@@ -435,8 +436,8 @@ def read_certainty(path: str | Path, *, digest: str | None = None) -> Certainty:
         FileFormatError: The file cannot be read, or belongs to another study.
     """
     path = Path(path)
-    table = open_table(path, advice="run `eightpost study` again, or `eightpost study robust`")
-    metadata = table.schema.metadata or {}
+    table = read_table(path, advice="run `eightpost study` again, or `eightpost study robust`")
+    metadata = table.schema.metadata
     content: Any = parse_json(metadata[_KEY], path) if _KEY in metadata else None
     if not isinstance(content, dict) or content.get("schema") != "eightpost.certainty":
         raise FileFormatError("is not the certainty of a study; name the certainty.parquet of a study", path=path)
@@ -448,31 +449,22 @@ def read_certainty(path: str | Path, *, digest: str | None = None) -> Certainty:
         if digest is not None and own["digest"] != digest:
             what = "belongs to another study or to other FMUs; run `eightpost study` again"
             raise FileFormatError(what, path=path)
-        columns: dict[str, Any] = {name: _values(table, name) for name in _OWN}
+        columns: dict[str, Any] = {name: table[name] for name in _OWN}
         return Certainty(
-            setups=np.asarray(table["setup"].to_numpy(), dtype=np.int64),
+            setups=np.asarray(table["setup"], dtype=np.int64),
             **columns,
             levels={measure.name: _levels(table, measure) for measure in measures},
             **own,
         )
-    except (pa.ArrowException, *MALFORMED) as error:
+    except MALFORMED as error:
         if isinstance(error, FileFormatError):
             raise
         what = f"is not a certainty that this version can read ({error}); run `eightpost study` again"
         raise FileFormatError(what, path=path) from error
 
 
-def _column(values: Array, kind: pa.DataType | None = None) -> pa.Array:
-    """Return a column; NaN is written as null."""
-    return pa.array(values, kind or pa.float32(), mask=np.isnan(values))
-
-
-def _values(table: pa.Table | StoredTable, name: str) -> Array:
-    return np.asarray(table[name].to_numpy(zero_copy_only=False), dtype=np.float64)
-
-
-def _levels(table: pa.Table | StoredTable, measure: _Measure) -> Levels:
+def _levels(table: Table, measure: _Measure) -> Levels:
     expected, best, widths = _columns_of(measure.name)
-    half, noise = np.stack([_values(table, width) for width in widths]), measure.run_to_run
+    half, noise = np.stack([table[width] for width in widths]), measure.run_to_run
     stated = (measure.relative, measure.basis, np.nan if noise is None else noise)
-    return Levels(_values(table, expected), half, _values(table, best), *stated)
+    return Levels(table[expected], half, table[best], *stated)

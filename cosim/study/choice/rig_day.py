@@ -180,7 +180,7 @@ def _spread(order: Integers, levels: Integers, taken: list[int], count: int, poo
 def _selected(result: StudyResult, key: tuple[str, End], row: int, order: Integers) -> Selected:
     name, end = key
     rank = int(np.flatnonzero(order == row)[0]) + 1
-    marks: str = result.table["marks"][row].as_py()
+    marks: str = result.table["marks"][row]
     return Selected(result.setup(row), name, end, float(result.values(name)[row]), rank, marks)
 
 

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet
+from arro3.core import Array as Column
+from arro3.core import DataType, list_array
+from arro3.core import Table as ArrowTable
 from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field
 from scipy.stats import norm, qmc
@@ -33,8 +34,9 @@ from cosim.study.table import StudyResult
 from eightpost import units
 from eightpost.array_types import Array, Integers
 from eightpost.errors import FileFormatError, InputError
-from eightpost.files import atomic_path, read_text
+from eightpost.files import read_text
 from eightpost.progress import Progress
+from eightpost.signals.parquet_file import write_arrow
 from eightpost.toml_document import parse_model
 from eightpost.uncertainty import FittedParameter, LeftOutBlocks, correlation_of, square_root
 from eightpost.validity import ParameterUncertainty
@@ -222,17 +224,25 @@ def spreads_of(result: StudyResult, draws: Sequence[StudyResult], setups: Sequen
 def write_spreads(spreads: Sequence[Spread], path: str | Path, result: StudyResult, stated: Uncertainty) -> None:
     """Write spreads with the stated run-to-run deviations, one row per measure [SI]."""
     noise = {OBJECTIVE: _objective_noise(result, stated.run_to_run), **stated.run_to_run}
-    rows = [
-        {"measure": one.measure, "setups": one.setups.tolist(), "values": one.values.tolist(),
-         "draws": one.draws.tolist(), "run_to_run": noise.get(one.measure, 0.0), "runs": stated.runs}
-        for one in spreads
-    ]  # fmt: skip
-    many, number = pa.list_(pa.float64()), pa.int64()
-    types = {"measure": pa.string(), "setups": pa.list_(number), "values": many, "draws": pa.list_(many),
-             "run_to_run": pa.float64(), "runs": number}  # fmt: skip
-    with atomic_path(path) as temporary:
-        table = pa.Table.from_pylist(rows, schema=pa.schema(types, {b"study": result.provenance.digest.encode()}))
-        pyarrow.parquet.write_table(table, temporary, compression="zstd")
+    columns = {
+        "measure": Column([one.measure for one in spreads], DataType.string()),
+        "setups": _lists([one.setups for one in spreads]),
+        "values": _lists([one.values for one in spreads]),
+        "draws": _lists([one.draws for one in spreads]),
+        "run_to_run": Column([noise.get(one.measure, 0.0) for one in spreads], DataType.float64()),
+        "runs": Column([stated.runs] * len(spreads), DataType.int64()),
+    }
+    metadata = {b"study": result.provenance.digest.encode()}
+    write_arrow(ArrowTable.from_pydict(columns, metadata=metadata), path)
+
+
+def _lists(rows: Sequence[Array | Integers]) -> Column:
+    """Return arrays as a column of lists, of lists of lists if they have two dimensions."""
+    values = np.concatenate(rows)
+    column = Column.from_numpy(values.ravel())
+    if values.ndim > 1:
+        column = list_array(values.shape[1] * np.arange(len(values) + 1, dtype=np.int32), column)
+    return list_array(np.cumsum([0, *map(len, rows)], dtype=np.int32), column)
 
 
 def _objective_noise(result: StudyResult, noise: Mapping[str, float]) -> float:

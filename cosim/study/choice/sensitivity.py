@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet
+from arro3.core import DataType, Field, Schema
 from scipy.linalg import cho_factor, cho_solve, helmert
 
 from cosim.components.component import Variable
@@ -24,7 +23,7 @@ from cosim.study.running.workers import Workers
 from cosim.study.table import StudyResult, error_column
 from eightpost.array_types import Array, Integers
 from eightpost.errors import InputError, StepError
-from eightpost.files import atomic_path
+from eightpost.signals.parquet_file import Table, write_table
 
 # ---- Factors --------------------------------------------------------------------------------------------------------
 
@@ -284,10 +283,13 @@ def _block(first: tuple[Integers, Array], second: tuple[Integers, Array]) -> Arr
 
 # ---- Table of sensitivities, with one row per term and builds, for other programs and for plots ---------------------
 
-_COLUMNS = pa.schema({
-    **dict.fromkeys(("measure", "unit", "first", "second", "first_build", "second_build"), pa.string()),
-    "effect": pa.float64(), "share": pa.float64(), "method": pa.string(),
-})  # fmt: skip
+_TEXTS = ("measure", "unit", "first", "second", "first_build", "second_build")
+_NUMBERS = ("effect", "share")
+_COLUMNS = Schema([
+    *(Field(name, DataType.string()) for name in _TEXTS),
+    *(Field(name, DataType.float64()) for name in _NUMBERS),
+    Field("method", DataType.string()),
+])  # fmt: skip
 
 
 def write_terms(sensitivities: Sequence[Sensitivity], units: Mapping[str, str], path: str | Path) -> None:
@@ -297,8 +299,7 @@ def write_terms(sensitivities: Sequence[Sensitivity], units: Mapping[str, str], 
     `effect` [unit] of these builds, the `share` of the variance [1] of the term, and the `method`.
     """
     rows = [row for one in sensitivities for row in _rows(one, units[one.measure])]
-    with atomic_path(path) as temporary:
-        pyarrow.parquet.write_table(pa.Table.from_pylist(rows, schema=_COLUMNS), temporary, compression="zstd")
+    write_table(Table.of_rows(rows, _COLUMNS), Path(path))
 
 
 def _rows(sensitivity: Sensitivity, unit: str) -> Iterator[dict[str, Any]]:

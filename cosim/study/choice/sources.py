@@ -352,7 +352,7 @@ def _modes(effects: Sequence[Effect]) -> Array:
 def _coupling(result: StudyResult, predicted: Array) -> Array:
     """Return the relative error due to the coupling (R, M); 0 where it is not known."""
     names = [error_column(measure.name) for measure in result.measures]
-    known = result.table.column_names
+    known = result.table.columns
     errors = [result.column(name) if name in known else np.zeros(len(result)) for name in names]
     size = np.where(predicted == 0.0, np.nan, np.abs(predicted))
     return np.nan_to_num(np.abs(np.stack(errors, axis=1)) / size)

@@ -17,8 +17,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet
+from arro3.core import Schema
 
 from cosim.coupling import GaussSeidel
 from cosim.session.session import interrupts_deferred
@@ -36,7 +35,7 @@ from eightpost.files import atomic_path, json_content, sha256_of
 from eightpost.machine.car import NotInBatchError
 from eightpost.outputs import check_folder
 from eightpost.progress import Progress, beats
-from eightpost.signals.parquet_file import read_columns, read_table
+from eightpost.signals.parquet_file import Table, joined, read_table, write_table
 
 # ---- Digest of a study ----------------------------------------------------------------------------------------------
 
@@ -147,9 +146,6 @@ def gaps(done: Sequence[range], count: int) -> list[range]:
 
 # ---- Files of a study's completed chunks; each is complete or does not exist ----------------------------------------
 
-#: Number of rows that are held in memory while the chunks are joined: a row group of the result.
-_ROWS = 8192
-
 _NAME = re.compile(r"chunk_(\d+)_(\d+)\.parquet")
 
 
@@ -162,7 +158,7 @@ class ChunkFolder:
         digest: Digest of the study; each digest has a folder of its own.
     """
 
-    def __init__(self, folder: Path, digest: str, schema: pa.Schema) -> None:
+    def __init__(self, folder: Path, digest: str, schema: Schema) -> None:
         self._folder, self._schema = folder / "chunks" / digest[:16], schema
 
     @property
@@ -176,61 +172,42 @@ class ChunkFolder:
 
     def write(self, chunk: Chunk, rows: Sequence[Row]) -> None:
         """Write the rows of a chunk."""
-        with atomic_path(self._folder / _name(chunk.number, len(rows))) as temporary:
-            pyarrow.parquet.write_table(pa.Table.from_pylist(list(rows), schema=self._schema), temporary)
+        write_table(Table.of_rows(rows, self._schema), self._folder / _name(chunk.number, len(rows)))
 
     def clear(self) -> None:
         """Delete the completed chunks."""
         for chunk in self.completed:
             (self._folder / _name(chunk.start, len(chunk))).unlink(missing_ok=True)
 
-    def tables(self) -> Iterator[pa.Table]:
-        """Yield the rows of the completed chunks in the order of the chunks, some thousands at a time.
+    def tables(self) -> Iterator[Table]:
+        """Yield the rows of each completed chunk, in the order of the chunks.
 
-        Only these are in memory. A setup of two chunks, which two processes ran at the same time, is yielded once.
+        A setup of two chunks, which two processes ran at the same time, is yielded once.
 
         Raises:
             FileFormatError: A file is damaged.
         """
-        held, last = list[pa.Table](), -1
+        last = -1
         for chunk in self.completed:
             table = self.read(chunk)
-            numbers = table["setup"].to_numpy()
-            held.append(table if numbers.size and numbers[0] > last else table.filter(pa.array(numbers > last)))
-            last = max(last, int(numbers.max(initial=-1)))
-            if sum(map(len, held)) >= _ROWS:
-                yield pa.concat_tables(held)
-                held = []
-        if held:
-            yield pa.concat_tables(held)
+            yield table.take(table["setup"] > last)
+            last = max(last, int(table["setup"].max(initial=-1)))
 
-    def numbers(self) -> Iterator[tuple[range, Integers]]:
-        """Yield each completed chunk with the numbers of its setups.
-
-        Raises:
-            FileFormatError: A file is damaged.
-        """
-        for chunk in self.completed:
-            table = self._checked(chunk, lambda path: read_columns(path, ["setup"]))
-            yield chunk, table["setup"].to_numpy()
-
-    def read(self, chunk: range) -> pa.Table:
+    def read(self, chunk: range) -> Table:
         """Return the rows of a completed chunk.
 
         Raises:
-            FileFormatError: The file is damaged.
+            FileFormatError: The file is damaged, or has not as many rows as its name states.
         """
-        return self._checked(chunk, lambda path: read_table(path, schema=self._schema).replace_schema_metadata())
-
-    def _checked(self, chunk: range, read: Callable[[Path], pa.Table]) -> pa.Table:
-        """Return what is read from the file of a chunk, which must have as many rows as its name states."""
         path = self._folder / _name(chunk.start, len(chunk))
         try:
-            table = read(path)
+            table = read_table(path).select(self._schema)
             if len(table) != len(chunk):
                 raise FileFormatError(f"has {len(table)} rows, not {len(chunk)} as its name states", path=path)
         except FileFormatError as error:
             raise FileFormatError(f"{error}; delete the file to run its setups again") from error
+        except ValueError as error:
+            raise FileFormatError(f"{error}; delete the file to run its setups again", path=path) from error
         return table
 
     def coupling(self) -> Coupling | None:
@@ -464,7 +441,7 @@ class Sweep:
         return found
 
     def collect(self, coupling: Coupling, *, partial: bool) -> StudyResult:
-        """Join the completed chunks to the result file, some thousands of rows at a time, and return the result."""
+        """Join the completed chunks to the result file, and return the result."""
         made_by = self._provenance(coupling)
         return StudyResult.join(self.path, self.study, self._kept.tables(), made_by, partial=partial)
 
@@ -488,9 +465,9 @@ class Sweep:
     def everything(self, coupling: Coupling) -> StudyResult:
         """Return all available results, of requests and of an exhaustive run."""
         parts = (kept.read(chunk) for kept in (self._kept, self._requested) for chunk in kept.completed)
-        whole = pa.concat_tables([self._schema.empty_table(), *parts])
-        _, first = np.unique(whole["setup"].to_numpy(), return_index=True)  # a setup may be in both
-        return self._result(coupling, whole.take(pa.array(first)))
+        whole = joined(parts, self._schema)
+        _, first = np.unique(whole["setup"], return_index=True)  # a setup may be in both
+        return self._result(coupling, whole.take(first))
 
     @cached_property
     def _places(self) -> dict[int, tuple[ChunkFolder, range]]:
@@ -498,8 +475,8 @@ class Sweep:
         return {
             number: (kept, chunk)
             for kept in (self._kept, self._requested)
-            for chunk, numbers in kept.numbers()
-            for number in numbers.tolist()
+            for chunk in kept.completed
+            for number in kept.read(chunk)["setup"].tolist()
         }
 
     def _keep(self, found: list[Row]) -> None:
@@ -515,10 +492,10 @@ class Sweep:
         for number in numbers:
             places[self._places.pop(number)].add(number)
         for (kept, chunk), wanted in places.items():
-            self._rows |= {row["setup"]: row for row in kept.read(chunk).to_pylist() if row["setup"] in wanted}
+            self._rows |= {row["setup"]: row for row in kept.read(chunk).rows() if row["setup"] in wanted}
 
-    def _result(self, coupling: Coupling, table: pa.Table) -> StudyResult:
-        partial = table.num_rows < len(self.study.space)
+    def _result(self, coupling: Coupling, table: Table) -> StudyResult:
+        partial = len(table) < len(self.study.space)
         return StudyResult(self.study, table, self._provenance(coupling), partial)
 
     def _provenance(self, coupling: Coupling) -> Provenance:

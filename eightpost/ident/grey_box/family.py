@@ -7,13 +7,13 @@ from dataclasses import astuple, dataclass, replace
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-from numba import njit
 from scipy.signal import resample
 
 from eightpost.array_types import Array, Complex
 from eightpost.cache import kept
 from eightpost.corners import CORNERS, channel
 from eightpost.errors import InputError
+from eightpost.extras import needs
 from eightpost.ident.grey_box.output_error import Parameter, ParameterTable
 from eightpost.ident.vehicle.experiment import Experiment, quantity
 from eightpost.least_squares import linear_solution
@@ -21,6 +21,9 @@ from eightpost.signals import TimeSeries
 from eightpost.vehicle import Bristle, Friction, StateSpace
 from eightpost.vehicle.compiled import BRISTLE_FILE, deflection_after
 from eightpost.vehicle.statespace import Channel
+
+with needs("fit", "identification"):
+    from numba import njit
 
 # ==== Cars: heave, pitch, two roll angles, four hubs; solid or independent axles =====================================
 # The coordinates are heights: of the chassis above the front and the rear axle, half the differences of its left and

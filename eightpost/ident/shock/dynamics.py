@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from eightpost.array_types import Array
+from eightpost.extras import needs
 from eightpost.ident.shock.curve import KnotBasis
 from eightpost.ident.shock.force import Dynamics, ForceModel, LawLimits
 from eightpost.ident.shock.simulation import array_form, lag, lag_sensitivity
@@ -85,7 +86,8 @@ class SteppedLaw(OwnParameters):
         return self._last[0][1]
 
     def _stepped(self, model: ForceModel, b: Array, theta: Array) -> Array:
-        from eightpost.shock.records import stepped_force  # noqa: PLC0415 - LLVM, which other laws do not need
+        with needs("fit", "fitting a law with dynamics"):
+            from eightpost.shock.records import stepped_force  # noqa: PLC0415 - LLVM, which other laws do not need
 
         valve, own = Valve(_numbers(model, b), 1.0, 1.0), tuple(self.values(theta).tolist())
         forces = []

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from eightpost.array_types import Array
+from eightpost.extras import needs
 from eightpost.ident.shock.curve import RIDGE, KnotBasis
 from eightpost.ident.shock.force import Dynamics, ForceModel, GasColumns, LawLimits, gas_columns, limits_for
 from eightpost.ident.shock.law_fit import (
@@ -97,7 +98,8 @@ class States:
 
     def _run(self, valve: Valve, own: tuple[float, ...], velocity: Array, step: float) -> Array:
         """Return the states (M, 2) over one run."""
-        from eightpost.shock.records import stepped_states  # noqa: PLC0415 - LLVM, which other laws do not need
+        with needs("fit", "fitting a law with dynamics"):
+            from eightpost.shock.records import stepped_states  # noqa: PLC0415 - LLVM, which other laws do not need
 
         steps = np.full(velocity.size - 1, step)
         if not self.is_fine:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
 from eightpost.array_types import Array, Complex
+from eightpost.extras import needs
 from eightpost.ident.shock.curve import curve_forces
 from eightpost.shock import ShockLaw, fit_form, law_module, own_values
 from eightpost.shock.law import MOST_PIECES, STRAIGHT
@@ -254,7 +255,8 @@ def array_form(core: FunctionType) -> Callable[..., Any]:
 
 def _stepped(law: ShockLaw, pieces: Pieces) -> Array:
     """Return the valve force (N,) [N] of any law from its own compiled functions."""
-    from eightpost.shock.records import stepped_force  # noqa: PLC0415 - LLVM, which other laws do not need
+    with needs("fit", "fitting a law with dynamics"):
+        from eightpost.shock.records import stepped_force  # noqa: PLC0415 - LLVM, which other laws do not need
 
     valve = law.valve._replace(curve=law.curve.numbers())
     return pieces.at_samples(stepped_force(type(law), valve, own_values(law), pieces.velocity, pieces.step))

@@ -20,7 +20,6 @@ from eightpost.machine import Batch, Drive, LinearCar, NotInBatchError, Port, Ru
 from eightpost.shock import Polylinear, ShockLaw, StaticCurve, law_name
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Bristle, Friction, IdentifiedVehicle, StateSpace, add_port_damping, kernel
-from eightpost.vehicle.compiled import deflections
 from eightpost.vehicle.friction import deflection_after
 
 # ==== Friction and springs at the ports in a record: what its shock forces lack to drive a linear car ================
@@ -47,6 +46,8 @@ def bristle_force(velocity: Array, rate: float, law: Bristle) -> Array:
     The bristle is relaxed at the first sample. It follows the velocity (N,) [m/s], interpolated to a rate of 2.5 kHz or
     more, with steps that are exact for their mean velocity. With a sliding force of 1 N the result is relative to it.
     """
+    from eightpost.vehicle.compiled import deflections  # noqa: PLC0415 - numba, which other ports do not need
+
     finer = max(1, int(np.ceil(_BRISTLE_RATE / rate - 1e-9)))
     bend = _at_higher_rate(velocity, finer, lambda v: deflections(v, 1.0 / (rate * finer), law))
     return np.asarray(law.force_at(bend), dtype=np.float64)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +14,7 @@ from cosim.study.definition import Build, Drive, Study, Vehicle
 from cosim.study.measures import Measure
 from cosim.study.table import Provenance, StudyResult, result_table, study_schema
 from eightpost.corners import CORNERS
+from eightpost.signals.parquet_file import Table
 
 #: Table 7.3.
 BUILDS = ("AA/AA", "AA/B", "B/AA", "B/B", "B/C", "C/B", "C/C")
@@ -55,6 +58,18 @@ def result(
     units = dict.fromkeys(responses, "m")
     table = result_table(rows, study_schema(made, units))
     return StudyResult(made, table, Provenance("0" * 64, {}, {}, {}, units))
+
+
+def cells(table: Table, *without: str) -> dict[str, list[Any]]:
+    """Return the cells of a table by column, without some columns; a missing number is None."""
+    names = (name for name in table.columns if name not in without)
+    return {name: [None if cell != cell else cell for cell in table[name].tolist()] for name in names}  # noqa: PLR0124
+
+
+def edited(found: StudyResult, **columns: list[Any]) -> StudyResult:
+    """Return a result with other cells in some columns; None is a missing number."""
+    others = {name: np.array(values, dtype=found.table[name].dtype) for name, values in columns.items()}
+    return replace(found, table=replace(found.table, columns={**found.table.columns, **others}))
 
 
 def independent(part: str, parameters: dict[str, tuple[float, float]], **limits: float) -> Uncertain:

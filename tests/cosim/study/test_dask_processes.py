@@ -8,9 +8,9 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pytest
 
 from cosim.study.running.sweep import run_study
@@ -21,6 +21,7 @@ from eightpost import __version__
 pytest.importorskip("distributed", reason="needs the extra dask")
 
 from .conftest import TRACK
+from .constructed import cells
 from .dask_processes import PATIENCE, ROOT, Cluster, cluster, kill, wait_until
 
 pytestmark = [pytest.mark.nightly, pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")]
@@ -87,13 +88,13 @@ def written(folder: Path, fmus, *, builds: int, more: str = "") -> Path:
 
 
 @pytest.fixture
-def expected(file: Path, here, tmp_path: Path) -> pa.Table:
+def expected(file: Path, here, tmp_path: Path) -> dict[str, list[Any]]:
     """Return the table of the same study in one process."""
     return table(run_study(read_study(file), tmp_path / "alone", here))
 
 
-def table(result: StudyResult) -> pa.Table:
-    return result.table.drop_columns(["seconds"])
+def table(result: StudyResult) -> dict[str, list[Any]]:
+    return cells(result.table, "seconds")
 
 
 def start(file: Path, out: Path, address: str, *options: str) -> subprocess.Popen[str]:
@@ -121,7 +122,7 @@ def test_a_worker_that_is_killed_in_a_chunk_changes_no_bit(file, expected, tmp_p
         output = main.communicate(timeout=PATIENCE)[0]
     assert "64 setups, 64 to be run" in output
     found = load(tmp_path / "out")
-    assert not found.partial and table(found).equals(expected)
+    assert not found.partial and table(found) == expected
 
 
 def test_a_worker_that_stops_responding_is_ended_and_its_setups_run_elsewhere(file, expected, tmp_path):
@@ -134,13 +135,14 @@ def test_a_worker_that_stops_responding_is_ended_and_its_setups_run_elsewhere(fi
         assert main.returncode == 0, output
     assert "was not responding for more than 3 s and is ended" in " ".join(output.split())
     found = load(tmp_path / "out")
-    assert not found.partial and table(found).equals(expected)
+    assert not found.partial and table(found) == expected
 
 
 #: Hangs in one setup, once the coupling is chosen.
 HANGS = """
 import time
 from pathlib import Path
+from typing import Any
 
 def slow(response):
     while abs(response.total.std() / {level!r} - 1.0) < 1e-9 and [*Path({out!r}).rglob("coupling.json")]:
@@ -181,7 +183,7 @@ def test_without_workers_the_study_stops_with_a_message_and_resumes_with_a_new_w
         made.start_worker()
         again = start(file, tmp_path / "out", made.address)
         assert f"{64 - len(part)} to be run" in again.communicate(timeout=PATIENCE)[0]
-    assert table(load(tmp_path / "out")).equals(expected)
+    assert table(load(tmp_path / "out")) == expected
 
 
 def test_when_the_scheduler_dies_the_partial_table_is_kept_and_another_cluster_completes_it(file, expected, tmp_path):
@@ -198,7 +200,7 @@ def test_when_the_scheduler_dies_the_partial_table_is_kept_and_another_cluster_c
         made.start_worker()
         again = start(file, tmp_path / "out", made.address)
         assert f"{64 - len(part)} to be run" in again.communicate(timeout=PATIENCE)[0]
-    assert table(load(tmp_path / "out")).equals(expected)
+    assert table(load(tmp_path / "out")) == expected
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -211,7 +213,7 @@ def test_a_stopped_study_has_a_partial_table_and_resumes_on_this_machine(file, e
         assert main.returncode == 1, output
     part = load(tmp_path / "out")
     assert part.partial and 0 < len(part) < 64 and "partial: run it again with the same folder" in output
-    assert table(run_study(read_study(file), tmp_path / "out", here)).equals(expected)
+    assert table(run_study(read_study(file), tmp_path / "out", here)) == expected
     assert len(here.ran) == 64 + 64 - len(part), "the reference ran all setups, the resumed study the others"
 
 
@@ -273,7 +275,7 @@ def test_another_processor_gives_the_same_bits_and_a_worker_without_compiler_is_
     assert ("runs its setups through the FMUs" in output) is not same, output
     assert ("no C compiler was found" in output) is not same
     if same:
-        assert table(found).equals(table(alone))
+        assert table(found) == table(alone)
     assert found.values("total tire force").tolist() == pytest.approx(
         alone.values("total tire force").tolist(), rel=1e-12
     )

@@ -37,7 +37,7 @@ from eightpost.errors import InputError
 from eightpost.signals import TimeSeries
 from tests.drawn import drawn
 
-from .constructed import result, study
+from .constructed import cells, edited, result, study
 
 Unchanged = Callable[..., None]
 
@@ -195,14 +195,8 @@ def test_a_table_and_its_picture_are_unchanged(tmp_path: Path, unchanged: Unchan
     unchanged(drawn(table(objective=(), baseline={}).plot("b", "a").figure), "other picture")
     found.save(tmp_path / "results.parquet")
     loaded = StudyResult.load(tmp_path / "results.parquet")
-    assert loaded.table.equals(found.table) and loaded.study == found.study and loaded.provenance == found.provenance
-
-
-def _edited(found: StudyResult, **columns: list[Any]) -> StudyResult:
-    edited = found.table
-    for name, values in columns.items():
-        edited = edited.set_column(edited.schema.get_field_index(name), name, [values])
-    return replace(found, table=edited)
+    assert cells(loaded.table) == cells(found.table)
+    assert loaded.study == found.study and loaded.provenance == found.provenance
 
 
 @pytest.mark.parametrize(("best", "others", "rule"), [
@@ -214,7 +208,7 @@ def _edited(found: StudyResult, **columns: list[Any]) -> StudyResult:
 def test_limits_of_the_coupling_error_of_a_study(best: float | None, others: float | None, rule: str) -> None:
     found = table()
     errors = [best if row == found.ranking()[0] else others for row in range(len(found))]
-    verdict = study_verdict(_edited(found, coupling_error_percent=errors))
+    verdict = study_verdict(edited(found, coupling_error_percent=errors))
     assert rule in [reason.rule for reason in verdict.reasons]
 
 
@@ -234,8 +228,8 @@ def test_reasons_of_a_study_are_unchanged(unchanged: Unchanged) -> None:
     blank, count = {"marks": [""] * len(found)}, len(found)
     kinds = {
         "marked": replace(found, provenance=source, partial=True),
-        "clean": replace(_edited(found, **blank), provenance=least),
-        "all failed": _edited(found, status=["failed"] * count, a=[None] * count, b=[None] * count),
+        "clean": replace(edited(found, **blank), provenance=least),
+        "all failed": edited(found, status=["failed"] * count, a=[None] * count, b=[None] * count),
         "infeasible": replace(found, study=replace(found.study, constraints=(Constraint("a", at_most=0.1),))),
     }  # fmt: skip
     unchanged({name: [f"{one.about} | {one}" for one in study_verdict(one_result).reasons]

@@ -49,6 +49,7 @@ from eightpost.validity import Validity
 from eightpost.verdict import Grade, Reason, Verdict, sealed
 
 from ...page_content import content_of, manifest_lines, stores
+from ..constructed import edited
 from ..coupled import SCALES, study
 
 __all__ = ["stores"]
@@ -85,7 +86,7 @@ def _manifest(html):
 
 
 def test_setups_are_ranked_feasible_first_then_infeasible_then_failed(sheet, few):
-    tire, front_height, hub = (np.array(few.table[name].to_pylist(), dtype=float) for name in (TIRE, FRONT, HUB))
+    tire, front_height, hub = (few.table[name] for name in (TIRE, FRONT, HUB))
     objective = tire / LBF + 900.0 * front_height / IN
     kept = hub <= 2.45
     groups = [np.flatnonzero(kept), np.flatnonzero(~kept & np.isfinite(hub)), np.flatnonzero(np.isnan(hub))]
@@ -136,16 +137,15 @@ def test_the_page_loads_nothing_and_escapes_names(sheet):
 
 
 def test_the_page_of_a_study_in_which_nothing_ran_states_the_reason(few):
-    table = few.table.to_pydict() | {m.name: [None] * len(few) for m in few.measures}
-    table |= {"status": ["failed"] * len(few), "message": ["no licence"] * len(few)}
-    broken = StudyResult(few.study, few.table.from_pydict(table, schema=few.table.schema), few.provenance)
+    columns = {m.name: [None] * len(few) for m in few.measures}
+    broken = edited(few, **columns, status=["failed"] * len(few), message=["no licence"] * len(few))
     sheet = sheet_of(broken)
     text = _text(page(sheet, Extras(sensitivities=available_sensitivities(broken))))
     assert "no setup ran" in text and "no licence" in text
 
 
 def test_the_page_states_that_a_study_was_interrupted(few):
-    part = StudyResult(few.study, few.table.slice(0, 50), few.provenance, partial=True)
+    part = StudyResult(few.study, few.table.take(np.arange(50)), few.provenance, partial=True)
     text = _text(page(sheet_of(part), Extras(sensitivities=available_sensitivities(part))))
     assert "The study is not complete: 50 of 81 setups were run" in text
     assert "the study is not complete: 50 of 81 setups were run (the study was stopped)" in text
@@ -160,23 +160,15 @@ def test_the_page_shows_the_parameters_of_a_build(few):
 def test_the_verdict_reports_a_marked_best_setup(few):
     best = int(few.ranking()[0])
     marks = ["tire off the ground: rf" if row == best else "" for row in range(len(few))]
-    table = few.table.set_column(few.table.schema.get_field_index("marks"), "marks", [marks])
-    marked = StudyResult(few.study, table, few.provenance)
+    marked = edited(few, marks=marks)
     (reason,) = [reason for reason in study_verdict(marked).reasons if reason.about == "marks"]
     assert (reason.grade, reason.figure) == (Grade.LIMITED, "1 of 81 setups, the best among them")
     assert "1 of 81 setups, the best among them" in _text(page(sheet_of(marked), Extras()))
 
 
-def _with(result, **columns):
-    table = result.table
-    for name, values in columns.items():
-        table = table.set_column(table.schema.get_field_index(name), name, [values])
-    return StudyResult(result.study, table, result.provenance)
-
-
 def test_the_verdict_is_usable_if_nothing_limits_it(few):
-    done = StudyResult(few.study, few.table.filter(few.done), few.provenance)
-    clean = _with(done, marks=[""] * len(done), coupling_error_percent=[0.01] * len(done))
+    done = StudyResult(few.study, few.table.take(few.done), few.provenance)
+    clean = edited(done, marks=[""] * len(done), coupling_error_percent=[0.01] * len(done))
     assert study_verdict(clean).grade is Grade.UNKNOWN  # it is not known how sure the choice is
     one, *others = clean.setups.tolist()
     share = np.eye(len(clean))[0]
@@ -190,8 +182,8 @@ def test_the_verdict_is_usable_if_nothing_limits_it(few):
 def test_a_coupling_error_of_the_best_setup_above_five_percent_is_not_usable(few):
     best = int(few.ranking()[0])
     errors = [6.0 if row == best else 0.01 for row in range(len(few))]
-    assert study_verdict(_with(few, coupling_error_percent=errors)).grade is Grade.NOT_USABLE
-    unknown = _with(few, coupling_error_percent=[None] * len(few))
+    assert study_verdict(edited(few, coupling_error_percent=errors)).grade is Grade.NOT_USABLE
+    unknown = edited(few, coupling_error_percent=[None] * len(few))
     assert study_verdict(unknown).grade is Grade.UNKNOWN
 
 
@@ -199,7 +191,7 @@ def test_errors_of_other_setups_are_no_evidence_for_the_best_one(few):
     best = int(few.ranking()[0])
     for row, rule in ((best, "coupling error of setups not stated"), (best - 1, "coupling errors of all setups small")):
         errors = [None if k == row else 0.01 for k in range(len(few))]
-        found = study_verdict(_with(few, coupling_error_percent=errors)).reasons
+        found = study_verdict(edited(few, coupling_error_percent=errors)).reasons
         assert [reason.rule for reason in found if reason.about == "coupling"] == [rule]
 
 
