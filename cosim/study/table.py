@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute
 import pyarrow.parquet
-from pydantic import TypeAdapter
+from pydantic import with_config
 
 from cosim.study.definition import Setup, Study, Term
 from cosim.study.measures import AboveBand, Measure
@@ -23,6 +23,7 @@ from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json
 from eightpost.labelled import data_frame, dataset
+from eightpost.schema import REPORT, checked
 from eightpost.signals.parquet_file import parquet_size, read_columns, read_table
 
 if TYPE_CHECKING:
@@ -181,6 +182,7 @@ SCHEMA = 1
 _KEY = b"eightpost"
 
 
+@with_config(REPORT)
 @dataclass(frozen=True, slots=True)
 class Provenance:
     """Provenance of a study's values."""
@@ -196,18 +198,6 @@ class Provenance:
     #: Power of each measure above the band in which the vehicle was identified, in the run of the baseline or else of
     #: the first setup, by measure; empty if the vehicle states no band.
     above_band: Mapping[str, AboveBand] = field(default_factory=dict)
-
-    @classmethod
-    def of_header(cls, header: Mapping[str, Any]) -> Provenance:
-        """Return the provenance that the header of a file states.
-
-        Raises:
-            ValueError: A value is missing or has another type.
-        """
-        return _PROVENANCE.validate_python({name: header[name] for name in cls.__dataclass_fields__ if name in header})
-
-
-_PROVENANCE: TypeAdapter[Provenance] = TypeAdapter(Provenance)
 
 
 def _header_of(study: Study, provenance: Provenance, *, partial: bool) -> dict[bytes, str]:
@@ -557,7 +547,7 @@ class StudyResult(Summarized):
         try:
             header = _with_found_files(stated, path.parent)
             study = Study.from_json(json.dumps(header["study"]))
-            made_by = Provenance.of_header(header)
+            made_by = checked(Provenance, header)
             _check_columns(table, study_schema(study, made_by.measure_units))
             return cls(study, table, made_by, bool(header["partial"]))
         except (pa.ArrowException, *MALFORMED) as error:

@@ -8,17 +8,19 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, fields
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from pydantic import with_config
 
 from eightpost.corners import CORNERS, channel
 from eightpost.display import Summary
 from eightpost.errors import FileFormatError, MissingChannelError, TooShortError, UnknownUnitError
-from eightpost.files import MALFORMED, sha256_of
+from eightpost.files import parse_json, sha256_of
 from eightpost.rig.motion import cause_of, slope_ratio
 from eightpost.rig.plausibility import LOWEST_SAMPLING
 from eightpost.rig.rig_faults import check_rig_record, unchecked
+from eightpost.schema import OPEN, checked
 from eightpost.signals.csv_file import write_csv
 from eightpost.signals.faults import Origin
 from eightpost.signals.filters import velocity_from_displacement
@@ -101,6 +103,7 @@ IDENTIFIED = (("road",), ("tire_force",), ("force",), ("displacement", "velocity
 CUTOFF = 50.0  #: Low-pass cut-off for a derived shock velocity [Hz], at most 0.4 of the sample rate.
 
 
+@with_config(OPEN)
 @dataclass(frozen=True, slots=True)
 class RigConditions:
     """Conditions of a rig test."""
@@ -278,9 +281,6 @@ def _conditions(path: Path) -> RigConditions:
     if path.suffix != ".parquet":
         return RigConditions()
     try:
-        known: dict[str, Any] = json.loads(parquet_header(path).get("note", "") or "{}")
-        names = {f.name for f in fields(RigConditions)}
-        own = {name: value for name, value in known.items() if name in names}
-        return RigConditions(**dict[str, Any](own, shocks=tuple(own.get("shocks", ()))))
-    except (RecursionError, *MALFORMED):  # the note does not contain conditions
+        return checked(RigConditions, parse_json(parquet_header(path).get("note", ""), path))
+    except FileFormatError:  # the note does not contain conditions
         return RigConditions()
