@@ -15,6 +15,7 @@ from builder.product import Product
 from eightpost import units
 from eightpost.array_types import Array
 from eightpost.errors import InputError
+from eightpost.files import parse_json
 from eightpost.shock import Shock, ShockLaw
 from eightpost.shock.file import shock_uncertainty
 from eightpost.validity import MEMBER, Range, Validity
@@ -307,8 +308,8 @@ def combined_member(
 def _read_validity(content: bytes | None) -> Validity | None:
     """Return the validity in a member; None if there is no member or it cannot be read."""
     try:
-        return None if content is None else Validity.from_json(json.loads(content))
-    except (ValueError, InputError):
+        return None if content is None else Validity.from_json(parse_json(content, MEMBER))
+    except InputError:
         return None
 
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from pydantic import with_config
+from typing_extensions import TypedDict  # pydantic needs it before Python 3.12
 
 from eightpost.array_types import Array
 from eightpost.errors import InputError, ParameterError
-from eightpost.files import MALFORMED
+from eightpost.schema import OPEN, checked
 
 # ---- Measures: what all setups share, and what belongs to one setup -------------------------------------------------
 # A study reads `MeasureUncertainty` of every measure from its car (docs/explanation/vehicle_uncertainty.md).
@@ -53,6 +55,7 @@ class MeasuredLevel:
     shares: tuple[float, ...]  #: Shares of the measured power in the bands (`len(LIMITS) + 1`).
 
 
+@with_config(OPEN)
 @dataclass(frozen=True, slots=True)
 class MeasureUncertainty:
     """Uncertainty of the RMS of an output on a drive, for setups that the vehicle was not tested with.
@@ -73,6 +76,12 @@ class MeasureUncertainty:
     #: Entries of a file of an earlier version that this one does not use; the digest of the file covers them.
     earlier: tuple[tuple[str, float], ...] = field(default=(), compare=False)
 
+    def __post_init__(self) -> None:
+        if not min(self.common, self.own) >= 0.0:
+            raise InputError(
+                f"the uncertainty of a measure must be numbers of 0 or more, not {self.common!r} and {self.own!r}"
+            )
+
     def to_json(self) -> dict[str, Any]:
         """Return the uncertainty as a JSON document, as the version wrote it that found it."""
         own = asdict(self)
@@ -80,6 +89,19 @@ class MeasureUncertainty:
         if self.earlier:
             own = {"common": self.common, "own": self.own, **dict(self.earlier)}
         return own
+
+    @classmethod
+    def from_json(cls, document: Mapping[str, Any]) -> MeasureUncertainty:
+        """Return the uncertainty of a document; entries of earlier versions are kept for the file's digest.
+
+        Raises:
+            InputError: The document is not the uncertainty of a measure.
+        """
+        place, known = "uncertainty.measures", {entry.name for entry in fields(cls)}
+        earlier = {name: value for name, value in document.items() if name not in known}
+        return replace(
+            checked(cls, document, place=place), earlier=tuple(checked(dict[str, float], earlier, place=place).items())
+        )
 
     @classmethod
     def of_levels(cls, levels: Sequence[MeasuredLevel], own: float) -> MeasureUncertainty:
@@ -272,6 +294,9 @@ _SAME = 0.1
 _DIGITS, _PLACES = 4, 4
 
 
+_Section = TypedDict("_Section", {"velocity [m/s]": tuple[float, ...], "changes": dict[str, tuple[float, ...]]})
+
+
 @dataclass(frozen=True, slots=True)
 class LeftOutBlocks:
     """Changes of fitted parameters when each of B blocks of a test is left out.
@@ -329,13 +354,8 @@ class LeftOutBlocks:
         Raises:
             InputError: The document is not one of left-out blocks.
         """
-        try:
-            velocity, changes = document["velocity [m/s]"], document["changes"]
-            return cls(_numbers(velocity), {str(name): _numbers(values) for name, values in changes.items()})
-        except InputError:
-            raise
-        except MALFORMED as error:
-            raise InputError(f"left-out blocks: {error}") from error
+        section = checked(_Section, document, place=_SECTION)
+        return cls(section["velocity [m/s]"], section["changes"])
 
 
 class FittedParameter(NamedTuple):
@@ -360,10 +380,6 @@ def left_out_of(document: Mapping[str, Any]) -> LeftOutBlocks | None:
     """
     section = document.get(_SECTION)
     return None if section is None else LeftOutBlocks.from_json(section)
-
-
-def _numbers(values: Sequence[float]) -> tuple[float, ...]:
-    return tuple(float(value) for value in values)
 
 
 def correlation_of(parameters: Sequence[FittedParameter]) -> Array:

@@ -8,7 +8,7 @@ from math import inf, isfinite
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar, get_args
 
 from eightpost.errors import InputError
-from eightpost.files import MALFORMED, check_schema
+from eightpost.files import check_schema
 from eightpost.verdict import KEY, Reason, Verdict, digest_of, edited, edits_in
 
 if TYPE_CHECKING:
@@ -73,43 +73,19 @@ class ModelUncertainty:
         if not isinstance(document, Mapping):
             raise InputError(f"a model's uncertainty must be an object, not {type(document).__name__}")
         from eightpost.schema import checked  # noqa: PLC0415 -- help texts do not need it
+        from eightpost.uncertainty import MeasureUncertainty, left_out_of  # noqa: PLC0415 -- loads numpy
 
         place = "uncertainty.parameters"
         parameters = checked(tuple[ParameterUncertainty, ...], document.get("parameters", []), place=place)
         held = checked(tuple[str, ...], document.get("held", []), place="uncertainty.held")
-        try:
-            measures = {str(name): _measure(entry) for name, entry in document.get("measures", {}).items()}
-            return cls(measures, parameters, held, _left_out(document))
-        except MALFORMED as error:
-            raise InputError(f"a model's uncertainty: {error}") from error
+        stated = checked(dict[str, dict[str, Any]], document.get("measures", {}), place="uncertainty.measures")
+        measures = {name: MeasureUncertainty.from_json(entry) for name, entry in stated.items()}
+        return cls(measures, parameters, held, left_out_of(document))
 
 
 def _finite(entry: dict[str, Any]) -> dict[str, Any]:
     """Return the entries that JSON can represent: without open limits and unknown deviations."""
     return {n: v for n, v in entry.items() if isinstance(v, str) or (v is not None and isfinite(v))}
-
-
-def _measure(entry: Mapping[str, Any]) -> MeasureUncertainty:
-    """Return the uncertainty of a measure; entries of earlier versions are kept for the file's digest."""
-    # It loads numpy, which shocks do not need.
-    from eightpost.uncertainty import MeasuredLevel, MeasureUncertainty  # noqa: PLC0415
-
-    levels = tuple(
-        MeasuredLevel(float(one["error"]), float(one["deviation"]), float(one["spread"]), tuple(one["shares"]))
-        for one in entry.get("levels", [])
-    )
-    common, own, bias = float(entry["common"]), float(entry["own"]), float(entry.get("bias", 0.0))
-    if not (isfinite(bias) and all(isfinite(value) and value >= 0.0 for value in (common, own))):
-        raise InputError(f"the uncertainty of a measure must be numbers of 0 or more, not {dict(entry)!r}")
-    known = ("common", "own", "bias", "levels")
-    earlier = tuple((str(name), float(value)) for name, value in entry.items() if name not in known)
-    return MeasureUncertainty(common, own, bias, levels, earlier)
-
-
-def _left_out(document: Mapping[str, Any]) -> LeftOutBlocks | None:
-    from eightpost.uncertainty import left_out_of  # noqa: PLC0415 -- loads numpy, which help texts do not need
-
-    return left_out_of(document)
 
 
 # ---- Validity -------------------------------------------------------------------------------------------------------

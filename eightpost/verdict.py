@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from enum import StrEnum
 from functools import cached_property
@@ -205,10 +205,10 @@ class Verdict:
         Raises:
             InputError: The document is not a verdict.
         """
+        from eightpost.schema import checked  # noqa: PLC0415 -- help texts do not need it
+
         reasons = document.get("reasons") if isinstance(document, Mapping) else None
-        if not isinstance(reasons, Sequence) or isinstance(reasons, str):
-            raise InputError(f"a verdict must be an object with a list of reasons, not {_short(document)}")
-        return cls(map(_reason, reasons))
+        return cls(checked(list[Reason], reasons, place="verdict.reasons"))
 
 
 def listed(names: Iterable[str], most: int = 4) -> str:
@@ -229,24 +229,6 @@ def _merged(reasons: Iterable[Reason]) -> list[Reason]:
         if reason.origin not in found:
             found.append(reason.origin)
     return [replace(reason, origin=listed(found, most=8)) for reason, found in origins.items()]
-
-
-def _reason(document: object) -> Reason:
-    names = {field.name for field in fields(Reason)}
-    if not isinstance(document, Mapping) or set(document) != names:
-        raise InputError(f"a verdict's reason must have {', '.join(sorted(names))}; it is {_short(document)}")
-    try:
-        return Reason(**document)
-    except InputError:
-        raise
-    except ValueError:
-        known = ", ".join(ORDER)
-        raise InputError(f"a verdict's grade is {document['grade']!r}; it must be one of: {known}") from None
-
-
-def _short(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 # ---- Tie between a verdict and the numbers that it is about: a digest that a file states beside it ------------------

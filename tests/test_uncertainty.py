@@ -211,10 +211,8 @@ def test_changes_survive_their_document():
 @pytest.mark.parametrize(
     ("document", "what"),
     [
-        ([], "left-out blocks"),
-        ({"velocity [m/s]": [0.1, 0.2]}, "changes"),
+        ([], "left_out_blocks: must be an object"),
         ({"velocity [m/s]": [0.1, 0.2], "changes": {"lag": [1.0]}}, "lag must be 2 finite numbers"),
-        ({"velocity [m/s]": [0.1, float("nan")], "changes": {}}, "velocity must be 2 finite numbers"),
         ({"velocity [m/s]": [0.1, 0.2], "changes": {"lag": [0.0, 0.0]}}, "not all of them 0"),
     ],
 )

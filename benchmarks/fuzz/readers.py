@@ -10,8 +10,12 @@ from pkgutil import resolve_name
 from random import Random
 from typing import Any
 
+from click.testing import CliRunner
+
 from benchmarks.fuzz import damage
 from benchmarks.fuzz.damage import BINARY, TEXT, Change
+from eightpost.__main__ import main
+from eightpost.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -64,6 +68,23 @@ _FMU_3 = _in_archive("modelDescription.xml", "buildDescription.xml", "terminalsA
 def _record(path: Path) -> Any:
     records = resolve_name("eightpost.signals.formats:read_records")(path)
     return records if len(records) > 1 else resolve_name("eightpost.signals:read_series")(path)
+
+
+def _words(path: Path) -> Any:
+    """Read a record with options of `inspect` from a file, a word on each line."""
+    ran = CliRunner().invoke(main, ["inspect", str(path.with_name("record.csv")), *_text(path).split("\n")])
+    if ran.exception is not None and not isinstance(ran.exception, SystemExit):
+        raise ran.exception
+    if ran.exit_code == 2:
+        raise InputError(f"{path}: {ran.output}")
+    return ran.output
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8", errors="surrogateescape")
+    except OSError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
 def _map(path: Path) -> Any:
@@ -176,6 +197,13 @@ def readers() -> tuple[Reader, ...]:
         Reader("record .mf4", "record.mf4", _record, (*BINARY, damage.overwrite_links), 1.5),
         Reader("record .mdf", "record.mdf", _record, (*BINARY, damage.overwrite_head), 0.5),
         Reader("record .rsp", "record.rsp", _record, (*BINARY, *(damage.overwrite_head,) * 3, *TEXT[-6:])),
+        Reader("record .drv, integers", "integers.drv", _record, (*BINARY, *(damage.overwrite_head,) * 3, *TEXT[-6:])),
+        Reader("record .ld", "run.ld", _record, (*BINARY, *(damage.overwrite_head,) * 3)),
+        Reader("record .lvm", "record.lvm", _record, TEXT),
+        Reader("record .tdms", "record.tdms", _record, (*BINARY, damage.overwrite_head)),
+        Reader("record .xlsx", "record.xlsx", _record, _in_archive("sheet1.xml", "sharedStrings.xml")),
+        Reader("record .m", "record.m", _record, TEXT),
+        Reader("options of inspect", "words.txt", _words, TEXT, neighbours=("record.csv",)),
         Reader("record .vbo", "lap.vbo", _record, TEXT),
         Reader("record .json", "record.json", _record, _JSON),
         Reader("rig record", "rig.parquet", "eightpost.rig.rig_test:read_rig_test", _PARQUET, 0.5),
@@ -201,6 +229,7 @@ def readers() -> tuple[Reader, ...]:
         Reader("system file", "system.toml", "cosim.system_file:read_case", _TOML, 1.5),
         Reader("study file", "study.toml", _study, _TOML, 1.5),
         Reader("study results", "results.parquet", _results, (*BINARY, *(damage.change_parquet,) * 8), 1.5),
+        Reader("certainty", "certainty.parquet", "cosim.study.choice.certainty:read_certainty", _PARQUET),
         Reader("selection", "selection.csv", _selection, TEXT),
         Reader("list of runs", "selection.csv", _run_list, TEXT),
         Reader("uncertainty file", "uncertain.toml", _uncertainty, _TOML),

@@ -5,12 +5,16 @@ from __future__ import annotations
 import importlib.util
 import json
 import shutil
+import struct
 from pathlib import Path
 
 import numpy as np
+import xlsxwriter
 
 from benchmarks.fuzz.damage import members_of, packed
 from builder.build import build
+from cosim.study.choice.assess import Knowledge, certainty_of
+from cosim.study.choice.certainty import write_certainty
 from cosim.study.choice.compare import Comparison, write_comparisons
 from cosim.study.choice.rig_day import select, write_selection
 from cosim.study.definition import Build, Drive, Study, Vehicle
@@ -23,6 +27,7 @@ from eightpost.ident.vehicle.frequency_response import FrequencyResponse, respon
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit, write_fit
 from eightpost.shock import Lpnl2, Port, Shock, StaticCurve, write_shock
 from eightpost.signals import TimeSeries, write_series
+from eightpost.signals.logger_files import write_rpc
 from eightpost.signals.parquet_file import write_table
 from eightpost.vehicle import Friction, IdentifiedVehicle, read_vehicle, shipped, write_vehicle
 from eightpost.verdict import Verdict
@@ -51,6 +56,7 @@ def _records(folder: Path) -> None:
         write_series(series, folder / f"record.{suffix}")
     columns = {"Time [s]": series.time.tolist(), "Force [N]": series["force"].tolist()}
     _write_json(folder / "record.json", columns)
+    (folder / "words.txt").write_text("--channel\nforce=+\n--channel\nvelocity=velocity", encoding="utf-8")
     rows = "".join(f"{t:.3f};{v:.4f};{2000 * v:.2f}\n".replace(".", ",") for t, v in zip(time, speed, strict=True))
     head = "Run;7\nGas;50 psi\n\nZeit;v_mm_s;Kraft\ns;mm/s;N\n"
     (folder / "german.csv").write_text(head + rows, encoding="latin-1")
@@ -59,12 +65,21 @@ def _records(folder: Path) -> None:
     (folder / "lap.vbo").write_text(head + rows, encoding="utf-8")
     units = {"road": "m", "force": "N", "tire_force": "N", "displacement": "m"}
     road = {
-        f"{corner}.{name}": (unit, 0.01 * np.sin((10 + k) * time + j))
+        f"{corner}.{name}": (unit, (-1) ** (j == 3) * 0.01 * np.sin((10 + k) * time + j))
         for k, corner in enumerate(CORNERS)
         for j, (name, unit) in enumerate(units.items())
     }
     write_series(TimeSeries.from_channels(2.5 * time, road), folder / "rig.parquet")
     write_series(TimeSeries.from_channels(time, {"lf.road": ("m", travel)}), folder / "drive.parquet")
+    write_rpc(series, folder / "integers.drv", as_integers=True)
+    _motec(folder / "run.ld", speed)
+    _labview(folder, time, speed)
+    with xlsxwriter.Workbook(folder / "record.xlsx") as book:
+        for k, column in enumerate((("Time [s]", *time[:200]), ("Force [N]", *speed[:200]))):
+            book.worksheets()[0].write_column(0, k, column) if k else book.add_worksheet().write_column(0, k, column)
+    columns = (("Time_s", time), ("Force_N", speed))
+    texts = (f"{name} = [{' '.join(f'{x:.4f}' for x in values)}];\n" for name, values in columns)
+    (folder / "record.m").write_text("".join(texts), encoding="utf-8")
     if importlib.util.find_spec("asammdf"):
         _mdf(folder, time, speed)
     write_series(series, folder / "run/series.parquet")
@@ -75,6 +90,35 @@ def _records(folder: Path) -> None:
 def _write_json(path: Path, document: object) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(document), encoding="utf-8")
+
+
+def _motec(path: Path, speed: np.ndarray) -> None:
+    """Write a log of two channels, of floating point numbers and of scaled integers."""
+    head, places = bytearray(500), (500, 624)
+    struct.pack_into("<I4xII", head, 0, 0x40, places[0], 748)
+    kinds = ((7, "<f4", b"Load FL", b"N"), (3, "<i2", b"Pos FL", b"mm"))
+    samples = [(1e3 * speed).astype(kind).tobytes() for _, kind, *_ in kinds]
+    metas = b""
+    for k, (code, kind, name, unit) in enumerate(kinds):
+        place = 748 + len(samples[0]) * k
+        numbers = (0, (places[1], 0)[k], place, speed.size, k, code, np.dtype(kind).itemsize, 500, 0, 1, 1, k)
+        metas += struct.pack("<IIIIHHHHhhhh32s8s12s40x", *numbers, name, name, unit)
+    path.write_bytes(bytes(head) + metas + b"".join(samples))
+
+
+def _labview(folder: Path, time: np.ndarray, speed: np.ndarray) -> None:
+    head = ("LabVIEW Measurement", "Writer_Version\t2", "Reader_Version\t2", "Separator\tTab", "Decimal_Separator\t.",
+            "Multi_Headings\tYes", "X_Columns\tOne", "Time_Pref\tRelative", "***End_of_Header***", "", "Channels\t1",
+            "Samples\t1000", "Date\t2026/01/02", "Time\t10:00:00", "Y_Unit_Label\tN", "X_Dimension\tTime",
+            "X0\t0", "Delta_X\t0.002", "***End_of_Header***", "X_Value\tForce\tComment")  # fmt: skip
+    rows = (f"{t:.3f}\t{v:.5f}" for t, v in zip(time, speed, strict=True))
+    (folder / "record.lvm").write_text("\r\n".join((*head, *rows, "")), encoding="utf-8")
+    if importlib.util.find_spec("nptdms"):
+        from nptdms import ChannelObject, TdmsWriter  # noqa: PLC0415
+
+        waveform = {"wf_increment": 0.002, "wf_start_offset": 0.0, "unit_string": "N"}
+        with TdmsWriter(folder / "record.tdms") as writer:
+            writer.write_segment([ChannelObject("test", name, speed, waveform) for name in ("Force", "Velocity")])
 
 
 def _mdf(folder: Path, time: np.ndarray, speed: np.ndarray) -> None:
@@ -165,6 +209,7 @@ def _study(folder: Path) -> None:
     ]
     result = StudyResult(made, result_table(rows, study_schema(made, units)), Provenance("0" * 64, {}, {}, {}, units))
     result.save(folder / "results.parquet")
+    write_certainty(certainty_of(result, Knowledge(()), draws=64), folder / "certainty.parquet")
     write_selection(select(result, total=4), result, folder / "selection.csv")
     levels = np.linspace(0.1, 0.2, 5)
     comparison = Comparison("ride", np.arange(5), levels, levels * 1.1, np.full(5, 2), 0.01)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -21,6 +20,7 @@ from eightpost import units
 from eightpost.archive import read_archive, write_archive
 from eightpost.errors import FmuError
 from eightpost.extras import needs
+from eightpost.files import parse_json
 from eightpost.outputs import PAGE, check_file
 from eightpost.validity import Validity
 from eightpost.verdict import Verdict
@@ -204,7 +204,7 @@ def write_live_page(shock: str | Path, path: str | Path, *, vehicle: str | Path)
     """
     check_file(Path(path), PAGE)
     alone, coupled, part = _read_models(Path(shock), Path(vehicle))
-    verdict = Validity.from_json(json.loads(part.validity)).verdict if part.validity else Verdict()
+    verdict = Validity.from_json(parse_json(part.validity, shock)).verdict if part.validity else Verdict()
     controls = tuple(_shock_controls(alone.interface))
     groups = {"shock": ("Shock", controls), "dynamometer": ("Motion", DYNAMOMETER), "bump": ("Road", BUMP)}
     shown = {unit: Control.of(unit, unit, unit, (0.0, 1.0), 0.0) for unit in ("m/s", "m", "N", "J", "s")}

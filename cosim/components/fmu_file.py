@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import shutil
 import subprocess
@@ -22,8 +21,8 @@ from cosim.components.fmu_description import Rows, only_step, read_description
 from eightpost.archive import extract_archive, open_archive
 from eightpost.cache import keep, recall
 from eightpost.compilers import find_compiler
-from eightpost.errors import FmuError
-from eightpost.files import sha256_of, writing
+from eightpost.errors import FmuError, InputError
+from eightpost.files import json_content, sha256_of, writing
 from eightpost.fmi import Description
 from eightpost.validity import MEMBER, Validity
 
@@ -181,8 +180,8 @@ class FmuFile:
     def validity(self) -> Validity | None:
         """Range of validity of its model, as eightpost writes it into FMUs; None if the FMU has none."""
         try:
-            return Validity.from_json(json.loads((self.folder / MEMBER).read_text(encoding="utf-8")))
-        except (OSError, ValueError, RecursionError):  # an FMU of another tool, or a damaged file
+            return Validity.from_json(json_content(self.folder / MEMBER))
+        except InputError:  # an FMU of another tool, or a damaged file
             return None
 
     @property

@@ -10,9 +10,11 @@ from functools import cached_property
 from itertools import pairwise
 from math import inf, log2
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NotRequired, TypeVar
 
 import numpy as np
+from pydantic import with_config
+from typing_extensions import TypedDict  # pydantic needs it before Python 3.12
 
 from cosim.session.verdict import Coupled, RunData, verdict_of
 from eightpost import __version__
@@ -21,8 +23,9 @@ from eightpost.completion import warn_of_earlier_results
 from eightpost.display import Summary
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path, json_content
+from eightpost.schema import REPORT, document_of
 from eightpost.signals import Recording, TimeSeries, read_series, write_series
-from eightpost.verdict import Verdict, edited, is_intact, sealed
+from eightpost.verdict import Reason, Verdict, edited, is_intact, sealed
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -124,37 +127,40 @@ class Result(RunData, _RunChannels):
 # ---- A run in a folder -----------------------------------------------------------------------------------------------
 
 
+@with_config(REPORT)
+class _Verdict(TypedDict):
+    """Entries of a verdict that are read."""
+
+    reasons: NotRequired[tuple[Reason, ...]]
+
+
+@with_config(REPORT)
+class _Document(TypedDict):
+    """Entries of result.json that are read."""
+
+    verdict: NotRequired[_Verdict]
+    order: NotRequired[tuple[str, ...]]
+    settling: NotRequired[float]
+    sources: NotRequired[dict[str, str]]
+    parameters: NotRequired[dict[str, dict[str, float | bool | str]]]
+    series_sha256: NotRequired[str | None]
+
+
 @dataclass(frozen=True, repr=False)
 class SavedRun(_RunChannels):
     """A run that `Result.write` wrote."""
 
     series: TimeSeries  #: Recorded channels without the settling time.
-    #: Content of result.json. Its verdict is "unknown" if it or the series were edited after the run.
-    document: Mapping[str, Any]
+    #: Verdict of the run; it is "unknown" if result.json or the series were edited after the run. It has no reasons if
+    #: result.json states none.
+    verdict: Verdict
+    order: tuple[str, ...]  #: Components in the order of stepping.
     sources: str  #: FMUs and parameters of the run in words.
 
-    @cached_property
-    def verdict(self) -> Verdict:
-        """Verdict of the run.
-
-        Raises:
-            InputError: The document has none, or a damaged one.
-        """
-        return Verdict.from_json(self.document.get("verdict"))
-
-    @property
-    def order(self) -> tuple[str, ...]:
-        """Components in the order of stepping; those with a recorded channel if the document does not state it."""
-        stated = self.document.get("order")
-        recorded = dict.fromkeys(name.partition(".")[0] for name in self.series.names)
-        return tuple(map(str, stated if isinstance(stated, list) else recorded))
-
     def _summary(self) -> Summary:
-        stated = self.document.get("verdict")
-        verdict = stated.get("summary") if isinstance(stated, Mapping) else None
         return Summary.of(
             "Run in a folder",
-            ("verdict", str(verdict or "not stated")),
+            ("verdict", self.verdict.summary() if self.verdict.reasons else "not stated"),
             ("components", ", ".join(self.order)),
             ("sources", self.sources),
             *self.series.summary_rows(),
@@ -172,17 +178,19 @@ class SavedRun(_RunChannels):
             raise FileFormatError("there is no run here; name a folder that `eightpost run` wrote", path=folder)
         warn_of_earlier_results(folder)
         series = read_series(path.with_name("series.parquet"))
-        document = json_content(path, advice="name a folder that `eightpost run` wrote", finite=False)
-        if not isinstance(document, dict) or document.get("kind") != "result":
-            raise FileFormatError("is not the result of a run", path=path)
-        if not (is_intact(document) and document.get(_SERIES) in (None, _digest_of(series))):
-            document |= {"verdict": edited(path.name).to_json()}
+        stated = json_content(path, finite=False)
+        document = document_of(_Document, stated, path, "result", SCHEMA, "name a folder that `eightpost run` wrote")
+        is_edited = not (is_intact(stated) and document.get(_SERIES) in (None, _digest_of(series)))
         settling = document.get("settling", 0.0)
-        if type(settling) not in (int, float) or not 0.0 <= settling < series.duration:
+        if not 0.0 <= settling < series.duration:
             message = f"settling is {settling!r}, but must be a time [s] within the run of {series.duration:g} s"
             raise FileFormatError(message, path=path)
-        settled = series.window(settling, float(series.time[-1])) if settling else series
-        return cls(settled, document, _sources(document, path))
+        return cls(
+            series.window(settling, float(series.time[-1])) if settling else series,
+            edited(path.name) if is_edited else Verdict(document.get("verdict", {}).get("reasons", ())),
+            document.get("order") or tuple(dict.fromkeys(name.partition(".")[0] for name in series.names)),
+            _sources(document),
+        )
 
 
 def _digest_of(series: TimeSeries) -> str:
@@ -192,14 +200,9 @@ def _digest_of(series: TimeSeries) -> str:
     return digest.hexdigest()
 
 
-def _sources(document: Mapping[str, Any], path: Path) -> str:
-    sources, parameters = document.get("sources", {}), document.get("parameters", {})
-    if not isinstance(sources, dict) or not isinstance(parameters, dict):
-        raise FileFormatError("sources and parameters must be objects", path=path)
-    parts = [f"{name} = {source}" for name, source in sources.items()]
-    for name, values in parameters.items():
-        if not isinstance(values, dict):
-            raise FileFormatError(f"parameters.{name} must be an object", path=path)
+def _sources(document: _Document) -> str:
+    parts = [f"{name} = {source}" for name, source in document.get("sources", {}).items()]
+    for name, values in document.get("parameters", {}).items():
         parts += [f"{name}.{parameter} = {value}" for parameter, value in values.items()]
     return ", ".join(parts)
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from arro3.core import DataType, Field, Schema
-from pydantic import TypeAdapter
+from pydantic import with_config
 
 from cosim.study.definition import Setup, Study, Term
 from cosim.study.measures import AboveBand, Measure
@@ -21,6 +21,7 @@ from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import MALFORMED, check_schema, parse_json
 from eightpost.labelled import data_frame, dataset
+from eightpost.schema import REPORT, checked
 from eightpost.signals.parquet_file import Table, joined, read_table, write_table
 
 if TYPE_CHECKING:
@@ -78,6 +79,7 @@ SCHEMA = 1
 _KEY = b"eightpost"
 
 
+@with_config(REPORT)
 @dataclass(frozen=True, slots=True)
 class Provenance:
     """Provenance of a study's values."""
@@ -93,18 +95,6 @@ class Provenance:
     #: Power of each measure above the band in which the vehicle was identified, in the run of the baseline or else of
     #: the first setup, by measure; empty if the vehicle states no band.
     above_band: Mapping[str, AboveBand] = field(default_factory=dict)
-
-    @classmethod
-    def of_header(cls, header: Mapping[str, Any]) -> Provenance:
-        """Return the provenance that the header of a file states.
-
-        Raises:
-            ValueError: A value is missing or has another type.
-        """
-        return _PROVENANCE.validate_python({name: header[name] for name in cls.__dataclass_fields__ if name in header})
-
-
-_PROVENANCE: TypeAdapter[Provenance] = TypeAdapter(Provenance)
 
 
 def _header_of(study: Study, provenance: Provenance, *, partial: bool) -> dict[bytes, bytes]:
@@ -440,7 +430,7 @@ class StudyResult(Summarized):
         try:
             header = _with_found_files(stated, path.parent)
             study = Study.from_json(json.dumps(header["study"]))
-            made_by = Provenance.of_header(header)
+            made_by = checked(Provenance, header)
             table.select(study_schema(study, made_by.measure_units))
             if table["setup"].dtype != np.int64:
                 raise ValueError("a row has no setup number")

@@ -8,9 +8,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, fields
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from pydantic import with_config
 
 from eightpost.array_types import Array
 from eightpost.corners import CORNERS, channel
@@ -24,9 +25,10 @@ from eightpost.errors import (
     UnknownUnitError,
     WrongSignError,
 )
-from eightpost.files import MALFORMED, sha256_of
+from eightpost.files import parse_json, sha256_of
 from eightpost.rig.motion import cause_of, slope_ratio
 from eightpost.rig.plausibility import LOWEST_SAMPLING
+from eightpost.schema import OPEN, checked
 from eightpost.signals import faults
 from eightpost.signals.csv_file import write_csv
 from eightpost.signals.faults import IN_MEMORY, Origin
@@ -389,6 +391,7 @@ IDENTIFIED = (("road",), ("tire_force",), ("force",), ("displacement", "velocity
 CUTOFF = 50.0  #: Low-pass cut-off for a derived shock velocity [Hz], at most 0.4 of the sample rate.
 
 
+@with_config(OPEN)
 @dataclass(frozen=True, slots=True)
 class RigConditions:
     """Conditions of a rig test."""
@@ -566,9 +569,6 @@ def _conditions(path: Path) -> RigConditions:
     if path.suffix != ".parquet":
         return RigConditions()
     try:
-        known: dict[str, Any] = json.loads(parquet_header(path).get("note", "") or "{}")
-        names = {f.name for f in fields(RigConditions)}
-        own = {name: value for name, value in known.items() if name in names}
-        return RigConditions(**dict[str, Any](own, shocks=tuple(own.get("shocks", ()))))
-    except (RecursionError, *MALFORMED):  # the note does not contain conditions
+        return checked(RigConditions, parse_json(parquet_header(path).get("note", ""), path))
+    except FileFormatError:  # the note does not contain conditions
         return RigConditions()

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from eightpost import __version__
 from eightpost.display import Summarized, Summary, some
-from eightpost.errors import FileFormatError, ParameterError
-from eightpost.files import MALFORMED, atomic_path, check_schema, json_content
+from eightpost.errors import ParameterError
+from eightpost.files import MALFORMED, atomic_path, json_content
 from eightpost.shock.curve import KNOTS
 from eightpost.shock.law import ShockLaw
 from eightpost.shock.laws import FORMER, LAWS, law_name, law_title, named_law, own_parameters, parameter_units
@@ -141,7 +141,6 @@ def _interpolation_error(axis: Axis, curves: Sequence[Array], value: float) -> A
 
 
 SCHEMA = 1
-_SECTIONS = ("conditions", "fit", "inputs")  #: Sections of a shock file that `Shock` has as they are.
 
 
 @dataclass(frozen=True, repr=False)
@@ -324,13 +323,12 @@ def read_shock(path: str | Path) -> Shock:
         ParameterError: A parameter is missing, unknown or out of range, or the law is a former one; the message names
             file and parameter.
     """
-    from eightpost.schema import checked  # noqa: PLC0415 -- help texts do not need it
+    from eightpost.schema import checked, document_of  # noqa: PLC0415 -- help texts do not need it
+    from eightpost.shock.sections import Sections  # noqa: PLC0415
 
     path = Path(path)
     document = json_content(path)
-    if not isinstance(document, dict) or document.get("kind") != "shock":
-        raise FileFormatError("is not a shock file (kind is not 'shock'); make one with `eightpost fit`", path=path)
-    check_schema(document, SCHEMA, path)
+    document_of(Sections, document, path, "shock", SCHEMA, "make shock files with `eightpost fit`")
     try:
         conditions, fit, inputs = _sections(document)
         law = _law_of(document, inputs, path)
@@ -346,11 +344,8 @@ def read_shock(path: str | Path) -> Shock:
 
 def _sections(document: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any], tuple[Mapping[str, str], ...]]:
     """Return conditions, report of the fit and records, whose entries have the types that other modules expect."""
-    from eightpost.schema import checked  # noqa: PLC0415 -- help texts do not need it
-    from eightpost.shock.sections import Sections  # noqa: PLC0415
     from eightpost.uncertainty import left_out_of  # noqa: PLC0415
 
-    checked(Sections, {name: document[name] for name in _SECTIONS if name in document})
     conditions, fit, inputs = document.get("conditions", {}), document.get("fit", {}), document.get("inputs", [])
     if len({len(column) for name, column in fit.get("curve_band", {}).items() if name.endswith("]")}) > 1:
         raise ValueError("fit.curve_band: its lists must have one length")
@@ -362,14 +357,12 @@ def _law_of(document: dict[str, Any], inputs: Sequence[Mapping[str, str]], path:
     """Return the law of a file; the error for a former law names the command that fits its records again."""
     from eightpost.schema import checked  # noqa: PLC0415 -- help texts do not need it
 
-    name, own = document.get("law"), document.get("parameters", {})
+    name, own = document["law"], document.get("parameters", {})
     if name in FORMER:
         records = " ".join(entry["name"] for entry in inputs if "name" in entry) or "RECORD"
         command = f"eightpost fit {'TABLE' if 'settings' in document else records} -o {path}"
         raise ValueError(f"the law {law_title(name)} is no longer supported; fit the record again: {command}")
     law = LAWS[named_law(name)]
-    if not isinstance(own, dict):
-        raise ValueError(f"parameters must be an object, not {own!r}")
     return checked(law, {**own, "curve": document.get("curve", {}), "port": document.get("port", {})})
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, NotRequired
+from typing import Annotated, Any, NotRequired
 
 from pydantic import Field, with_config
 from typing_extensions import TypedDict  # pydantic needs it before Python 3.12
@@ -68,13 +68,15 @@ Fit = TypedDict("Fit", {
 })  # fmt: skip
 
 
+@with_config(OPEN)
 class Sections(TypedDict):
-    """These sections of a shock file."""
+    """Entries of a shock file beside the curve and the port."""
 
+    name: NotRequired[str | None]
+    law: str
+    parameters: NotRequired[dict[str, Any]]
+    settings: NotRequired[dict[str, Any]]
+    validity: NotRequired[dict[str, Any]]
     conditions: NotRequired[Conditions]
     fit: NotRequired[Fit]
     inputs: NotRequired[list[dict[str, str]]]
-
-
-for _kind in (Conditions, Band, _FittedValue, Spread, Builds, HeldOut, Fit, Sections):
-    with_config(OPEN)(_kind)

@@ -8,17 +8,19 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, Field, asdict, astuple, dataclass, field, fields, replace
 from math import isfinite
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, NotRequired
 
 import numpy as np
 from scipy.constants import g
+from typing_extensions import TypedDict  # pydantic needs it before Python 3.12
 
 import eightpost
 from eightpost.array_types import Array
 from eightpost.corners import CORNERS, channel
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError, InputError, ParameterError, UnknownUnitError
-from eightpost.files import MALFORMED, atomic_path, check_schema, json_content, toml_content
+from eightpost.files import atomic_path, check_schema, json_content, toml_content
+from eightpost.schema import document_of
 from eightpost.units import compatible, convert
 from eightpost.validity import Validity
 from eightpost.vehicle.friction import Bristle
@@ -487,8 +489,28 @@ def _written(values: Mapping[str, float], unit: str) -> str:
 #: oldest schema that is sufficient.
 SCHEMA = 3
 
-_NEEDED = ("name", "inputs", "outputs", "A", "B", "C", "D")
-_OPTIONAL = ("schema", "kind", "tool", "model", "dt", "baseline_damping", "static", "sources", "friction", "validity")
+
+class _Document(TypedDict):
+    """Entries of a vehicle file."""
+
+    schema: int
+    kind: NotRequired[str]
+    tool: NotRequired[str]
+    model: NotRequired[Literal["state_space"]]
+    name: str
+    sources: NotRequired[dict[str, str]]
+    dt: NotRequired[float | None]
+    model_name: NotRequired[str]
+    inputs: list[Channel]
+    outputs: list[Channel]
+    baseline_damping: NotRequired[dict[str, float]]
+    static: NotRequired[dict[str, float]]
+    friction: NotRequired[dict[str, Friction]]
+    validity: NotRequired[dict[str, Any]]
+    A: list[list[float]]
+    B: list[list[float]]
+    C: list[list[float]]
+    D: list[list[float]]
 
 
 def document(vehicle: IdentifiedVehicle) -> dict[str, Any]:
@@ -537,48 +559,35 @@ def _rows_on_lines(content: dict[str, Any]) -> str:
 
 
 def _read_json(path: Path) -> IdentifiedVehicle:
-    content = json_content(path)
-    if not isinstance(content, dict):
-        raise FileFormatError("is JSON, but not a vehicle: it must be an object in braces", path=path)
-    check_schema(content, SCHEMA, path)
-    if (kind := content.get("kind", "vehicle")) != "vehicle":
-        raise FileFormatError(f"is a {kind} file, not a vehicle; eightpost identify makes vehicles", path=path)
-    if content.get("model", "state_space") != "state_space":
-        raise FileFormatError(f"model is {content['model']!r}; a JSON vehicle is a 'state_space'", path=path)
-    for key in _NEEDED:
-        if key not in content:
-            raise ParameterError(f"{path}: {key!r} is missing; a vehicle needs {', '.join(_NEEDED)}")
-    for key in content:
-        if key not in (*_NEEDED, *_OPTIONAL, "model_name"):
-            raise ParameterError(f"{path}: unknown key {key!r}; the known keys are {', '.join((*_NEEDED, *_OPTIONAL))}")
+    advice = "eightpost identify makes vehicles"
+    content = document_of(_Document, json_content(path), path, "vehicle", SCHEMA, advice)
     try:
         return _vehicle(content, path.name)
     except InputError as error:
         raise type(error)(f"{path}: {error}") from error
-    except MALFORMED as error:
-        what = f"does not contain a vehicle in the format of this version ({error})"
-        raise FileFormatError(what, path=path) from error
 
 
-def _vehicle(content: dict[str, Any], origin: str) -> IdentifiedVehicle:
-    inputs, outputs = (
-        tuple(Channel(one["name"], one["unit"]) for one in content[key]) for key in ("inputs", "outputs")
-    )
-    n, m, p, name = len(content["A"]), len(inputs), len(outputs), str(content["name"])
+def _vehicle(content: _Document, origin: str) -> IdentifiedVehicle:
+    inputs, outputs, name = tuple(content["inputs"]), tuple(content["outputs"]), content["name"]
+    n, m, p = len(content["A"]), len(inputs), len(outputs)
 
-    def matrix(key: str, *shape: int) -> Array:
+    def matrix(key: Literal["A", "B", "C", "D"], *shape: int) -> Array:
         """Return a matrix; one without states is an empty list."""
-        values = np.asarray(content[key], dtype=np.float64)
-        return np.zeros(shape) if values.size == 0 and 0 in shape else values
+        rows = content[key]
+        if len({len(row) for row in rows}) > 1:
+            raise ParameterError(f"{key}: its rows must have one length; identify the vehicle again")
+        return np.array(rows) if any(rows) or 0 not in shape else np.zeros(shape)
 
     A, B, C, D = matrix("A", n, n), matrix("B", n, m), matrix("C", p, n), matrix("D", p, m)
-    model = StateSpace(A, B, C, D, inputs, outputs, content.get("dt"), str(content.get("model_name", name)))
-    laws = {}
-    for port, law in content.get("friction", {}).items():
-        springs = (law.get(key, 0.0) for key in ("spring", "mean_travel"))
-        laws[port] = Friction(law["force"], law["velocity"], Bristle(**law.get("bristle", {})), *springs)
-    damping, static, sources = (content.get(key, {}) for key in ("baseline_damping", "static", "sources"))
-    vehicle = IdentifiedVehicle(name, model, damping, static, sources, laws)
+    model = StateSpace(A, B, C, D, inputs, outputs, content.get("dt"), content.get("model_name", name))
+    vehicle = IdentifiedVehicle(
+        name,
+        model,
+        content.get("baseline_damping", {}),
+        content.get("static", {}),
+        content.get("sources", {}),
+        content.get("friction", {}),
+    )
     if "validity" not in content:
         return vehicle
     return replace(vehicle, validity=Validity.from_json(content["validity"]).checked(vehicle.numbers, origin))

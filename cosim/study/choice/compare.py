@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy
 from numpy.typing import NDArray
+from pydantic import with_config
+from typing_extensions import TypedDict  # pydantic needs it before Python 3.12
 
 from cosim.session.result import Result, SavedRun
 from cosim.study.measures import Measure, available, channel_measures, ride_measures
@@ -20,8 +22,9 @@ from eightpost import __version__, units
 from eightpost.array_types import Array, Flags, Integers
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError, InputError
-from eightpost.files import MALFORMED, atomic_path, json_content
+from eightpost.files import atomic_path, json_content
 from eightpost.labelled import data_frame
+from eightpost.schema import OPEN, document_of
 from eightpost.signals import TimeSeries
 from eightpost.verdict import Reason, Rules, Verdict, is_intact, sealed
 
@@ -236,12 +239,9 @@ def comparison_verdict(comparisons: Sequence[Comparison], *, rank: float, level:
 
 def _of_run(label: str, run: Result | SavedRun) -> Iterator[Reason]:
     """Yield the reasons of the verdict on a run, with its label in their origins."""
-    try:
-        reasons = run.verdict.reasons
-    except InputError:
-        rule, statement = "run without a verdict", "the run has no verdict"
-        reasons = (RULES.reason(rule, statement, "0 reasons stated", origin="result.json"),)
-    yield from (replace(reason, origin=f"{label}: {reason.origin}") for reason in reasons)
+    none = "run without a verdict", "the run has no verdict", "0 reasons stated", "result.json"
+    for reason in run.verdict.reasons or (RULES.reason(*none),):
+        yield replace(reason, origin=f"{label}: {reason.origin}")
 
 
 # ---- Response measures of runs --------------------------------------------------------------------------------------
@@ -321,12 +321,16 @@ def compare_runs(runs: Mapping[str, Result | SavedRun], vehicle: str = "car") ->
 # ---- JSON file of the comparisons of measured with predicted levels -------------------------------------------------
 
 
+#: Newest schema of these files that can be read; it is also the one that is written.
+SCHEMA = 1
+
+
 def write_comparisons(
     comparisons: Sequence[Comparison], units: Mapping[str, str], path: str | Path, verdict: Verdict
 ) -> None:
     """Write comparisons as JSON, levels in SI."""
     measures = [_entry(one, units[one.measure]) for one in comparisons]
-    heading = {"schema": 1, "kind": "comparison", "tool": f"eightpost {__version__}", "verdict": verdict.to_json()}
+    heading = {"schema": SCHEMA, "kind": "comparison", "tool": f"eightpost {__version__}", "verdict": verdict.to_json()}
     document = sealed({**heading, "measures": measures})
     with atomic_path(path) as temporary:
         temporary.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
@@ -354,6 +358,22 @@ def write_and_plot(
     return folder / "comparison.png"
 
 
+@with_config(OPEN)
+class _Measure(TypedDict):
+    """Entries of a measure that are read."""
+
+    measure: str
+    runs: list[int]
+    run_to_run: float
+
+
+@with_config(OPEN)
+class _Document(TypedDict):
+    """Entries of a comparison that are read."""
+
+    measures: list[_Measure]
+
+
 def read_run_to_run(path: str | Path) -> dict[str, float]:
     """Return the standard deviation of one rig run by measure [SI], as a comparison found it from repeated runs.
 
@@ -362,16 +382,15 @@ def read_run_to_run(path: str | Path) -> dict[str, float]:
     Raises:
         FileFormatError: The file is not a comparison, was edited after it, or no setup was run twice.
     """
-    document = json_content(path, advice="`eightpost study compare --measured` writes it")
-    try:
-        repeats = [(entry, sum(runs - 1 for runs in entry["runs"])) for entry in document["measures"]]
-        deviations = {
-            str(entry["measure"]): usable_deviation(float(entry["run_to_run"]), freedom) if freedom else 0.0
-            for entry, freedom in repeats
-        }
-    except MALFORMED as error:
-        raise FileFormatError(f"is not a comparison of a study with the rig ({error!r})", path=path) from error
-    if not is_intact(document):
+    path, advice = Path(path), "`eightpost study compare --measured` writes it"
+    stated = json_content(path, advice=advice)
+    document = document_of(_Document, stated, path, "comparison", SCHEMA, advice)
+    repeats = [(entry, sum(runs - 1 for runs in entry["runs"])) for entry in document["measures"]]
+    deviations = {
+        entry["measure"]: usable_deviation(entry["run_to_run"], freedom) if freedom > 0 else 0.0
+        for entry, freedom in repeats
+    }
+    if not is_intact(stated):
         raise FileFormatError(
             "was edited after the comparison; run `eightpost study compare --measured` again", path=path
         )

@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pydantic import TypeAdapter
+from pydantic import with_config
 
 from cosim.components.component import Component, to_si
 from cosim.components.fmu_component import FmuComponent
@@ -27,6 +27,7 @@ from cosim.study.table import DONE, FAILED, StudyResult, error_column
 from cosim.system import System
 from eightpost.errors import EightpostError, WiringError
 from eightpost.machine import NotInBatchError, ShockData
+from eightpost.schema import REPORT, checked
 from eightpost.signals import TimeSeries
 from eightpost.workers.pool import heartbeat
 
@@ -61,6 +62,7 @@ class MachineCoupling:
     checks: tuple[Check, ...] = ()  #: Comparisons with the FMUs.
 
 
+@with_config(REPORT)
 @dataclass(frozen=True, slots=True)
 class Coupling:
     """Coupling of all runs of a study: chosen once, so that setups differ only in their shocks."""
@@ -72,18 +74,6 @@ class Coupling:
     stated_error: float = 0.0  #: Largest coupling error of the setups on which the coupling was chosen [%].
     notes: tuple[str, ...] = ()  #: Description of the steps that were compared, and of how the setups are run.
     machine: MachineCoupling | None = None  #: Of setups that the machine runs; None: all run through the FMUs.
-
-    @classmethod
-    def from_json(cls, found: object) -> Coupling:
-        """Return a coupling from the JSON content of `dataclasses.asdict`.
-
-        Raises:
-            ValueError: It is not the content of a coupling.
-        """
-        return _COUPLING.validate_python(found)
-
-
-_COUPLING: TypeAdapter[Coupling] = TypeAdapter(Coupling)
 
 
 class Evaluator:
@@ -399,7 +389,7 @@ def _percent(share: float) -> str:
 
 def coupling_of(result: StudyResult) -> Coupling:
     """Return the coupling of a study's runs."""
-    return Coupling.from_json(result.provenance.settings["coupling"])
+    return checked(Coupling, result.provenance.settings["coupling"], place="coupling", advice="run the study again")
 
 
 def traces(result: StudyResult, setups: Iterable[int], evaluator: Evaluator | None = None) -> dict[int, TimeSeries]:

@@ -35,6 +35,7 @@ from eightpost.files import atomic_path, json_content, sha256_of
 from eightpost.machine.car import NotInBatchError
 from eightpost.outputs import check_folder
 from eightpost.progress import Progress, beats
+from eightpost.schema import checked
 from eightpost.signals.parquet_file import Table, joined, read_table, write_table
 
 # ---- Digest of a study ----------------------------------------------------------------------------------------------
@@ -219,11 +220,8 @@ class ChunkFolder:
         path = self._folder / "coupling.json"
         if not os.path.lexists(path):
             return None
-        try:
-            return Coupling.from_json(json_content(path, finite=False))
-        except ValueError as error:
-            what = "is not the coupling of a study; delete the file to choose the coupling again"
-            raise FileFormatError(f"{error}: {what}" if isinstance(error, InputError) else what, path=path) from error
+        advice = "delete the file to choose the coupling again"
+        return checked(Coupling, json_content(path, finite=False), path=path, advice=advice)
 
     def keep_coupling(self, coupling: Coupling) -> None:
         """Write the coupling for all later runs of the study."""

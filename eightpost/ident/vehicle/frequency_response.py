@@ -13,13 +13,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import with_config
 from scipy.signal import butter, sosfiltfilt
+from typing_extensions import TypedDict  # pydantic needs it before Python 3.12
 
 from eightpost import __version__
 from eightpost.archive import read_archive
 from eightpost.array_types import Array, Complex
 from eightpost.errors import FileFormatError, FmuError, ParameterError
-from eightpost.files import MALFORMED, atomic_path, check_schema, parse_json
+from eightpost.files import MALFORMED, atomic_path, parse_json
+from eightpost.schema import OPEN, document_of
 from eightpost.vehicle.statespace import Channel, StateSpace
 
 # ==== Responses and their files ======================================================================================
@@ -182,6 +185,14 @@ def write_response(path: str | Path, response: FrequencyResponse, *, sources: Ma
         np.savez_compressed(temporary, header=np.array(json.dumps(header)), **arrays)
 
 
+@with_config(OPEN)
+class _Header(TypedDict):
+    """Entries of the header of a frequency response."""
+
+    inputs: tuple[Channel, ...]
+    outputs: tuple[Channel, ...]
+
+
 def response_header(response: FrequencyResponse) -> dict[str, Any]:
     """Return what a file states about a frequency response, apart from its arrays."""
     return {
@@ -205,13 +216,10 @@ def read_response(path: str | Path) -> FrequencyResponse:
     if "header" not in members:
         raise FileFormatError("is not a frequency response of eightpost: it has no header", path=path)
     header = parse_json(str(members["header"]), path)
-    if not isinstance(header, dict) or header.get("kind") != "frequency_response":
-        raise FileFormatError("is not a frequency response of eightpost: its header has another kind", path=path)
-    check_schema(header, SCHEMA, path)
+    stated = document_of(_Header, header, path, "frequency_response", SCHEMA, "eightpost identify writes responses")
     try:
-        inputs, outputs = (tuple(Channel(c["name"], c["unit"]) for c in header[key]) for key in ("inputs", "outputs"))
         optional = [members.get(name) for name in OPTIONAL]
-        return FrequencyResponse(members["frequency"], members["H"], inputs, outputs, *optional)
+        return FrequencyResponse(members["frequency"], members["H"], stated["inputs"], stated["outputs"], *optional)
     except MALFORMED as error:
         raise FileFormatError(
             f"does not contain a frequency response in the format of this version ({error})", path=path

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from pydantic import TypeAdapter
 
 from eightpost.array_types import Array
 from eightpost.corners import channel
@@ -109,18 +108,6 @@ class Trust:
     #: Uncertainty of RMS measures of setups on other drives, by measure: the outputs and the sum of the tire forces;
     #: empty if it was not estimated.
     measures: Mapping[str, MeasureUncertainty] = field(default_factory=dict)
-
-    def as_json(self) -> Any:
-        """Return the content as JSON values."""
-        return _ADAPTER.dump_python(self, mode="json")
-
-    @classmethod
-    def of_json(cls, content: Any) -> Trust:
-        """Return the object from JSON values that `as_json` returned; ValueError: the JSON values have another form."""
-        return _ADAPTER.validate_python(content)
-
-
-_ADAPTER: TypeAdapter[Trust] = TypeAdapter(Trust)
 
 
 # ---- Noise in the residual: that of the measured outputs, and that of the inputs ------------------------------------

@@ -5,21 +5,24 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple, NotRequired
 
 import numpy as np
+from pydantic import with_config
+from typing_extensions import TypedDict  # pydantic needs it before Python 3.12
 
 from eightpost import __version__
 from eightpost.corners import CORNERS, channel
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError, ParameterError, suggestion
-from eightpost.files import MALFORMED, atomic_path, check_schema, json_content, sha256_of
+from eightpost.files import atomic_path, json_content, sha256_of
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse, read_response, response_of, write_response
 from eightpost.ident.vehicle.trust import UNUSABLE, OutputTrust, Trust, level_errors
 from eightpost.labelled import Labelled, data_frame, dataset
 from eightpost.report.console import Table, console_table, right
+from eightpost.schema import REPORT, document_of
 from eightpost.uncertainty import TOTAL, MeasureUncertainty, separation
 from eightpost.validity import ModelUncertainty, Range, Validity, judged
 from eightpost.vehicle import IdentifiedVehicle, read_vehicle, write_vehicle
@@ -251,6 +254,22 @@ def fit_files(path: str | Path) -> tuple[Path, Path, Path]:
     return Path(path), _response_path(path), fit_path(path)
 
 
+@with_config(REPORT)
+class _Report(TypedDict):
+    """Entries of the report of a fit; an undetermined figure is infinite."""
+
+    vehicle_sha256: str
+    vehicle_judged: NotRequired[str | None]
+    recipe: str
+    residual: dict[str, float]
+    notes: tuple[str, ...]
+    seconds: float
+    stable: bool
+    ranges: NotRequired[dict[str, tuple[float, float]]]
+    trust: NotRequired[Trust | None]
+    parameters: NotRequired[tuple[FittedParameter, ...]]
+
+
 def write_fit(path: str | Path, fit: VehicleFit) -> tuple[Path, ...]:
     """Write a fit: the vehicle as .json and, in the same folder, its response and its report."""
     path = Path(path)
@@ -268,7 +287,7 @@ def write_fit(path: str | Path, fit: VehicleFit) -> tuple[Path, ...]:
         "seconds": fit.seconds,
         "stable": fit.stable,
         "ranges": {name: list(span) for name, span in fit.ranges.items()},
-        "trust": None if fit.trust is None else fit.trust.as_json(),
+        "trust": None if fit.trust is None else asdict(fit.trust),
         "parameters": [parameter._asdict() for parameter in fit.parameters],
     }
     with atomic_path(fit_path(path)) as temporary:
@@ -292,34 +311,27 @@ def read_fit(path: str | Path) -> VehicleFit:
         if not part.is_file():
             what = f"needs the {meaning}, {part.name}, in the same folder; copy it there, or identify again"
             raise FileFormatError(what, path=path)
-    advice = "there is no fit next to the vehicle file; identify again"
-    content = json_content(fit_path(path), advice=advice, finite=False)
-    if not isinstance(content, dict) or content.get("kind") != "vehicle_fit":
-        raise FileFormatError('is not a fit written by eightpost: its kind must be "vehicle_fit"', path=fit_path(path))
-    check_schema(content, SCHEMA, fit_path(path))
+    stated = json_content(fit_path(path), finite=False)
+    content = document_of(_Report, stated, fit_path(path), "vehicle_fit", SCHEMA, "identify again")
     judged_numbers = vehicle.validity.judged if vehicle.validity else None
-    is_of_file = content.get("vehicle_sha256") == sha256_of(path)
+    is_of_file = content["vehicle_sha256"] == sha256_of(path)
     if not is_of_file and (judged_numbers is None or content.get("vehicle_judged") != judged_numbers):
         raise FileFormatError(f"belongs to another vehicle than the one in {path}; identify again", path=fit_path(path))
-    if not is_intact(content):
+    if not is_intact(stated):
         vehicle = replace(vehicle, validity=Validity(edited(fit_path(path).name)))
     is_edited = vehicle.validity is not None and bool(vehicle.validity.edits)
-    try:
-        return VehicleFit(
-            vehicle,
-            str(content["recipe"]),
-            read_response(_response_path(path)),
-            {str(name): float(value) for name, value in content["residual"].items()},
-            tuple(str(note) for note in content["notes"]),
-            float(content["seconds"]),
-            bool(content["stable"]),
-            {str(name): (float(low), float(high)) for name, (low, high) in content.get("ranges", {}).items()},
-            None if is_edited or content.get("trust") is None else Trust.of_json(content["trust"]),
-            tuple(FittedParameter(**row) for row in content.get("parameters", [])),
-        )
-    except MALFORMED as error:
-        what = f"is not a complete fit as this version writes it ({error}); identify again"
-        raise FileFormatError(what, path=fit_path(path)) from error
+    return VehicleFit(
+        vehicle,
+        content["recipe"],
+        read_response(_response_path(path)),
+        content["residual"],
+        content["notes"],
+        content["seconds"],
+        content["stable"],
+        content.get("ranges", {}),
+        None if is_edited else content.get("trust"),
+        content.get("parameters", ()),
+    )
 
 
 # ---- What the vehicle may be used for: verdict, covered ranges and uncertainty, as `build` ships them ---------------

@@ -280,9 +280,7 @@ def test_a_prediction_of_wrong_ranks_or_levels_is_not_usable_and_names_the_figur
 def test_the_verdict_on_runs_is_that_of_each_run_with_its_folder():
     good = comparison_verdict([comparison(PREDICTED)], rank=0.9, level=None)
     series = TimeSeries.from_channels(np.arange(3.0), {"x": ("m", np.arange(3.0))})
-    saved = {
-        label: SavedRun(series, document, "") for label, document in (("a", {"verdict": good.to_json()}), ("b", {}))
-    }
+    saved = {label: SavedRun(series, verdict, ("x",), "") for label, verdict in (("a", good), ("b", Verdict()))}
     assert {(one.grade, one.origin) for one in compare_runs(saved).verdict.reasons} == {
         (Grade.USABLE, "a: front ride height"),
         (Grade.UNKNOWN, "b: result.json"),

@@ -237,15 +237,15 @@ def test_a_worker_with_another_version_of_the_program_is_named(file, tmp_path):
 
 
 #: Preloaded by a worker: a processor with fewer instructions, or a machine without a compiler.
-OLD = "from eightpost.machine import library\nlibrary.instruction_set = lambda: ''\n"
+OLD = "from eightpost.machine import car\ncar.instruction_set = lambda: ''\n"
 BARE = """
-from eightpost.machine import library
+from eightpost.machine import car
 from eightpost.errors import FmuError
 
 def compiled(*arguments, **options):
     raise FmuError("no C compiler was found")
 
-library.compiled = compiled
+car.compiled = compiled
 import cosim.study.running.batches
 cosim.study.running.batches.compiled = compiled
 """

@@ -22,7 +22,6 @@ from cosim.study.definition import read_drive
 from cosim.study.running.evaluator import Evaluator, coupling_of, traces
 from cosim.study.running.sweep import BATCH, ChunkFolder, Cutter, Sweep, gaps, run_study
 from cosim.study.running.workers import Chunk, ProcessWorkers
-from cosim.study.sheet import study_verdict
 from cosim.study.table import StudyResult, study_schema
 from eightpost.corners import CORNERS
 from eightpost.errors import FileFormatError, InputError

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from scipy.stats import t as student
 
 from eightpost.errors import ParameterError
 from eightpost.ident.vehicle.trust import OutputTrust, Trust
+from eightpost.schema import checked
 from eightpost.uncertainty import (
     DEGREES,
     LOCAL,
@@ -124,18 +126,18 @@ def test_a_level_that_is_not_a_probability_is_refused(level):
 def test_a_fit_stores_the_uncertainty_of_its_measures():
     stated = MeasureUncertainty.of_levels([level(error=0.05)], 0.4)
     trust = Trust({"velocity": OutputTrust(0.01, 0.02, 1.0)}, measures={"velocity": stated})
-    assert Trust.of_json(json.loads(json.dumps(trust.as_json()))) == trust
+    assert checked(Trust, json.loads(json.dumps(asdict(trust)))) == trust
     assert ModelUncertainty.from_json(ModelUncertainty(measures=trust.measures).to_json()).measures == trust.measures
 
 
 def test_the_uncertainty_of_earlier_versions_is_that_of_their_tests():
     older = {"common": 0.03, "own": 0.4, "common_above": 0.1, "own_above": 0.2, "share_above": 0.01}
     expected = {"a": MeasureUncertainty(0.03, 0.4)}
-    assert Trust.of_json({"outputs": {}, "measures": {"a": older}}).measures == expected
+    assert checked(Trust, {"outputs": {}, "measures": {"a": older}}).measures == expected
     found = ModelUncertainty.from_json({"measures": {"a": older}})
     assert found.measures == expected
     assert found.to_json()["measures"] == {"a": older}, "the digest of the file stays right"
-    assert Trust.of_json({"outputs": {}}).measures == {}
+    assert checked(Trust, {"outputs": {}}).measures == {}
 
 
 @given(probability=st.floats(1e-6, 1.0 - 1e-6))

@@ -20,6 +20,7 @@ from cosim.study.running.workers import Chunk, ProcessWorkers
 from eightpost.corners import CORNERS
 from eightpost.errors import FmuError
 from eightpost.machine import NotInBatchError, car
+from eightpost.schema import checked
 
 from ..conftest import WorkersHere
 from .lanes import COUPLING, FINE, LAWS, on_machine, random_builds, random_setups, study_of
@@ -114,7 +115,7 @@ def test_a_study_states_its_step_and_what_it_was_compared_with(chosen, study):
     compared = {build for check in machine.checks for build in study.space.setup(check.setup).builds.values()}
     assert compared == set(study.bank)
     assert f"{1e3 * machine.step:.4g} ms {machine.stated_error:.2g} %" in chosen.notes[0]
-    assert Coupling.from_json(asdict(chosen)) == chosen
+    assert checked(Coupling, asdict(chosen)) == chosen
 
 
 @pytest.mark.slow
