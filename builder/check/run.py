@@ -41,8 +41,10 @@ from eightpost.workers import process
 
 # ==== Probes: a crash or a hang is a finding that names the last FMI call ============================================
 
-#: Longest processor time of a valid and of an invalid call, and that of all groups; time for a process [s].
-_PATIENCE, _MISUSE_PATIENCE, _BUDGET, _TIMEOUT = 6.0, 0.7, 8.0, 900.0
+#: Longest processor time of a valid and of an invalid call; time for a process [s].
+_PATIENCE, _MISUSE_PATIENCE, _TIMEOUT = 6.0, 0.7, 900.0
+#: Processor time of the groups of valid calls, of those of invalid ones, and of a run in other surroundings [s].
+_BUDGET, _MISUSE_BUDGET, _TRACE_BUDGET = 8.0, 4.0, 3.0
 _LEAST = 1.0  # s of processor time with which another process begins
 
 
@@ -54,7 +56,7 @@ class Outcome:
     #: Pairs of a skipped part and the reason; an empty part stands for the whole group.
     skipped: tuple[tuple[str, str], ...] = ()
     completed: bool = True  #: Whether the group finished.
-    used: float = 0.0  #: Processor time of the process, if it was ended because groups take too long [s].
+    used: float = 0.0  #: Processor time of the process, if it was ended because calls or groups take too long [s].
     values: Mapping[str, str] = field(default_factory=dict)  #: Measured values by name.
 
 
@@ -71,13 +73,13 @@ class Unpacked:
     reach: int | None = None
 
 
-def _probed(groups: Sequence[str], unpacked: Unpacked) -> Iterator[tuple[str, Outcome]]:
+def _probed(groups: Sequence[str], unpacked: Unpacked, budget: float) -> Iterator[tuple[str, Outcome]]:
     """Run the probes of groups in a process with empty folders; yield the outcome of each that was begun.
 
     After a crash, the groups that are left run in another process, except after a crash of `simulation`. Files left in
     the working folder or in that of temporary files are findings.
     """
-    remaining, budget = list(groups), _BUDGET
+    remaining = list(groups)
     while remaining:
         with tempfile.TemporaryDirectory(prefix="eightpost_folder_") as name:
             folders = {"working-folder": Path(name) / "work", "temporary-files": Path(name) / "temporary"}
@@ -92,19 +94,23 @@ def _probed(groups: Sequence[str], unpacked: Unpacked) -> Iterator[tuple[str, Ou
             outcomes[-1] = last, replace(outcome, findings=(*outcome.findings, *stray))
         yield from outcomes
         budget -= outcome.used
-        if budget < _LEAST:
+        if budget < (_LEAST if outcome.completed else max(_LEAST, _patience(groups))):  # another call may hang
             yield from ((group, _skipped("it would take too much processor time")) for group in remaining)
             return
         if last == "simulation" and not outcome.completed:
             return
 
 
+def _patience(groups: Sequence[str]) -> float:
+    return _MISUSE_PATIENCE if GROUPS[groups[0]].crash == "crash-misuse" else _PATIENCE
+
+
 def _run(
     groups: Sequence[str],
     unpacked: Unpacked,
     folder: Path,
-    environment: Mapping[str, str] | None = None,
-    budget: float = _BUDGET,
+    environment: Mapping[str, str] | None,
+    budget: float,
 ) -> list[tuple[str, Outcome]]:
     """Run the probes of groups in a process; return the outcomes of those that were begun, of which the last may fail.
 
@@ -112,7 +118,7 @@ def _run(
     it only protects this process from a crash.
     """
     with tempfile.NamedTemporaryFile(prefix="eightpost_call_") as progress:
-        patience = _MISUSE_PATIENCE if GROUPS[groups[0]].crash == "crash-misuse" else _PATIENCE
+        patience = _patience(groups)
         reach = "" if unpacked.reach is None else str(unpacked.reach)
         words = (str(unpacked.folder), progress.name, str(patience), str(budget), reach, *groups)
         command = process.python_command("builder.check.probes", *words)
@@ -169,12 +175,12 @@ _ODD = "a path with spaces, ä 100% #1 + äöü"
 
 def trace(unpacked: Unpacked, folder: Path, environment: Mapping[str, str] | None = None) -> Outcome:
     """Run the probe that computes a digest of the outputs, in a working folder."""
-    return _run(["surroundings"], unpacked, folder, environment)[0][1]
+    return _run(["surroundings"], unpacked, folder, environment, _TRACE_BUDGET)[0][1]
 
 
 def surroundings(unpacked: Unpacked, plain: Outcome) -> Outcome:
     """Compare runs in unusual surroundings with a plain one."""
-    if not plain.completed:
+    if not plain.values:
         return plain
     with tempfile.TemporaryDirectory(prefix="eightpost_folder_") as name:
         folder = Path(name)
@@ -184,14 +190,16 @@ def surroundings(unpacked: Unpacked, plain: Outcome) -> Outcome:
         shutil.copytree(unpacked.folder, folder / _ODD)
         odd = replace(unpacked, folder=folder / _ODD)
         runs = {"bare-environment": trace(unpacked, bare, needed), "odd-path": trace(odd, folder)}
-        return Outcome(tuple(finding for rule, run in runs.items() for finding in differences(rule, plain, run)))
+        found = tuple(finding for rule, run in runs.items() for finding in differences(rule, plain, run))
+        return Outcome(found, tuple(dict.fromkeys(part for run in runs.values() for part in run.skipped)))
 
 
 def differences(rule: str, plain: Outcome, other: Outcome) -> Iterator[Finding]:
     """Compare a run elsewhere with a plain one."""
-    if not other.completed or other.findings:
-        yield RULES[rule].finding("; ".join(finding.message for finding in other.findings))
-    elif other.values != plain.values:
+    fresh = [finding.message for finding in other.findings if finding not in plain.findings]
+    if not other.completed or fresh:
+        yield RULES[rule].finding("; ".join(fresh))
+    elif plain.values and other.values and other.values != plain.values:
         yield RULES[rule].finding("it runs, but the outputs differ")
 
 
@@ -438,7 +446,7 @@ def _call(subject: CheckedFmu, groups: list[str], ledger: _Ledger) -> None:
         _unpack(subject, unpacked.folder)
         if description.co_simulation is None:
             plan = [group for group in selected if group in ("model_exchange", "version_3")]
-            outcomes, reason = dict(_probed(plan, unpacked)), "the FMU does not support co-simulation"
+            outcomes, reason = dict(_probed(plan, unpacked, _BUDGET)), "the FMU does not support co-simulation"
         else:
             outcomes, reason = _outcomes(subject, selected, unpacked), "a plain simulation does not work"
     for group in GROUPS:
@@ -459,7 +467,7 @@ def _outcomes(subject: CheckedFmu, selected: list[str], unpacked: Unpacked) -> d
     misuses = [group for group in selected if GROUPS[group].crash == "crash-misuse"]
     shared = [group for group in selected if group not in ("simulation", *apart, *misuses)]
     shared.sort(key=lambda group: group in _LONG)  # what a slow FMU leaves out is what takes long
-    outcomes = dict(_probed(["simulation", *(["surroundings"] if apart else []), *shared], unpacked))
+    outcomes = dict(_probed(["simulation", *(["surroundings"] if apart else []), *shared], unpacked, _BUDGET))
     first, plain = outcomes["simulation"], outcomes.pop("surroundings", Outcome())
     if not first.completed:
         return outcomes
@@ -471,7 +479,7 @@ def _outcomes(subject: CheckedFmu, selected: list[str], unpacked: Unpacked) -> d
             waiting["surroundings"] = pool.submit(surroundings, unpacked, plain)
         if "rebuild" in apart:
             waiting["rebuild"] = pool.submit(rebuild, subject, unpacked, plain)
-        outcomes |= dict(_probed(misuses, unpacked))
+        outcomes |= dict(_probed(misuses, unpacked, _MISUSE_BUDGET))
         return outcomes | {group: future.result() for group, future in waiting.items()}
 
 

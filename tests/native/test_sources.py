@@ -192,15 +192,19 @@ def test_random_call_sequences_cause_no_sanitizer_finding(model, sanitized):
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("model", ["hysteresis", "car_with_friction", "assembly"])
+@pytest.mark.parametrize("fmi", [2, 3])
+@pytest.mark.parametrize("model", [*LAWS, "car_with_friction", "assembly"])
 def test_random_call_sequences_of_eight_threads_on_their_own_instances_cause_no_race(
-    model, source_folders, compiler, tmp_path
+    model, fmi, source_folders, source_folders_3, compiler, tmp_path
 ):
+    """Each thread plays co-simulation and model exchange."""
+    folder = (source_folders, source_folders_3)[fmi - 2][model]
     options = ["-DLONGEST_STEP=1.0"] if model == "assembly" else []
-    files = [str(HERE / "call_sequences.c"), *map(str, source_folders[model].glob("*.c"))]
+    files = [str(HERE / ("call_sequences.c" if fmi == 2 else "call_sequences_3.c")), *map(str, folder.glob("*.c"))]
     options += ["-g", "-O1", "-fsanitize=thread", "-Wno-conversion", *files]
-    program = compiler(source_folders[model], options, tmp_path / "call_sequences")
+    program = compiler(folder, options, tmp_path / "call_sequences")
     calls = int(os.environ.get("EIGHTPOST_CALLS", "100000")) // 8
     ran = subprocess.run([program, str(calls), "1", "8"], capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stderr[:2000]
-    assert len(re.findall(r"fmi2DoStep +\d+ called", ran.stdout)) == 8
+    for function in ("DoStep", "GetDerivatives"):
+        assert len(re.findall(rf"^fmi{fmi}{function} +[1-9]\d* called", ran.stdout, re.MULTILINE)) == 8

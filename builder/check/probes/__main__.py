@@ -30,7 +30,7 @@ def main(folder: Path, progress: Path, patience: float, budget: float, reach: in
         folder: Folder of the unpacked FMU.
         progress: File for the name of the current call.
         patience: Longest processor time of a call [s].
-        budget: Processor time for all groups, of which one may take half [s].
+        budget: Processor time for all groups, of which one may take half [s]; the call at its end may take longer.
         reach: Number of steps after which the FMU ends the simulation itself; None if it does not.
         groups: Names of groups. If the first one, `simulation`, fails, the others do not run.
     """
@@ -87,16 +87,18 @@ def _undeclared(bench: Bench) -> Iterator[Fault]:
 
 
 def _watch(channel: TextIO, patience: float, budget: float) -> None:
-    """End the process if a call does not return, or if groups take too long."""
+    """End the process if a call does not return, or between two calls if groups take too long."""
     call, began, still = -1, 0.0, 0.0
     while True:
         time.sleep(_LOOK)
         busy, now = time.process_time(), time.monotonic()
-        if FmuLibrary.calls != call:
-            call, began, still = FmuLibrary.calls, busy, now
-        if busy - began > patience or now - still > _STILL:
-            _write(channel, hung=f"{patience:g} s of processor time" if busy - began > patience else f"{_STILL:g} s")
-            os._exit(1)
+        if FmuLibrary.calls == call:
+            if busy - began > patience or now - still > _STILL:
+                limit = f"{patience:g} s of processor time" if busy - began > patience else f"{_STILL:g} s"
+                _write(channel, hung=limit, used=busy)
+                os._exit(1)
+            continue
+        call, began, still = FmuLibrary.calls, busy, now
         if busy > budget or busy - _started > 0.5 * budget:
             _write(channel, skipped="remaining calls", reason="they would take too much processor time")
             _write(channel, completed=True, used=busy)

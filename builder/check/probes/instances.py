@@ -140,7 +140,7 @@ def _instance_growth(bench: Bench) -> Iterator[Fault]:
 # ---- Runs after a reset ---------------------------------------------------------------------------------------------
 
 _STRIDE = 10  # steps
-_LATE = 1.1  # share of the default experiment
+_LATE, _LATE_STEPS = 1.1, 1200  # share of the default experiment, and the least number of steps
 _RESET_PATIENCE = 1.2  # s of processor time
 
 
@@ -158,7 +158,7 @@ def probe_reset(bench: Bench) -> Results:
 
 def _late(bench: Bench) -> Iterator[Fault | Skip]:
     """Reset after the default experiment and repeat the run: some defects only occur or show late."""
-    most = int(_LATE * bench.timing.whole)
+    most = max(int(_LATE * bench.timing.whole), _LATE_STEPS)
     with bench.instance() as instance:
         first = _long_run(bench, instance, most)
         if first.refusal is None:

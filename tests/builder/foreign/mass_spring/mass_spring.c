@@ -5,7 +5,9 @@
  *   RESET_KEEPS_TIME   fmi2Reset restores the values but not the time, as in 20-sim's FMUs: the mass then stands still
  *   RESET_FAILS_AFTER  fmi2Reset does not restore the speed after this number of internal steps
  *   ENDS_AT            no fault: from this time on a step ends the simulation (fmi2Discard, fmi2Terminated)
- *   STOPS_AT           not a fault of the reset: beyond this time a step is an error */
+ *   STOPS_AT           not a fault of the reset: beyond this time a step is an error
+ *   HANGS_AT           a step from this time on never returns
+ *   HANGS_IN_...       fmi2Terminate, or fmi2Instantiate of the second instance, never returns */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,9 +21,13 @@ enum { FORCE, STIFFNESS, DAMPING, POSITION, SPEED, REALS };
 
 typedef struct {
     double at[REALS], time, stop;
-    long steps;
+    volatile long steps;
     int limited, ended;
 } Mass;
+
+#if defined HANGS_IN_INSTANTIATE || defined HANGS_IN_TERMINATE
+static volatile int alive, calls;
+#endif
 
 static void defaults(Mass *m)
 {
@@ -40,6 +46,12 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
 {
     Mass *m;
     (void)resources, (void)visible, (void)logging;
+#ifdef HANGS_IN_INSTANTIATE
+    while (alive) {
+        calls++;
+    }
+    alive = 1;
+#endif
     if (type != fmi2CoSimulation || strcmp(guid, GUID) != 0) {
         functions->logger(functions->componentEnvironment, name, fmi2Error, "refusals", "not for this");
         return NULL;
@@ -74,7 +86,17 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, f
 
 fmi2Status fmi2EnterInitializationMode(fmi2Component c) { (void)c; return fmi2OK; }
 fmi2Status fmi2ExitInitializationMode(fmi2Component c) { (void)c; return fmi2OK; }
-fmi2Status fmi2Terminate(fmi2Component c) { (void)c; return fmi2OK; }
+
+fmi2Status fmi2Terminate(fmi2Component c)
+{
+    (void)c;
+#ifdef HANGS_IN_TERMINATE
+    for (;;) {
+        calls++;
+    }
+#endif
+    return fmi2OK;
+}
 
 fmi2Status fmi2Reset(fmi2Component c)
 {
@@ -108,6 +130,11 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real h, fmi2Boolean fi
 #ifdef STOPS_AT
     if (time >= STOPS_AT) {
         return fmi2Error;
+    }
+#endif
+#ifdef HANGS_AT
+    while (time >= HANGS_AT) {
+        m->steps++;
     }
 #endif
     while (m->time < time + h - 1e-12) {
