@@ -163,15 +163,10 @@ def test_a_unit_that_contradicts_the_header_is_refused(refused, tmp_path):
     refused("fit", "good.csv", "--units", "force=N", expected=["is [lbf] in its header", "'N' was given"])
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("run", "case.toml", "-o", "afile"),
-        ("build", "case.toml", "-o", "afile"),
-        ("demo", "-o", "afile"),
-        ("fit", "good.csv", "--law", "polylinear", "-o", "folder"),
-    ],
-)
+@pytest.mark.parametrize("words", [
+    ("run", "case.toml", "-o", "afile"), ("build", "case.toml", "-o", "afile"), ("demo", "-o", "afile"),
+    ("fit", "good.csv", "--law", "polylinear", "-o", "folder"),
+])  # fmt: skip
 def test_an_output_that_cannot_be_is_refused(refused, tmp_path, words):
     (tmp_path / "afile").write_text("in the way")
     (tmp_path / "folder").mkdir()

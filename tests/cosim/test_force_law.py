@@ -299,31 +299,24 @@ def test_a_law_that_has_not_started_or_is_closed_says_so(fmus):
         law.accept(0.0, 0.0)
 
 
-@pytest.mark.parametrize(
-    ("ports", "message"),
-    [
-        ({"velocity": "speed"}, r"no Real input 'speed' for the velocity; .* are velocity, displacement"),
-        ({"force": "velocity"}, "no Real output 'velocity' for the force"),
-        ({"velocity": "displacement"}, "the dimensions differ"),
-        ({"force": None}, "the force of a shock cannot be left out"),
-        ({"speed": "velocity"}, "'speed' is not a port of a shock"),
-        ({"velocity": ("velocity", 0.0)}, "the gain of velocity must be finite and not zero"),
-    ],
-)
+@pytest.mark.parametrize(("ports", "message"), [
+    ({"velocity": "speed"}, r"no Real input 'speed' for the velocity; .* are velocity, displacement"),
+    ({"force": "velocity"}, "no Real output 'velocity' for the force"),
+    ({"velocity": "displacement"}, "the dimensions differ"),
+    ({"force": None}, "the force of a shock cannot be left out"),
+    ({"speed": "velocity"}, "'speed' is not a port of a shock"),
+    ({"velocity": ("velocity", 0.0)}, "the gain of velocity must be finite and not zero"),
+])  # fmt: skip
 def test_ports_that_do_not_fit_are_refused(fmus, ports, message):
     with pytest.raises(WiringError, match=message):
         ForceLaw(fmus["lpf1"], ports=ports)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"corners": ("a", "b")}, "1 FMUs for 2 corners"),
-        ({"engine": "fast"}, "engine is 'fast'"),
-        ({"difference": 0.0}, r"difference is 0\.0"),
-        ({"parameters": {"left": {"time_constant": 1e-3}}}, "parameters name 'left', which is not a corner"),
-    ],
-)
+@pytest.mark.parametrize(("options", "message"), [
+    ({"corners": ("a", "b")}, "1 FMUs for 2 corners"), ({"engine": "fast"}, "engine is 'fast'"),
+    ({"difference": 0.0}, r"difference is 0\.0"),
+    ({"parameters": {"left": {"time_constant": 1e-3}}}, "parameters name 'left', which is not a corner"),
+])  # fmt: skip
 def test_arguments_that_cannot_be_used_are_refused(fmus, options, message):
     with pytest.raises(InputError, match=message):
         ForceLaw([fmus["lpf1"]], **options)

@@ -24,8 +24,8 @@ from cosim import (
     run,
 )
 from cosim.session.run import verify
-from cosim.session.setup import among, coupling_times, joined, merged, step_sizes, summed_steps
-from cosim.session.verdict import BondEnergy, Coupled, Model
+from cosim.session.setup import among, coupling_times, joined, merged, step_sizes
+from cosim.session.verdict import RULES, BondEnergy, Coupled, Model
 from cosim.systems.algorithm import VALUES
 from eightpost.errors import DivergedError, InputError, WiringError
 from eightpost.signals import Drivefile, TimeSeries
@@ -211,14 +211,6 @@ def test_steps_are_equal_to_the_bit_except_a_shorter_last_one(stop: float, step:
     assert steps[-1] == pytest.approx(last) and (steps[-1] == step) == (last == step)
 
 
-def test_the_sum_of_the_steps_is_a_communication_point_and_every_32nd_does_not_drift() -> None:
-    times = coupling_times(7.05, 0.1)
-    points, steps = summed_steps(times, 0.1)
-    assert (points[:-1] + steps).tolist() == points[1:].tolist()
-    assert points[::32].tolist() == times[::32].tolist() and points[-1] == 7.05
-    assert set(np.delete(steps, [31, 63, 70]).tolist()) == {0.1} and steps[-1] == pytest.approx(0.05)
-
-
 def test_times_that_differ_by_rounding_are_one() -> None:
     times = np.array([0.0, 0.5, 1.0])
     assert joined(times, np.array([0.5 + 9e-10, 0.5 + 2e-9, 0.7])).tolist() == [0.0, 0.5, 0.5 + 2e-9, 0.7, 1.0]
@@ -328,19 +320,24 @@ def test_a_limit_of_the_verdict_is_where_it_is_stated(changes: dict[str, Any], r
 def test_reasons_of_a_verdict_are_unchanged(unchanged: Unchanged) -> None:
     other = {"car.velocity": 0.1, "car.a": 7.25, "car.b": 12.0}
     faults: dict[str, dict[str, Any]] = {
-        "other channels": {"stated_error": other}, "one other channel": {"stated_error": {**other, "car.a": 0.0}},
-        "unknown": {"stated_error": {}}, "nothing coupled": {"stated_error": {}, "energy": {}, "coupled": {}},
+        "sound": {}, "other channels": {"stated_error": other},
+        "one other channel": {"stated_error": {**other, "car.a": 0.0}}, "unknown": {"stated_error": {}},
+        "no number": {"stated_error": {"car.velocity": np.nan}}, "infinite": {"stated_error": {"car.velocity": np.inf}},
+        "nothing coupled": {"stated_error": {}, "energy": {}, "coupled": {}},
         "fit": {"share_beyond_fit": {"lf": 0.05}}, "tire": {"share_tire_off": {"car.lf": 0.256}},
-        "early": {"partial": True},
+        "no static force": {"share_tire_off": {"car.lf": None}}, "early": {"partial": True},
         "settings": {"share_beyond_settings": {"lf": 0.5}, "share_far_beyond_settings": {"lf": 0.25}},
         "untested": {"share_beyond_settings": {"lf": 0.0}, "share_untested_settings": {"lf": 0.125}},
+        "at the settings": {"share_beyond_settings": {"lf": 0.0}},
         "unsettled": {"converged": False, "notes": ("a note",)}, "model": {"models": {"lf": Model(None, "lf.fmu", {})}},
         "amplitude": velocity(123, 2.5), "frequency": tones(0.0, 5.0, 0.3), "within": velocity(0, 0.0),
         "condition": ranged(Range("temperature", "condition", 290.0, 310.0, "K"), velocity=pulse(0, 0.0)),
     }  # fmt: skip
-    unchanged(
-        {name: [f"{one.about} | {one}" for one in sound(**changes).verdict.reasons] for name, changes in faults.items()}
-    )
+    found = {name: sound(**changes).verdict.reasons for name, changes in faults.items()}
+    unchanged({name: [f"{one.about} | {one.grade} | {one}" for one in reasons] for name, reasons in found.items()})
+    assert sound(stated_error={}).acceptable and not sound(partial=True).acceptable
+    rules = {rule for _, changes, rule, holds in EDGES if holds} | {one.rule for one in sum(found.values(), ())}
+    assert rules >= {rule.name for rule in RULES}
 
 
 def test_the_file_of_a_run_is_unchanged(parts: Any, make: Any, tmp_path: Any, unchanged: Unchanged) -> None:

@@ -272,16 +272,13 @@ def test_a_scheme_refuses_a_wrong_argument_where_it_is_created(wrong: str) -> No
         scheme()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"algorithm": GaussSeidel}, r"give an algorithm object such as cosim\.GaussSeidel\(\)"),
-        ({"algorithm": 1e-3}, r"algorithm is 0\.001; give an algorithm object"),
-        ({"step": "1 ms"}, r"step is '1 ms'; give a number \[s\]"),
-        ({"parameters": ["shock.stiffness"]}, r"give values by name: \{"),
-        ({"progress": 3}, r"give a function of two numbers"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    ({"algorithm": GaussSeidel}, r"give an algorithm object such as cosim\.GaussSeidel\(\)"),
+    ({"algorithm": 1e-3}, r"algorithm is 0\.001; give an algorithm object"),
+    ({"step": "1 ms"}, r"step is '1 ms'; give a number \[s\]"),
+    ({"parameters": ["shock.stiffness"]}, r"give values by name: \{"),
+    ({"progress": 3}, r"give a function of two numbers"),
+])  # fmt: skip
 def test_a_run_refuses_an_argument_of_another_kind(parts: Any, arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         run(System(parts()), Scenario(0.1), **arguments)

@@ -76,26 +76,23 @@ def test_a_shock_is_swapped_without_changing_the_file(folder, fmus):
         read_case(write(folder, TEXT), fmus={"damper": fmus["polylinear"]})
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "error", "message"),
-    [
-        ("schema = 1", "schema = 9", InputError, "schema 9"),
-        ("schema = 1", "schema = ", InputError, "cannot be read as TOML"),
-        ("[scenario]", "[scenery]", InputError, "scenario: is missing"),
-        ('name = "quarter car"', 'nome = "x"', InputError, "nome: is not an entry"),
-        ('stop = "0.2 s"', 'stop = "0.2 m"', InputError, r"scenario\.stop"),
-        ('stop = "0.2 s"', 'stop = "soon"', InputError, r"scenario\.stop"),
-        ('stop = "0.2 s"', "stop = -1.0", InputError, "stop must be a positive time"),
-        ('stop = "0.2 s"', 'stop = "0.2 s"\nalgorithm = "magic"', InputError, "scenario.algorithm"),
-        ('"750 lbf"', '"750 in"', WiringError, "dimensions differ"),
-        ('"750 lbf"', '"heavy"', WiringError, "'heavy' is not a value"),
-        ("compression_scale", "compresion_scale", WiringError, "did you mean compression_scale"),
-        ("aero_force", "aerial_force", WiringError, "did you mean aero_force"),
-        ('["car", "shock"]', '["cart", "shock"]', WiringError, "no component 'cart'"),
-        ("road.csv", "street.csv", InputError, "street.csv"),
-        ("lpnl2.fmu", "none.fmu", FmuError, "none.fmu: there is no such file"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "error", "message"), [
+    ("schema = 1", "schema = 9", InputError, "schema 9"),
+    ("schema = 1", "schema = ", InputError, "cannot be read as TOML"),
+    ("[scenario]", "[scenery]", InputError, "scenario: is missing"),
+    ('name = "quarter car"', 'nome = "x"', InputError, "nome: is not an entry"),
+    ('stop = "0.2 s"', 'stop = "0.2 m"', InputError, r"scenario\.stop"),
+    ('stop = "0.2 s"', 'stop = "soon"', InputError, r"scenario\.stop"),
+    ('stop = "0.2 s"', "stop = -1.0", InputError, "stop must be a positive time"),
+    ('stop = "0.2 s"', 'stop = "0.2 s"\nalgorithm = "magic"', InputError, "scenario.algorithm"),
+    ('"750 lbf"', '"750 in"', WiringError, "dimensions differ"),
+    ('"750 lbf"', '"heavy"', WiringError, "'heavy' is not a value"),
+    ("compression_scale", "compresion_scale", WiringError, "did you mean compression_scale"),
+    ("aero_force", "aerial_force", WiringError, "did you mean aero_force"),
+    ('["car", "shock"]', '["cart", "shock"]', WiringError, "no component 'cart'"),
+    ("road.csv", "street.csv", InputError, "street.csv"),
+    ("lpnl2.fmu", "none.fmu", FmuError, "none.fmu: there is no such file"),
+])  # fmt: skip
 def test_an_error_in_a_system_file_is_reported_with_the_entry_and_the_file(folder, old, new, error, message):
     assert old in TEXT
     with pytest.raises(error, match=message) as caught:

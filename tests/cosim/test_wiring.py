@@ -135,15 +135,10 @@ def test_two_bonds_at_one_port_must_be_declared_as_a_sum(make):
     assert [energy.residual for energy in result.energy.values()] == pytest.approx([0.0, 0.0], abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"start_at_equilibrium": "false"}, "takes no str"),
-        ({"motion_ratio": True}, "takes no bool"),
-        ({"motion_ratio": -1.0}, "outside its range, 0.001 to 10"),
-        ({"gas_stiffness": float("nan")}, "outside its range"),
-    ],
-)
+@pytest.mark.parametrize(("values", "message"), [
+    ({"start_at_equilibrium": "false"}, "takes no str"), ({"motion_ratio": True}, "takes no bool"),
+    ({"motion_ratio": -1.0}, "outside its range, 0.001 to 10"), ({"gas_stiffness": float("nan")}, "outside its range"),
+])  # fmt: skip
 def test_a_parameter_of_the_wrong_type_or_out_of_its_range_is_refused(fmus, values, message):
     name = "car" if "start_at_equilibrium" in values else "shock"
     with pytest.raises(WiringError, match=message):

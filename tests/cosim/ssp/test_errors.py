@@ -15,7 +15,6 @@ VELOCITY = re.escape(link("car.velocity", "shock.velocity"))
 TABLE = '<ssc:BooleanMappingTransformation><ssc:MapEntry source="0" target="1"/></ssc:BooleanMappingTransformation>'
 BUS = '<ssd:SignalDictionaryReference name="bus" dictionary="b"/>'
 TOO_LOW = bindings(binding(parameter("friction_velocity", -1.0)))
-STEP = '<ssd:Annotations><ssc:Annotation type="o"><FixedStepMaster stepSize="0"/></ssc:Annotation></ssd:Annotations>'
 #: Pattern (a regular expression, replaced once), replacement, error class and pattern of its message.
 BROKEN = {
     "no XML": ("ption>$", "", InputError, "not a readable XML file"),
@@ -73,8 +72,6 @@ BROKEN = {
     "value out of range": ("</ssd:Connectors></ssd:Component>", f"</ssd:Connectors>{TOO_LOW}</ssd:Component>",
                            WiringError, r"friction_velocity = -1\.0 m/s is outside its range"),
     "no stop time": (EXPERIMENT, "", InputError, "has no DefaultExperiment with a stopTime; give the length"),
-    "impossible step": ('stopTime="0.3"/>', f'stopTime="0.3">{STEP}</ssd:DefaultExperiment>', InputError,
-                        r"stepSize = 0\.0, which is not a step"),
 }  # fmt: skip
 
 

@@ -31,12 +31,8 @@ def case_lines(case: Any) -> dict[str, Any]:
         "parameters": {name: str(dict(values)) for name, values in case.system.parameters.items()},
         "constants": dict(case.system.constants), "targets": dict(case.scenario.targets), "notes": case.notes,
     }  # fmt: skip
-    return found | {
-        "stop": case.scenario.stop,
-        "start": case.scenario.drive_start,
-        "step": case.step,
-        "name": case.name,
-    }
+    scenario = case.scenario
+    return found | {"stop": scenario.stop, "start": scenario.drive_start, "step": case.step, "name": case.name}
 
 
 def packages() -> dict[str, bytes]:
@@ -86,16 +82,15 @@ def test_conversions_are_applied_one_after_the_other() -> None:
 @pytest.mark.parametrize(("gains", "bonded"), [
     ((1.0, 1.0, 1.0), (True, True)), ((2.0, 2.0, 1.0), (True, False)), ((1.0, 1.0 + 1e-8, 1.0), (False, False)),
     ((1.0, 1.0 + 1e-10, 1.0), (True, True)), ((1.0, -1.0, 1.0), (False, False)),
+    ((-1.0, -1.0, -1.0), (True, True)),
 ])  # fmt: skip
 def test_a_bond_has_the_same_gain_both_ways(gains: tuple[float, ...], bonded: tuple[bool, bool]) -> None:
-    ends = (
-        ("car.velocity", "shock.velocity"),
-        ("shock.force", "car.force"),
-        ("car.displacement", "shock.displacement"),
-    )
+    ends = [(f"{a}.{x}", f"{b}.{x}") for a, b, x in (("car", "shock", "velocity"), ("shock", "car", "force"),
+                                                     ("car", "shock", "displacement"))]  # fmt: skip
     given = tuple(Connection(*pair, gain) for pair, gain in zip(ends, gains, strict=True))
     bonds, others = with_bonds(given)
     assert (bool(bonds), bool(bonds and bonds[0].displacement)) == bonded
+    assert all(one.gain == pytest.approx(gains[0]) for bond in bonds for one in bond.connections[:2])
     assert len(others) == 3 - (2 if bonded[0] else 0) - bonded[1]
     moved = (Connection("car.velocity", "shock.velocity", 1.0, 0.1), *given[1:])
     assert with_bonds(moved) == ((), moved)

@@ -68,21 +68,6 @@ def test_an_offset_has_the_effect_of_a_constant_on_the_same_input(folder, engine
     assert np.abs(series["shock.force"] - by_hand(folder).series["shock.force"]).mean() > 100.0
 
 
-def test_a_reversed_shock_is_a_bond_but_a_factor_in_only_one_direction_is_not(folder):
-    turned = '<ssc:LinearTransformation factor="-1"/>'
-    ways = (
-        ("car.velocity", "shock.velocity"),
-        ("car.displacement", "shock.displacement"),
-        ("shock.force", "car.force"),
-    )
-    case = read(folder, corner(links="".join(link(*ends, turned) for ends in ways)))
-    assert case.system.bonds == (cosim.Bond.between("car", "shock", gain=-1.0),)
-    lever = read(
-        folder, corner(links=LINKS.replace(link("shock.force", "car.force"), link("shock.force", "car.force", turned)))
-    )
-    assert lever.system.bonds == () and len(lever.system.connections) == 3
-
-
 # ==== Units of connectors and of FMUs are converted exactly once =====================================================
 
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pyarrow
 
 from cosim.study.choice.robust import Uncertain
 from cosim.study.definition import Build, Drive, Study, Vehicle
@@ -55,6 +58,15 @@ def result(
     units = dict.fromkeys(responses, "m")
     table = result_table(rows, study_schema(made, units))
     return StudyResult(made, table, Provenance("0" * 64, {}, {}, {}, units))
+
+
+def with_columns(found: StudyResult, **columns: list[Any]) -> StudyResult:
+    """Return a result with other columns of its table."""
+    table = found.table
+    for name, values in columns.items():
+        field = table.schema.field(name)
+        table = table.set_column(table.schema.get_field_index(name), field, pyarrow.array(values, field.type))
+    return replace(found, table=table)
 
 
 def independent(part: str, parameters: dict[str, tuple[float, float]], **limits: float) -> Uncertain:

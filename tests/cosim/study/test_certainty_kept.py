@@ -24,6 +24,7 @@ from cosim.study.table import StudyResult, error_column
 from eightpost.corners import CORNERS
 
 from .assessed import assessed, lag, paired, run, stating, two_setups
+from .constructed import with_columns
 
 BUILDS = ("A", "B", "C")
 PLACES = {"lf": BUILDS[:2], "rf": BUILDS, "lr": BUILDS[1:], "rr": BUILDS}
@@ -46,12 +47,9 @@ def study(**fields: object) -> StudyResult:
     given = {"builds": BUILDS, "corners": PLACES, "baseline": dict.fromkeys(CORNERS, "B")}
     responses = {name: lambda digits, name=name: levels(digits)[name] for name in "abc"}
     found = assessed(responses, (0.01, 0.2), failed=(17,), **given | fields)
-    table = found.table
-    for name, share in (("a", 2e-4), ("b", 5e-4)):
-        place = table.schema.get_field_index(error_column(name))
-        column = [share * (1.0 + k % 7) for k in range(len(found))]
-        table = table.set_column(place, table.schema.field(place), [column])
-    return replace(found, table=table)
+    shares = {error_column(name): share for name, share in (("a", 2e-4), ("b", 5e-4))}
+    return with_columns(found, **{name: [share * (1.0 + k % 7) for k in range(len(found))]
+                                  for name, share in shares.items()})  # fmt: skip
 
 
 OBJECTIVE = (Term("a", 2.0, "m"), Term("b", -1.0, "in"))

@@ -164,7 +164,7 @@ def test_a_search_of_a_bank_is_unchanged(
 @pytest.mark.parametrize(("limits", "value", "expected"), [
     ({"at_most": 2.0}, 3.0, 0.5), ({"at_most": -2.0}, -1.0, 0.5), ({"at_most": 0.0}, 0.25, 0.25),
     ({"at_least": 4.0}, 3.0, 0.25), ({"at_least": 0.0}, -0.5, 0.5), ({"at_most": 2.0}, 2.0, 0.0),
-    ({"at_least": 1.0, "at_most": 2.0}, 1.5, -0.25), ({"at_most": 2.0}, np.nan, np.inf),
+    ({}, 1.0, -1.0), ({"at_least": 1.0, "at_most": 2.0}, 1.5, -0.25), ({"at_most": 2.0}, np.nan, np.inf),
 ])  # fmt: skip
 def test_a_violation_is_a_share_of_its_limit(limits: dict[str, float], value: float, expected: float) -> None:
     assert violation(np.array([value]), Constraint("a", **limits)).tolist() == [expected]

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet
 import pytest
 from click.testing import CliRunner
 
@@ -81,32 +80,6 @@ def _fields(port: Port) -> dict[str, float]:
     return {name: getattr(port, name) for name in Port.__slots__}
 
 
-@pytest.mark.nightly
-def test_select_prints_the_setups_to_test_and_writes_list_and_page(folder):
-    shown = eightpost("study", "select", folder, "--measure", "total tire force=2")
-    assert shown.exit_code == 0, shown.output
-    assert "total tire force" in shown.output
-    assert "selection.csv: 4 setups, 2 of them twice, and 5 runs of the baseline" in " ".join(shown.output.split())
-    assert (folder / "report.html").is_file()
-
-
-def test_select_refuses_a_count_that_is_no_number(folder):
-    shown = eightpost("study", "select", folder, "--measure", "total tire force=x")
-    assert shown.exit_code == 2 and "give every --measure a count" in " ".join(shown.stderr.split())
-
-
-def test_sensitivity_prints_shares_and_writes_every_term(folder):
-    shown = eightpost("study", "sensitivity", folder)
-    assert shown.exit_code == 0, shown.output
-    assert "25 setups, exact" in shown.output
-    table = pyarrow.parquet.read_table(folder / "sensitivity.parquet")
-    assert table.num_rows == 2 * (5 + 5 + 25)
-    main_effects = table.filter(pyarrow.compute.equal(table["second"], "")).to_pylist()
-    assert sum(row["effect"] for row in main_effects if row["measure"] == "total tire force") == pytest.approx(
-        0.0, abs=1e-9
-    )
-
-
 def test_the_table_of_terms_never_replaces_the_results_that_it_is_made_from(folder):
     before = (folder / "results.parquet").read_bytes()
     shown = eightpost("study", "sensitivity", folder, "-o", folder / "results.parquet")
@@ -174,13 +147,6 @@ def test_tables_of_a_comparison_lose_nothing_at_80_columns(folder, measured, tmp
     assert lines and max(map(len, lines)) <= 80 and "…" not in text
     for heading in ("Spearman", "attainable", "Kendall", "slope (95 %)", "level", "bias", "a run's", "interval"):
         assert heading in text
-
-
-@pytest.mark.nightly
-def test_a_prediction_that_is_not_good_enough_exits_1(folder, measured):
-    shown = eightpost("study", "compare", folder, "--measured", folder, "--level", 1e-4)
-    assert shown.exit_code == 1
-    assert "Not usable: the study's levels differ from those of the rig" in shown.output
 
 
 def test_records_that_are_not_there_are_refused(folder, tmp_path):
@@ -288,15 +254,11 @@ def test_confirm_updates_the_certainty_with_records_of_the_virtual_rig(folder, m
     assert len(read_certainty(sure / "certainty.parquet").runs) == 6
 
 
-@pytest.mark.parametrize(
-    ("words", "text"),
-    [
-        (("none.csv",), "none.csv"),
-        (("a.csv", "b.csv"), "name one list of rig runs, or each record as SETUP=FILE"),
-        (("3=none.csv",), "there is no file none.csv"),
-        (("x=none.csv",), "name a rig run as SETUP=FILE, such as 37=run1.csv"),
-    ],
-)
+@pytest.mark.parametrize(("words", "text"), [
+    (("none.csv",), "none.csv"), (("a.csv", "b.csv"), "name one list of rig runs, or each record as SETUP=FILE"),
+    (("3=none.csv",), "there is no file none.csv"),
+    (("x=none.csv",), "name a rig run as SETUP=FILE, such as 37=run1.csv"),
+])  # fmt: skip
 def test_confirm_says_which_argument_is_wrong(sure, words, text):
     shown = eightpost("study", "confirm", sure, *words)
     assert shown.exit_code == 2

@@ -188,15 +188,12 @@ def test_the_change_is_to_the_baseline_or_without_one_to_the_best_setup(linear):
         before(none)
 
 
-@pytest.mark.parametrize(
-    ("error", "message", "changes", "before"),
-    [
-        (InputError, "nothing changes", {"lr": {}}, {}),
-        (InputError, "no corner 'left'; the corners are lf, rf, lr, rr", {"left": {"scale": 2.0}}, {}),
-        (InputError, "no corner 'right'", {"lr": {"scale": 2.0}}, {"right": {"scale": 2.0}}),
-        (StepError, "a run failed: too soft", {"lr": {"scale": -1.0}}, {}),
-    ],
-)
+@pytest.mark.parametrize(("error", "message", "changes", "before"), [
+    (InputError, "nothing changes", {"lr": {}}, {}),
+    (InputError, "no corner 'left'; the corners are lf, rf, lr, rr", {"left": {"scale": 2.0}}, {}),
+    (InputError, "no corner 'right'", {"lr": {"scale": 2.0}}, {"right": {"scale": 2.0}}),
+    (StepError, "a run failed: too soft", {"lr": {"scale": -1.0}}, {}),
+])  # fmt: skip
 def test_a_change_that_cannot_be_compared_is_refused_by_name(linear, error, message, changes, before):
     with pytest.raises(error, match=message):
         what_if(linear, LinearRuns(), changes, setup=0, before=before)

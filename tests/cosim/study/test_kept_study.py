@@ -35,9 +35,10 @@ from cosim.study.verdict import study_verdict
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError
 from eightpost.signals import TimeSeries
+from eightpost.verdict import Grade
 from tests.drawn import drawn
 
-from .constructed import result, study
+from .constructed import result, study, with_columns
 
 Unchanged = Callable[..., None]
 
@@ -93,13 +94,6 @@ def test_a_statistic_is_that_of_its_formula(name: str) -> None:
         "share": np.mean((total >= 0.5) & (total < 2.5)),
     }  # fmt: skip
     assert found == pytest.approx(expected[name], rel=1e-12)
-
-
-def test_the_first_of_several_unknown_options_is_named() -> None:
-    with pytest.raises(InputError, match=r"share has no option 'a'; its options: from, to"):
-        options_for("share", {"b": 1.0, "a": 1.0})
-    with pytest.raises(InputError, match=r"percentile needs the option 'percent'"):
-        options_for("percentile", {})
 
 
 @pytest.mark.parametrize("band", [(0.0, 20.0), (2.0, np.inf), (2.0, 20.0)])
@@ -193,29 +187,28 @@ def test_a_table_and_its_picture_are_unchanged(tmp_path: Path, unchanged: Unchan
                "shown": found.shown("a"), "difference": found.shown_difference("a", 0.0254),
                "factor": found.factor(found.study.objective[0]), "infeasible": found.infeasible})  # fmt: skip
     unchanged(drawn(table(objective=(), baseline={}).plot("b", "a").figure), "other picture")
+    found = replace(found, provenance=replace(found.provenance, above_band={"a": AboveBand(20.0, 0.31)}))
     found.save(tmp_path / "results.parquet")
     loaded = StudyResult.load(tmp_path / "results.parquet")
     assert loaded.table.equals(found.table) and loaded.study == found.study and loaded.provenance == found.provenance
 
 
-def _edited(found: StudyResult, **columns: list[Any]) -> StudyResult:
-    edited = found.table
-    for name, values in columns.items():
-        edited = edited.set_column(edited.schema.get_field_index(name), name, [values])
-    return replace(found, table=edited)
-
-
-@pytest.mark.parametrize(("best", "others", "rule"), [
-    (0.2, 0.2, "coupling errors of all setups small"), (0.1, 0.21, "coupling error of a setup above the tolerance"),
-    (5.0, 0.1, "coupling error of a setup above the tolerance"), (5.01, 0.1, "coupling error of a setup too large"),
-    (0.1, 9.0, "coupling error of a setup above the tolerance"), (None, 0.1, "coupling error of setups not stated"),
-    (0.1, None, "coupling errors of all setups small"), (None, None, "coupling error of setups not stated"),
+@pytest.mark.parametrize(("best", "others", "rule", "grade"), [
+    (0.2, 0.2, "errors of all setups small", Grade.USABLE),
+    (0.1, 0.21, "error of a setup above the tolerance", Grade.LIMITED),
+    (5.0, 0.1, "error of a setup above the tolerance", Grade.LIMITED),
+    (5.01, 0.1, "error of a setup too large", Grade.NOT_USABLE),
+    (0.1, 9.0, "error of a setup above the tolerance", Grade.LIMITED),
+    (None, 0.1, "error of setups not stated", Grade.UNKNOWN), (0.1, None, "errors of all setups small", Grade.USABLE),
+    (None, None, "error of setups not stated", Grade.UNKNOWN),
 ])  # fmt: skip
-def test_limits_of_the_coupling_error_of_a_study(best: float | None, others: float | None, rule: str) -> None:
+def test_limits_of_the_coupling_error_of_a_study(
+    best: float | None, others: float | None, rule: str, grade: Grade
+) -> None:
     found = table()
     errors = [best if row == found.ranking()[0] else others for row in range(len(found))]
-    verdict = study_verdict(_edited(found, coupling_error_percent=errors))
-    assert rule in [reason.rule for reason in verdict.reasons]
+    (reason,) = study_verdict(with_columns(found, coupling_error_percent=errors)).about("coupling").reasons
+    assert (reason.rule, reason.grade) == (f"coupling {rule}", grade)
 
 
 @pytest.mark.parametrize(("share", "rule"), [
@@ -234,8 +227,8 @@ def test_reasons_of_a_study_are_unchanged(unchanged: Unchanged) -> None:
     blank, count = {"marks": [""] * len(found)}, len(found)
     kinds = {
         "marked": replace(found, provenance=source, partial=True),
-        "clean": replace(_edited(found, **blank), provenance=least),
-        "all failed": _edited(found, status=["failed"] * count, a=[None] * count, b=[None] * count),
+        "clean": replace(with_columns(found, **blank), provenance=least),
+        "all failed": with_columns(found, status=["failed"] * count, a=[None] * count, b=[None] * count),
         "infeasible": replace(found, study=replace(found.study, constraints=(Constraint("a", at_most=0.1),))),
     }  # fmt: skip
     unchanged({name: [f"{one.about} | {one}" for one in study_verdict(one_result).reasons]
@@ -280,7 +273,7 @@ def test_setups_are_numbered_with_the_last_corner_as_the_last_digit() -> None:
     assert space.full == 18 and space.indices.tolist() == [6, 7, 8, 9, 10, 11] and len(space) == 6
     assert str(space.setup(7)) == "lf A, rf A, lr B" and space.find({"lf": "B", "rf": "B", "lr": "C"}).index == 11
     for wrong in (-1, 18):
-        with pytest.raises(InputError, match=f"there is no setup {wrong}"):
+        with pytest.raises(InputError, match=f"there is no setup {wrong}.*numbered 0 to 17"):
             space.setup(wrong)
 
 

@@ -104,11 +104,6 @@ def test_among_setups_equally_far_from_the_nearest_the_one_farthest_from_the_oth
     assert _spread(np.array([3, 2]), levels, [0, 1], 1, 1.0) == [2]
 
 
-def test_the_same_study_selects_the_same_setups_every_time():
-    again = result({"front": front, "rear": rear, "accel": accel})
-    assert select(again) == select(STUDY)
-
-
 def test_the_measures_of_the_objective_are_confirmed_by_default():
     objective = (Term("rear", 2.0, "in"), Term("front", 1.0, "in"))
     selection = select(result({"front": front, "rear": rear, "accel": accel}, objective=objective), total=10)
