@@ -60,7 +60,7 @@ def refusals(calls: Mapping[str, Callable[[], object]]) -> dict[str, str]:
     for name, call in calls.items():
         try:
             call()
-        except EightpostError as error:
+        except (EightpostError, ValueError) as error:
             found[name] = f"{type(error).__name__}: {error}"
         else:
             pytest.fail(f"{name}: nothing is refused")
