@@ -2,6 +2,7 @@
 
 import gc
 import shutil
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,10 @@ from cosim.ssp import Given
 from cosim.system_file import read_case
 from eightpost.archive import write_archive
 from eightpost.corners import CORNERS
-from eightpost.errors import FmuError, InputError, WiringError
+from eightpost.errors import InputError, WiringError
 from eightpost.signals import Drivefile
 from eightpost.wiring import Wire, Wiring
+from tests.unchanged import refusals
 
 from .corner import (
     CAR,
@@ -257,29 +259,14 @@ def test_a_description_file_may_refer_to_files_outside_its_folder_and_by_uri(fol
     }
 
 
-def test_errors_name_unreadable_archives_and_archives_without_a_description(folder):
+def test_errors_name_unreadable_archives_and_archives_without_a_description(folder, unchanged):
     (folder / "text.ssp").write_text("no zip")
-    with pytest.raises(FmuError, match=r"text\.ssp: is not a readable zip"):
-        read_case(folder / "text.ssp")
-    with pytest.raises(FmuError, match="there is no such file"):
-        read_case(folder / "none.ssp")
-    with pytest.raises(InputError, match="there is no such file"):
-        read_case(folder / "none.ssd")
     write_archive(folder / "other.ssp", {"A.ssd": b"<x/>", "b.txt": b""})
-    with pytest.raises(InputError, match=r"no SystemStructure\.ssd in the archive; it contains A\.ssd"):
-        read_case(folder / "other.ssp")
     write_archive(folder / "evil.ssp", {"../x.ssd": b"<x/>"})
-    with pytest.raises(FmuError, match="would be written outside"):
-        read_case(folder / "evil.ssp")
-
-
-def test_an_error_names_an_unusable_fmu_by_its_place_in_the_package(folder):
     write_archive(folder / "bad.ssp", {"SystemStructure.ssd": corner(), "resources/quarter_car.fmu": b"no zip",
                                        "resources/lpnl2.fmu": b"no zip"})  # fmt: skip
-    with pytest.raises(
-        FmuError, match=r"bad\.ssp: SystemStructure\.ssd: component 'car' \(resources/quarter_car\.fmu\): is not"
-    ):
-        read_case(folder / "bad.ssp")
+    names = ("text.ssp", "none.ssp", "none.ssd", "other.ssp", "evil.ssp", "bad.ssp")
+    unchanged(refusals({name: partial(read_case, folder / name) for name in names}))
 
 
 def test_a_shock_of_a_package_is_replaced_by_its_flattened_name(folder, fmus):

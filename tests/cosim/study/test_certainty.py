@@ -27,7 +27,6 @@ from cosim.study.choice.posterior import half_width, probability_below
 from cosim.study.choice.shape_search import DrawnCar, VehicleDraws
 from cosim.study.choice.sources import Scales, error_sources
 from cosim.study.definition import Constraint, Term
-from eightpost.errors import InputError
 from eightpost.uncertainty import MeasureUncertainty, separation
 from eightpost.validity import ModelUncertainty, Validity
 from eightpost.verdict import Grade, Verdict
@@ -315,11 +314,6 @@ def test_the_mixture_is_students_t_without_a_normal_part_and_normal_without_the_
         tail = 0.5 + 0.5 * probability
         assert half_width(probability, one, none, 4.0)[0] == pytest.approx(stats.t.ppf(tail, 4), rel=0.01)
         assert half_width(probability, none, one, 4.0)[0] == pytest.approx(stats.norm.ppf(tail), rel=1e-4)
-
-
-def test_only_the_stored_intervals_can_be_asked_for():
-    with pytest.raises(InputError, match="there are intervals of"):
-        certainty_of(two_setups(0.01)).levels["a"].interval(0.9)
 
 
 def test_the_total_tire_force_has_its_own_stated_uncertainty():
