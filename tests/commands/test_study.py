@@ -151,14 +151,3 @@ def test_a_bad_study_exits_2_with_a_message_before_anything_runs(file, tmp_path,
     assert ended.exit_code == 2
     assert expected in " ".join(ended.stderr.split())
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.nightly
-def test_ctrl_c_while_the_certainty_is_computed_keeps_the_complete_table(file, tmp_path, monkeypatch):
-    def interrupted(*_args, **_options):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("eightpost.api.study_folder.StudyFolder.assess", interrupted)
-    done = CliRunner().invoke(main, ["study", str(file), "-o", str(tmp_path / "out"), "--workers", "1"])
-    assert done.exit_code == 1 and "the table is complete" in done.output
-    assert StudyResult.load(tmp_path / "out" / "results.parquet").done.all()

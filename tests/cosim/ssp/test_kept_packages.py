@@ -14,7 +14,7 @@ from cosim.systems.system import Connection
 from eightpost.errors import InputError
 
 from .corner import CAR, CAR_ALONE, DAMPER, NESTED_LINKS, NESTED_PORTS, OUTER_LINKS, SHOCK, corner, read, shock_with
-from .document import binding, bindings, connectors, description, entry, link, mapping, parameter, system
+from .document import binding, bindings, component, connectors, description, entry, link, mapping, parameter, system
 
 Unchanged = Callable[..., None]
 
@@ -50,7 +50,26 @@ def packages() -> dict[str, bytes]:
     ports = link("car.velocity", "shock.velocity") + link("shock.force", "car.force") + link(":road", "car.road")
     ports += link("car.displacement", "shock.displacement") + link("car.velocity", ":out")
     values = bindings(binding(parameter("car.aero_force", 50.0), parameter("shock.compression_scale", 0.75)))
+    twice = '<ssc:LinearTransformation factor="2" offset="1"/>'
+    chained = [links.replace(link(*ends), link(*ends, twice)) for links, ends in (
+        (NESTED_LINKS, (":v", "damper.velocity")), (OUTER_LINKS, ("car.velocity", "axle.v")))]  # fmt: skip
+    table = """<ssc:BooleanMappingTransformation><ssc:MapEntry source="0" target="true"/>
+<ssc:MapEntry source="true" target="false"/></ssc:BooleanMappingTransformation>"""
+    switch = f"<ssd:ParameterMapping>{mapping(entry('off', 'car.start_at_equilibrium', table))}</ssd:ParameterMapping>"
+    inputs = connectors(v="input", x="input", f="output", scale="parameter", preload="parameter swift")
+    given = NESTED_LINKS + link(":scale", "damper.compression_scale", '<ssc:LinearTransformation factor="0.5"/>')
+    inner = system("axle", DAMPER, given + link(":preload", "damper.friction_velocity"), inputs,
+                   bindings(binding(parameter("scale", 9.0))))  # fmt: skip
+    high = bindings(binding(parameter("axle.scale", 3.0), parameter("axle.preload", 20.0)))
+    idle = bindings(binding(*(parameter(name, 0.0) for name in ("velocity", "displacement", "gas_stiffness"))))
+    spare = component("axle_damper", "resources/lpnl2.fmu", extra=idle)
+    swift = system("axle", DAMPER, NESTED_LINKS, NESTED_PORTS.replace("m/s", "swift"))
     return {
+        "chained": corner(CAR + system("axle", DAMPER, chained[0], NESTED_PORTS), chained[1]),
+        "a table": corner(bindings=bindings(binding(parameter("off", "false", "Boolean"), mapping=switch))),
+        "connected values": corner(CAR + inner, OUTER_LINKS, bindings=high),
+        "two of a name": corner(CAR + nested + spare, OUTER_LINKS), "another unit": corner(CAR + swift, OUTER_LINKS),
+        "a start value": corner(CAR + shock_with(binding(parameter("velocity", 0.3)))),
         "plain": corner(), "scaled": corner(links=scaled),
         "nested": description(system("corner", CAR + nested, OUTER_LINKS)),
         "mapped": corner(CAR + shock_with(mapped)), "annotated": annotated,

@@ -15,12 +15,8 @@ from tests.unchanged import refusals
 from .corner import (
     CAR,
     CAR_ALONE,
-    DAMPER,
     LBF,
     LINKS,
-    NESTED_LINKS,
-    NESTED_PORTS,
-    OUTER_LINKS,
     SHOCK,
     by_hand,
     corner,
@@ -121,37 +117,6 @@ def test_parameter_sets_and_mappings_of_another_library_are_read(folder):
     case = read(folder, corner(bindings=bound))
     assert values(case) == {"gas_preload": pytest.approx(2.0 * 10.0 * LBF + 5.0)}
     assert values(case, "car") == {"start_at_equilibrium": True}
-
-
-def test_a_boolean_mapping_table_maps_booleans_and_numbers(folder):
-    table = (
-        '<ssc:BooleanMappingTransformation><ssc:MapEntry source="0" target="true"/>'
-        '<ssc:MapEntry source="true" target="false"/></ssc:BooleanMappingTransformation>'
-    )
-    text = mapping(entry("off", "car.start_at_equilibrium", table))
-    given = binding(
-        parameter("off", "false", "Boolean"), mapping=f"<ssd:ParameterMapping>{text}</ssd:ParameterMapping>"
-    )
-    case = read(folder, corner(bindings=bindings(given)))
-    assert case.system.parameters["car"] == {"start_at_equilibrium": True}
-
-
-def test_a_value_at_a_system_connector_is_converted_to_the_units_of_the_connected_parameter(folder):
-    ports = connectors(v="input", x="input", f="output", scale="parameter", preload="parameter swift")
-    with_parameters = (
-        NESTED_LINKS
-        + link(":scale", "damper.compression_scale", '<ssc:LinearTransformation factor="0.5"/>')
-        + link(":preload", "damper.friction_velocity")
-    )
-    inner = system("axle", DAMPER, with_parameters, ports, bindings(binding(parameter("scale", 9.0))))
-    high = bindings(binding(parameter("axle.scale", 3.0), parameter("axle.preload", 20.0)))
-    case = read(folder, corner(CAR + inner, OUTER_LINKS, bindings=high))
-    assert values(case, "axle_damper") == {"compression_scale": 1.5, "friction_velocity": pytest.approx(0.02)}
-
-
-def test_a_value_for_a_connected_input_is_only_its_start_value(folder):
-    case = read(folder, corner(CAR + shock_with(binding(parameter("velocity", 0.3)))))
-    assert dict(case.system.constants) == {"car.aero_force": 100.0}
 
 
 def as_enumeration(folder):
@@ -255,14 +220,6 @@ def test_transformations_apply_after_unit_conversion_or_replace_it_if_it_is_supp
     assert gains(velocity(suppressUnitConversion="1"))[ends] == (-2.0, 0.5)
 
 
-def test_chained_transformations_multiply(folder):
-    twice = '<ssc:LinearTransformation factor="2" offset="1"/>'
-    inner_links = NESTED_LINKS.replace(link(":v", "damper.velocity"), link(":v", "damper.velocity", twice))
-    outer_links = OUTER_LINKS.replace(link("car.velocity", "axle.v"), link("car.velocity", "axle.v", twice))
-    case = read(folder, corner(CAR + system("axle", DAMPER, inner_links, NESTED_PORTS), outer_links))
-    assert gains(case)["car.velocity", "axle_damper.velocity"] == (4.0, 3.0)
-
-
 @pytest.mark.parametrize(("engine", "factor"), [("python", 1.0), ("compiled", 0.5)])
 def test_an_offset_has_the_effect_of_a_constant_on_the_same_input(folder, engine, factor):
     linear = f'<ssc:LinearTransformation factor="{factor}" offset="0.1"/>'
@@ -301,15 +258,6 @@ def test_units_defined_only_in_the_description_are_converted(folder):
     assert run(case).series["car.velocity"] == pytest.approx(expected.series["car.velocity"], rel=1e-9, abs=1e-12)
 
 
-def test_a_units_factor_and_offset_are_both_converted(folder):
-    without_units(folder, "lpnl2")
-    raised = '<ssc:Unit name="raised"><ssc:BaseUnit m="1" s="-1" factor="0.5" offset="0.25"/></ssc:Unit></ssd:Units>'
-    top = system("corner", CAR + SHOCK.replace("m/s", "raised"), LINKS)
-    case = read(folder, description(top, units=UNITS.replace("</ssd:Units>", raised)))
-    # velocity [m/s] = 0.5 x + 0.25
-    assert gains(case)["car.velocity", "shock.velocity"] == (2.0, -0.5)
-
-
 def test_connectors_without_units_or_with_the_same_unknown_unit_are_not_converted(folder):
     without_units(folder, "lpnl2")
     without_units(folder, "quarter_car")
@@ -320,13 +268,6 @@ def test_connectors_without_units_or_with_the_same_unknown_unit_are_not_converte
     ):
         case = read(folder, description(system("corner", change(CAR + SHOCK), LINKS), units=unknown), drive=None)
         assert set(gains(case).values()) == {(1.0, 0.0)}
-
-
-def test_a_system_connector_in_another_unit_changes_nothing(folder):
-    inner = system("axle", DAMPER, NESTED_LINKS, NESTED_PORTS.replace("m/s", "swift"))
-    case = read(folder, corner(CAR + inner, OUTER_LINKS))
-    assert gains(case)["car.velocity", "axle_damper.velocity"] == (pytest.approx(1.0, rel=1e-15), 0.0)
-    assert len(case.system.bonds) == 1
 
 
 def test_suppressed_unit_conversion_undoes_the_conversion_between_two_fmus(folder):
@@ -341,3 +282,12 @@ def test_suppressed_unit_conversion_undoes_the_conversion_between_two_fmus(folde
     ends = ("car.velocity", "shock.velocity")
     assert plain[ends] == (pytest.approx(1.0), 0.0)
     assert suppressed[ends] == (pytest.approx(1e-3), 0.0)
+
+
+def test_a_units_factor_and_offset_are_both_converted(folder):
+    without_units(folder, "lpnl2")
+    raised = '<ssc:Unit name="raised"><ssc:BaseUnit m="1" s="-1" factor="0.5" offset="0.25"/></ssc:Unit></ssd:Units>'
+    top = system("corner", CAR + SHOCK.replace("m/s", "raised"), LINKS)
+    case = read(folder, description(top, units=UNITS.replace("</ssd:Units>", raised)))
+    # velocity [m/s] = 0.5 x + 0.25
+    assert gains(case)["car.velocity", "shock.velocity"] == (2.0, -0.5)

@@ -166,15 +166,6 @@ def test_nested_systems_are_flattened_and_their_bonds_are_kept(folder):
     same(run(case), by_hand(folder), lambda name: name.replace("axle_damper", "shock"))
 
 
-def test_duplicate_names_after_flattening_are_numbered(folder):
-    inner = system("axle", DAMPER, NESTED_LINKS, NESTED_PORTS)
-    spare = component("axle_damper", "resources/lpnl2.fmu", extra=bindings(binding(
-        parameter("velocity", 0.0), parameter("displacement", 0.0), parameter("gas_stiffness", 0.0))))  # fmt: skip
-    case = read(folder, corner(CAR + inner + spare, OUTER_LINKS))
-    assert set(case.system.components) == {"car", "axle_damper", "axle_damper_2"}
-    assert "component names: axle.damper is axle_damper_2" in case.notes
-
-
 @pytest.mark.repeated(2)
 @pytest.mark.parametrize("kind", ["description", "package", "package without a type", "variant"])
 def test_a_component_may_be_another_system_description(folder, kind):

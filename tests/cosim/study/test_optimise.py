@@ -190,13 +190,6 @@ def test_ctrl_c_during_a_request_keeps_the_completed_setups(fmus, tmp_path):
     assert after.ran == numbers[8:] and found.setups.tolist() == numbers  # eight setups are a batch
 
 
-def test_a_search_uses_the_results_of_an_exhaustive_study(fmus, exhaustive):
-    folder, _ = exhaustive
-    workers = InProcess()
-    search_study(Sweep(study(fmus), folder), workers, COUPLING, Search(evaluations=10))
-    assert workers.ran == []
-
-
 def test_a_search_for_several_measures_gives_the_front_of_the_evaluated_setups(fmus, exhaustive):
     folder, _ = exhaustive
     names = ("total tire force", "front ride height")

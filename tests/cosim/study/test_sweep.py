@@ -117,19 +117,6 @@ def test_a_study_that_was_killed_resumes_with_the_same_result(small_study, here,
     assert clockless(again).equals(clockless(finished))
 
 
-@pytest.mark.nightly
-def test_ctrl_c_leaves_a_partial_result(small_study, here, finished, tmp_path):
-    def press(done, _total):
-        if done == 8:
-            signal.raise_signal(signal.SIGINT)
-
-    partial = run_study(small_study(), tmp_path / "stopped", here, press)
-    assert partial.partial and len(partial) == 8
-    assert StudyResult.load(tmp_path / "stopped" / "results.parquet").partial
-    whole_study = run_study(small_study(), tmp_path / "stopped", here)
-    assert not whole_study.partial and clockless(whole_study).equals(clockless(finished))
-
-
 def test_objective_and_constraints_may_change_without_a_new_run(small_study, here, finished, tmp_path):
     here.ran.clear()
     bound = float(np.median(finished.values("total tire force, RMS")))
