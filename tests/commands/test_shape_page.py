@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,11 +21,10 @@ from eightpost.api.shape_page import (
     write_aim,
 )
 from eightpost.api.shapes import Aim, Curves, Request, Target, _Neighbour
-from eightpost.errors import InputError
 from eightpost.shock.shape import Shape, ShapeFit, Side
 from eightpost.verdict import is_intact
 from eightpost.virtual.damper import NearestValving, Valving
-from tests.unchanged import text_of_page
+from tests.unchanged import refusals, text_of_page
 
 CORNERS = ("lf", "rf", "lr", "rr")
 SHAPE = Shape(Side(3e3, 1500.0, 0.1, 600.0, 100.0), Side(4e3, 1500.0, 0.1, 600.0, 100.0))
@@ -175,13 +175,10 @@ def test_the_curves_of_a_target_are_unchanged_and_have_a_band_only_if_a_gain_is_
     assert "band" not in [name for _, name, _, _ in drawn]
 
 
-@pytest.mark.parametrize(("fields", "message"), [
-    ({"tolerance": 0.331}, "tolerance must be 0 to 33 %, not 33.1 %"), ({"tolerance": -0.001}, "tolerance must be 0"),
-    ({"keep": 0.0}, "must be above 0 and at most 100 %, not 0 %"), ({"keep": 1.001}, "not 100.1 %"),
-    ({"vary": ("knee",)}, "a shape has no number 'knee'"), ({"limits": {"lag": (1.0, 2.0)}}, "does not vary"),
-    ({"limits": {"rebound.low": (2.0, 2.0)}}, "the lower one, 2 N.s/m, must be below 2 N.s/m"),
-])  # fmt: skip
-def test_a_request_that_cannot_be_searched_is_refused(fields, message):
-    with pytest.raises(InputError, match=message):
-        Request(**fields)
+def test_a_request_that_cannot_be_searched_is_refused(unchanged):
+    wrong = [
+        {"tolerance": 0.331}, {"tolerance": -0.001}, {"keep": 0.0}, {"keep": 1.001}, {"vary": ("knee",)},
+        {"limits": {"lag": (1.0, 2.0)}}, {"limits": {"rebound.low": (2.0, 2.0)}},
+    ]  # fmt: skip
+    unchanged(refusals({str(fields): partial(Request, **fields) for fields in wrong}))
     assert Request(tolerance=0.33, keep=1.0).starts == 3 and Request(tolerance=0.0).seed == 0

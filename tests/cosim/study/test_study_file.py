@@ -1,12 +1,12 @@
 """Study files: content and error messages with line numbers."""
 
-from math import inf
+import json
 from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
 
-from cosim.study import Setup, Term
+from cosim.study import Setup
 from cosim.study.definition import read_drive
 from cosim.study.study_file import read_study, source_files
 from eightpost.corners import CORNERS
@@ -74,25 +74,13 @@ def write(tmp_path, fmus):
     return make
 
 
-def test_the_entries_of_a_file_are_read(write):
+def test_the_entries_of_a_file_are_read(write, unchanged):
     study = read_study(write())
     assert study.space.radices == (2, 2, 1, 1) and len(study.space) == 2
     assert study.baseline_setup == Setup(3, dict.fromkeys(CORNERS, "B"))
-    assert (study.settling, study.record_step, study.drives[0].stop) == (1.5, 0.002, 4.0)
-    assert study.bank["B"].parameters == {
-        "gas_preload": pytest.approx(50.0 * 4.4482216152605),
-        "compression_scale": 0.8,
-    }
-    assert study.objective == (Term("grip number", 2.0, "lbf"),)
-    (limits,) = study.constraints
-    assert (limits.measure, limits.at_least, limits.at_most) == ("aero number", -inf, pytest.approx(0.0127))
-    assert study.drives[0].targets == {}  # the file's channels have the names of the inputs
-    own = study.measure("slow rebound")
-    assert own.options == {"from": pytest.approx(-0.0508), "to": 0.0}
-    assert (own.band, own.section) == ((0.5, 20.0), (2.0, 3.0))
-    assert [m.name for m in study.measures][:4] == [
-        "grip number", "aero number", "lf suspension travel, RMS", "lf suspension travel, range",
-    ]  # fmt: skip
+    content = json.loads(study.to_json())
+    content["measures"] = [content["measures"][0], next(m for m in content["measures"] if m["name"] == "slow rebound")]
+    unchanged({name: json.dumps(value) for name, value in content.items()})
 
 
 def test_without_corners_every_build_is_allowed_at_every_port(write):
