@@ -25,6 +25,7 @@ from pytest_datadir.plugin import LazyDataDir
 from pytest_regressions.file_regression import FileRegressionFixture
 
 from benchmarks.table import OF_THIS_RUN
+from eightpost.errors import EightpostError
 
 RESULTS = Path(__file__).parent / "results"
 
@@ -51,6 +52,19 @@ def unchanged(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[..., N
         kept.check(text, encoding="utf-8", basename=name, check_fn=lambda new, old: _compare(new, old, relative))
 
     return check
+
+
+def refusals(calls: Mapping[str, Callable[[], object]]) -> dict[str, str]:
+    """Return the kind and the text of the error of each call; all of them must be refused."""
+    found = {}
+    for name, call in calls.items():
+        try:
+            call()
+        except (EightpostError, ValueError) as error:
+            found[name] = f"{type(error).__name__}: {error}"
+        else:
+            pytest.fail(f"{name}: nothing is refused")
+    return found
 
 
 def lines_of(result: object, name: str = "") -> Iterator[str]:

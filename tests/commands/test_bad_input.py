@@ -1,7 +1,6 @@
 """Every kind of bad input ends a command with exit code 2, a message that names the place, and no output."""
 
 import zipfile
-from pathlib import Path
 
 import fmpy
 import numpy as np
@@ -11,7 +10,6 @@ from click.testing import CliRunner
 from eightpost.__main__ import main
 from eightpost.archive import read_archive, write_archive
 
-ROOT = Path(__file__).parents[2]
 HEADER = "Time [s],Position [in],Velocity [in/s],Force [lbf]"
 
 
@@ -43,35 +41,33 @@ def changed(column, change):
 
 #: One fault of each kind; tests/rig/test_dyno_faults.py and tests/signals/test_faults.py have the others.
 FAULTS = {
-    "missing unit": (csv(samples(), HEADER.replace(" [lbf]", "")), ["unit", "--channel"]),
-    "text in a cell": (with_cell(100, 3, "oops"), ["line 101", "oops"]),
-    "wrong sign": (changed(3, lambda force: -force), ["force", "--channel"]),
-    "not a table": ("hello\nworld\n", ["bad.csv"]),
-}
+    "missing unit": csv(samples(), HEADER.replace(" [lbf]", "")), "text in a cell": with_cell(100, 3, "oops"),
+    "wrong sign": changed(3, lambda force: -force), "not a table": "hello\nworld\n",
+}  # fmt: skip
 
 
 @pytest.fixture
 def refused(tmp_path, monkeypatch):
-    """Run a command; it must exit with 2, print the expected words, and write no file."""
+    """Run a command, which must exit with 2 and write no file; return what it prints."""
     monkeypatch.chdir(tmp_path)
 
-    def run(*words, expected):
+    def run(*words):
         before = {path for path in tmp_path.rglob("*") if path.is_file()}
         shown = CliRunner().invoke(main, [str(word) for word in words])
-        text = " ".join(shown.output.split())
-        assert shown.exit_code == 2, text
-        for word in expected:
-            assert word in text, text
+        assert shown.exit_code == 2, shown.output
         assert {path for path in tmp_path.rglob("*") if path.is_file()} == before
+        return " ".join(shown.output.split())
 
     return run
 
 
-@pytest.mark.parametrize("fault", FAULTS)
-def test_a_faulty_record_is_refused(refused, tmp_path, fault):
-    text, expected = FAULTS[fault]
-    (tmp_path / "bad.csv").write_text(text)
-    refused("fit", "bad.csv", "-o", "shock.json", expected=["bad.csv", *expected])
+def test_a_faulty_record_is_refused(refused, tmp_path, unchanged):
+    found = {}
+    for fault, text in FAULTS.items():
+        (tmp_path / "bad.csv").write_text(text)
+        found[fault] = refused("fit", "bad.csv", "-o", "shock.json")
+    (tmp_path / "good.csv").write_text(csv(samples()))
+    unchanged(found | {"another unit": refused("fit", "good.csv", "--units", "force=N")})
 
 
 def test_the_record_without_a_fault_is_accepted(tmp_path):
@@ -107,11 +103,10 @@ BAD_FMUS = {
 def test_a_bad_fmu_in_a_system_is_refused(refused, tmp_path, fmus, kind):
     make, expected = BAD_FMUS[kind]
     make(tmp_path / "shock.fmu", fmus["lpnl2"])
-    (tmp_path / "case.toml").write_text(
-        f'[components.car]\nfmu = "{fmus["quarter_car"]}"\ninputs = {{ road = 0, aero_force = 0 }}\n'
-        '[components.shock]\nfmu = "shock.fmu"\n[[bond]]\nbetween = ["car", "shock"]\n[scenario]\nstop = 0.1\n'
-    )
-    refused("run", "case.toml", "-o", "out", expected=["shock.fmu", expected])
+    values = {"car": fmus["quarter_car"], "shock": "shock.fmu", "inputs": INPUTS, "more": "", "scenario": ""}
+    (tmp_path / "case.toml").write_text(SYSTEM.format(**values))
+    found = refused("run", "case.toml", "-o", "out")
+    assert "shock.fmu" in found and expected in found
 
 
 SYSTEM = """
@@ -130,59 +125,42 @@ stop = 0.1
 INPUTS = "inputs = { road = 0, aero_force = 0 }"
 
 BAD_SYSTEMS = {
-    "unknown variable": ({"more": 'parameters = { stiffnes = 1 }'}, "no variable 'stiffnes'"),
-    "incompatible units": (
-        {"scenario": '[[connection]]\nfrom = "shock.force"\nto = "car.road"', "inputs": "inputs = { aero_force = 0 }"},
-        "cannot connect [N] to [m]",
-    ),
-    "unknown entry": ({"scenario": "stopp = 1"}, "stopp"),
-    "missing drivefile": ({"scenario": 'drivefile = "none.csv"'}, "none.csv"),
-    "steps that no memory holds": ({"scenario": "record_step = 1e-12"}, "has 1e+11 steps, at most 1e+08"),
-    "a Boolean for a number": ({"inputs": "inputs = { road = true, aero_force = 0 }"}, "the value is True; give a num"),
+    "unknown variable": {"more": "parameters = { stiffnes = 1 }"}, "unknown entry": {"scenario": "stopp = 1"},
+    "incompatible units": {"scenario": '[[connection]]\nfrom = "shock.force"\nto = "car.road"',
+                           "inputs": "inputs = { aero_force = 0 }"},
+    "missing drivefile": {"scenario": 'drivefile = "none.csv"'},
+    "steps that no memory holds": {"scenario": "record_step = 1e-12"},
+    "a Boolean for a number": {"inputs": "inputs = { road = true, aero_force = 0 }"},
+    "a drivefile with a hole": {"inputs": "inputs = { aero_force = 0 }", "scenario": 'drivefile = "road.csv"'},
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", BAD_SYSTEMS)
-def test_a_system_that_does_not_fit_is_refused(refused, tmp_path, fmus, kind):
-    change, expected = BAD_SYSTEMS[kind]
-    values = {"car": fmus["quarter_car"], "shock": fmus["lpf1"], "inputs": INPUTS, "more": "", "scenario": ""}
-    (tmp_path / "case.toml").write_text(SYSTEM.format(**(values | change)))
-    refused("run", "case.toml", "-o", "out", expected=[expected])
-
-
-def test_a_drivefile_with_a_hole_is_refused(refused, tmp_path, fmus):
+def test_a_system_that_does_not_fit_is_refused(refused, tmp_path, fmus, unchanged):
     time = np.delete(np.arange(0.0, 2.0, 0.01), slice(50, 60))
     (tmp_path / "road.csv").write_text("t [s],road [mm]\n" + "\n".join(f"{t:.2f},0" for t in time) + "\n")
-    values = {"car": fmus["quarter_car"], "shock": fmus["lpf1"], "inputs": "inputs = { aero_force = 0 }", "more": ""}
-    (tmp_path / "case.toml").write_text(SYSTEM.format(**values, scenario='drivefile = "road.csv"'))
-    refused("run", "case.toml", "-o", "out", expected=["road.csv", "a gap of 0.11 s"])
+    values = {"car": fmus["quarter_car"], "shock": fmus["lpf1"], "inputs": INPUTS, "more": "", "scenario": ""}
+    found = {}
+    for kind, change in BAD_SYSTEMS.items():
+        (tmp_path / "case.toml").write_text(SYSTEM.format(**(values | change)))
+        found[kind] = refused("run", "case.toml", "-o", "out")
+    unchanged(found)
 
 
-def test_a_unit_that_contradicts_the_header_is_refused(refused, tmp_path):
-    (tmp_path / "good.csv").write_text(csv(samples()))
-    refused("fit", "good.csv", "--units", "force=N", expected=["is [lbf] in its header", "'N' was given"])
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("run", "case.toml", "-o", "afile"),
-        ("build", "case.toml", "-o", "afile"),
-        ("demo", "-o", "afile"),
-        ("fit", "good.csv", "--law", "polylinear", "-o", "folder"),
-    ],
-)
+@pytest.mark.parametrize("words", [
+    ("run", "case.toml", "-o", "afile"), ("build", "case.toml", "-o", "afile"), ("demo", "-o", "afile"),
+    ("fit", "good.csv", "--law", "polylinear", "-o", "folder"),
+])  # fmt: skip
 def test_an_output_that_cannot_be_is_refused(refused, tmp_path, words):
     (tmp_path / "afile").write_text("in the way")
     (tmp_path / "folder").mkdir()
     (tmp_path / "case.toml").write_text('model = "quarter_car"\n')
     (tmp_path / "good.csv").write_text(csv(samples()))
-    refused(*words, expected=[words[-1]])
+    assert words[-1] in refused(*words)
 
 
 def test_a_failed_write_leaves_the_good_file_as_it_was(tmp_path, monkeypatch):
     output = tmp_path / "s.json"
     output.write_text("good")
-    (tmp_path / "bad.csv").write_text(FAULTS["text in a cell"][0])
+    (tmp_path / "bad.csv").write_text(FAULTS["text in a cell"])
     assert CliRunner().invoke(main, ["fit", str(tmp_path / "bad.csv"), "-o", str(output)]).exit_code == 2
     assert output.read_text() == "good"

@@ -48,17 +48,10 @@ def test_the_help_of_every_command_begins_with_its_summary_in_the_list(eightpost
         assert verb == "demo" or "Example" in shown.output, verb
 
 
-@pytest.mark.parametrize(
-    ("words", "completes", "is_supervised"),
-    [
-        (["run", "case.toml"], "", True),
-        (["-v", "fit", "dyno.csv"], "", True),
-        (["--help"], "", False),
-        (["--version"], "", False),
-        ([], "", False),
-        (["run", "case.toml"], "bash_complete", False),
-    ],
-)
+@pytest.mark.parametrize(("words", "completes", "is_supervised"), [
+    (["run", "case.toml"], "", True), (["-v", "fit", "dyno.csv"], "", True), (["--help"], "", False),
+    (["--version"], "", False), ([], "", False), (["run", "case.toml"], "bash_complete", False),
+])  # fmt: skip
 def test_every_command_but_help_and_completion_is_supervised(monkeypatch, words, completes, is_supervised):
     started, codes = [], []
     monkeypatch.setattr(program, "supervised", lambda work, _complain: started.append(work) or 7)

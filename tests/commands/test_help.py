@@ -48,20 +48,12 @@ def option(verb: str, name: str) -> click.Parameter | Setting:
     return command.settings.get(name) or next(parameter for parameter in command.params if name in parameter.opts)
 
 
-@pytest.mark.parametrize(
-    ("verb", "name", "taken"),
-    [
-        ("fit", "--law", tuple(LAWS)),
-        ("fit", "recipe", get_args(RecipeName)),
-        ("fit", "robust", get_args(Robust)),
-        ("fit", "--gas", get_args(GasTreatment)),
-        ("identify", "recipe", tuple(RECIPES)),
-        ("virtual rig", "--car", tuple(TRUTHS)),
-        ("virtual rig", "--program", PROGRAMS),
-        ("build", "--target", TARGETS),
-        ("run", "--algorithm", tuple(cosim.SCHEMES)),
-    ],
-)
+@pytest.mark.parametrize(("verb", "name", "taken"), [
+    ("fit", "--law", tuple(LAWS)), ("fit", "recipe", get_args(RecipeName)), ("fit", "robust", get_args(Robust)),
+    ("fit", "--gas", get_args(GasTreatment)), ("identify", "recipe", tuple(RECIPES)),
+    ("virtual rig", "--car", tuple(TRUTHS)), ("virtual rig", "--program", PROGRAMS), ("build", "--target", TARGETS),
+    ("run", "--algorithm", tuple(cosim.SCHEMES)),
+])  # fmt: skip
 def test_an_option_offers_the_choices_of_the_library(verb: str, name: str, taken: tuple[str, ...]) -> None:
     found = option(verb, name)
     kind = found.kind if isinstance(found, Setting) else found.type
@@ -69,13 +61,9 @@ def test_an_option_offers_the_choices_of_the_library(verb: str, name: str, taken
     assert tuple(kind.choices) == taken
 
 
-@pytest.mark.parametrize(
-    ("verb", "name", "default"),
-    [
-        ("study select", "--total", rig_day.TOTAL),
-        ("study select", "pool", rig_day.POOL),
-        ("study run", "patience", f"{workers.PATIENCE:g} s"),
-    ],
-)
+@pytest.mark.parametrize(("verb", "name", "default"), [
+    ("study select", "--total", rig_day.TOTAL), ("study select", "pool", rig_day.POOL),
+    ("study run", "patience", f"{workers.PATIENCE:g} s"),
+])  # fmt: skip
 def test_an_option_has_the_default_of_the_library(verb: str, name: str, default: object) -> None:
     assert option(verb, name).default == default

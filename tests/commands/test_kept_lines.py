@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import io
+import logging
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 import click
 import pytest
+from click.testing import CliRunner
 from rich.console import Console
 
+from eightpost.__main__ import main
 from eightpost.app import doctor, show
+from eightpost.app.channels import Channels
 from eightpost.app.doctor import Finding, State
 from eightpost.report.console import console_table
 from eightpost.verdict import Grade, Reason, Verdict
@@ -49,6 +54,8 @@ def test_what_verbs_say_is_the_same(detailed: bool, unchanged: Callable[..., Non
         name: partial(show.show_verdict, verdict=verdict) for name, verdict in VERDICTS.items()
     }
     calls |= {f"{k} notes": partial(show.show_notes, notes=[LONG] * k) for k in (2, 3)}
+    calls |= {"warnings": lambda console: show.show_notes(console, iter(["[not markup] :smile:"]), "warning")}
+    calls |= {f"a text of {k}": partial(show.show_text, text=LONG, lines=k) for k in (1, 2)}
     calls |= {f"{k} rows": partial(show.show_table, table=console_table("ab", [("1", "x")] * k)) for k in (4, 5)}
     findings = [Finding("group", f"name {k}", state, "it is so", "do that" * (k % 2)) for k, state in enumerate(State)]
     calls |= {f"works: {works}": partial(doctor._show, found=findings, works=works) for works in (True, False)}
@@ -71,3 +78,40 @@ def test_progress_in_a_log_has_a_line_every_half_minute_with_the_time_that_is_le
     found["lines"] = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
     found["items"] = [*show.each(console, "abc", "items", 3)]
     unchanged({"lines": [line.replace(" left", " to go") for line in found["lines"]], "items": found["items"]})
+
+
+# ==== Words, signs and what -v shows =================================================================================
+
+
+def test_the_signs_of_a_file_are_those_of_all_files_and_its_own():
+    channels = Channels(None, {"force": "N"}, ("velocity",), {"a.csv": ("force",), "b": ("velocity", "displacement")})
+    assert channels.record_options == {
+        "channel_map": None, "units": {"force": "N"},
+        "flip": {"a.csv": ("force",), "b": ("velocity", "displacement"), "": ("velocity",)},
+    }  # fmt: skip
+    for name, expected in (
+        ("a.csv", ("velocity", "force")),
+        ("b.csv", ("velocity", "displacement")),
+        ("c", ("velocity",)),
+    ):
+        assert channels.of(Path("data") / name) == {"channel_map": None, "units": {"force": "N"}, "flip": expected}
+    assert Channels().record_options["flip"] == {}
+
+
+def test_the_words_of_the_screen_are_in_the_glossary():
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "glossary.md").read_text(encoding="utf-8")
+    words = " ".join(line.split("*")[1] for line in page.splitlines() if line.startswith("- *"))
+    names = ("law", "error", "held out", "range", "misfit", "damping", "steps", "coupling error", "energy residual",
+             "search", "model", "usable", "limited", "not usable", "test next", "LPNL2", "gauss-seidel", "Spearman",
+             "mark", "setup", "baseline")  # fmt: skip
+    assert [name for name in names if name not in words] == []
+
+
+def test_v_shows_what_the_product_logs_and_nothing_of_other_libraries(monkeypatch):
+    monkeypatch.setattr(logging.root, "handlers", [])
+    level, names, found = logging.root.level, ("eightpost.cache", "cosim.fmu.lf", "matplotlib.font_manager"), []
+    for words in (["-v", "units"], ["units"]):
+        CliRunner().invoke(main, words)
+        found.append([name for name in names if logging.getLogger(name).isEnabledFor(logging.DEBUG)])
+    logging.root.setLevel(level)
+    assert found == [["eightpost.cache", "cosim.fmu.lf"], []]

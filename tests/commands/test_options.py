@@ -39,15 +39,12 @@ def test_a_default_is_a_quantity_too() -> None:
     assert given(type=options.Quantity("Hz")).stdout == "None\n"
 
 
-@pytest.mark.parametrize(
-    ("text", "option", "error", "message"),
-    [
-        ("10", options.Quantity("m"), InputError, "--value '10' has no unit; add it: '10 m' if it is in m"),
-        ("ten mm", options.Quantity("m", bare=True), InputError, "--value 'ten mm': 'ten mm' is not a value"),
-        ("10 s", options.Quantity("m"), InputError, "--value '10 s': cannot convert"),
-        ("0 s", options.Quantity("s", positive=True), ParameterError, "--value must be above 0, not '0 s'"),
-    ],
-)
+@pytest.mark.parametrize(("text", "option", "error", "message"), [
+    ("10", options.Quantity("m"), InputError, "--value '10' has no unit; add it: '10 m' if it is in m"),
+    ("ten mm", options.Quantity("m", bare=True), InputError, "--value 'ten mm': 'ten mm' is not a value"),
+    ("10 s", options.Quantity("m"), InputError, "--value '10 s': cannot convert"),
+    ("0 s", options.Quantity("s", positive=True), ParameterError, "--value must be above 0, not '0 s'"),
+])  # fmt: skip
 def test_a_wrong_quantity_is_an_error_that_names_the_option(
     text: str, option: options.Quantity, error: type[Exception], message: str
 ) -> None:
@@ -68,29 +65,25 @@ def test_an_assignment_is_a_pair() -> None:
         assert shown.exit_code == 2 and "write it as NAME=VALUE" in shown.stderr
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "warnings"),
-    [
-        ("settings t.toml --cutoff '50 Hz'", "fit t.toml --set 'cutoff=50 Hz'", 2),
-        ("fit a.csv --units force=lbf --flip force", "fit a.csv --channel 'force=[lbf]' --channel force=-", 2),
-        ("fit a.csv --flip none --map m.toml", "fit a.csv --channel force=+ --channel m.toml", 2),
-        ("fit a.csv --segment '1 s' '10 s' --law lpf1", "fit a.csv --set 'segment=1 s, 10 s' --law lpf1", 1),
-        ("fit a.csv --name=x --split", "fit a.csv --set name=x --split", 1),
-        ("report a.csv --flip a.csv=force", "report a.csv --channel a.csv:force=-", 1),
-        ("page shock.json --vehicle c.toml", "report --live shock.json --car c.toml", 2),
-        ("validate s.json r/ --report x.html", "validate s.json r/ --output x.html", 1),
-        ("vehicle car.toml --vary damping --factors 1,2", "inspect car.toml -o vehicle --vary damping=1,2", 1),
-        ("linearity a b --output lf.force -o x", "inspect a b --set channel=lf.force -o x", 1),
-        ("build --assemble s.toml -o a.fmu", "build s.toml -o a.fmu", 1),
-        ("run s.toml --no-comparison --verify", "run s.toml --set comparison=no --set verify=yes", 2),
-        ("ssp s.toml", "export s.toml", 1),
-        ("study s.toml --scheduler tcp://h:1", "study s.toml --workers tcp://h:1", 1),
-        ("study s.toml --no-certainty", "study s.toml --set certainty=no", 1),
-        ("-v optimise s.toml --seed 3", "-v study optimise s.toml --set seed=3", 2),
-        ("rig --only lf.road -o a.csv", "virtual rig --set only=lf.road -o a.csv", 2),
-        ("drivefile next f --map m.toml", "drivefile next f --channel m.toml", 1),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "warnings"), [
+    ("settings t.toml --cutoff '50 Hz'", "fit t.toml --set 'cutoff=50 Hz'", 2),
+    ("fit a.csv --units force=lbf --flip force", "fit a.csv --channel 'force=[lbf]' --channel force=-", 2),
+    ("fit a.csv --flip none --map m.toml", "fit a.csv --channel force=+ --channel m.toml", 2),
+    ("fit a.csv --segment '1 s' '10 s' --law lpf1", "fit a.csv --set 'segment=1 s, 10 s' --law lpf1", 1),
+    ("fit a.csv --name=x --split", "fit a.csv --set name=x --split", 1),
+    ("report a.csv --flip a.csv=force", "report a.csv --channel a.csv:force=-", 1),
+    ("page shock.json --vehicle c.toml", "report --live shock.json --car c.toml", 2),
+    ("validate s.json r/ --report x.html", "validate s.json r/ --output x.html", 1),
+    ("vehicle car.toml --vary damping --factors 1,2", "inspect car.toml -o vehicle --vary damping=1,2", 1),
+    ("linearity a b --output lf.force -o x", "inspect a b --set channel=lf.force -o x", 1),
+    ("build --assemble s.toml -o a.fmu", "build s.toml -o a.fmu", 1),
+    ("run s.toml --no-comparison --verify", "run s.toml --set comparison=no --set verify=yes", 2),
+    ("ssp s.toml", "export s.toml", 1), ("study s.toml --scheduler tcp://h:1", "study s.toml --workers tcp://h:1", 1),
+    ("study s.toml --no-certainty", "study s.toml --set certainty=no", 1),
+    ("-v optimise s.toml --seed 3", "-v study optimise s.toml --set seed=3", 2),
+    ("rig --only lf.road -o a.csv", "virtual rig --set only=lf.road -o a.csv", 2),
+    ("drivefile next f --map m.toml", "drivefile next f --channel m.toml", 1),
+])  # fmt: skip
 def test_an_old_spelling_is_the_new_one_with_a_warning(
     old: str, new: str, warnings: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -116,18 +109,13 @@ def test_a_verb_runs_with_its_old_spelling(line: str) -> None:
     assert shown.exit_code == 2 and "No such option" not in shown.stderr and "none." in shown.stderr
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (["force=Load 2"], ({"force": "Load 2"}, {}, ())),
-        (["force=[lbf]"], ({}, {"force": "lbf"}, ())),
-        (["force=-"], ({}, {}, ("force",))),
-        (["force=+"], ({}, {}, ("none",))),
-        (["force=-Load 2 [lbf]"], ({"force": "Load 2"}, {"force": "lbf"}, ("force",))),
-        (["force=Damper [LF]"], ({"force": "Damper [LF]"}, {}, ())),
-        (["time=1", "force=3"], ({"time": "1", "force": "3"}, {}, ())),
-    ],
-)
+@pytest.mark.parametrize(("words", "expected"), [
+    (["force=Load 2"], ({"force": "Load 2"}, {}, ())), (["force=[lbf]"], ({}, {"force": "lbf"}, ())),
+    (["force=-"], ({}, {}, ("force",))), (["force=+"], ({}, {}, ("none",))),
+    (["force=-Load 2 [lbf]"], ({"force": "Load 2"}, {"force": "lbf"}, ("force",))),
+    (["force=Damper [LF]"], ({"force": "Damper [LF]"}, {}, ())),
+    (["time=1", "force=3"], ({"time": "1", "force": "3"}, {}, ())),
+])  # fmt: skip
 def test_a_channel_has_a_column_a_sign_and_a_unit(words: list[str], expected: tuple[object, ...]) -> None:
     found = channels(*words)
     columns = {name: pick.source for name, pick in found.channel_map.channels.items()} if found.channel_map else {}
@@ -180,20 +168,15 @@ def test_settings_are_converted_and_have_defaults() -> None:
     assert "--set cutoff='50' has no unit" in str(shown("cutoff=50").exception)
 
 
-@pytest.mark.parametrize(
-    ("present", "verb", "refused"),
-    [
-        (("results.parquet",), ("run", "--report"), "the report of a study"),
-        (("results.parquet", "result.json"), ("run", "--report"), "the report of a study"),
-        (("results.parquet",), ("run",), ""),
-        (("result.json",), ("run", "--report"), ""),
-        (("result.json",), ("study",), "the report of a run"),
-        (("result.json",), ("study", "optimise"), "the report of a run"),
-        (("results.parquet", "result.json"), ("study",), ""),
-        (("results.parquet",), ("study", "optimise"), ""),
-        ((), ("study",), ""),
-    ],
-)
+@pytest.mark.parametrize(("present", "verb", "refused"), [
+    (("results.parquet",), ("run", "--report"), "the report of a study"),
+    (("results.parquet", "result.json"), ("run", "--report"), "the report of a study"),
+    (("results.parquet",), ("run",), ""), (("result.json",), ("run", "--report"), ""),
+    (("result.json",), ("study",), "the report of a run"),
+    (("result.json",), ("study", "optimise"), "the report of a run"),
+    (("results.parquet", "result.json"), ("study",), ""), (("results.parquet",), ("study", "optimise"), ""),
+    ((), ("study",), ""),
+])  # fmt: skip
 def test_a_run_and_a_study_do_not_replace_each_others_report(
     tmp_path: Path, present: tuple[str, ...], verb: tuple[str, ...], refused: str
 ) -> None:

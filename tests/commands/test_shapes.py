@@ -43,15 +43,12 @@ measure = "grip number"
 """
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--vary", "rebound.kne"], "a shape has no number 'rebound.kne'; its numbers are compression.bleed"),
-        (["--limit", "rebound.knee=6 in/s,1 in/s"], "the lower one, 0.1524 m/s, must be below 0.0254 m/s"),
-        (["--limit", "lag=1 ms,2 ms"], "limits of lag, which does not vary"),
-        (["--limit", "rebound.knee=6 in/s"], "write NUMBER=LOW,HIGH"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    (["--vary", "rebound.kne"], "a shape has no number 'rebound.kne'; its numbers are compression.bleed"),
+    (["--limit", "rebound.knee=6 in/s,1 in/s"], "the lower one, 0.1524 m/s, must be below 0.0254 m/s"),
+    (["--limit", "lag=1 ms,2 ms"], "limits of lag, which does not vary"),
+    (["--limit", "rebound.knee=6 in/s"], "write NUMBER=LOW,HIGH"),
+])  # fmt: skip
 def test_wrong_numbers_and_limits_are_refused_before_anything_is_built(arguments, message, tmp_path):
     done = CliRunner().invoke(main, ["study", "shapes", str(EXAMPLES / "study.toml"), "-o", str(tmp_path), *arguments])
     assert done.exit_code == 2 and message in done.output.replace("\n", " ")

@@ -138,16 +138,11 @@ def test_ctrl_c_in_the_terminal_keeps_the_results_so_far_and_the_next_call_resum
     assert again.exit_code == 0 and f"625 setups, {625 - len(first)} to be run" in again.output
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "options", "expected"),
-    [
-        ('lf = ["soft", ', 'lf = ["sofd", ', (), "line 16: corners: lf allows 'sofd'"),
-        ('rr = ["stiff"]', "", (), "rr has no shock"),
-        ('"grip number"', '"grip numbr"', (), "did you mean 'grip number'"),
-        ("", "", ("--rank", "speed"), "there is no measure 'speed'"),
-        ("", "", ("--trace", "2"), "there is no setup 2"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "options", "expected"), [
+    ('lf = ["soft", ', 'lf = ["sofd", ', (), "line 16: corners: lf allows 'sofd'"),
+    ('rr = ["stiff"]', "", (), "rr has no shock"), ('"grip number"', '"grip numbr"', (), "did you mean 'grip number'"),
+    ("", "", ("--rank", "speed"), "there is no measure 'speed'"), ("", "", ("--trace", "2"), "there is no setup 2"),
+])  # fmt: skip
 def test_a_bad_study_exits_2_with_a_message_before_anything_runs(file, tmp_path, old, new, options, expected):
     text = file.read_text()
     assert old in text
@@ -156,14 +151,3 @@ def test_a_bad_study_exits_2_with_a_message_before_anything_runs(file, tmp_path,
     assert ended.exit_code == 2
     assert expected in " ".join(ended.stderr.split())
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.nightly
-def test_ctrl_c_while_the_certainty_is_computed_keeps_the_complete_table(file, tmp_path, monkeypatch):
-    def interrupted(*_args, **_options):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("eightpost.api.study_folder.StudyFolder.assess", interrupted)
-    done = CliRunner().invoke(main, ["study", str(file), "-o", str(tmp_path / "out"), "--workers", "1"])
-    assert done.exit_code == 1 and "the table is complete" in done.output
-    assert StudyResult.load(tmp_path / "out" / "results.parquet").done.all()

@@ -16,8 +16,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from cosim import (
     Adaptive,
@@ -36,7 +34,6 @@ from cosim import (
 from cosim.components.fmu_component import _FmuInstance
 from cosim.coupling import VALUES
 from cosim.engine import march
-from eightpost.errors import StepError
 from eightpost.signals import Drivefile
 
 Join = Callable[..., System]
@@ -266,50 +263,3 @@ def test_ctrl_c_in_a_long_compiled_run_returns_the_partial_result_within_a_secon
     assert rows.size > 10
     assert longer.time[rows].tobytes() == result.series.time.tobytes()
     assert longer.values[:, rows].tobytes() == result.series.values.tobytes()
-
-
-@pytest.fixture(scope="module")
-def shared_parts() -> dict[str, Any]:
-    """Components that all examples of a property reuse."""
-    return {}
-
-
-@pytest.mark.nightly
-@settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    algorithm=st.sampled_from([Jacobi("extrapolated"), GaussSeidel(), GaussSeidel(values="held"), Implicit()]),
-    step=st.sampled_from([2.5e-4, 1e-3, 1.7e-3, 4e-3, 8e-3]),
-    steps=st.floats(1.0, 60.0),
-    every=st.integers(1, 5),
-    other=st.floats(5e-4, 5e-3),
-)
-def test_unconnected_systems_in_one_run_are_bit_identical_to_separate_runs(
-    quarter_cars: Join,
-    bumps: Drivefile,
-    shared_parts: dict[str, Any],
-    algorithm: Algorithm,
-    step: float,
-    steps: float,
-    every: int,
-    other: float,
-) -> None:
-    roads = {name: f"car_{name}.road" for name in "ab"}
-    soft = {"compression_scale": 0.2, "rebound_scale": 0.2, "time_constant": other}
-
-    def go(names: str) -> Result:
-        scenario = Scenario(steps * step, bumps, {n: roads[n] for n in names}, record_step=every * step)
-        return run(quarter_cars(names, shared_parts, **soft), scenario, algorithm=algorithm, step=step, compared=False)
-
-    try:
-        alone = [go(name) for name in "ab"]
-    except StepError:  # a step too large for one system is too large for both together
-        with pytest.raises(StepError, match="diverged"):
-            go("ab")
-        return
-    together = go("ab")
-    for one in alone:
-        assert one.series.time.tobytes() == together.series.time.tobytes()
-        assert all(one.series[name].tobytes() == together.series[name].tobytes() for name in one.series.names)
-        assert all(together.energy[bond] == energy for bond, energy in one.energy.items())
-        assert all(together.coupled[bond] == coupled for bond, coupled in one.coupled.items())
-    assert together.iterations == sum(one.iterations for one in alone)

@@ -9,8 +9,8 @@ from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 
 from cosim import ExtrapolatedForce, FmuComponent, ForceLaw, HeldForce
-from eightpost.errors import InputError, StepError, WiringError
 from eightpost.shock import LAWS
+from tests.unchanged import refusals
 
 PORT = ("velocity", "displacement")
 CORNERS = ("lf", "rf", "lr", "rr")
@@ -157,19 +157,20 @@ def test_the_jacobian_of_a_law_without_lag_is_the_directional_derivative_of_the_
     assert direct[1] == shocks["polylinear"].law.port.gas_stiffness
 
 
-@pytest.mark.parametrize("name", LAWS)
-def test_four_corners_at_once_are_four_shocks(fmus, laws, name):
+def test_four_corners_at_once_are_four_shocks_with_their_own_files_and_parameters(fmus):
     velocity, displacement = np.array([0.1, -0.2, 0.05, 0.3]), np.array([0.0, 0.01, -0.01, 0.002])
-    with ForceLaw(fmus[name], corners=CORNERS) as four:
+    files, own = [fmus[name] for name in LAWS], [{"compression_scale": 1.5}, {}, {"gas_stiffness": 0.0}, {}]
+    with ForceLaw(files, corners=CORNERS, parameters=dict(zip(CORNERS, own, strict=True))) as four:
         found = [four.start(0.0, velocity, displacement), four.accept(2e-3, -velocity, displacement)]
         found.append(four.force(3e-3, 0.5 * velocity, displacement))
         slopes = four.jacobian(3e-3, 0.5 * velocity, displacement)
-    law = laws[name]
-    for i in range(4):
-        assert law.start(0.0, velocity[i], displacement[i]) == found[0][i]
-        assert law.accept(2e-3, -velocity[i], displacement[i]) == found[1][i]
-        assert law.force(3e-3, 0.5 * velocity[i], displacement[i]) == found[2][i]
-        assert law.jacobian(3e-3, 0.5 * velocity[i], displacement[i]) == (slopes[0][i], slopes[1][i])
+    for i, (file, parameters) in enumerate(zip(files, own, strict=True)):
+        with ForceLaw(file, parameters=parameters) as law, ForceLaw(file) as plain:
+            assert (plain.start(0.0, velocity[i], displacement[i]) != found[0][i]) == bool(parameters)
+            assert law.start(0.0, velocity[i], displacement[i]) == found[0][i]
+            assert law.accept(2e-3, -velocity[i], displacement[i]) == found[1][i]
+            assert law.force(3e-3, 0.5 * velocity[i], displacement[i]) == found[2][i]
+            assert law.jacobian(3e-3, 0.5 * velocity[i], displacement[i]) == (slopes[0][i], slopes[1][i])
 
 
 def test_results_are_not_changed_by_later_evaluations(fmus):
@@ -181,20 +182,6 @@ def test_results_are_not_changed_by_later_evaluations(fmus):
         four.jacobian(2e-3, -0.3)
         for now, before in zip((first, second, slopes[0]), kept, strict=True):
             np.testing.assert_array_equal(now, before)
-
-
-def test_corners_may_have_different_shocks_and_parameters(fmus):
-    files = [fmus["lpnl2"], fmus["polylinear"]]
-    own = {"front": {"compression_scale": 1.5}, "rear": {"gas_stiffness": 0.0}}
-    with ForceLaw(files, corners=("front", "rear"), parameters=own) as law:
-        found = law.start(0.0, 0.2, 0.01)
-    expected = []
-    for file, parameters in zip(files, own.values(), strict=True):
-        with ForceLaw(file, parameters=parameters) as single:
-            expected.append(single.start(0.0, 0.2, 0.01))
-        with ForceLaw(file) as plain:
-            assert plain.start(0.0, 0.2, 0.01) != expected[-1]
-    np.testing.assert_array_equal(found, expected)
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -235,16 +222,6 @@ def test_loop_b_extrapolates_the_forces_of_ramps_to_the_middle_of_the_next_step(
         assert loop.step(5e-3, 3e-3, 0.1) == pytest.approx(forces[3] + 0.5 * (forces[3] - forces[2]), rel=1e-12)
 
 
-def test_loop_a_refuses_a_step_that_does_not_begin_where_the_last_one_ended(fmus):
-    with HeldForce(fmus["lpf1"]) as loop:
-        loop.start(0.0, 0.0)
-        loop.step(0.0, 1e-3, 0.1)
-        with pytest.raises(InputError, match=r"begins at 0\.005 s, but the last one ended at 0\.001 s"):
-            loop.step(5e-3, 1e-3, 0.1)
-        with pytest.raises(InputError, match="positive step"):
-            loop.step(1e-3, 0.0, 0.1)
-
-
 @pytest.mark.parametrize("kind", [HeldForce, ExtrapolatedForce])
 def test_loops_without_a_jacobian_take_no_difference_for_one(fmus, kind):
     with pytest.raises(TypeError, match="unexpected keyword argument 'difference'"):
@@ -254,76 +231,40 @@ def test_loops_without_a_jacobian_take_no_difference_for_one(fmus, kind):
 # ---- Errors ---------------------------------------------------------------------------------------------------------
 
 
-def test_a_time_before_the_accepted_one_is_refused_and_the_next_call_works(laws):
-    law = laws["lpf1"]
-    law.start(1.0, 0.0)
-    law.accept(1.25, 0.1)
-    with pytest.raises(InputError, match=r"time 1\.2 s is before the last accepted time, 1\.25 s"):
-        law.force(1.2, 0.1)
-    assert law.force(1.25 - 1e-12, 0.1) == law.force(1.25, 0.1)  # rounding of a host that adds up its time
-    with pytest.raises(InputError, match="before the last accepted time"):
-        law.accept(1.2, 0.1)
-    assert law.time == 1.25
+def test_what_a_law_refuses_names_the_corner_and_leaves_the_law_as_it_was(fmus, unchanged):
+    file, closed = fmus["lpf1"], ForceLaw(fmus["lpf1"])
+    closed.start(0.0, 0.0)
+    closed.close()
+    with ForceLaw(file, corners=CORNERS) as law, HeldForce(file) as loop:
+        law.start(1.0, 0.0)
+        law.accept(1.25, 0.1)
+        before = law.force(1.26, 0.1)
+        loop.start(0.0, 0.0)
+        loop.step(0.0, 1e-3, 0.1)
+        calls = {
+            f"{ask.__name__} at {bad}": partial(ask, 1.26, 0.0, [0.0, 0.0, bad, 0.0])
+            for ask in (law.force, law.accept, law.jacobian) for bad in (math.nan, math.inf, -math.inf)
+        } | {
+            "not started": lambda: ForceLaw(file).force(0.0, 0.0), "closed": lambda: closed.accept(0.0, 0.0),
+            "before the accepted time": lambda: law.force(1.2, 0.1), "accepted before": lambda: law.accept(1.2, 0.1),
+            "no time": lambda: law.force(math.nan, 0.0), "no step": lambda: loop.step(1e-3, 0.0, 0.1),
+            "beyond the FMU": lambda: law.force(1.26, [0.1, 1e300, 0.0, 0.0]),
+            "a step that begins later": lambda: loop.step(5e-3, 1e-3, 0.1),
+        }  # fmt: skip
+        unchanged(refusals(calls))
+        np.testing.assert_array_equal(law.force(1.26, 0.1), before)
+        assert law.time == 1.25
+        np.testing.assert_array_equal(law.force(1.25 - 1e-12, 0.1), law.force(1.25, 0.1))  # rounding of a host's time
+    unchanged(
+        refusals({"start": lambda: ForceLaw(file, corners=CORNERS).start(0.0, [0.0, math.nan, 0.0, 0.0])}), "start"
+    )
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_values_that_are_not_finite_are_refused_with_the_name_of_the_corner(fmus, value):
-    with ForceLaw(fmus["lpf1"], corners=CORNERS) as law:
-        with pytest.raises(InputError, match=f"rf: velocity is {value}"):
-            law.start(0.0, [0.0, value, 0.0, 0.0])
-        before = law.start(0.0, 0.1)
-        for ask in (law.force, law.accept, law.jacobian):
-            with pytest.raises(InputError, match=rf"lr: displacement is {value} at 0\.001 s"):
-                ask(1e-3, 0.0, [0.0, 0.0, value, 0.0])
-        with pytest.raises(InputError, match=f"time is {value}"):
-            law.force(value, 0.0)
-        np.testing.assert_allclose(law.force(0.0, 0.1), before, rtol=1e-9)
-
-
-def test_a_refused_value_has_the_fmus_own_message_and_the_name_of_the_corner(fmus):
-    with ForceLaw(fmus["lpf1"], corners=("front", "rear")) as law:
-        law.start(0.0, 0.1)
-        expected = law.force(1e-3, 0.1)
-        with pytest.raises(StepError, match=r"'rear' .*failed to step at 0 s.*the result is not finite"):
-            law.force(1e-3, [0.1, 1e300])
-        np.testing.assert_array_equal(law.force(1e-3, 0.1), expected)
-
-
-def test_a_law_that_has_not_started_or_is_closed_says_so(fmus):
-    law = ForceLaw(fmus["lpf1"])
-    with pytest.raises(StepError, match=r"lpf1 have not started; call start\(\) first"):
-        law.force(0.0, 0.0)
-    law.start(0.0, 0.0)
-    law.close()
-    with pytest.raises(StepError, match="have not started"):
-        law.accept(0.0, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("ports", "message"),
-    [
-        ({"velocity": "speed"}, r"no Real input 'speed' for the velocity; .* are velocity, displacement"),
-        ({"force": "velocity"}, "no Real output 'velocity' for the force"),
-        ({"velocity": "displacement"}, "the dimensions differ"),
-        ({"force": None}, "the force of a shock cannot be left out"),
-        ({"speed": "velocity"}, "'speed' is not a port of a shock"),
-        ({"velocity": ("velocity", 0.0)}, "the gain of velocity must be finite and not zero"),
-    ],
-)
-def test_ports_that_do_not_fit_are_refused(fmus, ports, message):
-    with pytest.raises(WiringError, match=message):
-        ForceLaw(fmus["lpf1"], ports=ports)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"corners": ("a", "b")}, "1 FMUs for 2 corners"),
-        ({"engine": "fast"}, "engine is 'fast'"),
-        ({"difference": 0.0}, r"difference is 0\.0"),
-        ({"parameters": {"left": {"time_constant": 1e-3}}}, "parameters name 'left', which is not a corner"),
-    ],
-)
-def test_arguments_that_cannot_be_used_are_refused(fmus, options, message):
-    with pytest.raises(InputError, match=message):
-        ForceLaw([fmus["lpf1"]], **options)
+def test_ports_and_options_that_do_not_fit_are_refused(fmus, unchanged):
+    ports = [
+        {"velocity": "speed"}, {"force": "velocity"}, {"velocity": "displacement"}, {"force": None},
+        {"speed": "velocity"}, {"velocity": ("velocity", 0.0)},
+    ]  # fmt: skip
+    options = [{"corners": ("a", "b")}, {"engine": "fast"}, {"difference": 0.0}, {"parameters": {"left": {"k": 1e-3}}}]
+    calls = {str(one): partial(ForceLaw, fmus["lpf1"], ports=one) for one in ports}
+    unchanged(refusals(calls | {str(one): partial(ForceLaw, [fmus["lpf1"]], **one) for one in options}))

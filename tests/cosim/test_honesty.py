@@ -30,17 +30,10 @@ def refined(join: Join, bumps: Drivefile, algorithm: Algorithm) -> list[Result]:
 
 
 @pytest.mark.repeated
-@pytest.mark.parametrize(
-    ("algorithm", "order"),
-    [
-        (Jacobi(), 1),
-        (GaussSeidel(values="held"), 1),
-        (Jacobi("interpolated"), 1),
-        (Jacobi("extrapolated"), 2),
-        (GaussSeidel(), 2),
-    ],
-    ids=lambda value: f"{value.name} {value.values}" if hasattr(value, "name") else "",
-)
+@pytest.mark.parametrize(("algorithm", "order"), [
+    (Jacobi(), 1), (GaussSeidel(values="held"), 1), (Jacobi("interpolated"), 1), (Jacobi("extrapolated"), 2),
+    (GaussSeidel(), 2),
+], ids=lambda value: f"{value.name} {value.values}" if hasattr(value, "name") else "")  # fmt: skip
 def test_the_local_error_of_a_bond_falls_with_the_order_of_its_coupling_values(
     quarter_cars: Join, bumps: Drivefile, algorithm: Algorithm, order: int
 ) -> None:

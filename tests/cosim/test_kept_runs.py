@@ -25,12 +25,12 @@ from cosim import (
 )
 from cosim.coupling import VALUES
 from cosim.session.run import verify
-from cosim.session.setup import among, coupling_times, joined, merged, step_sizes, summed_steps
-from cosim.session.verdict import BondEnergy, Coupled, Model
+from cosim.session.setup import among, coupling_times, joined, merged, step_sizes
+from cosim.session.verdict import RULES, BondEnergy, Coupled, Model
 from eightpost.errors import DivergedError, InputError, WiringError
 from eightpost.signals import Drivefile, TimeSeries
 from eightpost.validity import Range, Validity
-from eightpost.verdict import Verdict
+from eightpost.verdict import Grade, Verdict
 
 Unchanged = Callable[..., None]
 
@@ -211,14 +211,6 @@ def test_steps_are_equal_to_the_bit_except_a_shorter_last_one(stop: float, step:
     assert steps[-1] == pytest.approx(last) and (steps[-1] == step) == (last == step)
 
 
-def test_the_sum_of_the_steps_is_a_communication_point_and_every_32nd_does_not_drift() -> None:
-    times = coupling_times(7.05, 0.1)
-    points, steps = summed_steps(times, 0.1)
-    assert (points[:-1] + steps).tolist() == points[1:].tolist()
-    assert points[::32].tolist() == times[::32].tolist() and points[-1] == 7.05
-    assert set(np.delete(steps, [31, 63, 70]).tolist()) == {0.1} and steps[-1] == pytest.approx(0.05)
-
-
 def test_times_that_differ_by_rounding_are_one() -> None:
     times = np.array([0.0, 0.5, 1.0])
     assert joined(times, np.array([0.5 + 9e-10, 0.5 + 2e-9, 0.7])).tolist() == [0.0, 0.5, 0.5 + 2e-9, 0.7, 1.0]
@@ -328,19 +320,24 @@ def test_a_limit_of_the_verdict_is_where_it_is_stated(changes: dict[str, Any], r
 def test_reasons_of_a_verdict_are_unchanged(unchanged: Unchanged) -> None:
     other = {"car.velocity": 0.1, "car.a": 7.25, "car.b": 12.0}
     faults: dict[str, dict[str, Any]] = {
-        "other channels": {"stated_error": other}, "one other channel": {"stated_error": {**other, "car.a": 0.0}},
-        "unknown": {"stated_error": {}}, "nothing coupled": {"stated_error": {}, "energy": {}, "coupled": {}},
+        "sound": {}, "other channels": {"stated_error": other},
+        "one other channel": {"stated_error": {**other, "car.a": 0.0}}, "unknown": {"stated_error": {}},
+        "no number": {"stated_error": {"car.velocity": np.nan}}, "infinite": {"stated_error": {"car.velocity": np.inf}},
+        "nothing coupled": {"stated_error": {}, "energy": {}, "coupled": {}},
         "fit": {"share_beyond_fit": {"lf": 0.05}}, "tire": {"share_tire_off": {"car.lf": 0.256}},
-        "early": {"partial": True},
+        "no static force": {"share_tire_off": {"car.lf": None}}, "early": {"partial": True},
         "settings": {"share_beyond_settings": {"lf": 0.5}, "share_far_beyond_settings": {"lf": 0.25}},
         "untested": {"share_beyond_settings": {"lf": 0.0}, "share_untested_settings": {"lf": 0.125}},
+        "at the settings": {"share_beyond_settings": {"lf": 0.0}},
         "unsettled": {"converged": False, "notes": ("a note",)}, "model": {"models": {"lf": Model(None, "lf.fmu", {})}},
         "amplitude": velocity(123, 2.5), "frequency": tones(0.0, 5.0, 0.3), "within": velocity(0, 0.0),
         "condition": ranged(Range("temperature", "condition", 290.0, 310.0, "K"), velocity=pulse(0, 0.0)),
     }  # fmt: skip
-    unchanged(
-        {name: [f"{one.about} | {one}" for one in sound(**changes).verdict.reasons] for name, changes in faults.items()}
-    )
+    found = {name: sound(**changes).verdict.reasons for name, changes in faults.items()}
+    unchanged({name: [f"{one.about} | {one.grade} | {one}" for one in reasons] for name, reasons in found.items()})
+    assert sound(stated_error={}).acceptable and not sound(partial=True).acceptable
+    rules = {rule for _, changes, rule, holds in EDGES if holds} | {one.rule for one in sum(found.values(), ())}
+    assert rules >= {rule.name for rule in RULES}
 
 
 def test_the_file_of_a_run_is_unchanged(parts: Any, make: Any, tmp_path: Any, unchanged: Unchanged) -> None:
@@ -348,3 +345,48 @@ def test_the_file_of_a_run_is_unchanged(parts: Any, make: Any, tmp_path: Any, un
     *_, path = replace(result, seconds=0.0, stepping_seconds=0.0).write(tmp_path)
     unchanged(path)
     unchanged(repr(result), "summary")
+
+
+# ==== Settings, local errors and energies in a verdict ===============================================================
+
+
+def only(verdict: Verdict, rule: str):
+    (reason,) = [reason for reason in verdict.reasons if reason.rule == rule]
+    return reason
+
+
+SETTINGS = [
+    ({}, {}, {}, []),
+    ({"lf": 0.0}, {"lf": 0.0}, {"lf": 0.0}, ["within the settings of a shock"]),
+    ({"lf": 0.1}, {"lf": 0.0}, {"lf": 0.0}, ["beyond the settings of a shock"]),
+    ({"lf": 1.0}, {"lf": 1.0}, {"lf": 0.0}, ["far beyond the settings of a shock"]),
+    ({"lf": 0.0}, {"lf": 0.0}, {"lf": 1.0}, ["untested settings of a shock"]),
+    ({"lf": 1.0}, {"lf": 0.0}, {"lf": 1.0}, ["untested settings of a shock", "beyond the settings of a shock"]),
+]
+
+
+@pytest.mark.parametrize(("beyond", "far", "untested", "expected"), SETTINGS)
+def test_a_shock_at_settings_that_were_not_measured_is_a_reason(beyond, far, untested, expected):
+    shares = {"share_beyond_settings": beyond, "share_far_beyond_settings": far, "share_untested_settings": untested}
+    reasons = sound(**shares).verdict.about("settings of the shocks").reasons
+    assert [reason.rule for reason in reasons] == expected
+    assert all(reason.origin == "component lf" for reason in reasons)
+
+
+def test_a_large_local_error_makes_a_run_not_usable_even_if_the_stated_error_is_small():
+    """Two runs that oscillate from step to step can agree at the recorded points."""
+    chatter = sound(coupled={"lf": Coupled(1.4, 0.5, 1.0, 800.0, 0.5, 800.0)}, stated_error={"car.velocity": 1e-3})
+    assert chatter.verdict.grade is Grade.NOT_USABLE
+    assert not chatter.acceptable
+    assert "280 %" in only(chatter.verdict, "local error of a bond").figure
+
+
+def test_the_energy_beyond_the_fitted_velocities_is_limited_like_the_time():
+    """A shock that is beyond its fitted range for a short time, but dissipates most of its energy then."""
+    time = np.linspace(0.0, 10.0, 1001)
+    beyond = (time > 9.9).astype(float)
+    series = TimeSeries.from_channels(
+        time, {"lf.beyond_fit": ("1", beyond), "lf.dissipated_power": ("W", 1.0 + 1e4 * beyond)}
+    )
+    reason = only(sound(series=series, share_beyond_fit={"lf": 0.01}).verdict, "mostly outside the fitted velocities")
+    assert "99.0% of its energy" in reason.figure

@@ -1,6 +1,5 @@
 """The master: step times, coupling values, equilibrium start, recording and reporting."""
 
-import json
 import os
 import signal
 from dataclasses import replace
@@ -88,49 +87,6 @@ def test_gauss_seidel_ramps_the_coupling_values_of_components_that_interpolate_t
     assert moves == [pytest.approx(pair) for pair in [(0.0, 1.25), (1.25, 3.75), (3.75, 6.25), (6.25, 8.75)]]
 
 
-def test_a_run_starts_in_the_coupled_equilibrium(make):
-    """A spring of 3 N/m under 12 N against a spring of 1 N/m: x = 12 / (3 + 1) = 3 m."""
-    spring = make.table(make.variable("u", "input", "m"), make.variable("y", "output", "N", ["u"]))
-    mass = make.table(make.variable("u", "input", "N"), make.variable("y", "output", "m", ["u"]))
-    system = System(
-        {
-            "mass": make.component(mass, lambda _, u: {"y": (12.0 - u["u"]) / 3.0}),
-            "spring": make.component(spring, lambda _, u: {"y": 1.0 * u["u"]}),
-        },
-        connections=[Connection("mass.y", "spring.u"), Connection("spring.y", "mass.u")],
-    )
-    result = run(system, Scenario(0.1), step=0.1)
-    assert result.converged
-    assert result.series["mass.y"][0] == pytest.approx(3.0, rel=1e-9)
-
-
-def test_an_equilibrium_start_at_which_sweeps_diverge_is_solved(make):
-    """With a spring of 30 N/m sweeps diverge (30 / 3 > 1); the solver gives 12 / 33 m."""
-    spring = make.table(make.variable("u", "input", "m"), make.variable("y", "output", "N", ["u"]))
-    mass = make.table(make.variable("u", "input", "N"), make.variable("y", "output", "m", ["u"]))
-    system = System(
-        {
-            "mass": make.component(mass, lambda x, u: {"y": (12.0 - u["u"]) / 3.0}),
-            "spring": make.component(spring, lambda _, u: {"y": 30.0 * u["u"]}),
-        },
-        connections=[Connection("mass.y", "spring.u"), Connection("spring.y", "mass.u")],
-    )
-    result = run(system, Scenario(1e-3), step=1e-3)
-    assert result.converged
-    assert result.series["mass.y"][0] == pytest.approx(12.0 / 33.0, rel=1e-8)
-
-
-def test_a_start_without_an_equilibrium_is_reported_in_status_and_notes(make):
-    part = make.table(make.variable("u", "input", "N"), make.variable("y", "output", "N", ["u"]))
-    system = System(
-        {"a": make.component(part, lambda _, u: {"y": u["u"] + 1.0}), "b": make.gain()},
-        connections=[Connection("a.y", "b.u"), Connection("b.y", "a.u")],
-    )
-    result = run(system, Scenario(0.1), step=0.1)
-    assert not result.converged
-    assert any("not an equilibrium" in note for note in result.notes)
-
-
 def bonded(make, gain=1.0):
     """A mass of 2 kg at 3 m/s against a damper of 4 N.s/m; the mass holds the force over a step."""
     ports = make.table(make.variable("velocity", "output", "m/s"), make.variable("force", "input", "N"))
@@ -151,11 +107,6 @@ def test_bond_energy_matches_the_lost_kinetic_energy_and_its_residual_falls_with
         residuals.append(abs(energy.residual))
     assert residuals[0] > residuals[1] > residuals[2] > 0.0
     assert residuals[2] / residuals[0] == pytest.approx(0.25, rel=0.1)
-
-
-def test_a_diverging_coupling_is_stopped_with_advice(make):
-    with pytest.raises(StepError, match="smaller coupling step"):
-        run(bonded(make), Scenario(1000.0), step=2.0)
 
 
 def test_a_run_that_creates_energy_is_not_acceptable_and_its_verdict_names_energy(make):
@@ -215,26 +166,19 @@ def test_only_the_requested_channels_are_recorded_at_the_requested_rate(make):
     assert result.series["a.y"].tolist() == pytest.approx(result.series.time.tolist())
 
 
-def test_a_result_is_written_with_its_series_and_metadata(make, tmp_path):
+def test_the_written_series_of_a_result_are_read_back(make, tmp_path):
     result = run(System({"a": make.integrator()}, constants={"a.u": 1.0}), Scenario(1.0), step=0.1)
-    paths = result.write(tmp_path)
-    for path in paths[:2]:
+    for path in result.write(tmp_path)[:2]:
         assert read_series(path)["a.y"].tolist() == pytest.approx(result.series["a.y"].tolist())
-    document = json.loads(paths[2].read_text())
-    assert document["algorithm"] == "default"
-    assert document["scheme"] == "gauss-seidel"
-    assert document["identities"] == {"a": "function"}
 
 
 # ==== The error of a component that refuses a step states the inputs that it had =====================================
 
 
 @pytest.mark.parametrize("engine", ["python", "compiled"])
-@pytest.mark.parametrize(
-    "algorithm",
-    [Jacobi(values="held"), GaussSeidel(values="parabolic"), Implicit()],
-    ids=["jacobi, held", "gauss-seidel, parabolic", "implicit"],
-)
+@pytest.mark.parametrize("algorithm", [
+    Jacobi(values="held"), GaussSeidel(values="parabolic"), Implicit(),
+], ids=["jacobi, held", "gauss-seidel, parabolic", "implicit"])  # fmt: skip
 @pytest.mark.parametrize("ramps", [False, True], ids=["held inputs", "ramped inputs"])
 def test_the_inputs_in_an_error_are_those_that_the_component_was_given(
     make: Any, ramps: bool, algorithm: Any, engine: str

@@ -1,13 +1,14 @@
 """Parameters of one run: equal to a fresh system with these values, and gone after the run."""
 
 import time
+from functools import partial
 
 import numpy as np
 import pytest
 
 from cosim import Bond, Connection, FmuComponent, Scenario, System, Variable, run
 from cosim.session.parameter_sweep import sweep_parameters
-from eightpost.errors import InputError, WiringError
+from tests.unchanged import refusals
 
 #: A step at which a short run takes milliseconds.
 STEP = 1e-3
@@ -71,20 +72,6 @@ def test_a_value_may_have_another_unit_and_be_a_number_of_numpy(loaded):
     assert changed.components is loaded.components
 
 
-@pytest.mark.parametrize(("values", "message"), [
-    ({"shock.compresion_scale": 1.0}, r"no variable 'compresion_scale'; did you mean compression_scale"),
-    ({"shok.compression_scale": 1.0}, r"no component 'shok'; did you mean shock\?"),
-    ({"shock": {"compression_scale": 1.0}}, r"'shock' must be component\.parameter"),
-    ({"shock.velocity": 1.0}, r"shock\.velocity is an input, not a parameter"),
-    ({"shock.compression_scale": -1.0}, r"outside its range, 0 to any"),
-    ({"shock.gas_preload": "30 mm"}, r"dimensions differ"),
-    ({"shock.gas_preload": None}, r"the value is None; give a number, or a text such as"),
-])  # fmt: skip
-def test_a_wrong_parameter_is_an_error_of_the_call(loaded, scenario, values, message):
-    with pytest.raises(WiringError, match=message):
-        run(loaded, scenario, parameters=values)
-
-
 def test_a_sweep_is_a_run_for_each_combination(loaded, scenario):
     scales = {"shock.compression_scale": [0.5, 1.0], "shock.rebound_scale": [1.0, 2.0]}
     swept = sweep_parameters(loaded, scenario, scales, step=STEP, compared=False)
@@ -103,16 +90,6 @@ def test_a_sweep_is_a_run_for_each_combination(loaded, scenario):
                for name in change.index}  # fmt: skip
     shown = swept.plot(statistic="maximum").figure.axes[0].get_ylabel().split(",")[0]
     assert shown == max(change.index, key=lambda name: change[name] / largest[name])  # the one that changes most
-
-
-@pytest.mark.parametrize(("points", "message"), [
-    ({"shock.rebound_scale": []}, "at least one value"),
-    ({"shock.rebound_scale": 2.0}, r"give a list of values"),
-    ([{}], "at least one parameter"),
-])  # fmt: skip
-def test_a_sweep_without_values_is_refused(loaded, scenario, points, message):
-    with pytest.raises(InputError, match=message):
-        sweep_parameters(loaded, scenario, points)
 
 
 def test_a_slow_run_reports_often_and_the_amount_done_never_decreases(make):
@@ -143,18 +120,6 @@ def test_a_system_is_loaded_with_short_forms(fmus):
     assert short.parameters == plain.parameters
 
 
-@pytest.mark.parametrize(("arguments", "message"), [
-    ({"fmus": "car.fmu"}, "give them by name"),
-    ({"fmus": {"car": 5}}, "component 'car' is a int"),
-    ({"fmus": {}, "bonds": Bond.between("car", "lf")}, "give a list of bonds"),
-    ({"fmus": {}, "bonds": [("car.lf", "lf", 1.0)]}, "is not a bond"),
-    ({"fmus": {}, "bonds": [Connection("a.y", "b.u")]}, "is not a bond"),
-])  # fmt: skip
-def test_a_wrong_argument_of_load_is_named(arguments, message):
-    with pytest.raises(WiringError, match=message):
-        System.load(**arguments)
-
-
 def test_a_result_states_itself_in_ten_lines(loaded, scenario):
     result = run(loaded, scenario, step=STEP)
     assert len(repr(result).splitlines()) <= 10
@@ -177,3 +142,19 @@ def test_a_result_becomes_tables_and_a_picture(loaded, scenario):
     assert labelled["shock.force"].attrs["units"] == "N"
     assert labelled.attrs["verdict"] == result.verdict.grade.value
     assert result.plot("shock.force", stop=0.2)._repr_png_().startswith(b"\x89PNG")
+
+
+def test_a_wrong_parameter_sweep_or_system_is_an_error_of_the_call(loaded, scenario, unchanged):
+    values = [
+        {"shock.compresion_scale": 1.0}, {"shok.compression_scale": 1.0}, {"shock": {"compression_scale": 1.0}},
+        {"shock.velocity": 1.0}, {"shock.compression_scale": -1.0}, {"shock.gas_preload": "30 mm"},
+        {"shock.gas_preload": None},
+    ]  # fmt: skip
+    points = [{"shock.rebound_scale": []}, {"shock.rebound_scale": 2.0}, [{}]]
+    systems = [
+        {"fmus": "car.fmu"}, {"fmus": {"car": 5}}, {"fmus": {}, "bonds": Bond.between("car", "lf")},
+        {"fmus": {}, "bonds": [("car.lf", "lf", 1.0)]}, {"fmus": {}, "bonds": [Connection("a.y", "b.u")]},
+    ]  # fmt: skip
+    calls = {str(one): partial(run, loaded, scenario, parameters=one) for one in values}
+    calls |= {str(one): partial(sweep_parameters, loaded, scenario, one) for one in points}
+    unchanged(refusals(calls | {f"system {k}": partial(System.load, **one) for k, one in enumerate(systems)}))

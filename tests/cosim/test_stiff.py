@@ -162,11 +162,9 @@ def test_at_125_hz_jacobi_diverges_with_advice_and_implicit_is_stable(seven_dof:
 
 @pytest.mark.repeated(2)
 @pytest.mark.parametrize("name", [name for name in HARD if name != "as it is"])
-@pytest.mark.parametrize(
-    ("algorithm", "step"),
-    [(Jacobi(), 0.004), (GaussSeidel(), 0.008), (GaussSeidel(), 0.004), (Implicit(), 0.008)],
-    ids=lambda value: str(getattr(value, "name", value)),
-)
+@pytest.mark.parametrize(("algorithm", "step"), [
+    (Jacobi(), 0.004), (GaussSeidel(), 0.008), (GaussSeidel(), 0.004), (Implicit(), 0.008),
+], ids=lambda value: str(getattr(value, "name", value)))  # fmt: skip
 def test_a_hard_case_at_too_large_a_step_diverges_or_is_not_acceptable_or_is_accurate(
     hard_run: Callable[..., Result], truths: Any, name: str, algorithm: Any, step: float
 ) -> None:

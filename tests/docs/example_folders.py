@@ -20,7 +20,7 @@ NOT_RUN = {
     "identify base.parquet": _IDENTIFY,
     "drivefile": "needs an iteration on a rig: tests/drivefile/test_stand_in.py",
     "export c0.json": "needs shocks of one law at three settings: tests/ident/exports/test_shock_tables.py",
-    "run car.ssp": "needs a package whose road is open: tests/cosim/ssp/test_packages.py",
+    "run car.ssp": "needs a package whose road is open: tests/cosim/ssp/test_reading.py",
     "study examples/study.toml -o out/ --trace": "names a setup of 2401: tests/commands/test_study.py",
     "study shapes": "optimises for minutes: tests/commands/test_shapes.py",
     "study whatif": "needs a study of shocks with adjusters: tests/commands/test_shapes.py",

@@ -29,17 +29,10 @@ def sample(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "sample.py"
 
 
-@pytest.mark.parametrize(
-    ("description", "count"),
-    [
-        ("Of the bond.", 1),
-        ("its name", 1),
-        ("Which.", 1),
-        ("Names of the outputs to simulate.", 0),
-        ("Whether to draw a progress bar.", 0),
-        ("Offset of the channel [N].", 0),
-    ],
-)
+@pytest.mark.parametrize(("description", "count"), [
+    ("Of the bond.", 1), ("its name", 1), ("Which.", 1), ("Names of the outputs to simulate.", 0),
+    ("Whether to draw a progress bar.", 0), ("Offset of the channel [N].", 0),
+])  # fmt: skip
 def test_a_fragment_is_found_with_its_line(sample: Path, description: str, count: int) -> None:
     source = f'def f(name):\n    """Do.\n\n    Args:\n        name: {description}\n    """\n'
     sample.write_text(source, encoding="utf-8")
@@ -48,15 +41,10 @@ def test_a_fragment_is_found_with_its_line(sample: Path, description: str, count
     assert all("the description of name" in str(finding) for finding in found)
 
 
-@pytest.mark.parametrize(
-    ("text", "better"),
-    [
-        ("# Ride height hardly hangs on the rear shocks", "depends on"),
-        ("# 300 setups, as was said before", "was reported"),
-        ("# the least squares", None),
-        ("# if x is None:", None),
-    ],
-)
+@pytest.mark.parametrize(("text", "better"), [
+    ("# Ride height hardly hangs on the rear shocks", "depends on"),
+    ("# 300 setups, as was said before", "was reported"), ("# the least squares", None), ("# if x is None:", None),
+])  # fmt: skip
 def test_an_expression_is_found_with_what_to_write(sample: Path, text: str, better: str | None) -> None:
     sample.write_text(text + "\n", encoding="utf-8")
     found = [str(finding) for finding in expressions(sample)]

@@ -96,19 +96,12 @@ def test_an_option_that_takes_a_quantity_names_a_unit_or_an_example_with_one():
     assert [f"{name}: {text}" for name, text in found.items() if not UNIT.search(text.replace("default: ", "'"))] == []
 
 
-@pytest.mark.parametrize(
-    ("text", "accepted"),
-    [
-        ("Sine frequency [Hz].", True),
-        ("Maximum error [% of the standard deviation].", True),
-        ("Gas pressure, e.g. '150 psi'.", True),
-        ("Peak velocity, e.g. '10 in/s'.", True),
-        ("Share of the setups, 0 to 1.", True),
-        ("Sine frequency.", False),
-        ("Sine frequency, e.g. 2.", False),
-        ("Name in the file, e.g. '14 '.", False),
-    ],
-)
+@pytest.mark.parametrize(("text", "accepted"), [
+    ("Sine frequency [Hz].", True), ("Maximum error [% of the standard deviation].", True),
+    ("Gas pressure, e.g. '150 psi'.", True), ("Peak velocity, e.g. '10 in/s'.", True),
+    ("Share of the setups, 0 to 1.", True), ("Sine frequency.", False), ("Sine frequency, e.g. 2.", False),
+    ("Name in the file, e.g. '14 '.", False),
+])  # fmt: skip
 def test_a_unit_is_recognized(text, accepted):
     assert bool(UNIT.search(text)) is accepted
 

@@ -112,20 +112,12 @@ def test_the_commands_of_a_block_exist_with_their_options_and_files():
     assert wrong == []
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        "eightpost fitt examples/data/dyno_A.csv",
-        "eightpost fit examples/data/dyno_A.csv --lew lpf1",
-        "eightpost fit examples/data/dyno_A.csv --law lpf9",
-        "eightpost rig --test random --duration '5 kg'",
-        "eightpost run examples/no_such_system.toml",
-        "python benchmarks/no_such_script.py",
-        "python -m benchmarks.no_such_benchmark",
-        "make no_such_target",
-        "no_such_program",
-    ],
-)
+@pytest.mark.parametrize("line", [
+    "eightpost fitt examples/data/dyno_A.csv", "eightpost fit examples/data/dyno_A.csv --lew lpf1",
+    "eightpost fit examples/data/dyno_A.csv --law lpf9", "eightpost rig --test random --duration '5 kg'",
+    "eightpost run examples/no_such_system.toml", "python benchmarks/no_such_script.py",
+    "python -m benchmarks.no_such_benchmark", "make no_such_target", "no_such_program",
+])  # fmt: skip
 def test_a_command_that_does_not_exist_is_found(line):
     (words,) = commands(Block("page.md", 1, "sh", line, ""))
     with pytest.raises((AssertionError, click.ClickException, ValueError)):

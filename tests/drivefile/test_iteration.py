@@ -130,15 +130,11 @@ def test_a_limited_stroke_is_named_with_its_time_and_prevents_convergence(quarte
     assert first.wanted == pytest.approx(2.0 * stroke, rel=0.05)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "error", "words"),
-    [
-        ({"gain": 0.0}, ParameterError, "gain must be above 0"),
-        ({"gain": 1.5}, ParameterError, "at most 1"),
-        ({"regularisation": 1.0}, ParameterError, "regularisation"),
-        ({"acceleration": 0.0}, ParameterError, "accepted errors"),
-    ],
-)
+@pytest.mark.parametrize(("wrong", "error", "words"), [
+    ({"gain": 0.0}, ParameterError, "gain must be above 0"), ({"gain": 1.5}, ParameterError, "at most 1"),
+    ({"regularisation": 1.0}, ParameterError, "regularisation"),
+    ({"acceleration": 0.0}, ParameterError, "accepted errors"),
+])  # fmt: skip
 def test_settings_out_of_range_are_refused(wrong, error, words):
     with pytest.raises(error, match=words):
         Settings(**wrong)

@@ -81,13 +81,9 @@ def test_the_header_gives_the_bits_of_cosim_and_names_every_error(program, unpac
     assert "the FMU says: fmi2DoStep: the result is not finite" in errors[4]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "cause"),
-    [
-        (("/no/such/folder",), "cannot be read; unpack the .fmu"),
-        (("{folder}", "speed"), "the FMU has no variable speed"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "cause"), [
+    (("/no/such/folder",), "cannot be read; unpack the .fmu"), (("{folder}", "speed"), "the FMU has no variable speed"),
+])  # fmt: skip
 def test_an_fmu_that_cannot_be_opened_is_refused_with_the_reason(program, unpacked, arguments, cause):
     (line,) = lines_of(program, *(argument.format(folder=unpacked) for argument in arguments))
     assert line.startswith("error: ") and cause in line

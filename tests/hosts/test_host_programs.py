@@ -51,18 +51,10 @@ def test_the_reference_is_the_monolithic_solution_of_the_tests(program, monolith
 
 
 @pytest.mark.repeated
-@pytest.mark.parametrize(
-    ("loop", "step", "velocity", "tire_force"),
-    [
-        ("A", 2e-3, 2.6, 1.7),
-        ("A", 1e-3, 1.1, 0.7),
-        ("B", 2e-3, 1.2, 0.7),
-        ("B", 1e-3, 0.3, 0.17),
-        ("C", 4e-3, 0.8, 0.4),
-        ("C", 2e-3, 0.16, 0.08),
-        ("C", 1e-3, 0.05, 0.03),
-    ],
-)
+@pytest.mark.parametrize(("loop", "step", "velocity", "tire_force"), [
+    ("A", 2e-3, 2.6, 1.7), ("A", 1e-3, 1.1, 0.7), ("B", 2e-3, 1.2, 0.7), ("B", 1e-3, 0.3, 0.17), ("C", 4e-3, 0.8, 0.4),
+    ("C", 2e-3, 0.16, 0.08), ("C", 1e-3, 0.05, 0.03),
+])  # fmt: skip
 def test_the_loops_have_the_stated_errors(error, loop, step, velocity, tire_force):
     found = error("python_host", loop, step)
     assert 0.3 * velocity < found[0] < velocity

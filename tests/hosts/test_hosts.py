@@ -224,32 +224,17 @@ def assert_agree(found, expected):
     assert (np.abs(found - expected).max(axis=0) < 1e-9 * peak).all()
 
 
-@pytest.mark.repeated(2)
+HOSTS = {"FMPy": (by_fmpy, None), "a C program": (by_c_host, "c_host"), "ecos": (by_ecos, "ecos"),
+         "libcosim": (by_libcosim, None)}  # fmt: skip
+
+
+@pytest.mark.repeated(*(f"{host}-{name}" for host in HOSTS for name in NAMES[: 2 - (host == "ecos")]))
 @pytest.mark.parametrize("name", NAMES)
-def test_fmpy_gives_the_outputs_of_our_component(fmus, tmp_path, name):
-    case = case_of(fmus[name])
-    assert_agree(by_fmpy(case, tmp_path), by_our_component(case, tmp_path))
-
-
-@pytest.mark.repeated(2)
-@pytest.mark.parametrize("name", NAMES)
-def test_a_c_program_gives_the_outputs_of_our_component(fmus, tmp_path, c_host, name):
-    case = case_of(fmus[name])
-    assert_agree(by_c_host(case, tmp_path, c_host), by_our_component(case, tmp_path))
-
-
-@pytest.mark.repeated
-@pytest.mark.parametrize("name", NAMES)
-def test_ecos_gives_the_outputs_of_our_component(fmus, tmp_path, ecos, name):
-    case = case_of(fmus[name])
-    assert_agree(by_ecos(case, tmp_path, ecos), by_our_component(case, tmp_path))
-
-
-@pytest.mark.repeated(2)
-@pytest.mark.parametrize("name", NAMES)
-def test_libcosim_gives_the_outputs_of_our_component(fmus, tmp_path, name):
-    case = case_of(fmus[name])
-    assert_agree(by_libcosim(case, tmp_path), by_our_component(case, tmp_path))
+@pytest.mark.parametrize("host", HOSTS)
+def test_a_host_gives_the_outputs_of_our_component(fmus, tmp_path, request, host, name):
+    case, (simulate, needed) = case_of(fmus[name]), HOSTS[host]
+    found = simulate(case, tmp_path, *([request.getfixturevalue(needed)] if needed else []))
+    assert_agree(found, by_our_component(case, tmp_path))
 
 
 @pytest.mark.repeated(2)

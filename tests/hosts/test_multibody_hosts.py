@@ -28,19 +28,11 @@ def order(error, name, loop):
     return math.log2(error(name, loop, 2e-3)[0] / error(name, loop, 1e-3)[0])
 
 
-@pytest.mark.parametrize(
-    ("name", "loop", "velocity", "tire_force"),
-    [
-        ("mujoco_host", "A", 1.1, 0.7),
-        ("mujoco_host", "B", 0.3, 0.17),
-        ("mujoco_host", "C", 0.05, 0.03),
-        ("drake_host", "A", 1.1, 0.7),
-        ("drake_host", "B", 0.3, 0.17),
-        ("drake_host", "C", 0.05, 0.03),
-        ("exudyn_host", "C", 0.22, 0.1),
-        ("exudyn_host", "C, explicit RK44", 0.05, 0.03),
-    ],
-)
+@pytest.mark.parametrize(("name", "loop", "velocity", "tire_force"), [
+    ("mujoco_host", "A", 1.1, 0.7), ("mujoco_host", "B", 0.3, 0.17), ("mujoco_host", "C", 0.05, 0.03),
+    ("drake_host", "A", 1.1, 0.7), ("drake_host", "B", 0.3, 0.17), ("drake_host", "C", 0.05, 0.03),
+    ("exudyn_host", "C", 0.22, 0.1), ("exudyn_host", "C, explicit RK44", 0.05, 0.03),
+])  # fmt: skip
 def test_the_loops_have_the_stated_errors_at_1_ms(error, name, loop, velocity, tire_force):
     found = error(name, loop, 1e-3)
     assert 0.3 * velocity < found[0] < velocity

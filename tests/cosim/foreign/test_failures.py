@@ -158,14 +158,10 @@ def test_components_can_begin_again_after_a_failed_initialization(foreign, pair)
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize(
-    ("manner", "how"),
-    [
-        ("segfault", r"crashed \(SIGSEGV\)"),
-        ("exit", r"crashed \(its process ended with code 3\)"),
-        ("hang", r"did not respond within 0.7 s and was ended"),
-    ],
-)
+@pytest.mark.parametrize(("manner", "how"), [
+    ("segfault", r"crashed \(SIGSEGV\)"), ("exit", r"crashed \(its process ended with code 3\)"),
+    ("hang", r"did not respond within 0.7 s and was ended"),
+])  # fmt: skip
 def test_an_isolated_crash_or_hang_is_a_failed_step_and_the_other_components_are_finished(manner, how, foreign, pair):
     system, scenario = pair(IsolatedComponent(foreign(), "odd", time_limit=0.7), manner)
     with pytest.raises(

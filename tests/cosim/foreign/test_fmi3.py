@@ -32,19 +32,6 @@ def lag(three):
 # ---- Values -------------------------------------------------------------------------------------------------------
 
 
-def test_arrays_are_expanded_and_aliases_and_start_values_listed(lag):
-    variables = lag.variables
-    assert [name for name in variables if name.startswith("m")] == ["m[1,1]", "m[1,2]", "m[2,1]", "m[2,2]", "manner"]
-    assert [variables[f"m[{k}]"].start for k in ("1,1", "1,2", "2,1", "2,2")] == ["1", "2", "3", "4"]
-    assert variables["w[2]"].causality == "input"
-    assert variables["y again"].unit == variables["y"].unit == variables["u"].unit
-    assert (variables["y"].unit.name, variables["y"].unit.factor) == ("mm/s", 0.001)
-    assert (variables["gear"].type, variables["gear"].minimum, variables["gear"].maximum) == ("Integer", -9.0, 50.0)
-    assert "tick" not in variables
-    assert lag.capabilities.interpolates_inputs
-    assert lag.capabilities.state
-
-
 def test_an_output_depends_on_what_its_description_states_and_on_everything_without_a_statement(lag):
     direct = {name: variable.direct for name, variable in lag.variables.items() if variable.causality == "output"}
     assert direct["y"] == direct["y again"] == {"u"}
@@ -214,11 +201,9 @@ def chained(first, second, road, **options):
 
 
 @pytest.mark.repeated
-@pytest.mark.parametrize(
-    "algorithm",
-    [GaussSeidel(), Jacobi(values="extrapolated"), Implicit(), Adaptive(largest=4.0 * STEP, least=1e-4)],
-    ids=lambda a: a.name,
-)
+@pytest.mark.parametrize("algorithm", [
+    GaussSeidel(), Jacobi(values="extrapolated"), Implicit(), Adaptive(largest=4.0 * STEP, least=1e-4),
+], ids=lambda a: a.name)  # fmt: skip
 def test_builds_for_both_versions_of_fmi_couple_to_the_same_result(three, two, road, algorithm):
     def result(first, second, engine):
         parts = FmuComponent(first, "a"), FmuComponent(second, "b")

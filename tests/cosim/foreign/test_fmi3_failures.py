@@ -76,48 +76,6 @@ def test_a_library_without_optional_functions_runs_and_is_refused_if_it_declares
         part.begin(0.0, 1.0, {})
 
 
-@pytest.mark.parametrize(
-    ("changed", "message"),
-    [
-        ({"interface": "ModelExchange"}, "is for model exchange only .* export it again as FMI 3.0 for co-simulation"),
-        ({"interface": "ScheduledExecution"}, "is for scheduled execution only.*export it again for co-simulation"),
-        ({"variables": '<Float64 name="a" valueReference="x"/>'}, "a: valueReference='x' is not a value reference"),
-        ({"variables": '<Float64 valueReference="1"/>'}, "a Float64 variable has no name"),
-        (
-            {"variables": '<Float64 name="a" valueReference="1"><Dimension valueReference="7"/></Float64>'},
-            "a: a dimension has neither a start value nor a structural parameter",
-        ),
-        (
-            {"variables": '<Float64 name="a" valueReference="1" start="1 2 3"><Dimension start="2"/></Float64>'},
-            "a: has 3 start values for 2 elements",
-        ),
-        (
-            {"variables": '<Float64 name="a" valueReference="1"/><Int8 name="a" valueReference="2"/>'},
-            "two variables have the name 'a'",
-        ),
-        ({"variables": '<Float64 name="a" valueReference="1" min="low"/>'}, "a: min='low' is not a number"),
-        ({"variables": '<Float64 name="a" valueReference="1" start="low"/>'}, "a: start='low' is not a number"),
-        ({"variables": "<Float64"}, "modelDescription.xml cannot be read"),
-        (
-            {"variables": '<String name="a" valueReference="1" start="1"/>'},
-            "a: start='1' is an attribute, but a String of FMI 3.0 states its start value in a Start element",
-        ),
-        ({"flags": 'fixedInternalStepSize="some"'}, "modelDescription.xml cannot be read"),
-    ],
-)
-def test_an_fmu_that_cannot_be_used_is_refused_with_a_reason(build, tmp_path, changed, message):
-    with pytest.raises(FmuError, match=message):
-        _ = FmuComponent(lag_fmus.write_three(tmp_path / "faulty.fmu", build(), **changed), "faulty").variables
-
-
-def test_a_clock_is_not_a_variable(build, tmp_path):
-    variables = (
-        '<Float64 name="a" valueReference="1"/><Clock name="c" valueReference="2" intervalVariability="triggered"/>'
-    )
-    part = FmuComponent(lag_fmus.write_three(tmp_path / "clock.fmu", build(), variables=variables), "clock")
-    assert part.variables.keys() == {"a"}
-
-
 def test_sources_of_an_fmi_3_fmu_are_compiled_on_request(tmp_path, monkeypatch):
     monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path / "cache"))
     build_description = """<fmiBuildDescription fmiVersion="3.0"><BuildConfiguration modelIdentifier="lag">

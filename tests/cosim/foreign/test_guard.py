@@ -84,14 +84,11 @@ def test_the_error_names_the_fmu_that_ends_the_process(manner, engine, code, too
 
 @pytest.mark.slow
 @pytest.mark.repeated("_exit with 0", "hang at start")
-@pytest.mark.parametrize(
-    ("manner", "declared", "when"),
-    [
-        ("_exit with 0", {"tool": OURS}, "'odd' (foreign.fmu) was called at 0.5 s"),
-        ("polite", {"tool": OURS, "guid": "{no birth}"}, "'calm' (foreign.fmu) was called to instantiate"),
-        ("hang at start", {}, "'odd' (foreign.fmu) was called to enter initialization and did not return within 1 s"),
-    ],
-)
+@pytest.mark.parametrize(("manner", "declared", "when"), [
+    ("_exit with 0", {"tool": OURS}, "'odd' (foreign.fmu) was called at 0.5 s"),
+    ("polite", {"tool": OURS, "guid": "{no birth}"}, "'calm' (foreign.fmu) was called to instantiate"),
+    ("hang at start", {}, "'odd' (foreign.fmu) was called to enter initialization and did not return within 1 s"),
+])  # fmt: skip
 def test_a_run_that_an_fmu_ends_or_blocks_exits_with_1_names_it_and_marks_the_folder(
     manner, declared, when, case, ended, tmp_path
 ):
@@ -144,13 +141,10 @@ def here(tmp_path, monkeypatch):
 
 @pytest.mark.repeated
 @pytest.mark.parametrize("engine", ["python", "compiled"])
-@pytest.mark.parametrize(
-    ("manner", "message"),
-    [
-        ("change folder", "odd: it changed the working directory (to /) while stepping; that was undone"),
-        ("round up", "odd: it changed the floating-point environment"),
-    ],
-)
+@pytest.mark.parametrize(("manner", "message"), [
+    ("change folder", "odd: it changed the working directory (to /) while stepping; that was undone"),
+    ("round up", "odd: it changed the floating-point environment"),
+])  # fmt: skip
 def test_a_change_of_the_process_environment_while_stepping_is_reported_and_undone(
     manner, message, engine, here, foreign, pair
 ):

@@ -47,11 +47,9 @@ def systems(fmus):
 
 
 @pytest.mark.repeated
-@pytest.mark.parametrize(
-    ("algorithm", "step"),
-    [(GaussSeidel(), 1e-3), (Jacobi(), 1e-3), (Implicit(), 4e-3), (cosim.Adaptive(), 1e-3), (Automatic(), None)],
-    ids=["gauss-seidel", "jacobi", "implicit", "adaptive", "default"],
-)
+@pytest.mark.parametrize(("algorithm", "step"), [
+    (GaussSeidel(), 1e-3), (Jacobi(), 1e-3), (Implicit(), 4e-3), (cosim.Adaptive(), 1e-3), (Automatic(), None),
+], ids=["gauss-seidel", "jacobi", "implicit", "adaptive", "default"])  # fmt: skip
 def test_an_isolated_run_equals_a_direct_run_bit_for_bit(algorithm, step, systems, road):
     """The runs save and restore states and interpolate inputs, so every call of the loop is covered."""
     scenario = Scenario(stop=0.04, drive=road, targets={"road": "car.road"}, record_step=4e-3)

@@ -38,13 +38,10 @@ stop = "3 s"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("last", "message"),
-    [
-        ("_exit(0)", "a worker process crashed while it chose the coupling, so an FMU crashes"),
-        ("for (;;)", "a worker process was not responding for 3 s while it chose the coupling, so an FMU hangs"),
-    ],
-)
+@pytest.mark.parametrize(("last", "message"), [
+    ("_exit(0)", "a worker process crashed while it chose the coupling, so an FMU crashes"),
+    ("for (;;)", "a worker process was not responding for 3 s while it chose the coupling, so an FMU hangs"),
+])  # fmt: skip
 @pytest.mark.repeated("_exit(0)")
 def test_a_study_with_such_a_shock_has_no_result(last, message, foreign_compiler, fmus, tmp_path):
     library = foreign_compiler(tmp_path / "shock.so", f"-DLAST={last}", source=shocks.SOURCE)

@@ -116,11 +116,6 @@ def test_an_fmu_that_needs_its_tool_is_noted_in_results_and_in_the_error_if_the_
     assert any(note.startswith("odd: it needs the tool that made it (needsExecutionTool)") for note in notes)
 
 
-def test_a_model_exchange_fmu_is_refused_with_advice(kind, foreign):
-    with pytest.raises(FmuError, match=r"model exchange only and contains no solver; export it again as FMI 2.0"):
-        kind(foreign(kind="ModelExchange"), "odd")
-
-
 @pytest.mark.nightly
 def test_a_second_instance_of_a_once_per_process_fmu_is_refused_unless_isolated(foreign, begun, march):
     path = foreign(flags=ONCE, guid="{once}")

@@ -1,22 +1,27 @@
 """Parameter sets and mappings set the variables that they name."""
 
+import re
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 import pytest
 
+import cosim
 from eightpost.archive import read_archive, write_archive
 from eightpost.errors import WiringError
+from tests.unchanged import refusals
 
 from .corner import (
     CAR,
     CAR_ALONE,
-    DAMPER,
     LBF,
     LINKS,
-    NESTED_LINKS,
-    OUTER_LINKS,
     SHOCK,
     by_hand,
     corner,
+    gains,
+    in_swift,
     read,
     renamed,
     rewrite,
@@ -24,8 +29,21 @@ from .corner import (
     same,
     shock_with,
     values,
+    without_units,
 )
-from .document import binding, bindings, connectors, entry, link, mapping, parameter, parameter_set, system
+from .document import (
+    UNITS,
+    binding,
+    bindings,
+    connectors,
+    description,
+    entry,
+    link,
+    mapping,
+    parameter,
+    parameter_set,
+    system,
+)
 
 
 def test_values_are_matched_by_name_and_the_higher_level_takes_precedence(folder):
@@ -99,37 +117,6 @@ def test_parameter_sets_and_mappings_of_another_library_are_read(folder):
     case = read(folder, corner(bindings=bound))
     assert values(case) == {"gas_preload": pytest.approx(2.0 * 10.0 * LBF + 5.0)}
     assert values(case, "car") == {"start_at_equilibrium": True}
-
-
-def test_a_boolean_mapping_table_maps_booleans_and_numbers(folder):
-    table = (
-        '<ssc:BooleanMappingTransformation><ssc:MapEntry source="0" target="true"/>'
-        '<ssc:MapEntry source="true" target="false"/></ssc:BooleanMappingTransformation>'
-    )
-    text = mapping(entry("off", "car.start_at_equilibrium", table))
-    given = binding(
-        parameter("off", "false", "Boolean"), mapping=f"<ssd:ParameterMapping>{text}</ssd:ParameterMapping>"
-    )
-    case = read(folder, corner(bindings=bindings(given)))
-    assert case.system.parameters["car"] == {"start_at_equilibrium": True}
-
-
-def test_a_value_at_a_system_connector_is_converted_to_the_units_of_the_connected_parameter(folder):
-    ports = connectors(v="input", x="input", f="output", scale="parameter", preload="parameter swift")
-    with_parameters = (
-        NESTED_LINKS
-        + link(":scale", "damper.compression_scale", '<ssc:LinearTransformation factor="0.5"/>')
-        + link(":preload", "damper.friction_velocity")
-    )
-    inner = system("axle", DAMPER, with_parameters, ports, bindings(binding(parameter("scale", 9.0))))
-    high = bindings(binding(parameter("axle.scale", 3.0), parameter("axle.preload", 20.0)))
-    case = read(folder, corner(CAR + inner, OUTER_LINKS, bindings=high))
-    assert values(case, "axle_damper") == {"compression_scale": 1.5, "friction_velocity": pytest.approx(0.02)}
-
-
-def test_a_value_for_a_connected_input_is_only_its_start_value(folder):
-    case = read(folder, corner(CAR + shock_with(binding(parameter("velocity", 0.3)))))
-    assert dict(case.system.constants) == {"car.aero_force": 100.0}
 
 
 def as_enumeration(folder):
@@ -210,12 +197,97 @@ def test_an_open_input_keeps_its_start_value_unless_a_constant_is_given(folder):
     assert case.notes == ()
 
 
-def test_an_error_names_a_constant_that_no_open_input_accepts(folder):
-    for inputs, message in (
-        ({"car.speed": "1"}, r"input 'car\.speed' matches no open input.* open inputs: car\.road, car\.aero_force"),
-        ({"car.aero_force": "10 mm"}, "dimensions differ"),
-        ({"car.aero_force": "much"}, "input 'car.aero_force': "),
-        ({"road": "1"}, r"input 'road': the drive file feeds car\.road too"),
+def test_an_error_names_a_constant_that_no_open_input_accepts(folder, unchanged):
+    given = ({"car.speed": "1"}, {"car.aero_force": "10 mm"}, {"car.aero_force": "much"}, {"road": "1"})
+    unchanged(refusals({str(one): partial(read, folder, corner(), inputs=one) for one in given}))
+
+
+# ==== Factors and offsets on connections become gains and offsets of the system ======================================
+
+
+def test_transformations_apply_after_unit_conversion_or_replace_it_if_it_is_suppressed(folder):
+    linear = '<ssc:LinearTransformation factor="-2" offset="0.5"/>'
+    without_units(folder, "lpnl2")
+    shock = SHOCK.replace("m/s", "swift")
+
+    def velocity(**attributes):
+        changed = LINKS.replace(link("car.velocity", "shock.velocity"), "")
+        return read(folder, corner(CAR + shock, changed + link("car.velocity", "shock.velocity", linear, **attributes)))
+
+    ends = ("car.velocity", "shock.velocity")
+    assert gains(velocity())[ends] == (pytest.approx(-2000.0), 0.5)
+    assert gains(velocity(suppressUnitConversion="true"))[ends] == (-2.0, 0.5)
+    assert gains(velocity(suppressUnitConversion="1"))[ends] == (-2.0, 0.5)
+
+
+@pytest.mark.parametrize(("engine", "factor"), [("python", 1.0), ("compiled", 0.5)])
+def test_an_offset_has_the_effect_of_a_constant_on_the_same_input(folder, engine, factor):
+    linear = f'<ssc:LinearTransformation factor="{factor}" offset="0.1"/>'
+    changed = LINKS.replace(*(link("car.velocity", "shock.velocity", inside) for inside in ("", linear)))
+    moved = read(folder, corner(links=changed))
+    assert gains(moved)["car.velocity", "shock.velocity"] == (factor, 0.1)
+    added = cosim.System(
+        moved.system.components,
+        connections=[replace(c, offset=0.0) for c in moved.system.all_connections],
+        sums={"shock.velocity"},
+        constants={**moved.system.constants, "shock.velocity": 0.1},
+    )
+    series, expected = (cosim.run(s, moved.scenario, step=1e-3, engine=engine).series for s in (moved.system, added))
+    for name in expected.names:
+        assert series[name] == pytest.approx(expected[name], rel=1e-9, abs=1e-9), name
+    assert np.abs(series["shock.force"] - by_hand(folder).series["shock.force"]).mean() > 100.0
+
+
+# ==== Units of connectors and of FMUs are converted exactly once =====================================================
+
+
+def test_units_defined_only_in_the_description_are_converted(folder):
+    without_units(folder, "lpnl2")
+    shock = SHOCK.replace("m/s", "brisk")
+    case = read(folder, corner(CAR + shock))
+    # The FMU states no unit, so its values are in the connector's unit [brisk] = 1.25 m/s.
+    assert gains(case)["car.velocity", "shock.velocity"] == (pytest.approx(0.8, rel=1e-15), 0.0)
+    assert gains(case)["shock.force", "car.force"] == (1.0, 0.0)
+    # With different power units at the two ends, this is not a bond with an energy balance.
+    assert case.system.bonds == ()
+    ways = [
+        cosim.Connection("car.velocity", "shock.velocity", 0.8),
+        *cosim.Bond.between("car", "shock").connections[1:],
+    ]
+    expected = by_hand(folder, bonds=[], connections=ways)
+    assert run(case).series["car.velocity"] == pytest.approx(expected.series["car.velocity"], rel=1e-9, abs=1e-12)
+
+
+def test_connectors_without_units_or_with_the_same_unknown_unit_are_not_converted(folder):
+    without_units(folder, "lpnl2")
+    without_units(folder, "quarter_car")
+    unknown = UNITS.replace("</ssd:Units>", '<ssc:Unit name="pu"><ssc:BaseUnit/></ssc:Unit></ssd:Units>')
+    for change in (
+        lambda text: re.sub(' unit="[^"]*" ', "", text),
+        lambda text: re.sub('unit="[^"]*"', 'unit="pu"', text),
     ):
-        with pytest.raises(WiringError, match=message):
-            read(folder, corner(), inputs=inputs)
+        case = read(folder, description(system("corner", change(CAR + SHOCK), LINKS), units=unknown), drive=None)
+        assert set(gains(case).values()) == {(1.0, 0.0)}
+
+
+def test_suppressed_unit_conversion_undoes_the_conversion_between_two_fmus(folder):
+    """The system converts between the FMUs' units, but the package suppresses the conversion."""
+    in_swift(folder, 0.001)
+    shock = SHOCK.replace("m/s", "swift")
+    changed = LINKS.replace(link("car.velocity", "shock.velocity"), "")
+    plain, suppressed = (
+        gains(read(folder, corner(CAR + shock, changed + link("car.velocity", "shock.velocity", **given))))
+        for given in ({}, {"suppressUnitConversion": "true"})
+    )
+    ends = ("car.velocity", "shock.velocity")
+    assert plain[ends] == (pytest.approx(1.0), 0.0)
+    assert suppressed[ends] == (pytest.approx(1e-3), 0.0)
+
+
+def test_a_units_factor_and_offset_are_both_converted(folder):
+    without_units(folder, "lpnl2")
+    raised = '<ssc:Unit name="raised"><ssc:BaseUnit m="1" s="-1" factor="0.5" offset="0.25"/></ssc:Unit></ssd:Units>'
+    top = system("corner", CAR + SHOCK.replace("m/s", "raised"), LINKS)
+    case = read(folder, description(top, units=UNITS.replace("</ssd:Units>", raised)))
+    # velocity [m/s] = 0.5 x + 0.25
+    assert gains(case)["car.velocity", "shock.velocity"] == (2.0, -0.5)

@@ -1,6 +1,8 @@
 """A package from any tool gives the result of the same system wired in Python."""
 
+import gc
 import shutil
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +14,10 @@ from cosim.ssp import Given
 from cosim.system_file import read_case
 from eightpost.archive import write_archive
 from eightpost.corners import CORNERS
-from eightpost.errors import WiringError
+from eightpost.errors import InputError, WiringError
 from eightpost.signals import Drivefile
 from eightpost.wiring import Wire, Wiring
+from tests.unchanged import refusals
 
 from .corner import (
     CAR,
@@ -163,15 +166,6 @@ def test_nested_systems_are_flattened_and_their_bonds_are_kept(folder):
     same(run(case), by_hand(folder), lambda name: name.replace("axle_damper", "shock"))
 
 
-def test_duplicate_names_after_flattening_are_numbered(folder):
-    inner = system("axle", DAMPER, NESTED_LINKS, NESTED_PORTS)
-    spare = component("axle_damper", "resources/lpnl2.fmu", extra=bindings(binding(
-        parameter("velocity", 0.0), parameter("displacement", 0.0), parameter("gas_stiffness", 0.0))))  # fmt: skip
-    case = read(folder, corner(CAR + inner + spare, OUTER_LINKS))
-    assert set(case.system.components) == {"car", "axle_damper", "axle_damper_2"}
-    assert "component names: axle.damper is axle_damper_2" in case.notes
-
-
 @pytest.mark.repeated(2)
 @pytest.mark.parametrize("kind", ["description", "package", "package without a type", "variant"])
 def test_a_component_may_be_another_system_description(folder, kind):
@@ -209,3 +203,68 @@ def test_a_description_that_contains_itself_is_refused(folder):
     (folder / "b.ssd").write_bytes(description(system("b", component("a", "a.ssd"), "")))
     with pytest.raises(WiringError, match=r"[ab]\.ssd contains itself"):
         read(folder, corner(CAR + component("a", "a.ssd"), ""))
+
+
+# ==== The files of a package are found in archives, in folders and by URI; files that cannot be opened are reported ==
+
+
+def test_a_description_in_a_folder_and_in_an_archive_give_the_same_result(folder):
+    case = read(folder, corner())
+    write_archive(folder / "corner.ssp", {**resources(folder), "SystemStructure.ssd": corner()})
+    packed = read_case(folder / "corner.ssp", given=Given(folder / "road.csv"))
+    expected = by_hand(folder)
+    same(run(case), expected)
+    same(run(packed), expected)
+    assert case.system.bonds == packed.system.bonds == (cosim.Bond.between("car", "shock"),)
+
+
+def test_an_unpacked_package_is_removed_with_the_last_of_its_components(folder):
+    write_archive(folder / "corner.ssp", {**resources(folder), "SystemStructure.ssd": corner()})
+    case = read_case(folder / "corner.ssp", given=Given(folder / "road.csv"))
+    file = case.fmus["shock"]
+    assert file.is_file()
+    del case
+    gc.collect()
+    assert not file.exists()
+
+
+@pytest.mark.parametrize("source", ["../lpnl2.fmu", "%2e%2e/lpnl2.fmu", "/lpnl2.fmu"])
+def test_a_source_outside_the_archive_is_refused(folder, source):
+    shutil.copy(folder / "resources" / "lpnl2.fmu", folder / "lpnl2.fmu")
+    content = corner().replace(b"resources/lpnl2.fmu", source.encode())
+    write_archive(folder / "corner.ssp", {"SystemStructure.ssd": content, **resources(folder)})
+    with pytest.raises(InputError, match=r"corner\.ssp.* component 'shock': the source '.*' is outside the package"):
+        read_case(folder / "corner.ssp")
+
+
+def test_a_description_file_may_refer_to_files_outside_its_folder_and_by_uri(folder):
+    (folder / "systems").mkdir()
+    car, shock = folder / "resources" / "quarter_car.fmu", folder / "resources" / "lpnl2.fmu"
+    content = corner().replace(b"resources/lpnl2", b"../resources/lpnl2")
+    content = content.replace(b"resources/quarter_car.fmu", car.as_uri().encode())
+    (folder / "systems" / "corner.ssd").write_bytes(content)
+    case = read_case(folder / "systems" / "corner.ssd", given=Given(folder / "road.csv"))
+    assert {name: path.resolve() for name, path in case.fmus.items()} == {
+        "car": car.resolve(),
+        "shock": shock.resolve(),
+    }
+
+
+def test_errors_name_unreadable_archives_and_archives_without_a_description(folder, unchanged):
+    (folder / "text.ssp").write_text("no zip")
+    write_archive(folder / "other.ssp", {"A.ssd": b"<x/>", "b.txt": b""})
+    write_archive(folder / "evil.ssp", {"../x.ssd": b"<x/>"})
+    write_archive(folder / "bad.ssp", {"SystemStructure.ssd": corner(), "resources/quarter_car.fmu": b"no zip",
+                                       "resources/lpnl2.fmu": b"no zip"})  # fmt: skip
+    names = ("text.ssp", "none.ssp", "none.ssd", "other.ssp", "evil.ssp", "bad.ssp")
+    unchanged(refusals({name: partial(read_case, folder / name) for name in names}))
+
+
+def test_a_shock_of_a_package_is_replaced_by_its_flattened_name(folder, fmus):
+    (folder / "corner.ssd").write_bytes(corner())
+    given = Given(folder / "road.csv")
+    case = read_case(folder / "corner.ssd", fmus={"shock": fmus["polylinear"]}, given=given)
+    assert case.fmus["shock"] == fmus["polylinear"]
+    assert "time_constant" not in case.system.components["shock"].variables
+    with pytest.raises(WiringError, match="no component 'damper' to swap; there are car, shock"):
+        read_case(folder / "corner.ssd", fmus={"damper": fmus["polylinear"]}, given=given)

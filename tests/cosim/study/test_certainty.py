@@ -20,7 +20,6 @@ from cosim.study.choice.certainty import (
     Effect,
     NextTest,
     Status,
-    TradeOff,
     certainty_reasons,
     summary_lines,
 )
@@ -28,7 +27,6 @@ from cosim.study.choice.posterior import half_width, probability_below
 from cosim.study.choice.shape_search import DrawnCar, VehicleDraws
 from cosim.study.choice.sources import Scales, error_sources
 from cosim.study.definition import Constraint, Term
-from eightpost.errors import InputError
 from eightpost.uncertainty import MeasureUncertainty, separation
 from eightpost.validity import ModelUncertainty, Validity
 from eightpost.verdict import Grade, Verdict
@@ -259,28 +257,6 @@ def test_a_certain_choice_is_usable_and_a_tie_is_not():
     assert [one.grade for one in certainty_reasons(None)] == [Grade.UNKNOWN]
 
 
-def test_the_summary_names_ties_trade_offs_and_next_tests_and_counts_the_rest():
-    study = two_setups(0.0, (0.0, 0.1))
-    tied = certainty_of(study, Knowledge((lag("B/B", 0.0), lag("C/C", 0.0))))
-    assert len(tied.ties) == 2 and tied.assumes_exact_runs
-    changes = {"a": 0.1, "b": 0.3, "c": 0.2, "d": 0.4, "e": -0.2, "f": -0.3, "g": 0.01}
-    lines = [*summary_lines(study, replace(
-        tied,
-        ties=(0, 1) * 3,
-        tests=(NextTest(1, 0.4), NextTest(0, 0.25)),
-        trade_offs=tuple(TradeOff(name, c, c - 0.05, c + 0.05, 0.0) for name, c in changes.items()),
-    ))]  # fmt: skip
-    assert lines[1:5] == [
-        "6 setups are tied; one of them is the best with a probability of 95 %: 0 50 %, 1 50 %, 0 50 %, 1 50 %, 0 50 % "
-        "and 1 more",
-        "worse than the baseline with a probability of 97.5 %: d +40.0 % (+35.0 to +45.0), b +30.0 % (+25.0 to +35.0), "
-        "c +20.0 % (+15.0 to +25.0) and 1 more",
-        "better than the baseline with a probability of 97.5 %: f -30.0 % (-35.0 to -25.0), e -20.0 % (-25.0 to -15.0)",
-        "test next: 1, 0; about 25 % of the uncertainty about the ties remains, if rig runs repeat exactly "
-        "(eightpost study confirm)",
-    ]
-
-
 def test_a_summary_names_what_is_not_included_instead_of_a_probability():
     study = two_setups(0.01, (0.0, 0.1))
     partly = certainty_of(study, Knowledge((lag("B/B", 0.0), lag("C/C", 0.0))))
@@ -338,11 +314,6 @@ def test_the_mixture_is_students_t_without_a_normal_part_and_normal_without_the_
         tail = 0.5 + 0.5 * probability
         assert half_width(probability, one, none, 4.0)[0] == pytest.approx(stats.t.ppf(tail, 4), rel=0.01)
         assert half_width(probability, none, one, 4.0)[0] == pytest.approx(stats.norm.ppf(tail), rel=1e-4)
-
-
-def test_only_the_stored_intervals_can_be_asked_for():
-    with pytest.raises(InputError, match="there are intervals of"):
-        certainty_of(two_setups(0.01)).levels["a"].interval(0.9)
 
 
 def test_the_total_tire_force_has_its_own_stated_uncertainty():
@@ -459,14 +430,6 @@ def test_the_reference_has_the_same_objective_on_every_car_but_its_constraints_h
     assert np.ptp(objectives[0]) < 1e-12 and np.ptp(objectives[1]) > 1e-4
     (levels,) = car.limited(car.reference[None])
     assert np.std(np.log(levels)) >= 0.7 * STUDENT * COMMON
-
-
-def test_draws_are_centred_and_the_same_every_time():
-    found = study()
-    car = car_of(found)
-    assert np.abs(car.draws.common.mean(axis=0)).max() < 1e-15
-    again = draws_of(found)
-    assert (again.own == car.draws.own).all() and (again.common == car.draws.common).all()
 
 
 def test_rig_runs_narrow_the_draws_near_them():

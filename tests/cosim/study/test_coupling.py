@@ -55,12 +55,6 @@ def test_the_coupling_error_of_a_row_has_the_size_of_the_actual_error(small_stud
 
 
 @pytest.mark.nightly
-def test_a_higher_accuracy_needs_a_smaller_step(small_study):
-    steps = [choose_coupling(Evaluator(small_study(accuracy=a))).step for a in (2.0, 0.2, 0.06)]
-    assert steps == sorted(steps, reverse=True) and steps[0] > steps[2]
-
-
-@pytest.mark.nightly
 def test_the_step_needed_by_stiff_shocks_is_also_used_for_soft_ones(small_study, fmus, found_error):
     stiff = {"compression_scale": 10.0, "rebound_scale": 10.0, "time_constant": 5e-5}
     bank = {"soft": Build(fmus["lpnl2"]), "stiff": Build(fmus["lpnl2"], stiff)}

@@ -114,17 +114,6 @@ def load(out: Path) -> StudyResult:
     return StudyResult.load(out / "results.parquet")
 
 
-def test_a_worker_that_is_killed_in_a_chunk_changes_no_bit(file, expected, tmp_path):
-    with cluster(tmp_path, 2) as (made, workers):
-        main = start(file, tmp_path / "out", made.address)
-        wait_for_chunk(tmp_path / "out", main)
-        kill(workers[0])
-        output = main.communicate(timeout=PATIENCE)[0]
-    assert "64 setups, 64 to be run" in output
-    found = load(tmp_path / "out")
-    assert not found.partial and table(found) == expected
-
-
 def test_a_worker_that_stops_responding_is_ended_and_its_setups_run_elsewhere(file, expected, tmp_path):
     with cluster(tmp_path, 2) as (made, workers):
         made.wait_for_workers(2)

@@ -13,8 +13,9 @@ from typing import Any
 import pytest
 
 from cosim.study.running.sweep import Sweep, file_digests, run_study, study_digest
+from cosim.study.table import StudyResult
 from eightpost.corners import CORNERS
-from eightpost.errors import InputError, StepError, WorkersLostError
+from eightpost.errors import InputError
 
 pytest.importorskip("distributed", reason="needs the extra dask")
 
@@ -107,8 +108,7 @@ distributed = pytest.importorskip("distributed", reason="needs the extra dask")
 
 import dask  # noqa: E402 -- after the skip
 
-from cosim.study import Measure, Study, StudyResult  # noqa: E402
-from cosim.study.running.evaluator import Coupling  # noqa: E402
+from cosim.study import Measure, Study  # noqa: E402
 from cosim.study.running.workers import program  # noqa: E402
 
 from .constructed import cells  # noqa: E402
@@ -218,37 +218,6 @@ def test_only_the_setup_that_kills_its_worker_fails(eight_setups, here, cluster,
     # A function of the user gets the series; the measure of the other study is summed in the batch.
     assert found["size"] == pytest.approx(expected["size"], rel=1e-12)
     assert all(found[name] == expected[name] for name in found if "size" not in name)
-
-
-@pytest.mark.nightly  # the connection is tried again for 30 s
-def test_a_scheduler_that_ends_is_reported(eight_setups, tmp_path, cluster, here):
-    workers = dask_workers.DaskWorkers(cluster.scheduler_address)
-    coupling = Coupling("gauss-seidel", 1e-3, stated_error=0.1)
-    running = [cluster]
-
-    def close(_done, _total):
-        if running:
-            running.pop().close()
-
-    try:
-        with pytest.raises(StepError, match=r"the Dask scheduler has ended .* run the study again to resume"):
-            Sweep(eight_setups, tmp_path).run(workers, coupling, close)
-    finally:
-        workers.close()
-
-
-@pytest.mark.nightly
-def test_without_workers_the_study_says_so_and_ends_with_its_partial_table(eight_setups, tmp_path, cluster, here):
-    heard = []
-    workers = dask_workers.DaskWorkers(cluster.scheduler_address, waiting=0.5, report=heard.append)
-    coupling = Coupling("gauss-seidel", 1e-3, stated_error=0.1)
-    try:
-        with pytest.raises(WorkersLostError, match=r"there were no workers for 0.5 s.*run the study again to resume"):
-            Sweep(eight_setups, tmp_path).run(workers, coupling, lambda done, _: cluster.scale(0))
-    finally:
-        workers.close()
-    assert len(heard) == 1 and "there are no workers; waiting 0.5 s for some" in heard[0]
-    assert StudyResult.load(tmp_path / "results.parquet").partial
 
 
 def test_a_program_differs_in_its_version_its_sources_or_its_libraries():

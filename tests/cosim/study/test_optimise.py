@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import combinations
-from math import inf
 from pathlib import Path
 
 import moocore
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from cosim.study.choice.optimise import Scores, Search, optimise, pareto_front, scores_of, search_study, violation
+from cosim.study.choice.optimise import Scores, Search, optimise, pareto_front, scores_of, search_study
 from cosim.study.definition import Constraint, SetupSpace, Term
 from cosim.study.running.sweep import Sweep, run_study
 from cosim.study.table import StudyResult
@@ -66,12 +65,6 @@ def test_no_setup_is_run_twice_and_no_more_than_allowed():
     found = optimise(SPACE, bank, evaluations=150)
     assert bank.runs.max() == 1
     assert bank.runs.sum() == found.indices.size == 150
-
-
-def test_the_same_seed_evaluates_the_same_setups():
-    first, again, other = (optimise(SPACE, Bank(responses(1, 2)), evaluations=200, seed=s) for s in (3, 3, 4))
-    np.testing.assert_array_equal(first.indices, again.indices)
-    assert not np.array_equal(first.indices, other.indices)
 
 
 def test_a_quarter_of_the_bank_shows_the_trade_off_of_two_measures():
@@ -155,10 +148,6 @@ def test_equal_setups_are_on_the_front_together():
     assert pareto_front(np.array([[1.0, 2.0], [1.0, 2.0], [2.0, 2.0]])).tolist() == [True, True, False]
 
 
-def test_a_failed_setup_is_never_on_the_front():
-    assert pareto_front(np.array([[np.nan, 0.0], [1.0, 1.0]])).tolist() == [False, True]
-
-
 # ==== Searches of studies: runs of the FMUs, none twice, and constraints =============================================
 
 
@@ -201,13 +190,6 @@ def test_ctrl_c_during_a_request_keeps_the_completed_setups(fmus, tmp_path):
     assert after.ran == numbers[8:] and found.setups.tolist() == numbers  # eight setups are a batch
 
 
-def test_a_search_uses_the_results_of_an_exhaustive_study(fmus, exhaustive):
-    folder, _ = exhaustive
-    workers = InProcess()
-    search_study(Sweep(study(fmus), folder), workers, COUPLING, Search(evaluations=10))
-    assert workers.ran == []
-
-
 def test_a_search_for_several_measures_gives_the_front_of_the_evaluated_setups(fmus, exhaustive):
     folder, _ = exhaustive
     names = ("total tire force", "front ride height")
@@ -225,19 +207,6 @@ def test_scores_have_the_order_of_the_requested_setups():
     made = result({"front": front}, objective=(Term("front", 2.0, "m"),))
     indices = np.array([8, 0, 2400])
     np.testing.assert_allclose(scores_of(made, indices).objectives[:, 0], [2.0 * -4.0, 2.0 * -6.0, 2.0 * 18.0])
-
-
-@pytest.mark.parametrize(
-    ("constraint", "expected"),
-    [
-        (Constraint("front", at_most=2.0), [-0.5, 0.0, 0.5]),
-        (Constraint("front", at_least=2.0), [0.5, 0.0, -0.5]),
-        (Constraint("front", at_most=0.0), [1.0, 2.0, 3.0]),
-        (Constraint("front", at_least=-inf, at_most=inf), [-1.0, -1.0, -1.0]),
-    ],
-)
-def test_a_violation_is_a_share_of_the_limit(constraint, expected):
-    np.testing.assert_allclose(violation(np.array([1.0, 2.0, 3.0]), constraint), expected)
 
 
 def test_a_failed_setup_has_no_objective_and_breaks_every_constraint():

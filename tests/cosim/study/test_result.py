@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from cosim.study.definition import Build, Constraint, Drive, Term, Vehicle
@@ -52,29 +51,9 @@ def test_a_study_without_an_objective_has_no_column_of_it(found):
     assert "objective" not in replace(found, study=replace(found.study, objective=())).to_pandas()
 
 
-def test_rows_of_setups_are_sorted_by_a_measure(found):
-    assert found.setups[found.rows_of(np.array([7, 1, 3]), "b")].tolist() == [7, 3, 1]
-    assert found.shown_difference("a", 1.0) == pytest.approx(1.0 / INCH)
-
-
-def test_the_summary_counts_setups_and_names_the_best(found):
-    text = repr(found)
-    assert "13 of 16 ran, 5 violate a constraint" in text
-    assert str(found.study.space.setup(1)) in text and "up to 0.1 %" in text
+def test_the_summary_says_that_no_setup_is_feasible_and_how_to_resume(found):
     none = replace(found, study=replace(found.study, constraints=(Constraint("a", at_most=0.0),)), partial=True)
     assert "none is feasible" in repr(none) and "run it again with the same folder to resume" in repr(none)
-
-
-def test_a_picture_shows_two_measures_of_the_best_and_the_baseline(found, monkeypatch):
-    drawn = []
-    monkeypatch.setattr("eightpost.report.pictures.cloud", lambda cloud, title: drawn.append((cloud, title)))
-    found.plot()
-    found.plot("b", "a")
-    (cloud, title), (turned, _) = drawn
-    assert title == "constructed" and cloud.labels == ("a [in]", "b [in]") == turned.labels[::-1]
-    np.testing.assert_allclose(cloud.values[0], found.values("a") / INCH)
-    assert [(mark.label, mark.row) for mark in cloud.marks] == [("best", 1), ("baseline", 15)]
-    assert cloud.kept.sum() == 8
 
 
 # ==== A study's result leads to the files of the study from any folder ===============================================

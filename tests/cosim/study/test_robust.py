@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,6 @@ from cosim.study.choice.robust import (
     Uncertainty,
     drawn_studies,
     knowledge_of,
-    leading,
     linearity_check,
     read_uncertainty,
     run_draws,
@@ -33,15 +33,16 @@ from cosim.study.choice.sources import UncertainParameter, error_sources
 from cosim.study.definition import Term
 from cosim.study.running.sweep import Sweep, run_study
 from eightpost.api.study_folder import StudyFolder
-from eightpost.errors import FileFormatError, InputError
+from eightpost.errors import FileFormatError
 from eightpost.shock import Hysteresis, read_shock, write_shock
 from eightpost.shock.file import fitted_parameters
 from eightpost.uncertainty import LeftOutBlocks
 from eightpost.validity import ParameterUncertainty, judged
 from eightpost.verdict import Verdict
 from tests.shock.example_curve import knot_curve
+from tests.unchanged import refusals
 
-from .constructed import CORNERS, independent, result, study
+from .constructed import independent, result, study
 from .coupled import InProcess
 from .coupled import study as coupled_study
 
@@ -71,36 +72,12 @@ def test_parts_with_the_same_test_are_drawn_with_the_correlation_of_their_fits()
     assert np.abs(np.corrcoef(drawn)[[0, 0, 1], [1, 2, 2]]).max() < 0.15
 
 
-def test_the_same_seed_draws_the_same_studies():
-    first, again, other = (drawn_studies(study(("front",)), [SHOCK], draws=4, seed=s) for s in (1, 1, 2))
-    assert first == again
-    assert first != other
-
-
 def test_only_uncertain_parts_are_drawn_and_one_may_have_two_uncertainties():
     lag, car = independent("C/B", {"time_constant": (1e-3, 1e-5)}), independent("car", {"lf.friction_force": (60, 5)})
     for drawn in drawn_studies(study(("front",)), [SHOCK, lag, car], draws=3):
         assert set(drawn.bank["C/B"].parameters) == {*SHOCK.names, "time_constant"}
         assert not drawn.bank["C/C"].parameters
         assert set(drawn.vehicle.parameters) == {"lf.friction_force"}
-
-
-@pytest.mark.parametrize(
-    ("covariance", "what"),
-    [
-        (np.array([[1.0, 0.5], [0.0, 1.0]]), "not symmetric"),
-        (np.array([[1.0, 2.0], [2.0, 1.0]]), "negative variances"),
-        (np.eye(3), "square covariance"),
-    ],
-)
-def test_an_invalid_covariance_is_refused(covariance, what):
-    with pytest.raises(InputError, match=what):
-        Uncertain("C/B", ("compression_scale", "rebound_scale"), np.ones(2), covariance)
-
-
-def test_the_message_on_an_unknown_part_lists_the_parts():
-    with pytest.raises(InputError, match=r"no part 'D/D'.*AA/AA"):
-        drawn_studies(study(("front",)), [independent("D/D", {"time_constant": (1.0, 1.0)})], draws=2)
 
 
 def test_a_spread_contains_the_setups_that_every_draw_has():
@@ -205,18 +182,6 @@ def test_the_vehicles_uncertainty_is_the_models_unless_the_file_adds_to_it_or_re
     assert known(car).vehicle is VehicleSource.ADDED
     replaced = known(car, vehicles=(Path("other.fmu"),))
     assert replaced.vehicle is VehicleSource.REPLACED and replaced.effects[-1].parameter == "other.fmu"
-
-
-@pytest.mark.parametrize(
-    ("part", "name", "message"),
-    [
-        ("D/D", "lag", "there is no part 'D/D'; the parts are car, B/B, C/C"),
-        ("C/C", "none_such", "C/C: C-C.fmu has no parameter 'none_such'; remove it from the file"),
-    ],
-)
-def test_an_entry_that_the_study_lacks_is_refused_by_name(known, part, name, message):
-    with pytest.raises(InputError, match=message):
-        known(independent(part, {name: (1.0, 0.1)}))
 
 
 @pytest.fixture
@@ -404,46 +369,8 @@ def test_there_are_no_draws_if_nothing_is_uncertain(exhaustive, tmp_path):
     assert list(run_draws(nominal, sweep, InProcess(), Uncertainty(), [0], 2)) == []
 
 
-def test_the_draws_use_equivalent_vehicles_in_turn():
-    made = result({"front": front}).study
-    drawn = drawn_studies(made, [], draws=4, vehicles=[Path("second.fmu")])
-    assert [s.vehicle.fmu.name for s in drawn] == ["car.fmu", "second.fmu", "car.fmu", "second.fmu"]
-
-
 def front(digits: np.ndarray) -> np.ndarray:
     return 1.0 + digits.sum(axis=1)
-
-
-def test_the_leading_setups_are_the_best_and_the_baseline():
-    made = result({"front": front}, baseline=dict.fromkeys(CORNERS, "C/C"))
-    assert leading(made, 1).tolist() == [0, 2400]
-
-
-def test_an_uncertainty_file_is_read(tmp_path):
-    path = tmp_path / "uncertain.toml"
-    path.write_text(
-        """schema = 1
-vehicles = ["car_2.fmu"]
-runs = 2
-[[uncertain]]
-part = "C/B"
-correlation = [[1.0, -0.5], [-0.5, 1.0]]
-[uncertain.parameters]
-compression_scale = { value = 1.0, deviation = 0.02 }
-time_constant = { value = 1e-3, deviation = 1e-4, lowest = 1e-6 }
-[fits]
-"C/C" = "C_C.json"
-[run_to_run]
-front = "0.01 in"
-"""
-    )
-    found = read_uncertainty(path, result({"front": front}))
-    (part,) = found.parts
-    assert part.names == ("compression_scale", "time_constant")
-    np.testing.assert_allclose(part.covariance, [[4e-4, -1e-6], [-1e-6, 1e-8]])
-    assert found.fits == {"C/C": tmp_path / "C_C.json"}
-    assert found.vehicles == (tmp_path / "car_2.fmu",)
-    assert (found.run_to_run["front"], found.runs) == (pytest.approx(2.54e-4), 2)
 
 
 def test_the_run_to_run_deviation_is_read_from_a_comparison(tmp_path):
@@ -457,15 +384,6 @@ def test_the_run_to_run_deviation_is_read_from_a_comparison(tmp_path):
     assert noise == {"front": pytest.approx(usable_deviation(np.sqrt(2.0), 1)), "rear": 0.5}
 
 
-def test_a_comparison_without_repeated_runs_is_refused(tmp_path):
-    made = result({"front": front})
-    found = comparisons(made, Measured(np.array([0, 100, 2000]), {"front": np.array([1.0, 5.0, 9.0])}, {}))
-    write_comparisons(found, {"front": "m"}, tmp_path / "comparison.json", Verdict())
-    (tmp_path / "uncertain.toml").write_text('schema = 1\ncompared = "comparison.json"\n')
-    with pytest.raises(FileFormatError, match="no setup was run twice"):
-        read_uncertainty(tmp_path / "uncertain.toml", made)
-
-
 def test_the_file_of_the_documentation_is_read(tmp_path):
     page = (Path(__file__).resolve().parents[3] / "docs" / "how_to" / "study_choice.md").read_text(encoding="utf-8")
     (block,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
@@ -476,21 +394,29 @@ def test_the_file_of_the_documentation_is_read(tmp_path):
     assert found.run_to_run["front ride height, RMS"] == pytest.approx(2.54e-5)
 
 
-@pytest.mark.parametrize(
-    ("text", "what"),
-    [
-        ("schema = 2", "has schema 2"),
-        ("schema = 1\nrun_to_run = 3", r"line 2: run_to_run"),
-        ('schema = 1\n[fits]\n"D/D" = "d.json"', "no build 'D/D'"),
-        ("schema = 1\n[run_to_run]\nfrnt = 1.0", "did you mean 'front'"),
-        ('schema = 1\n[run_to_run]\nfront = "1 lbf"', "lbf"),
-        ("schema = [", "cannot be read as TOML"),
-        ('schema = 1\n[[uncertain]]\npart = "C/B"\ncorrelation = [[1.0, 0.5]]\n'
-         "parameters = { time_constant = { value = 1.0, deviation = 1.0 } }", "matrix"),
-    ],
-)  # fmt: skip
-def test_the_message_on_a_wrong_file_names_the_entry(tmp_path, text, what):
-    path = tmp_path / "uncertain.toml"
-    path.write_text(text)
-    with pytest.raises(FileFormatError, match=what):
-        read_uncertainty(path, result({"front": front}))
+def test_uncertainties_that_are_none_are_refused_by_name(tmp_path, known, unchanged):
+    made, path = result({"front": front}), tmp_path / "uncertain.toml"
+    found = comparisons(made, Measured(np.array([0, 100, 2000]), {"front": np.array([1.0, 5.0, 9.0])}, {}))
+    write_comparisons(found, {"front": "m"}, tmp_path / "comparison.json", Verdict())
+
+    def read(text):
+        path.write_text(text)
+        return read_uncertainty(path, made)
+
+    texts = {
+        "schema 2": "schema = 2", "a number": "schema = 1\nrun_to_run = 3", "no TOML": "schema = [",
+        "no such build": 'schema = 1\n[fits]\n"D/D" = "d.json"',
+        "no such measure": "schema = 1\n[run_to_run]\nfrnt = 1.0",
+        "another dimension": 'schema = 1\n[run_to_run]\nfront = "1 lbf"',
+        "a matrix of another size": 'schema = 1\n[[uncertain]]\npart = "C/B"\ncorrelation = [[1.0, 0.5]]\n'
+        "parameters = { time_constant = { value = 1.0, deviation = 1.0 } }",
+        "no setup twice": 'schema = 1\ncompared = "comparison.json"\n',
+    }  # fmt: skip
+    covariances = {"not symmetric": [[1.0, 0.5], [0.0, 1.0]], "negative": [[1.0, 2.0], [2.0, 1.0]], "larger": np.eye(3)}
+    unchanged(refusals({
+        **{name: partial(read, text) for name, text in texts.items()},
+        **{name: partial(Uncertain, "C/B", SHOCK.names, np.ones(2), np.array(covariance))
+           for name, covariance in covariances.items()},
+        "no such part": lambda: known(independent("D/D", {"lag": (1.0, 0.1)})),
+        "no such parameter": lambda: known(independent("C/C", {"none_such": (1.0, 0.1)})),
+    }))  # fmt: skip
