@@ -58,11 +58,6 @@ def test_subtracted_gives_the_same_curve_on_a_record_without_gas(without_gas):
     assert not fit.warnings
 
 
-def test_an_offset_left_over_is_warned_about(with_gas):
-    fit = fit_shock(with_gas, "lpf1", gas="subtracted")
-    assert any("offset of 4" in warning and "lbf" in warning for warning in fit.warnings)
-
-
 def test_without_displacement_only_the_preload_is_estimated(with_gas):
     blind = DynoTest(with_gas.series.select(["velocity", "force"]))
     fit = fit_shock(blind, "lpf1")
