@@ -17,7 +17,7 @@ from eightpost.validity import Validity, judged
 from eightpost.verdict import Grade, Reason, Verdict
 
 from .example_curve import curve as polynomials
-from .example_curve import knot_curve
+from .example_curve import example_settings, knot_curve
 
 GOOD = Reason("r", "fit of the shock", Grade.USABLE, "s", "1 %", "a.csv", "nothing")
 NODES = st.lists(st.integers(0, 40), min_size=2, max_size=6, unique=True).map(lambda n: tuple(sorted(map(float, n))))
@@ -28,28 +28,7 @@ def law():
 
 
 def settings(seed=0, size=300.0):
-    """Two adjusters and the temperature with random effects, measured one at a time and in two combinations."""
-    random = np.random.default_rng(seed)
-    axes = (
-        Axis("rebound", (0.0, 5.0, 12.0, 20.0), 5.0, counted="from full hard", lowest=0.0, highest=25.0),
-        Axis("compression", (0.0, 3.0), 0.0),
-        Axis("temperature", (300.0, 320.0, 345.0), 320.0, unit="K"),
-    )
-
-    def rows(count, kept):
-        found = np.hstack([random.normal(0.0, size, (count, 25)), random.normal(0.0, 0.1, (count, 2))])
-        found[[k for k in range(count) if k not in kept]] = 0.0
-        return tuple(map(tuple, found.tolist()))
-
-    terms = (
-        Term(("rebound",), rows(4, (0, 2, 3))),
-        Term(("compression",), rows(2, (1,))),
-        Term(("temperature",), rows(3, (0, 2))),
-        Term(("rebound", "compression"), rows(8, (5, 7))),
-    )
-    single = [(r, 0.0, 320.0) for r in axes[0].nodes] + [(5.0, 3.0, 320.0), (5.0, 0.0, 300.0), (5.0, 0.0, 345.0)]
-    tested = (*single, (12.0, 3.0, 320.0), (20.0, 3.0, 320.0))
-    return Settings(axes, ("time_constant",), terms, tested, tuple((5.0,) * 25 for _ in tested))
+    return example_settings(("time_constant",), [(size, 25), (0.1, 2)], seed=seed, deviation=5.0)
 
 
 @given(NODES, st.floats(-10.0, 50.0), st.tuples(*[st.floats(-3.0, 3.0)] * 3))
