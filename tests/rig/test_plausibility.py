@@ -96,6 +96,13 @@ def test_the_harmonics_of_a_sine_and_the_ends_of_a_record_are_no_moving_average(
     assert list(_spectrum_faults(series, series.names)) == []
 
 
+def test_a_rectified_force_is_read_with_this_reason_although_rebound_is_stiffer(tmp_path):
+    """It is then largest against the velocity, but its sign is not reversed."""
+    columns = sine()
+    force = np.where(columns["v"] < 0.0, 3.0, 1.0) * np.abs(columns["F"])
+    assert rules(tmp_path, columns | {"F": force}) == ["rectified force"]
+
+
 def test_a_good_record_has_no_reason(tmp_path):
     good = sine()
     assert rules(tmp_path, good) == []
