@@ -26,12 +26,7 @@ from eightpost.ident.dyno_report.builds import (
 )
 from eightpost.ident.dyno_report.cycles import STROKES, Cycles, Unknown
 from eightpost.ident.dyno_report.entry import entry_of_shock, entry_of_table, entry_of_test
-from eightpost.ident.dyno_report.page import (
-    difference_table,
-    loop_table,
-    peak_table,
-    repeat_table,
-)
+from eightpost.ident.dyno_report.page import difference_table, loop_table, peak_table, repeat_table
 from eightpost.rig import PeakVelocityTable
 from eightpost.shock import Hysteresis, Polylinear, Port, Shock, read_shock, write_shock
 from eightpost.units import convert

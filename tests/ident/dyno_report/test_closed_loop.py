@@ -10,13 +10,7 @@ from eightpost.ident.dyno_report.builds import CarCorner, dyno_report
 from eightpost.ident.dyno_report.cycles import STROKES, Unknown
 from eightpost.ident.dyno_report.entry import entry_of_test
 from eightpost.ident.dyno_report.figures import curves_figure
-from eightpost.ident.dyno_report.page import (
-    branch_table,
-    damping_tables,
-    force_table,
-    peak_table,
-    sections_of,
-)
+from eightpost.ident.dyno_report.page import branch_table, damping_tables, force_table, peak_table, sections_of
 from eightpost.report.tables import Amount
 from eightpost.signals import TimeSeries
 from eightpost.units import convert

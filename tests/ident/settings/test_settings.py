@@ -21,14 +21,7 @@ from eightpost.ident.shock.force import gas_columns, limits_for
 from eightpost.ident.shock.law_fit import joint_model
 from eightpost.ident.shock.problem import FitProblem
 from eightpost.ident.shock.runs import Runs, prepare_runs
-from eightpost.ident.shock.settings import (
-    _counting,
-    _prediction,
-    _preload,
-    effects_of,
-    fit_settings,
-    held_out_percent,
-)
+from eightpost.ident.shock.settings import _counting, _prediction, _preload, effects_of, fit_settings, held_out_percent
 from eightpost.ident.shock.settings_table import SettingsTable, read_settings_table
 from eightpost.ident.shock.simulation import simulate
 from eightpost.ident.validation.shock_tests import evaluate
@@ -123,10 +116,7 @@ def test_the_bands_cover_the_true_curves_of_random_systems_between_the_measured_
 
 @pytest.mark.nightly
 def test_clicks_and_temperature_are_separated_and_the_gas_force_is_linear_in_temperature():
-    axes = (
-        Axis("rebound", (0.0, 14.0, 28.0), 14.0),
-        Axis("temperature", (300.0, 320.0, 350.0), 320.0, unit="K"),
-    )
+    axes = (Axis("rebound", (0.0, 14.0, 28.0), 14.0), Axis("temperature", (300.0, 320.0, 350.0), 320.0, unit="K"))
     settings = [(0.0, 320.0), (14.0, 320.0), (28.0, 320.0), (14.0, 300.0), (14.0, 350.0)]
     tests = [record(true_law(*setting), k, temperature=setting[1]) for k, setting in enumerate(settings)]
     shock = fit_settings(table(axes, settings, tests)).shock

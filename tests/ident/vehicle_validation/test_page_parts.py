@@ -8,10 +8,7 @@ import numpy as np
 import pytest
 
 from eightpost.ident.validation.comparison import Trend
-from eightpost.ident.validation.vehicle_page import (
-    _order_figure,
-    port_table,
-)
+from eightpost.ident.validation.vehicle_page import _order_figure, port_table
 from eightpost.ident.validation.vehicles import Limits, _common_levels
 from eightpost.ident.vehicle.trust import ForceEstimate, OrderCandidate, Orders, PolePair, Trust
 from eightpost.report.tables import Amount
