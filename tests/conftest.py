@@ -12,7 +12,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
-import numpy as np
 import pytest
 from filelock import FileLock
 from hypothesis import settings
@@ -33,11 +32,12 @@ from eightpost.shock import (
     Port,
     Shock,
     ShockLaw,
-    StaticCurve,
     fit_parameters,
     write_shock,
 )
 from eightpost.vehicle import shipped
+
+from .shock.example_curve import curve, knot_curve
 
 pytest_plugins = ["tests.run_rules", "tests.unchanged", "tests.drawn"]
 
@@ -94,39 +94,16 @@ def browser(chromium: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> I
     opened.close()
 
 
-def _curve() -> StaticCurve:
-    """A digressive curve with the forces of a stock-car shock."""
-    return StaticCurve(
-        inner=(1800.0, 60.0, -400.0, *[0.0] * 11, 30.0),
-        compression=(1490.0, 900.0, 40.0, 5.0),
-        rebound=(-1400.0, -1100.0, -20.0, 3.0),
-        transition_speed=0.381,
-        transition_width=0.0127,
-        compression_speed=1.2,
-        rebound_speed=1.1,
-        compression_slope=3000.0,
-        rebound_slope=3500.0,
-    )
-
-
-def _knot_curve() -> StaticCurve:
-    """A curve of the same size through knots, with quadratic cells and different noses on both sides."""
-    velocity = np.array([-1.1, 1.2])[np.repeat([0, 1], [12, 13])] * np.abs(np.linspace(-1.0, 1.0, 25)) ** 1.8
-    slope = 1500.0 + 5000.0 / (1.0 + (velocity / np.where(velocity > 0.0, 0.12, 0.09)) ** 2) + 400.0 * velocity
-    force = np.concatenate(([0.0], np.cumsum(0.5 * (slope[1:] + slope[:-1]) * np.diff(velocity))))
-    return StaticCurve.through_knots(*(tuple(one.tolist()) for one in (velocity, force - force[12], slope)))
-
-
 def _hysteresis(port: Port) -> Hysteresis:
-    curve = _knot_curve()
-    lagged = tuple(0.6 * slope for slope in curve.knot_slope)
-    return Hysteresis(curve, lagged, (0.004, 0.001, 0.002), 1e5, 4e-4, 0.01, port=port)
+    knots = knot_curve()
+    lagged = tuple(0.6 * slope for slope in knots.knot_slope)
+    return Hysteresis(knots, lagged, (0.004, 0.001, 0.002), 1e5, 4e-4, 0.01, port=port)
 
 
 @pytest.fixture(scope="session")
 def knots() -> dict[str, float]:
     """A curve through knots as parameters of a shock FMU."""
-    curve = _knot_curve()
+    curve = knot_curve()
     fields = ("compression_speed", "rebound_speed", "compression_slope", "rebound_slope")
     arrays = ("knot_velocity", "knot_force", "knot_slope")
     values = {f"curve.{name}": getattr(curve, name) for name in fields}
@@ -138,14 +115,14 @@ def shocks() -> dict[str, Shock]:
     """One shock of each law, by the law's name; laws that are not listed here have the initial parameters of a fit."""
     port = Port(gas_preload=50.0, gas_stiffness=700.0, seal_friction=15.0)
     laws: dict[str, ShockLaw] = {
-        "polylinear": Polylinear(_curve(), port=port),
-        "lpf1": Lpf1(_curve(), 0.0013),
-        "lpnl2": Lpnl2(_curve(), 0.0013, 800.0, 1600.0, port=port),
+        "polylinear": Polylinear(curve(), port=port),
+        "lpf1": Lpf1(curve(), 0.0013),
+        "lpnl2": Lpnl2(curve(), 0.0013, 800.0, 1600.0, port=port),
         "hysteresis": _hysteresis(port),
     }
     for name, law in LAWS.items():
         if name not in laws:
-            laws[name] = law(_curve(), port=port, **{p.name: p.start for p in fit_parameters(law)})
+            laws[name] = law(curve(), port=port, **{p.name: p.start for p in fit_parameters(law)})
     return {name: Shock(name, law) for name, law in laws.items()}
 
 

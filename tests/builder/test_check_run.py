@@ -162,8 +162,7 @@ def _ended(command: list[str], lines: list[dict[str, object]], code: int | None,
 
 
 @pytest.mark.parametrize(
-    ("used", "skipped", "calls"),
-    [(6.9, {}, 2), (7.1, {"steps": "it would take too much processor time"}, 1)],
+    ("used", "skipped", "calls"), [(6.9, {}, 2), (7.1, {"steps": "it would take too much processor time"}, 1)]
 )
 def test_groups_after_a_crash_run_in_another_process_while_there_is_time(
     used: float, skipped: dict[str, str], calls: int, fmus: Mapping[str, Path], monkeypatch: pytest.MonkeyPatch

@@ -19,6 +19,8 @@ from eightpost.archive import read_archive
 from eightpost.errors import FmuError, ParameterError
 from eightpost.shock import LAWS, write_shock
 
+from .assembly.hosts import corner_file
+
 ALL = (*LAWS, "seven_dof", "quarter_car")
 TYPES = {"Real": "Float64", "Boolean": "Boolean"}
 
@@ -219,24 +221,12 @@ def test_build_refuses_the_same_from_python(shock, tmp_path):
 
 @pytest.mark.nightly
 def test_an_assembly_is_built_for_fmi_3_from_the_command_line(run, shock, fmus, tmp_path):
-    (tmp_path / "corner.toml").write_text(
-        f"""
-schema = 1
-[components.car]
-fmu = "{fmus["quarter_car"].as_posix()}"
-[components.shock]
-fmu = "{fmus["lpnl2"].as_posix()}"
-[[bond]]
-between = ["car", "shock"]
-[scenario]
-stop = 1.0
-"""
-    )
-    code, output = run("--assemble", tmp_path / "corner.toml", "--fmi", "3", "-o", tmp_path / "corner.fmu")
+    path = corner_file(tmp_path / "corner.toml", fmus["quarter_car"], fmus["lpnl2"])
+    code, output = run("--assemble", path, "--fmi", "3", "-o", tmp_path / "corner.fmu")
     assert code == 0, output
     assert versions(tmp_path) == {"corner.fmu": "3.0"}
     assert validate_fmu(str(tmp_path / "corner.fmu")) == []
     result = simulate_fmu(str(tmp_path / "corner.fmu"), stop_time=0.05, output_interval=1e-3,
-                          start_values={"car.aero_force": 1000.0, "car.start_at_equilibrium": False})  # fmt: skip
-    assert np.ptp(result["shock.force"]) > 0.1
-    assert run("--assemble", tmp_path / "corner.toml", "--fmi", "all")[0] == 2
+                          start_values={"corner.aero_force": 1000.0, "corner.start_at_equilibrium": False})  # fmt: skip
+    assert np.ptp(result["damper.force"]) > 0.1
+    assert run("--assemble", path, "--fmi", "all")[0] == 2

@@ -73,7 +73,16 @@ def test_a_universal_library_has_aligned_slices_and_their_processors() -> None:
 
 @pytest.mark.parametrize(
     ("name", "identifier"),
-    [("A b-c", "A_b_c"), ("3 inch", "_3_inch"), ("Ä", "_"), ("", "_"), ("_x_", "_x_"), ("if", "if_"), ("Con", "Con_")],
+    [
+        ("A b-c", "A_b_c"),
+        ("3 inch", "_3_inch"),
+        ("Ä", "_"),
+        ("", "_"),
+        ("_x_", "_x_"),
+        ("if", "if_"),
+        ("Con", "Con_"),
+        ("LPT1", "LPT1_"),
+    ],
 )
 def test_an_identifier_of_an_fmu_is_one_of_c(name: str, identifier: str) -> None:
     assert fmu_identifier(name) == identifier

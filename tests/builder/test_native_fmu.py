@@ -11,7 +11,7 @@ import pytest
 from fmpy import simulate_fmu
 from fmpy.build import build_platform_binary
 
-from builder.build import build, fmu_identifier
+from builder.build import build
 from builder.reference import Disclosure
 from builder.toolchain import PLATFORMS, SystemCompiler, Zig, find_toolchain, this_platform
 from eightpost.archive import extract_archive, read_archive, write_archive
@@ -141,14 +141,6 @@ def test_nothing_is_written_if_one_of_several_fmus_cannot_be_built(shocks, tmp_p
     with pytest.raises(ValueError, match="bad"):
         build([tmp_path / "good.json", tmp_path / "bad.json"], tmp_path / "out")
     assert not list(Path(tmp_path).glob("out/*.fmu"))
-
-
-@pytest.mark.parametrize(
-    ("stem", "identifier"),
-    [("con", "con_"), ("LPT1", "LPT1_"), ("int", "int_"), ("2x", "_2x"), ("my shock", "my_shock"), ("front", "front")],
-)
-def test_an_fmu_has_a_name_that_is_valid_for_c_and_windows(stem, identifier):
-    assert fmu_identifier(stem) == identifier
 
 
 def test_names_that_differ_only_in_case_are_rejected(shocks, tmp_path):

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from fmpy import read_model_description
 
 from builder.build import build
 from eightpost.errors import FmuError, StepError
@@ -86,23 +85,6 @@ def test_a_friction_out_of_range_is_refused_by_name_and_the_old_value_is_kept(py
         fmu.step(0.0, 1e-3)
     assert fmu.get(("rr.friction_force", "rr.friction_velocity")) == [100.0, 0.005]
     fmu.step(0.0, 1e-3)
-
-
-@pytest.mark.parametrize("name", CARS)
-def test_every_port_has_tunable_friction_with_display_units(python_fmus, name):
-    variables = {v.name: v for v in read_model_description(str(python_fmus[name])).modelVariables}
-    assert [n for n in variables if "friction" in n] == [
-        *at_ports(name, "friction_force"),
-        *at_ports(name, "friction_velocity"),
-    ]
-    for variable, unit, display, start, least in (
-        ("friction_force", "N", "lbf", 0.0, 0.0),
-        ("friction_velocity", "m/s", "in/s", 0.005, 1e-4),
-    ):
-        for port in at_ports(name, variable):
-            found = variables[port]
-            assert (found.causality, found.variability, found.unit) == ("parameter", "tunable", unit)
-            assert (found.displayUnit, float(found.start), float(found.min)) == (display, start, least)
 
 
 @pytest.mark.nightly

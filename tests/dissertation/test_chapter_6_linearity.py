@@ -73,10 +73,7 @@ def test_time_responses_magnitudes_and_coherences_are_shown_below_each_other(pat
 
 @pytest.mark.parametrize(
     ("figure", "corner", "quantity", "kind", "limit"),
-    [
-        (chapter.figure_6_10, "lr", "velocity", "aero", 0.8),
-        (chapter.figure_6_16, "rf", "velocity", "force", 0.9),
-    ],
+    [(chapter.figure_6_10, "lr", "velocity", "aero", 0.8), (chapter.figure_6_16, "rf", "velocity", "force", 0.9)],
 )
 def test_the_nearest_input_explains_the_output(figure, corner, quantity, kind, limit, paths):
     for share in (limit - 0.01, limit + 0.01):

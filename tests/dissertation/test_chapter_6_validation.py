@@ -39,8 +39,7 @@ def tone(size, frequency=5.0, third=0.0):
 
 
 @pytest.mark.parametrize(
-    ("errors", "expected"),
-    [((0.1, 0.2, 0.58, 0.3), (True, True)), ((0.3, 0.2, 0.62, 0.3), (False, False))],
+    ("errors", "expected"), [((0.1, 0.2, 0.58, 0.3), (True, True)), ((0.3, 0.2, 0.62, 0.3), (False, False))]
 )
 def test_errors_of_a_lap_are_relative_to_the_signals_after_3_s(errors, expected, monkeypatch, plots):
     def late(size):

@@ -93,8 +93,7 @@ def test_the_state_of_an_item_follows_from_its_values_and_its_basis():
 
 
 @pytest.mark.parametrize(
-    ("holds", "state"),
-    [((True, True), State.STAND_IN), ((True, False), State.PARTLY), ((False, False), State.SHOWN)],
+    ("holds", "state"), [((True, True), State.STAND_IN), ((True, False), State.PARTLY), ((False, False), State.SHOWN)]
 )
 def test_a_stand_in_item_states_how_much_of_it_agrees(holds, state):
     claims = tuple(Claim(str(k), "it is so", is_judged=False) for k in range(2))

@@ -86,13 +86,6 @@ def _slower(series):
     return found
 
 
-@pytest.mark.nightly
-def test_whole_builds_are_left_out_and_what_they_differ_by_counts(tests):
-    held = fit_shock(tests, "lpf1").held_out
-    assert held.left_out == "builds"
-    assert 2.0 < held.percent < 6.0
-
-
 @pytest.mark.slow
 def test_the_command_pools_files_of_named_builds_and_stores_their_spread(tests, tmp_path):
     files = []

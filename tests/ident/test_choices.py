@@ -11,12 +11,10 @@ from hypothesis import strategies as st
 
 from eightpost.errors import InputError, ParameterError
 from eightpost.ident import fit_shock
-from eightpost.ident.shock.curve import fitted_curve
 from eightpost.ident.shock.dynamics import NoLag
 from eightpost.ident.shock.fit import _spikes_of
 from eightpost.ident.shock.force import limits_for
 from eightpost.ident.shock.result import interval_of, parameter_table
-from eightpost.ident.shock.verdict import Parameter
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.shock import Lpf1, Port, StaticCurve
 from eightpost.signals import TimeSeries
@@ -53,43 +51,12 @@ def test_a_parameter_at_its_bound_is_reported(laggard):
     assert columns[2][columns[0].index("time_constant")] == "-"
 
 
-@pytest.mark.parametrize(
-    ("value", "bounds", "error", "bound"),
-    [
-        (197.0, (11.0, 199.5), 2e4, ""),
-        (198.0, (11.0, 199.5), 2e4, "upper"),
-        (11.1, (11.0, 199.5), None, "lower"),
-        (11.2, (11.0, 199.5), None, ""),
-        (0.9, (0.0, np.inf), 100.0, "lower"),
-        (1.1, (0.0, np.inf), 100.0, ""),
-        (0.0, (0.0, np.inf), None, "lower"),
-    ],
-)
-def test_a_parameter_is_at_a_bound_within_1_percent_of_it_or_of_its_error_at_0(value, bounds, error, bound):
-    assert Parameter("x", value, "N", error, bounds).at_bound == bound
-
-
 @pytest.mark.nightly
 def test_lpnl2_on_a_shock_without_fading_is_lpf1(curve, law_record):
     record = law_record(Lpf1(curve, 1.3e-3), 1)
     lpf1, lpnl2 = fit_shock(record, "lpf1"), fit_shock(record, "lpnl2")
     assert lpnl2.rms <= lpf1.rms * (1.0 + 1e-9)
     assert lpnl2.parameter("time_constant").value == pytest.approx(1.3e-3, rel=0.02)
-
-
-def test_a_falling_curve_is_reported_with_its_velocities(basis, curve):
-    coefficients = np.concatenate([curve.inner, curve.compression, curve.rebound])
-    coefficients[15] -= 300.0
-    _, warnings = fitted_curve(basis, coefficients, np.linspace(-0.8, 0.8, 500))
-    assert any("not monotone" in warning and "0.372 to 0.388 m/s" in warning for warning in warnings)
-
-
-def test_an_implausible_end_slope_is_replaced_by_a_robust_one(basis, curve):
-    coefficients = np.concatenate([curve.inner, curve.compression, curve.rebound])
-    coefficients[15:19] = coefficients[15], 900.0, 0.0, -500.0  # falls at the end
-    found, warnings = fitted_curve(basis, coefficients, np.linspace(-0.8, 0.8, 500))
-    assert found.compression_slope >= 0.0
-    assert any("slope at 0.8 m/s, the end of the range" in warning for warning in warnings)
 
 
 few = settings(max_examples=3, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True)
@@ -102,33 +69,6 @@ def record(curve, law_record):
 
 def with_force(test, force):
     return replace(test, series=test.series.with_channel("force", "N", force))
-
-
-@pytest.mark.nightly
-@few
-@given(seed=st.integers(0, 10_000), count=st.integers(20, 200), size=st.floats(1500.0, 8000.0))
-def test_spikes_are_removed_and_counted(record, seed, count, size):
-    generator = np.random.default_rng(seed)
-    force = record.series["force"].copy()
-    where = generator.choice(np.arange(2500, 19000, 3), count, replace=False)
-    force[where] += size * generator.choice([-1.0, 1.0], count)
-    fit = fit_shock(with_force(record, force), "lpf1")
-    assert fit.downweighted == pytest.approx(count, abs=0.1 * count + 3)
-    assert any("spikes" in change for change in fit.changes)
-    assert fit.parameter("time_constant").value == pytest.approx(1.3e-3, rel=0.01)
-    assert fit.shock.fit["weighed_down"] == fit.downweighted
-
-
-@pytest.mark.nightly
-@few
-@given(start=st.integers(3000, 17000), length=st.integers(60, 200))
-def test_a_dropout_is_downweighted_or_reported(record, start, length):
-    force = record.series["force"].copy()
-    force[start : start + length] = 5000.0
-    fit = fit_shock(with_force(record, force), "lpf1")
-    assert fit.downweighted > 0.3 * length
-    assert any("outliers" in change for change in fit.changes)
-    assert fit.parameter("time_constant").value == pytest.approx(1.3e-3, rel=0.03)
 
 
 @pytest.mark.nightly
@@ -146,13 +86,6 @@ def test_a_noisy_force_is_reported(record, seed, share):
 def test_a_segment_outside_the_record_is_refused(record, start, length):
     with pytest.raises(InputError, match="must lie within the record"):
         fit_shock(record, "lpf1", segment=(start, start + length))
-
-
-@pytest.mark.nightly
-def test_a_clean_record_loses_nothing_to_robustness(record):
-    plain, robust = fit_shock(record, "lpf1", robust="none"), fit_shock(record, "lpf1")
-    assert robust.downweighted == 0
-    assert robust.shock.law == plain.shock.law
 
 
 @pytest.mark.nightly

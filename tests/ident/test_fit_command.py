@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from rich.console import Console
 
 from eightpost.__main__ import main
-from eightpost.ident import fit_shock, fit_table, parameter_table, plot_force_velocity
+from eightpost.ident import fit_shock, fit_table
 from eightpost.ident.validation.shock_tests import evaluate
 from eightpost.shock import Lpf1, Polylinear
 from eightpost.verdict import Verdict
@@ -111,21 +111,6 @@ def test_the_table_has_what_table_3_4_has(fits):
     for word in ("Polylinear", "LPF1", "LPNL2", "RMS, lbf", "RMS, N", "% of std", "% less than static", "time, s"):
         assert word in shown
     assert f"{100.0 * (1.0 - fits[1].rms / fits[0].rms):.1f}" in shown
-
-
-def test_parameters_are_in_both_unit_systems(fits):
-    shown = text(parameter_table(fits[1]))
-    for word in ("time_constant", " ms", " s ", "gas_preload", "lbf", "0.1 to 10 ms"):
-        assert word in shown
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("count", [1, 3])
-def test_a_plot_is_written_whole(fits, tmp_path, count):
-    path = tmp_path / "plots" / "fit.png"
-    plot_force_velocity(fits[0] if count == 1 else fits, path)
-    assert path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
-    assert [p.name for p in path.parent.iterdir()] == ["fit.png"]
 
 
 def test_the_fit_states_the_error_of_its_static_curve_alone(fits, curve, law_record):

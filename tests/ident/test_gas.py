@@ -6,25 +6,13 @@ import numpy as np
 import pytest
 
 from eightpost.ident import evaluate, fit_shock
-from eightpost.ident.shock.curve import curve_forces
 from eightpost.rig.dyno_test import DynoTest, read_dyno_test
 from eightpost.shock import Lpf1, Port
-
-
-def same_curve(first, second):
-    velocity = np.linspace(-0.6, 0.6, 200)
-    one, two = curve_forces(first.shock.law.curve, velocity), curve_forces(second.shock.law.curve, velocity)
-    return np.sqrt(np.mean((one - two) ** 2) / np.mean(one**2))
 
 
 @pytest.fixture(scope="module")
 def with_gas(knots, law_record, gas_port):
     return law_record(Lpf1(knots, 1.3e-3, port=gas_port), 1)
-
-
-@pytest.fixture(scope="module")
-def without_gas(knots, law_record):
-    return law_record(Lpf1(knots, 1.3e-3), 1)
 
 
 @pytest.fixture(scope="module")
@@ -39,28 +27,6 @@ def test_estimate_finds_preload_and_stiffness(estimated, gas_port):
     assert fit.shock.law.port.gas_preload == pytest.approx(at_reference, abs=2.0)
     assert fit.shock.law.port.gas_stiffness == pytest.approx(gas_port.gas_stiffness, rel=0.05)
     assert fit.shock.law.curve.force(0.0) == 0.0
-
-
-@pytest.mark.nightly
-def test_included_leaves_the_port_empty_and_reports_the_estimate(with_gas, estimated, gas_port):
-    fit = fit_shock(with_gas, "lpf1", gas="included")
-    assert fit.shock.law.port == Port()
-    assert fit.shock.conditions["gas_preload_estimate [N]"] == pytest.approx(gas_port.gas_preload, abs=2.0)
-    assert same_curve(fit, estimated) < 1e-9
-    assert evaluate(fit.shock, with_gas).percent < 0.3
-
-
-@pytest.mark.nightly
-def test_subtracted_gives_the_same_curve_on_a_record_without_gas(without_gas):
-    fit = fit_shock(without_gas, "lpf1", gas="subtracted")
-    assert fit.shock.law.port == Port()
-    assert same_curve(fit, fit_shock(without_gas, "lpf1")) < 1e-3
-    assert not fit.warnings
-
-
-def test_an_offset_left_over_is_warned_about(with_gas):
-    fit = fit_shock(with_gas, "lpf1", gas="subtracted")
-    assert any("offset of 4" in warning and "lbf" in warning for warning in fit.warnings)
 
 
 def test_without_displacement_only_the_preload_is_estimated(with_gas):

@@ -128,13 +128,6 @@ def test_a_test_of_one_speed_gives_no_stop_and_says_why():
 
 
 @pytest.mark.nightly
-def test_two_speeds_give_the_stop_of_the_law():
-    law = hysteresis(stop=STOP)
-    fit = fit_shock([sine(law, 0.15), sine(law, 0.6)], "hysteresis", segment=(0.5, 5.5))
-    assert fit.shock.law.stop_stiffness > 0.0
-
-
-@pytest.mark.nightly
 def test_outliers_are_down_weighted(law_record):
     test = law_record(hysteresis(), 1, rate=RATE)
     force = test.series["force"].copy()

@@ -17,9 +17,8 @@ from eightpost.ident.shock.curve import (
     split_coefficients,
     working_basis,
 )
-from eightpost.ident.shock_table import table_points
 from eightpost.rig.dyno_test import DynoTest
-from eightpost.shock import LAWS, Lpf1, StaticCurve
+from eightpost.shock import Lpf1, StaticCurve
 
 slopes_13 = arrays(np.float64, 13, elements=st.floats(0.0, 1e5, allow_subnormal=False))
 RANGE = np.array([-0.8, 1.1])
@@ -73,16 +72,6 @@ def test_an_abrupt_knee_is_fitted_better_than_with_polynomials(knee, knee_fit):
     assert knee_fit.percent < 0.8 * fit_shock(knee, "lpf1", recipe="boggs").percent
 
 
-@pytest.mark.repeated
-@pytest.mark.parametrize("law", LAWS)
-def test_every_law_is_fitted_with_a_curve_through_knots_that_rises(law, static_fit, digressive_record):
-    fit = static_fit if law == "polylinear" else fit_shock(digressive_record(1), law)
-    curve = fit.shock.law.curve
-    assert fit.converged
-    assert curve.has_knots
-    assert min(curve.knot_slope) >= 0.0
-
-
 def test_speeds_without_data_are_bridged_and_not_invented(digressive_record, static_fit):
     test = digressive_record(1)
     speed = np.abs(test.series["velocity"])
@@ -126,13 +115,6 @@ def test_the_band_covers_the_curve_of_another_draw(digressive_record):
     both = np.hypot(one.band.half_width, np.interp(one.band.velocity, other.band.velocity, other.band.half_width))
     assert (one.band.half_width > 0.0).all()
     assert np.mean((apart <= both)[inner]) > 0.8
-
-
-def test_a_curve_through_knots_is_exported_as_a_table_within_its_error(knee_fit):
-    law = knee_fit.shock.law
-    velocity, force, error = table_points([law], error=1e-3)
-    assert error <= 1e-3
-    np.testing.assert_allclose(force[0], curve_forces(law.curve, velocity), atol=1e-9)
 
 
 numbers = st.floats(-1.0, 1.0, allow_subnormal=False)

@@ -40,15 +40,6 @@ def test_a_100_hz_record_lowers_the_cutoff(curve, law_record):
     assert fit.parameter("time_constant").value == pytest.approx(1.5e-2, rel=0.1)
 
 
-def test_a_slow_record_moves_the_transition(curve, law_record):
-    fit = fit_shock(law_record(Lpf1(curve, 1.3e-3), 1, slower=8.0), "lpf1", recipe="boggs")
-    found = fit.shock.law.curve
-    slower = min(found.compression_speed, found.rebound_speed)
-    assert found.transition_speed == pytest.approx(0.6 * slower, rel=0.05)
-    assert found.transition_width == pytest.approx(found.transition_speed / 30.0)
-    assert reported(fit.changes, "transition moved from 15 in/s", "its width")
-
-
 def test_a_side_without_data_beyond_the_transition_continues_straight_at_no_cost(record, monkeypatch):
     with_cubics = fit_shock(record, "polylinear", recipe="boggs").percent
     monkeypatch.setattr(fits, "TRANSITION_SPEED", 1.5)
@@ -60,14 +51,6 @@ def test_a_side_without_data_beyond_the_transition_continues_straight_at_no_cost
     assert fit.percent < 1.01 * with_cubics
 
 
-def test_a_short_record_is_fitted_except_for_its_edges(record):
-    short = DynoTest(record.series.window(0.0, 4.0))
-    prepared = prepare(short)
-    inside = prepared.record.time[prepared.inside]
-    assert (inside[0], inside[-1]) == pytest.approx((0.12, 3.88), abs=1e-3)
-    assert reported(prepared.changes, "filter's edges", "4 s")
-
-
 @pytest.mark.nightly
 def test_seconds_count_from_the_start_of_the_record(record):
     late = TimeSeries(record.series.time + 700.0, record.series.values, record.series.names, record.series.units)
@@ -75,30 +58,10 @@ def test_seconds_count_from_the_start_of_the_record(record):
     assert shifted.rms == pytest.approx(early.rms, rel=1e-6)
 
 
-def test_an_idle_start_is_not_fitted_alone(record):
-    series = record.series
-    time = np.arange(round(12.0 * 2000)) / 2000.0 + series.time[-1] + 5e-4
-    idle = {name: (unit, np.zeros(time.size)) for name, unit in zip(series.names, series.units, strict=True)}
-    rest = TimeSeries.from_channels(time - time[0], idle)
-    joined = TimeSeries(
-        np.append(rest.time, series.time + rest.time[-1] + 5e-4),
-        np.hstack([rest.values, series.values]),
-        series.names,
-        series.units,
-    )
-    assert reported(prepare(DynoTest(joined)).changes, "the whole record", "peak speed")
-
-
 def test_an_uneven_record_is_resampled(record):
     series = record.series.window(0.0, 3.0)
     time = series.time + 1e-2 * np.sin(3.0 * series.time)
     assert reported(prepare(DynoTest(TimeSeries(time, series.values, series.names, series.units))).changes, "resampled")
-
-
-def test_a_fast_record_is_thinned(record):
-    prepared = prepare(DynoTest(record.series.window(0.0, 2.0).resample(10000.0)))
-    assert prepared.rate == pytest.approx(2000.0)
-    assert reported(prepared.changes, "every 5th sample")
 
 
 def test_a_spike_of_the_force_is_replaced_and_counted_and_nothing_else_is(record):
@@ -112,12 +75,6 @@ def test_a_spike_of_the_force_is_replaced_and_counted_and_nothing_else_is(record
     found, count = fits.without_spikes(spiked, prepare(spiked), predicted)
     assert count == 1
     assert np.abs(found.series["force"] - series["force"]).max() < 0.02 * np.std(force)
-
-
-def test_options_are_reported(record):
-    prepared = prepare(record, segment=(2.0, 6.0), cutoff=80.0)
-    assert reported(prepared.changes, "seconds 2 to 6", "requested")
-    assert reported(prepared.changes, "cutoff frequency 80 Hz", "requested")
 
 
 @pytest.mark.parametrize(
@@ -159,11 +116,3 @@ def test_limits_are_the_dissertation_ones_for_its_record():
     assert limits.time_constant == (1e-4, 1e-2)
     assert limits.force == pytest.approx((44.48, 4448.2), rel=1e-4)
     assert limits.lag_changes == ()
-
-
-def test_limits_follow_a_weak_shock():
-    limits = limits_for(np.array([-50.0, 50.0]), 2000.0)
-    assert limits.force[0] == pytest.approx(5.0)
-    assert limits.force[1] == pytest.approx(100.0)
-    assert limits.gap == pytest.approx(2.5)
-    assert len(limits.force_changes) == 3

@@ -10,7 +10,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from eightpost.errors import FmuError, InputError, ParameterError, StepError
-from eightpost.ident.vehicle.frequency_response import FrequencyResponse, Preconditioning
 from eightpost.ident.vehicle.simulation import ManySetups
 from eightpost.ident.vehicle.siso_models import TransferFunction, balance, parallel_model
 from eightpost.shock import Lpf1, Lpnl2
@@ -60,24 +59,6 @@ def test_the_truncation_error_is_below_twice_the_sum_of_the_omitted_hankel_value
         wrong = found.truncated(states).frequency_response(frequency) - model.frequency_response(frequency)
         bound = 2.0 * found.hankel[states:].sum()
         assert np.linalg.norm(wrong[:, 0], axis=0).max() <= bound * (1.0 + 1e-6)
-
-
-def test_a_path_with_low_coherence_is_extrapolated_with_decreasing_magnitude():
-    frequency = np.arange(1, 400) * 0.05
-    H = 100.0 / (2.0 + 2j * np.pi * frequency) ** 2
-    generator = np.random.default_rng(1)
-    lost = frequency > 8.0
-    noisy = np.where(lost, 3.0 * np.exp(2j * np.pi * generator.random(frequency.size)), H)
-    coherence = np.where(lost, 0.02, 0.99)
-    response = FrequencyResponse(
-        frequency, noisy[None, None], (Channel("u", "N"),), (Channel("y", "m"),), None, coherence[None, None]
-    )
-    found, notes = Preconditioning().apply(response)
-    path = found.between("y", "u")
-    beyond = frequency > 9.0
-    assert np.abs(path[beyond] / H[beyond]).max() < 3.0
-    assert np.abs(path[~lost] / H[~lost] - 1.0).max() < 0.3
-    assert "extrapolated" in notes[0]
 
 
 @pytest.fixture(scope="module")

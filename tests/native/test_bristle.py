@@ -51,8 +51,8 @@ def moves_of(name, count, seed):
         yield step, start, end if k % 2 else start
 
 
-def drive(fmu, name, moves):
-    model, time, rows = model_of(name), 0.0, []
+def drive(fmu, name, moves, time=0.0):
+    model, rows = model_of(name), []
     for step, start, end in moves:
         fmu.set(model.input_names, start)
         if (end != start).any():
@@ -91,23 +91,13 @@ def test_the_python_fmu_equals_the_native_one_also_when_parameters_change_in_the
     for load in (component, python_component):
         fmu = load(name)
         fmu.end_initialization()
-        rows = [drive_on(fmu, name, moves[:5], 0.0)]
+        rows = [drive(fmu, name, moves[:5])]
         for seed in (1, 2):  # from no friction to one, and to another
             values = parameters(name, seed)
             fmu.set(tuple(values), tuple(values.values()))
-            rows.append(drive_on(fmu, name, moves[5:], float(sum(m[0] for m in moves[: 5 + 15 * (seed - 1)]))))
+            rows.append(drive(fmu, name, moves[5:], float(sum(m[0] for m in moves[: 5 + 15 * (seed - 1)]))))
         found.append(np.concatenate(rows))
     close(found[0], found[1], 1e-10)
-
-
-def drive_on(fmu, name, moves, time):
-    model, rows = model_of(name), []
-    for step, u, _ in moves:
-        fmu.set(model.input_names, u)
-        fmu.step(time, step)
-        time += step
-        rows.append(fmu.get(model.output_names))
-    return np.array(rows)
 
 
 @pytest.mark.nightly

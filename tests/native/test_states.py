@@ -156,17 +156,6 @@ def test_a_state_of_another_fmu_is_refused(host, name, c_level):
     assert stranger.call("SetFMUstate", state) == OK
 
 
-def derivative(fmu, output, known):
-    result = (ctypes.c_double * 1)()
-    arguments = [
-        (ctypes.c_uint * 1)(fmu.references[output]),
-        ctypes.c_size_t(1),
-        (ctypes.c_uint * 1)(fmu.references[known]),
-    ]
-    status = fmu.call("GetDirectionalDerivative", *arguments, ctypes.c_size_t(1), (ctypes.c_double * 1)(1.0), result)
-    return status, result[0]
-
-
 #: Parameters that are refused if they change alone.
 PARTS_OF_A_CURVE = {f"curve.knot_{of}[{k + 1}]" for of in ("velocity", "force", "slope") for k in range(25)}
 PARTS_OF_A_CURVE |= {"curve.compression_speed", "curve.rebound_speed"}
@@ -192,15 +181,15 @@ def test_directional_derivatives_in_initialization_equal_finite_differences(host
         fmu.set_named({known.name: value})
         if len(ends) == 2:
             difference = (ends[1] - ends[0]) / (2.0 * change)
-            status, found = derivative(fmu, output, known.name)
+            status, found = fmu.tangent([output], [known.name], [1.0])
             assert status == OK
             assert found == pytest.approx(difference, rel=1e-4, abs=1e-4), known.name
 
 
 def test_invalid_derivatives_are_refused(host):
     fmu = host("lpnl2").start()
-    assert derivative(fmu, "lagged_force", "velocity")[0] == ERROR
-    assert derivative(fmu, "force", "gas_preload")[0] == ERROR
+    assert fmu.tangent(["lagged_force"], ["velocity"], [1.0])[0] == ERROR
+    assert fmu.tangent(["force"], ["gas_preload"], [1.0])[0] == ERROR
     one = ctypes.c_size_t(1)
     for reference, order, value in ((0, 2, 1.0), (2, 1, 1.0), (0, 1, math.nan)):
         status = fmu.call("SetRealInputDerivatives", (ctypes.c_uint * 1)(reference), one,

@@ -154,10 +154,7 @@ FOUND = {
     # clipped near the middle of its range, a velocity may have no sign left
     "a saturated velocity": (saturated(V), "the velocity is clipped|'v' was not read: it is a magnitude"),
     "a saturated force": (saturated(F), r"the force is clipped: [\d.]+ % of the samples are at -?[\d.]+ N"),
-    "a saturated displacement": (
-        saturated(X),
-        r"the displacement is clipped: [\d.]+ % of the samples are at -?[\d.]+",
-    ),
+    "a saturated displacement": (saturated(X), r"the displacement is clipped: [\d.]+ % of the samples are at -?[\d.]+"),
     "an offset of velocity": (offset(V, 0.02, 0.3), "the mean of velocity is off|velocity is .* times the slope"),
     "a velocity with a wrong gain": (scaled(V, 1.08, 1.3), "velocity is 1.* times the slope of displacement"),
     "a load cell off zero": (offset(F, -0.6, -0.35), "the force at standstill is negative.*zero the load cell"),

@@ -67,23 +67,17 @@ def test_a_time_record_is_not_a_peak_velocity_table(tmp_path):
 
 
 HEAD = "speed [m/s],comp [N],reb [N]\n"
+#: Text and error of tables that are refused; messages are in the kept results.
 BROKEN = {
-    "a stroke is missing": ("speed [m/s],comp [N]\n.1,1\n.2,2\n", errors.MissingChannelError, "in rebound"),
-    "no stroke at all": ("speed [m/s],F [N]\n.1,1\n.2,2\n", errors.MissingChannelError, "no speed is negative"),
-    "no speed": ("a [m/s],comp [N],reb [N]\n.1,1,2\n", errors.MissingChannelError, "channel 'speed'"),
-    "two forces at a speed": (HEAD + ".1,100,2\n.1,200,2\n.2,300,3\n", errors.DataError, "different forces at 0.1"),
-    "both strokes negative": (HEAD + ".1,-1,-2\n.2,-2,-3\n", errors.WrongSignError, "is not clear"),
-    "an empty cell": (HEAD + ".1,1,\n.2,2,3\n", errors.NotANumberError, "line 2, channel 'reb'"),
-    "an unknown side": ("side,v_mm_s,F_N\nup,1,2\nreb,1,2\n", errors.DataError, "line 2, channel 'side': 'up'"),
-    "one speed": (HEAD + ".1,1,2\n", errors.TooShortError, "1 speeds"),
+    "a stroke is missing": ("speed [m/s],comp [N]\n.1,1\n.2,2\n", errors.MissingChannelError),
+    "no stroke at all": ("speed [m/s],F [N]\n.1,1\n.2,2\n", errors.MissingChannelError),
+    "no speed": ("a [m/s],comp [N],reb [N]\n.1,1,2\n", errors.MissingChannelError),
+    "two forces at a speed": (HEAD + ".1,100,2\n.1,200,2\n.2,300,3\n", errors.DataError),
+    "both strokes negative": (HEAD + ".1,-1,-2\n.2,-2,-3\n", errors.WrongSignError),
+    "an empty cell": (HEAD + ".1,1,\n.2,2,3\n", errors.NotANumberError),
+    "an unknown side": ("side,v_mm_s,F_N\nup,1,2\nreb,1,2\n", errors.DataError),
+    "one speed": (HEAD + ".1,1,2\n", errors.TooShortError),
 }
-
-
-@pytest.mark.parametrize("case", BROKEN)
-def test_a_broken_table_is_refused_with_its_place(tmp_path, case):
-    content, error, message = BROKEN[case]
-    with pytest.raises(error, match=r"table\.csv.*" + message):
-        read_peak_velocity(written(tmp_path, content))
 
 
 def test_stacked_blocks_are_settings_and_a_line_above_them_may_name_the_stroke(tmp_path):

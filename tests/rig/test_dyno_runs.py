@@ -41,36 +41,12 @@ def test_pauses_separate_runs(channels):
     assert not any("left out" in note for note in first.notes)
 
 
-@pytest.mark.parametrize(("pause", "runs"), [(1.0, 1), (1.8, 2)])
-def test_a_pause_is_longer_than_half_the_way_to_the_next_turning_point(pause, runs):
-    """The turning points of a sine of 0.1 Hz are 2.5 s before and after a stop in its middle."""
-    assert len(split_runs(dyno(sine(0.02, 0.1, 2), rest(pause), sine(0.02, 0.1, 2)))) == runs
-
-
-@pytest.mark.parametrize(
-    ("slow", "fast"),
-    [((0.02, 1.0, 8), (0.02, 2.0, 12)), ((0.02, 2.0, 10), (0.01, 2.0, 10)), ((0.002, 2.0, 10), (0.02, 3.0, 10))],
-)
-def test_blocks_with_different_amplitude_or_frequency_are_separate_runs(slow, fast):
-    runs = split_runs(dyno(sine(*slow), sine(*fast)))
-    assert len(runs) == 2
-    for run, (amplitude, frequency, cycles) in zip(runs, (slow, fast), strict=True):
-        assert np.ptp(run.series["displacement"]) == pytest.approx(2.0 * amplitude, rel=0.02)
-        assert run.series.duration == pytest.approx(cycles / frequency, abs=1.0 / frequency)
-
-
 def test_a_random_drive_and_a_steady_sine_are_not_split():
     time = np.arange(5000) / RATE
     phase = np.random.default_rng(3).uniform(0.0, 2.0 * np.pi, 5)
     random = (0.005 * np.sin(2.0 * np.pi * time[:, None] * [0.5, 1.3, 2.1, 3.7, 6.1] + phase)).sum(1)
     for test in (dyno(random), dyno(sine(0.02, 2.0, 20)), dyno(sine(0.02, 2.0, 20), noise=1e-4)):
         assert split_runs(test) == (test,)
-
-
-def test_runs_that_are_too_short_are_omitted_with_a_note():
-    runs = split_runs(dyno(sine(0.02, 2.0, 8), rest(2), sine(0.01, 20.0, 2), rest(2), sine(0.02, 1.0, 8)))
-    assert len(runs) == 2
-    assert "1 runs with less than 0.5 s" in runs[0].notes[0]
 
 
 def test_a_record_of_runs_that_are_all_too_short_stays_whole():

@@ -24,10 +24,7 @@ def dyno_file(folder: Path, header: str, *columns: np.ndarray) -> Path:
     return path
 
 
-@pytest.mark.parametrize(
-    "header",
-    ["TIME [s],Travel [m],V [m/s],Shock Force [N]", "T [s],disp [m],vel [m/s],f [N]"],
-)
+@pytest.mark.parametrize("header", ["TIME [s],Travel [m],V [m/s],Shock Force [N]", "T [s],disp [m],vel [m/s],f [N]"])
 def test_the_usual_names_are_recognised(tmp_path, header):
     test = read_dyno_test(dyno_file(tmp_path, header, TIME, X, V, F))
     assert set(test.series.names) == {"velocity", "force", "displacement"}

@@ -141,32 +141,23 @@ READ = {
 }  # fmt: skip
 
 REFUSED = {
-    "three speeds, one below the other": (raw(speeds(3)), "3 tables"),
-    "scale factors under the units": (
-        raw("Time,Disp,Vel,Force\ns,mm,mm/s,N\n1,0.5,1,2\n" + lines(SI)), "line 4, channel 'time': time decreases"),
-    "descriptions between names and units": (
-        raw("Time\tDisp\tForce\nClock\tLVDT 3\tCell 2\ns\tmm\tN\n" + lines([*SI[:2], SI[3]], "\t"), "run.txt"),
-        "Clock, LVDT 3"),
-    "waveforms without names": (
-        raw("waveform\t[0]\t[1]\nt0\t03.05.2024 10:00:00\t03.05.2024 10:00:00\ndelta t\t0.0025\t0.0025\n\n"
-            "time\tY[0]\tY[1]\n" + lines([*SI[:2], SI[3]], "\t"), "run.txt"), "Y, Y"),
-    "the time of the other table": (
-        text("t [s],F [N],t [s],x [mm]", [SI[0], SI[3], [f"{2 * t:.9g}" for t in T], SI[1]]),
-        "'x' stands behind the time 't \\(2\\)'"),
-    "units in the cells": (
-        text("Time,Disp,Vel,Force", [[f"{c} {u}" for c in cells(*one)]
-                                     for one, u in zip(SI, ("s", "mm", "mm/s", "N"), strict=True)]), "no table"),
-    "a minus behind the number": (
-        text(H, [SI[0], *([re.sub(r"^-(.*)", r"\1-", c) for c in cells(*one)] for one in SI[1:])]), "not a number"),
-    "least and largest values under the units": (
-        raw("Time,Disp,Vel,Force\ns,mm,mm/s,N\nMin,-20,-314,-1400\nMax,20,314,1700\n" + lines(SI)), "'Min'"),
-    "days as a number": (
-        sheets({"Data": [["Time", *NAMES[1:]], *([row[0] / 86400.0, *row[1:]] for row in grid())]}),
-        "'Time' has no unit"),
-    "tdms with a force that starts later": (
-        waveforms([2.5e-3] * 3, [0.0, 0.0, 5e-3]), "'Load' was left out: .* from 0.005 s"),
-    "tdms with a force at half the rate": (
-        waveforms([2.5e-3, 2.5e-3, 5e-3], [0.0] * 3), "'Load' was left out: it has steps of 5 ms"),
+    "three speeds, one below the other": raw(speeds(3)),
+    "scale factors under the units": raw("Time,Disp,Vel,Force\ns,mm,mm/s,N\n1,0.5,1,2\n" + lines(SI)),
+    "descriptions between names and units": raw(
+        "Time\tDisp\tForce\nClock\tLVDT 3\tCell 2\ns\tmm\tN\n" + lines([*SI[:2], SI[3]], "\t"), "run.txt"),
+    "waveforms without names": raw(
+        "waveform\t[0]\t[1]\nt0\t03.05.2024 10:00:00\t03.05.2024 10:00:00\ndelta t\t0.0025\t0.0025\n\n"
+            "time\tY[0]\tY[1]\n" + lines([*SI[:2], SI[3]], "\t"), "run.txt"),
+    "the time of the other table": text("t [s],F [N],t [s],x [mm]", [SI[0], SI[3], [f"{2 * t:.9g}" for t in T], SI[1]]),
+    "units in the cells": text("Time,Disp,Vel,Force", [[f"{c} {u}" for c in cells(*one)]
+                                     for one, u in zip(SI, ("s", "mm", "mm/s", "N"), strict=True)]),
+    "a minus behind the number": text(
+        H, [SI[0], *([re.sub(r"^-(.*)", r"\1-", c) for c in cells(*one)] for one in SI[1:])]),
+    "least and largest values under the units": raw(
+        "Time,Disp,Vel,Force\ns,mm,mm/s,N\nMin,-20,-314,-1400\nMax,20,314,1700\n" + lines(SI)),
+    "days as a number": sheets({"Data": [["Time", *NAMES[1:]], *([row[0] / 86400.0, *row[1:]] for row in grid())]}),
+    "tdms with a force that starts later": waveforms([2.5e-3] * 3, [0.0, 0.0, 5e-3]),
+    "tdms with a force at half the rate": waveforms([2.5e-3, 2.5e-3, 5e-3], [0.0] * 3),
 }  # fmt: skip
 
 
@@ -188,7 +179,7 @@ def test_an_export_is_read_to_the_same_values(layout, tmp_path):
 def test_what_is_noted_about_each_layout_is_kept(tmp_path, unchanged):
     """Columns, units, notes and origin of each table, and the words with which a layout is refused."""
     kept = {}
-    for layout, write in (READ | {name: write for name, (write, _) in REFUSED.items()}).items():
+    for layout, write in (READ | REFUSED).items():
         folder = tmp_path / re.sub(r"\W", "_", layout)
         folder.mkdir()
         try:
@@ -208,11 +199,9 @@ def test_what_is_noted_about_each_layout_is_kept(tmp_path, unchanged):
 
 @pytest.mark.parametrize("layout", REFUSED)
 def test_an_export_that_is_not_understood_is_refused_with_advice(layout, tmp_path, unchanged):
-    write, message = REFUSED[layout]
     with pytest.raises(InputError) as caught:
-        read_dyno_test(write(tmp_path))
+        read_dyno_test(REFUSED[layout](tmp_path))
     unchanged(str(caught.value))
-    assert re.search(f"(?s)run.*{message}", str(caught.value).replace(str(tmp_path), ""))
 
 
 def test_settings_of_a_tdms_file_are_conditions(tmp_path):

@@ -38,7 +38,7 @@ def test_a_table(layout: str, tmp_path: Path, unchanged: Callable[..., None]) ->
 
 def test_broken_tables(tmp_path: Path, unchanged: Callable[..., None]) -> None:
     said = {}
-    for case, (content, error, _) in BROKEN.items():
+    for case, (content, error) in BROKEN.items():
         with pytest.raises(error) as caught:
             read_peak_velocity(written(tmp_path, content))
         said[case] = str(caught.value)

@@ -1,7 +1,6 @@
 """The same record in usual and unusual layouts is read to the same values, or refused with a helpful message."""
 
 import datetime
-import re
 
 import numpy as np
 import pytest
@@ -78,12 +77,10 @@ READ = {
 MAPPED = {"mat with a matrix": matlab(MATRIX), "mat 7.3 with a matrix": matlab73(MATRIX)}
 
 REFUSED = {
-    "force in volts only": (text("t [s],x [mm],v [mm/s],F [V]"), "cannot be converted to 'N'"),
-    "times of day in whole seconds": (
-        text("Time,x [mm],v [mm/s],F [N]", [clock(pattern="%H:%M:%S"), *SI[1:]]), "is repeated"
-    ),
-    "unquoted thousands": (text(H, [*SI[:3], grouped("F", "N", quote="")]), "columns"),
-    "a damaged TDMS file": (lambda folder: file_with(folder, "run.tdms", "TDSm" + "\0" * 99), "TDMS"),
+    "force in volts only": text("t [s],x [mm],v [mm/s],F [V]"),
+    "times of day in whole seconds": text("Time,x [mm],v [mm/s],F [N]", [clock(pattern="%H:%M:%S"), *SI[1:]]),
+    "unquoted thousands": text(H, [*SI[:3], grouped("F", "N", quote="")]),
+    "a damaged TDMS file": lambda folder: file_with(folder, "run.tdms", "TDSm" + "\0" * 99),
 }  # fmt: skip
 
 
@@ -205,30 +202,24 @@ READ |= {
 }  # fmt: skip
 
 REFUSED |= {
-    "pipes": (text(H.replace(",", "|"), sep="|"), "supported delimiters"),
-    "names, then sources": (text(["Time,Disp,Vel,Force", "LVDT,LVDT,calc,Cell", "s,mm,mm/s,N"]), "--channel time="),
-    "units above the names": (text(["s,mm,mm/s,N", "Time,Disp,Vel,Force"]), "'Time', .* have no unit"),
-    "Fortran exponents": (text(H, [[f"{c}D0" for c in cells(*one, ".9f")] for one in SI]), "columns of numbers"),
-    "UTF-32": (text(H, encoding="utf-32"), "zero byte"),
-    "a colon before the milliseconds": (
-        text("Time,x [mm],v [mm/s],F [N]", [[f"00:00:{int(t):02d}:{round(1e4 * (t % 1)):04d}" for t in T], *SI[1:]]),
-        "neither a number nor a time"),
-    "a header among the samples": (interrupted(H, by=160), "line 162: the file has 3 tables"),
-    "statistics without words": (text(H, below="0.6,0.0,0.0,120.0\n0.0,14.0,220.0,1200.0\n"), "time decreases"),
-    "a second table of other columns": (text(H, below="\nSpeed [mm/s],Compression [N]\n50,400\n100,700\n"), "line 48"),
-    "another delimiter in the header": (text(H, sep=";"), "1 columns"),
-    "a force for each stroke": (
-        text("t [s],x [mm],v [mm/s],Bump Force [N],Rebound Force [N]",
+    "pipes": text(H.replace(",", "|"), sep="|"),
+    "names, then sources": text(["Time,Disp,Vel,Force", "LVDT,LVDT,calc,Cell", "s,mm,mm/s,N"]),
+    "units above the names": text(["s,mm,mm/s,N", "Time,Disp,Vel,Force"]),
+    "Fortran exponents": text(H, [[f"{c}D0" for c in cells(*one, ".9f")] for one in SI]),
+    "UTF-32": text(H, encoding="utf-32"),
+    "a colon before the milliseconds": text(
+        "Time,x [mm],v [mm/s],F [N]", [[f"00:00:{int(t):02d}:{round(1e4 * (t % 1)):04d}" for t in T], *SI[1:]]),
+    "a header among the samples": interrupted(H, by=160),
+    "statistics without words": text(H, below="0.6,0.0,0.0,120.0\n0.0,14.0,220.0,1200.0\n"),
+    "a second table of other columns": text(H, below="\nSpeed [mm/s],Compression [N]\n50,400\n100,700\n"),
+    "another delimiter in the header": text(H, sep=";"),
+    "a force for each stroke": text("t [s],x [mm],v [mm/s],Bump Force [N],Rebound Force [N]",
              [*SI[:3], [f"{max(f, 0.0):.9g}" for f in F], [f"{min(f, 0.0):.9g}" for f in F]]),
-        "Bump Force, Rebound Force"),
-    "spreadsheet with dates every 2.5 ms": (sheets({"Data": [["Time", *NAMES[1:]], *dated(2.5e-3)]}), "read to 1 ms"),
-    "spreadsheet with two runs": (
-        sheets({"Run 1": [NAMES, *grid()], "Run 2": [NAMES, *grid((1, 2, 2, 1.7))]}), "2 tables"),
-    "a page as a spreadsheet": (
-        lambda folder: file_with(folder, "run.xls", "<table><tr><td>t [s]</td></tr></table>"), "not a spreadsheet"),
-    "mat with two runs": (
-        matlab({"run1": MM | {"units": UNIT_STRUCT}, "run2": OTHER | {"units": UNIT_STRUCT}}), r"run1\.t.*run2\.t"),
-    "tdms with a group per channel": (groups({name: [(name, unit, v)] for name, unit, v in TDMS}), "4 tables"),
+    "spreadsheet with dates every 2.5 ms": sheets({"Data": [["Time", *NAMES[1:]], *dated(2.5e-3)]}),
+    "spreadsheet with two runs": sheets({"Run 1": [NAMES, *grid()], "Run 2": [NAMES, *grid((1, 2, 2, 1.7))]}),
+    "a page as a spreadsheet": lambda folder: file_with(folder, "run.xls", "<table><tr><td>t [s]</td></tr></table>"),
+    "mat with two runs": matlab({"run1": MM | {"units": UNIT_STRUCT}, "run2": OTHER | {"units": UNIT_STRUCT}}),
+    "tdms with a group per channel": groups({name: [(name, unit, v)] for name, unit, v in TDMS}),
 }  # fmt: skip
 
 
@@ -246,12 +237,9 @@ def test_a_layout_is_read_to_the_same_values(layout, tmp_path):
 
 @pytest.mark.parametrize("layout", REFUSED)
 def test_a_layout_that_is_not_understood_is_refused_with_advice(layout, tmp_path, unchanged):
-    write, message = REFUSED[layout]
     with pytest.raises(InputError) as caught:
-        read_dyno_test(write(tmp_path))
+        read_dyno_test(REFUSED[layout](tmp_path))
     unchanged(str(caught.value))
-    # The name of the test's folder may contain the words that are looked for.
-    assert re.search(f"(?s)run.*{message}", str(caught.value).replace(str(tmp_path), ""))
 
 
 def test_dates_of_a_spreadsheet_that_are_exact_to_a_millisecond_are_times(tmp_path):

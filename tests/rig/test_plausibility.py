@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter, welch
 
 from eightpost.errors import WrongSignError
@@ -83,34 +82,6 @@ def noisy(force):
     return force + 0.03 * np.abs(force).max() * np.random.default_rng(3).standard_normal(force.size)
 
 
-FAULTS = {
-    "time in ms labelled s": ("contradictory units", times("t", 1e3), "unlikely units"),
-    "time in ms labelled s, velocity derived": ("unlikely units", both(without("v"), times("t", 1e3)), None),
-    "velocity in in/s labelled mm/s": ("contradictory units", times("v", 1 / 25.4), None),
-    "rectified force": ("rectified force", lambda c: c | {"F": np.abs(c["F"])}, None),
-    "rectified force of which 7 % of the range were negative": (
-        "rectified force", lambda c: c | {"F": np.abs(c["F"] - c["F"].min() - 0.07 * np.ptp(c["F"]))}, None),
-    "rectified force with noise about zero": ("rectified force", lambda c: c | {"F": noisy(np.abs(c["F"]))}, None),
-    "all signs reversed": ("negative force at standstill",
-                           both(times("F", -1.0), times("v", -1.0), times("x", -1.0)), None),
-    "two settings": ("the shock changed", lambda c: later(c, 1.15), None),
-    "two rebound settings": ("the shock changed", lambda c: later(c, 1.2, only=-1.0), None),
-    "a voltage that steps": ("another column changes", lambda c: c | {"volt": np.where(c["t"] > 5.0, 2.0, 1.0)}, None),
-    "run-down": ("run-down of the machine", stopping, None),
-    "a force that drifts": ("drift", lambda c: c | {"F": c["F"] * (1.0 - 0.01 * c["t"])}, None),
-    "a displacement that drifts": ("drift", lambda c: c | {"x": c["x"] * (1.0 - 0.01 * c["t"])}, None),
-    "hum": ("hum", lambda c: c | {"F": c["F"] + 15.0 * np.sin(100.0 * np.pi * c["t"])}, None),
-    "a force averaged over 50 ms": ("smoothed force", lambda c: c | {"F": uniform_filter1d(c["F"], 25)}, None),
-    "velocity 10 % too large": ("velocity and displacement disagree", times("v", 1.1), None),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("fault", FAULTS)
-def test_a_record_that_is_not_what_its_header_says_is_reported(fault, tmp_path):
-    rule, change, other = FAULTS[fault]
-    assert set(rules(tmp_path, change(sine()))) & {rule, other}
-
-
 @pytest.mark.parametrize(("cycles", "frequency"), [(1.03, 1.3), (4.12, 1.3), (8.24, 4.0), (20.6, 8.0)])
 def test_the_harmonics_of_a_sine_and_the_ends_of_a_record_are_no_moving_average(cycles, frequency):
     """Before, one of five clean sines was called smoothed."""
@@ -122,6 +93,13 @@ def test_the_harmonics_of_a_sine_and_the_ends_of_a_record_are_no_moving_average(
     channels = {"velocity": ("m/s", speed), "force": ("N", force + 180.0 + 3000.0 * path + noise)}
     series = TimeSeries.from_channels(time, channels)
     assert list(_spectrum_faults(series, series.names)) == []
+
+
+def test_a_rectified_force_is_read_with_this_reason_although_rebound_is_stiffer(tmp_path):
+    """It is then largest against the velocity, but its sign is not reversed."""
+    columns = sine()
+    force = np.where(columns["v"] < 0.0, 3.0, 1.0) * np.abs(columns["F"])
+    assert rules(tmp_path, columns | {"F": force}) == ["rectified force"]
 
 
 def test_a_good_record_has_no_reason(tmp_path):
@@ -180,11 +158,6 @@ def test_the_verdict_of_a_fit_has_the_reasons_and_a_segment_leaves_out_a_run_dow
 # ---- One setting ----------------------------------------------------------------------------------------------------
 
 
-def test_a_step_of_a_few_percent_is_a_smaller_reason(tmp_path):
-    assert rules(tmp_path, later(sine(), 1.04)) == ["the shock changed a little"] * 2
-    assert rules(tmp_path, later(sine(), 1.01)) == []
-
-
 def test_a_bleed_that_opens_is_found_at_low_speed(tmp_path):
     columns = sine(stroke=60.0, frequency=3.0)
     slow = np.where((columns["t"] > 6.0) & (columns["v"] > 0.0), 400.0 * np.exp(-np.abs(columns["v"]) / 60.0), 0.0)
@@ -209,16 +182,6 @@ def test_a_drift_and_a_warming_towards_a_constant_value_are_no_change_of_the_sho
         },
     )
     assert list(setting_faults(series)) == []
-
-
-def test_a_second_sine_of_another_frequency_is_no_change_of_the_shock(tmp_path):
-    """The force at a velocity also depends on frequency and stroke."""
-    parts = [sine(seconds=5.0, frequency=frequency, stroke=80.0 / frequency) for frequency in (2.0, 4.0)]
-    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    columns["t"] = np.arange(columns["t"].size) / RATE
-    slower = columns["t"] < 5.0
-    columns["F"] = np.where(slower, columns["F"], 1.1 * columns["F"])
-    assert not {"the shock changed", "the shock changed a little"} & set(rules(tmp_path, columns))
 
 
 # ---- Statements of the file -----------------------------------------------------------------------------------------
@@ -258,23 +221,6 @@ def test_a_file_that_contradicts_its_sign_convention_asks_the_user(tmp_path):
 @pytest.mark.parametrize("line", ["Rebound: 3 clicks", "Rebound +2", "Compression adjuster: 3", "Test at +20 degC"])
 def test_a_setting_is_no_sign_convention(line):
     assert reversed_channels([(line,)], Path()) == ({}, "")
-
-
-def test_another_column_is_named_with_the_times_at_which_it_changes(tmp_path):
-    def figures(values, name="valve [V]"):
-        rules(tmp_path, sine() | {name: values}, units=UNITS)
-        return [reason.figure for reason in read_dyno_test(tmp_path / "run.csv").reasons]
-
-    t = sine()["t"]
-    assert figures(np.where(t > 5.0, 2.0, 1.0)) == ["between 1 and 2 at 5.002 s [V]"]
-    pulses = np.where((t % 2.0) > 1.0, 2.0, 1.0)
-    assert figures(pulses) == ["between 1 and 2 at 1.002 s, 2 s, 3.002 s, 4 s and 5 more times [V]"]
-    assert figures(1.0 + t) == []  # a straight line counts samples
-    assert "from 1." in figures(1.0 + t**2)[0]
-    random = np.convolve(np.random.default_rng(5).standard_normal(t.size), np.ones(50) / 7.0, "same")
-    assert "all the time between" in figures(random)[0]
-    assert figures(random, "other") == []
-    assert figures(1e-3 * sine()["F"]) == []  # the voltage of the load cell
 
 
 def test_a_shock_with_stiff_rebound_and_a_lag_does_not_look_reversed(tmp_path):

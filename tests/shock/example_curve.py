@@ -1,8 +1,10 @@
-"""The static curve used by the tests of the laws."""
+"""The static curve used by the tests of the laws, and effects of settings on it."""
 
 from dataclasses import replace
 
-from eightpost.shock import StaticCurve
+import numpy as np
+
+from eightpost.shock import Axis, Settings, StaticCurve, Term
 
 
 def curve(**changes):
@@ -32,3 +34,31 @@ def knot_curve(**changes):
         force[k - 1] = force[k] - 0.5 * (slope[k] + slope[k - 1]) * (velocity[k] - velocity[k - 1])
     made = StaticCurve.through_knots(tuple(velocity), tuple(force), tuple(slope))
     return replace(made, **changes)
+
+
+def example_settings(varied, parts, *, seed, deviation):
+    """Return two adjusters and the temperature with random effects, measured one at a time and in two combinations.
+
+    `parts` are the sizes of effects and how many values each has, the slopes of the knots first.
+    """
+    random = np.random.default_rng(seed)
+    axes = (
+        Axis("rebound", (0.0, 5.0, 12.0, 20.0), 5.0, counted="from full hard", lowest=0.0, highest=25.0),
+        Axis("compression", (0.0, 3.0), 0.0),
+        Axis("temperature", (300.0, 320.0, 345.0), 320.0, unit="K"),
+    )
+
+    def rows(count, kept):
+        found = np.hstack([random.normal(0.0, size, (count, width)) for size, width in parts])
+        found[[k for k in range(count) if k not in kept]] = 0.0
+        return tuple(map(tuple, found.tolist()))
+
+    terms = (
+        Term(("rebound",), rows(4, (0, 2, 3))),
+        Term(("compression",), rows(2, (1,))),
+        Term(("temperature",), rows(3, (0, 2))),
+        Term(("rebound", "compression"), rows(8, (5, 7))),
+    )
+    single = [(r, 0.0, 320.0) for r in axes[0].nodes] + [(5.0, 3.0, 320.0), (5.0, 0.0, 300.0), (5.0, 0.0, 345.0)]
+    tested = (*single, (12.0, 3.0, 320.0), (20.0, 3.0, 320.0))
+    return Settings(axes, varied, terms, tested, ((deviation,) * 25,) * len(tested))

@@ -160,11 +160,7 @@ def old(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ("changes", "command"),
-    [
-        ({}, "fit slow.csv fast.csv"),
-        ({"inputs": []}, "fit RECORD"),
-        ({"settings": {"axes": []}}, "fit TABLE"),
-    ],
+    [({}, "fit slow.csv fast.csv"), ({"inputs": []}, "fit RECORD"), ({"settings": {"axes": []}}, "fit TABLE")],
 )
 def test_the_message_names_the_file_the_law_and_the_command(old, changes, command):
     old.write_text(json.dumps(json.loads(OLD) | changes))

@@ -163,14 +163,13 @@ RETURNED = {Hysteresis: -1e-12, Polylinear: 0.0, Lpf1: -2e-3, Lpnl2: -1e-3}
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("seeds", [8, pytest.param(40, marks=pytest.mark.nightly)])
 @pytest.mark.parametrize(("kind", "least"), RETURNED.items())
-def test_no_random_drive_takes_energy_out_of_a_passive_shock(kind, least, seeds):
+def test_no_random_drive_takes_energy_out_of_a_passive_shock(kind, least):
     """Hysteresis and Polylinear are passive; the lagged force of LPF1 and LPNL2 may return a little energy.
 
     Over 160 seeds, LPF1 returned up to 8.4e-4 of it and LPNL2 3.3e-4, the others nothing.
     """
-    for seed in range(seeds):
+    for seed in range(40):
         rng = np.random.default_rng(seed)
         law = random_shock(rng, kind)
         for step in (1e-3, 1e-2):

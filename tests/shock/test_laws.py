@@ -96,11 +96,6 @@ def test_a_rising_curve_through_knots_is_continuous(v):
     assert 0.0 <= knot_curve().force(v + step) - knot_curve().force(v) < 1e-9 * 1e5
 
 
-def test_beyond_fit_is_reported():
-    law = LAWS["lpnl2"]
-    assert [law.response(0.0, v, 0.0).beyond_fit for v in (-1.2, -1.0, 1.1, 1.3)] == [1, 0, 0, 1]
-
-
 def test_the_lag_covers_1_minus_1_over_e_of_a_step_in_one_time_constant():
     law, static = LAWS["lpf1"], LAWS["lpf1"].static_force(0.2)
     assert law.advance(0.0, 0.2, 0.2, TAU) == pytest.approx(static * (1.0 - exp(-1.0)), rel=1e-14)

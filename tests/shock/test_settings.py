@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,41 +16,19 @@ from eightpost.shock.settings import is_tested, node_weights
 from eightpost.validity import Validity, judged
 from eightpost.verdict import Grade, Reason, Verdict
 
-_SPEC = importlib.util.spec_from_file_location("example_curve", Path(__file__).with_name("example_curve.py"))
-example_curve = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(example_curve)
+from .example_curve import curve as polynomials
+from .example_curve import example_settings, knot_curve
 
 GOOD = Reason("r", "fit of the shock", Grade.USABLE, "s", "1 %", "a.csv", "nothing")
 NODES = st.lists(st.integers(0, 40), min_size=2, max_size=6, unique=True).map(lambda n: tuple(sorted(map(float, n))))
 
 
 def law():
-    return Lpf1(example_curve.knot_curve(), 1.3e-3)
+    return Lpf1(knot_curve(), 1.3e-3)
 
 
 def settings(seed=0, size=300.0):
-    """Two adjusters and the temperature with random effects, measured one at a time and in two combinations."""
-    random = np.random.default_rng(seed)
-    axes = (
-        Axis("rebound", (0.0, 5.0, 12.0, 20.0), 5.0, counted="from full hard", lowest=0.0, highest=25.0),
-        Axis("compression", (0.0, 3.0), 0.0),
-        Axis("temperature", (300.0, 320.0, 345.0), 320.0, unit="K"),
-    )
-
-    def rows(count, kept):
-        found = np.hstack([random.normal(0.0, size, (count, 25)), random.normal(0.0, 0.1, (count, 2))])
-        found[[k for k in range(count) if k not in kept]] = 0.0
-        return tuple(map(tuple, found.tolist()))
-
-    terms = (
-        Term(("rebound",), rows(4, (0, 2, 3))),
-        Term(("compression",), rows(2, (1,))),
-        Term(("temperature",), rows(3, (0, 2))),
-        Term(("rebound", "compression"), rows(8, (5, 7))),
-    )
-    single = [(r, 0.0, 320.0) for r in axes[0].nodes] + [(5.0, 3.0, 320.0), (5.0, 0.0, 300.0), (5.0, 0.0, 345.0)]
-    tested = (*single, (12.0, 3.0, 320.0), (20.0, 3.0, 320.0))
-    return Settings(axes, ("time_constant",), terms, tested, tuple((5.0,) * 25 for _ in tested))
+    return example_settings(("time_constant",), [(size, 25), (0.1, 2)], seed=seed, deviation=5.0)
 
 
 @given(NODES, st.floats(-10.0, 50.0), st.tuples(*[st.floats(-3.0, 3.0)] * 3))
@@ -77,7 +53,7 @@ def test_the_curve_rises_at_every_setting_and_is_that_of_its_slopes(seed, reboun
 @given(st.integers(0, 50), st.floats(-5.0, 30.0), st.floats(-2.0, 8.0), st.floats(250.0, 400.0))
 def test_the_lagged_part_of_hysteresis_is_between_zero_and_the_curve_at_every_setting(seed, rebound, compression, warm):
     """`Hysteresis` refuses anything else: the law is then passive."""
-    curve, random = example_curve.knot_curve(), np.random.default_rng(seed)
+    curve, random = knot_curve(), np.random.default_rng(seed)
     shared = tuple((random.uniform(0.0, 1.0, 25) * curve.knot_slope).tolist())
     base = Hysteresis(curve, shared, (4e-3, 2e-3, 5e-3))
     found = settings(seed, size=3000.0)
@@ -147,7 +123,7 @@ def test_a_wrong_entry_of_the_settings_is_refused_by_name(tmp_path, change, mess
 
 def test_a_curve_without_knots_has_no_settings():
     with pytest.raises(ValueError, match="must have knots"):
-        Shock("polynomials", Lpf1(example_curve.curve(), 1e-3), settings=settings())
+        Shock("polynomials", Lpf1(polynomials(), 1e-3), settings=settings())
 
 
 @pytest.mark.parametrize(
@@ -228,7 +204,7 @@ def test_a_combination_is_tested_only_if_all_its_measured_neighbours_are():
 
 def test_a_hysteresis_law_of_which_a_setting_leaves_no_force_is_still_a_law():
     """Slopes of zero leave forces of the size of rounding, which are no sign of cells that are not quadratic."""
-    base = Hysteresis(example_curve.knot_curve(), (0.0,) * 25, (4e-3, 2e-3, 5e-3))
+    base = Hysteresis(knot_curve(), (0.0,) * 25, (4e-3, 2e-3, 5e-3))
     axis = Axis("rebound", (0.0, 5.0), 0.0)
     term = Term(("rebound",), ((0.0,) * 26, (*(-slope for slope in base.curve.knot_slope), 0.0)))
     flat = Settings((axis,), (), (term,), ((0.0,), (5.0,)), ((0.0,) * 25,) * 2).law_at(base, (9.0,))

@@ -29,16 +29,6 @@ def test_a_missing_channel_is_reported_with_the_existing_ones():
         two_channels()["load"]
 
 
-def test_the_arrays_are_read_only_copies():
-    values = TIME.copy()
-    series = TimeSeries.from_channels(TIME, {"x": ("m", values)})
-    values[0] = 99.0
-    assert series["x"][0] == 0.0
-    for array in (series.time, series.values, series["x"]):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 1.0
-
-
 @pytest.mark.parametrize(
     ("time", "error", "message"),
     [

@@ -34,16 +34,7 @@ def run(folder, monkeypatch):
 
 @pytest.mark.slow
 def test_a_folder_of_records_and_two_laws_give_tables_and_a_page(run, folder):
-    done = run(
-        "lpf1.json",
-        "static.json",
-        "data",
-        "--limit",
-        "30",
-        "-o",
-        "out/page.html",
-        "-v",
-    )
+    done = run("lpf1.json", "static.json", "data", "--limit", "30", "-o", "out/page.html", "-v")
     assert done.exit_code == 0, done.output
     for text in ("random: random", "bump: bump", "sine: sine", "Random records", "Sines of known", "Bump records"):
         assert text in done.output

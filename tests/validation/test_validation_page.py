@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 
 from eightpost.ident.validation.records import dyno_record
-from eightpost.ident.validation.shock_page import _over_frequency, _overlay, _static_figure, write_shock_page
-from eightpost.ident.validation.shock_tests import Hold
+from eightpost.ident.validation.shock_page import _over_frequency, write_shock_page
 from eightpost.ident.validation.shocks import validate_shocks
-from eightpost.signals import TimeSeries
 from tests.drawn import figures_of, rows_of_page
 
 from .conftest import INCH, shock_of
@@ -104,43 +102,6 @@ def test_the_errors_over_frequency_have_a_panel_for_each_amplitude_the_largest_f
     found = [(panel, x, y) for panel, x, y, _ in traces(figure)]
     assert [(panel, y) for panel, _, y in found] == [("x", [1.0, 5.0]), ("x", [2.0, 6.0]), ("x2", [3.0]), ("x2", [4.0])]
     assert found[0][1] == pytest.approx([low, high], rel=1e-3)
-
-
-def statics():
-    """Return a stand-in for a static record of a first hold, one in compression and one back, with a shock's forces."""
-    holds = [
-        Hold(start=10.0 * k, stop=10.0 * k + 5.0, displacement=x, force=f, direction=way, predicted=p)
-        for k, (x, f, way, p) in enumerate(
-            [(0.03, 100.0, "start", 99.0), (0.05, 140.0, "compression", 120.0), (0.01, 60.0, "rebound", 80.0)]
-        )
-    ]
-    time = np.linspace(0.0, 30.0, 3001)
-    series = TimeSeries.from_channels(time, {"force": ("N", 3.0 * time), "displacement": ("m", 1e-3 * time)})
-    outcome = SimpleNamespace(holds=tuple(holds), series=series)
-    shock = SimpleNamespace(law_name="lpf1")
-    return SimpleNamespace(label="gas", shock=shock, outcome=outcome, outcome_as=lambda kind: outcome)
-
-
-def test_a_static_record_is_drawn_with_its_holds_by_direction_and_the_predicted_forces():
-    figure = _static_figure(SimpleNamespace(name="static"), (statics(),))
-    force, displacement, *points = traces(figure)
-    assert (len(force[1]), force[1][-1], force[2][-1]) == (1500, 30.0, 90.0)
-    assert displacement[2][-1] == pytest.approx(0.03)
-    assert points == [
-        ("x3", [0.03], [100.0], "first hold"),
-        ("x3", [0.05], [140.0], "reached in compression"),
-        ("x3", [0.01], [60.0], "reached in rebound"),
-        ("x3", [0.01, 0.03, 0.05], [80.0, 99.0, 120.0], "LPF1"),
-    ]
-    assert [(shape["x0"], shape["x1"]) for shape in figure._shapes] == [(0.0, 5.0), (10.0, 15.0), (20.0, 25.0)]
-
-
-def test_static_records_are_laid_over_each_other_from_their_first_hold():
-    found = tuple((SimpleNamespace(name=name), (statics(),)) for name in ("one", "two"))
-    for (panel, x, y, name), expected in zip(traces(_overlay(found)), ("one", "two"), strict=True):
-        assert (panel, name) == ("x", expected)
-        assert x == pytest.approx([0.0, 0.02, -0.02])
-        assert y == pytest.approx([0.0, 40.0, -40.0])
 
 
 def test_names_are_escaped_and_the_verdict_says_what_is_wrong(truth, random_test, tmp_path):

@@ -22,19 +22,6 @@ def car(growth, frequency=0.0, damping=0.0):
     return IdentifiedVehicle("growing", model, {} if damping is None else {"": damping})
 
 
-def test_the_motion_that_grows_is_named_with_its_rate_and_frequency():
-    assert car(0.5, 2.3).instability() == "with its baseline dampers, a motion of 2.3 Hz grows at a rate of 0.5 1/s"
-    assert car(150.0, damping=None).instability() == "without dampers, a motion of 0 Hz grows at a rate of 150 1/s"
-
-
-@pytest.mark.parametrize(
-    ("growth", "damping", "refused"),
-    [(0.0069, 0.0, False), (0.0071, 0.0, True), (99.0, None, False), (101.0, None, True), (-1.0, 0.0, False)],
-)
-def test_a_car_may_grow_by_half_in_a_minute_and_faster_without_dampers(growth, damping, refused):
-    assert (car(growth, damping=damping).instability() is not None) is refused
-
-
 def test_dampers_that_are_removed_count():
     """The identified car has the damper of Table 4.1; a baseline that claims a hundredfold leaves a car that grows."""
     rate = read_vehicle(shipped("quarter_car")).parameters.damping

@@ -71,46 +71,6 @@ def test_outputs_agree_with_eq_4_6():
         np.testing.assert_array_equal(model.D[row], D)
 
 
-#: Signs of ports.md: steady change of an output for one unit of an input (+, - or 0).
-SIGNS = [
-    ("road", "ride_height", 0),  # the whole car rises with the road
-    ("road", "chassis_position", +1),
-    ("road", "wheel_position", +1),
-    ("road", "tire_force", 0),
-    ("aero_force", "chassis_position", -1),  # downforce
-    ("aero_force", "tire_force", +1),
-    ("aero_force", "displacement", +1),  # compresses the suspension
-    ("aero_force", "spring_force", +1),
-    ("aero_force", "ride_height", -1),
-    ("force", "chassis_position", +1),  # compression force pushes the chassis up ...
-    ("force", "displacement", -1),
-    ("force", "tire_force", 0),  # ... and carries no load in the steady state
-]
-
-
-@pytest.mark.parametrize(("source", "target", "sign"), SIGNS)
-def test_steady_signs(source, target, sign):
-    gain = CAR.coupled().select(inputs=[source], outputs=[target]).dc_gain()[0, 0]
-    scale = CAR.tire_stiffness if target.endswith("force") and source == "road" else 1.0
-    assert np.sign(np.round(gain / scale, 12)) == sign
-
-
-@pytest.mark.parametrize(
-    ("source", "target", "sign"),
-    [
-        ("force", "chassis_acceleration", +1),
-        ("force", "hub_acceleration", -1),
-        ("road", "hub_acceleration", +1),
-        ("road", "tire_force", +1),
-        ("aero_force", "chassis_acceleration", -1),
-        ("road", "ride_height", -1),
-    ],
-)
-def test_initial_signs(source, target, sign):
-    model = CAR.coupled().select(inputs=[source], outputs=[target])
-    assert np.sign(model.D[0, 0]) == sign
-
-
 @pytest.mark.parametrize(
     ("field", "value"), [("sprung_mass", 0.0), ("tire_stiffness", -1.0), ("damping", -1.0), ("damping", np.nan)]
 )

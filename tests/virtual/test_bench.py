@@ -60,32 +60,6 @@ def test_a_random_tests_duration_must_be_half_a_second_to_ten_minutes() -> None:
         drivefile_of("random", 1, duration=1.0, amplitude=0.0)
 
 
-def test_each_test_of_the_dynamometer_has_its_motion() -> None:
-    largest = drivefile_of("random", 1, duration=1.0, amplitude=0.0508).series["displacement"]
-    assert np.abs(largest).max() == pytest.approx(0.0508, rel=0.03)
-    levels, jump = drivefile_of("static", 1).series, drivefile_of("bump", 1).series
-    assert np.ptp(levels["displacement"]) == pytest.approx(3.0 * 0.0254)
-    assert np.ptp(jump["displacement"]) == pytest.approx(0.5 * 0.0254, rel=0.2)
-    assert levels.duration > 10.0 * jump.duration
-
-
-def test_each_test_of_the_rig_has_its_drive_file() -> None:
-    bench = Bench.of("quarter_car", noise=False)
-    moved = {test: bench.drivefile(test, 3, duration=8.0, only="aero_force").series for test in ("single", "random")}
-    assert all(series.duration == pytest.approx(8.0, abs=0.1) for series in moved.values())
-    assert moved["single"]["aero_force"].any() and not moved["single"]["road"].any()
-    assert moved["random"]["road"].any() and not moved["random"]["aero_force"].any()
-    sine = bench.drivefile("sine", 3, duration=8.0, frequency=3.0, amplitude=0.01).series
-    spectrum = np.abs(np.fft.rfft(sine["road"]))
-    assert np.fft.rfftfreq(len(sine), 1.0 / sine.sample_rate)[spectrum.argmax()] == pytest.approx(3.0, abs=0.15)
-    assert np.abs(sine["road"]).max() == pytest.approx(0.01, rel=0.01)
-    assert bench.drivefile("sine", 3).series.duration == pytest.approx(20.0, abs=0.1)
-    held = Bench.of("eight_post", noise=False).drivefile("static", 3, only="rf.aero").series
-    assert [name for name in held.names if np.ptp(held[name])] == ["rf.aero"]
-    lap = Bench.of("seven_dof", noise=False).drivefile("track", 3, duration=8.0).series
-    assert lap.duration == pytest.approx(8.0, abs=0.1) and lap["rr.road"].any()
-
-
 def test_a_planned_test_has_the_alternate_shock_at_its_corner() -> None:
     planned = SimpleNamespace(alternate="rf", draw=lambda: "drive", drivefile="random 2")
     bench = SimpleNamespace(car=SimpleNamespace(corners=("lf", "rf", "lr", "rr")), record=lambda *words: words)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eightpost.corners import CORNERS
 from eightpost.errors import ParameterError
 from eightpost.units import convert
 from eightpost.virtual import bump_test, identification_program, program, quarter_truth, seven_dof_truth, stand_in_truth
@@ -19,28 +18,12 @@ def names_of(name, car=CAR):
     return [test.name for test in program(name, car, 1)]
 
 
-def test_an_identification_changes_one_shock_at_a_time():
-    planned = identification_program(CAR, 1)
-    assert [test.name for test in planned] == ["baseline", *(f"alternate_{c}" for c in CORNERS)]
-    assert [test.alternate for test in planned] == [None, "lf", "rf", "lr", "rr"]
-    assert [test.name for test in identification_program(QUARTER, 1)] == ["baseline", "alternate"]
-
-
 def test_identification_tests_share_one_drive_file_unless_draws_is_other():
     assert (_random_length(CAR), _random_length(QUARTER)) == (800.0, 120.0)
     same = [test.draw() for test in identification_program(CAR, 1, duration=2.0)]
     assert all(drivefile is same[0] for drivefile in same)
     other = [test.draw().series["lf.road"] for test in identification_program(CAR, 1, duration=2.0, draws="other")]
     assert not any(np.array_equal(a, b) for i, a in enumerate(other) for b in other[:i])
-
-
-def test_every_input_has_its_own_test():
-    planned = program("single", CAR, 1)
-    assert len(planned) == 8
-    assert planned[5].name == "single_rf_aero"
-    series = planned[5].draw().series
-    assert series.duration == pytest.approx(100.0)
-    assert [name for name in series.names if np.ptp(series[name]) > 0.0] == ["rf.aero"]
 
 
 def test_the_sines_have_the_values_of_tables_6_2_and_4_4():

@@ -9,7 +9,7 @@ from builder.build import build
 from builder.toolchain import SystemCompiler, find_toolchain
 from cosim.system_file import read_case
 
-from .hosts import CORNERS, host
+from .hosts import CORNERS, corner_file, host
 
 #: Different laws on one car, gas springs, and a damper that is positive in extension at rr.
 SYSTEM = """
@@ -110,25 +110,7 @@ def measured(car, case):
 
 
 @pytest.fixture(scope="session")
-def corner_file(fmus, tmp_path_factory):
-    """Write a system file of a quarter car, whose gas spring affects every start."""
+def corner(fmus, tmp_path_factory, made):
+    """A quarter car, whose gas spring affects every start."""
     path = tmp_path_factory.mktemp("corner") / "corner.toml"
-    path.write_text(
-        f"""
-schema = 1
-[components.corner]
-fmu = "{fmus["quarter_car"].as_posix()}"
-[components.damper]
-fmu = "{fmus["lpnl2"].as_posix()}"
-[[bond]]
-between = ["corner", "damper"]
-[scenario]
-stop = 1.0
-"""
-    )
-    return path
-
-
-@pytest.fixture(scope="session")
-def corner(corner_file, made):
-    return made(read_case(corner_file), "corner_with_damper")
+    return made(read_case(corner_file(path, fmus["quarter_car"], fmus["lpnl2"])), "corner_with_damper")

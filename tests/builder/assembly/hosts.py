@@ -1,16 +1,25 @@
 """Simulate an assembly in a host's loop, and its parts in the master and in a host that holds their inputs."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 import cosim
 from cosim import FmuComponent, GaussSeidel, Scenario
+from eightpost.archive import read_archive
 from eightpost.corners import CORNERS
 from eightpost.signals import Drivefile, TimeSeries
 
 ROADS = tuple(f"car.{corner}.road" for corner in CORNERS)
 STOP = 1.0
+
+
+def corner_file(path, car, damper):
+    """Write the system file of a quarter car with a damper, and return its path."""
+    parts = f'[components.corner]\nfmu = "{car.as_posix()}"\n[components.damper]\nfmu = "{damper.as_posix()}"\n'
+    path.write_text(f'schema = 1\n{parts}[[bond]]\nbetween = ["corner", "damper"]\n[scenario]\nstop = 1.0\n')
+    return path
 
 
 def road(time):
@@ -45,6 +54,28 @@ def host(path, step, *, ramped=True, parameters=None, later=None, outputs=None):
         return np.array(rows).T
     finally:
         fmu.finish()
+
+
+def replayed(path, steps):
+    """Run an assembly with the inputs of its reference results; return outputs, their results, reference (K+1, P)."""
+    members = read_archive(path)
+
+    def table(kind):
+        head, *lines = members[f"extra/eightpost/{Path(path).stem}_{kind}.csv"].decode().splitlines()
+        return head.replace('"', "").split(","), np.array([[float(cell) for cell in line.split(",")] for line in lines])
+
+    (names, inputs), (outputs, expected) = table("in"), table("ref")
+    fmu, time = FmuComponent(path, "car"), expected[: steps + 1, 0]
+    fmu.begin(0.0, time[-1], {})
+    fmu.set(names[1:], inputs[0, 1:].tolist())
+    fmu.end_initialization()
+    found = [fmu.get(outputs[1:])]
+    for row, start, end in zip(inputs[:, 1:], time, time[1:], strict=False):
+        fmu.set(names[1:], row.tolist())
+        fmu.step(start, end - start)
+        found.append(fmu.get(outputs[1:]))
+    fmu.finish()
+    return outputs[1:], np.array(found), expected[: steps + 1, 1:]
 
 
 def observed(fmu):

@@ -9,8 +9,9 @@ import pytest
 
 from builder.assembly import assemble
 from builder.check import GROUPS, Level, check
-from cosim import FmuComponent
 from eightpost.archive import read_archive
+
+from .hosts import replayed
 
 #: Groups of every day: those that an assembly does not share with its parts.
 DAILY = ("static", "tools", "simulation", "state", "initial_dependencies", "dependencies", "reference")
@@ -28,26 +29,9 @@ def test_check_reports_no_error_and_no_warning_for_an_assembly(corner, daily):
 
 
 def test_the_reference_results_of_a_quarter_car_equal_the_fmus_output(corner):
-    members = read_archive(corner)
-
-    def table(kind):
-        head, *lines = members[f"extra/eightpost/corner_with_damper_{kind}.csv"].decode().splitlines()
-        return head.replace('"', "").split(","), np.array([[float(cell) for cell in line.split(",")] for line in lines])
-
-    (names, inputs), (outputs, expected) = table("in"), table("ref")
-    expected = expected[:201]
-    fmu, time = FmuComponent(corner, "corner"), expected[:, 0]
-    fmu.begin(0.0, time[-1], {})
-    fmu.set(names[1:], inputs[0, 1:].tolist())
-    fmu.end_initialization()
-    found = [fmu.get(outputs[1:])]
-    for row, start, end in zip(inputs[:, 1:], time, time[1:], strict=False):
-        fmu.set(names[1:], row.tolist())
-        fmu.step(start, end - start)
-        found.append(fmu.get(outputs[1:]))
-    fmu.finish()
+    outputs, found, expected = replayed(corner, 200)
     assert "coupling_error" in outputs and expected[-1, outputs.index("damper.coupling_error")] > 0.0
-    np.testing.assert_allclose(found, expected[:, 1:], rtol=1e-6, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
 
 
 @pytest.mark.nightly

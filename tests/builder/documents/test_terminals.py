@@ -8,30 +8,9 @@ from fmu_manipulation_toolbox.terminals import Terminals
 
 from builder.interface import vehicle_interface
 from builder.page import terminals_and_icons
-from builder.product import shock_product
-from eightpost.shock import Lpnl2, Shock, StaticCurve
 from eightpost.vehicle import Channel, StateSpace
 
-from .members import TERMINALS, kinds_of, members_of
-
-
-def test_a_shock_has_one_port_whose_force_flows_out():
-    # Read from the file, to which the standard's rules apply, not from the Python type.
-    product = shock_product(Shock("x", _any_law()), "x")
-    assert kinds_of(members_of(product)[TERMINALS]) == {
-        "port": {
-            "velocity": ("velocity", "signal"),
-            "displacement": ("displacement", "signal"),
-            "force": ("force", "outflow"),
-        }
-    }
-
-
-def _any_law() -> Lpnl2:
-    curve = StaticCurve(
-        (1.0,) + (0.0,) * 14, (1.0, 0.0, 0.0, 0.0), (-1.0, 0.0, 0.0, 0.0), 0.4, 0.01, 1.0, 1.0, 1.0, 1.0
-    )
-    return Lpnl2(curve, 1e-3, 1.0, 2.0)
+from .members import TERMINALS, kinds_of
 
 
 def test_a_vehicle_has_one_port_per_corner_whose_force_flows_in(archives):

@@ -44,14 +44,6 @@ def _moved(w, zeta, B, k, step):
     return Blocks(w * np.exp(moves[:2]), zeta * np.exp(moves[2:4]), B + moves[4:].reshape(B.shape))
 
 
-def test_refinement_leaves_a_misfit_of_one_deviation_and_never_more_than_the_start(quarter_car):
-    outputs = [name for name in quarter_car.output_names if name != "displacement"]
-    found = FIT.fit(noisy(quarter_car.select(outputs=outputs), 0.02, 3))
-    assert found.refined.converged
-    assert found.refined.solution.cost <= found.start.cost
-    assert all(0.9 < excess < 1.1 for excess in found.excess.values())
-
-
 @pytest.mark.parametrize("order", [None, 6])
 def test_a_fit_is_the_kept_one(quarter_car, order, unchanged):
     """Its order is chosen among 2 to 8, or given; some frequencies of the load are unknown."""

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from eightpost.corners import CORNERS
-from eightpost.ident.vehicle.experiment import Ranges
 from eightpost.ident.vehicle.stability import closed_loop_stability, safe_slopes
-from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel, IdentifiedVehicle, StateSpace
 
 from .conftest import BASELINE
@@ -42,15 +40,3 @@ def test_only_a_growing_part_between_shock_force_and_velocity_makes_the_loop_uns
     C[velocity if in_the_loop else one.output_names.index("tire_force"), n] = 1.0
     model = StateSpace(A, B, C, one.D, one.inputs, one.outputs)
     assert closed_loop_stability(IdentifiedVehicle("car", model, {"": BASELINE})).stable is not in_the_loop
-
-
-def _simulated(speed, hz):
-    time = np.arange(4000) / 400.0
-    return TimeSeries.from_channels(time, {"velocity": ("m/s", speed * np.sin(2.0 * np.pi * hz * time))})
-
-
-def test_velocities_and_frequencies_above_those_of_the_tests_are_reported():
-    ranges = Ranges((0.2, 16.0), {"velocity": (-0.4, 0.5)})
-    assert ranges.beyond(_simulated(0.5, 4.0)) == ()
-    assert "0.9" in ranges.beyond(_simulated(0.9, 4.0))[0]
-    assert "16 Hz" in ranges.beyond(_simulated(0.4, 30.0))[0]

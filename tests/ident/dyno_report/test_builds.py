@@ -26,15 +26,8 @@ from eightpost.ident.dyno_report.builds import (
 )
 from eightpost.ident.dyno_report.cycles import STROKES, Cycles, Unknown
 from eightpost.ident.dyno_report.entry import entry_of_shock, entry_of_table, entry_of_test
-from eightpost.ident.dyno_report.page import (
-    RULES,
-    difference_table,
-    loop_table,
-    peak_table,
-    repeat_table,
-    report_verdict,
-)
-from eightpost.rig import PeakVelocityTable, read_dyno_test
+from eightpost.ident.dyno_report.page import difference_table, loop_table, peak_table, repeat_table
+from eightpost.rig import PeakVelocityTable
 from eightpost.shock import Hysteresis, Polylinear, Port, Shock, read_shock, write_shock
 from eightpost.units import convert
 from eightpost.validity import judged
@@ -285,20 +278,6 @@ def test_the_damping_ratio_of_the_dissertations_corner_is_that_of_its_damper():
 def test_a_corner_needs_positive_values(values):
     with pytest.raises(ParameterError, match="must be above 0"):
         CarCorner("lf", *values)
-
-
-@pytest.mark.nightly
-def test_the_verdict_has_the_findings_of_records_and_shocks():
-    good = entry_of_test(read_dyno_test(DATA / "dyno_A.csv"), "a", "A")
-    table = entry_of_table(PeakVelocityTable([0.1, 0.2], [10.0, 20.0], [-10.0, -20.0]), "t", "T")
-    law = entry_of_shock(replace(known_shock(), validity=None), "l", "L")
-    verdict = report_verdict([good, table, law])
-    assert {reason.rule for reason in verdict.reasons} == {
-        "plausible record",
-        "table without time",
-        "shock without verdict",
-    }
-    assert len(RULES) == 3
 
 
 def test_the_lag_of_a_law_with_several_time_constants_is_that_at_zero_velocity():

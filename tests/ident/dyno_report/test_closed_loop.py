@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from eightpost.ident.dyno_report.builds import CarCorner, dyno_report
 from eightpost.ident.dyno_report.cycles import STROKES, Unknown
-from eightpost.ident.dyno_report.entry import EntrySetting, entry_of_test
-from eightpost.ident.dyno_report.figures import branches_figure, curves_figure, loops_figure
-from eightpost.ident.dyno_report.page import (
-    branch_table,
-    damping_tables,
-    force_table,
-    peak_table,
-    sections_of,
-)
+from eightpost.ident.dyno_report.entry import entry_of_test
+from eightpost.ident.dyno_report.figures import curves_figure
+from eightpost.ident.dyno_report.page import branch_table, damping_tables, force_table, peak_table, sections_of
 from eightpost.report.tables import Amount
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
@@ -168,26 +160,6 @@ def test_the_shown_cycle_is_the_last_one_or_that_of_a_number():
     energies = [found[cycle].cycles.energy for cycle in (2, "last", "mean")]
     assert energies[0] < energies[2] < energies[1]
     assert [peak.count for peak in found["last"].cycles.peaks(1.0)] == [1]
-
-
-def test_runs_of_a_build_share_one_entry_of_the_legend(delayed_run):
-    front = [replace(delayed_run, name=name, setting=EntrySetting("front")) for name in "abcd"]
-    report = dyno_report([*front, delayed_run])
-    for figure in (curves_figure(report), loops_figure(report)):
-        shown = [trace["name"] for trace in figure.content()["data"] if trace["showlegend"]]
-        assert shown == ["front", "run"]
-    shown = [trace["name"] for trace in branches_figure(report).content()["data"] if trace["showlegend"]]
-    assert len(shown) == 4
-
-
-def test_both_strokes_are_upward_over_speed(delayed_run):
-    traces = [trace for trace in curves_figure(dyno_report([delayed_run])).content()["data"] if trace["xaxis"] == "x2"]
-    assert [trace["line"]["dash"] for trace in traces] == ["solid", "dot"]
-    for trace, stroke in zip(traces, STROKES, strict=True):
-        assert min(trace["x"]) > 0.0
-        assert trace["y"][-1] == pytest.approx(
-            float(two_lines(LOW[stroke], HIGH[stroke], KNEE)(trace["x"][-1])), rel=0.01
-        )
 
 
 def test_shaft_speeds_of_a_track_are_a_histogram_below_the_curve_and_shares_of_time(delayed_run):

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from eightpost.__main__ import main
 from eightpost.ident.dyno_report.builds import Reading, dyno_report, read_entries
-from eightpost.ident.dyno_report.cycles import Unknown, crossings_of
+from eightpost.ident.dyno_report.cycles import crossings_of
 from eightpost.ident.dyno_report.entry import entry_of_test
 from eightpost.ident.dyno_report.page import explained, sections_of
 from eightpost.rig import DynoTest
@@ -62,15 +62,6 @@ def test_the_gas_force_of_the_examples_is_that_of_their_damper(entries):
     assert [entry.test is not None for entry in entries[: len(RECORDS)]] == [True] * len(RECORDS)
     for entry in entries[: len(RECORDS)]:
         assert entry.offset == pytest.approx(204.6, abs=12.0)
-
-
-def test_a_column_of_unknown_figures_is_one_line_below_the_table():
-    why = Unknown("why")
-    rows = [("x", 1.0, why, why), ("y", Unknown("few"), why, None)]
-    table, lines = explained("", ("a", "b [N]", "c [m]", "d"), rows)
-    assert [head for head, _ in table.heads] == ["a", "b"]
-    assert table.rows[1] == ("y", "–\N{NO-BREAK SPACE}[1]")
-    assert lines == ("[1] few.", "Not known: c, d; why.")
 
 
 def test_columns_without_values_are_left_out_and_tables_without_rows_too():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -167,73 +166,6 @@ def test_csv_is_read_back_by_eightpost_with_all_digits(shock: Path, tmp_path: Pa
     assert record.names == ("velocity", "force")
     assert record.units == ("m/s", "N")
     np.testing.assert_array_equal(np.array(record.columns, dtype=float), [table.velocity, table.force[0]])
-
-
-def test_mat_is_read_back_with_settings_in_increasing_order(clicks: list[Path], tmp_path: Path) -> None:
-    succeeded(*clicks, "--over", "clicks=8,0,4", "-o", tmp_path / "t.mat")
-    content = loadmat(tmp_path / "t.mat", simplify_cells=True)
-    assert content["setting"].tolist() == [0.0, 4.0, 8.0]
-    assert content["setting_name"] == "clicks"
-    assert content["force"].shape == (content["velocity"].size, 3)
-    rebound = content["force"][0]
-    assert rebound == pytest.approx(rebound[0] * np.array([1.0, 1.4, 1.8]), rel=1e-12)
-    assert any("c8 (c8.json" in line for line in content["comments"])
-
-
-def test_modelica_tables_have_the_declared_size_and_the_setting_in_the_first_row(
-    clicks: list[Path], tmp_path: Path
-) -> None:
-    table = shock_table(clicks, over="clicks=8,0,4")
-    for sources, words, rows in ((clicks[1:2], (), 0), (clicks, ("--over", "clicks=8,0,4"), 1)):
-        succeeded(*sources, *words, "-o", tmp_path / "t.txt")
-        lines = (tmp_path / "t.txt").read_text().splitlines()
-        assert lines[0] == "#1"
-        start = next(k for k, line in enumerate(lines) if line.startswith("double"))
-        assert all(line.startswith("#") for line in lines[:start])
-        declared = re.fullmatch(r"double shock\((\d+),(\d+)\)", lines[start])
-        assert declared is not None
-        content = numbers(lines[start + 1 :])
-        assert content.shape == (int(declared[1]), int(declared[2]))
-        assert (np.diff(content[rows:, 0]) > 0.0).all()
-    assert content[0].tolist() == [0.0, 0.0, 4.0, 8.0]
-    np.testing.assert_array_equal(content[1:, 0], table.velocity)
-    np.testing.assert_array_equal(content[1:, 1:], table.force.T)
-
-
-def test_a_matlab_script_has_the_same_numbers(clicks: list[Path], tmp_path: Path) -> None:
-    succeeded(*clicks, "--over", "oil temperature [degC]=60,20,40", "-o", tmp_path / "t.m")
-    table = shock_table(clicks, over="oil temperature [degC]=60,20,40")
-    text = "".join(line for line in (tmp_path / "t.m").read_text().splitlines(True) if not line.startswith("%"))
-    values = dict(re.findall(r"shock\.(\w+) = (?:\[|')(.*?)(?:\]|');", text, re.DOTALL))
-    np.testing.assert_array_equal(np.array(values["velocity"].split(";"), dtype=float), table.velocity)
-    np.testing.assert_array_equal(numbers(values["force"].strip().splitlines()), table.force.T)
-    assert numbers([values["setting"]])[0].tolist() == [20.0, 40.0, 60.0]
-    assert values["setting_name"] == "oil temperature [degC]"
-
-
-def test_an_adams_file_is_positive_in_rebound_and_in_millimetres(shock: Path, tmp_path: Path) -> None:
-    succeeded(shock, "-o", tmp_path / "t.dpr")
-    table = shock_table([shock])
-    lines = (tmp_path / "t.dpr").read_text().splitlines()
-    assert {"[MDI_HEADER]", " FILE_TYPE = 'dpr'", " LENGTH = 'mm'", " FORCE = 'newton'", "[CURVE]"} <= set(lines)
-    content = numbers(lines[lines.index("{ vel force }") + 1 :])
-    assert (np.diff(content[:, 0]) > 0.0).all()
-    np.testing.assert_allclose(content[:, 0], -1e3 * table.velocity[::-1], rtol=1e-15)
-    np.testing.assert_array_equal(content[:, 1], -table.force[0, ::-1])
-
-
-def test_carmaker_has_push_in_compression_and_pull_in_rebound_both_positive(shock: Path, tmp_path: Path) -> None:
-    succeeded(shock, "--format", "carmaker", "-o", tmp_path / "damper.info")
-    lines = (tmp_path / "damper.info").read_text().splitlines()
-    push, pull = (lines.index(f"SuspF.Damp_{side}:") for side in ("Push", "Pull"))
-    compression = numbers([line for line in lines[push + 1 : pull] if line.startswith("\t")])
-    rebound = numbers([line for line in lines[pull + 1 :] if line.startswith("\t")])
-    for side in (compression, rebound):
-        assert side[0].tolist() == [0.0, 0.0]
-        assert (np.diff(side, axis=0) > 0.0).all()
-    table = shock_table([shock])
-    both = np.vstack((-rebound[:0:-1], compression))
-    np.testing.assert_array_equal(both, np.column_stack((table.velocity, table.force[0])))
 
 
 @pytest.mark.parametrize("name", TABLE_FORMATS)

@@ -12,7 +12,6 @@ from eightpost.ident.vehicle.common_poles import CommonPoles
 from eightpost.ident.vehicle.plan import recipe
 from eightpost.ident.vehicle.port_search import Band, ForceSolution, FrictionSearch, _BandFit, _estimate
 from eightpost.ident.vehicle.simulation import direction, simulate_with_shocks, with_port_laws
-from eightpost.ident.vehicle.vehicle_fit import read_fit, write_fit
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Friction, IdentifiedVehicle, LinearStepper, read_vehicle, shipped
 from eightpost.vehicle.friction import PortFriction, advance, ports_of
@@ -129,17 +128,3 @@ def test_the_simulated_friction_is_that_of_the_vehicle_fmu():
         if k < 799:
             x = advance(stepper, friction, x, u[k], u[k + 1], step)
     np.testing.assert_allclose(found["velocity"], expected, atol=2e-3 * np.std(expected))
-
-
-@pytest.mark.nightly
-def test_the_fit_reports_its_friction_and_stores_it_in_its_files(rubbing, experiment, tmp_path):
-    fit = CommonPoles(friction=FrictionSearch(velocities=(0.01,), reaches=())).identify(rubbing, experiment)
-    write_fit(tmp_path / "car.json", fit)
-    again = read_fit(tmp_path / "car.json")
-    assert fit.stable
-    assert tuple(fit.residual) == experiment.outputs
-    assert any("Friction at the ports" in note for note in again.notes)
-    assert again.vehicle.friction == fit.vehicle.friction
-    assert again.ranges == fit.ranges
-    assert 20.0 < again.ranges["frequency"][1] < 30.0  # the coherence of the records decides
-    assert any("The model was fitted up to" in note for note in again.notes)

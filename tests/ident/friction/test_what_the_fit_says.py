@@ -156,8 +156,3 @@ def test_a_drive_weights_responses_by_its_spectrum():
                        (Channel("a", "m"), Channel("b", "m"), Channel("velocity", "m/s")))  # fmt: skip
     rms = drive.rms(model, {"": 1000.0})
     np.testing.assert_allclose(rms[:, 1] / rms[:, 0], 3.0)
-
-
-@pytest.mark.parametrize(("deviation", "is_significant"), [(24.0, True), (26.0, False)])
-def test_a_force_above_four_deviations_is_significant(deviation, is_significant):
-    assert ForceEstimate(-100.0, deviation).is_significant is is_significant

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -50,18 +49,6 @@ def with_channel(test: RigTest, name: str, values: np.ndarray) -> RigTest:
 @pytest.fixture(scope="module")
 def singles() -> tuple[RigTest, ...]:
     return single("lf.road"), single("rr.road", seed=2)
-
-
-@pytest.mark.nightly
-def test_a_linear_car_is_predicted_by_a_linear_model(singles: tuple[RigTest, ...]) -> None:
-    found = judged(*singles)
-    assert found.inputs == ("lf.road", "rr.road")
-    assert {each.condition for each in found.verdicts} <= {Condition.I, Condition.II}
-    assert found.verdict(*NEAR).condition is Condition.I
-    assert found.verdict(*NEAR).coherence > 0.99
-    assert found.verdict(*NEAR).level == 0.0
-    assert max(each.shares[Condition.III] for each in found.verdicts) < 0.01
-    assert all(sum(each.shares.values()) == pytest.approx(1.0) for each in found.verdicts)
 
 
 @pytest.mark.nightly
@@ -249,20 +236,6 @@ def quarter_files(folder: Path, **changes: float) -> list[str]:
             test = with_channel(test, "tire_force", np.abs(force) ** changes[name])
         test.write(folder / f"{name}.parquet")
     return ["inspect", *[str(folder / f"{name}.parquet") for name in tests], "-o", str(folder / "out")]
-
-
-@pytest.mark.nightly
-def test_the_command_prints_the_table_and_writes_plots(tmp_path: Path) -> None:
-    done = CliRunner().invoke(main, ["-v", *quarter_files(tmp_path), *KEY], env={"COLUMNS": "200"})
-    assert done.exit_code == 0, done.output
-    shown = " ".join(done.output.split())
-    assert re.search(r"I: \d of \d paths, high response, high coherence: a linear model predicts it", shown)
-    table = (tmp_path / "out" / "paths.csv").read_text().splitlines()
-    assert sum(line.startswith("#") for line in table) == 4
-    assert sum(line.startswith("road,tire_force,large.parquet,I,") for line in table) == 1
-    assert (tmp_path / "out" / "amplitude.csv").read_text().count(",no\n") == 1
-    for name in ("conditions", "tire_force"):
-        assert (tmp_path / "out" / f"{name}.png").read_bytes()[:4] == b"\x89PNG"
 
 
 @pytest.mark.slow

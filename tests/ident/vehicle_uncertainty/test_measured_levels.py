@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from eightpost.ident.vehicle.experiment import Experiment, port_slope
-from eightpost.ident.vehicle.trust import MeasuredLevels, Powers, level_errors, measure_names, removable_tests
+from eightpost.ident.vehicle.trust import MeasuredLevels, Powers, Trust, level_errors, measure_names, removable_tests
+from eightpost.ident.vehicle.vehicle_fit import measure_table, worst_measures
 from eightpost.signals import TimeSeries
 from eightpost.uncertainty import MeasureUncertainty, separation, setup_distance
 from eightpost.vehicle import IdentifiedVehicle, add_port_damping, read_vehicle, shipped
@@ -223,3 +224,11 @@ def test_a_record_without_an_output_and_a_fit_of_an_earlier_version_show_no_erro
     assert MeasuredLevels().with_records(known, car, [without]) == known
     older = {name: MeasureUncertainty(0.01, 0.1) for name in known}
     assert MeasuredLevels().with_records(older, car, [tests[0]]) == older
+
+
+def test_the_worst_of_a_quantity_has_the_largest_common_and_the_largest_own_error():
+    found = {"lf.velocity": (0.01, 0.3), "rf.velocity": (0.02, 0.1), "lf.tire_force": (0.03, 0.2)}
+    trust = Trust({}, measures={name: MeasureUncertainty(*errors) for name, errors in found.items()})
+    worst = {quantity: (one.common, one.own) for quantity, one in worst_measures(trust)}
+    assert worst == {"velocity": (0.02, 0.3), "tire_force": (0.03, 0.2)}
+    assert measure_table(trust).row_count == 2

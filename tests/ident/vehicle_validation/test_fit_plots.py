@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from PIL import Image, ImageChops
+from PIL import Image
 
 from eightpost.ident.vehicle import plots
 from eightpost.ident.vehicle.plots import plot_fits
@@ -28,10 +28,6 @@ def drawn(fit, folder, *outputs):
     folder.mkdir()
     paths = plot_fits(fit.response.select(outputs=outputs), fit.vehicle.state_space.select(outputs=outputs), "", folder)
     return [Image.open(path).convert("RGB") for path in paths]
-
-
-def differ(one, other):
-    return one.size != other.size or ImageChops.difference(one, other).getbbox() is not None
 
 
 def test_panels_have_their_size_in_inches_below_the_title(fit, tmp_path, monkeypatch):
@@ -62,20 +58,3 @@ def test_the_magnitudes_of_responses_of_varied_cars(unchanged):
     figure = plots.magnitudes({label: one.response for label, one in found.items()}, "spring_force")
     figure.draw_without_rendering()
     unchanged({"picture": described(figure), "modes": {label: one.modes for label, one in found.items()}})
-
-
-@pytest.mark.nightly
-def test_a_plot_does_not_depend_on_the_plots_before_it(fit, tmp_path):
-    together = drawn(fit, tmp_path / "together", *OUTPUTS)
-    alone = [drawn(fit, tmp_path / name, name)[0] for name in OUTPUTS]
-    assert [differ(*pair) for pair in zip(together, alone, strict=True)] == [False] * 3
-    assert differ(together[0], together[1])
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("kind", ["coherence", "partial_coherence", "H"])
-def test_estimate_and_coherences_are_in_the_plot(fit, tmp_path, kind):
-    estimate = fit.response
-    shape = {"coherence": estimate.H.shape[::2], "partial_coherence": estimate.H.shape, "H": estimate.H.shape}[kind]
-    high, low = (replace(fit, response=replace(estimate, **{kind: np.full(shape, level)})) for level in (0.9, 0.4))
-    assert differ(*drawn(high, tmp_path / "high", "velocity"), *drawn(low, tmp_path / "low", "velocity"))

@@ -8,19 +8,10 @@ import numpy as np
 import pytest
 
 from eightpost.ident.validation.comparison import Trend
-from eightpost.ident.validation.vehicle_page import (
-    _order_figure,
-    _static_figure,
-    certainty_table,
-    measure_table,
-    port_table,
-    static_table,
-)
+from eightpost.ident.validation.vehicle_page import _order_figure, port_table
 from eightpost.ident.validation.vehicles import Limits, _common_levels
-from eightpost.ident.vehicle.trust import ForceEstimate, OrderCandidate, Orders, OutputTrust, PolePair, Trust
-from eightpost.ident.vehicle.vehicle_fit import TENTH
+from eightpost.ident.vehicle.trust import ForceEstimate, OrderCandidate, Orders, PolePair, Trust
 from eightpost.report.tables import Amount
-from eightpost.uncertainty import MeasureUncertainty
 from eightpost.vehicle import Bristle, Friction
 
 
@@ -33,15 +24,6 @@ def rows_of(table) -> list[tuple[float | str, ...]]:
     return [tuple(cell.value if isinstance(cell, Amount) else cell for cell in row) for row in table.rows]
 
 
-def test_the_uncertainties_of_outputs_are_in_percent() -> None:
-    trust = Trust({"velocity": OutputTrust(0.01, 0.02, 1.5, 0.4), "tire_force": OutputTrust(0.03, 0.04, 2.0)})
-    first, second = rows_of(certainty_table(a_fit(trust)))
-    assert (first[0], first[1:]) == ("velocity", pytest.approx((1.0, 2.0, 1.5, 40.0)))
-    assert (second[0], second[1:4]) == ("tire_force", pytest.approx((3.0, 4.0, 2.0)))
-    assert not isinstance(second[4], float)
-    assert certainty_table(a_fit(None)).rows == ()
-
-
 def test_a_port_has_the_velocity_of_a_smooth_law_and_the_reach_of_a_bristle() -> None:
     trust = Trust({}, {"lf": ForceEstimate(50.0, 2.0), "rf": ForceEstimate(60.0, 3.0), "lr": ForceEstimate(1.0, 1.0)},
                   {"lf": ForceEstimate(20.0, 4.0)})  # fmt: skip
@@ -51,30 +33,6 @@ def test_a_port_has_the_velocity_of_a_smooth_law_and_the_reach_of_a_bristle() ->
     assert lf == ("lf", 50.0, 2.0, 48.0, 0.005, none, 20.0, 4.0)
     assert rf == ("rf", 60.0, 3.0, 57.0, none, 1e-4, none, none)
     assert lr == ("lr", 1.0, 1.0, "none", none, none, none, none)
-
-
-def a_static_case() -> SimpleNamespace:
-    holds = [
-        SimpleNamespace(name=f"output {k}", unit="N", slopes=(2.0, 2.5), load=np.array([0.0, 100.0]),
-                        measured=np.array([-k, k]), predicted=np.array([-2.0 * k, 2.0 * k]))
-        for k in range(9)
-    ]  # fmt: skip
-    holds[1].slopes = (0.0, 2.5)
-    return SimpleNamespace(record=SimpleNamespace(name="static"), holds=holds)
-
-
-def test_the_slopes_of_static_records_are_compared_where_the_measured_one_is_not_zero() -> None:
-    first, second, *_ = rows_of(static_table(SimpleNamespace(of_kind=lambda kind: [a_static_case()])))
-    assert first == ("static", "output 0", 2.0, 2.5, pytest.approx(25.0))
-    assert not isinstance(second[4], float)
-
-
-def test_a_static_record_is_drawn_as_levels_over_the_load() -> None:
-    figure = _static_figure(a_static_case())
-    traces = [(trace["name"], list(trace["x"]), list(trace["y"])) for trace in figure._traces]
-    assert figure.panels[-1].title == "output 8"
-    assert traces[-2:] == [("measured", [0.0, 100.0], [-8.0, 8.0]), ("predicted", [0.0, 100.0], [-16.0, 16.0])]
-    assert len(traces) == 2 * len(figure.panels)
 
 
 @pytest.mark.parametrize(("is_clear", "why"), [(True, "a clear gap"), (False, "the description length")])
@@ -128,10 +86,3 @@ def test_the_common_level_is_stated_for_the_worst_output() -> None:
         "b: -10.0 % on 4 records, 0.0 % without the common factor; rank correlation 1.00; limit 5 %"
     )
     assert found.origin == "a, b"
-
-
-def test_the_accuracy_of_measures_is_their_half_width_for_equal_setups_and_for_setups_a_tenth_apart():
-    one = MeasureUncertainty(0.0, 0.3)
-    table = measure_table(SimpleNamespace(trust=SimpleNamespace(measures={"lf.tire_force": one})))
-    ((name, shared, apart),) = table.rows
-    assert (name, shared.value, apart.value) == ("lf.tire_force", 0.0, pytest.approx(100.0 * one.half_width(TENTH)))

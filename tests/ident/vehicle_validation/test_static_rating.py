@@ -116,18 +116,6 @@ def test_records_without_constant_loads_are_rejected(records):
         rate_statically(records, ["aero_force"])
 
 
-def test_the_summary_states_tire_loads_and_ride_heights_in_field_units():
-    zero = {"lf.tire_force": 4448.2216, "front.ride_height": 0.0508, "rr.tire_force": 2000.0}
-    rating = StaticRating(5, 0, LOADS, zero)
-    tires = rating.summary(["lf.tire_force", "lf.velocity"])
-    assert tires == "static state at zero load, from 5 levels: tires lf 1000 lbf"
-    both = replace(rating, lifted=2).summary(list(zero))
-    assert both.startswith(
-        "static state at zero load, from 5 levels (2 more left out, at which a tire carries no load): tires lf 1000, "
-    )
-    assert both.endswith(" lbf; ride heights front 2.000 in")
-
-
 def test_the_modal_matrix_is_in_thousands_of_pounds_and_feet_per_inch_and_degree():
     """1000 lbf/in, lbf per degree, lbf.ft/in and lbf.ft per degree are 1 in every place of the table."""
     pound, foot, inch, degree = 4.4482216152605, 0.3048, 0.0254, np.pi / 180.0
