@@ -4,13 +4,13 @@
 
 SET is `tune` (the verdict's thresholds were chosen with it), `check`, or `final` (kinds of dampers that no rule was
 chosen with): virtual dampers of several kinds, tested in several ways, by dynamometers that differ in rate, filter,
-noise and channels, every fifth with a fault. With --records, the measured records of a folder (see `cases.measured`).
+noise and channels, every fifth with a fault. `measured`: the records in the folder --records (see `cases.measured`).
+`laws`: no verdicts, but the regret of each law on the records in --records (see `laws.splits`).
 
 Errors are in percent of the standard deviation of the force of the record that was left out, without their mean if it
 is another run of a measured damper, whose load cell may have another zero. Such a record is within the range of the fit
 if its median stroke is within the stated lengths, peak speeds and frequencies, and if its extremes of velocity,
-displacement and temperature are within the fitted ones, by 10 % (2 K). The bands of fits to both halves of
-the records of a green fit are compared, if these are green too. Rows that FILE already has are not computed again.
+displacement and temperature are within the fitted ones, by 10 % (2 K). Rows that FILE has are not computed again.
 """
 
 from __future__ import annotations
@@ -28,9 +28,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 from benchmarks.table import markdown, number
-from benchmarks.verdicts.cases import LAST_THIRD, Case, case, measured, part, whole
+from benchmarks.verdicts import laws
+from benchmarks.verdicts.cases import LAST_THIRD, Case, case, measured, percent, whole
 from benchmarks.verdicts.dampers import CHECK, FINAL, TUNE
-from eightpost.ident import ShockFit, evaluate, fit_shock
+from eightpost.ident import ShockFit, fit_shock
 from eightpost.ident.shock.runs import StrokeRange, prepare, strokes
 from eightpost.rig import DynoTest
 from eightpost.verdict import ORDER
@@ -38,14 +39,8 @@ from eightpost.verdict import ORDER
 #: Kinds of dampers and seed of each set.
 SETS = {"tune": (TUNE, 101), "check": (CHECK, 202), "final": (FINAL, 303)}
 
-#: Law that is fitted.
-LAW = "hysteresis"
-
 #: Factor, and temperature [K], by which a left-out record may be outside the range of a fit.
 BEYOND, WARMER = 1.1, 2.0
-
-#: Speeds at which two bands are compared, over the peak speed that both fits reach.
-SHARES = np.array([-0.9, -0.7, -0.4, -0.15, 0.15, 0.4, 0.7, 0.9])
 
 Row = dict[str, Any]
 
@@ -53,28 +48,25 @@ Row = dict[str, Any]
 def rows_of(found: Case) -> Iterator[Row]:
     """Yield one row for each left-out record of a case; one without an error if the fit refuses the records."""
     try:
-        fit = fit_shock(found.fitted, LAW)
+        fit = fit_shock(found.fitted)
     except ValueError as error:  # raised by laws and fits that reject the data
         yield {"case": found.name, "refused": str(error)}
         return
     common: Row = {"case": found.name, "grade": fit.verdict.grade.value, "residual": fit.percent}
     common["rules"] = [reason.rule for reason in fit.verdict.decisive]
     common["held_out"] = None if fit.held_out is None else fit.held_out.percent
-    covered = _covered(found.fitted) if common["grade"] == ORDER[-1] else None
     for name, record in found.held_out.items():
-        judged = evaluate(fit.shock, record, segment=whole(record))
-        is_other_run = found.is_measured and name != LAST_THIRD
-        percent = 100.0 * (float(judged.error.std()) if is_other_run else judged.rms) / judged.deviation
+        error = percent(fit.shock, record, about_mean=found.is_measured and name != LAST_THIRD)
         within = _is_within(fit, found.fitted, record)
-        yield common | {"held": name, "error": percent, "within": within, "covered": covered}
-        covered = None  # counted once for each fit
+        yield common | {"held": name, "error": error, "within": within}
 
 
 def _is_within(fit: ShockFit, fitted: Sequence[DynoTest], record: DynoTest) -> bool:
     tested = StrokeRange.of([prepare(one) for one in fitted])
     held = prepare(record, segment=whole(record))
     stroke, speed, duration = strokes(held.record["velocity"][held.inside], held.step)
-    values = (_median(value, duration) for value in (stroke, speed, 0.5 / duration))
+    each = stroke, speed, 0.5 / duration
+    values = (np.quantile(one, 0.5, weights=duration, method="inverted_cdf") for one in each)
     limits = (tested.stroke, tested.speed, tested.frequency)
     typical = (low / BEYOND <= value <= BEYOND * high for value, (low, high) in zip(values, limits, strict=True))
     known, velocity = fit.shock.conditions, held.record["velocity"][held.inside]
@@ -90,34 +82,8 @@ def _is_within(fit: ShockFit, fitted: Sequence[DynoTest], record: DynoTest) -> b
     return bool(all(typical) and is_slower and is_shorter and is_cold)
 
 
-def _median(values: np.ndarray, weights: np.ndarray) -> float:
-    order = np.argsort(values)
-    share = np.cumsum(weights[order]) / weights.sum()
-    return float(values[order[np.searchsorted(share, 0.5)]])
-
-
-def _covered(fitted: Sequence[DynoTest]) -> float | None:
-    """Return the share of speeds [%] at which the bands of fits to both halves of records agree, if these are green."""
-    halves = []
-    for first in (0.0, 0.5):
-        lengths = [run.series.duration for run in fitted]
-        parts = [part(run, first * end, (first + 0.5) * end) for run, end in zip(fitted, lengths, strict=True)]
-        try:
-            halves.append(fit_shock(parts, LAW, segment=min(map(whole, parts))))
-        except ValueError:  # raised by laws and fits that reject the data
-            return None
-    if any(one.verdict.grade != ORDER[-1] for one in halves):
-        return None
-    peak = min(float(np.abs(one.band.velocity[[0, -1]]).min()) for one in halves)
-    (force, wide), (other, other_wide) = (
-        [np.interp(SHARES * peak, one.band.velocity, values) for values in (one.band.force, one.band.half_width)]
-        for one in halves
-    )
-    return 100.0 * float(np.mean(np.abs(force - other) <= np.hypot(wide, other_wide)))
-
-
 def report(rows: Sequence[Row]) -> str:
-    """Return the tables as Markdown: errors for each verdict, good fits that are green, coverage of the bands."""
+    """Return the tables as Markdown: errors for each verdict, good fits that are green."""
     judged = [row for row in rows if "error" in row]
     heads = ("verdict", "left-out records", "fits", "worst", "95 %", "90 %", "median", "above 5 %", "above 10 %")
     lines = []
@@ -127,12 +93,8 @@ def report(rows: Sequence[Row]) -> str:
             lines += [[grade.value, where, *_spread(here)]] if here else []
     good = _good_fits(judged)
     green = sum(grade == ORDER[-1] for grade in good.values())
-    covered = [row["covered"] for row in judged if row.get("covered") is not None]
     text = markdown(heads, lines)
     text += f"\n\nFits with at most 5 % on all records within their range: {len(good)}, of which green: {green}."
-    if covered:
-        share = f"{np.mean(covered):.0f} % of the speeds, at worst {min(covered):.0f} %"
-        text += f" Bands of {len(covered)} pairs of green halves agree at {share}."
     refused = sum("refused" in row for row in rows)
     return text + (f" Refused: {refused}." if refused else "")
 
@@ -156,26 +118,27 @@ def _good_fits(judged: Sequence[Row]) -> Mapping[str, str]:
 def main() -> None:
     """Run the benchmark and print its tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("set", choices=(*SETS, "measured"), help="set of dampers")
+    parser.add_argument("set", choices=(*SETS, "measured", "laws"), help="set of dampers")
     parser.add_argument("--rows", type=Path, required=True, help="file of the rows (JSON lines), which is continued")
     parser.add_argument("--count", type=int, default=40, help="number of virtual dampers")
-    parser.add_argument("--records", type=Path, help="folder of measured records, for the set `measured`")
+    parser.add_argument("--records", type=Path, help="folder of measured records, for the sets `measured` and `laws`")
     options = parser.parse_args()
     kept = options.rows.read_text(encoding="utf-8").splitlines() if options.rows.exists() else []
     rows: list[Row] = [json.loads(line) for line in kept]
     known = {row["case"] for row in rows}
-    if options.set == "measured":
-        cases = measured(options.records)
-    else:
+    if options.set in SETS:
         begun = {name.split(":")[0] for name in known}
         cases = (case(*SETS[options.set], place) for place in range(options.count) if str(place) not in begun)
+    else:
+        cases = laws.splits(options.records) if options.set == "laws" else measured(options.records)
+    compute, tabulate = (laws.rows_of, laws.report) if options.set == "laws" else (rows_of, report)
     for found in (one for one in cases if one.name not in known):
-        new = list(rows_of(found))
+        new = list(compute(found))
         rows += new
         with options.rows.open("a", encoding="utf-8") as file:
             file.writelines(json.dumps(row) + "\n" for row in new)
-        print(found.name, new[0].get("grade", "refused"), file=sys.stderr, flush=True)
-    print(report(rows))
+        print(new[0], file=sys.stderr, flush=True)
+    print(tabulate(rows))
 
 
 if __name__ == "__main__":

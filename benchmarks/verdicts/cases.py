@@ -11,7 +11,9 @@ from scipy.signal import lfilter
 
 from benchmarks.verdicts.dampers import RATE, Damper, Kind, Random, between
 from eightpost.array_types import Array
+from eightpost.ident import evaluate
 from eightpost.rig import DynoTest, read_dyno_test
+from eightpost.shock import Shock
 from eightpost.signals import TimeSeries
 from eightpost.signals.filters import velocity_from_displacement
 
@@ -195,3 +197,9 @@ def part(run: DynoTest, start: float, stop: float) -> DynoTest:
 def whole(run: DynoTest) -> tuple[float, float]:
     """Return start and end [s] of a run; its resampling may shorten it by a sample."""
     return 0.0, run.series.duration - 2.0 / run.series.sample_rate
+
+
+def percent(shock: Shock, record: DynoTest, *, about_mean: bool) -> float:
+    """Return the error of a shock on a record, or its standard deviation, over that of the force [%]."""
+    judged = evaluate(shock, record, segment=whole(record))
+    return 100.0 * (float(judged.error.std()) if about_mean else judged.rms) / judged.deviation

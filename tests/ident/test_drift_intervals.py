@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from eightpost.ident import fit_shock
 from eightpost.ident.shock.runs import prepare_runs
-from eightpost.shock import Lpf1
+from eightpost.ident.shock.settings import fit_settings
+from eightpost.ident.shock.settings_table import SettingsTable
+from eightpost.shock import Axis, Lpf1
 from tests.ident.dyno_records import curve_of, record_of
 
 
@@ -79,3 +82,21 @@ def test_the_temperature_of_several_runs_is_about_their_common_mean():
     ends = np.cumsum([f.rows.size for f in runs.filters])
     first, second = np.split(runs.covariate, ends[:1])
     assert second.mean() - first.mean() == pytest.approx(3.0, abs=0.3)
+
+
+def at(kelvin, seed):
+    test = record_of(law(), seed)
+    heat = np.full(len(test.series), kelvin)
+    return replace(test, series=test.series.with_channel("temperature", "K", heat))
+
+
+def test_runs_of_constant_but_different_temperatures_determine_the_preload():
+    assert 1.0 < fit_shock([at(302.35, 3), at(320.0, 4)], "polylinear").parameter("gas_preload").error < 50.0
+
+
+def test_settings_of_different_temperatures_determine_their_preloads():
+    axis = Axis("temperature", (302.35, 320.0), 320.0, unit="K")
+    files = (Path("cold.csv"), Path("warm.csv"))
+    tests = ((at(302.35, 3),), (at(320.0, 4),))
+    table = SettingsTable("shock", "polylinear", "estimate", (axis,), ((302.35,), (320.0,)), tests, files)
+    assert all(1.0 < fit.parameter("gas_preload").error < 50.0 for fit in fit_settings(table).fits)

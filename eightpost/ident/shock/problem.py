@@ -117,15 +117,18 @@ def _drift(directions: Directions, residual: Array, runs: Runs) -> Array:
     """Return the changes of the parameters (n,) from the middle of the covariate, temperature or time, to its ends.
 
     The residual is regressed on three forces that grow with the covariate: shares of the force in compression and of
-    that in rebound, and a constant one. The parameters change as the fit would if the measured force changed so.
+    that in rebound, and a constant one. The parameters change as the fit would if the measured force changed so. The
+    constant force grows within each run only: between runs, their offsets follow it.
     """
-    root, covariate = np.sqrt(runs.weights), runs.covariate
+    root = np.sqrt(runs.weights)
+    within = [c - c.mean() for c in np.split(runs.covariate, np.cumsum([f.rows.size for f in runs.filters])[:-1])]
+    covariates = np.column_stack([runs.covariate, runs.covariate, np.concatenate(within)])
     patterns = _slow_patterns(runs) * root[:, None]
     rows = directions.left[: residual.size]
-    growing = covariate[:, None] * patterns
+    growing = covariates * patterns
     seen = growing - rows @ (rows.T @ growing)  # the fit follows what the parameters can
     gains = linear_solution(seen, -residual, weakest=1e-7)
-    change = _STATES * float(np.ptp(covariate)) * (patterns @ gains)
+    change = patterns @ (_STATES * np.ptp(covariates, axis=0) * gains)
     return directions.parameters(rows.T @ change)
 
 
@@ -228,10 +231,10 @@ class FitModel:
 
     @cached_property
     def runs(self) -> Runs:
-        """All runs, in the order of the settings."""
+        """All runs, in the order of the settings, which differ in temperature: several have none in common."""
         if len(self.models) == 1:
             return self.first.runs
-        runs = Runs.of([p for model in self.models for p in model.runs.prepared])
+        runs = Runs.of([replace(p, temperature=None) for model in self.models for p in model.runs.prepared])
         return runs.weighted(np.concatenate([model.runs.weights for model in self.models]))
 
     def rows(self, x: Array) -> Array:
