@@ -15,11 +15,11 @@ from xml.etree import ElementTree
 
 from markupsafe import Markup
 
-from cosim.coupling import Scenario
 from cosim.report.drawing import arrows, graph, groups
 from cosim.session.result import Result
 from cosim.session.verdict import LARGEST_RESIDUAL
-from cosim.system import System
+from cosim.systems.coupling import Scenario
+from cosim.systems.system import System
 from eightpost import __version__
 from eightpost.archive import open_archive
 from eightpost.errors import FmuError

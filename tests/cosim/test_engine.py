@@ -34,8 +34,8 @@ from cosim import (
     run,
 )
 from cosim.components.fmu_component import _FmuInstance
-from cosim.coupling import VALUES
 from cosim.engine import march
+from cosim.systems.coupling import VALUES
 from eightpost.errors import StepError
 from eightpost.signals import Drivefile
 
