@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.components.component import Conversion, FunctionTable, free_states, to_si
-from cosim.components.fmu_log import OpenedFmu
+from cosim.components.watch import OpenedFmu
 from cosim.engine.march import Tape
 from cosim.engine.plan import (
     ITERATIONS,
