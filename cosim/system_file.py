@@ -12,10 +12,10 @@ from pydantic import BaseModel, ConfigDict, Field
 from cosim.components.component import Component
 from cosim.components.fmu_component import FmuComponent
 from cosim.components.isolated import IsolatedComponent
-from cosim.coupling import SCHEMES, Algorithm, Automatic, Scenario
 from cosim.session.run import PERCENT, Case
 from cosim.ssp import SUFFIXES, Given, read_ssp
-from cosim.system import Bond, Connection, System, own_unit
+from cosim.systems.coupling import SCHEMES, Algorithm, Automatic, Scenario
+from cosim.systems.system import Bond, Connection, System, own_unit
 from eightpost import units
 from eightpost.errors import FmuError, InputError, UnknownUnitError, WiringError
 from eightpost.files import read_text

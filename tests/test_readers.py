@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from eightpost import confined
+from eightpost.confined import readers
 
 
 def waveform(**facts):
@@ -30,13 +30,13 @@ MIDNIGHT = np.datetime64("2020-01-01T00:00:00")  # 18262 days after 1970
     ],
 )
 def test_the_time_of_a_waveform_is_in_seconds(facts, axis):
-    assert confined._time_axis(waveform(**facts)) == pytest.approx(axis, rel=1e-12)
+    assert readers._time_axis(waveform(**facts)) == pytest.approx(axis, rel=1e-12)
 
 
 def test_a_group_has_the_time_of_its_first_waveform_and_a_time_of_day_becomes_zero():
-    assert confined._common_axis({"a": (0.0, 0.0), "b": (0.1, 2.0), "c": (0.2, 3.0)}) == (0.1, 2.0)
-    assert confined._common_axis({"a": (0.1, 1.6e9)}) == (0.1, 0.0)
-    assert confined._common_axis({"a": (0.0, 5.0)}) == confined._common_axis({}) == (0.0, 0.0)
+    assert readers._common_axis({"a": (0.0, 0.0), "b": (0.1, 2.0), "c": (0.2, 3.0)}) == (0.1, 2.0)
+    assert readers._common_axis({"a": (0.1, 1.6e9)}) == (0.1, 0.0)
+    assert readers._common_axis({"a": (0.0, 5.0)}) == readers._common_axis({}) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -52,13 +52,13 @@ def test_a_group_has_the_time_of_its_first_waveform_and_a_time_of_day_becomes_ze
     ],
 )
 def test_channels_that_were_sampled_at_other_times_are_named(axis, words):
-    found = dict(confined._with_other_times({"first": (0.1, 2.0), "other": axis}))
+    found = dict(readers._with_other_times({"first": (0.1, 2.0), "other": axis}))
     assert found.get("other", "").partition(";")[0] == words
     assert "first" not in found
 
 
 def test_starts_with_a_time_of_day_are_stated_relative_to_the_first():
-    ((name, words),) = confined._with_other_times({"first": (0.1, 1.6e9), "other": (0.1, 1.6e9 + 7.5)})
+    ((name, words),) = readers._with_other_times({"first": (0.1, 1.6e9), "other": (0.1, 1.6e9 + 7.5)})
     assert (name, words.partition(";")[0]) == (
         "other",
         "it has steps of 100 ms from 7.5 s on, others 100 ms from 0 s on",
@@ -66,13 +66,13 @@ def test_starts_with_a_time_of_day_are_stated_relative_to_the_first():
 
 
 def test_without_a_waveform_no_channel_differs():
-    assert not list(confined._with_other_times({"first": (0.0, 0.0), "other": (0.0, 9.0)}))
+    assert not list(readers._with_other_times({"first": (0.0, 0.0), "other": (0.0, 9.0)}))
 
 
 def test_times_of_day_become_seconds_from_the_first_sample():
     times = MIDNIGHT + np.array([0, 1500, 3000]).astype("timedelta64[ms]")
-    assert confined._numbers(times.astype("datetime64[ns]")) == pytest.approx([0.0, 1.5, 3.0])
-    assert confined._numbers(np.array([1, 2], dtype=np.int16)).dtype == np.float64
+    assert readers._numbers(times.astype("datetime64[ns]")) == pytest.approx([0.0, 1.5, 3.0])
+    assert readers._numbers(np.array([1, 2], dtype=np.int16)).dtype == np.float64
 
 
 @pytest.mark.parametrize(
@@ -81,7 +81,7 @@ def test_times_of_day_become_seconds_from_the_first_sample():
 )
 def test_the_unit_of_a_channel_is_that_of_its_properties(properties, kind, unit):
     channel = SimpleNamespace(properties=properties, dtype=SimpleNamespace(kind=kind))
-    assert confined._unit_of(channel) == unit
+    assert readers._unit_of(channel) == unit
 
 
 def test_texts_and_arrays_of_a_measured_file_are_skipped(monkeypatch):
@@ -100,8 +100,8 @@ def test_texts_and_arrays_of_a_measured_file_are_skipped(monkeypatch):
             File.closed = True
 
     library = SimpleNamespace(MDF=lambda _path: File())
-    monkeypatch.setattr(confined, "importlib", SimpleNamespace(import_module=lambda _: library))
-    (found,), comment = confined.load_mdf("run.mf4")
+    monkeypatch.setattr(readers, "importlib", SimpleNamespace(import_module=lambda _: library))
+    (found,), comment = readers.load_mdf("run.mf4")
     assert (found.name, found.unit, found.samples.tolist(), found.times.tolist()) == (
         "force",
         "N",
@@ -127,7 +127,7 @@ def test_values_of_hdf5_become_those_of_matlab(tmp_path):
             group[f"v{k}"] = np.array([[float(k)]])
         references = np.array([[group["v0"].ref, group["v1"].ref]], dtype=h5py.ref_dtype)
         file.create_group("runs").create_dataset("speed", data=references, dtype=h5py.ref_dtype)
-    found = confined._load_hdf5(path)
+    found = readers._load_hdf5(path)
     assert set(found) == {"matrix", "number", "name", "struct", "runs"}
     assert found["matrix"].tolist() == [[1.0, 3.0], [2.0, 4.0]]
     assert (found["number"], found["name"]) == (7.0, "hi")

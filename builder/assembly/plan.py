@@ -235,7 +235,10 @@ def _part(name: str, file: Path, members: Mapping[str, bytes]) -> Part:
         raise _CannotBeError(f"is of the kind {interface.kind!r}, which cannot be a part; {_NOT_ASSEMBLED}")
     _refuse_closed(root, members)
     header = members["sources/interface.h"].decode()
-    states = int(_found(r"\bSTATES = (\d+)", header))
+    found = re.search(r"\bSTATES = (\d+)", header)
+    if found is None:
+        raise _CannotBeError(f"was built by another version than eightpost {__version__}; build it again")
+    states = int(found[1])
     _refuse_other_version(root, interface, members, states)
     return Part(
         name=name,
@@ -291,13 +294,6 @@ def _other_version(root: ET.Element) -> str:
         f"contains a different model than eightpost {__version__} builds (it was built by "
         f"{root.get('generationTool')}); build it again"
     )
-
-
-def _found(pattern: str, text: str) -> str:
-    match = re.search(pattern, text)
-    if match is None:
-        raise _CannotBeError(f"was built by another version than eightpost {__version__}; build it again")
-    return match[1]
 
 
 # ---- The plan of an assembly ----------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from fmpy.fmi1 import FMICallException
 
 from cosim.components.component import FUNCTIONS, address_of
 from cosim.components.fmu_description import Row, Rows
-from cosim.components.fmu_log import FmuLog
+from cosim.components.watch import FmuLog
 from cosim.engine import blocks
 from cosim.engine import fmi3_calls as calls
 from cosim.engine.blocks import INTEGERS, REALS, Block

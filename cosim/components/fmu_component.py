@@ -18,8 +18,7 @@ from cosim.components.component import FunctionTable, address_of
 from cosim.components.fmu_calls import FMU2Elements, FMU3Elements
 from cosim.components.fmu_description import internal_step
 from cosim.components.fmu_file import FmuFile, SharedFmu
-from cosim.components.fmu_log import ADVICE, FmuLog, OpenedFmu, returned
-from cosim.components.watch import Surroundings, calling
+from cosim.components.watch import ADVICE, FmuLog, OpenedFmu, Surroundings, calling, returned
 from cosim.engine import blocks
 from eightpost.errors import EightpostError, StepError, TerminatedError
 from eightpost.fmi import DISCARD, ERROR, FATAL, PENDING

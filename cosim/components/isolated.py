@@ -21,7 +21,7 @@ from typing import Any
 from cosim.components.component import Callbacks, FunctionTable
 from cosim.components.fmu_component import FmuComponent, State
 from cosim.components.fmu_file import FmuFile
-from cosim.components.fmu_log import ComponentLog, OpenedFmu
+from cosim.components.watch import ComponentLog, OpenedFmu
 from eightpost.errors import EightpostError, FmuError, InputError, StepError, TerminatedError
 from eightpost.workers.process import Child, EndedError, ParentChannel, leave
 from eightpost.workers.supervision import TIME_LIMIT

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from xml.etree import ElementTree
 
 from cosim.components.component import named_unit
-from cosim.coupling import Scenario, targets_of
 from cosim.session.setup import connected
-from cosim.system import Connection, System
+from cosim.systems.coupling import Scenario, targets_of
+from cosim.systems.system import Connection, System
 from eightpost.errors import UnknownUnitError
 
 # ---- Connections of a system for a drawing --------------------------------------------------------------------------

@@ -15,11 +15,11 @@ from xml.etree import ElementTree
 
 from markupsafe import Markup
 
-from cosim.coupling import Scenario
 from cosim.report.drawing import arrows, graph, groups
 from cosim.session.result import Result
 from cosim.session.verdict import LARGEST_RESIDUAL
-from cosim.system import System
+from cosim.systems.coupling import Scenario
+from cosim.systems.system import System
 from eightpost import __version__
 from eightpost.archive import open_archive
 from eightpost.errors import FmuError
@@ -337,30 +337,13 @@ def _packed(result: Result, shown: Traces, densities: Spectra | None) -> tuple[d
 # ==== Picture of a run ===============================================================================================
 
 
-def plot_traces(
-    runs: Mapping[str, TimeSeries],
-    channels: Sequence[str],
-    path: str | Path,
-    *,
-    start: float,
-    stop: float,
-    title: str = "Time traces",
-) -> None:
-    """Plot channels over time between `start` and `stop` [s], one panel each, one line per run."""
-    from eightpost.report import pictures  # noqa: PLC0415 -- matplotlib takes long to load
-
-    pictures.save(pictures.traces(runs, channels, start=start, stop=stop, title=title), path)
-
-
 def plot_spectra(
     runs: Mapping[str, TimeSeries],
     channels: Sequence[str],
     path: str | Path,
-    *,
-    highest: float = 30.0,
-    title: str = "Power spectral densities",
+    title: str,
 ) -> None:
-    """Plot power spectral densities (Welch, Hann, 4 s blocks) up to `highest` [Hz], one panel per channel."""
+    """Plot power spectral densities (Welch, Hann, 4 s blocks) up to 30 Hz, one panel per channel."""
     from eightpost.report import pictures  # noqa: PLC0415 -- matplotlib takes long to load
 
     figure = pictures.new_figure(11, 2.4 * ((len(channels) + 1) // 2) + 0.8)
@@ -370,7 +353,7 @@ def plot_spectra(
             values = pictures.displayed(series, channel)
             block = min(values.size, int(4.0 * series.sample_rate))
             frequency, density = welch(values, series.sample_rate, block)
-            within = (frequency > 0.0) & (frequency <= highest)
+            within = (frequency > 0.0) & (frequency <= 30.0)
             panel.semilogy(frequency[within], density[within], lw=1.2, color=color, label=label)
         unit = pictures.display_unit(next(iter(runs.values())), channel)
         panel.set_title(channel, fontsize=9)

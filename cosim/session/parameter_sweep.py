@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from cosim.coupling import Algorithm, Automatic, Scenario
 from cosim.session.result import Result
 from cosim.session.run import run
-from cosim.system import System
+from cosim.systems.coupling import Algorithm, Automatic, Scenario
+from cosim.systems.system import System
 from eightpost.array_types import Array
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import InputError

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.components.component import Conversion, FunctionTable, free_states, to_si
-from cosim.components.fmu_log import OpenedFmu
-from cosim.coupling import Coupling, Feed
+from cosim.components.watch import OpenedFmu
 from cosim.engine.march import Tape
 from cosim.engine.plan import (
     ITERATIONS,
@@ -42,7 +41,8 @@ from cosim.engine.plan import (
 from cosim.session.result import Result, judged_by
 from cosim.session.setup import Layout, RunSetup
 from cosim.session.verdict import BondEnergy, Coupled, models_of
-from cosim.system import System
+from cosim.systems.coupling import Coupling, Feed
+from cosim.systems.system import System
 from eightpost.errors import StepError
 from eightpost.signals import TimeSeries
 

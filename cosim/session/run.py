@@ -9,13 +9,22 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.coupling import SCHEMES, Adaptive, Algorithm, Automatic, GaussSeidel, Implicit, Scenario, default_scheme
 from cosim.engine.march import ENGINES
 from cosim.session.result import Comparison, Result, compare, difference, stated_error
 from cosim.session.session import RunInterrupted, Session
 from cosim.session.setup import recorded_names
 from cosim.session.verdict import LARGEST_ERROR
-from cosim.system import DEFAULT_STEP, System
+from cosim.systems.coupling import (
+    SCHEMES,
+    Adaptive,
+    Algorithm,
+    Automatic,
+    GaussSeidel,
+    Implicit,
+    Scenario,
+    default_scheme,
+)
+from cosim.systems.system import DEFAULT_STEP, System
 from eightpost.display import Summarized, Summary
 from eightpost.errors import DivergedError, InputError, StepError, WiringError, check_number
 from eightpost.progress import Progress, continued

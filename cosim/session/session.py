@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from cosim.components.component import Callbacks, Native, function_table, to_si
 from cosim.components.fmu_component import FmuComponent
 from cosim.components.watch import Surroundings, calling_loop, loop_words, watching
-from cosim.coupling import Adaptive, Algorithm, Coupling, Scenario
 from cosim.engine import plan as reasons
 from cosim.engine.march import Bind, Control, Grid, Knots, loop, record
 from cosim.engine.march import Progress as Reached
@@ -36,7 +35,8 @@ from cosim.session.setup import (
     step_sizes,
     summed_steps,
 )
-from cosim.system import System
+from cosim.systems.coupling import Adaptive, Algorithm, Coupling, Scenario
+from cosim.systems.system import System
 from eightpost.errors import DivergedError, StepError, TerminatedError, WiringError
 from eightpost.fmi import DISCARD
 from eightpost.progress import Progress

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.components.component import DISCRETE, Component, convert_between
-from cosim.coupling import HELD_INPUTS, Accuracy, Adaptive, Algorithm, Coupling, Scenario, targets_of
 from cosim.engine.plan import Mode
-from cosim.system import System
+from cosim.systems.coupling import HELD_INPUTS, Accuracy, Adaptive, Algorithm, Coupling, Scenario, targets_of
+from cosim.systems.system import System
 from eightpost.array_types import Integers
 from eightpost.errors import InputError, WiringError
 from eightpost.signals import Drivefile

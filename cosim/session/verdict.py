@@ -10,7 +10,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from cosim.system import System
+from cosim.systems.system import System
 from eightpost.signals import TimeSeries
 from eightpost.validity import Range, Validity
 from eightpost.verdict import Reason, Rules, Verdict

@@ -9,7 +9,7 @@ from math import isclose
 
 from cosim.components.component import DISCRETE, Conversion, UnitDefinition, Variable, convert_between
 from cosim.ssp.package import Connector, FmuElement, Link, SystemElement
-from cosim.system import Bond, Connection
+from cosim.systems.system import Bond, Connection
 from eightpost.errors import InputError, WiringError
 
 # ---- Nested systems as one flat network of ports, with the conversions of its links ---------------------------------

@@ -10,13 +10,13 @@ from weakref import WeakKeyDictionary
 
 from cosim.components.component import DISCRETE, Component, Conversion, Variable, convert_between, named_unit, to_si
 from cosim.components.fmu_component import FmuComponent
-from cosim.coupling import Scenario
 from cosim.session.run import Case
 from cosim.ssp import flatten
 from cosim.ssp.description import read_structure
 from cosim.ssp.flatten import Hop, Network, Port, SystemPath, compose
 from cosim.ssp.package import Assignment, Experiment, FmuElement, Structure, Unpacked, Value, named, open_package
-from cosim.system import System, can_be_set
+from cosim.systems.coupling import Scenario
+from cosim.systems.system import System, can_be_set
 from eightpost import units
 from eightpost.array_types import Array
 from eightpost.errors import InputError, UnknownUnitError, WiringError

@@ -5,17 +5,6 @@ from cosim.study.measures import STATISTICS, Measure, Response
 from cosim.study.table import Provenance, StudyResult
 
 __all__ = [
-    "STATISTICS",
-    "Build",
-    "Constraint",
-    "Drive",
-    "Measure",
-    "Provenance",
-    "Response",
-    "Setup",
-    "SetupSpace",
-    "Study",
-    "StudyResult",
-    "Term",
-    "Vehicle",
-]
+    "STATISTICS", "Build", "Constraint", "Drive", "Measure", "Provenance", "Response", "Setup", "SetupSpace",
+    "Study", "StudyResult", "Term", "Vehicle",
+]  # fmt: skip

@@ -16,7 +16,7 @@ from pydantic import ConfigDict, TypeAdapter
 
 from cosim.components.component import Component
 from cosim.study.measures import Measure
-from cosim.system import Bond
+from cosim.systems.system import Bond
 from eightpost.array_types import Integers
 from eightpost.errors import InputError
 from eightpost.signals import ChannelMap, Drivefile, MappedChannel

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.components.fmu_component import FmuComponent
-from cosim.coupling import Coupling, Scenario
 from cosim.force_law import ExtrapolatedForce, ForceLaw, ForceLoop, HeldForce
 from cosim.session.run import Case
 from cosim.study.running.machine import WiredCar, read_vehicle, shock_of
+from cosim.systems.coupling import Coupling, Scenario
 from eightpost.array_types import Array
 from eightpost.errors import InputError, StepError
 from eightpost.machine import NotInBatchError

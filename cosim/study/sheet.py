@@ -14,7 +14,6 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from cosim.components.fmu_component import FmuComponent
-from cosim.coupling import Scenario
 from cosim.report.page import Origin
 from cosim.session.run import run
 from cosim.session.verdict import LARGEST_ERROR, NOTABLE_POWER
@@ -25,7 +24,8 @@ from cosim.study.choice.sensitivity import Sensitivity
 from cosim.study.definition import Build, Parameters, Study
 from cosim.study.measures import Measure
 from cosim.study.table import StudyResult
-from cosim.system import System
+from cosim.systems.coupling import Scenario
+from cosim.systems.system import System
 from eightpost.array_types import Array, Flags, Integers
 from eightpost.errors import EightpostError, FileFormatError, InputError
 from eightpost.files import MALFORMED, atomic_path, json_content

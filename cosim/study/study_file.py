@@ -25,7 +25,7 @@ from cosim.study.definition import (
     ports,
 )
 from cosim.study.measures import Car, Measure, family
-from cosim.system import System
+from cosim.systems.system import System
 from eightpost import units
 from eightpost.display import some
 from eightpost.errors import FileFormatError, InputError, WiringError

@@ -175,10 +175,10 @@ def _case(
     tolerance: float | None,
 ) -> Case:
     """Return the system to run with its scenario and coupling."""
-    from cosim.coupling import SCHEMES, Scenario
     from cosim.session.run import Case
-    from cosim.system import System
     from cosim.system_file import read_case
+    from cosim.systems.coupling import SCHEMES, Scenario
+    from cosim.systems.system import System
 
     check_number("step", step, "s")
     check_number("tolerance", tolerance, "%")

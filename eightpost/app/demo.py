@@ -120,8 +120,9 @@ def _couple_and_swap(console: Console, examples: Path, output: Path) -> dict[str
 
 
 def _measure(console: Console, results: dict[str, cosim.Result], output: Path) -> None:
-    from cosim.report.page import plot_spectra, plot_traces
+    from cosim.report.page import plot_spectra
     from cosim.study.choice.compare import compare_runs, plot_measures
+    from eightpost.report import pictures
 
     console.rule("4. Response measures")
     compared = compare_runs(results)
@@ -131,8 +132,9 @@ def _measure(console: Console, results: dict[str, cosim.Result], output: Path) -
     for name in largest[:_LISTED]:
         console.print(f"  {changes[name]:+.2f} %  {name}", highlight=False)
     series = compared.runs
-    plot_traces(series, _TRACES, output / "traces.png", start=10.0, stop=14.0, title=f"Time traces {_SYNTHETIC}")
-    plot_spectra(series, _SPECTRA, output / "spectra.png", title=f"Power spectral densities {_SYNTHETIC}")
+    traces = pictures.traces(series, _TRACES, start=10.0, stop=14.0, title=f"Time traces {_SYNTHETIC}")
+    pictures.save(traces, output / "traces.png")
+    plot_spectra(series, _SPECTRA, output / "spectra.png", f"Power spectral densities {_SYNTHETIC}")
     plot_measures(series, compared.measures, output / "measures.png", title=f"Response measures {_SYNTHETIC}")
 
 

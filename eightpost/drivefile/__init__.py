@@ -15,18 +15,6 @@ from eightpost.drivefile.iteration import (
 from eightpost.drivefile.target import Limits, Target, read_channels, target_names
 
 __all__ = [
-    "ActuatorBands",
-    "IterationFolder",
-    "Limits",
-    "Outcome",
-    "Pass",
-    "Problem",
-    "Settings",
-    "StartResponse",
-    "Status",
-    "Target",
-    "advance",
-    "read_channels",
-    "start_response",
-    "target_names",
-]
+    "ActuatorBands", "IterationFolder", "Limits", "Outcome", "Pass", "Problem", "Settings", "StartResponse",
+    "Status", "Target", "advance", "read_channels", "start_response", "target_names",
+]  # fmt: skip

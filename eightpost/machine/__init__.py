@@ -8,19 +8,6 @@ from eightpost.machine.car import LAWS, Drive, LinearCar, NotInBatchError, Port,
 from eightpost.machine.run import SIGNALS, Batch, BatchResult, Limit, Quantity, Run, joined
 
 __all__ = [
-    "LAWS",
-    "SIGNALS",
-    "Batch",
-    "BatchResult",
-    "Drive",
-    "Limit",
-    "LinearCar",
-    "NotInBatchError",
-    "Port",
-    "Quantity",
-    "Run",
-    "ShockData",
-    "UnstableCarError",
-    "Vehicle",
-    "joined",
-]
+    "LAWS", "SIGNALS", "Batch", "BatchResult", "Drive", "Limit", "LinearCar", "NotInBatchError", "Port", "Quantity",
+    "Run", "ShockData", "UnstableCarError", "Vehicle", "joined",
+]  # fmt: skip

@@ -15,20 +15,7 @@ from eightpost.rig.peak_velocity import PeakVelocityTable, read_peak_velocity
 from eightpost.rig.rig_test import MismatchedRateError, RigConditions, RigTest, SwappedCornersError, read_rig_test
 
 __all__ = [
-    "DynoConditions",
-    "DynoTest",
-    "Geometry",
-    "MismatchedRateError",
-    "PeakVelocityTable",
-    "RigConditions",
-    "RigTest",
-    "SwappedCornersError",
-    "TemperatureEffect",
-    "dyno_test_of",
-    "read_dyno_test",
-    "read_dyno_tests",
-    "read_peak_velocity",
-    "read_rig_test",
-    "split_runs",
-    "temperature_effect",
-]
+    "DynoConditions", "DynoTest", "Geometry", "MismatchedRateError", "PeakVelocityTable", "RigConditions",
+    "RigTest", "SwappedCornersError", "TemperatureEffect", "dyno_test_of", "read_dyno_test", "read_dyno_tests",
+    "read_peak_velocity", "read_rig_test", "split_runs", "temperature_effect",
+]  # fmt: skip

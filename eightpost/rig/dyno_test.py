@@ -406,10 +406,10 @@ class _Half:
         return bool(abs(self.stroke - stroke) <= ALIKE * stroke and abs(self.duration - duration) <= ALIKE * duration)
 
 
-def split_runs(test: DynoTest, *, pause: float = PAUSE) -> tuple[DynoTest, ...]:
+def split_runs(test: DynoTest) -> tuple[DynoTest, ...]:
     """Split a record into its runs.
 
-    1. A *pause* is a time of at least `pause` seconds in which the shock moves by less than 1 % of the record's stroke.
+    1. A *pause* is a time of at least half a second in which the shock moves by less than 1 % of the record's stroke.
        It must last at least half as long as the adjacent half cycle, because a slow sine is nearly at rest at its ends.
        The record is split at pauses, and pauses are left out.
     2. A section between pauses is divided into half cycles at its turning points. Three or more consecutive cycles
@@ -420,15 +420,11 @@ def split_runs(test: DynoTest, *, pause: float = PAUSE) -> tuple[DynoTest, ...]:
 
     If displacement is unknown, the integral of velocity is used instead. The times are not shifted.
 
-    Args:
-        test: Record to split.
-        pause: Minimum duration of a pause [s].
-
     Returns:
         Runs in their order, or only the test itself if there is nothing to split.
     """
     path = path_of(test.series)
-    stretches = _stretches(test, path, pause)
+    stretches = _stretches(test, path)
     pieces = [piece for stretch in stretches for piece in _blocks(test, path, *stretch)]
     time = test.series.time
     kept = [(start, stop) for start, stop in pieces
@@ -443,9 +439,9 @@ def split_runs(test: DynoTest, *, pause: float = PAUSE) -> tuple[DynoTest, ...]:
     return tuple(runs) or (test,)
 
 
-def _stretches(test: DynoTest, path: Array, pause: float) -> list[tuple[int, int]]:
+def _stretches(test: DynoTest, path: Array) -> list[tuple[int, int]]:
     """Return the first sample and the sample after the last of each section between pauses."""
-    width = max(3, round(pause * test.series.sample_rate))
+    width = max(3, round(PAUSE * test.series.sample_rate))
     if width >= path.size:
         return [(0, path.size)]
     moved = maximum_filter1d(path, width) - minimum_filter1d(path, width)

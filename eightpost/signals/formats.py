@@ -39,7 +39,7 @@ from eightpost.units import note_file
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from eightpost.confined import Sheet, Signal, Table
+    from eightpost.confined.readers import Sheet, Signal, Table
     from eightpost.signals.raw_record import ChannelMap
     from eightpost.signals.timeseries import TimeSeries
 
@@ -63,7 +63,7 @@ def _read_spreadsheet(path: Path) -> tuple[RawRecord, ...]:
     """
     if not is_installed("python_calamine"):
         raise FileFormatError(requirement("reading spreadsheets", "python_calamine", "files"), path=path)
-    sheets: list[Sheet] = read_confined("eightpost.confined:load_spreadsheet", path, kind="a spreadsheet")
+    sheets: list[Sheet] = read_confined("eightpost.confined.readers:load_spreadsheet", path, kind="a spreadsheet")
     hidden = [sheet for sheet in sheets if sheet.is_hidden]
     records, faults = _tables([sheet for sheet in sheets if not sheet.is_hidden], path)
     if records:
@@ -151,7 +151,7 @@ def _read_tdms(path: Path) -> tuple[RawRecord, ...]:
     """
     if not is_installed("nptdms"):
         raise FileFormatError(requirement("reading TDMS files", "nptdms", "files"), path=path)
-    tables: list[Table] = read_confined("eightpost.confined:load_tdms", path, kind="a TDMS file")
+    tables: list[Table] = read_confined("eightpost.confined.readers:load_tdms", path, kind="a TDMS file")
     tables = [table for table in tables if table.columns]
     if not tables:
         raise FileFormatError("it contains no channel of numbers", path=path)
@@ -197,7 +197,7 @@ def _read_mdf(path: Path) -> tuple[RawRecord, ...]:
     """
     if not is_installed("asammdf"):
         raise FileFormatError(requirement("reading MDF files", "asammdf", "mdf"), path=path)
-    found, comment = read_confined("eightpost.confined:load_mdf", path, kind="an MDF file that asammdf reads")
+    found, comment = read_confined("eightpost.confined.readers:load_mdf", path, kind="an MDF file that asammdf reads")
     signals: list[Signal] = [signal for signal in found if signal.name.lower() != "time"]
     if not signals:
         raise FileFormatError("it contains no numeric channel", path=path)

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from eightpost.confined import Signal, read_confined
+from eightpost.confined import read_confined
+from eightpost.confined.readers import Signal
 from eightpost.errors import FileFormatError
 from eightpost.extras import is_installed, requirement
 from eightpost.files import atomic_path, reading
@@ -115,7 +116,7 @@ def read_xrk(path: Path) -> tuple[RawRecord, ...]:
     """
     if not is_installed("libxrk"):
         raise FileFormatError(requirement("reading logs of AiM", "libxrk", "aim"), path=path)
-    signals, facts = read_confined("eightpost.confined:load_xrk", path, kind="a log of AiM that libxrk reads")
+    signals, facts = read_confined("eightpost.confined.readers:load_xrk", path, kind="a log of AiM that libxrk reads")
     return _tables(signals, path, tuple((fact,) for fact in facts), ())
 
 

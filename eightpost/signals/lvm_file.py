@@ -23,7 +23,7 @@ from eightpost.units import compatible, convert, is_unit
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from eightpost.confined import LvmSegment, Signal
+    from eightpost.confined.readers import LvmSegment, Signal
 
 
 # ==== Reading ========================================================================================================
@@ -62,7 +62,7 @@ def read_lvm(path: Path) -> tuple[RawRecord, ...]:
         raise FileFormatError(requirement("reading LabVIEW measurements (.lvm)", "lvm_read", "files"), path=path)
     clean, notes = _readable_lines(lines, path)
     kind = "a LabVIEW measurement (.lvm)"
-    tags, found = read_confined("eightpost.confined:load_lvm", path, clean, _separator_of(lines), kind=kind)
+    tags, found = read_confined("eightpost.confined.readers:load_lvm", path, clean, _separator_of(lines), kind=kind)
     segments = [_segment(one, tags.get("X_Columns", "One").strip(), path) for one in found]
     segments = [one for one in segments if one.signals]
     if not segments:
@@ -91,7 +91,7 @@ class _Segment:
 
 
 def _segment(found: LvmSegment, x_columns: str, path: Path) -> _Segment:
-    from eightpost.confined import Signal  # noqa: PLC0415 -- for .lvm files only
+    from eightpost.confined.readers import Signal  # noqa: PLC0415 -- for .lvm files only
 
     names = found.names[:-1] if found.names[-1:] == (_COMMENT,) else found.names
     columns = _columns(names, x_columns, path)

@@ -36,7 +36,7 @@ def read_mat(path: Path) -> tuple[RawRecord, ...]:
     Raises:
         FileFormatError: The file cannot be read (version 7.3 needs h5py), or contains no numeric vector.
     """
-    content: dict[str, Any] = read_confined("eightpost.confined:load_matlab", path, True, kind="a MATLAB file")
+    content: dict[str, Any] = read_confined("eightpost.confined.readers:load_matlab", path, True, kind="a MATLAB file")
     return tuple(_record(dict(run), path) for run in _runs_in(content))
 
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from eightpost.array_types import Array
-    from eightpost.confined import Signal
+    from eightpost.confined.readers import Signal
 
 
 # ==== Channel maps: assignment of columns to channels, with unit and sign ============================================

@@ -16,23 +16,7 @@ from eightpost.vehicle.vehicles import (
 )
 
 __all__ = [
-    "CORNERS",
-    "Bristle",
-    "Channel",
-    "Corners",
-    "Friction",
-    "IdentifiedVehicle",
-    "LinearStepper",
-    "Mode",
-    "QuarterCar",
-    "SevenDof",
-    "StateSpace",
-    "StructuralVehicle",
-    "Vehicle",
-    "add_port_damping",
-    "add_port_stiffness",
-    "discretise",
-    "read_vehicle",
-    "shipped",
-    "write_vehicle",
-]
+    "CORNERS", "Bristle", "Channel", "Corners", "Friction", "IdentifiedVehicle", "LinearStepper", "Mode",
+    "QuarterCar", "SevenDof", "StateSpace", "StructuralVehicle", "Vehicle", "add_port_damping",
+    "add_port_stiffness", "discretise", "read_vehicle", "shipped", "write_vehicle",
+]  # fmt: skip

@@ -48,9 +48,9 @@ def not_negative(unit: str, *, default: Any = MISSING) -> Any:
     return field(default=default, metadata={"unit": unit, "least": 0.0})
 
 
-def anywhere(unit: str, *, default: Any = MISSING) -> Any:
-    """Declare a parameter in `unit` that may have either sign."""
-    return field(default=default, metadata={"unit": unit})
+def _either_sign(default: float | None) -> Any:
+    """Declare a distance [m] that may have either sign."""
+    return field(default=default, metadata={"unit": "m"})
 
 
 def _check_ranges(parameters: Any) -> None:
@@ -104,13 +104,13 @@ class Outputs:
         """Add `y = rows q + D u`, with rows (k, n)."""
         self._add(names, unit, np.hstack([rows, np.zeros_like(rows)]), D)
 
-    def add_velocity(self, names: Sequence[str], unit: str, rows: Array) -> None:
-        """Add `y = rows q'`, which depends on the state alone."""
-        self._add(names, unit, np.hstack([np.zeros_like(rows), rows]), None)
+    def add_velocity(self, names: Sequence[str], rows: Array) -> None:
+        """Add `y = rows q'` [m/s], which depends on the state alone."""
+        self._add(names, "m/s", np.hstack([np.zeros_like(rows), rows]), None)
 
-    def add_acceleration(self, names: Sequence[str], unit: str, rows: Array) -> None:
-        """Add `y = rows q''`, from the lower half of the state equation, with its direct terms."""
-        self._add(names, unit, rows @ self._A[self._n :], rows @ self._B[self._n :])
+    def add_acceleration(self, names: Sequence[str], rows: Array) -> None:
+        """Add `y = rows q''` [m/s2], from the lower half of the state equation, with its direct terms."""
+        self._add(names, "m/s2", rows @ self._A[self._n :], rows @ self._B[self._n :])
 
     def model(self, inputs: Iterable[Channel], name: str) -> StateSpace:
         """Return the state space with all outputs added so far."""
@@ -160,13 +160,13 @@ class QuarterCar:
         chassis, wheel = np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])
         road = np.array([[1.0, 0.0, 0.0]])
         outputs = Outputs(A, B)
-        outputs.add_velocity(["velocity"], "m/s", wheel - chassis)
+        outputs.add_velocity(["velocity"], wheel - chassis)
         outputs.add_position(["displacement"], "m", wheel - chassis)
         outputs.add_position(["tire_force"], "N", -kt * wheel, kt * road)
         outputs.add_position(["spring_force"], "N", k * (wheel - chassis))
         outputs.add_position(["ride_height"], "m", chassis, -road)
-        outputs.add_acceleration(["hub_acceleration"], "m/s2", wheel)
-        outputs.add_acceleration(["chassis_acceleration"], "m/s2", chassis)
+        outputs.add_acceleration(["hub_acceleration"], wheel)
+        outputs.add_acceleration(["chassis_acceleration"], chassis)
         outputs.add_position(["wheel_position"], "m", wheel)
         outputs.add_position(["chassis_position"], "m", chassis)
         return outputs.model((Channel("road", "m"), Channel("aero_force", "N"), Channel("force", "N")), name)
@@ -214,13 +214,13 @@ class SevenDof:
     #: Roll moment per relative roll angle k_R^R [N.m/rad]; not in Table 5.1.
     rear_anti_roll_rate: float = not_negative("N.m/rad", default=0.0)
     #: Distance l_1 from the front axle to the nose, where the front ride height is defined [m].
-    front_overhang: float = anywhere("m", default=DEFAULT_OVERHANG)
+    front_overhang: float = _either_sign(DEFAULT_OVERHANG)
     #: Distance l_2 from the rear axle to the spoiler, where the rear ride height is defined [m].
-    rear_overhang: float = anywhere("m", default=DEFAULT_OVERHANG)
+    rear_overhang: float = _either_sign(DEFAULT_OVERHANG)
     #: Distance of the driver's accelerometer ahead of the centre of gravity [m], or None.
-    driver_ahead_of_cg: float | None = anywhere("m", default=None)
+    driver_ahead_of_cg: float | None = _either_sign(None)
     #: Distance of the driver's accelerometer left of the centreline [m], or None.
-    driver_left_of_centreline: float | None = anywhere("m", default=None)
+    driver_left_of_centreline: float | None = _either_sign(None)
 
     def __post_init__(self) -> None:
         _check_ranges(self)
@@ -281,12 +281,12 @@ class SevenDof:
         """Add the outputs; Eq 5.20 is missing in print, so they are derived from the coordinates."""
         chassis, wheels = np.hstack([self.corner_heights, np.zeros((4, 4))]), np.eye(7)[_WHEELS]
         tire, road = np.diag(self.tire_stiffness), np.eye(len(_INPUTS))[_ROAD]
-        outputs.add_velocity(_at_corners("velocity"), "m/s", strut)
+        outputs.add_velocity(_at_corners("velocity"), strut)
         outputs.add_position(_at_corners("displacement"), "m", strut)
         outputs.add_position(_at_corners("tire_force"), "N", -tire @ wheels, tire @ road)
         outputs.add_position(_at_corners("spring_force"), "N", np.diag(self.spring_rate) @ strut)
-        outputs.add_acceleration(_at_corners("hub_acceleration"), "m/s2", wheels)
-        outputs.add_acceleration(_at_corners("chassis_acceleration"), "m/s2", chassis)
+        outputs.add_acceleration(_at_corners("hub_acceleration"), wheels)
+        outputs.add_acceleration(_at_corners("chassis_acceleration"), chassis)
         self._add_ride_heights(outputs)
         outputs.add_position(["heave"], "m", np.eye(7)[0:1])
         outputs.add_position(["roll", "pitch"], "rad", np.eye(7)[1:3])
@@ -294,7 +294,7 @@ class SevenDof:
         outputs.add_position(_at_corners("chassis_position"), "m", chassis)
         if self.driver_ahead_of_cg is not None and self.driver_left_of_centreline is not None:
             seat = _chassis_point(self.driver_ahead_of_cg, self.driver_left_of_centreline)
-            outputs.add_acceleration(["driver.acceleration"], "m/s2", seat)
+            outputs.add_acceleration(["driver.acceleration"], seat)
         return outputs
 
     def _add_ride_heights(self, outputs: Outputs) -> None:

@@ -376,20 +376,19 @@ class NearestValving:
     limits: tuple[str, ...]  #: Parts that are at the end of what the search may use.
 
 
-def nearest_valving(force: Callable[[float], float], *, gas_pressure: float = 150.0 * PSI) -> NearestValving:
+def nearest_valving(force: Callable[[float], float]) -> NearestValving:
     """Return the valving whose static force is closest to a curve at equal steps of the root of the speed.
 
     All combinations of stacks, clicks, jets and dishes are compared, with the level from -150 to 150 N that suits them
     best. For given jet, dish and level, the compression side depends on the stacks of compression and head only, and
     the rebound side on the stack of rebound and the clicks only, so each side is searched on its own. The forces are
-    those of an incompressible fluid, limited by cavitation.
+    those of an incompressible fluid, limited by cavitation; the gas has 150 psi.
 
     Args:
         force: Function that returns the wanted force [N] at a velocity [m/s], including seal friction.
-        gas_pressure: Gauge pressure of the gas [Pa]; it is not searched.
 
     Raises:
-        ParameterError: The curve has no force, or the gas pressure is out of range.
+        ParameterError: The curve has no force.
     """
     speeds = _REACH * np.linspace(0.0, 1.0, _SPEEDS + 1)[1:] ** 2
     up, down = (np.array([sign * force(sign * v) for v in speeds.tolist()]) for sign in (1.0, -1.0))
@@ -398,7 +397,7 @@ def nearest_valving(force: Callable[[float], float], *, gas_pressure: float = 15
     found = []
     for dish in DISHES:
         for jet in JETS:
-            base = Valving(jet=jet, dish=dish, gas_pressure=gas_pressure)
+            base = Valving(jet=jet, dish=dish, gas_pressure=150.0 * PSI)
             compression = _side(_compression_forces(base, speeds), up, LEVELS)
             rebound = _side(_rebound_forces(base, speeds), down, -LEVELS)
             sums = compression.loss + rebound.loss

@@ -232,14 +232,14 @@ def random_drive(
     return _drivefile(car, count, commands)
 
 
-def quarter_random(seed: int, *, duration: float = 120.0) -> Drivefile:
+def quarter_random(seed: int, *, duration: float) -> Drivefile:
     """Return the random test of 4.5.1: a multisine with the spectrum of Table 4.3 in steps of 0.1 Hz on `road` [m].
 
     The peak amplitude is that of the 8-post rig, because 4.5.1 does not state it.
 
     Args:
         seed: Seed of the phases.
-        duration: Duration [s]; default 120. The signal repeats every 10 s.
+        duration: Duration [s]; the signal repeats every 10 s.
     """
     _check_duration(duration)
     frequencies = np.arange(1, 201) / 10.0

@@ -178,34 +178,14 @@ OFFSET = convert(3.0, "in", "m")
 _INCH = convert(1.0, "in", "m")
 
 
-def static_steps(
-    *,
-    start: float = 2.0 * _INCH - OFFSET,
-    step: float = _INCH,
-    steps: int = 3,
-    speed: float = convert(0.2, "in/s", "m/s"),
-    hold: float = 20.0,
-    rate: float = 2000.0,
-) -> Drivefile:
-    """Return the static profile (Fig 3.12): hold, move one step, hold, up and down again.
+def static_steps(*, rate: float = 2000.0) -> Drivefile:
+    """Return the static profile (Fig 3.12) of `displacement` [m] at a sample rate [Hz].
 
-    Args:
-        start: First position relative to the 3 in zero position [m]; default 2 in, which is -1 in.
-        step: Height of a step [m]; default 1 in.
-        steps: Number of steps up, and the same number down; default 3.
-        speed: Speed between positions [m/s]; default 0.2 in/s.
-        hold: Duration at each position [s]; default 20.
-        rate: Sample rate [Hz].
-
-    Returns:
-        Drive file with the channel `displacement` [m].
-
-    Raises:
-        ParameterError: A value is not positive.
+    It holds each position for 20 s: from 2 in, which is -1 in from the zero position, three steps of 1 in up and down
+    again at 0.2 in/s.
     """
-    _check(step=step, steps=steps, speed=speed, hold=hold, rate=rate)
-    climb = [start + step * i for i in range(steps + 1)]
-    return _ramps([*climb, *climb[-2::-1]], speed=speed, hold=hold, rounding=0.05, rate=rate)
+    climb = [2.0 * _INCH - OFFSET + _INCH * i for i in range(4)]
+    return _ramps([*climb, *climb[-2::-1]], speed=convert(0.2, "in/s", "m/s"), hold=20.0, rounding=0.05, rate=rate)
 
 
 def bump(

@@ -331,5 +331,5 @@ def test_a_universal_file_accepts_only_mach_o_slices():
 
 @pytest.mark.parametrize("rows", _BLOCKS)
 def test_a_matrix_whose_rows_fill_blocks_is_not_padded(rows):
-    text = _blocks_of_rows("B", np.ones((rows, 2)))
+    text = _blocks_of_rows(np.ones((rows, 2)))
     assert text.count("1.0") == 2 * rows and "0.0" not in text.replace("1.0", "")

@@ -27,7 +27,7 @@ from cosim import (
 from cosim.components.component import Callbacks, address_of
 from cosim.components.fmu_file import FmuFile
 from cosim.engine import blocks
-from cosim.system import Connection
+from cosim.systems.system import Connection
 from eightpost.corners import CORNERS
 from eightpost.errors import StepError
 from eightpost.fmi import read_description

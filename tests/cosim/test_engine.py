@@ -32,8 +32,8 @@ from cosim import (
     run,
 )
 from cosim.components.fmu_component import _FmuInstance
-from cosim.coupling import VALUES
 from cosim.engine import march
+from cosim.systems.coupling import VALUES
 from eightpost.signals import Drivefile
 
 Join = Callable[..., System]

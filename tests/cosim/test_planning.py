@@ -10,9 +10,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cosim import Scenario, System
-from cosim.coupling import Coupling
 from cosim.session.setup import Layout, _lay_out
-from cosim.system import Connection
+from cosim.systems.coupling import Coupling
+from cosim.systems.system import Connection
 
 NAMES = "abcdefg"
 

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from eightpost.confined import load_xrk
+from eightpost.confined.readers import load_xrk
 from eightpost.errors import FileFormatError
 from eightpost.signals import TimeSeries, logger_files, read_record, read_records, read_series, write_series
 from eightpost.signals.logger_files import write_rpc

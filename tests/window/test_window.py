@@ -164,7 +164,7 @@ def test_a_file_instead_of_a_folder_is_refused(tmp_path):
 
 def test_the_map_that_the_window_writes_is_read_by_the_terminal(tmp_path):
     path = tmp_path / "rig_map.toml"
-    window("channels").write_map(path, {"lf.force": 'Damper "FL" µ', "lf.road": "WL FL Pos"}, {"lf.force"})
+    window("records").write_map(path, {"lf.force": 'Damper "FL" µ', "lf.road": "WL FL Pos"}, {"lf.force"})
     assert {name: (pick.source, pick.gain) for name, pick in ChannelMap.read(path).channels.items()} == {
         "lf.force": ('Damper "FL" µ', -1.0), "lf.road": ("WL FL Pos", 1.0),
     }  # fmt: skip
@@ -191,9 +191,9 @@ def test_a_run_couples_the_chosen_shock_at_every_corner(tmp_path):
 def test_a_study_names_the_files_that_were_chosen(tmp_path):
     chosen = {
         "name": "s", "car": "car.toml", "drive": "tracks/track.parquet", "baseline": "shocks/A.json", "alike": True,
-        "bank": ["shocks/A.json", "shocks/B.json"], "objective": next(iter(window("study").OBJECTIVES)), "stop": 5,
+        "bank": ["shocks/A.json", "shocks/B.json"], "objective": next(iter(window("system").OBJECTIVES)), "stop": 5,
     }  # fmt: skip
-    window("study")._write_study(tmp_path / "studies" / "s" / "study.toml", chosen, tmp_path)
+    window("system")._write_study(tmp_path / "studies" / "s" / "study.toml", chosen, tmp_path)
     names = {path.relative_to(tmp_path).as_posix() for path in source_files(tmp_path / "studies" / "s" / "study.toml")}
     assert names == {"car.toml", "shocks/A.json", "shocks/B.json"}
 
@@ -201,7 +201,7 @@ def test_a_study_names_the_files_that_were_chosen(tmp_path):
 def test_a_rig_record_drives_the_car_by_its_roads_and_loads(tmp_path):
     (tmp_path / "rig").mkdir()
     columns = {"lf.road": "WL FL Pos", "lf.aero": "AL FL", "lf.force": "Damper FL", "lf.tire_force": "WL FL Load"}
-    window("channels").write_map(tmp_path / "rig" / "rig_map.toml", columns, {"lf.force"})
+    window("records").write_map(tmp_path / "rig" / "rig_map.toml", columns, {"lf.force"})
     chosen = {"name": "lap", "car": "car.json", "drive": "rig/lap.csv", "stop": 3} | dict.fromkeys(CORNERS, "a.json")
     window("system")._write_system(tmp_path / "system.toml", chosen, tmp_path)
     scenario = tomllib.loads((tmp_path / "system.toml").read_text())["scenario"]

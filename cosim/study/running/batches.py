@@ -16,14 +16,14 @@ import numpy as np
 
 from cosim.components.component import to_si
 from cosim.components.fmu_component import FmuComponent
-from cosim.coupling import Scenario, default_scheme
 from cosim.session.result import Result, judged_by
 from cosim.session.setup import Limit, RunSetup
 from cosim.session.verdict import LARGEST_ERROR, LARGEST_RESIDUAL, BondEnergy, Coupled
 from cosim.study.definition import Build, Drive, Setup, Study
 from cosim.study.measures import Filtered
 from cosim.study.running.machine import BatchMeasures, ChannelBand, FmuVehicle, Plan, read_vehicle
-from cosim.system import System
+from cosim.systems.coupling import Scenario, default_scheme
+from cosim.systems.system import System
 from eightpost.array_types import Array
 from eightpost.errors import EightpostError, FmuError
 from eightpost.machine import Batch, BatchResult, NotInBatchError, ShockData, joined

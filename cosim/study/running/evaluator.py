@@ -15,7 +15,6 @@ from pydantic import with_config
 
 from cosim.components.component import Component, to_si
 from cosim.components.fmu_component import FmuComponent
-from cosim.coupling import Scenario, default_scheme
 from cosim.session.result import Result
 from cosim.session.session import Session
 from cosim.session.verdict import LARGEST_ERROR
@@ -24,7 +23,8 @@ from cosim.study.measures import AboveBand, Filtered, above_band, band_ends
 from cosim.study.running.batches import Batches, BatchRun, ErrorModel, RunSummary, local_errors
 from cosim.study.running.machine import read_shock
 from cosim.study.table import DONE, FAILED, StudyResult, error_column
-from cosim.system import System
+from cosim.systems.coupling import Scenario, default_scheme
+from cosim.systems.system import System
 from eightpost.errors import EightpostError, WiringError
 from eightpost.machine import NotInBatchError, ShockData
 from eightpost.schema import REPORT, checked

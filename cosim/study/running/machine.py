@@ -13,11 +13,11 @@ import numpy as np
 
 from cosim.components.component import Conversion, to_si
 from cosim.components.fmu_component import FmuComponent
-from cosim.coupling import Feed, Scenario, Term
 from cosim.session.setup import RunSetup, joined
 from cosim.study.definition import Parameters
 from cosim.study.measures import Measure, Sections, sections_of
-from cosim.system import Bond, System
+from cosim.systems.coupling import Feed, Scenario, Term
+from cosim.systems.system import Bond, System
 from eightpost.array_types import Array, Integers
 from eightpost.machine import (
     LAWS,

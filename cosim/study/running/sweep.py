@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 from arro3.core import Schema
 
-from cosim.coupling import GaussSeidel
 from cosim.session.session import interrupts_deferred
 from cosim.session.setup import RunSetup
 from cosim.study.definition import Build, Drive, Setup, Study
@@ -28,6 +27,7 @@ from cosim.study.running.coupling import check_setup, disagreement, through_fmus
 from cosim.study.running.evaluator import Coupling, Evaluator, Row
 from cosim.study.running.workers import Chunk, Workers
 from cosim.study.table import Provenance, StudyResult, result_table, study_schema
+from cosim.systems.coupling import GaussSeidel
 from eightpost import __version__, units
 from eightpost.array_types import Integers
 from eightpost.errors import EightpostError, FileFormatError, InputError, WorkersLostError

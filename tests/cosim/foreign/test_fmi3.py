@@ -12,7 +12,7 @@ from fmpy.fmi1 import FMICallException
 from cosim import Adaptive, Connection, FmuComponent, ForceLaw, GaussSeidel, Implicit, Jacobi, Scenario, System, run
 from cosim.components.fmu_component import loaded
 from cosim.components.fmu_file import FmuFile
-from cosim.components.fmu_log import FmuLog
+from cosim.components.watch import FmuLog
 from eightpost.errors import StepError, WiringError
 from eightpost.signals import Drivefile
 

@@ -11,7 +11,7 @@ import pytest
 
 from cosim.components.component import Variable, named_unit
 from cosim.components.fmu_description import Rows, internal_step, only_step, read_description, units_of
-from cosim.components.fmu_log import LEVELS, ComponentLog, Messages, OpenedFmu, returned
+from cosim.components.watch import LEVELS, ComponentLog, Messages, OpenedFmu, returned
 from eightpost.errors import StepError
 from eightpost.fmi import DISCARD, ERROR, FATAL, PENDING
 from tests.unchanged import refusals

@@ -10,7 +10,7 @@ import pytest
 
 from cosim.components.component import Conversion
 from cosim.ssp.flatten import compose, with_bonds
-from cosim.system import Connection
+from cosim.systems.system import Connection
 from eightpost.errors import InputError
 
 from .corner import CAR, CAR_ALONE, DAMPER, NESTED_LINKS, NESTED_PORTS, OUTER_LINKS, SHOCK, corner, read, shock_with

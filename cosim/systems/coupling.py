@@ -13,7 +13,7 @@ import numpy as np
 
 from cosim.components.component import Component, Conversion, convert_between, named_unit
 from cosim.engine.plan import EXTRAPOLATED, GAUSS_SEIDEL, HELD, IMPLICIT, INTERPOLATED, JACOBI, PARABOLIC, Mode
-from cosim.system import System
+from cosim.systems.system import System
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import InputError, WiringError, check_number
 from eightpost.signals import Drivefile

@@ -14,7 +14,7 @@ import numpy as np
 
 from cosim.components.component import DISCRETE, Component, Variable, convert_between, named_unit
 from cosim.components.fmu_component import FmuComponent
-from cosim.components.fmu_log import OpenedFmu
+from cosim.components.watch import OpenedFmu
 from eightpost import units
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import UnknownUnitError, WiringError, suggestion
