@@ -43,7 +43,7 @@ EXTRAS: Mapping[str, _Extra] = {
         {"jinja2": "jinja2", "matplotlib": "matplotlib", "plotly": "plotly", "xlsxwriter": "xlsxwriter"},
     ),
     "aim": _Extra("logs of AiM (.xrk, .xrz)", {"libxrk": "libxrk"}),
-    "app": _Extra("the window in the browser, eightpost app", {"nicegui": "nicegui"}, contains=("report",)),
+    "app": _Extra("the window in the browser, eightpost app", {"nicegui": "nicegui"}, contains=("fit", "report")),
     "fit": _Extra(
         "fits of laws with dynamics, identify, virtual rigs, and runs in a tenth of the time",
         {"llvmlite": "llvmlite", "numba": "numba"},

@@ -12,7 +12,7 @@ _OURS = ("builder", "cosim", "eightpost")
 
 #: Packages that the commands import. Each of them is a folder, so a file NAME.py is never the real package.
 THIRD_PARTY = (
-    "asammdf", "click", "control", "dask", "distributed", "fmpy", "fmu_manipulation_toolbox", "h5py", "jinja2",
+    "arro3", "asammdf", "click", "control", "dask", "distributed", "fmpy", "fmu_manipulation_toolbox", "h5py", "jinja2",
     "latex2mathml", "libxrk", "lief", "llvmlite", "lxml", "markdown_it", "markupsafe", "matplotlib", "nicegui",
     "nptdms", "numba", "numpy", "pandas", "PIL", "pint", "platformdirs", "plotly", "pydantic", "pymoo",
     "python_calamine", "pythonfmu", "pyuff", "rich", "scipy", "xarray", "xlsxwriter", "ziglang",

@@ -165,15 +165,15 @@ def test_the_table_of_extras_is_that_of_pyproject():
 
 def brought(requirements: Iterable[str]) -> set[str]:
     """Return the distributions that requirements install on this machine, with all that they require."""
-    found, waiting = set[str](), [Requirement(text) for text in requirements]
+    found, waiting = set[tuple[str, str]](), [(Requirement(text), "") for text in requirements]
     while waiting:
-        one = waiting.pop()
-        if one.marker and not any(one.marker.evaluate({"extra": extra}) for extra in ("", *one.extras)):
+        one, asked = waiting.pop()
+        if one.marker and not one.marker.evaluate({"extra": asked}):
             continue
-        if (name := canonicalize_name(one.name)) not in found:
-            found.add(name)
-            waiting += map(Requirement, importlib.metadata.requires(name) or ())
-    return found
+        for extra in {"", *one.extras} - {extra for name, extra in found if name == canonicalize_name(one.name)}:
+            found.add((canonicalize_name(one.name), extra))
+            waiting += ((Requirement(text), extra) for text in importlib.metadata.requires(one.name) or ())
+    return {name for name, _ in found}
 
 
 def megabytes(distributions: Iterable[str]) -> float:
