@@ -171,7 +171,7 @@ def test_a_second_record_of_a_pass_and_a_second_start_are_refused(iteration, tra
     (lambda s: s["static"].append(s["static"][0]), r"static must be \d rows of \d numbers below 1e\+12"),
     (lambda s: s.update(high=0.5 * s["high"]), "response.npz: does not belong to iteration.json and target.parquet"),
     (lambda s: s.update(high=1e6), r"target\.parquet: the track record has .* Hz.*: start the iteration again"),
-    (lambda s: s.update(format="exe"), "iteration.json: format: Input should be 'parquet', 'csv', 'mat' or 'drv'"),
+    (lambda s: s.update(format="exe"), "iteration.json: format: must be 'parquet', 'csv', 'mat' or 'drv'"),
     (lambda s: s["settings"].update(gain="most"), "settings.gain: must be a number, not 'most'"),
 ])  # fmt: skip
 def test_a_state_that_does_not_fit_its_files_is_refused(iteration, tmp_path, change, message):
