@@ -154,5 +154,7 @@ def test_a_target_that_cannot_be_reproduced_is_refused(quarter):
     with pytest.raises(ConstantChannelError, match="displacement"):
         Target(flat, 20.0)
     for height in (1e308, 1e12):
-        with pytest.raises(DataError, match=rf"channel 'displacement': its largest value is {height:g}".replace("+", "[+]")):
+        with pytest.raises(
+            DataError, match=rf"channel 'displacement': its largest value is {height:g}".replace("+", "[+]")
+        ):
             Target(series.with_channel("displacement", "m", np.full(len(series), height)), 20.0)
