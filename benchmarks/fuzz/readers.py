@@ -81,8 +81,9 @@ def _words(path: Path) -> Any:
 
 
 def _text(path: Path) -> str:
+    """Return a text as a command line can contain it: without NUL, and in the encoding of the process."""
     try:
-        return path.read_text(encoding="utf-8", errors="surrogateescape")
+        return path.read_text(encoding="utf-8", errors="replace").replace("\0", "")
     except OSError as error:
         raise InputError(f"{path}: {error}") from error
 

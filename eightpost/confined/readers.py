@@ -57,11 +57,16 @@ def load_mdf(path: Path) -> tuple[list[Signal], str]:
 
 
 def _numeric(mdf: Any) -> Iterator[Signal]:
-    """Yield the channels with one number per sample; skip texts, arrays and time axes."""
+    """Yield the channels with one number per sample; skip texts, arrays and time axes.
+
+    Channels with the same times share them, and samples have the type of the file: a process sends them to another.
+    """
+    times = np.zeros(0)
     for signal in mdf.iter_channels(skip_master=True):
         if signal.samples.dtype.kind in "iuf" and signal.samples.ndim == 1:
-            samples, times = (np.asarray(values, dtype=np.float64) for values in (signal.samples, signal.timestamps))
-            yield Signal(str(signal.name), str(signal.unit).strip(), samples, times)
+            if not np.array_equal(times, signal.timestamps):
+                times = np.asarray(signal.timestamps, dtype=np.float64)
+            yield Signal(str(signal.name), str(signal.unit).strip(), np.ascontiguousarray(signal.samples), times)
 
 
 def load_xrk(path: Path) -> tuple[list[Signal], list[str]]:

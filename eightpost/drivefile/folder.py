@@ -25,7 +25,7 @@ from eightpost.drivefile.iteration import (
     Status,
     advance,
 )
-from eightpost.drivefile.target import EDGES, LimitHit, PassErrors, Target, at_rate, read_channels
+from eightpost.drivefile.target import EDGES, LARGEST, LimitHit, PassErrors, Target, at_rate, read_channels
 from eightpost.errors import DataError, FileFormatError, InputError, TooShortError, WrongSignError
 from eightpost.files import atomic_path, check_schema, json_content, sha256_of
 from eightpost.ident.vehicle.frequency_response import read_response, write_response
@@ -141,7 +141,6 @@ Format = Literal["parquet", "csv", "mat", "drv"]
 FORMATS = get_args(Format)  #: File formats in which drive files are written.
 
 _STATE = "iteration.json"
-_LARGEST = 1e12  #: Largest change of a channel per steady input [SI]; an edited file may have any.
 
 
 @dataclass(frozen=True)
@@ -222,8 +221,8 @@ class IterationFolder:
             what = f"does not belong to {_STATE} and target.parquet"
             raise FileFormatError(f"{what}: {_AGAIN}", path=path / "response.npz")
         p, m = response.H.shape[:2]
-        if static.shape != (p, m) or not np.abs(static).max() < _LARGEST:
-            what = f"static must be {p} rows of {m} numbers below {_LARGEST:g}"
+        if static.shape != (p, m) or not np.abs(static).max() < LARGEST:
+            what = f"static must be {p} rows of {m} numbers below {LARGEST:g}"
             raise FileFormatError(f"{what}: {_AGAIN}", path=path / _STATE)
         problem = Problem(target, StartResponse(response, static, state.notes), state.settings)
         return cls(path, problem, state.sources, state.format, Verdict() if is_intact(content) else edited(_STATE))

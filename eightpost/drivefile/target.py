@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 
 from eightpost.array_types import Array, Complex
 from eightpost.corners import CORNERS, channel
-from eightpost.errors import ConstantChannelError, MissingChannelError, ParameterError, TooShortError
+from eightpost.errors import ConstantChannelError, DataError, MissingChannelError, ParameterError, TooShortError
 from eightpost.rig.rig_test import CHANNEL_UNITS, rig_map
 from eightpost.signals import ChannelMap, TimeSeries
 from eightpost.signals.filters import lowpass
@@ -81,6 +81,7 @@ class Lines:
 QUANTITIES = ("hub_acceleration", "displacement")  #: Quantities of the corners that a drive file reproduces.
 #: Rest before and after the target in a drive file, and time in which the target fades in and out [s].
 REST, FADE = 3.0, 1.0
+LARGEST = 1e12  #: Largest value of a channel [SI], far above all that a car does.
 _SHORTEST = 8.0  #: Minimum duration of a target [s].
 _DEAD = 1e-12  #: Maximum standard deviation of a dead channel, relative to its mean and to the smallest number [1].
 
@@ -110,7 +111,10 @@ class Target:
                 f"record of {2.5 * self.high:g} Hz or more, or a lower --set high"
             )
         for name, row in zip(self.names, self.series.values, strict=True):
-            if np.std(row) <= _DEAD * max(float(np.abs(row).max()), 1e-300):
+            if not (largest := float(np.abs(row).max())) < LARGEST:
+                what = f"its largest value is {largest:.3g}; correct its unit, or export the record again"
+                raise DataError(what, channel=name)
+            if np.std(row) <= _DEAD * max(largest, 1e-300):
                 raise ConstantChannelError("the channel is constant; remove it from --set channels", channel=name)
 
     @property

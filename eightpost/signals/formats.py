@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import html
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
@@ -198,7 +198,9 @@ def _read_mdf(path: Path) -> tuple[RawRecord, ...]:
     if not is_installed("asammdf"):
         raise FileFormatError(requirement("reading MDF files", "asammdf", "mdf"), path=path)
     found, comment = read_confined("eightpost.confined.readers:load_mdf", path, kind="an MDF file that asammdf reads")
-    signals: list[Signal] = [signal for signal in found if signal.name.lower() != "time"]
+    signals: list[Signal] = [
+        signal._replace(samples=signal.samples.astype(np.float64)) for signal in found if signal.name.lower() != "time"
+    ]
     if not signals:
         raise FileFormatError("it contains no numeric channel", path=path)
     for signal in signals:
@@ -213,7 +215,7 @@ def _read_mdf(path: Path) -> tuple[RawRecord, ...]:
 # ---- Reading --------------------------------------------------------------------------------------------------------
 
 #: Reader of the tables of a file, by its suffix.
-_READERS: dict[str, Callable[[Path], tuple[RawRecord, ...]]] = {
+_READERS: dict[str, Callable[..., tuple[RawRecord, ...]]] = {
     **dict.fromkeys((".csv", ".txt", ".tsv", ".dat"), read_delimited),
     **dict.fromkeys((".xlsx", ".xlsm", ".xls", ".ods"), _read_spreadsheet),
     ".parquet": read_parquet, ".mat": read_mat, ".m": read_script, ".json": read_json, ".tdms": _read_tdms,
@@ -221,22 +223,24 @@ _READERS: dict[str, Callable[[Path], tuple[RawRecord, ...]]] = {
     **dict.fromkeys((".rsp", ".drv", ".tim", ".rpc"), read_rpc), ".ld": read_ld, ".vbo": read_vbo,
     ".xrk": read_xrk, ".xrz": read_xrk,
 }  # fmt: skip
+_BY_COLUMN = (read_rpc, read_ld)  #: Readers that can leave out columns.
 #: First bytes of files of programs that do not document their layout, and the program. A text file .pvp is read.
 _CLOSED = {".dctw": (b"", "CTW Probe"), ".pvp": (b"\xd0\xcf\x11\xe0", "the Shock program of Roehrig and MTS")}
 _KEPT = 2**24  #: Largest file whose tables are kept [bytes].
 SUFFIXES = tuple(_READERS)  #: Suffixes of files that can be read.
 
 
-def read_record(path: str | Path) -> RawRecord:
+def read_record(path: str | Path, *, only: Collection[str] | None = None) -> RawRecord:
     """Read the columns of a file with one table, without conversion.
 
     Args:
         path: Path of a file in one of the formats of docs/reference/dyno_files.md.
+        only: Names of the columns that are needed; in a large file of some formats, the others are NaN.
 
     Raises:
         FileFormatError: The file is missing, its format is unknown, it cannot be read, or it has several tables.
     """
-    first, *others = records = read_records(path)
+    first, *others = records = read_records(path, only=only)
     if others:
         line = others[0].origin.header_line
         lengths = "; ".join(f"{', '.join(each.names[:8])}: {each.columns[0].size} rows" for each in records[:4])
@@ -245,11 +249,12 @@ def read_record(path: str | Path) -> RawRecord:
     return first
 
 
-def read_records(path: str | Path) -> tuple[RawRecord, ...]:
+def read_records(path: str | Path, *, only: Collection[str] | None = None) -> tuple[RawRecord, ...]:
     """Read all tables of a file without conversion; text, spreadsheets, LabVIEW, MDF and .mat may have several.
 
     Args:
         path: Path of a file in one of the formats of docs/reference/dyno_files.md.
+        only: Names of the columns that are needed; in a large file of some formats, the others are NaN.
 
     Raises:
         FileFormatError: The file is missing, its format is unknown, or it cannot be read.
@@ -268,7 +273,10 @@ def read_records(path: str | Path) -> tuple[RawRecord, ...]:
     if suffix in _CLOSED and (beginning := _CLOSED[suffix])[0] == path.read_bytes()[: len(beginning[0])]:
         what = f"is a file of {beginning[1]}, whose layout is not documented: export time, displacement or velocity, "
         raise FileFormatError(f"{what}and force there as .csv, and read that file", path=path)
-    records = _read_once(path, sha256_of(path)) if size <= _KEPT else _READERS[suffix](path)
+    if size <= _KEPT:
+        records = _read_once(path, sha256_of(path))
+    else:
+        records = _READERS[suffix](path, *((only,) if _READERS[suffix] in _BY_COLUMN else ()))
     if suffix != ".parquet":  # those of this project are in SI units for every user
         note_file(records[0].units)
     return records
@@ -297,7 +305,8 @@ def read_series(
         FileFormatError: The file cannot be read.
         DataError: The record has a fault; the subclass and the message say which fault and where.
     """
-    record = read_record(path).bridged(channel_map.bridge if channel_map else 0)
+    only = None if channel_map is None else channel_map.columns
+    record = read_record(path, only=only).bridged(channel_map.bridge if channel_map else 0)
     if channel_map is None:
         channel_map = identity_map(record, find_time(record))
     return mapped_series(record, channel_map, units=units)

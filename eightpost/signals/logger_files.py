@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import mmap
 import re
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -51,16 +53,20 @@ class _Channel(NamedTuple):
     unit: bytes
 
 
-def read_ld(path: Path) -> tuple[RawRecord, ...]:
+def read_ld(path: Path, only: Collection[str] | None = None) -> tuple[RawRecord, ...]:
     """Read the channels of a MoTeC log: one table for each rate and length, the one with most channels first.
 
     Temperatures change slowly, so the first table has those of the other tables too, interpolated.
 
+    Args:
+        path: Path of the file.
+        only: Names of the channels to read; the samples of the others are NaN. None to read all.
+
     Raises:
         FileFormatError: The file is not a MoTeC log, is damaged, or has no channel of numbers.
     """
-    with reading(path):
-        content = path.read_bytes()
+    content = _mapped(path)
+    times = lru_cache(lambda number, rate: np.arange(number) / rate)
     if len(content) < max(place + size for place, size in _TEXTS.values()) or _word(content, 0) != _MARK:
         raise FileFormatError("is not a log of MoTeC: its first number is another one", path=path)
     signals, notes = [], []
@@ -71,15 +77,28 @@ def read_ld(path: Path) -> tuple[RawRecord, ...]:
             continue
         if channel.place + channel.number * channel.size > len(content):
             raise FileFormatError("its samples end early: copy the file again", path=path, channel=name)
-        raw = np.frombuffer(content, kind, channel.number, channel.place).astype(np.float64)
-        samples = (raw / channel.scale * 10.0**-channel.decimals + channel.shift) * channel.factor
-        times = np.arange(channel.number) / channel.rate
-        signals.append(Signal(name, _plain(channel.unit), samples, times))
+        raw = np.frombuffer(content, kind, channel.number, channel.place)
+        samples = _left_out(channel.number)
+        if only is None or name in only:
+            samples = raw.astype(np.float64)
+            samples = (samples / channel.scale * 10.0**-channel.decimals + channel.shift) * channel.factor
+        signals.append(Signal(name, _plain(channel.unit), samples, times(channel.number, channel.rate)))
     texts = ((name, _plain(content[place : place + size])) for name, (place, size) in _TEXTS.items())
     return _tables(signals, path, tuple((f"{name}: {text}",) for name, text in texts if text), tuple(notes))
 
 
-def _channels(content: bytes, path: Path) -> Iterator[_Channel]:
+def _mapped(path: Path) -> mmap.mmap:
+    """Return the bytes of a file, of which only those that are used are read."""
+    with reading(path), path.open("rb") as stream:
+        return mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
+
+
+def _left_out(count: int) -> NDArray[np.float64]:
+    """Return NaN for each sample of a channel that is not read, without memory."""
+    return np.broadcast_to(np.float64(np.nan), count)
+
+
+def _channels(content: mmap.mmap, path: Path) -> Iterator[_Channel]:
     """Yield the headers of the channels, of which each names the place of the next one."""
     seen, place = set(), _word(content, _FIRST)
     while place:
@@ -91,7 +110,7 @@ def _channels(content: bytes, path: Path) -> Iterator[_Channel]:
         place = channel.following
 
 
-def _word(content: bytes, place: int) -> int:
+def _word(content: mmap.mmap, place: int) -> int:
     return int.from_bytes(content[place : place + 4], "little")
 
 
@@ -181,16 +200,19 @@ _FILLED = 3  #: Fewest repeated samples of all channels at the end of the last f
 _POINTS, _FULL_SCALE = 2048, 32752  #: Points of a frame and largest integer of a file that is written.
 
 
-def read_rpc(path: Path) -> tuple[RawRecord, ...]:
+def read_rpc(path: Path, only: Collection[str] | None = None) -> tuple[RawRecord, ...]:
     """Read the channels of a time history with names and units as written, and the column `time` [s].
 
     Without the entry `SAMPLES`, what fills the last frame (the last sample of each channel) is left out with a note.
 
+    Args:
+        path: Path of the file.
+        only: Names of the channels to read; the samples of the others are NaN. None to read all.
+
     Raises:
         FileFormatError: The file is not a time history in RPC III, or is damaged.
     """
-    with reading(path):
-        content = path.read_bytes()
+    content = _mapped(path)
     header, start = _header(content, path)
     stated = {"FILE_TYPE": "TIME_HISTORY", "DATA_TYPE": "SHORT_INTEGER", **header}
     kind = _RPC_KINDS.get(stated["DATA_TYPE"])
@@ -202,24 +224,31 @@ def read_rpc(path: Path) -> tuple[RawRecord, ...]:
     points = frame * _integer(header, "FRAMES", path)
     group = _integer({"PTS_PER_GROUP": str(frame), **header}, "PTS_PER_GROUP", path)
     data = memoryview(content)[start:]
-    values = _values(data, np.dtype(_ORDERS[header["FORMAT"]] + kind), count, group, points, path)
+    groups, rest = _samples(data, np.dtype(_ORDERS[header["FORMAT"]] + kind), count, group, points, path)
     notes = _half_frames(header, len(data) - np.dtype(kind).itemsize * count * points, path)
+    last = np.concatenate([*groups[-frame // group :], rest], axis=1)[:, -frame:]
+    size = points
     if "SAMPLES" in header:
-        values = values[:, : _integer(header, "SAMPLES", path)]
-    elif (filled := _repeats_at_end(values[:, -frame:])) >= _FILLED:
-        values = values[:, : points - filled]
+        size = min(points, _integer(header, "SAMPLES", path))
+    elif (filled := _repeats_at_end(last)) >= _FILLED:
+        size -= filled
         notes += (f"the last {filled} samples were left out: they fill the last frame with one value of each channel",)
     numbers = range(1, count + 1)
     names = [header.get(f"DESC.CHAN_{i}") or f"CHAN_{i}" for i in numbers]
     units = [header.get(f"UNITS.CHAN_{i}") or None for i in numbers]
     scales = [_positive(header, f"SCALE.CHAN_{i}", path) if kind == "i2" else 1.0 for i in numbers]
-    time = _positive(header, "DELTA_T", path) * np.arange(values.shape[1])
-    columns = [scale * row.astype(np.float64) for scale, row in zip(scales, values, strict=True)]
+    time = _positive(header, "DELTA_T", path) * np.arange(size)
+    columns = [
+        scale * np.concatenate([groups[:, k].ravel(), rest[k]])[:size].astype(np.float64)
+        if only is None or name in only
+        else _left_out(size)
+        for k, (name, scale) in enumerate(zip(names, scales, strict=True))
+    ]
     facts = tuple((f"{name}: {header[name]}",) for name in _FACTS if header.get(name))
     return (RawRecord(Origin(path), ("time", *names), ("s", *units), (time, *columns), facts, notes),)
 
 
-def _header(content: bytes, path: Path) -> tuple[dict[str, str], int]:
+def _header(content: mmap.mmap, path: Path) -> tuple[dict[str, str], int]:
     """Return the entries of the header by name, and the number of its bytes."""
     first = _entries(content, 3)
     if [*first][:2] != ["FORMAT", "NUM_HEADER_BLOCKS"] or first["FORMAT"] not in _ORDERS:
@@ -230,15 +259,17 @@ def _header(content: bytes, path: Path) -> tuple[dict[str, str], int]:
     return _entries(content, size), size * _ENTRY
 
 
-def _entries(content: bytes, count: int) -> dict[str, str]:
+def _entries(content: mmap.mmap, count: int) -> dict[str, str]:
     pairs = (content[k * _ENTRY : (k + 1) * _ENTRY] for k in range(count))
     texts = ((pair[:_NAME], pair[_NAME:]) for pair in pairs)
     found = [tuple(text.split(b"\0")[0].decode("latin-1").strip() for text in pair) for pair in texts]
     return {name: value for name, value in found if name}
 
 
-def _values(data: memoryview, kind: np.dtype[Any], count: int, group: int, points: int, path: Path) -> NDArray[Any]:
-    """Return the samples (C, N) of groups (C, P) that follow each other; the last one may be shorter."""
+def _samples(
+    data: memoryview, kind: np.dtype[Any], count: int, group: int, points: int, path: Path
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the samples of groups (G, C, P) that follow each other, and of the last one (C, R), which is shorter."""
     whole, rest = divmod(points, group)
     size = whole * count * group
     last = group if rest and len(data) >= kind.itemsize * (size + count * group) else rest
@@ -246,8 +277,7 @@ def _values(data: memoryview, kind: np.dtype[Any], count: int, group: int, point
         need = kind.itemsize * count * points
         raise FileFormatError(f"ends early: {len(data)} of {need} bytes of samples are there; copy it again", path=path)
     samples = np.frombuffer(data, kind, size + count * last)
-    parts = samples[:size].reshape(whole, count, group).swapaxes(0, 1).reshape(count, -1)
-    return np.concatenate([parts, samples[size:].reshape(count, last)[:, :rest]], axis=1)
+    return samples[:size].reshape(whole, count, group), samples[size:].reshape(count, last)[:, :rest]
 
 
 def _half_frames(header: Mapping[str, str], more: int, path: Path) -> tuple[str, ...]:

@@ -69,9 +69,10 @@ def _as_arrays(value: Any) -> Any:
         return [_as_arrays(one) for one in value]
 
 
-#: A vector or a matrix of numbers, and a text, in a MATLAB script.
-_NUMBERS = re.compile(r"([A-Za-z][\w.]*)\s*=\s*\[([^\[\]]*)\]")
-_TEXT = re.compile(r"([A-Za-z][\w.]*)\s*=\s*'([^'\n]*)'")
+#: A vector or a matrix of numbers, and a text, in a MATLAB script. A name begins where no other part of a name ends:
+#: a search from every letter of a long word would take minutes.
+_NUMBERS = re.compile(r"(?<![\w.])([A-Za-z][\w.]*+)\s*+=\s*\[([^\[\]]*)\]")
+_TEXT = re.compile(r"(?<![\w.])([A-Za-z][\w.]*+)\s*+=\s*'([^'\n]*)'")
 
 
 def read_script(path: Path) -> tuple[RawRecord, ...]:
@@ -84,7 +85,7 @@ def read_script(path: Path) -> tuple[RawRecord, ...]:
         FileFormatError: There are no two vectors of one length in a struct.
     """
     with reading(path):
-        text = re.sub(r"(?m)%.*$", "", re.sub(r"\.\.\..*\n", " ", decoded(path.read_bytes())))
+        text = re.sub(r"(?m)%.*$", "", re.sub(r"\.\.\..*(?:\n|\Z)", " ", decoded(path.read_bytes())))
     texts = dict(_TEXT.findall(text))
     tables: dict[str, dict[str, Any]] = {}
     for name, cells in _NUMBERS.findall(text):

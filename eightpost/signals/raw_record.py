@@ -100,6 +100,13 @@ class ChannelMap:
         time = _mapped(tables["time"], "time", path) if "time" in tables else None
         return cls(mapped, time, path, bridge_of(tables.get("bridge", 0), path))
 
+    @property
+    def columns(self) -> frozenset[str]:
+        """Names that columns of the channels have in a file: as in the map, without a unit, and without a number."""
+        sources = [pick.source for pick in (*self.channels.values(), *([self.time] if self.time else ()))]
+        plain = {name for source in sources for name in (source, split_header(source)[0])}
+        return frozenset(plain | {re.sub(r" \(\d+\)$", "", name) for name in plain})
+
     def flipped(self, names: Iterable[str]) -> ChannelMap:
         """Return the map with the opposite sign for the channels `names`; the name `none` stands for no channel.
 

@@ -350,6 +350,10 @@ _CAPITALS = {suffix.upper(): unit for suffix, unit in _SUFFIXES.items()}
 _CAUTIOUS_CAPITALS = {suffix.upper(): (unit, words) for suffix, (unit, words) in _CAUTIOUS.items()}
 
 
+#: Characters of the longest name that is searched for a unit: of a damaged file the search would take minutes.
+_LONGEST_NAME = 1000
+
+
 def split_header(text: str) -> tuple[str, str | None]:
     """Split a column header into its name and its unit, which is None for a header without a unit.
 
@@ -362,6 +366,8 @@ def split_header(text: str) -> tuple[str, str | None]:
     (('Force', 'N'), ('v', 'mm/s'), ('max_s', None))
     """
     text = text.strip()
+    if len(text) > _LONGEST_NAME:
+        return text, None
     if separated := _separated(text) or _behind_blank(text):
         return separated
     match = _BRACKETED.match(text)

@@ -10,7 +10,7 @@ import pytest
 from eightpost.drivefile import Limits, Pass, Settings, Status, Target, advance
 from eightpost.drivefile.folder import _reach_table, error_table
 from eightpost.drivefile.iteration import PATIENCE
-from eightpost.errors import ConstantChannelError, ParameterError, TooShortError
+from eightpost.errors import ConstantChannelError, DataError, ParameterError, TooShortError
 from eightpost.signals import TimeSeries
 
 
@@ -149,3 +149,8 @@ def test_a_target_that_cannot_be_reproduced_is_refused(quarter):
     flat = series.with_channel("displacement", "m", np.full(len(series), 0.01))
     with pytest.raises(ConstantChannelError, match="displacement"):
         Target(flat, 20.0)
+    for height in (1e308, 1e12):
+        with pytest.raises(
+            DataError, match=rf"channel 'displacement': its largest value is {height:g}".replace("+", "[+]")
+        ):
+            Target(series.with_channel("displacement", "m", np.full(len(series), height)), 20.0)

@@ -67,6 +67,18 @@ def test_a_header_splits_into_name_and_unit_and_words_that_look_like_units_remai
     assert split_header(text) == (name, unit)
 
 
+@pytest.mark.parametrize("run", ["v" * 200_000, "." * 200_000, "v." * 100_000, "v = " + " " * 200_000])
+def test_a_script_with_a_long_run_of_letters_is_refused_at_once(tmp_path, run):
+    (tmp_path / "x.m").write_text(run, encoding="utf-8")
+    with pytest.raises(errors.FileFormatError, match="no two vectors of numbers"):
+        read_record(tmp_path / "x.m")
+
+
+def test_a_header_longer_than_any_name_has_no_unit():
+    assert split_header("_" * 200_000) == ("_" * 200_000, None)
+    assert split_header(f"{'a' * 900} [N]") == ("a" * 900, "N")
+
+
 def test_a_row_of_units_is_distinguished_from_data_and_from_names():
     assert units_row(["s", "mm", "N"]) == ["s", "mm", "N"]
     assert units_row(["[s]", "(mm)", ""]) == ["s", "mm", ""]
