@@ -139,6 +139,10 @@ GROUPS = {
     "inputs": Group(
         "inputs kept after initialization and after steps; tunable parameters changed between steps", "simulation"
     ),
+    "hosts": Group(
+        "names, tolerances, stop times by rounding, and values before initialization as hosts use them",
+        "misuse",
+    ),
     "state_machine": Group(
         "calls in the wrong order, invalid steps, stop time, locked variables, GUID", "misuse", _MISUSE
     ),

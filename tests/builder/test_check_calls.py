@@ -27,6 +27,7 @@ from .check_defects import foreign_fmu
 PROBED = {
     "simulation": ["lpnl2", "bouncing_mass", "filter_bank"],
     "inputs": ["quarter_car", "quarter_car 3", "van_der_pol", "filter_bank"],
+    "hosts": ["lpnl2", "mass_spring", "filter_bank"],
     "state_machine": ["lpnl2", "lpnl2 3", "mass_spring", "bouncing_mass", "filter_bank"],
     "values": ["lpnl2", "quarter_car 3", "bouncing_mass", "filter_bank"],
     "null": ["lpnl2", "lpnl2 3"],
@@ -213,6 +214,7 @@ BROKEN = {
     "inputs-kept": ("inputs", "van_der_pol", "GetReal", "all", 1e-6),
     "inputs-kept by the second run": ("inputs", "van_der_pol", "GetReal", "first", 1e-9),
     "reference-results": ("reference", "lpnl2", "GetReal", "all", 1e-9),
+    "start-kept": ("hosts", "bouncing_mass", "GetReal", "all", 1e-6),
     "reset": ("reset", "bouncing_mass", "GetReal", "Reset", 1e-9),
     "rollback": ("state", "bouncing_mass", "GetReal", "SetFMUstate", 1e-9),
     "directional-derivative": ("derivatives", "quarter_car", "GetDirectionalDerivative", "all", 1e-3),

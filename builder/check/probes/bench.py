@@ -62,6 +62,7 @@ class _Birth:
     resources: str | None
     logging: bool = False
     kind: int = CO_SIMULATION
+    name: str = "probe"
 
 
 def base_type(variable: Variable) -> str:
@@ -97,7 +98,7 @@ class Instance:
         function = library.function("Instantiate")
         library.begin("fmi2Instantiate")
         self.address: int | None = function(
-            b"probe", birth.kind, birth.guid.encode(), birth.resources and birth.resources.encode(),
+            birth.name.encode(), birth.kind, birth.guid.encode(), birth.resources and birth.resources.encode(),
             ctypes.byref(self._callbacks), 0, int(birth.logging),
         )  # fmt: skip
 

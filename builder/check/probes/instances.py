@@ -78,6 +78,9 @@ def _interleaved(bench: Bench, alone: list[Values]) -> Iterator[Fault]:
         for point in bench.all_points():
             rows += bench.run(one, bench.excitation, range(point, point + 1))
             bench.run(other, lambda time: bench.excitation(time, -0.4), range(point, point + 1))
+            if point == bench.timing.count // 2:
+                with bench.running():
+                    pass  # a third one is freed
     if worst := differ(alone, rows):
         yield "instances", f"interleaved with another instance, its outputs differ by {worst:.1e} of their size"
 
@@ -459,27 +462,30 @@ def _state_growth(bench: Bench) -> Iterator[Fault]:
 
 def _serialized(bench: Bench) -> Iterator[Fault]:
     before, after = _halves(bench)
+    given = [*bench.inputs, *bench.description.of("parameter")]
     with bench.running() as instance:
         bench.run(instance, bench.excitation, before)
+        values = [instance.reals(given)]
         state = instance.state()
         content = instance.serialized(state)
         if content != instance.serialized(state) or content != instance.serialized(instance.state()):
             yield "serialized-same", "two serializations of the same state differ"
         first = bench.trace(instance, after)
     with bench.running() as other:  # after the first was freed: some FMUs allow only one instance at a time
-        yield from _compare_runs("serialized-state", "in another instance", first, _restored(bench, other, content))
+        _restore(other, content)
+        yield from _compare_runs("serialized-state", "in another instance", values, [other.reals(given)])
+        yield from _compare_runs("serialized-state", "in another instance", first, bench.trace(other, after))
     yield from _other_process(bench, content, first)
 
 
-def _restored(bench: Bench, instance: Instance, content: bytes) -> list[Values]:
-    """Run the second half from a serialized state; return the outputs at the state and after each step."""
+def _restore(instance: Instance, content: bytes) -> None:
+    """Set an instance to a serialized state."""
     status, state = instance.deserialize(content)
     if refused(status):
         raise CallError(
             f"fmi2DeSerializeFMUstate rejected a state that the FMU itself serialized{instance.last_message()}"
         )
     instance.need("SetFMUstate", state)
-    return bench.trace(instance, _halves(bench)[1])
 
 
 def _other_process(bench: Bench, content: bytes, first: list[Values]) -> Iterator[Fault]:
@@ -545,7 +551,8 @@ def restore(folder: Path, progress: Path, saved: Path, reach: int) -> None:
     os.dup2(2, 1)
     bench = Bench(folder, progress, reach)
     with bench.running() as instance:
-        for row in _restored(bench, instance, saved.read_bytes()):
+        _restore(instance, saved.read_bytes())
+        for row in bench.trace(instance, _halves(bench)[1]):
             channel.write(" ".join(value.hex() for value in row) + "\n")
     channel.flush()
 

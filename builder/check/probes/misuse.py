@@ -1,8 +1,10 @@
-"""Probes of invalid calls, which must be rejected: wrong order, invalid values, NULL arguments."""
+"""Probes of single calls: those that hosts make in different ways, and invalid ones, which must be rejected."""
 
 from __future__ import annotations
 
+import itertools
 import math
+import random
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, suppress
 from ctypes import c_double, c_uint
@@ -17,12 +19,63 @@ from builder.check.probes.bench import (
     Results,
     Value,
     base_type,
+    other_value,
     refused,
     status_name,
 )
 from builder.check.probes.library import ERROR, FATAL, FREEING_NOTHING, MissingFunctionError
 from builder.check.rules import Fault, listed, some
 from eightpost.fmi import Variable
+
+# ---- What hosts do in different ways --------------------------------------------------------------------------------
+
+_NAME = "a model/its ünits: " * 20
+_MOST_LOST = 5  # parameters
+
+
+def probe_hosts(bench: Bench) -> Results:
+    """Do what some hosts do and others do not, with an instance for each."""
+    for rule, habit in {"instance-name": _named, "tolerance": _with_tolerance, "stop-rounding": _stopped}.items():
+        try:
+            habit(bench)
+        except CallError as error:
+            yield rule, str(error)
+    yield "start-kept", some(_lost(bench), "set before initialization mode, with another value in it: ")
+
+
+def _named(bench: Bench) -> None:
+    with bench.running(birth=replace(bench.birth, name=_NAME)) as instance:
+        bench.run(instance, bench.held, range(1))
+
+
+def _with_tolerance(bench: Bench) -> None:
+    with bench.instance() as instance:
+        instance.need("SetupExperiment", 1, 1e-6, bench.timing.start, 0, 0.0, note=" with a tolerance")
+        for name in ("EnterInitializationMode", "ExitInitializationMode"):
+            instance.need(name, note=" with a tolerance")
+
+
+def _stopped(bench: Bench) -> None:
+    """Step to a stop time that the sum of the steps exceeds by rounding."""
+    start, h = bench.timing.start, bench.timing.step
+    times = [*itertools.accumulate([h] * bench.timing.count, initial=start)]
+    count = next((k for k, time in enumerate(times) if time > start + k * h), 0)
+    with bench.running(stop=start + count * h if count else None) as instance:
+        for time in times[:count]:
+            bench.drive(instance, bench.held(time))
+            instance.advance(time, h)
+
+
+def _lost(bench: Bench) -> Iterator[str]:
+    """Yield parameters that do not keep a value that was set before initialization mode."""
+    for variable in bench.description.of("parameter")[:_MOST_LOST]:
+        value = other_value(variable, random.Random(1))
+        with suppress(CallError), bench.instance() as instance:  # it may contradict another parameter
+            if not refused(instance.set(variable, value)):
+                bench.enter(instance)
+                if not math.isclose(float(instance.get(variable)[1]), value, rel_tol=1e-6):
+                    yield variable.name
+
 
 # ---- Calls in the wrong order, invalid steps, locked variables ------------------------------------------------------
 
@@ -154,7 +207,7 @@ def _unknown_references(bench: Bench) -> Iterator[Fault]:
     accepted = []
     for kind, buffer_type in C_TYPES.items():
         used = {int(v.reference) for v in bench.description.variables if v.is_callable and base_type(v) == kind}
-        for reference in (max(used, default=0) + 1, 2**32 - 1):
+        for reference in {max(used, default=0) + 1, 2**31 + min(used, default=0), 2**32 - 1} - used:
             for way in ("Get", "Set"):
                 with bench.running() as instance:
                     content = (buffer_type * 1)(b"x" if kind == "String" else 0)

@@ -81,6 +81,7 @@ def probe_simulation(bench: Bench) -> Results:
         yield "deterministic", "a second run in the same process gave different outputs"
     else:
         yield from _with_stop(bench, first)
+        yield from _unread(bench, first)
     yield from _messages(messages)
 
 
@@ -155,6 +156,20 @@ def _reads(bench: Bench) -> Iterator[Fault]:
         again = [instance.get(variable) for variable in reversed(variables)][::-1]
         changed = (v.name for v, one, other in zip(variables, first, again, strict=True) if repr(one) != repr(other))
         yield "reads-repeatable", some(changed, "different when they are read again: ")
+        alone = [(v, value) for v, (_, value) in zip(variables, first, strict=True) if v.type == "Real"][::-1]
+        together = zip(alone, instance.reals([v for v, _ in alone]), strict=True)
+        changed = (v.name for (v, one), other in together if repr(one) != repr(other))
+        yield "reads-repeatable", some(changed, "different when they are read together: ")
+
+
+def _unread(bench: Bench, rows: list[Values]) -> Iterator[Fault]:
+    """Compare the last outputs with those of steps between which none are read."""
+    with bench.running() as instance:
+        for point in bench.all_points():
+            bench.drive(instance, bench.excitation(bench.timing.at(point)))
+            instance.advance(bench.timing.at(point), bench.timing.step)
+        if differ(rows[-1:], [instance.reals(bench.outputs)]):
+            yield "reads-repeatable", "outputs differ after steps between which none are read"
 
 
 def _start_values(bench: Bench) -> Iterator[Fault]:
