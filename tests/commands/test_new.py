@@ -39,19 +39,6 @@ def run(lines, folder, monkeypatch):
 
 
 @pytest.mark.nightly
-def test_the_commands_up_to_the_coupled_run_succeed(folder, monkeypatch):
-    """Two seconds after settling show what ten show; the study takes longer than all others together."""
-    text = (folder / "system.toml").read_text(encoding="utf-8")
-    assert text.count('stop = "10 s"') == 1
-    (folder / "system.toml").write_text(text.replace('stop = "10 s"', 'stop = "4 s"'), encoding="utf-8")
-    *first, study = commands((folder / "README.md").read_text(encoding="utf-8"))
-    assert len(first) == 4 and study == "eightpost study study.toml -o study"
-    run(first, folder, monkeypatch)
-    for product in ("shocks/dyno_A.json", "fmus/car.fmu", "run/report.html"):
-        assert (folder / product).is_file()
-
-
-@pytest.mark.nightly
 def test_the_five_commands_of_the_readme_succeed(folder, monkeypatch):
     run(commands((folder / "README.md").read_text(encoding="utf-8")), folder, monkeypatch)
     for product in ("shocks/dyno_A.json", "fmus/car.fmu", "run/report.html", "study/report.html"):

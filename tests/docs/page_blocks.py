@@ -1,9 +1,6 @@
 """Code blocks of all pages, and what each is: run by a test, an equation, an output, or not run for a stated reason.
 
-    python -m tests.docs.page_blocks
-
-prints how many blocks of each kind a page has. A comment on
-the line before a block states what is not the default:
+A comment on the line before a block states what is not the default:
 
     <!-- not run: needs MATLAB -->
     <!-- run by tests/hosts/test_host_programs.py -->
@@ -16,7 +13,6 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -122,18 +118,3 @@ def commands(block: Block) -> Iterator[list[str]]:
             words = words[: words.index(">")]
         if words:
             yield words
-
-
-def main() -> None:
-    """Print the number of blocks of each kind on each page, and in all."""
-    total: Counter[str] = Counter()
-    for page in pages():
-        counted = Counter(block.kind for block in blocks(page))
-        total += counted
-        if counted:
-            print(f"{page.relative_to(ROOT)}: {', '.join(f'{n} {kind}' for kind, n in sorted(counted.items()))}")
-    print(f"all {total.total()}: {', '.join(f'{n} {kind}' for kind, n in total.most_common())}")
-
-
-if __name__ == "__main__":
-    main()

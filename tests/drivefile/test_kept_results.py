@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,11 @@ from eightpost.drivefile import ActuatorBands, Limits, Settings, Target, start_r
 from eightpost.drivefile.folder import _reasons, error_table
 from eightpost.drivefile.iteration import Outcome, correction, gains, regularised_inverse
 from eightpost.drivefile.target import Lines, PassErrors, at_rate, pass_errors, within_limits
-from eightpost.errors import ParameterError
 from eightpost.ident.vehicle.frequency_response import response_of
 from eightpost.shock import read_shock
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Bristle, Friction, IdentifiedVehicle, add_port_damping, read_vehicle, shipped
+from tests.unchanged import refusals
 
 Unchanged = Callable[..., None]
 BANK = Path(__file__).parents[2] / "examples" / "bank"
@@ -71,22 +72,29 @@ def test_the_start_response_of_an_identified_car_about_its_track(quarter, shock:
                "coherence": coherence, "notes": found.notes})  # fmt: skip
 
 
-def test_a_corner_that_is_no_target_keeps_its_damping_and_unknown_corners_are_refused(quarter) -> None:
+def test_a_corner_that_is_no_target_keeps_its_damping(quarter) -> None:
     target = quarter[0].target
     car = IdentifiedVehicle("car", read_vehicle(shipped("quarter_car")).with_damper(), {"": 1500.0})
     without = Target(target.series.select(["hub_acceleration"]), target.high)
     assert "displacement is not a target" in start_response(car, without).notes[0]
-    law = read_shock(BANK / "C_B.json").law
-    with pytest.raises(ParameterError, match="has no corner 'lf'; correct --shock"):
-        start_response(car, target, shocks={"lf": law})
-    with pytest.raises(ParameterError, match="has its own dampers; omit --shock"):
-        start_response(read_vehicle(shipped("quarter_car")), target, shocks={"": law})
 
 
-@pytest.mark.parametrize("name", ["wheelloader", "aeroloader"])
-def test_a_bandwidth_of_zero_is_refused(name: str) -> None:
-    with pytest.raises(ParameterError, match="bandwidths must be above 0 Hz"):
-        ActuatorBands(**{name: 0.0})
+def test_what_cannot_be_iterated_is_refused(quarter, unchanged: Unchanged) -> None:
+    target, law = quarter[0].target, read_shock(BANK / "C_B.json").law
+    series, car = target.series, read_vehicle(shipped("quarter_car"))
+    undamped = IdentifiedVehicle("car", car.with_damper(), {"": 1500.0})
+    flat = series.with_channel("displacement", "m", np.full(len(series), 0.01))
+    settings = ({"gain": 0.0}, {"gain": 1.5}, {"regularisation": 1.0}, {"acceleration": 0.0})
+    bands = ({"wheelloader": 0.0}, {"aeroloader": 0.0})
+    limits = ({"stroke": 0.0}, {"velocity": 0.0}, {"force": 0.0})
+    given = ((Settings, settings), (ActuatorBands, bands), (Limits, limits))
+    unchanged(refusals({f"{kind.__name__} {one}": partial(kind, **one) for kind, all_ in given for one in all_} | {
+        "5 s": lambda: Target(series.window(0.0, 5.0), 20.0), "90 Hz": lambda: Target(series, 90.0),
+        "a constant channel": lambda: Target(flat, 20.0),
+        "an unknown corner": lambda: start_response(undamped, target, shocks={"lf": law}),
+        "a second damper": lambda: start_response(car, target, shocks={"": law}),
+        "an input in Pa": lambda: regularised_inverse(np.ones((1, 2, 1)), np.ones((1, 2)), ("Pa",), 0.1),
+    }))  # fmt: skip
 
 
 @pytest.mark.parametrize("rate", [400.0, 200.0, 80.0])

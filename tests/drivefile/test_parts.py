@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from eightpost.drivefile import Limits
 from eightpost.drivefile.iteration import TYPICAL, _start_gains, correction, gains, regularised_inverse
 from eightpost.drivefile.target import Lines, pass_errors, within_limits
-from eightpost.errors import ParameterError
 
 
 def random_response(seed, lines, outputs, inputs):
@@ -46,11 +45,6 @@ def test_a_direction_that_the_rig_cannot_reach_is_not_driven():
     found = regularised_inverse(H, np.ones((1, 2)), ("m", "m"), 0.02)
     assert found.rank[0] == pytest.approx(1.0, abs=1e-3)
     assert np.abs(found.G).max() < 1.0  # the exact inverse has 1e6
-
-
-def test_an_input_with_another_unit_is_refused():
-    with pytest.raises(ParameterError, match="unit Pa"):
-        regularised_inverse(random_response(4, 1, 2, 1), np.ones((1, 2)), ("Pa",), 0.1)
 
 
 LINES = Lines(1500, 100.0, 20.0)
@@ -95,12 +89,6 @@ def test_a_limited_command_has_no_power_above_the_band():
         return np.std(signal - LINES.rows(LINES.spectrum(signal))) / np.std(signal)
 
     assert above(found) < 0.2 * above(clipped)
-
-
-@pytest.mark.parametrize("name", ["stroke", "velocity", "force"])
-def test_a_limit_of_zero_is_refused(name):
-    with pytest.raises(ParameterError, match=name):
-        Limits(**{name: 0.0})
 
 
 def test_the_gain_is_the_coherence_of_the_step_without_the_bias_of_few_lines():

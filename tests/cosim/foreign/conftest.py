@@ -17,37 +17,18 @@ from eightpost.compilers import find_compiler
 from eightpost.errors import FmuError
 from eightpost.signals import Drivefile
 
-from . import lag_fmus
+from . import lag_fmus, version_2
 
 SOURCE = Path(__file__).with_name("foreign_fmu.c")
 
-DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="2.0" modelName="foreign" guid="{guid}" {tool}variableNamingConvention="structured">
-  <{kind} modelIdentifier="foreign" {flags}>{sources}</{kind}>
-  <UnitDefinitions>
-    <Unit name="mm/s"><BaseUnit m="1" s="-1" factor="0.001"/></Unit>
-    <Unit name="kN"><BaseUnit kg="1" m="1" s="-2" factor="1000"/></Unit>
-    <Unit name="deg"><BaseUnit rad="1" factor="0.017453292519943295"/></Unit>
-  </UnitDefinitions>
-  <ModelVariables>
-{variables}
-  </ModelVariables>
-  <ModelStructure><Outputs>
-    <Unknown index="2" dependencies="1"/><Unknown index="3" dependencies="1"/><Unknown index="4" dependencies=""/>
-    <Unknown index="5" dependencies=""/><Unknown index="6" dependencies=""/><Unknown index="7" dependencies="9"/>
-    <Unknown index="8" dependencies=""/>
-  </Outputs></ModelStructure>
-</fmiModelDescription>
-"""
-#: name, value reference, causality, type with its attributes
 VARIABLES = (
     ("piston.u", 1000, "input", 'Real unit="mm/s" start="0"'),
-    ("piston.y", 7, "output", 'Real unit="kN"'),
-    ("alias", 7, "output", 'Real unit="kN"'),
+    ("piston.y", 7, "output", 'Real unit="kN"', "1"),
+    ("alias", 7, "output", 'Real unit="kN"', "1"),
     ("angle", 400000, "output", 'Real unit="deg"'),
     ("late", 12, "output", "Real"),
     ("length", 20, "output", "Real"),
-    ("seen", 21, "output", "Real"),
+    ("seen", 21, "output", "Real", "9"),
     ("made", 22, "output", "Real"),
     ("gear", 3, 'input" variability="discrete', 'Integer start="4"'),
     ("flag", 4, 'parameter" variability="fixed', 'Boolean start="false"'),
@@ -55,29 +36,10 @@ VARIABLES = (
 )
 
 
-def description(*, guid="{foreign}", flags="", sources="", kind="CoSimulation", tool=""):
-    lines = (
-        f'<ScalarVariable name="{name}" valueReference="{number}" causality="{causality}"><{kept}/></ScalarVariable>'
-        for name, number, causality, kept in VARIABLES
-    )
-    text = DESCRIPTION.format(
-        guid=guid,
-        flags=flags,
-        sources=sources,
-        kind=kind,
-        tool=tool and f'generationTool="{tool}" ',
-        variables="\n".join(lines),
-    )
-    return text.encode()
-
-
-def write_fmu(path, library, **declared):
-    members = {
-        "modelDescription.xml": description(**declared),
-        f"binaries/{fmpy.platform}/foreign{fmpy.sharedLibraryExtension}": library,
-        "resources/note.txt": b"seven b",
-    }
-    write_archive(path, members)
+def write_fmu(path, library, *, tool="", **declared):
+    attributes = (tool and f'generationTool="{tool}" ') + 'variableNamingConvention="structured"'
+    files = {"resources/note.txt": b"seven b"}
+    return version_2.write(path, library, "foreign", VARIABLES, files=files, attributes=attributes, **declared)
 
 
 def compiled(target, *definitions, source=SOURCE):
@@ -137,7 +99,8 @@ def source_fmu(tmp_path):
 
     def make(*, listed="", **sources):
         files = "".join(f'<File name="{name}"/>' for name in listed.split())
-        xml = description(guid="{sources}", sources=f"<SourceFiles>{files}</SourceFiles>" if files else "")
+        listing = f"<SourceFiles>{files}</SourceFiles>" if files else ""
+        xml = version_2.description("foreign", VARIABLES, guid="{sources}", sources=listing)
         members = {"modelDescription.xml": xml, "sources/foreign_fmu.h": SOURCE.read_bytes()}
         members |= {f"sources/{name}.c": text.encode() for name, text in sources.items()}
         write_archive(tmp_path / "sources.fmu", members)
@@ -151,8 +114,7 @@ def foreign(foreign_library, tmp_path):
     """Write the FMU with the given declarations in its description."""
 
     def make(name="foreign.fmu", *, library=foreign_library, **declared):
-        write_fmu(tmp_path / name, library, **declared)
-        return tmp_path / name
+        return write_fmu(tmp_path / name, library, **declared)
 
     return make
 
@@ -166,8 +128,7 @@ def kind(request):
 @pytest.fixture(scope="session", params=[FmuComponent, IsolatedComponent], ids=["direct", "isolated"])
 def odd(request, foreign_library, tmp_path_factory):
     """The FMU as a component that many tests begin in turn; no test may affect the next."""
-    path = tmp_path_factory.mktemp("odd") / "foreign.fmu"
-    write_fmu(path, foreign_library)
+    path = write_fmu(tmp_path_factory.mktemp("odd") / "foreign.fmu", foreign_library)
     component = request.param(path, "odd")
     yield component
     component.close()

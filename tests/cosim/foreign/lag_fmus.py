@@ -7,6 +7,8 @@ import fmpy
 
 from eightpost.archive import write_archive
 
+from . import version_2
+
 SOURCE = Path(__file__).with_name("lag_fmu.c")
 FLAGS = (
     'canHandleVariableCommunicationStepSize="true" canGetAndSetFMUState="true" providesIntermediateUpdate="true" '
@@ -55,22 +57,10 @@ THREE = """<?xml version="1.0" encoding="UTF-8"?>
 </fmiModelDescription>
 """
 
-TWO = """<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="2.0" modelName="lag" guid="lag 2">
-  <CoSimulation modelIdentifier="lag" canHandleVariableCommunicationStepSize="{any_step}" canGetAndSetFMUstate="true"
-    canInterpolateInputs="{ramps}"/>
-  {experiment}
-  <UnitDefinitions><Unit name="mm/s"><BaseUnit m="1" s="-1" factor="0.001"/></Unit></UnitDefinitions>
-  <ModelVariables>
-    <ScalarVariable name="u" valueReference="1" causality="input"><Real start="0" unit="mm/s"/></ScalarVariable>
-    <ScalarVariable name="x" valueReference="2" causality="output"><Real/></ScalarVariable>
-    <ScalarVariable name="y" valueReference="3" causality="output"><Real unit="mm/s"/></ScalarVariable>
-  </ModelVariables>
-  <ModelStructure><Outputs>
-    <Unknown index="2" dependencies=""/><Unknown index="3" dependencies="1"/>
-  </Outputs></ModelStructure>
-</fmiModelDescription>
-"""
+VARIABLES_2 = (
+    ("u", 1, "input", 'Real start="0" unit="mm/s"'), ("x", 2, "output", "Real"),
+    ("y", 3, "output", 'Real unit="mm/s"', "1"),
+)  # fmt: skip
 
 
 def description(*, token="lag 3", flags=FLAGS, ramps=True, interface="CoSimulation", variables=VARIABLES):
@@ -88,11 +78,9 @@ def write_three(path, library, **declared):
 
 def write_two(path, library, *, ramps=True, any_step=True, experiment=""):
     """Write the FMI 2.0 FMU."""
-    binary = f"binaries/{fmpy.platform}/lag{fmpy.sharedLibraryExtension}"
-    words = {"ramps": str(ramps).lower(), "any_step": str(any_step).lower()}
-    xml = TWO.format(**words, experiment=experiment).encode()
-    write_archive(path, {"modelDescription.xml": xml, binary: library})
-    return path
+    flags = {"HandleVariableCommunicationStepSize": any_step, "GetAndSetFMUstate": True, "InterpolateInputs": ramps}
+    words = " ".join(f'can{name}="{str(value).lower()}"' for name, value in flags.items())
+    return version_2.write(path, library, "lag", VARIABLES_2, guid="lag 2", flags=words, more=experiment)
 
 
 def begun(part, **parameters):

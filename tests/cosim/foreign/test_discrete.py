@@ -3,7 +3,6 @@
 from functools import partial
 from pathlib import Path
 
-import fmpy
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -28,44 +27,36 @@ from eightpost.errors import WiringError
 from eightpost.signals import Drivefile, TimeSeries, read_series
 from tests.unchanged import refusals
 
+from . import version_2
+
 SOURCE = Path(__file__).with_name("discrete_fmu.c")
 STEP, STOP = 1e-3, 0.05
+DISCRETE = '{}" variability="discrete'
 VARIABLES = (
-    ("count", 1, "output", "<Integer/>"),
-    ("mode", 2, "output", '<Enumeration declaredType="Mode"/>'),
-    ("is_odd", 1, "output", "<Boolean/>"),
-    ("wave", 1, "output", "<Real/>"),
-    ("seen", 2, "output", "<Real/>"),
-    ("integer", 10, "input", '<Integer start="0"/>'),
-    ("item", 11, "input", '<Enumeration declaredType="Mode" start="1"/>'),
-    ("boolean", 10, "input", '<Boolean start="false"/>'),
-    ("real", 10, "input", '<Real start="0"/>'),
+    ("count", 1, DISCRETE.format("output"), "Integer"),
+    ("mode", 2, DISCRETE.format("output"), 'Enumeration declaredType="Mode"'),
+    ("is_odd", 1, DISCRETE.format("output"), "Boolean"),
+    ("wave", 1, "output", "Real"),
+    ("seen", 2, "output", "Real"),
+    ("integer", 10, DISCRETE.format("input"), 'Integer start="0"'),
+    ("item", 11, DISCRETE.format("input"), 'Enumeration declaredType="Mode" start="1"'),
+    ("boolean", 10, DISCRETE.format("input"), 'Boolean start="false"'),
+    ("real", 10, "input", 'Real start="0"'),
 )
-CONTINUOUS = {"wave", "seen", "real"}
 SAME = {"count": "integer", "mode": "item", "is_odd": "boolean"}
 
 
 @pytest.fixture(scope="module")
 def fmu(foreign_compiler, tmp_path_factory):
     folder = tmp_path_factory.mktemp("discrete")
-    rows = "".join(
-        f'<ScalarVariable name="{name}" valueReference="{number}" causality="{causality}" '
-        f'variability="{"continuous" if name in CONTINUOUS else "discrete"}">{kind}</ScalarVariable>'
-        for name, number, causality, kind in VARIABLES
-    )
     items = "".join(f'<Item name="{name}" value="{k + 1}"/>' for k, name in enumerate(("soft", "normal", "hard")))
-    outputs = "".join(f'<Unknown index="{k + 1}" dependencies=""/>' for k in range(5))
-    xml = f"""<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="2.0" modelName="discrete" guid="{{discrete}}">
-  <CoSimulation modelIdentifier="discrete" canHandleVariableCommunicationStepSize="true" canGetAndSetFMUstate="true"/>
-  <TypeDefinitions><SimpleType name="Mode"><Enumeration>{items}</Enumeration></SimpleType></TypeDefinitions>
-  <ModelVariables>{rows}</ModelVariables>
-  <ModelStructure><Outputs>{outputs}</Outputs></ModelStructure>
-</fmiModelDescription>"""
+    types = f'<SimpleType name="Mode"><Enumeration>{items}</Enumeration></SimpleType>'
+    declared = {
+        "flags": 'canHandleVariableCommunicationStepSize="true" canGetAndSetFMUstate="true"',
+        "more": f"<TypeDefinitions>{types}</TypeDefinitions>",
+    }
     library = foreign_compiler(folder / "discrete.so", source=SOURCE)
-    binary = f"binaries/{fmpy.platform}/discrete{fmpy.sharedLibraryExtension}"
-    write_archive(folder / "discrete.fmu", {"modelDescription.xml": xml.encode(), binary: library})
-    return folder / "discrete.fmu"
+    return version_2.write(folder / "discrete.fmu", library, "discrete", VARIABLES, **declared)
 
 
 @pytest.fixture(params=[FmuComponent, pytest.param(IsolatedComponent, marks=pytest.mark.nightly)])

@@ -8,8 +8,8 @@ from cosim import FmuComponent
 from eightpost.archive import write_archive
 from eightpost.errors import FmuError
 
-from . import lag_fmus
-from .conftest import description
+from . import lag_fmus, version_2
+from .conftest import VARIABLES
 
 NAMES = ["../../../x", "../x", "/tmp/x", "a/b", "a\\b", "..", "", "a b", "1a", "é"]
 
@@ -17,7 +17,7 @@ NAMES = ["../../../x", "../x", "/tmp/x", "a/b", "a\\b", "..", "", "a b", "1a", "
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("version", [2, 3])
 def test_a_model_identifier_that_is_no_c_name_is_refused(name, version, tmp_path):
-    known, xml = (b"foreign", description()) if version == 2 else (b"lag", lag_fmus.description())
+    known, xml = b"lag", lag_fmus.description() if version == 3 else version_2.description("lag", VARIABLES)
     xml = xml.replace(b'modelIdentifier="' + known, b'modelIdentifier="' + name.encode())
     platform = fmpy.platform if version == 2 else fmpy.platform_tuple
     write_archive(tmp_path / "odd.fmu", {"modelDescription.xml": xml, f"binaries/{platform}/x.txt": b""})

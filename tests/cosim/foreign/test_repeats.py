@@ -1,74 +1,46 @@
 """Repeated runs of foreign FMUs with a faulty fmi2Reset give identical results or an error."""
 
-from functools import partial
 from pathlib import Path
 
-import fmpy
 import numpy as np
 import pytest
 import scipy
 
 from cosim import Bond, FmuComponent, IsolatedComponent, Scenario, System, run
-from eightpost.archive import write_archive
 from eightpost.errors import StepError
 from eightpost.signals import Drivefile, TimeSeries
 
+from . import version_2
+
 SOURCE = Path(__file__).with_name("quarter_car_fmu.c")
 STOP = 0.5
-DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="2.0" modelName="{name}" guid="{guid}" generationTool="20-sim">
-  <CoSimulation modelIdentifier="{name}" canHandleVariableCommunicationStepSize="true" {flags}/>
-  <UnitDefinitions>
-    <Unit name="m"><BaseUnit m="1"/></Unit><Unit name="m/s"><BaseUnit m="1" s="-1"/></Unit>
-    <Unit name="N"><BaseUnit kg="1" m="1" s="-2"/></Unit>
-  </UnitDefinitions>
-  <ModelVariables>{variables}</ModelVariables>
-  <ModelStructure><Outputs>{outputs}</Outputs></ModelStructure>
-</fmiModelDescription>
-"""
 VARIABLES = {
     "car": (
-        ("force", 0, "input", "N"), ("road", 1, "input", "m"),
-        ("velocity", 10, "output", "m/s"), ("displacement", 11, "output", "m"), ("tire_force", 12, "output", "N"),
-        ("body", 13, "output", "m"),
+        ("force", 0, "input", 'Real unit="N" start="0"'), ("road", 1, "input", 'Real unit="m" start="0"'),
+        ("velocity", 10, "output", 'Real unit="m/s"'), ("displacement", 11, "output", 'Real unit="m"'),
+        ("tire_force", 12, "output", 'Real unit="N"', "2"), ("body", 13, "output", 'Real unit="m"'),
     ),
-    "damper": (("velocity", 0, "input", "m/s"), ("displacement", 1, "input", "m"), ("force", 10, "output", "N")),
+    "damper": (
+        ("velocity", 0, "input", 'Real unit="m/s" start="0"'), ("displacement", 1, "input", 'Real unit="m" start="0"'),
+        ("force", 10, "output", 'Real unit="N"'),
+    ),
 }  # fmt: skip
-INTERPOLATES = 'canInterpolateInputs="true"'
-
-
-def write_part(path, kind, library, flags):
-    rows = (
-        f'<ScalarVariable name="{name}" valueReference="{number}" causality="{causality}"><Real unit="{unit}" '
-        f"""{'start="0"' if causality == "input" else ""}/></ScalarVariable>"""
-        for name, number, causality, unit in VARIABLES[kind]
-    )
-    names = [name for name, *_ in VARIABLES[kind]]
-    direct = {"tire_force": str(1 + names.index("road"))} if kind == "car" else {}
-    outputs = (
-        f'<Unknown index="{1 + k}" dependencies="{direct.get(name, "")}"/>'
-        for k, (name, _, causality, _) in enumerate(VARIABLES[kind])
-        if causality == "output"
-    )
-    xml = DESCRIPTION.format(
-        name=kind, guid=f"{{{kind}}}", flags=flags, variables="".join(rows), outputs="".join(outputs)
-    )
-    binary = f"binaries/{fmpy.platform}/{kind}{fmpy.sharedLibraryExtension}"
-    write_archive(path, {"modelDescription.xml": xml.encode(), binary: library})
-    return path
+DECLARED = {
+    "flags": 'canHandleVariableCommunicationStepSize="true" canInterpolateInputs="true"',
+    "attributes": 'generationTool="20-sim"',
+}
 
 
 @pytest.fixture(scope="session")
 def parts(foreign_compiler, tmp_path_factory):
     """Write both FMUs, compiled with definitions, and return their paths."""
 
-    def write(*definitions, flags=INTERPOLATES):
-        folder = tmp_path_factory.mktemp("parts")
-        compiled = partial(foreign_compiler, source=SOURCE)
-        return {
-            "car": write_part(folder / "car.fmu", "car", compiled(folder / "car.so", "-DCAR", *definitions), flags),
-            "damper": write_part(folder / "damper.fmu", "damper", compiled(folder / "s.so", *definitions), flags),
-        }
+    def write(*definitions):
+        folder, parts = tmp_path_factory.mktemp("parts"), {}
+        for name, own in (("car", ["-DCAR"]), ("damper", [])):
+            library = foreign_compiler(folder / f"{name}.so", *own, *definitions, source=SOURCE)
+            parts[name] = version_2.write(folder / f"{name}.fmu", library, name, VARIABLES[name], **DECLARED)
+        return parts
 
     return write
 

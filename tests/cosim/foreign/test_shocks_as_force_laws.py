@@ -4,14 +4,15 @@ import math
 import subprocess
 from pathlib import Path
 
-import fmpy
 import numpy as np
 import pytest
 
 from cosim import ExtrapolatedForce, ForceLaw, HeldForce
-from eightpost.archive import extract_archive, write_archive
+from eightpost.archive import extract_archive
 from eightpost.compilers import find_compiler
 from eightpost.errors import FmuError, StepError
+
+from . import version_2
 
 SOURCE = Path(__file__).with_name("foreign_shock.c")
 PORTS = {"velocity": ("piston.speed", -1.0), "displacement": ("piston.travel", -1.0), "force": ("rod.force", -1.0)}
@@ -19,28 +20,10 @@ PORTS = {"velocity": ("piston.speed", -1.0), "displacement": ("piston.travel", -
 #: The constants of foreign_shock.c in SI: N.s/m, N.s/m, N/m, s.
 C1, C2, K, TAU = 2000.0, 1000.0, 1e4, 0.004
 
-DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="2.0" modelName="shock" guid="{{shock {flags_key}}}">
-  <CoSimulation modelIdentifier="shock" {flags}/>
-  <UnitDefinitions>
-    <Unit name="mm/s"><BaseUnit m="1" s="-1" factor="0.001"/></Unit>
-    <Unit name="mm"><BaseUnit m="1" factor="0.001"/></Unit>
-    <Unit name="kN"><BaseUnit kg="1" m="1" s="-2" factor="1000"/></Unit>
-  </UnitDefinitions>
-  <ModelVariables>
-{variables}
-  </ModelVariables>
-  <ModelStructure><Outputs><Unknown index="3"/></Outputs></ModelStructure>
-</fmiModelDescription>
-"""
-VARIABLES = "\n".join(
-    f'<ScalarVariable name="{name}" valueReference="{number}" causality="{causality}"><Real unit="{unit}"{start}/>'
-    "</ScalarVariable>"
-    for name, number, causality, unit, start in (
-        ("piston.speed", 11, "input", "mm/s", ' start="0"'),
-        ("piston.travel", 12, "input", "mm", ' start="0"'),
-        ("rod.force", 40, "output", "kN", ""),
-    )
+VARIABLES = (
+    ("piston.speed", 11, "input", 'Real unit="mm/s" start="0"'),
+    ("piston.travel", 12, "input", 'Real unit="mm" start="0"'),
+    ("rod.force", 40, "output", 'Real unit="kN"', "1 2"),
 )
 RAMPS, STATES, ANY_STEP = (
     'canInterpolateInputs="true"',
@@ -60,10 +43,7 @@ def shock(foreign_compiler, tmp_path_factory):
         path = folder / f"{key}.fmu"
         if not path.exists():
             library = foreign_compiler(folder / f"{key}.so", *missing, source=SOURCE)
-            text = DESCRIPTION.format(flags=" ".join(flags), flags_key=key, variables=VARIABLES)
-            members = {"modelDescription.xml": text.encode()}
-            members[f"binaries/{fmpy.platform}/shock{fmpy.sharedLibraryExtension}"] = library
-            write_archive(path, members)
+            version_2.write(path, library, "shock", VARIABLES, guid=f"{{shock {key}}}", flags=" ".join(flags))
         return path
 
     return write

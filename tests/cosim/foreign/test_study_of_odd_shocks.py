@@ -2,14 +2,13 @@
 
 from pathlib import Path
 
-import fmpy
 import pytest
 from click.testing import CliRunner
 
 from eightpost.__main__ import main
-from eightpost.archive import write_archive
 
 from . import test_shocks_as_force_laws as shocks
+from . import version_2
 
 TRACK = Path(__file__).resolve().parents[3] / "examples" / "data" / "track.parquet"
 
@@ -46,14 +45,10 @@ stop = "3 s"
 def test_a_study_with_such_a_shock_has_no_result(last, message, foreign_compiler, fmus, tmp_path):
     library = foreign_compiler(tmp_path / "shock.so", f"-DLAST={last}", source=shocks.SOURCE)
     names = {"piston.speed": "velocity", "piston.travel": "displacement", "rod.force": "force"}
-    variables = shocks.VARIABLES
-    for name, ours in names.items():
-        variables = variables.replace(name, ours)
+    variables = [(names[name], *others) for name, *others in shocks.VARIABLES]
     flags = " ".join((shocks.RAMPS, shocks.STATES, shocks.ANY_STEP))
-    xml = shocks.DESCRIPTION.format(flags=flags, flags_key="odd", variables=variables)
-    xml = xml.replace("<fmiModelDescription ", '<fmiModelDescription generationTool="eightpost 9" ')
-    binary = f"binaries/{fmpy.platform}/shock{fmpy.sharedLibraryExtension}"
-    write_archive(tmp_path / "odd.fmu", {"modelDescription.xml": xml.encode(), binary: library})
+    tool = 'generationTool="eightpost 9"'
+    version_2.write(tmp_path / "odd.fmu", library, "shock", variables, flags=flags, attributes=tool)
     study = tmp_path / "study.toml"
     study.write_text(STUDY.format(car=fmus["seven_dof"], shock=tmp_path / "odd.fmu", track=TRACK))
     options = ["-o", str(tmp_path / "out"), "--workers", "1", "--patience", "3 s"]

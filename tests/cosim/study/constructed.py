@@ -22,7 +22,7 @@ BUILDS = ("AA/AA", "AA/B", "B/AA", "B/B", "B/C", "C/B", "C/C")
 Response = Callable[[np.ndarray], np.ndarray]
 
 
-def study(measures: tuple[str, ...], builds: tuple[str, ...] = BUILDS, **fields: object) -> Study:
+def study(measures: tuple[str, ...], /, builds: tuple[str, ...] = BUILDS, **fields: object) -> Study:
     bank = {name: Build(Path(f"{name.replace('/', '-')}.fmu")) for name in builds}
     given = {
         "name": "constructed",

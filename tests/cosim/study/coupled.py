@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 from cosim.study.definition import Build, Drive, Study, Term, Vehicle
 from cosim.study.measures import Measure
-from cosim.study.running import workers
-from cosim.study.running.evaluator import Coupling, Row
-from cosim.study.running.workers import Chunk
+from cosim.study.running.evaluator import Coupling
 
+from .conftest import TRACK, WorkersHere
 from .constructed import CORNERS
-
-TRACK = Path(__file__).resolve().parents[3] / "examples" / "data" / "track.parquet"
 
 #: Compression and rebound scales of the shock's static force, by build.
 SCALES = {"soft": (0.5, 0.5), "bump": (1.6, 0.7), "middle": (1.0, 1.0), "rebound": (0.7, 1.6), "stiff": (2.0, 2.0)}
@@ -45,23 +42,8 @@ def study(fmus: Mapping[str, Path]) -> Study:
     )
 
 
-class InProcess:
-    """Workers that run setups in this process and list them."""
+class InProcess(WorkersHere):
+    """Workers that run setups in this process with the fixed coupling."""
 
-    count = 1
-
-    def __init__(self) -> None:
-        self.ran: list[int] = []
-
-    def choose(self, study: Study) -> Coupling:
+    def choose(self, _study: Study) -> Coupling:
         return COUPLING
-
-    def rows(
-        self, study: Study, coupling: Coupling, chunks: Sequence[Chunk], stop: Callable[[], bool]
-    ) -> Iterator[tuple[Chunk, list[Row]]]:
-        for chunk in chunks:
-            self.ran.extend(chunk.indices)
-            yield chunk, workers.rows(study.to_json(), coupling, chunk.indices)
-
-    def close(self) -> None:
-        pass

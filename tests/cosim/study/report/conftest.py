@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 from cosim.study.choice.certainty import OBJECTIVE, Certainty, Contribution, Levels, NextTest, Status, TradeOff
-from cosim.study.definition import Build, Constraint, Drive, Study, Term, Vehicle
+from cosim.study.definition import Build, Constraint, Drive, Term
 from cosim.study.measures import Measure
 from cosim.study.table import Provenance, StudyResult, result_table, study_schema
 from eightpost.corners import CORNERS
 from eightpost.signals import TimeSeries
 
-# Table 7.3, with nominal damping of its shim stacks (7.1): AA 9, B 20, C 30 lb/(in/s).
-BUILDS = ("AA/AA", "AA/B", "B/AA", "B/B", "B/C", "C/B", "C/C")
+from .. import constructed
+
+# Nominal damping of the shim stacks of Table 7.3 (7.1) [lb/(in/s)].
 _DAMPING = {"AA": 9.0, "B": 20.0, "C": 30.0}
 FRONT, TIRE, HUB = "front ride height, RMS", "total tire force, RMS", "rf hub acceleration, RMS"
 
@@ -42,23 +43,6 @@ def _responses(damping, rng):
     return values * (1.0 + 0.002 * rng.standard_normal(values.shape))
 
 
-def _study(corners, constraints, objective):
-    return Study(
-        name="Surrogate of chapter 7 (synthetic)",
-        vehicle=Vehicle(Path("car.fmu")),
-        bank={
-            build: Build(Path("bank", f"{build.replace('/', '_')}.fmu"))
-            for build in dict.fromkeys((*BUILDS, *corners["lf"]))
-        },
-        corners=corners,
-        drives=(Drive("lap", Path("lap.csv"), stop=33.0),),
-        measures=_MEASURES,
-        objective=objective,
-        constraints=constraints,
-        baseline=dict.fromkeys(CORNERS, "B/B"),
-    )
-
-
 def _row(study, setup, values, rng):
     row = {"setup": setup.index, **setup.builds, **dict(zip([m.name for m in study.measures], values, strict=True))}
     row |= {"status": "done", "message": "", "marks": "", "seconds": 0.03}
@@ -69,9 +53,15 @@ def _row(study, setup, values, rng):
 def surrogate():
     """Return a function that gives the result for some builds of Table 7.3; setup 40 fails, setup 7 is marked."""
 
-    def made(builds=BUILDS, objective=_OBJECTIVE):
+    def made(builds=constructed.BUILDS, objective=_OBJECTIVE):
         rng = np.random.default_rng(7)
-        study = _study(dict.fromkeys(CORNERS, builds), (Constraint(HUB, at_most=2.45),), objective)
+        names = dict.fromkeys((*constructed.BUILDS, *builds))
+        study = constructed.study(
+            (), builds=builds, name="Surrogate of chapter 7 (synthetic)", measures=_MEASURES, objective=objective,
+            bank={name: Build(Path("bank", f"{name.replace('/', '_')}.fmu")) for name in names},
+            drives=(Drive("lap", Path("lap.csv"), stop=33.0),), constraints=(Constraint(HUB, at_most=2.45),),
+            baseline=dict.fromkeys(CORNERS, "B/B"),
+        )  # fmt: skip
         force = {name: np.mean([_DAMPING[part] for part in name.split("/")]) for name in builds}
         damping = np.array([[force[build] for build in setup.builds.values()] for setup in study.space])
         responses = _responses((damping - 9.0) / 21.0, rng)
