@@ -29,7 +29,7 @@ from eightpost.ident.vehicle.vehicle_fit import VehicleFit, with_validity
 from eightpost.rig import RigTest
 from eightpost.shock import Shock
 from eightpost.signals import TimeSeries
-from eightpost.signals.filters import derivative, lowpass
+from eightpost.signals.filters import lowpass
 from eightpost.verdict import Reason, Rules, listed
 
 # ==== Agreement of rig tests: whether the car changed from test to test, or within a test ============================
@@ -432,6 +432,10 @@ def forces_in_step(prepared: Prepared, shocks: Sequence[Shock], baseline: int) -
     return replace(prepared, records=tuple(records)), f"Shock forces were advanced to be in step with laws: {delays}."
 
 
+#: Distance of the values whose difference is a derivative, in samples: neighbours at 125 Hz are too far apart.
+_NEAR = 0.1
+
+
 def hubs_in_step(prepared: Prepared) -> tuple[Prepared, str]:
     """Return prepared tests with the hub accelerometers in step with the other channels, and a sentence on their delay.
 
@@ -460,7 +464,8 @@ def _hub_delay(record: TimeSeries, corner: str) -> float | None:
     """Return the delay of a hub accelerometer [s]; None if the balance of the wheel leaves too much unexplained."""
     rows = np.stack([record[channel(corner, name)] for name in _NEEDED])
     tire, *terms = lowpass(rows, record.sample_rate, _HIGHEST)
-    matrix = np.stack([*terms, derivative(terms[0], record.sample_rate)], axis=1)
+    near, far = (shift(terms[0], part, order=5, mode="nearest") for part in (_NEAR, -_NEAR))
+    matrix = np.stack([*terms, (far - near) * (0.5 / _NEAR) * record.sample_rate], axis=1)
     found = np.linalg.lstsq(matrix, tire, rcond=None)[0]
     left = float(np.std(tire - matrix @ found) / np.std(tire))
     return float(found[-1] / found[0]) if left <= _UNEXPLAINED else None
