@@ -13,6 +13,7 @@ from benchmarks.cars.car import CORNERS, contact, rubber
 from benchmarks.cars.draw import KINDS, draw
 from benchmarks.cars.rig import tests_of as five_tests
 from eightpost.rig import read_rig_test
+from eightpost.shock import Shock
 from eightpost.signals import ChannelMap
 
 pytestmark = pytest.mark.nightly  # evidence, not the product
@@ -133,3 +134,11 @@ def test_records_read_in_the_teams_units_are_those_of_the_sensors(kind, tmp_path
     read, motion = read_rig_test(path, channel_map=ChannelMap.read(map_)).series, motion.channels
     for name in set(motion) & set(read.names) - {f"{c}.velocity" for c in ("lf", "rf", "lr", "rr")}:
         assert np.allclose(read[name], motion[name], rtol=1e-4, atol=1e-4 * np.abs(motion[name]).max()), name
+
+
+def test_fitted_shock_has_nearly_the_force_of_its_law():
+    true = Shock("soft", draw("links", 1).bank[0].law)
+    (found,) = judge.fitted([true], 1)
+    for v in (-0.5, -0.1, 0.1, 0.5):
+        assert found.law.curve.force(v) == pytest.approx(true.law.curve.force(v), rel=0.02)
+    assert found.name == "soft"

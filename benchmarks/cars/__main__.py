@@ -1,6 +1,7 @@
 """Identification of true cars, judged by the truth.
 
     python -m benchmarks.cars --kinds links rubber --seeds 1 2 --kept rows/
+    python -m benchmarks.cars --kinds links --seeds 1 --shocks fitted --kept rows/
     python -m benchmarks.cars --kinds links --seeds 1 --seconds 60 --procedures --kept rows/
 
 Each row is kept in the folder, and read from it when the command is given again. Seeds from 1000 are for reports.
@@ -177,6 +178,8 @@ def main() -> None:
     parser.add_argument("--seeds", nargs="+", type=int, default=[1], help="seeds of each kind")
     parser.add_argument("--seconds", type=float, default=200.0, help="length of each of the five tests")
     parser.add_argument("--lap", choices=LAPS, default="track", help="lap on which setups are judged")
+    parser.add_argument("--shocks", choices=("known", "fitted"), default="known", help="laws of the shocks: the true "
+                        "ones, or fits of virtual dynamometer records")  # fmt: skip
     parser.add_argument("--procedures", nargs="*", choices=PROCEDURES, help="bad procedures; without names all")
     parser.add_argument("--kept", type=Path, required=True, help="folder of the rows")
     given = parser.parse_args()
@@ -185,7 +188,7 @@ def main() -> None:
     for seed in given.seeds:
         for kind in given.kinds:
             for name in names:
-                rows.append(row_of(Case(kind, seed, given.seconds, name, given.lap), given.kept))
+                rows.append(row_of(Case(kind, seed, given.seconds, name, given.lap, given.shocks), given.kept))
                 print(f"{kind} {seed} {name}: done", file=sys.stderr, flush=True)
     if given.procedures is not None:
         print(procedures(rows))

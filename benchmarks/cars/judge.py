@@ -20,14 +20,16 @@ from benchmarks.cars.car import CORNERS
 from benchmarks.cars.draw import draw
 from benchmarks.cars.rig import RATE, Motion, lap_drive, lap_series, run, write_tests
 from cosim.study.measures import shares_of
-from eightpost.api.models import identify
+from eightpost.api.models import fit, identify, simulate
 from eightpost.errors import EightpostError
 from eightpost.ident.vehicle.port_search import about_loads
 from eightpost.ident.vehicle.simulation import ManySetups
 from eightpost.ident.vehicle.vehicle_fit import VehicleFit
+from eightpost.rig import DynoTest
 from eightpost.shock import Shock, ShockLaw
 from eightpost.signals import TimeSeries
 from eightpost.uncertainty import TOTAL
+from eightpost.virtual.dynamometer import Actuator, random_multisine, read_out
 
 #: Time at the start of a lap that is not evaluated [s].
 SETTLING = 2.0
@@ -66,11 +68,13 @@ class Case:
     seconds: float = 200.0  #: Length of each test [s].
     procedure: str = "control"
     lap: str = "track"
+    shocks: str = "known"  #: "known", or "fitted" to dynamometer records.
 
     @property
     def name(self) -> str:
         """Name of the row's file."""
-        return f"{self.kind}_{self.seed}_{self.seconds:g}_{self.procedure}_{self.lap}"
+        parts = (self.kind, self.seed, f"{self.seconds:g}", self.procedure, self.lap)
+        return "_".join(map(str, parts if self.shocks == "known" else (*parts, self.shocks)))
 
 
 def row_of(case: Case, folder: Path) -> dict[str, Any]:
@@ -89,27 +93,42 @@ def setups_of(seed: int, count: int = SETUPS) -> list[tuple[int, ...]]:
     return [tuple(int(k) for k in row) for row in drawn]
 
 
+#: Duration of a dynamometer record [s], at 2 kHz.
+_DYNO = 10.0
+
+
+def fitted(shocks: Sequence[Shock], seed: int) -> list[Shock]:
+    """Return the fits of shocks, with the defaults of `fit`, to random dynamometer tests with ripple and noise."""
+    motion = Actuator().follow(random_multisine(seed, duration=_DYNO).series)
+    motion = motion.with_channel("velocity", "m/s", np.gradient(motion["displacement"], motion.time))
+    records = [read_out(motion.with_channel("force", "N", simulate(one, motion)["force"]), seed=seed) for one in shocks]
+    return [fit(DynoTest(record), name=one.name).shock for one, record in zip(shocks, records, strict=True)]
+
+
 def _row(case: Case, folder: Path) -> dict[str, Any]:
     car = draw(case.kind, case.seed)
     row: dict[str, Any] = asdict(case)
     records = folder / f"{case.name}_records"
     paths = write_tests(car, records, case.seconds, case.seed, case.procedure)
-    laws = [shock.law for shock in car.bank]
-    tested = [Shock("baseline", laws[car.baseline]), Shock("alternate", car.alternate.law)]
+    shocks = [Shock(one.name, one.law) for one in (*car.bank, car.alternate)]
+    if case.shocks == "fitted":
+        shocks = fitted(shocks, case.seed)
+    laws, tested = [shock.law for shock in shocks[:-1]], [shocks[car.baseline], shocks[-1]]
     try:
-        fit = identify(paths, channel_map=records / "map.toml", name=case.name, shocks=tested)
+        found = identify(paths, channel_map=records / "map.toml", name=case.name, shocks=tested)
     except EightpostError as error:
         return row | {"error": f"{type(error).__name__}: {error}"}
     finally:
         shutil.rmtree(records)
-    row |= {"cpu": round(fit.seconds, 1), "notes": fit.notes}
-    row["verdict"] = {"grade": fit.verdict.grade, "reasons": [[r.rule, r.grade, str(r)] for r in fit.verdict.reasons]}
+    verdict = found.verdict
+    row |= {"cpu": round(found.seconds, 1), "notes": found.notes}
+    row["verdict"] = {"grade": verdict.grade, "reasons": [[r.rule, r.grade, str(r)] for r in verdict.reasons]}
     setups = setups_of(case.seed)
     lap = lap_drive(car, LAP, case.seed, case.lap)
     row["true"] = [measures(run(car, [car.bank[k] for k in setup], lap)) for setup in setups]
     try:
-        row["predicted"], shares = predicted(fit, laws, setups, lap_series(lap, _FINER * RATE))
-        trusted = {} if fit.trust is None else fit.trust.measures
+        row["predicted"], shares = predicted(found, laws, setups, lap_series(lap, _FINER * RATE))
+        trusted = {} if found.trust is None else found.trust.measures
         on_lap = {n: one.on_drive(shares[n]) for n, one in trusted.items() if n in shares}
         row["stated"] = {n: {"common": one.common, "own": one.own, "bias": one.bias} for n, one in on_lap.items()}
     except EightpostError as error:

@@ -370,7 +370,7 @@ def _is_same(records: Sequence[TimeSeries], name: str) -> bool:
     return bool(np.min(np.corrcoef(np.stack([record[name][:size] for record in records]))[0]) > _SAME)
 
 
-# ==== Shock forces in step with the laws of their shocks =============================================================
+# ==== Shock forces in step with the laws of their shocks, and hub accelerometers with the balance of their wheels ====
 # A measured force is late if its logger is, or if rubber is in series with a shock whose potentiometer spans both. A
 # study couples the law without this delay t to the car, where it then acts as a mass of -c t at a damping c.
 
@@ -388,9 +388,10 @@ class _Late(NamedTuple):
     left: float
     shock: str
 
-    def advanced(self, force: Array, rate: float) -> Array:
-        """Return a force (N,) without the delay."""
-        return np.asarray(shift(force, -self.seconds * rate, order=5, mode="nearest"))
+
+def _advanced(record: TimeSeries, name: str, seconds: float) -> Array:
+    """Return a channel (N,) without a delay."""
+    return np.asarray(shift(record[name], -seconds * record.sample_rate, order=5, mode="nearest"))
 
 
 def _late(record: TimeSeries, port: str, shock: Shock) -> _Late:
@@ -399,7 +400,7 @@ def _late(record: TimeSeries, port: str, shock: Shock) -> _Late:
     compared = lowpass(np.stack((force, expected)), rate, _HIGHEST)
     own, other = resample_poly(compared, _FINER, 1, axis=1)
     late = _Late(delay_of(own, other, _FINER * rate, band=_HIGHEST).seconds, 0.0, shock.name)
-    rest = late.advanced(force, rate) - expected
+    rest = _advanced(record, channel(port, "force"), late.seconds) - expected
     return late._replace(left=float(rest.std() / force.std()))
 
 
@@ -425,10 +426,49 @@ def forces_in_step(prepared: Prepared, shocks: Sequence[Shock], baseline: int) -
     for record, found in zip(prepared.records, tests, strict=True):
         for port, late in found.items():
             name, right = channel(port, "force"), late if late.left <= _UNEXPLAINED else usual[port]
-            record = record.with_channel(name, "N", right.advanced(record[name], record.sample_rate))  # noqa: PLW2901
+            record = record.with_channel(name, "N", _advanced(record, name, right.seconds))  # noqa: PLW2901
         records.append(record)
     delays = listed(f"{port} {1e3 * late.seconds:.2f} ms ({late.shock})".strip() for port, late in usual.items())
     return replace(prepared, records=tuple(records)), f"Shock forces were advanced to be in step with laws: {delays}."
+
+
+#: Distance of the values whose difference is a derivative, in samples: neighbours at 125 Hz are too far apart.
+_NEAR = 0.1
+
+
+def hubs_in_step(prepared: Prepared) -> tuple[Prepared, str]:
+    """Return prepared tests with the hub accelerometers in step with the other channels, and a sentence on their delay.
+
+    It is the median over tests and wheels of the delay t in the balance of a wheel, with shock forces in step:
+
+        T = m (a + t a') + r F + k x + c v
+
+    A model of late accelerations has too low levels of them above its band, and less accurate poles. Tests without the
+    channels, or in which the balance leaves more than a fifth of all tire forces, remain; the sentence is empty.
+    """
+    wheels = [(record, corner) for record in prepared.records for corner in prepared.corners
+              if all(channel(corner, name) in record for name in _NEEDED)]  # fmt: skip
+    delays = [late for late in (_hub_delay(*wheel) for wheel in wheels) if late is not None]
+    if not delays:
+        return prepared, ""
+    seconds, records = float(np.median(delays)), []
+    for record in prepared.records:
+        for name in [name for name in record.names if quantity(name) == "hub_acceleration"]:
+            record = record.with_channel(name, record.unit(name), _advanced(record, name, seconds))  # noqa: PLW2901
+        records.append(record)
+    note = f"Hub accelerometers were advanced by {1e3 * seconds:.2f} ms to be in step with the balance of the wheels."
+    return replace(prepared, records=tuple(records)), note
+
+
+def _hub_delay(record: TimeSeries, corner: str) -> float | None:
+    """Return the delay of a hub accelerometer [s]; None if the balance of the wheel leaves too much unexplained."""
+    rows = np.stack([record[channel(corner, name)] for name in _NEEDED])
+    tire, *terms = lowpass(rows, record.sample_rate, _HIGHEST)
+    near, far = (shift(terms[0], part, order=5, mode="nearest") for part in (_NEAR, -_NEAR))
+    matrix = np.stack([*terms, (far - near) * (0.5 / _NEAR) * record.sample_rate], axis=1)
+    found = np.linalg.lstsq(matrix, tire, rcond=None)[0]
+    left = float(np.std(tire - matrix @ found) / np.std(tire))
+    return float(found[-1] / found[0]) if left <= _UNEXPLAINED else None
 
 
 # ==== Recipes ========================================================================================================
@@ -514,9 +554,10 @@ def plan_identification(
     """
     reference, notes = find_baseline(prepared.records, prepared.corners, test=baseline), list[str]()
     if shocks:
-        prepared, note = forces_in_step(prepared, shocks, reference.test)
+        prepared, forces = forces_in_step(prepared, shocks, reference.test)
+        prepared, hubs = hubs_in_step(prepared)
         reference = find_baseline(prepared.records, prepared.corners, test=reference.test)
-        notes.append(note)
+        notes += filter(None, (forces, hubs))
     experiment = reference.experiment(prepared, name=name, damping=damping, outputs=outputs)
     held = list(static)
     if not held:

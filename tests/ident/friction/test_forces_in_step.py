@@ -1,4 +1,4 @@
-"""Shock forces that a logger or rubber delays, and the laws of the shocks that produced them."""
+"""Shock forces and hub accelerometers that a logger or rubber delays, laws of shocks and balances of wheels."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from eightpost import identify
 from eightpost.errors import InputError
 from eightpost.ident import simulate
 from eightpost.ident.preparation import Prepared
-from eightpost.ident.vehicle.plan import forces_in_step, plan_identification
+from eightpost.ident.vehicle.plan import forces_in_step, hubs_in_step, plan_identification
 from eightpost.rig import RigTest
 from eightpost.shock import Lpf1, Port, Shock, StaticCurve, write_shock
 from eightpost.signals import TimeSeries
@@ -126,6 +126,44 @@ def test_the_plan_of_an_identification_has_forces_and_damping_in_step():
     without = plan_identification(prepared(*late, corners=("",)))
     assert without.notes == ()
     assert without.experiment.baseline_damping[""] < 0.97 * expected.experiment.baseline_damping[""]
+
+
+def wheels(*delays, seed=20):
+    """Return a record of wheels in balance, whose hub accelerometers are late [s]."""
+    record = test_of((HARD, HARD), (0.0, 0.0), seed)
+    f = np.fft.rfftfreq(len(record), 1.0 / RATE)
+    for k, (corner, delay) in enumerate(zip(("lf", "rf"), delays, strict=True)):
+        a = 60.0 * test_of((HARD, HARD), (0.0, 0.0), seed + 1 + k)["lf.velocity"]
+        late = np.fft.irfft(np.fft.rfft(a) * np.exp(-2j * np.pi * f * delay), a.size)
+        force, x, v = (record[f"{corner}.{name}"] for name in ("force", "displacement", "velocity"))
+        record = record.with_channel(f"{corner}.hub_acceleration", "m/s2", late)
+        record = record.with_channel(f"{corner}.tire_force", "N", 45.0 * a + 0.9 * force + 7e4 * x - 300.0 * v)
+    return record
+
+
+@pytest.mark.parametrize("delay", [0.6e-3, -0.4e-3])
+def test_late_hub_accelerometers_are_brought_in_step_with_the_balance_of_the_wheels(delay):
+    found, note = hubs_in_step(prepared(wheels(delay, delay)))
+    inner, right = slice(20, -20), wheels(0.0, 0.0)
+    for name in ("lf.hub_acceleration", "rf.hub_acceleration"):
+        assert np.std((found.records[0][name] - right[name])[inner]) < 0.01 * np.std(right[name])
+    np.testing.assert_array_equal(found.records[0]["lf.tire_force"], right["lf.tire_force"])
+    advanced = f"Hub accelerometers were advanced by {1e3 * delay:.2f} ms"
+    assert note == f"{advanced} to be in step with the balance of the wheels."
+
+
+def test_one_delay_of_all_hub_accelerometers_is_the_median():
+    _, note = hubs_in_step(prepared(wheels(0.5e-3, 0.5e-3), wheels(0.5e-3, 3e-3)))
+    assert "advanced by 0.50 ms" in note
+
+
+def test_hub_accelerometers_whose_wheels_are_not_in_balance_remain():
+    out = wheels(1e-3, 1e-3).with_channel("rf.tire_force", "N", wheels(0.0, 0.0, seed=30)["rf.tire_force"])
+    for record in (out.with_channel("lf.tire_force", "N", out["rf.tire_force"]), test_of((HARD, SOFT), (0.0, 0.0), 3)):
+        given = prepared(record)
+        assert hubs_in_step(given) == (given, "")
+    _, note = hubs_in_step(prepared(out))
+    assert "advanced by 1.00 ms" in note  # by the other wheel
 
 
 def test_identify_compares_the_tests_with_shocks_and_with_their_files(tmp_path):
