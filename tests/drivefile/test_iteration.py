@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from eightpost.drivefile.page import _reach_table, error_table
 
 from eightpost.drivefile import Limits, Pass, Settings, Status, Target, advance
 from eightpost.drivefile.folder import _reach_table, error_table
