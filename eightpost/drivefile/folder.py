@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 from scipy.signal import correlate, correlation_lags
@@ -136,9 +136,7 @@ def _check_signs(problem: Problem, H: Complex, drive: Array, rows: Array, path: 
 
 SCHEMA = 1  #: Newest schema of iteration.json that can be read; it is also the one that is written.
 
-Format = Literal["parquet", "csv", "mat", "drv"]
-
-FORMATS = get_args(Format)  #: File formats in which drive files are written.
+Format = Literal["parquet", "csv", "mat", "drv"]  #: File formats in which drive files are written.
 
 _STATE = "iteration.json"
 _LARGEST = 1e12  #: Largest change of a channel per steady input [SI]; an edited file may have any.
@@ -167,7 +165,7 @@ class IterationFolder:
     path: Path  #: Folder.
     problem: Problem  #: Target, response and settings.
     sources: Mapping[str, str]  #: SHA-256 digests of the files of track record and car, by name.
-    suffix: str  #: Format of the drive files for the rig, one of `FORMATS`.
+    suffix: str  #: Format of the drive files for the rig, one of `Format`.
     edits: Verdict = field(default_factory=Verdict)  #: Reason if iteration.json was edited.
 
     @classmethod
