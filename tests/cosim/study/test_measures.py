@@ -24,7 +24,7 @@ from cosim.study.measures import (
     power_above,
     statistic,
 )
-from cosim.study.sheet import RULES, study_verdict
+from cosim.study.verdict import RULES, study_verdict
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError, MissingChannelError
 from eightpost.signals import TimeSeries

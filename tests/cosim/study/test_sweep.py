@@ -23,8 +23,8 @@ from cosim.study.running import sweep
 from cosim.study.running.evaluator import Evaluator, coupling_of, traces
 from cosim.study.running.sweep import BATCH, ChunkFolder, Cutter, Sweep, gaps, run_study
 from cosim.study.running.workers import Chunk, ProcessWorkers
-from cosim.study.sheet import study_verdict
 from cosim.study.table import StudyResult, study_schema
+from cosim.study.verdict import study_verdict
 from eightpost.corners import CORNERS
 from eightpost.errors import FileFormatError, InputError
 from eightpost.signals import Drivefile
