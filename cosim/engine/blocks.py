@@ -24,11 +24,10 @@ SLOPES = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER, _SIZE, _POINTER, _POINTER)
 STEP = ctypes.CFUNCTYPE(_INT, _POINTER, _REAL, _REAL, _INT)
 STATE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER)
 DERIVE = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER, _SIZE, _POINTER, _SIZE, _POINTER, _POINTER)
-#: fmi3SetFloat64, fmi3GetFloat64; fmi3DoStep; fmi3GetDirectionalDerivative; fmi3IntermediateUpdateCallback.
+#: fmi3SetFloat64, fmi3GetFloat64; fmi3DoStep; fmi3GetDirectionalDerivative.
 EXCHANGE_SIZED = ctypes.CFUNCTYPE(_INT, _POINTER, _POINTER, _SIZE, _POINTER, _SIZE)
 TAKE_STEP = ctypes.CFUNCTYPE(_INT, _POINTER, _REAL, _REAL, _BOOL, *[_POINTER] * 4)
 DERIVE_SIZED = ctypes.CFUNCTYPE(_INT, _POINTER, *[_POINTER, _SIZE] * 4)
-UPDATE = ctypes.CFUNCTYPE(None, _POINTER, _REAL, *[_BOOL] * 4, _POINTER, _POINTER)
 
 
 @lru_cache(maxsize=4096)

@@ -1,4 +1,4 @@
-"""Data of a study's report: its verdict, one row for each setup, and the curves of the shocks."""
+"""Data of a study's report: one row for each setup, and the curves of the shocks."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from colorsys import hls_to_rgb
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path, PurePath
 from typing import Literal, NamedTuple
@@ -16,130 +16,23 @@ import numpy as np
 from cosim.components.fmu_component import FmuComponent
 from cosim.report.page import Origin
 from cosim.session.run import run
-from cosim.session.verdict import LARGEST_ERROR, NOTABLE_POWER
-from cosim.session.verdict import RULES as RUN_RULES
-from cosim.study.choice.certainty import OBJECTIVE, TIE, Certainty, Levels, certainty_reasons
+from cosim.study.choice.certainty import OBJECTIVE, TIE, Certainty, Levels
 from cosim.study.choice.rig_day import Selected
 from cosim.study.choice.sensitivity import Sensitivity
 from cosim.study.definition import Build, Parameters, Study
 from cosim.study.measures import Measure
 from cosim.study.table import StudyResult
+from cosim.study.verdict import study_verdict
 from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost.array_types import Array, Flags, Integers
-from eightpost.errors import EightpostError, FileFormatError, InputError
+from eightpost.errors import EightpostError, FileFormatError
 from eightpost.files import MALFORMED, atomic_path, json_content
 from eightpost.report.charts import COLORS
 from eightpost.report.tables import Display
 from eightpost.signals import Drivefile, TimeSeries
 from eightpost.units import metric
-from eightpost.validity import Validity
-from eightpost.verdict import Reason, Rules, Verdict, is_intact, listed
-
-# ==== Verdict: how much ran, how precise the values are, what the models state of their validity =====================
-
-
-RULES = Rules.read(Path(__file__).with_suffix(".txt"), largest_error=LARGEST_ERROR, notable_power=100 * NOTABLE_POWER)
-
-
-#: Reasons as rows: rule, statement, figure, origin.
-_Rows = Iterator[tuple[str, str, str, str]]
-
-
-def study_verdict(result: StudyResult, certainty: Certainty | None = None) -> Verdict:
-    """Return the verdict on a study.
-
-    Args:
-        certainty: Certainty of the choice; None if it was not computed, so that it is unknown.
-    """
-    setups = [RULES.reason(*row) for row in _setups(result)]
-    others = [RULES.reason(*row) for row in (*_marks(result), *_coupling(result), *_band(result))]
-    if not result.study.vehicle.means_trusted:
-        statement, figure = "measures that depend on a mean are omitted", "the study file does not trust means"
-        others.append(RULES.reason("means not trusted", statement, figure, origin=result.study.vehicle.name))
-    return Verdict((*setups, *certainty_reasons(certainty), *others, *_models(result)))
-
-
-def _setups(result: StudyResult) -> _Rows:
-    count, failed = len(result), int(np.sum(~result.done))
-    if failed == count:
-        yield "no setup ran", "no setup ran", f"0 of {count} setups", "the table"
-    elif not result.feasible.any():
-        rule, figure = "no setup keeps all constraints", f"0 of {count - failed} setups that ran"
-        yield rule, "no setup keeps all constraints", figure, "the constraints"
-    if 0 < failed < count:
-        names = listed(str(number) for number in result.setups[~result.done].tolist())
-        yield "setups failed", "setups failed", f"{failed} of {count} setups", f"setups {names}"
-    if result.partial:
-        figure = f"{count} of {len(result.study.space)} setups were run"
-        yield "study not complete", "the study is not complete", figure, "the study was stopped"
-
-
-def _marks(result: StudyResult) -> _Rows:
-    marked = result.is_marked & result.done
-    if not marked.any():
-        yield "no setup marked", "no setup is marked", f"0 of {len(result)} setups", "column marks"
-        return
-    ranking = result.ranking()
-    best = ", the best among them" if ranking.size and marked[ranking[0]] else ""
-    names = listed(str(number) for number in result.setups[marked].tolist())
-    figure = f"{int(marked.sum())} of {len(result)} setups{best}"
-    yield "setups marked", "setups are marked", figure, f"setups {names}"
-
-
-def _coupling(result: StudyResult) -> _Rows:
-    accuracy = result.study.accuracy
-    rows = np.flatnonzero(result.feasible if result.feasible.any() else result.done)
-    known = result.column("coupling_error_percent")[rows]
-    errors, numbers = known[np.isfinite(known)], result.setups[rows][np.isfinite(known)]
-    if not errors.size:
-        figure, origin = f"known for 0 of {len(result)} setups", "column coupling_error_percent"
-        yield "coupling error of setups not stated", "no coupling error is known", figure, origin
-        return
-    worst, best = int(np.argmax(errors)), result.ranking()[:1]
-    if best.size and result.setups[best[0]] not in numbers:
-        statement = "the coupling error of the best setup is not known"
-        figure, origin = f"known for {errors.size} of {rows.size} setups", f"setup {result.setups[best[0]]}"
-        yield "coupling error of setups not stated", statement, figure, origin
-        return
-    at_best = errors[np.isin(numbers, result.setups[best])] if best.size else errors
-    above = int(np.sum(errors > accuracy))
-    figure = f"up to {errors[worst]:.2g} %; target {accuracy:g} %; {above} of {errors.size} setups are above it"
-    if not above:
-        rule, statement = "coupling errors of all setups small", "coupling errors are small"
-    else:
-        rule, statement = "coupling error of a setup above the tolerance", "a coupling error is above the target"
-        if at_best.max(initial=0.0) > LARGEST_ERROR:
-            rule = "coupling error of a setup too large"
-    yield rule, statement, figure, f"setup {numbers[worst]}"
-
-
-def _band(result: StudyResult) -> _Rows:
-    """Yield which measures depend on frequencies above the band in which the vehicle was identified."""
-    shares = result.provenance.above_band
-    if not shares:
-        return
-    above = {name: one for name, one in shares.items() if one.share > NOTABLE_POWER}
-    listed_ones = above or dict([max(shares.items(), key=lambda pair: pair[1].share)])
-    figure = ", ".join(f"{name} {one.share:.0%} above {one.high:.3g} Hz" for name, one in listed_ones.items())
-    rule = "measures above the identified band" if above else "measures within the identified band"
-    statement = "the study ranks what lies above the identified band" if above else "measures lie within the band"
-    origin = f"{len(above)} of {len(shares)} measures of {result.study.vehicle.name}"
-    yield rule, statement, f"{figure}; limit {NOTABLE_POWER:.0%} of the power", origin
-
-
-def _models(result: StudyResult) -> Iterator[Reason]:
-    """Yield the reasons that the models of a study state about their own validity."""
-    for file, document in result.provenance.models.items():
-        name = PurePath(file).name
-        try:
-            validity = Validity.from_json(document)
-        except InputError:
-            statement = "the validity of the model is not known to this program"
-            yield RUN_RULES.reason("validity of a model unknown", statement, figure="0 ranges stated", origin=name)
-            continue
-        yield from (replace(reason, origin=f"{name}: {reason.origin}") for reason in validity.verdict.reasons)
-
+from eightpost.verdict import Verdict, is_intact
 
 # ==== Curves of the shocks of a bank, measured on their FMUs, and the pages that the FMUs carry ======================
 

@@ -20,9 +20,9 @@ from cosim.study.definition import Study
 from cosim.study.running.evaluator import Coupling, Evaluator, traces
 from cosim.study.running.sweep import Sweep
 from cosim.study.running.workers import PATIENCE, ProcessWorkers, Workers
-from cosim.study.sheet import study_verdict
 from cosim.study.study_file import bank_sources, read_study, source_files
 from cosim.study.table import StudyResult
+from cosim.study.verdict import study_verdict
 from eightpost.api.reading import existing_toml
 from eightpost.display import some
 from eightpost.errors import FileFormatError, InputError

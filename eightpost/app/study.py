@@ -204,7 +204,7 @@ def show_result(
     top: int = 10,
 ) -> None:
     """Print the ranking, how sure it is, and the setups that failed or have a mark."""
-    from cosim.study.sheet import study_verdict
+    from cosim.study.verdict import study_verdict
     from eightpost.app.show import details, is_detailed, show_table, show_text, show_verdict
 
     rows, most = result.ranking(rank), top if is_detailed() else min(top, _BEST)
@@ -464,7 +464,7 @@ def robust(
     Example:
       eightpost study robust out/ uncertain.toml --set top=20
     """
-    from cosim.study.sheet import study_verdict
+    from cosim.study.verdict import study_verdict
     from eightpost.api.study_folder import CERTAINTY, SPREADS
     from eightpost.app.show import show_files, show_text, show_verdict
 

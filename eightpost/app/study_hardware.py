@@ -152,7 +152,7 @@ def confirm(
       eightpost study confirm out/ rig_day/selection.csv
       eightpost study confirm out/ 37=run1.csv 120=run2.csv
     """
-    from cosim.study.sheet import study_verdict
+    from cosim.study.verdict import study_verdict
     from eightpost.api.study_folder import CERTAINTY, PREVIOUS
     from eightpost.app.show import details, show_files, show_table, show_text, show_verdict
 

@@ -462,7 +462,7 @@ def _show_notes(console: Console, notes: tuple[str, ...]) -> None:
 def _show_state(console: Console, folder: IterationFolder) -> bool:
     """Print errors, verdict and files, write the page, and return whether the verdict is acceptable."""
     from eightpost.app.show import show_files, show_notes, show_table, show_verdict
-    from eightpost.drivefile.folder import error_table, verdict_of, write_iteration_page
+    from eightpost.drivefile.page import error_table, verdict_of, write_iteration_page
     from eightpost.report.tables import result_table
 
     outcome: Outcome = folder.outcome()

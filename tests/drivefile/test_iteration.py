@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from eightpost.drivefile import Limits, Pass, Settings, Status, Target, advance
-from eightpost.drivefile.folder import _reach_table, error_table
 from eightpost.drivefile.iteration import PATIENCE
+from eightpost.drivefile.page import _reach_table, error_table
 from eightpost.errors import DataError
 from eightpost.signals import TimeSeries
 

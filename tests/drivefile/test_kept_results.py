@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from eightpost.drivefile import ActuatorBands, Limits, Settings, Target, start_response
-from eightpost.drivefile.folder import _reasons, error_table
 from eightpost.drivefile.iteration import Outcome, correction, gains, regularised_inverse
+from eightpost.drivefile.page import _reasons, error_table
 from eightpost.drivefile.target import Lines, PassErrors, at_rate, pass_errors, within_limits
 from eightpost.ident.vehicle.frequency_response import response_of
 from eightpost.shock import read_shock

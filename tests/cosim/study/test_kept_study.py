@@ -31,8 +31,8 @@ from cosim.study.measures import (
     sections_of,
     shares_of,
 )
-from cosim.study.sheet import study_verdict
 from cosim.study.table import StudyResult
+from cosim.study.verdict import study_verdict
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError
 from eightpost.signals import TimeSeries

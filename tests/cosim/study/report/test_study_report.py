@@ -39,10 +39,10 @@ from cosim.study.sheet import (
     shock_curve,
     shock_curves,
     shown_columns,
-    study_verdict,
     tied_rows,
 )
 from cosim.study.table import StudyResult
+from cosim.study.verdict import study_verdict
 from eightpost.signals import read_record
 from eightpost.validity import Validity
 from eightpost.verdict import Grade, Reason, Verdict, sealed
