@@ -58,9 +58,9 @@ def document_of(kind: type[Kind], content: object, path: Path, name: str, newest
     Raises:
         FileFormatError: The file is of another kind, has a newer schema, or a wrong entry; see `checked`.
     """
-    if not isinstance(content, dict) or content.get("kind", name) != name:
-        found = f"its kind is {content['kind']!r}" if isinstance(content, dict) else "it is no JSON object"
-        raise FileFormatError(f"is not of the kind {name!r} ({found}); {advice}", path=path)
+    if not isinstance(content, dict) or (found := content.get("kind", name)) != name:
+        other = f"a {found}" if isinstance(content, dict) else "a JSON"
+        raise FileFormatError(f"is {other} file, not a {name} file; {advice}".replace("_", " "), path=path)
     check_schema(content, newest, path)
     return checked(kind, content, path=path, advice=advice)
 

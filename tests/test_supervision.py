@@ -183,6 +183,20 @@ def test_an_interrupt_reaches_the_command_once(to_group: bool) -> None:
     assert command.returncode == 0
 
 
+FINALIZER = """
+class Slow: __del__ = lambda self: (print("ready", flush=True), time.sleep(60.0))
+try: Slow(); time.sleep(60.0)
+except KeyboardInterrupt: sys.exit(7)
+"""
+
+
+def test_an_interrupt_in_a_finalizer_ends_the_command() -> None:
+    command = start(FINALIZER)
+    assert command.stdout is not None and command.stdout.readline() == "ready\n"
+    command.send_signal(signal.SIGINT)
+    assert command.communicate(timeout=60) == ("", "") and command.returncode == 7
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_command_that_a_signal_ends_leaves_no_process_and_no_temporary_file(
     number: signal.Signals, tmp_path: Path

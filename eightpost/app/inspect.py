@@ -211,6 +211,7 @@ def _show_record_file(console: Console, path: Path, asked: _InspectOptions) -> b
         _show_record(console, record)
     if _is_rig(records[0], channel_map):
         _show_map(console, records[0], rig_map(records[0], channel_map).flipped(channels.of(path)["flip"]))
+        del record, records  # they take as much memory as the test
         return _show_rig_test(console, read_rig_test(path, **channels.of(path)), mass)
     if proposed := propose_map(records[0]):
         _show_proposed(console, path, proposed, asked.folder)

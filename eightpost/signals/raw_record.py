@@ -385,15 +385,15 @@ def mapped_series(
     for name, pick in picks.items():  # all units before the numbers
         unit = record.unit(columns[name], channel=name, given=units or {}, mapped=pick.unit)
         plans[name] = unit, _target_unit(record, name, unit, expected.get(name))
-    channels = {}
-    for name, (unit, target) in plans.items():
+    rows = np.empty((len(plans), record.columns[0].size))  # filled row by row, as a record may take gigabytes
+    for row, (name, (unit, target)) in zip(rows, plans.items(), strict=True):
         raw, pick = record.numbers(columns[name], channel=name), picks[name]
         check_finite(raw, channel=name, origin=record.origin)
         scaled = raw if (pick.gain, pick.offset) == (1.0, 0.0) else pick.gain * raw + pick.offset
-        channels[name] = (target, convert(scaled, unit, target))
-    _, times = channels.pop("time")
-    check_time(times, origin=record.origin)
-    return TimeSeries.from_channels(times, channels)
+        row[:] = convert(scaled, unit, target)
+    rows.setflags(write=False)
+    check_time(rows[0], origin=record.origin)
+    return TimeSeries(rows[0], rows[1:], tuple(plans)[1:], tuple(target for _, target in plans.values())[1:])
 
 
 def _check_units(

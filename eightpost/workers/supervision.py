@@ -268,6 +268,7 @@ def _work(work: Callable[[], object], mine: Record, life: int | None = None) -> 
     if life is not None:
         threading.Thread(target=_end_with_parent, args=(life, mine.folder), name="end with parent", daemon=True).start()
     gc.set_threshold(_ALLOCATIONS)
+    sys.unraisablehook = _interrupt_again
     mine.owner, code = os.getpid(), 1
     try:
         work()
@@ -280,6 +281,18 @@ def _work(work: Callable[[], object], mine: Record, life: int | None = None) -> 
             sys.stdout.flush()
         mine.complete(code)
     sys.exit()
+
+
+def _interrupt_again(lost: Any) -> None:
+    """Repeat an interrupt that a finalizer or a callback received, which Python prints and forgets."""
+    if lost.exc_type is not KeyboardInterrupt or sys.platform == "win32":
+        sys.__unraisablehook__(lost)
+        return
+    import threading  # noqa: PLC0415 -- not needed in the parent
+
+    again = threading.Timer(_LOOK, os.kill, (os.getpid(), signal.SIGINT))
+    again.daemon = True  # a command that ends in the meantime was complete
+    again.start()
 
 
 def _end_with_parent(life: int, folder: str) -> None:

@@ -191,7 +191,11 @@ def test_a_fit_of_the_removed_recipe_auto_is_read_with_its_verdict(fit, tmp_path
 
 
 @pytest.mark.parametrize(
-    ("change", "said"), [({"schema": 99}, "update eightpost"), ({"kind": "shock"}, "is 'shock'.; identify again")]
+    ("change", "said"),
+    [
+        ({"schema": 99}, "update eightpost"),
+        ({"kind": "shock"}, "not a vehicle fit file; identify again"),
+    ],
 )
 def test_a_file_of_a_newer_schema_or_another_kind_is_refused(fit, tmp_path, change, said):
     car = tmp_path / "car.json"

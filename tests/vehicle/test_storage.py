@@ -193,7 +193,7 @@ def json_vehicle(tmp_path, **changes):
     [
         ({"schema": 9}, FileFormatError, "update eightpost"),
         ({"A": "gone"}, FileFormatError, "A: is missing; eightpost identify makes vehicles"),
-        ({"kind": "shock"}, FileFormatError, "not of the kind 'vehicle' .its kind is 'shock'"),
+        ({"kind": "shock"}, FileFormatError, "is a shock file, not a vehicle file"),
         ({"model": "seven_dof"}, FileFormatError, "model: must be 'state_space', not 'seven_dof'"),
         ({"extra": 1}, FileFormatError, "extra: is not an entry of this file"),
         ({"A": [[1.0]]}, ParameterError, r"B has the shape \(4, 3\)"),
