@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import SimpleNamespace
@@ -117,6 +118,16 @@ def test_without_a_compiler_that_works_nothing_is_compiled(
     compiler("echo licence expired; exit 1")
     (skipped,) = check(fmus["lpf1"], groups=("rebuild",)).skipped
     assert skipped.reason.endswith("does not work (licence expired)")
+
+
+def test_a_compiler_that_hangs_is_ended_without_a_finding(
+    fmus: Mapping[str, Path], compiler: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run, "_TRIAL_TIMEOUT", 1.0)
+    compiler("sleep 600")
+    started = time.monotonic()
+    (skipped,) = check(fmus["lpf1"], groups=("rebuild",)).skipped
+    assert skipped.reason.endswith("(it did not end within 1 s)") and time.monotonic() - started < 60.0
 
 
 SIMULATED = [{"group": "simulation"}, {"rule": "start-agrees", "message": "u is 1"}, {"completed": True}]
