@@ -259,8 +259,8 @@ class _Reader:
 
     def _component(self, element: ET.Element) -> FmuElement | SystemElement:
         name = attribute(element, "name", self.place.label)
-        what = f"component {name!r}"
-        source = attribute(element, "source", f"{self.place.label}: {what}")
+        what = f"{self.place.label}: component {name!r}"
+        source = attribute(element, "source", what)
         if source.startswith("#"):
             return self._same_document(element, source)
         path, fragment = self.place.resolve(source, what)
@@ -269,7 +269,7 @@ class _Reader:
         if kind == _FMU:
             return self._fmu(element, name, path, source)
         if kind not in _SUFFIXES.values():
-            raise WiringError(f"{self.place.label}: {what}: the type {kind!r} is not supported; export it as an FMU")
+            raise WiringError(f"{what}: the type {kind!r} is not supported; export it as an FMU")
         return self._nested(element, path, fragment)
 
     def _fmu(self, element: ET.Element, name: str, path: Path, source: str) -> FmuElement:

@@ -213,12 +213,12 @@ class Place:
 
         Args:
             source: Source as written in the description: relative to it, or file:///...; both percent-encoded.
-            what: Element, for messages.
+            what: Description and element, for messages.
 
         Raises:
             InputError: The source is not such a URI, is outside the package, or the file does not exist.
         """
-        what = f"{self.label}: {what}: "
+        what = f"{what}: "
         parts = _split(source)
         if parts.scheme not in ("", "file") or parts.netloc not in ("", "localhost") or "\\" in source:
             raise InputError(

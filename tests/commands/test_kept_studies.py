@@ -44,7 +44,7 @@ def study() -> StudyResult:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the folder of a study with a certainty, whose page is not written."""
     monkeypatch.setattr(StudyFolder, "write_page", lambda self: self.path / "report.html")
-    monkeypatch.setenv("COLUMNS", "120")
+    monkeypatch.setenv("COLUMNS", "80")
     found = study()
     found.save(tmp_path / "results.parquet")
     known = Knowledge((lag("C", 0.01, 0.5, measure="a"),), run_to_run={"a": 0.003})

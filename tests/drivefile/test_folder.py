@@ -11,7 +11,6 @@ from click.testing import CliRunner
 
 from eightpost.__main__ import main
 from eightpost.drivefile import IterationFolder
-from eightpost.drivefile.folder import verdict_of
 from eightpost.drivefile.page import verdict_of
 from eightpost.signals import Drivefile, TimeSeries, read_series
 from eightpost.signals.formats import write_series

@@ -160,6 +160,18 @@ def march():
 
 
 @pytest.fixture
+def runs(march):
+    """Check that a component that has begun steps as it should, and finish it."""
+
+    def check(component):
+        march(component, 4)
+        assert component.get(("angle",))[0] == pytest.approx(1.0)
+        component.finish()
+
+    return check
+
+
+@pytest.fixture
 def drive(tmp_path):
     """A drive file whose only channel `speed` is a constant in m/s."""
 

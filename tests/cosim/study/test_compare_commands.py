@@ -131,16 +131,6 @@ def test_records_need_only_the_channels_of_the_measures(folder, sure, tires_only
     assert all(set(run.values) == {"total tire force"} for run in read_certainty(sure / "certainty.parquet").runs)
 
 
-@pytest.mark.nightly
-def test_tables_of_a_comparison_lose_nothing_at_80_columns(folder, measured, tmp_path):
-    words = ["-v", "compare", str(folder), "--measured", str(folder), "-o", str(tmp_path)]
-    text = CliRunner(env={"COLUMNS": "80"}).invoke(main, words).output
-    lines = [line for line in text.splitlines() if line[:1] in "┃│"]
-    assert lines and max(map(len, lines)) <= 80 and "…" not in text
-    for heading in ("Spearman", "attainable", "Kendall", "slope (95 %)", "level", "bias", "a run's", "interval"):
-        assert heading in text
-
-
 @pytest.fixture
 def pages(monkeypatch) -> list[tuple]:
     """Return the list of calls that write a page, which takes long and is tested elsewhere."""

@@ -156,36 +156,26 @@ def test_a_setup_that_hangs_fails_alone_and_workers_with_a_nanny_come_back(fmus,
     assert np.flatnonzero(~found.done).tolist() == [lost] and "failed" in output
 
 
-def test_without_workers_the_study_stops_with_a_message_and_resumes_with_a_new_worker(file, expected, tmp_path):
+@pytest.mark.parametrize(("lost", "words"), [
+    ("workers", ("there are no workers; waiting 2 s for some",
+                 "Completed chunks are kept; run the study again to resume when there are workers")),
+    ("scheduler", ("the Dask scheduler has ended", "run the study again to resume")),
+])  # fmt: skip
+def test_without_workers_or_scheduler_the_partial_table_is_kept_and_others_complete_it(
+    file, expected, tmp_path, lost, words
+):
     with cluster(tmp_path, 2) as (made, workers):
         made.wait_for_workers(2)
         main = start(file, tmp_path / "out", made.address, "--patience", "2 s")
         wait_for_chunk(tmp_path / "out", main)
-        for worker in workers:
-            kill(worker)
+        for process in workers if lost == "workers" else [made.scheduler]:
+            kill(process)
         output = main.communicate(timeout=PATIENCE)[0]
-        assert main.returncode == 1, output
-        assert "there are no workers; waiting 2 s for some" in output
-        assert "Completed chunks are kept; run the study again to resume when there are workers" in output
+        assert main.returncode == 1 and all(text in output for text in words), output
         part = load(tmp_path / "out")
         assert part.partial and 0 < len(part) < 64
-        made.start_worker()
-        again = start(file, tmp_path / "out", made.address)
-        assert f"{64 - len(part)} to be run" in again.communicate(timeout=PATIENCE)[0]
-    assert table(load(tmp_path / "out")) == expected
-
-
-def test_when_the_scheduler_dies_the_partial_table_is_kept_and_another_cluster_completes_it(file, expected, tmp_path):
-    with cluster(tmp_path, 2) as (made, _):
-        main = start(file, tmp_path / "out", made.address)
-        wait_for_chunk(tmp_path / "out", main)
-        kill(made.scheduler)
-        output = main.communicate(timeout=PATIENCE)[0]
-        assert main.returncode == 1, output
-        assert "the Dask scheduler has ended" in output and "run the study again to resume" in output
-        part = load(tmp_path / "out")
-        assert part.partial and 0 < len(part) < 64
-        made.start_scheduler()
+        if lost == "scheduler":
+            made.start_scheduler()
         made.start_worker()
         again = start(file, tmp_path / "out", made.address)
         assert f"{64 - len(part)} to be run" in again.communicate(timeout=PATIENCE)[0]

@@ -141,19 +141,6 @@ def test_a_changed_study_is_run_again(small_study, here, tmp_path, finished):
     assert len(here.ran) == 16
 
 
-@pytest.mark.nightly
-def test_setups_that_fail_are_listed_and_the_rest_is_kept(small_study, here, fmus, tmp_path, finished):
-    study = small_study()
-    bad = Build(fmus["lpnl2"], {"lag_full_force": 2000.0, "lag_zero_force": 1000.0})
-    study = small_study(bank={**study.bank, "bad": bad}, corners=study.corners | {"rr": ("soft", "stiff", "bad")})
-    result = run_study(study, tmp_path / "failing", here)
-    failed = ~result.done
-    assert failed.sum() == 8 and all(b == "bad" for b in np.array(result.builds("rr"))[failed])
-    assert all("lag_zero_force" in text for text in result.table["message"][failed])
-    assert np.isnan(result.values("total tire force, RMS")[failed]).all()
-    assert not set(result.ranking()) & set(np.flatnonzero(failed))
-
-
 def test_setups_beyond_a_shocks_fitted_range_are_marked(small_study, here, fmus, tmp_path):
     study = small_study()
     narrow = Build(fmus["lpnl2"], {"curve.compression_speed": 0.05, "curve.rebound_speed": 0.05})
