@@ -33,7 +33,7 @@ EDGE = FILTER_EDGE / CUTOFF
 
 
 def splits(folder: Path) -> Iterator[Case]:
-    """Yield the splits of the damper records in a folder as ../shared/data; the held-out record is named by its kind.
+    """Yield the splits of the records in the folders `labcontrol` and `ohlins`; the held-out one is named by its kind.
 
     Each record is divided into a fitted and a held-out part. Of the runs of one setting, each predicts each other one.
     """

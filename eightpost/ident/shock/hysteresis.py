@@ -113,6 +113,9 @@ class States:
 #: Bounds of tau [s], and of the stop's yield travel [m] and time constant [s].
 TIME_CONSTANT, STOP_YIELD, STOP_TIME = (3e-4, 0.2), (1e-5, 8e-3), (3e-4, 1.0)
 
+#: Upper bound of the stop's time constant for a single speed [s]: a slower one cannot be told from an offset there.
+_FAST_STOP = 0.1
+
 #: Lower bound of tau as a share of the sampling interval.
 _SHORTEST_SHARE = 0.1
 
@@ -133,15 +136,16 @@ class LaggedVelocity(Dynamics):
     kind: type[ShockLaw]  #: The law's class.
     shortest: float = TIME_CONSTANT[0]  #: Lower bound of tau [s].
     has_stop: bool = False  #: Whether the stop is fitted.
+    slowest_stop: float = STOP_TIME[1]  #: Upper bound of the stop's time constant [s].
 
     @classmethod
     def of(cls, kind: type[ShockLaw], limits: LawLimits, rate: float) -> LaggedVelocity:
         """Return the dynamics without stop for records of a sampling rate [Hz]."""
         return cls(limits, kind, max(TIME_CONSTANT[0], _SHORTEST_SHARE / rate))
 
-    def with_stop(self) -> LaggedVelocity:
-        """Return the same dynamics with a stop."""
-        return replace(self, has_stop=True)
+    def with_stop(self, slowest: float = STOP_TIME[1]) -> LaggedVelocity:
+        """Return the same dynamics with a stop whose time constant has an upper bound [s]."""
+        return replace(self, has_stop=True, slowest_stop=slowest)
 
     @property
     def names(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -175,13 +179,17 @@ class LaggedVelocity(Dynamics):
     def value_bounds(self) -> tuple[tuple[float, float], ...]:
         """Return the bounds of the scalar parameters."""
         taus = ((self.shortest, TIME_CONSTANT[1]),) * NODES
-        return (*taus, (0.0, np.inf), STOP_YIELD, STOP_TIME) if self.has_stop else taus
+        return (*taus, (0.0, np.inf), *self._stop_bounds) if self.has_stop else taus
 
     def state_bounds(self) -> tuple[Array, Array]:
         """Return the lowest and the highest parameters of the states: ln tau (3,), then those of the stop (2,)."""
-        pairs = [(self.shortest, TIME_CONSTANT[1])] * NODES + [STOP_YIELD, STOP_TIME] * self.has_stop
+        pairs = [(self.shortest, TIME_CONSTANT[1])] * NODES + [*self._stop_bounds] * self.has_stop
         low, high = np.log(np.array(pairs)).T
         return low, high
+
+    @property
+    def _stop_bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        return STOP_YIELD, (STOP_TIME[0], self.slowest_stop)
 
     def states(self, theta: Array) -> Array:
         """Return the parameters of the states in theta: ln tau (3,), then ln of yield travel and time constant."""
@@ -492,8 +500,6 @@ _ROUGH, _FINE, _REFIT = (1e-2, 6), (1e-5, 40), (1e-6, 30)
 #: Maximum number of reweightings.
 _WEIGHINGS = 4
 
-_ONE_SPEED = "the law has no stop: the test has a single speed, at which a stop and a lag cannot be distinguished"
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HysteresisFit(FittedLaw):
@@ -581,7 +587,7 @@ def search_coordinates(model: ForceModel) -> tuple[Array, Array]:
 def fit_hysteresis(groups: Sequence[Runs], law: str, choices: Choices) -> CrossValidation:
     """Return the fit of the law `hysteresis` to the runs of each setting, ready for cross-validation.
 
-    It has a stop if the runs can show one, and if left-out parts are predicted better with it. The curves of several
+    It has a stop if left-out parts are predicted better with it. The curves of several
     settings have a lag and a stop in common, which the setting with the largest force determines first.
     """
     runs, weigh = all_runs(groups), weights_for(choices.robust)
@@ -599,9 +605,8 @@ def fit_hysteresis(groups: Sequence[Runs], law: str, choices: Choices) -> CrossV
     model = _model_of(groups, gas, dynamics)
     problem, starts = HysteresisProblem(model, is_thin=True), [np.full(NODES, np.log(tau)) for tau in _TAUS]
     fit = HysteresisFit(law, tuple(notes), model, _followed(problem, _rough(problem, starts))).robust(weigh)
-    if runs.has_one_motion:
-        return CrossValidation(replace(fit, stop_note=_ONE_SPEED).whole())
-    model = replace(model, models=(replace(model.first, dynamics=dynamics.with_stop()),)).weighted(fit.weights)
+    stopping = dynamics.with_stop(_FAST_STOP if runs.has_one_motion else STOP_TIME[1])
+    model = replace(model, models=(replace(model.first, dynamics=stopping),)).weighted(fit.weights)
     taus, problem = fit.found.end.parameters, HysteresisProblem(model, is_thin=True)
     rough = _rough(problem, [np.append(taus, np.log(stop)) for stop in _STOPS])
     if rough[0].cost > (1.0 - WORTHWHILE) * fit.found.cost:
