@@ -545,8 +545,8 @@ def plan_identification(
     """Plan an identification.
 
     The default baseline test is found from the damping of the shocks; the default damping about which the vehicle is
-    identified [N.s/m] is the slope of each baseline shock; without `outputs` the model has all possible ones. Measured
-    forces are brought in step with the laws of `shocks`.
+    identified [N.s/m] is the slope of each baseline shock; without `outputs` the model has all possible ones. With
+    `shocks`, forces are brought in step with their laws, and hub accelerometers with the balance of their wheels.
 
     Raises:
         InputError: The effects of the shocks cannot be separated, or no given shock has the force of a port.
