@@ -1,5 +1,8 @@
 """Directional derivatives are slopes of the outputs on each side of the curve; input derivatives apply to one step."""
 
+import ctypes
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,11 +12,40 @@ from eightpost.vehicle import read_vehicle, shipped
 
 OK, ERROR = 0, 3
 
+#: Damper velocities [m/s] in every part of the curve: beyond the fit, outer cubic, transition, inner polynomial.
+VELOCITIES = (-1.4, -0.8, -0.384, -0.379, -0.2, -0.02, 0.02, 0.2, 0.379, 0.384, 0.8, 1.5)
+
+#: Parameters of the port, all of which matter, and scales that differ between the sides.
+PORT = {
+    "motion_ratio": 0.9, "compression_scale": 0.8, "rebound_scale": 1.25, "gas_stiffness": 700.0, "gas_preload": 50.0,
+    "seal_friction": 15.0, "friction_velocity": 0.02,
+}  # fmt: skip
+
 
 def state_of(fmu, law):
     """Return the state of an FMU as its law has it: a number, or a tuple."""
     states = fmu.get(*state_names(type(law)))
     return states[0] if len(states) == 1 else tuple(states)
+
+
+@pytest.mark.parametrize("damper_velocity", VELOCITIES)
+@pytest.mark.parametrize("name", LAWS)
+def test_a_shocks_derivative_along_both_inputs_is_the_slope_of_its_law(host, shocks, name, damper_velocity):
+    """The states are fixed at values that differ from those of steady motion after a step."""
+    fmu, velocity = host(name), damper_velocity / PORT["motion_ratio"]
+    fmu.call("SetupExperiment", 0, ctypes.c_double(0.0), ctypes.c_double(0.0), 0, ctypes.c_double(0.0))
+    assert fmu.set_named(PORT) == fmu.call("EnterInitializationMode") == fmu.call("ExitInitializationMode") == OK
+    law = replace(shocks[name].law, port=type(shocks[name].law.port)(**PORT))
+    fmu.set_named({"velocity": velocity, "displacement": 0.01})
+    assert fmu.step(0.0, 3e-4) == OK
+    state = state_of(fmu, law)
+    per_velocity, per_displacement, change = 0.7, -30.0, 1e-6
+    ends = [
+        law.response(state, velocity + d * per_velocity, 0.01 + d * per_displacement).force for d in (-change, change)
+    ]
+    status, (found,) = fmu.tangent(["force"], ["velocity", "displacement"], [per_velocity, per_displacement])
+    assert status == OK
+    assert found == pytest.approx((ends[1] - ends[0]) / (2.0 * change), rel=1e-5, abs=1e-3)
 
 
 @pytest.mark.parametrize("name", LAWS)

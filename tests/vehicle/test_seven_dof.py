@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -112,6 +113,64 @@ def test_names_and_units_are_those_of_the_documentation():
         "pitch": "rad", "wheel_position": "m", "chassis_position": "m",
     }  # fmt: skip
     assert "driver.acceleration" not in model.output_names  # Table 5.1 does not give the driver's position
+
+
+#: Signs of ports.md: by input, those of outputs of Table 5.1's car. A positive roll lifts the left side, a positive
+#: pitch lowers the nose, and a road that rises at the rear lowers the road plane at the nose.
+STEADY = {
+    "heave_force": {
+        
+        "heave": +1,
+        "lf.tire_force": -1,
+        "lr.displacement": -1,
+        "lf.wheel_position": +1,
+        "rf.chassis_position": +1,
+        "front.ride_height": +1,
+        "rear.ride_height": +1,
+    },
+    "roll_moment": {
+        
+        "roll": +1,
+        "lf.chassis_position": +1,
+        "rr.chassis_position": -1,
+        "lf.tire_force": -1,
+        "rf.spring_force": +1,
+    },
+    "pitch_moment": {
+        
+        "pitch": +1,
+        "lf.chassis_position": -1,
+        "lr.chassis_position": +1,
+        "front.ride_height": -1,
+        "rear.ride_height": +1,
+        "lf.tire_force": +1,
+    },
+    "lf.road": {"heave": +1, "roll": +1, "pitch": -1},
+    "lr.road": {"pitch": +1},
+    "rr.road": {"roll": -1},
+    "lf.force": {"lf.chassis_position": +1, "lf.displacement": -1},
+    "rr.force": {"rr.displacement": -1},
+}  # fmt: skip
+INITIAL = {
+    "lf.force": {"lf.hub_acceleration": -1, "lf.chassis_acceleration": +1},
+    "lf.road": {"lf.hub_acceleration": +1, "lf.tire_force": +1, "front.ride_height": -1},
+    "heave_force": {"rr.chassis_acceleration": +1},
+    "lr.road": {"front.ride_height": +1},
+    "rr.road": {"rear.ride_height": -1},
+}  # fmt: skip
+
+
+def signs_of(gain: Callable[[str, str], float], stated: Mapping[str, Mapping[str, int]]) -> dict[str, dict[str, int]]:
+    return {i: {o: int(np.sign(gain(i, o))) for o in outputs} for i, outputs in stated.items()}
+
+
+def test_signs_are_those_of_the_ports():
+    car = TABLE_5_1.coupled()
+    parts = {
+        (i, o): car.select(inputs=[i], outputs=[o]) for s in (STEADY, INITIAL) for i, outs in s.items() for o in outs
+    }
+    assert signs_of(lambda i, o: parts[i, o].dc_gain()[0, 0], STEADY) == STEADY
+    assert signs_of(lambda i, o: parts[i, o].D[0, 0], INITIAL) == INITIAL
 
 
 def test_direct_terms_are_exactly_zero_where_the_physics_has_none():

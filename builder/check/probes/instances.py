@@ -143,7 +143,7 @@ def _instance_growth(bench: Bench) -> Iterator[Fault]:
 # ---- Runs after a reset ---------------------------------------------------------------------------------------------
 
 _STRIDE = 10  # steps
-_LATE, _LATE_STEPS = 1.1, 1200  # share of the default experiment, and the least number of steps
+_LATE, _LATE_STEPS = 1.1, 1200  # share of the default experiment, and the smallest number of steps
 _RESET_PATIENCE = 1.2  # s of processor time
 
 

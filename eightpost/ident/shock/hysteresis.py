@@ -113,7 +113,7 @@ class States:
 #: Bounds of tau [s], and of the stop's yield travel [m] and time constant [s].
 TIME_CONSTANT, STOP_YIELD, STOP_TIME = (3e-4, 0.2), (1e-5, 8e-3), (3e-4, 1.0)
 
-#: Upper bound of the stop's time constant for a single speed [s]: a slower one cannot be told from an offset there.
+#: Upper bound of the stop's time constant for a single speed [s]: a slower one acts like an offset there.
 _FAST_STOP = 0.1
 
 #: Lower bound of tau as a share of the sampling interval.
