@@ -119,7 +119,6 @@ def test_names_and_units_are_those_of_the_documentation():
 #: pitch lowers the nose, and a road that rises at the rear lowers the road plane at the nose.
 STEADY = {
     "heave_force": {
-        
         "heave": +1,
         "lf.tire_force": -1,
         "lr.displacement": -1,
@@ -129,7 +128,6 @@ STEADY = {
         "rear.ride_height": +1,
     },
     "roll_moment": {
-        
         "roll": +1,
         "lf.chassis_position": +1,
         "rr.chassis_position": -1,
@@ -137,7 +135,6 @@ STEADY = {
         "rf.spring_force": +1,
     },
     "pitch_moment": {
-        
         "pitch": +1,
         "lf.chassis_position": -1,
         "lr.chassis_position": +1,
