@@ -8,8 +8,7 @@ import pytest
 
 import eightpost as ep
 from eightpost.api.models import _tests
-from eightpost.ident.shock.prediction import as_measured, predicted_force, r_squared
-from eightpost.ident.shock.simulation import simulate
+from eightpost.ident.shock.simulation import as_measured, predicted_force, r_squared, simulate
 from eightpost.rig import dyno_test_of
 from eightpost.rig.columns import with_channels
 from eightpost.shock import read_shock

@@ -202,14 +202,7 @@ def _straight(sign: float) -> Array:
     k = np.arange(1, INNER_ORDER + 1)
     value = sign**k
     chord = (value - ((1.0 - _CHORD) * sign) ** k) / _CHORD
-    return (
-        np.vstack([value, chord, np.zeros((OUTER_ORDER - 1, INNER_ORDER))])
-        .astype(np.float64)
-        .astype(np.float64)
-        .astype(np.float64)
-        .astype(np.float64)
-        .astype(np.float64)
-    )
+    return np.asarray(np.vstack([value, chord, np.zeros((OUTER_ORDER - 1, INNER_ORDER))]), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,10 +17,9 @@ from eightpost.errors import ParameterError, suggestion
 from eightpost.ident.shock.curve import fitted_curve
 from eightpost.ident.shock.force import GasColumns
 from eightpost.ident.shock.law_fit import HeldOutErrors
-from eightpost.ident.shock.prediction import predicted_force, r_squared
 from eightpost.ident.shock.problem import LEVEL, CurveBand, Solution, blocks_of, curve_band, factor_rows, quantile
 from eightpost.ident.shock.runs import PreparedRun, Runs
-from eightpost.ident.shock.simulation import simulate
+from eightpost.ident.shock.simulation import predicted_force, r_squared, simulate
 from eightpost.ident.shock.verdict import (
     BuildSpread,
     Parameter,
@@ -43,7 +42,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from eightpost.ident.shock.prediction import Motion
+    from eightpost.ident.shock.simulation import Motion
     from eightpost.report.pictures import Picture
 
 

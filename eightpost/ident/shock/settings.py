@@ -57,9 +57,7 @@ def effects_of(axes: Sequence[Axis], settings: Sequence[tuple[float, ...]], valu
         InputError: The settings do not separate the effects of the axes.
     """
     design = _design(axes, settings)
-    reference = tuple(axis.reference for axis in axes)
-    off = np.array([sum(v != r for v, r in zip(setting, reference, strict=True)) for setting in settings])
-    one_at_a_time = off <= 1
+    one_at_a_time = np.array([len(_changed(axes, setting)) for setting in settings]) <= 1
     is_complete = int(one_at_a_time.sum()) == design.shape[1]
     used = one_at_a_time if is_complete else np.ones(len(settings), dtype=bool)
     _check_rank(axes, design[used])
@@ -110,14 +108,7 @@ def _combined(
     nodes = [axes[place].nodes for place in places]
     combinations = list(itertools.product(*nodes))
     rows = np.zeros((len(combinations), left.shape[1]))
-    owned = [
-        k
-        for k, setting in enumerate(settings)
-        if all(
-            (value != axis.reference) == (i in places)
-            for i, (value, axis) in enumerate(zip(setting, axes, strict=True))
-        )
-    ]
+    owned = [k for k, setting in enumerate(settings) if _changed(axes, setting) == set(places)]
     if not owned:
         return []
     for k in owned:
@@ -340,7 +331,7 @@ def _shock(
     values: Array,
     predicted: Sequence[float | None],
 ) -> Shock:
-    reference = min(range(len(groups)), key=lambda k: _distance(table.axes, groups[k].setting))
+    reference = min(range(len(groups)), key=lambda k: len(_changed(table.axes, groups[k].setting)))
     base = fits[reference].shock
     # What is left of each file's level when its preload is that of the settings.
     left = np.array([joint.law(k).port.gas_preload for k in range(len(groups))]) - values[:, -1]
@@ -371,10 +362,6 @@ def _shock(
         settings=settings,
     )
     return judged(shock)
-
-
-def _distance(axes: Sequence[Axis], setting: Sequence[float]) -> int:
-    return sum(value != axis.reference for value, axis in zip(setting, axes, strict=True))
 
 
 def _label(axes: Sequence[Axis], setting: Sequence[float]) -> str:

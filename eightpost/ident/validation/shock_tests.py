@@ -11,9 +11,8 @@ import numpy as np
 
 from eightpost.array_types import Array
 from eightpost.errors import MissingChannelError, ParameterError, TooShortError
-from eightpost.ident.shock.prediction import as_measured, reference_of
 from eightpost.ident.shock.runs import CUTOFF, FILTER_EDGE, LARGEST_SHARE, prepare
-from eightpost.ident.shock.simulation import simulate
+from eightpost.ident.shock.simulation import as_measured, reference_of, simulate
 from eightpost.ident.validation.records import (
     DynoRecord,
     ErrorSpectrum,
