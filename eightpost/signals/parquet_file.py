@@ -162,8 +162,9 @@ def write_table(table: Table, path: Path) -> None:
 
 def write_arrow(table: arrow.Table, path: str | Path, **options: Any) -> None:
     """Write an Arrow table, with options of arro3.io.write_parquet; see write_table."""
+    stated = table.schema.metadata_str or None  # also where programs look that ignore Arrow's own schema
     with atomic_path(path) as temporary:
-        arro3.io.write_parquet(table, temporary, compression="zstd(1)", **options)
+        arro3.io.write_parquet(table, temporary, compression="zstd(1)", key_value_metadata=stated, **options)
 
 
 #: Maximum number of cells in a table (2 GiB of numbers). A damaged or malicious file may declare any number.

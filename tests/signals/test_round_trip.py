@@ -73,6 +73,7 @@ def test_floats_keep_their_bits_in_a_parquet_file_and_in_other_programs(
     (record,) = read_parquet(path)
     assert record.columns[1].tobytes() == values.astype(float).tobytes()
     other = pyarrow.parquet.read_table(path)
+    assert b"eightpost" in pyarrow.parquet.ParquetFile(path).read().schema.metadata
     assert other["x"].type == pa.from_numpy_dtype(values.dtype) and other["x"].null_count == 0
     assert other["x"].to_numpy().tobytes() == values.tobytes()
 
