@@ -518,7 +518,7 @@ def _rows(values: Complex) -> Array:
 
 def _columns(values: Complex) -> Array:
     """Return the real columns (R, 2 P) that give Re(c z) from the real and the imaginary parts of z."""
-    return np.stack([values.real, -values.imag], axis=2).reshape(len(values), -1)
+    return np.stack([values.real, -values.imag], axis=2).reshape(len(values), 2 * values.shape[1])
 
 
 def _phi(x: Complex) -> tuple[Complex, Complex, Complex]:

@@ -4,7 +4,18 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from eightpost.machine import Batch, Drive, LinearCar, NotInBatchError, Port, Run, ShockData, UnstableCarError, Vehicle
+from eightpost.machine import (
+    SIGNALS,
+    Batch,
+    Drive,
+    LinearCar,
+    NotInBatchError,
+    Port,
+    Run,
+    ShockData,
+    UnstableCarError,
+    Vehicle,
+)
 
 #: A mass on a spring: states are travel and velocity, inputs force and road velocity; outputs are the velocity of the
 #: port, to which the road's is added, its travel, and the acceleration.
@@ -74,6 +85,17 @@ def test_a_recorded_row_is_every_nth_step():
     np.testing.assert_array_equal(
         outputs(vehicle(), inputs(), shocks, every=5), outputs(vehicle(), inputs(), shocks)[::5]
     )
+
+
+def test_signals_of_a_shock_are_recorded_without_any_output_of_the_car():
+    car = LinearCar.of(vehicle(), [PORT], np.array([60.0]))
+    signals = {name: (0, number) for number, name in enumerate(SIGNALS)}
+    found = []
+    for channels in (signals, {"velocity": (-1, 0)} | signals):
+        run = Run(car, Drive(TIME, 1, TIME, inputs()), channels, series=tuple(signals))
+        found.append(Batch(run).run([[line(75.0)]]).values.copy())
+    assert np.abs(found[0]).max() > 1.0
+    np.testing.assert_array_equal(*found)
 
 
 def test_modes_that_fill_up_a_size_decay_and_have_no_effect():
