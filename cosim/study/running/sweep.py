@@ -33,7 +33,7 @@ from eightpost.array_types import Integers
 from eightpost.errors import EightpostError, FileFormatError, InputError, WorkersLostError
 from eightpost.files import atomic_path, json_content, sha256_of
 from eightpost.machine.car import NotInBatchError
-from eightpost.outputs import check_folder
+from eightpost.outputs import check_folder, replacing
 from eightpost.progress import Progress, beats
 from eightpost.schema import checked
 from eightpost.signals.parquet_file import Table, joined, read_table, write_table
@@ -225,7 +225,8 @@ class ChunkFolder:
 
     def keep_coupling(self, coupling: Coupling) -> None:
         """Write the coupling for all later runs of the study."""
-        with atomic_path(self._folder / "coupling.json") as temporary:
+        path = self._folder / "coupling.json"  # that of an interrupted study was read, and is completed
+        with replacing(path), atomic_path(path) as temporary:
             temporary.write_text(json.dumps(asdict(coupling), indent=2) + "\n", encoding="utf-8")
 
 

@@ -19,12 +19,13 @@ from hypothesis import strategies as st
 import cosim
 from cosim.study import Build, Constraint, Drive, Measure, Term
 from cosim.study.definition import read_drive
-from cosim.study.running.evaluator import Evaluator, coupling_of, traces
+from cosim.study.running.evaluator import Coupling, Evaluator, coupling_of, traces
 from cosim.study.running.sweep import BATCH, ChunkFolder, Cutter, Sweep, gaps, run_study
 from cosim.study.running.workers import Chunk, ProcessWorkers
 from cosim.study.table import StudyResult, study_schema
 from eightpost.corners import CORNERS
 from eightpost.errors import FileFormatError
+from eightpost.outputs import recorded
 from eightpost.signals import Drivefile
 from eightpost.signals.parquet_file import joined
 from eightpost.workers.pool import _Heartbeats
@@ -309,6 +310,14 @@ def folder(whole, tmp_path) -> ChunkFolder:
         found.write(Chunk(first, ()), rows[first : first + 100])
     found.write(Chunk(150, ()), rows[150:200])
     return found
+
+
+def test_a_resumed_command_completes_the_coupling_that_it_has_read(folder: ChunkFolder) -> None:
+    for step in (1e-3, 2e-3):
+        with recorded([]):
+            before = folder.coupling()
+            folder.keep_coupling(Coupling("gauss-seidel", step))
+    assert before == Coupling("gauss-seidel", 1e-3) and folder.coupling() == Coupling("gauss-seidel", 2e-3)
 
 
 def test_joined_chunks_are_the_table(folder: ChunkFolder, whole: StudyResult) -> None:
