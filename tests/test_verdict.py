@@ -79,22 +79,28 @@ def test_a_rule_gives_its_own_remedy_or_a_more_specific_one() -> None:
     assert rule.reason("s", figure="1 %", origin="o", remedy="look at bond lf").remedy == "look at bond lf"
 
 
-def modules_with_tables() -> Iterator[tuple[str, str]]:
-    """Yield the names and the texts of the modules that read a table of rules."""
+def modules_with_tables() -> Iterator[tuple[str, Path]]:
+    """Yield the names and the files of the modules that read a table of rules."""
     for package in ("builder", "cosim", "dissertation", "eightpost"):
         for path in (ROOT / package).rglob("*.py"):
-            if "RULES = Rules.read(" in (text := path.read_text(encoding="utf-8")):
-                yield ".".join(path.relative_to(ROOT).with_suffix("").parts), text
+            if "RULES = Rules.read(" in path.read_text(encoding="utf-8"):
+                yield ".".join(path.relative_to(ROOT).with_suffix("").parts), path
 
 
-def test_a_module_names_every_rule_of_its_table_and_no_other() -> None:
+def nodes_of(path: Path) -> list[ast.AST]:
+    return list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+
+
+def test_a_module_and_its_neighbours_name_every_rule_of_its_table_and_no_other() -> None:
     modules = dict(modules_with_tables())
     assert len(modules) > 10
-    for module, text in modules.items():
-        nodes = list(ast.walk(ast.parse(text)))
-        calls = [node for node in nodes if isinstance(node, ast.Call) and ast.unparse(node.func) == "RULES.reason"]
+    for module, path in modules.items():
+        calls = [
+            node for node in nodes_of(path) if isinstance(node, ast.Call) and ast.unparse(node.func) == "RULES.reason"
+        ]
         named = {call.args[0].value for call in calls if isinstance(call.args[0], ast.Constant)}
-        texts = {node.value for node in nodes if isinstance(node, ast.Constant)}
+        files = path.parent.glob("*.py") if "def fault(" in path.read_text(encoding="utf-8") else [path]
+        texts = {node.value for file in files for node in nodes_of(file) if isinstance(node, ast.Constant)}
         assert named <= {rule.name for rule in import_module(module).RULES} <= texts, module
 
 

@@ -31,7 +31,7 @@ CHANNELS = OUTPUTS | {name: (0, place) for place, name in enumerate(SIGNALS)}
 QUANTITIES = (
     Quantity(("travel", "acceleration"), (2.0, 1e-3), (3, 90), limits=True, inside=(-1e-3, 2e-3)),
     Quantity(("velocity", "force"), (1.0, 0.5), (10, 101), product=True),
-    Quantity(("static_force",), (-1.0,), (0, 50), limits=True, inside=(0.0, 100.0)),
+    Quantity(("static_force",), (-1.0,), (0, 50), limits=True, inside=(1e-3, 100.0)),
 )
 
 FRICTION: Mapping[str, tuple[float, ...]] = {
