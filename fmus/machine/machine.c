@@ -14,9 +14,10 @@ static const double LARGEST = 1e15;
 /* ---- A step ------------------------------------------------------------------------------------------------------------------- */
 
 /* The states at the end of the next step without its forces. */
-static inline WITHIN void predict(const March *m, real *states)
+static inline WITHIN void predict(March *m)
 {
     const Car *car = m->run->car;
+    real *states = m->states;
     real old[STATES + FORCES]; /* a copy, which a compiler keeps in registers */
     memcpy(old, m->states, sizeof old);
     UNROLLED
@@ -106,8 +107,8 @@ static inline WITHIN void solve(March *m, Kinds kinds, int64_t step, real *veloc
 {
     const Car *car = m->run->car;
     const double *road = m->run->velocities + (step + 1) * CORNERS, *travels = m->run->travels + (step + 1) * CORNERS;
-    real free[CORNERS], free_travel[CORNERS], travel[CORNERS], states[STATES + FORCES], *beyond = states + STATES;
-    predict(m, states);
+    real free[CORNERS], free_travel[CORNERS], travel[CORNERS], *states = m->states, beyond[FORCES];
+    predict(m);
     UNROLLED
     for (int c = 0; c < CORNERS; c++) {
         free[c] = with_row(uniform(road[c]), car->velocity[c], states, STATES);
@@ -132,7 +133,7 @@ static inline WITHIN void solve(March *m, Kinds kinds, int64_t step, real *veloc
             travel[c] = kinds.travel ? with_row(free_travel[c], car->travelled[c], beyond, FORCES) : travel[c];
         }
     }
-    memcpy(m->states, states, sizeof states);
+    memcpy(m->states + STATES, beyond, sizeof beyond);
     if (kinds.travel) {
         memcpy(m->travel, travel, sizeof travel);
     }
