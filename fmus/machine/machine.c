@@ -29,11 +29,11 @@ static inline WITHIN void predict(March *m)
     }
 }
 
-/* A step of a port: the points in its middle and at its end, their cubics, and the forces at its start and there. */
+/* A step of a port: the points in its middle and at its end, with their cubics and forces. */
 typedef struct {
     Point at[NODES];
     Cubics cubics[NODES];
-    Bond bond;
+    real force[NODES];
 } Step;
 
 /* The velocity of a port in the middle of the step by that at its end: on the cubic through the ends of the last steps. */
@@ -59,55 +59,56 @@ static inline WITHIN void find_forces(const March *m, Kinds kinds, int c, real t
     const real ways[NODES] = {0.5 * (m->travel[c] + travel) + 0.125 * change, travel};
     UNROLLED
     for (int node = 0; node < NODES; node++) {
-        s->bond.velocity[1 + node] = s->at[node].velocity;
-        s->bond.force[1 + node] = force_at(&m->ports[c], kinds, &s->at[node], &s->cubics[node], ways[node]);
-        beyond[node * CORNERS + c] = s->bond.force[1 + node] - m->run->car->damping[c] * s->at[node].velocity;
+        s->force[node] = force_at(&m->ports[c], kinds, &s->at[node], &s->cubics[node], ways[node]);
+        beyond[node * CORNERS + c] = s->force[node] - m->run->car->damping[c] * s->at[node].velocity;
     }
 }
 
-/* Evaluates the ports at velocities and travels at the end of the step. */
-static inline WITHIN void evaluate(const March *m, Kinds kinds, const real *velocity, const real *travel, const Places *found,
-                                   Step *steps, real *beyond)
-{
-    UNROLLED
-    for (int c = 0; c < CORNERS; c++) {
-        Step *s = &steps[c];
-        const int known = found == NULL;
-        if (!known && kinds.knots) {
-            gather_cubics(&m->ports[c], kinds, &found[c], s->cubics);
-        }
-        follow(&m->ports[c], kinds, &m->at[c], between(m, c, velocity[c]), known, &s->cubics[MIDDLE_OF_STEP], &s->at[MIDDLE_OF_STEP]);
-        follow(&m->ports[c], kinds, &s->at[MIDDLE_OF_STEP], velocity[c], known, &s->cubics[END_OF_STEP], &s->at[END_OF_STEP]);
-        find_forces(m, kinds, c, travel[c], s, beyond);
-    }
-}
-
-/* The end of the step becomes the start of the next one. */
-static inline WITHIN void accept(March *m, Kinds kinds, int c, const Step *s)
+/* The forces of a step, which are found, and the states of the port become those of the next step's start: kept until the velocities
+ * are found, they would take twice the stores, which limit a step. `work` is that of the start and the middle in Simpson's rule. */
+static inline WITHIN void keep_forces(March *m, Kinds kinds, int c, const Step *s, int is_recorded, real *work)
 {
     const Point *end = &s->at[END_OF_STEP];
-    m->earlier[1][c] = m->earlier[0][c];
-    m->earlier[0][c] = m->at[c].velocity;
+    Point *at = &m->at[c];
+    *work = m->force[c] * at->velocity + 4.0 * (s->force[MIDDLE_OF_STEP] * s->at[MIDDLE_OF_STEP].velocity);
+    if (is_recorded) {
+        add_force(m, c, s->force);
+    }
     m->before[c] = m->force[c];
-    m->at[c].velocity = end->velocity;
-    m->at[c].static_force = end->static_force;
-    m->at[c].lagged = end->lagged;
-    m->force[c] = s->bond.force[2];
+    m->force[c] = s->force[END_OF_STEP];
+    at->static_force = end->static_force;
+    at->lagged = end->lagged;
     if (kinds.friction) {
-        m->at[c].bend = end->bend;
+        at->bend = end->bend;
     }
     if (kinds.hysteresis) {
-        m->at[c].travel = end->travel;
+        at->travel = end->travel;
         m->cubics[c] = s->cubics[END_OF_STEP];
     }
 }
 
-/* Finds the forces of a step with the velocities that they cause; `missed` are the changes of these in the last sweep. */
-static inline WITHIN void solve(March *m, Kinds kinds, int64_t step, real *velocity, real *missed, Step *steps)
+/* Evaluates the ports at velocities and travels at the end of the step, whose cubics are `found` unless they are known. */
+static inline WITHIN void evaluate(const March *m, Kinds kinds, int c, const real *velocity, const real *travel, const Places *found,
+                                   Step *s, real *beyond)
+{
+    const int known = found == NULL;
+    if (!known && kinds.knots) {
+        gather_cubics(&m->ports[c], kinds, &found[c], s->cubics);
+    }
+    follow(&m->ports[c], kinds, &m->at[c], between(m, c, velocity[c]), known, &s->cubics[MIDDLE_OF_STEP], &s->at[MIDDLE_OF_STEP]);
+    follow(&m->ports[c], kinds, &s->at[MIDDLE_OF_STEP], velocity[c], known, &s->cubics[END_OF_STEP], &s->at[END_OF_STEP]);
+    find_forces(m, kinds, c, travel[c], s, beyond);
+}
+
+/* Advances the car and its ports by a step: finds its forces with the velocities that they cause. */
+static inline WITHIN void take_step(March *m, Kinds kinds, int64_t step, int is_recorded)
 {
     const Car *car = m->run->car;
     const double *road = m->run->velocities + (step + 1) * CORNERS, *travels = m->run->travels + (step + 1) * CORNERS;
-    real free[CORNERS], free_travel[CORNERS], travel[CORNERS], *states = m->states, beyond[FORCES];
+    real free[CORNERS], free_travel[CORNERS], velocity[CORNERS], travel[CORNERS], missed[CORNERS], work[CORNERS];
+    real *states = m->states, beyond[FORCES];
+    Step steps[CORNERS];
+    Places found[CORNERS];
     predict(m);
     UNROLLED
     for (int c = 0; c < CORNERS; c++) {
@@ -118,18 +119,23 @@ static inline WITHIN void solve(March *m, Kinds kinds, int64_t step, real *veloc
             travel[c] = free_travel[c] = with_row(uniform(travels[c]), car->travel[c], states, STATES);
         }
     }
-    Places found[CORNERS];
     if (kinds.knots) {
         find_places(m, kinds, velocity, found);
     }
     UNROLLED
     for (int n = 0; n < SWEEPS; n++) {
-        evaluate(m, kinds, velocity, travel, n > 0 ? NULL : found, steps, beyond);
         UNROLLED
         for (int c = 0; c < CORNERS; c++) {
-            const real found = with_row(free[c], car->moved[c], beyond, FORCES);
-            missed[c] = found - velocity[c];
-            velocity[c] = found;
+            evaluate(m, kinds, c, velocity, travel, n > 0 ? NULL : found, &steps[c], beyond);
+            if (n == SWEEPS - 1) {
+                keep_forces(m, kinds, c, &steps[c], is_recorded, &work[c]);
+            }
+        }
+        UNROLLED
+        for (int c = 0; c < CORNERS; c++) {
+            const real then = with_row(free[c], car->moved[c], beyond, FORCES);
+            missed[c] = then - velocity[c];
+            velocity[c] = then;
             travel[c] = kinds.travel ? with_row(free_travel[c], car->travelled[c], beyond, FORCES) : travel[c];
         }
     }
@@ -137,25 +143,15 @@ static inline WITHIN void solve(March *m, Kinds kinds, int64_t step, real *veloc
     if (kinds.travel) {
         memcpy(m->travel, travel, sizeof travel);
     }
-}
-
-/* Advances the car and its ports by a step. */
-static inline WITHIN void take_step(March *m, Kinds kinds, int64_t step, int is_recorded)
-{
-    real velocity[CORNERS], missed[CORNERS];
-    Step steps[CORNERS];
-    solve(m, kinds, step, velocity, missed, steps);
     UNROLLED
     for (int c = 0; c < CORNERS; c++) {
-        Step *s = &steps[c];
-        s->bond.force[0] = m->force[c];
-        s->bond.velocity[0] = m->at[c].velocity;
-        s->at[END_OF_STEP].velocity = s->bond.velocity[2] = velocity[c];
-        add_work(m, c, &s->bond, missed[c]);
+        add_work(m, c, work[c], velocity[c], missed[c]);
         if (is_recorded) {
-            add_errors(m, c, &s->bond, missed[c]);
+            add_velocity(m, c, velocity[c], missed[c]);
         }
-        accept(m, kinds, c, s);
+        m->earlier[1][c] = m->earlier[0][c];
+        m->earlier[0][c] = m->at[c].velocity;
+        m->at[c].velocity = velocity[c];
     }
 }
 

@@ -6,33 +6,35 @@
 
 /* ---- Bonds ------------------------------------------------------------------------------------------------------------------ */
 
-/* The forces at a step's start, middle and end, and the velocities there. */
-typedef struct {
-    real force[3], velocity[3];
-} Bond;
-
-/* Work through a bond by Simpson's rule; `missed` is the change of the velocity in the last sweep. */
-static inline WITHIN void add_work(March *m, int c, const Bond *b, real missed)
+/* Work through a bond by Simpson's rule, of which `work` is the part of the start and the middle; `missed` is the change of the velocity
+ * in the last sweep. */
+static inline WITHIN void add_work(March *m, int c, real work, real velocity, real missed)
 {
     const double sixth = m->run->step * (1.0 / 6.0);
-    const real start = b->force[0] * b->velocity[0], middle = b->force[1] * b->velocity[1], end = b->force[2] * b->velocity[2];
-    m->totals.transferred[c] += size_of(sixth * (start + 4.0 * middle + end));
-    m->totals.residual[c] += sixth * b->force[2] * missed;
+    const real force = m->force[c];
+    m->totals.transferred[c] += size_of(sixth * (work + force * velocity));
+    m->totals.residual[c] += sixth * force * missed;
 }
 
-/* The defect of a velocity is its change in the last sweep, and that of a force how far its middle is from the parabola through the
- * start of the last step and both ends: the quadratics cannot follow what is beyond that. */
-static inline WITHIN void add_errors(March *m, int c, const Bond *b, real missed)
+static inline WITHIN void add_to(Totals *t, int place, real value, real defect)
 {
-    Totals *t = &m->totals;
-    const real v = b->velocity[2], f = b->force[2];
-    const real apart = b->force[1] - (0.75 * b->force[0] + 0.375 * f - 0.125 * m->before[c]);
-    t->defect[c] += missed * missed;
-    t->defect[CORNERS + c] += apart * apart;
-    t->total[c] += v;
-    t->total[CORNERS + c] += f;
-    t->squares[c] += v * v;
-    t->squares[CORNERS + c] += f * f;
+    t->defect[place] += defect * defect;
+    t->total[place] += value;
+    t->squares[place] += value * value;
+}
+
+/* The defect of a velocity is its change in the last sweep. */
+static inline WITHIN void add_velocity(March *m, int c, real velocity, real missed)
+{
+    add_to(&m->totals, c, velocity, missed);
+}
+
+/* That of a force is how far its middle is from the parabola through the start of the last step and both ends: the quadratics cannot
+ * follow what is beyond that. */
+static inline WITHIN void add_force(March *m, int c, const real *found)
+{
+    const real end = found[END_OF_STEP];
+    add_to(&m->totals, CORNERS + c, end, found[MIDDLE_OF_STEP] - (0.75 * m->force[c] + 0.375 * end - 0.125 * m->before[c]));
 }
 
 /* ---- Recorded rows ------------------------------------------------------------------------------------------------------------ */
