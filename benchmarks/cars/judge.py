@@ -66,14 +66,13 @@ class Case:
     kind: str
     seed: int
     seconds: float = 200.0  #: Length of each test [s].
-    procedure: str = "control"
     lap: str = "track"
     shocks: str = "known"  #: "known", or "fitted" to dynamometer records.
 
     @property
     def name(self) -> str:
         """Name of the row's file."""
-        parts = (self.kind, self.seed, f"{self.seconds:g}", self.procedure, self.lap)
+        parts = (self.kind, self.seed, f"{self.seconds:g}", self.lap)
         return "_".join(map(str, parts if self.shocks == "known" else (*parts, self.shocks)))
 
 
@@ -109,7 +108,7 @@ def _row(case: Case, folder: Path) -> dict[str, Any]:
     car = draw(case.kind, case.seed)
     row: dict[str, Any] = asdict(case)
     records = folder / f"{case.name}_records"
-    paths = write_tests(car, records, case.seconds, case.seed, case.procedure)
+    paths = write_tests(car, records, case.seconds, case.seed)
     shocks = [Shock(one.name, one.law) for one in (*car.bank, car.alternate)]
     if case.shocks == "fitted":
         shocks = fitted(shocks, case.seed)
