@@ -86,9 +86,9 @@ def row_of(case: Case, folder: Path) -> dict[str, Any]:
     return found
 
 
-def setups_of(seed: int, count: int = SETUPS) -> list[tuple[int, ...]]:
+def setups_of(seed: int) -> list[tuple[int, ...]]:
     """Return setups as indices of the corners' shocks in the bank."""
-    drawn = np.random.default_rng([46, seed]).integers(0, 7, (count, 4))
+    drawn = np.random.default_rng([46, seed]).integers(0, 7, (SETUPS, 4))
     return [tuple(int(k) for k in row) for row in drawn]
 
 

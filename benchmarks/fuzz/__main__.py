@@ -26,7 +26,6 @@ _LONGEST, _START = 60.0, 120.0
 #: Number of mutants of a reader per worker.
 _BATCH = 250
 
-
 _SPAWNED = multiprocessing.get_context("spawn")
 
 #: Name of a reader, number of its first mutant, and number after its last mutant.
