@@ -18,7 +18,6 @@ than 80 columns, or misses a target of commands.toml. Requires git, and Linux or
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
 import os
@@ -40,7 +39,7 @@ from typing import Any
 
 import pyarrow.parquet
 
-from benchmarks.table import OF_THIS_RUN, ROOT, checked_out, markdown, number
+from benchmarks.table import OF_THIS_RUN, ROOT, checked_out, markdown, number, parser_of
 from eightpost.__main__ import SECTIONS, every_verb
 
 #: Limits of a command's output: lines (of some commands others), and width.
@@ -240,7 +239,7 @@ _READERS: Mapping[str, Callable[[Path], Iterator[str | bytes]]] = {
 
 def main() -> int:
     """Print the tables; return the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--against", default="", help="earlier commit to compare with; default: none")
     parser.add_argument("--only", default="", help="text of the commands to run; default: all")
     parser.add_argument("--repeat", type=int, default=3, help="number of runs of every command with a target")

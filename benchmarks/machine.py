@@ -15,7 +15,6 @@ Prints Markdown. All times are processor times of this machine and this run.
 
 from __future__ import annotations
 
-import argparse
 import resource
 import tempfile
 import time
@@ -26,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.table import ROOT, markdown
+from benchmarks.table import ROOT, markdown, parser_of
 from builder.build import build
 from cosim.session.result import difference
 from cosim.study import Build, Drive, Measure, Study, Vehicle
@@ -64,7 +63,7 @@ Row = dict[str, Any]
 
 def main() -> None:
     """Measure and print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--setups", type=int, default=2401, help="setups of the shipped study")
     parser.add_argument("--sample", type=int, default=192, help="setups of the others")
     parser.add_argument("--large", action="store_true", help="also run large spaces, for some minutes")

@@ -1,15 +1,14 @@
 """Benchmark of coupling schemes: errors and stability of each, for docs/explanation/coupling.md.
 
-    python -m benchmarks.orders [--picture FILE]
+    python -m benchmarks.orders
 
 The seven-DOF car of examples/car.toml with four LPNL2 shocks fitted to examples/data/dyno_A.csv, on 10 s of
 examples/data/track.parquet, with all damping in the shocks. The reference is integrated by scipy (tests/monolithic.py).
-Prints Markdown.
+Prints Markdown and draws the page's picture.
 """
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -148,14 +147,10 @@ def _row(scheme: str, pairs: Sequence[Pair]) -> list[str]:
 
 def main() -> None:
     """Run the measurements, draw the picture and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    picture = ROOT / "docs" / "pictures" / "coupling.png"
-    parser.add_argument("--picture", type=Path, default=picture, help="picture file to write")
-    options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         case = make_case(Path(name), STOP)
         found = {s: [measure(case, Path(name), a, 1.0 / rate) for rate in RATES] for s, a in SCHEMES.items()}
-    draw(found, options.picture)
+    draw(found, ROOT / "docs" / "pictures" / "coupling.png")
     rates = [f"{rate:g} Hz" if rate < 1000.0 else f"{rate / 1000.0:g} kHz" for rate in RATES]
     print(markdown(["scheme", *rates, "order"], [_row(scheme, pairs) for scheme, pairs in found.items()]))
 

@@ -1,13 +1,16 @@
-"""What the benchmarks share: tables and their numbers, other versions of this checkout, what differs between runs."""
+"""What the benchmarks share: command lines, draws, tables and their numbers, other versions, what differs in runs."""
 
 from __future__ import annotations
 
+import argparse
 import re
 import subprocess
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+
+import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -18,6 +21,16 @@ OF_THIS_RUN = re.compile(
     r"|\b\d+(\.\d+)? s (?=of processor time)|(?<=\()\d+\.\d+ s(?=\))|\b\d+:\d\d:\d\d\b"
     r"|(?<![<\w])/([\w.+-]+/)+"
 )
+
+
+def parser_of(page: str | None) -> argparse.ArgumentParser:
+    """Return the parser of a command line whose help is a module's docstring."""
+    return argparse.ArgumentParser(description=page, formatter_class=argparse.RawDescriptionHelpFormatter)
+
+
+def log_uniform(random: np.random.Generator, low: float, high: float) -> float:
+    """Return a number whose logarithm is uniform between two bounds."""
+    return float(np.exp(random.uniform(np.log(low), np.log(high))))
 
 
 def markdown(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

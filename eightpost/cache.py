@@ -104,11 +104,19 @@ def keep(folder: str, key: str, content: bytes, *, most: int | None = None) -> N
         with replacing(path), atomic_path(path) as temporary:  # a damaged file has any content
             temporary.write_bytes(_sealed(content))
             temporary.chmod(0o600)
-        entries = sorted(path.parent.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
+        entries = sorted(path.parent.iterdir(), key=_last_use, reverse=True)
         for old in entries[most or KEPT :]:
             old.unlink(missing_ok=True)
     except (OSError, InputError) as error:
         _LOG.warning("compiled libraries cannot be cached and are compiled in every run: %s", error)
+
+
+def _last_use(path: Path) -> float:
+    """Return when a file was used last [s]; 0 if another process has just renamed or removed it."""
+    try:
+        return path.stat().st_mtime
+    except FileNotFoundError:
+        return 0.0
 
 
 # ---- numba's own cache ----------------------------------------------------------------------------------------------

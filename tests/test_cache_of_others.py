@@ -23,6 +23,13 @@ def test_what_this_user_kept_is_recalled_and_private(folder):
     assert (folder.stat().st_mode & 0o777, (folder / "key").stat().st_mode & 0o777) == (0o700, 0o600)
 
 
+def test_a_file_that_another_process_has_just_renamed_prevents_nothing(folder, caplog):
+    (folder / "temporary").symlink_to("renamed")  # it is listed, but its state cannot be read
+    cache.keep("libraries", "other", b"more")
+    assert cache.recall("libraries", "other") == b"more"
+    assert not caplog.records
+
+
 @pytest.mark.parametrize(("name", "mode"), [("key", 0o620), ("key", 0o602), (".", 0o770), (".", 0o707)])
 def test_a_file_or_folder_that_others_may_write_is_not_recalled_until_it_is_kept_again(folder, name, mode, caplog):
     (folder / name).chmod(mode)

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.nightly  # evidence, not the product
 
 
 def short(car, *, steps=rig.STEPS, scale=1.0):
-    drive = rig.random_drive(car, 4.5, 3).scaled(scale)
+    drive = rig.random_drive(car, 4.5, 3, road=0.0045 * scale)
     return rig.run(car, [car.bank[k] for k in (3, 0, 6, 2)], drive, steps=steps)
 
 
@@ -88,22 +88,12 @@ def test_static_loads_carry_the_car(kind):
     assert [rest[f"{corner}.tire_force"][-1] for corner in CORNERS] == pytest.approx(car.static_loads)
 
 
-def test_fuel_weighs_on_the_tires():
-    car = replace(draw("links", 1), downforce=(0.0, 0.0))
-    drive = rig.random_drive(car, 4.0, 1, road=0.0, load=0.0)
-    loads = [rig.run(one, car.bank[:4], drive).channels for one in (car, car.with_fuel(60.0))]
-    more = sum(loads[1][f"{c}.tire_force"].mean() - loads[0][f"{c}.tire_force"].mean() for c in CORNERS)
-    assert more == pytest.approx(60.0 * 9.80665, rel=0.01)
-
-
-def test_five_tests_differ_in_one_shock_and_by_the_procedure():
+def test_five_tests_differ_in_one_shock():
     car = draw("links", 1)
-    good, broken = (dict(five_tests(car, 4.0, 1, procedure)) for procedure in ("control", "broken_bar"))
-    assert list(good) == ["baseline", "alternate_lf", "alternate_rf", "alternate_lr", "alternate_rr"]
-    softer = [np.std(good[f"alternate_{c}"].channels[f"{c}.force"]) for c in CORNERS]
-    assert all(np.array(softer) < [0.9 * np.std(good["baseline"].channels[f"{c}.force"]) for c in CORNERS])
-    same = [np.array_equal(good[n].channels["lf.force"], broken[n].channels["lf.force"]) for n in good]
-    assert same == [True, True, True, False, True]
+    tests = dict(five_tests(car, 4.0, 1))
+    assert list(tests) == ["baseline", "alternate_lf", "alternate_rf", "alternate_lr", "alternate_rr"]
+    softer = [np.std(tests[f"alternate_{c}"].channels[f"{c}.force"]) for c in CORNERS]
+    assert all(np.array(softer) < [0.9 * np.std(tests["baseline"].channels[f"{c}.force"]) for c in CORNERS])
 
 
 def test_tires_lift_and_do_not_pull():

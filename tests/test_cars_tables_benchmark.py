@@ -16,7 +16,7 @@ def row(factors, *, common=0.01, own=0.1):
     true = [{name: level * (1.0 + 0.1 * k) for k, name in enumerate(RIDE)} for level in (1.0, 1.1, 1.2, 1.3)]
     predicted = [{n: v * f for n, v in one.items()} for one, f in zip(true, factors, strict=True)]
     return {
-        "kind": "links", "seed": 1, "seconds": 60.0, "lap": "track", "procedure": "control", "cpu": 30.0,
+        "kind": "links", "seed": 1, "seconds": 60.0, "lap": "track", "cpu": 30.0,
         "true": true, "predicted": predicted, "stated": {n: {"common": common, "own": own} for n in RIDE},
         "verdict": {"grade": "usable", "reasons": []},
     }  # fmt: skip
@@ -55,14 +55,6 @@ def test_summary_has_a_line_per_car_kind_and_all_and_bins_of_probability():
     ]  # fmt: skip
     assert lines[2].split("|")[2:5] == [" 1.12 ", " 2.0 ", " 1.000 "]
     assert sum(int(line.split("|")[2]) for line in lines if " to " in line) == 2 * 6 * len(RIDE)
-
-
-def test_table_of_procedures_names_the_reasons_or_the_refusal():
-    bad = row([1.2] * 4) | {"verdict": {"grade": "not usable", "reasons": [["short tests", "not usable", "text"]]}}
-    refused = {"kind": "links", "seed": 1, "procedure": "short", "error": "TooShortError: x"}
-    lines = tables.procedures([bad, refused]).splitlines()
-    assert lines[2] == "| links 1 | control | 20.00 | 20.0 | 1.000 | not usable | short tests |"
-    assert lines[3].endswith("| refused | TooShortError: x |")
 
 
 def test_row_is_read_again_from_its_file(tmp_path):

@@ -2,17 +2,15 @@
 
     python -m benchmarks.cars --kinds links rubber --seeds 1 2 --kept rows/
     python -m benchmarks.cars --kinds links --seeds 1 --shocks fitted --kept rows/
-    python -m benchmarks.cars --kinds links --seeds 1 --seconds 60 --procedures --kept rows/
 
 Each row is kept in the folder, and read from it when the command is given again. Seeds from 1000 are for reports.
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterable, Sequence
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +19,8 @@ from scipy.stats import spearmanr
 
 from benchmarks.cars.draw import KINDS
 from benchmarks.cars.judge import NAMES, RIDE, TOTAL, Case, row_of
-from benchmarks.cars.rig import LAPS, PROCEDURES
-from benchmarks.table import markdown
+from benchmarks.cars.rig import LAPS
+from benchmarks.table import markdown, parser_of
 from eightpost.array_types import Array
 from eightpost.uncertainty import MeasureUncertainty, setup_distance
 
@@ -157,42 +155,21 @@ def by_quantity(rows: Sequence[Row]) -> str:
     return markdown(("quantity", "RMS error %", "of the mean error of a car %"), lines)
 
 
-def procedures(rows: Iterable[Row]) -> str:
-    """Return the table of procedures: errors, rank correlation, verdict and its reasons."""
-    lines = []
-    for row in rows:
-        verdict = row.get("verdict", {"grade": "refused", "reasons": []})
-        reasons = ", ".join(rule for rule, grade, _ in verdict["reasons"] if grade != "usable") or row.get("error", "")
-        figures = ["", "", ""]
-        if "predicted" in row:
-            found = errors(row)
-            figures = [f"{np.sqrt(np.mean(found**2)):.2f}", f"{np.abs(found).max():.1f}", f"{lowest_spearman(row):.3f}"]
-        lines.append([f"{row['kind']} {row['seed']}", row["procedure"], *figures, str(verdict["grade"]), reasons])
-    return markdown(("car", "procedure", "all %", "max %", "Spearman", "verdict", "reasons"), lines)
-
-
 def main() -> None:
     """Identify true cars and print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS), help="kinds of cars")
     parser.add_argument("--seeds", nargs="+", type=int, default=[1], help="seeds of each kind")
     parser.add_argument("--seconds", type=float, default=200.0, help="length of each of the five tests")
     parser.add_argument("--lap", choices=LAPS, default="track", help="lap on which setups are judged")
     parser.add_argument("--shocks", choices=("known", "fitted"), default="known", help="laws of the shocks: the true "
                         "ones, or fits of virtual dynamometer records")  # fmt: skip
-    parser.add_argument("--procedures", nargs="*", choices=PROCEDURES, help="bad procedures; without names all")
     parser.add_argument("--kept", type=Path, required=True, help="folder of the rows")
     given = parser.parse_args()
-    names = ["control"] if given.procedures is None else given.procedures or list(PROCEDURES)
     rows = []
-    for seed in given.seeds:
-        for kind in given.kinds:
-            for name in names:
-                rows.append(row_of(Case(kind, seed, given.seconds, name, given.lap, given.shocks), given.kept))
-                print(f"{kind} {seed} {name}: done", file=sys.stderr, flush=True)
-    if given.procedures is not None:
-        print(procedures(rows))
-        return
+    for seed, kind in product(given.seeds, given.kinds):
+        rows.append(row_of(Case(kind, seed, given.seconds, given.lap, given.shocks), given.kept))
+        print(f"{kind} {seed}: done", file=sys.stderr, flush=True)
     print(summary(rows))
     print("\n" + by_quantity([row for row in rows if "predicted" in row]))
 

@@ -34,7 +34,6 @@ class Numbers(NamedTuple):
     mount: Array  #: Stiffness and damping of the top mounts (4, 2); stiffness 0 is a rigid mount.
     tire: Array  #: Stiffness at static load, its growth with load [1/m], damping, static load (4, 4).
     bar: Array  #: Rate, friction, and its stiffness of the front and rear anti-roll bars (2, 3).
-    weight: Array  #: Constant force on the coordinates beyond the static loads (D,).
 
 
 class Shocks(NamedTuple):
@@ -101,14 +100,13 @@ def behind_mount(table: Any, law: Any, state: Any, mount: Any, s: float, sv: flo
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
-def march(car: Any, shocks: Any, drive: Any, scale: Any, h: float, every: int) -> Any:  # noqa: PLR0912, PLR0915 (one loop)
+def march(car: Any, shocks: Any, drive: Any, h: float, every: int) -> Any:  # noqa: PLR0912, PLR0915 (one loop)
     """Return the channels at every `every`th step (44, N), from rest at the static position.
 
     Args:
         car: `Numbers`.
         shocks: `Shocks`.
         drive: Roads (4) and aeroloads down (4) at every step (8, steps).
-        scale: Factor on all friction of the car at every step (steps,).
         h: Step [s].
         every: Steps per sample.
 
@@ -116,7 +114,7 @@ def march(car: Any, shocks: Any, drive: Any, scale: Any, h: float, every: int) -
     and velocity of shock and mount together, and hub acceleration; then the accelerations of all D coordinates, and the
     coordinates.
     """
-    inverse, stiffness, damping, travel, wheel, load, spring, friction, mount, tire, bar, weight = car
+    inverse, stiffness, damping, travel, wheel, load, spring, friction, mount, tire, bar = car
     D, steps = inverse.shape[0], drive.shape[1]
     q, p, a, push = np.zeros(D), np.zeros(D), np.zeros(D), np.zeros(D)
     states, dry = np.zeros((4, 4)), np.zeros((4, 2))
@@ -129,7 +127,7 @@ def march(car: Any, shocks: Any, drive: Any, scale: Any, h: float, every: int) -
                 q[k] += h * p[k] + 0.5 * h * h * a[k]
                 p[k] += h * a[k]  # predicted
         for k in range(D):
-            push[k] = weight[k]
+            push[k] = 0.0
             for j in range(D):
                 push[k] -= stiffness[k, j] * q[j] + damping[k, j] * p[j]
         for c in range(4):
@@ -161,15 +159,14 @@ def march(car: Any, shocks: Any, drive: Any, scale: Any, h: float, every: int) -
                 states[c, k] = after[k]
             stop = bump * (s - gap) ** 2 if s > gap else 0.0
             force = n * (damper + preload + rate * s + stop) - n0 * preload
-            dry[c, 0] = contact(dry[c, 0], friction[c, 0] * scale[i], friction[c, 1] * moved[c])
-            sliding = friction[c, 2] * scale[i]
-            dry[c, 1], behind = rubber(dry[c, 1], sliding, friction[c, 3], friction[c, 4], moved[c], wv[c], h)
+            dry[c, 0] = contact(dry[c, 0], friction[c, 0], friction[c, 1] * moved[c])
+            dry[c, 1], behind = rubber(dry[c, 1], friction[c, 2], friction[c, 3], friction[c, 4], moved[c], wv[c], h)
             force += dry[c, 0] + behind
             axle = c // 2
             other = c + 1 - 2 * (c % 2)
             force += bar[axle, 0] * (w[c] - w[other])
             if c % 2 == 0:
-                twist[axle] = contact(twist[axle], bar[axle, 1] * scale[i], bar[axle, 2] * (moved[c] - moved[other]))
+                twist[axle] = contact(twist[axle], bar[axle, 1], bar[axle, 2] * (moved[c] - moved[other]))
             force += twist[axle] * (1 - 2 * (c % 2))
             now[4 + c] = damper
             now[8 + c], now[12 + c] = after[1], after[0]
@@ -308,11 +305,10 @@ class Car:
     baseline: int  #: Index of the shock of the baseline test.
     alternate: TrueShock  #: Shock of one corner in the other tests.
     sensors: Sensors = field(default_factory=Sensors)
-    fuel: tuple[float, float] = (0.0, 0.0)  #: Additional mass in the body, and its place before the centre.
 
     @property
     def static_loads(self) -> Array:
-        """Loads of the tires at rest, without aeroloads and fuel (4,)."""
+        """Loads of the tires at rest, without aeroloads (4,)."""
         front, rear = self.axles
         masses = np.array([self.body[0], self.engine[0]])
         share = (rear + np.array([0.0, self.engine[2]])) / (front + rear)
@@ -340,14 +336,9 @@ class Car:
         """Heights of the wheels per q (4, D)."""
         return np.eye(SIZE)[7:]
 
-    def with_fuel(self, mass: float) -> Car:
-        """Return the car with fuel just behind its centre."""
-        return replace(self, fuel=(mass, -0.3))
-
     def numbers(self) -> Numbers:
         """Return the arrays of the march."""
         mass = np.diag([*self.body, self.bending[0], self.torsion[0], *self.engine[:2], *self.hubs])
-        mass += self.fuel[0] * np.outer(*[self.height(self.fuel[1], 0.0)] * 2)
         stiffness, damping = np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE))
         for k, (inertia, frequency, ratio) in ((3, self.bending), (4, self.torsion)):
             w = 2.0 * np.pi * frequency
@@ -376,5 +367,4 @@ class Car:
             mount=np.outer(four, self.mounts),
             tire=np.column_stack([self.tires, self.tire_growth * four, self.tire_damping * four, self.static_loads]),
             bar=np.column_stack([self.bars, self.bar_friction, 2e6 * np.ones(2)]),
-            weight=-GRAVITY * self.fuel[0] * self.height(self.fuel[1], 0.0),
         )

@@ -171,10 +171,5 @@ def _rough(some: _Draw) -> Car:
 #: links: stiff friction in the links; rubber: friction and shocks behind rubber; engine_mid, engine_front: engines on
 #: soft mounts; light_winged: light, stiff, with downforce and rising motion ratios; rough: 2 to 3 times the friction.
 KINDS: dict[str, Callable[[_Draw], Car]] = {
-    "links": _links,
-    "rubber": _rubber,
-    "engine_mid": _engine_mid,
-    "engine_front": _engine_front,
-    "light_winged": _light_winged,
-    "rough": _rough,
+    kind.__name__[1:]: kind for kind in (_links, _rubber, _engine_mid, _engine_front, _light_winged, _rough)
 }

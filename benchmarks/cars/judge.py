@@ -66,14 +66,13 @@ class Case:
     kind: str
     seed: int
     seconds: float = 200.0  #: Length of each test [s].
-    procedure: str = "control"
     lap: str = "track"
     shocks: str = "known"  #: "known", or "fitted" to dynamometer records.
 
     @property
     def name(self) -> str:
         """Name of the row's file."""
-        parts = (self.kind, self.seed, f"{self.seconds:g}", self.procedure, self.lap)
+        parts = (self.kind, self.seed, f"{self.seconds:g}", self.lap)
         return "_".join(map(str, parts if self.shocks == "known" else (*parts, self.shocks)))
 
 
@@ -87,9 +86,9 @@ def row_of(case: Case, folder: Path) -> dict[str, Any]:
     return found
 
 
-def setups_of(seed: int, count: int = SETUPS) -> list[tuple[int, ...]]:
+def setups_of(seed: int) -> list[tuple[int, ...]]:
     """Return setups as indices of the corners' shocks in the bank."""
-    drawn = np.random.default_rng([46, seed]).integers(0, 7, (count, 4))
+    drawn = np.random.default_rng([46, seed]).integers(0, 7, (SETUPS, 4))
     return [tuple(int(k) for k in row) for row in drawn]
 
 
@@ -109,7 +108,7 @@ def _row(case: Case, folder: Path) -> dict[str, Any]:
     car = draw(case.kind, case.seed)
     row: dict[str, Any] = asdict(case)
     records = folder / f"{case.name}_records"
-    paths = write_tests(car, records, case.seconds, case.seed, case.procedure)
+    paths = write_tests(car, records, case.seconds, case.seed)
     shocks = [Shock(one.name, one.law) for one in (*car.bank, car.alternate)]
     if case.shocks == "fitted":
         shocks = fitted(shocks, case.seed)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -36,11 +36,6 @@ class Drive:
         padded[:, : self.lines.shape[1]] = self.lines
         return np.asarray(np.fft.irfft(padded, count, axis=1) * count + self.means[:, None])
 
-    def scaled(self, roads: float, loads: float = 1.0) -> Drive:
-        """Return the drive with other amplitudes; means remain."""
-        factors = np.repeat([roads, loads], 4)[:, None]
-        return Drive(self.lines * factors, self.means, self.seconds)
-
 
 def noise_lines(generator: np.random.Generator, seconds: float, spectrum: tuple[float, float, float]) -> Array:
     """Return lines of random phases and an RMS of 1."""
@@ -71,29 +66,20 @@ class Motion:
         return self.channels[name][round(seconds * RATE) :]
 
 
-def run(
-    car: Car,
-    shocks: Sequence[TrueShock],
-    drive: Drive,
-    *,
-    friction: tuple[float, float] = (1.0, 1.0),
-    steps: int = STEPS,
-) -> Motion:
+def run(car: Car, shocks: Sequence[TrueShock], drive: Drive, *, steps: int = STEPS) -> Motion:
     """March a car through a drive, after a lead-in in which it grows from zero.
 
     Args:
         car: Car.
         shocks: Shocks of the corners.
         drive: Drive, which is periodic: the lead-in is its end.
-        friction: Factor on all friction of the car at the start and the end of the record.
         steps: Steps per sample.
     """
     rate = RATE * steps
     values, lead = drive.at(rate), round(LEAD * rate)
     whole = np.concatenate([values.take(range(-lead, 0), axis=1, mode="wrap"), values], axis=1)
     whole[:, :lead] *= 0.5 - 0.5 * np.cos(np.pi * np.arange(lead) / lead)
-    scale = np.concatenate([np.full(lead, friction[0]), np.linspace(*friction, values.shape[1])])
-    found = march(car.numbers(), marched(tuple(shocks), 1.0 / rate), whole, scale, 1.0 / rate, steps)
+    found = march(car.numbers(), marched(tuple(shocks), 1.0 / rate), whole, 1.0 / rate, steps)
     kept = found[:, round(LEAD * RATE) :]
     four = {n: kept[4 * k : 4 * k + 4] for k, n in enumerate(("tire", "force", "x", "v", "x_whole", "v_whole", "hub"))}
     acceleration, q = kept[28 : 28 + SIZE], kept[28 + SIZE :]
@@ -216,50 +202,22 @@ def lap_series(drive: Drive, rate: float = RATE) -> TimeSeries:
     return TimeSeries(np.arange(values.shape[1]) / rate, values, names, ("m",) * 4 + ("N",) * 4)
 
 
-@dataclass(frozen=True, slots=True)
-class Procedure:
-    """How the five tests differ from good ones."""
-
-    roads: float = 1.0  #: Factor on the roads.
-    #: Factor on the friction at the start and the end of each test.
-    friction: tuple[tuple[float, float], ...] = ((1.0, 1.0),) * 5
-    fuel: tuple[float, ...] = (0.0,) * 5  #: Additional mass in each test [kg].
-    bars: tuple[float, ...] = (1.0,) * 5  #: Factor on the front anti-roll bar in each test.
-    most_seconds: float = float("inf")  #: Longest test.
-
-
-_DROP, _LOW, _SAME = (1.0, 0.6), (0.6, 0.6), (1.0, 1.0)
-
-PROCEDURES = {
-    "control": Procedure(),
-    "short": Procedure(most_seconds=15.0),
-    "tall_roads": Procedure(roads=2.2),
-    "flat_roads": Procedure(roads=0.12),
-    "friction_drift_within": Procedure(friction=(_DROP,) * 5),
-    "friction_low_in_two": Procedure(friction=(_SAME, _LOW, _SAME, _LOW, _SAME)),
-    "broken_bar": Procedure(bars=(1.0, 1.0, 1.0, 0.0, 1.0)),
-    "fuel": Procedure(fuel=(0.0, 15.0, 30.0, 45.0, 60.0)),
-}
-
-
-def tests_of(car: Car, seconds: float, seed: int, procedure: str = "control") -> Iterator[tuple[str, Motion]]:
+def tests_of(car: Car, seconds: float, seed: int) -> Iterator[tuple[str, Motion]]:
     """Yield the name and the motion of five tests: the baseline, then the alternate shock at each corner."""
-    how = PROCEDURES[procedure]
-    drive = random_drive(car, min(seconds, how.most_seconds), seed).scaled(how.roads)
+    drive = random_drive(car, seconds, seed)
     for number in range(5):
         shocks = [car.bank[car.baseline]] * 4
         if number:
             shocks[number - 1] = car.alternate
-        tested = replace(car, bars=(how.bars[number] * car.bars[0], car.bars[1])).with_fuel(how.fuel[number])
         name = "baseline" if not number else f"alternate_{CORNERS[number - 1]}"
-        yield name, run(tested, shocks, drive, friction=how.friction[number])
+        yield name, run(car, shocks, drive)
 
 
-def write_tests(car: Car, folder: Path, seconds: float, seed: int, procedure: str = "control") -> list[Path]:
+def write_tests(car: Car, folder: Path, seconds: float, seed: int) -> list[Path]:
     """Write the records of five tests and map.toml into a folder; return the paths of the records."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
-    for number, (name, motion) in enumerate(tests_of(car, seconds, seed, procedure)):
+    for number, (name, motion) in enumerate(tests_of(car, seconds, seed)):
         channels = recorded(car, motion, 10 * seed + number)
         paths.append(write_record(car, channels, folder / name))
         write_map(car, channels, folder / "map.toml")

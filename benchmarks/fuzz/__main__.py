@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import itertools
 import multiprocessing
@@ -12,7 +11,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,13 +19,12 @@ from pathlib import Path
 from benchmarks.fuzz.readers import Reader, readers
 from benchmarks.fuzz.samples import make_samples
 from benchmarks.fuzz.worker import CRASH, HANG, OUTCOMES, SOUND, in_place, make_mutant, read_mutant, work
-from benchmarks.table import markdown
+from benchmarks.table import markdown, parser_of
 
 #: Time limits for one mutant, and for a worker's start including imports [s].
 _LONGEST, _START = 60.0, 120.0
 #: Number of mutants of a reader per worker.
 _BATCH = 250
-
 
 _SPAWNED = multiprocessing.get_context("spawn")
 
@@ -74,7 +72,6 @@ def run_campaign(
     samples: Path,
     workers: int = 1,
     together: bool = False,
-    progress: Callable[[Tally], None] | None = None,
 ) -> list[Tally]:
     """Try mutants on readers.
 
@@ -85,7 +82,6 @@ def run_campaign(
         samples: Folder of the valid samples.
         workers: Number of parallel processes.
         together: Whether one process tries all readers, which saves most of the time for few mutants.
-        progress: Callback that receives each reader's tally when it is complete.
     """
     whole = sum(reader.share for reader in chosen)
     counts = {reader.name: max(1, round(mutants * reader.share / whole)) for reader in chosen}
@@ -98,9 +94,11 @@ def run_campaign(
 
     def run(group: list[Job]) -> None:
         for name, *outcome in _outcomes(group, seed, samples):
-            tallies[name].add(*outcome)
-            if progress and tallies[name].mutants == counts[name]:
-                progress(tallies[name])
+            tally = tallies[name]
+            tally.add(*outcome)
+            if tally.mutants == counts[name]:
+                told = ", ".join(f"{count} {outcome}" for outcome, count in tally.counts.items())
+                print(f"{name}: {told} ({tally.seconds:.1f} s)", file=sys.stderr)
 
     with ThreadPoolExecutor(workers) as pool:
         list(pool.map(run, groups))
@@ -158,7 +156,7 @@ def table(tallies: Sequence[Tally]) -> str:
 
 def main() -> int:
     """Run a campaign; exit 1 if any mutant is a defect."""
-    parser = argparse.ArgumentParser(prog="benchmarks.fuzz", description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("--mutants", type=int, default=6000, help="Number of mutants over all readers.")
     parser.add_argument("--seed", type=int, default=1, help="Seed of the mutants.")
     parser.add_argument("--reader", action="append", metavar="WORD", help="Only readers with WORD in their name.")
@@ -178,8 +176,7 @@ def main() -> int:
                     print(f"{reader.name}: {': '.join(read_mutant(reader, path))}")
             return 0
         begun = time.monotonic()
-        tallies = run_campaign(chosen, mutants=given.mutants, seed=given.seed, samples=samples, workers=given.workers,
-                               progress=_progress)  # fmt: skip
+        tallies = run_campaign(chosen, mutants=given.mutants, seed=given.seed, samples=samples, workers=given.workers)
         failures = [failure for tally in tallies for failure in tally.failures]
         for failure in failures:
             _keep(failure, chosen, given.seed, samples, given.output)
@@ -188,11 +185,6 @@ def main() -> int:
     if failures:
         print(f"mutants, messages: {given.output}/; to repeat one: --reader NAME --replay NUMBER --seed {given.seed}")
     return int(bool(failures))
-
-
-def _progress(tally: Tally) -> None:
-    counts = ", ".join(f"{count} {outcome}" for outcome, count in tally.counts.items())
-    print(f"{tally.reader}: {counts} ({tally.seconds:.1f} s)", file=sys.stderr)
 
 
 def _keep(failure: Failure, chosen: list[Reader], seed: int, samples: Path, output: Path) -> None:

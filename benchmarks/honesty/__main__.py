@@ -8,7 +8,6 @@ interrupted campaign resumes where it stopped.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import tempfile
@@ -27,6 +26,7 @@ from rich.progress import track
 
 from benchmarks.honesty.cases import VERSION, build_fmus, draw_case
 from benchmarks.honesty.runs import compare, schemes_of
+from benchmarks.table import parser_of
 
 Row = dict[str, Any]
 
@@ -240,19 +240,13 @@ def _computed(seeds: list[int], which: str, folder: Path, workers: int) -> Itera
 
 def main() -> None:
     """Run and print."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.honesty", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--systems", type=int, default=400, help="number of systems")
     parser.add_argument("--seed-base", type=int, default=0, help="seed of the first system")
     parser.add_argument("--only", type=int, nargs="+", help="seeds to run, instead of a range")
     parser.add_argument("--workers", type=int, default=2, help="number of processes")
-    parser.add_argument(
-        "--schemes",
-        choices=("default", "given", "all"),
-        default="default",
-        help="given: eight of the forty schemes at given steps, drawn for each system; all: with the default",
-    )
+    told = "given: eight of the forty schemes at given steps, drawn for each system; all: with the default"
+    parser.add_argument("--schemes", choices=("default", "given", "all"), default="default", help=told)
     parser.add_argument("--json", type=Path, help="file for the rows; rows already in it are not computed again")
     parser.add_argument("--names", type=int, default=8, help="number of worst runs to list, of each kind")
     options = parser.parse_args()

@@ -11,6 +11,7 @@ from unittest.mock import patch
 
 import numpy as np
 
+from benchmarks.table import log_uniform
 from builder.build import build
 from builder.toolchain import PLATFORMS, Zig, this_platform
 from cosim import Bond, Capabilities, Component, FmuComponent, Scenario, System
@@ -52,11 +53,6 @@ class DrawnShock:
             else:
                 found[f"curve.{name}"] = value
         return found
-
-
-def log_uniform(random: Random, low: float, high: float) -> float:
-    """Return a number whose logarithm is uniform between two bounds."""
-    return float(np.exp(random.uniform(np.log(low), np.log(high))))
 
 
 def some(random: Random, share: float, value: float, otherwise: float = 0.0) -> float:

@@ -1,18 +1,17 @@
 """Mutation testing of the product.
 
-    python -m benchmarks.mutants [--count N] [--seed S] [--areas NAMES] [--workers N] [--folder FOLDER] [--least SHARE]
+    python -m benchmarks.mutants [--count N] [--seed S] [--areas NAMES] [--workers N] [--folder FOLDER]
 
 A mutant is a source with one operator, sign, bound or constant changed. Mutants are sampled at random in the sources of
 all areas, and the tests of the area (areas.toml) are run on a copy of the checkout: a mutant is killed if one of them
 fails. Mutants of equivalent.toml give the same results as the source, so no test can detect them; they are counted
 separately. Records are kept in the folder: the same command resumes the campaign, and tries survivors again if the
-tests have changed. Prints Markdown, which is also written to FOLDER/report.md. The exit code is 1 if fewer than SHARE
+tests have changed. Prints Markdown, which is also written to FOLDER/report.md. The exit code is 1 if fewer than 90 %
 of the mutants are killed.
 """
 
 from __future__ import annotations
 
-import argparse
 import re
 import sys
 import tempfile
@@ -37,10 +36,12 @@ from benchmarks.mutants.trial import (
     digest_of_tests,
     read_records,
 )
-from benchmarks.table import markdown
+from benchmarks.table import markdown, parser_of
 
 _HEADS = ("area", "tried", "killed", "of these by time limit", "survived", "killed [%]", "equivalent", "invalid")
 _NOTICED = (Outcome.KILLED, Outcome.TIMEOUT)
+#: Required share of killed mutants.
+_LEAST = 0.9
 
 
 def killed_share(records: Sequence[Record]) -> float:
@@ -160,13 +161,12 @@ def main() -> int:
     """Run a campaign."""
     areas = read_areas()
     names = [area.name for area in areas]
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--count", type=int, default=200, help="number of mutants in all areas (default 200)")
     parser.add_argument("--seed", type=int, default=1, help="seed of the sample (default 1)")
     parser.add_argument("--areas", nargs="+", choices=names, default=names, help="areas to sample (default all)")
     parser.add_argument("--workers", type=int, default=2, help="number of parallel trials (default 2)")
     parser.add_argument("--folder", type=Path, default=Path("out/mutants"), help="records (default out/mutants)")
-    parser.add_argument("--least", type=float, default=0.9, help="required share of killed mutants (default 0.9)")
     options = parser.parse_args()
     chosen = [area for area in areas if area.name in options.areas]
     tell = partial(print, file=sys.stderr, flush=True)
@@ -175,7 +175,7 @@ def main() -> int:
     text = report(found, options.seed)
     (options.folder / "report.md").write_text(text, encoding="utf-8")
     print(text)
-    return 0 if killed_share(found) >= options.least else 1
+    return 0 if killed_share(found) >= _LEAST else 1
 
 
 if __name__ == "__main__":

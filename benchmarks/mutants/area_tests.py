@@ -8,7 +8,6 @@ Runs neither nightly nor, without --slow, slow tests, and ends with the exit cod
 
 from __future__ import annotations
 
-import argparse
 import shlex
 import subprocess
 import sys
@@ -19,7 +18,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from benchmarks.table import ROOT
+from benchmarks.table import ROOT, parser_of
 
 #: Packages and folders whose sources belong to areas, and the endings of sources.
 PRODUCT, SOURCES = ("eightpost", "builder", "cosim", "fmus", "dissertation"), (".py", ".c", ".h")
@@ -107,7 +106,7 @@ _MANY = 6
 
 def main(given: Sequence[str] | None = None) -> int:
     """Run pytest."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("file", metavar="FILE", nargs="?", type=Path, help="source, test, or folder of either")
     what.add_argument("--quick", action="store_true", help="a few tests of every area")

@@ -15,7 +15,6 @@ displacement and temperature are within the fitted ones, by 10 % (2 K). Rows tha
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import sys
@@ -27,7 +26,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
-from benchmarks.table import markdown, number
+from benchmarks.table import markdown, number, parser_of
 from benchmarks.verdicts import laws
 from benchmarks.verdicts.cases import LAST_THIRD, Case, case, measured, percent, whole
 from benchmarks.verdicts.dampers import CHECK, FINAL, TUNE
@@ -117,7 +116,7 @@ def _good_fits(judged: Sequence[Row]) -> Mapping[str, str]:
 
 def main() -> None:
     """Run the benchmark and print its tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("set", choices=(*SETS, "measured", "laws"), help="set of dampers")
     parser.add_argument("--rows", type=Path, required=True, help="file of the rows (JSON lines), which is continued")
     parser.add_argument("--count", type=int, default=40, help="number of virtual dampers")

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import lfilter
 
-from benchmarks.verdicts.dampers import RATE, Damper, Kind, Random, between
+from benchmarks.table import log_uniform as between
+from benchmarks.verdicts.dampers import RATE, Damper, Kind, Random
 from eightpost.array_types import Array
 from eightpost.ident import evaluate
 from eightpost.rig import DynoTest, read_dyno_test

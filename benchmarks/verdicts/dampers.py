@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from benchmarks.table import log_uniform as between
 from eightpost.array_types import Array
 
 #: Rate of the simulation [Hz].
@@ -124,11 +125,6 @@ def _simulate(x: Array, v: Array, warm: float) -> tuple[Array, Array]:
 
 Random = np.random.Generator
 Kind = Callable[[Random], Damper]
-
-
-def between(random: Random, low: float, high: float) -> float:
-    """Return a number whose logarithm is uniform."""
-    return float(np.exp(random.uniform(np.log(low), np.log(high))))
 
 
 def pair(random: Random, low: float, high: float) -> tuple[float, float]:

@@ -8,10 +8,11 @@ docs/reference/glossary.md from eightpost/report/glossary.txt.
 import importlib
 import re
 import tomllib
+from itertools import groupby
 from pathlib import Path
 
 from eightpost.report.page import glossary
-from eightpost.verdict import Grade
+from eightpost.verdict import Grade, Rule
 
 DOCS = Path(__file__).resolve().parents[1]
 FMUS = DOCS.parent / "fmus"
@@ -56,11 +57,21 @@ def _region(kind: str, name: str) -> str:
 def rules(module: str) -> str:
     """Return the rules that a module defines as lists, one for each subject, without notes and what is in order."""
     found = [rule for rule in importlib.import_module(module).RULES if rule.grade != Grade.USABLE]
-    lists = []
-    for about in dict.fromkeys(rule.about for rule in found):
-        lines = [f"- {_SHORT.get(rule.grade, rule.grade)}: {rule.condition}" for rule in found if rule.about == about]
-        lists.append("\n".join([f"{about[0].upper()}{about[1:]}:", "", *lines, ""]))
-    return "\n".join(lists)
+    subjects = dict.fromkeys(rule.about for rule in found)
+    lists = {about: _by_grade([rule for rule in found if rule.about == about]) for about in subjects}
+    if len(lists) == 1:  # the heading of the page's section says what they are about
+        return next(iter(lists.values()))
+    return "\n".join(f"{about[0].upper()}{about[1:]}:\n\n{text}" for about, text in lists.items())
+
+
+def _by_grade(found: list[Rule]) -> str:
+    """Return a list of rules, in which successive ones of the same grade are a list of their own."""
+    lines = []
+    for grade, several in groupby(found, key=lambda rule: rule.grade):
+        name, conditions = _SHORT.get(grade, grade), [rule.condition for rule in several]
+        alone = len(conditions) == 1
+        lines += [f"- {name}: {conditions[0]}"] if alone else [f"- {name}:", *(f"    - {text}" for text in conditions)]
+    return "\n".join([*lines, ""])
 
 
 def checks(titles: list[str]) -> str:
