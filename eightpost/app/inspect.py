@@ -433,7 +433,7 @@ def _show_lags(console: Console, test: RigTest, findings: Sequence[Fault]) -> li
 def _show_vehicle(console: Console, path: Path, asked: _InspectOptions) -> None:
     """Print the modes of a vehicle with its linear dampers; with a folder, write pictures and response.npz."""
     from eightpost.ident.vehicle.frequency_response import response_of, write_response
-    from eightpost.ident.vehicle.plots import frequencies_to, plot_magnitudes, variants_of
+    from eightpost.ident.vehicle.variants import frequencies_to, variants_of
     from eightpost.vehicle import StructuralVehicle, read_vehicle
     from eightpost.vehicle.structural import doubts
 
@@ -449,6 +449,8 @@ def _show_vehicle(console: Console, path: Path, asked: _InspectOptions) -> None:
     show_table(console, _mode_table({label: variant.modes for label, variant in variants.items()}), most=7)
     if folder is None:
         return
+    from eightpost.ident.vehicle.plots import plot_magnitudes
+
     completion.begin(folder)
     for name in chosen:
         plot_magnitudes(responses, name, folder / f"{name}.png")
@@ -472,7 +474,7 @@ def _mode_text(mode: Mode) -> str:
 
 
 def _outputs(response: FrequencyResponse, names: Sequence[str]) -> list[str]:
-    from eightpost.ident.vehicle.plots import KEY_OUTPUTS
+    from eightpost.ident.vehicle.frequency_response import KEY_OUTPUTS
 
     if not names:
         return [name for name in response.output_names if name.endswith(KEY_OUTPUTS)]
