@@ -98,7 +98,7 @@ def inspect(ctx: click.Context, asked: _InspectOptions = group(_InspectOptions))
     read as `fit` reads it: channels, ranges, runs, temperature and notes. A rig file is read as `identify` reads it:
     channels, ranges, channels that are late, and channels that contradict mechanics. A rig file is recognized by its
     wheelloaders (`lf.road` or `road`, in the file or in the map); for one without these names, a channel map is
-    proposed.
+    proposed. A drive file has channels of actuators only, and its ranges are shown.
 
     Several rig files with one actuator each show where a linear model can predict the car: coherence against response
     energy, Table 6.4 of the dissertation (docs/explanation/linearity.md). Tests of several amplitudes, a baseline test
@@ -202,7 +202,7 @@ def _show_record_file(console: Console, path: Path, asked: _InspectOptions) -> b
     from eightpost.rig.columns import propose_map
     from eightpost.rig.peak_velocity import read_peak_velocity
     from eightpost.rig.peak_velocity_columns import holds_peak_velocities
-    from eightpost.rig.rig_test import rig_map
+    from eightpost.rig.rig_test import is_drive, rig_map
     from eightpost.signals import read_records
 
     channels, mass, channel_map = asked.channels, asked.mass, asked.channels.channel_map
@@ -210,7 +210,11 @@ def _show_record_file(console: Console, path: Path, asked: _InspectOptions) -> b
     for record in records:
         _show_record(console, record)
     if _is_rig(records[0], channel_map):
-        _show_map(console, records[0], rig_map(records[0], channel_map).flipped(channels.of(path)["flip"]))
+        mapping = rig_map(records[0], channel_map).flipped(channels.of(path)["flip"])
+        _show_map(console, records[0], mapping)
+        if is_drive(records[0], mapping):
+            _show_drive(console, records[0], mapping, channels.units)
+            return False
         del record, records  # they take as much memory as the test
         return _show_rig_test(console, read_rig_test(path, **channels.of(path)), mass)
     if proposed := propose_map(records[0]):
@@ -374,6 +378,18 @@ def _show_map(console: Console, record: RawRecord, mapping: ChannelMap) -> None:
     read = {pick.source for pick in picks.values()} | {mapping.time.source if mapping.time else ""}
     if left := [name for name in record.names if name not in read]:
         show_text(console, f"columns that are not read: {', '.join(left)}", lines=1)
+
+
+def _show_drive(console: Console, record: RawRecord, mapping: ChannelMap, units: Mapping[str, str] | None) -> None:
+    """Print length, rate and ranges of a drive file."""
+    from eightpost.rig.rig_test import CHANNEL_UNITS
+    from eightpost.signals.raw_record import mapped_series
+
+    series = mapped_series(record, mapping, units=units, expected=CHANNEL_UNITS)
+    show_text(console, f"{series.duration:.4g} s at {series.sample_rate:.6g} Hz, {len(series.names)} channels: a drive "
+              "file, which has motions and loads of actuators, and no response of a car")  # fmt: skip
+    details(console).print(_channel_table(series, ("minimum", "maximum", "mean", "std")))
+    show_summary(console, "", [("ranges", "" if is_detailed() else _ranges(series))])
 
 
 def _show_rig_test(console: Console, test: RigTest, mass: float | None) -> bool:
