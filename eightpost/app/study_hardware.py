@@ -494,7 +494,7 @@ def _show(console: Console, found: Aim) -> None:
     from eightpost.app.show import details, show_table, show_text
     from eightpost.report.tables import result_table
 
-    show_table(console, result_table(objective_table(found)))
+    show_table(console, result_table(objective_table(found)), most=3)
     more = details(console)
     for table in (gain_table(found), robust_table(found)):
         show_table(more, result_table(table))
