@@ -91,7 +91,7 @@ def _of_the_car(found: Aim) -> Iterator[Reason]:
 
 
 def objective_table(found: Aim) -> ResultTable:
-    """Return the objective of the best setup of the bank, of the targets, and of what comes near them, with the gains."""
+    """Return objective and gain of the best setup of the bank, of the targets, and of what comes near them."""
     best = found.verified_objective(0)
     rows: list[tuple[Cell | float | None, ...]] = []
     for rank, words in enumerate(VERIFIED):

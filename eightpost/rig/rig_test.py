@@ -395,7 +395,7 @@ _DRIVEN = {
 def is_drive(record: RawRecord, mapping: ChannelMap) -> bool:
     """Return whether a record has channels of the actuators only: it drives a car, and has no response of one."""
     columns = {pick.source for pick in (*mapping.channels.values(), mapping.time) if pick}
-    return columns >= {*record.names} and _DRIVEN >= mapping.channels.keys()
+    return columns >= {*record.names} and mapping.channels.keys() <= _DRIVEN
 
 
 # ---- Rig tests ------------------------------------------------------------------------------------------------------
