@@ -98,7 +98,7 @@ def objective_table(found: Aim) -> ResultTable:
         value = found.verified_objective(rank)
         rows.append((words, value, best - value))
     rows.append(("targets, in the search", found.curves.optimum.nominal, best - found.curves.optimum.nominal))
-    title = "Objective of the shocks as planned, run as their own FMUs"
+    title = "Objective of shocks exactly as planned"
     return ResultTable.of(title, ("setup", "objective .6", "gain .4"), rows)
 
 
