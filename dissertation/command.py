@@ -57,7 +57,7 @@ def _reproduce(console: Console, items: tuple[Item, ...], effort: Effort, output
         _show(console, outcome)
     page = write_reproduction(output / "reproduce.html", outcomes, effort)
     counts = Counter(outcome.state.value for outcome in outcomes)
-    console.print(f"{len(outcomes)} items: " + ", ".join(f"{count} {state}" for state, count in counts.items()))
+    console.print(f"{len(outcomes)} item{'s' * (len(outcomes) > 1)}: " + ", ".join(f"{count} {state}" for state, count in counts.items()))
     console.print(f"wrote {escape(str(page))}", soft_wrap=True)
     return 0 if reproduction_verdict(outcomes).is_acceptable else 1
 

@@ -41,8 +41,9 @@ if TYPE_CHECKING:
     from eightpost.vehicle import Mode
 
 
-#: Number of columns that are listed without -v, and the share of energy above which a path is reported.
-_FEW, _LOST = 8, 0.01
+#: Numbers of columns and of peak-velocity tables that are shown without -v, and the share of energy above which a path
+#: is reported.
+_FEW, _TABLES, _LOST = 8, 4, 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,8 +224,11 @@ def _show_record_file(console: Console, path: Path, asked: _InspectOptions) -> b
         raise InputError(f"{path} is not a rig file, and mass is a setting of rig files; omit it")
     if holds_peak_velocities(records, channel_map):
         tables = read_peak_velocity(path, units=channels.units, channel_map=channel_map)
-        for table in tables:
+        shown = tables if is_detailed() else tables[:_TABLES]
+        for table in shown:
             _show_peaks(console, table)
+        if len(tables) > len(shown):
+            show_text(console, f"{len(shown)} of {len(tables)} tables; -v shows all", begin="  ")
         return any(table.gas_force for table in tables)
     tests = read_dyno_tests(path, **channels.of(path))
     for test in tests:
@@ -250,7 +254,8 @@ def _show_proposed(console: Console, path: Path, proposed: ProposedMap, folder: 
         raise InputError(f"{path} {proposed.finding}; {target} exists and is not replaced: correct it, or name it with "
                          "--channel")  # fmt: skip
     show_files(console, [write_text(target, channels)])
-    raise InputError(f"{path} {proposed.finding}; check columns and signs of {target}, and inspect again")
+    again = "" if folder.resolve() == path.resolve().parent else f" with --channel {target}"
+    raise InputError(f"{path} {proposed.finding}; check columns and signs of {target}, and inspect again{again}")
 
 
 def _show_record(console: Console, record: RawRecord) -> None:

@@ -82,3 +82,12 @@ def test_a_peak_velocity_table_is_shown_by_setting(tmp_path):
     assert code == 0, shown
     expected = "peak-velocity table clicks 6: 2 speeds, 100 to 200 mm/s; compression to 80 N, rebound to -160 N"
     assert expected in " ".join(shown.split())
+
+
+def test_the_first_tables_of_many_are_shown(tmp_path: Path) -> None:
+    path = tmp_path / "valve.csv"
+    rows = [f"{clicks},{speed},{1000 * speed},{2000 * speed}" for clicks in range(6) for speed in (0.1, 0.2)]
+    path.write_text("\n".join(["clicks,speed [m/s],comp [N],reb [N]", *rows]), encoding="utf-8")
+    _, shown = inspect(path)
+    assert shown.count("peak-velocity table") == 4 and "4 of 6 tables; -v shows all" in shown
+    assert inspect(path, "-v")[1].count("peak-velocity table") == 6
