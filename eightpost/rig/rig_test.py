@@ -556,7 +556,7 @@ def _check_channels(
     known = "; ".join((", ".join(record.names), *record.notes))
     if not series.names:
         what = f"it has no channel of a rig; the file has: {known}; name its columns in a channel map; "
-        what += f"`eightpost inspect {path.name} -o FOLDER` proposes one"
+        what += f"`eightpost inspect {path} -o FOLDER` proposes one"
         raise MissingChannelError(what, path=path)
     for corner in corners:
         for options in needs:
