@@ -57,7 +57,8 @@ def _reproduce(console: Console, items: tuple[Item, ...], effort: Effort, output
         _show(console, outcome)
     page = write_reproduction(output / "reproduce.html", outcomes, effort)
     counts = Counter(outcome.state.value for outcome in outcomes)
-    console.print(f"{len(outcomes)} items: " + ", ".join(f"{count} {state}" for state, count in counts.items()))
+    number = "1 item" if len(outcomes) == 1 else f"{len(outcomes)} items"
+    console.print(f"{number}: {', '.join(f'{count} {state}' for state, count in counts.items())}")
     console.print(f"wrote {escape(str(page))}", soft_wrap=True)
     return 0 if reproduction_verdict(outcomes).is_acceptable else 1
 

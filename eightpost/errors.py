@@ -112,23 +112,27 @@ class DataError(InputError):
         *,
         path: str | Path | None = None,
         line: int | None = None,
+        sample: int | None = None,
         channel: str | None = None,
     ) -> None:
-        """Compose `file, line, channel: what`.
+        """Compose `file, line or sample, channel: what`.
 
         Args:
             what: Description of the fault, with the value and what to do.
             path: Path of the file.
-            line: One-based line (text files) or sample (binary files) of the fault.
+            line: One-based line of the fault in a text file.
+            sample: One-based sample of the fault in a binary file or in memory.
             channel: Name of the channel.
         """
         place = [str(path)] if path is not None else []
         if line is not None:
             place.append(f"line {line}")
+        if sample is not None:
+            place.append(f"sample {sample}")
         if channel is not None:
             place.append(f"channel {channel!r}")
         super().__init__(f"{', '.join(place)}: {what}" if place else what)
-        self.path, self.line, self.channel = path, line, channel
+        self.path, self.line, self.sample, self.channel = path, line, sample, channel
 
 
 class FileFormatError(DataError):

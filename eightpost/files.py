@@ -186,12 +186,14 @@ def read_text(path: str | Path, *, advice: str = "") -> str:
         advice: Advice for the user if the file does not exist.
 
     Raises:
-        FileFormatError: The file cannot be read, or is not UTF-8; the message names the line.
+        FileFormatError: The file cannot be read, or is not UTF-8; the message names the line, unless it is no text.
     """
     content = read_bytes(path, advice=advice)
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
+        if b"\0" in content:
+            raise FileFormatError("is not a text file, which is needed here", path=path) from error
         what = f"the byte 0x{content[error.start]:02x} is not UTF-8 text; save the file as UTF-8"
         raise FileFormatError(what, path=path, line=content.count(b"\n", 0, error.start) + 1) from error
 

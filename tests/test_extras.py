@@ -83,6 +83,8 @@ def minimal(quarter_car_system, fmus, tmp_path_factory):
         "virtual rig": ["virtual", "rig", "--program", "identification", "-o", folder / "rig"],
         "doctor": ["doctor"],
         "inspect": ["inspect", record],
+        "inspect a car": ["inspect", EXAMPLES / "identified" / "car.json"],
+        "app": ["app"],
         "inspect a spreadsheet": ["inspect", folder / "table.xlsx"],
         "build": ["build", shock, "-o", folder],
         "check": ["check", fmus["lpf1"]],
@@ -111,7 +113,7 @@ def test_without_extras_fmus_run_and_nothing_else_is_imported(minimal):
     assert not loaded
 
 
-@pytest.mark.parametrize("verb", ["compare", "doctor", "fit", "inspect", "new"])
+@pytest.mark.parametrize("verb", ["compare", "doctor", "fit", "inspect", "inspect a car", "new"])
 def test_a_verb_that_neither_draws_nor_compiles_needs_no_extra(minimal, verb):
     code, text = minimal[0][verb]
     assert code == 0, text
@@ -129,6 +131,7 @@ def test_a_verb_that_neither_draws_nor_compiles_needs_no_extra(minimal, verb):
         ("check", "check"),
         ("build", "build"),
         ("study", "build"),
+        ("app", "app"),
     ],
 )
 def test_a_verb_without_its_extra_names_package_and_extra(minimal, verb, extra):
@@ -137,6 +140,11 @@ def test_a_verb_without_its_extra_names_package_and_extra(minimal, verb, extra):
     package = re.search(r"needs (\S+), which is not installed: ", text)
     assert package and package[1] in packages(extra).values()
     assert f'installed: pip install "eightpost[{extra}]"' in text
+
+
+@pytest.mark.parametrize("verb", ["app", "build", "virtual dyno", "virtual rig"])
+def test_the_error_begins_with_the_command_that_needs_the_extra(minimal, verb):
+    assert f"error: {verb}: " in minimal[0][verb][1]
 
 
 # ---- The extras are those of pyproject.toml, and every imported package is declared ----------------------------------

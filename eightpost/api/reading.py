@@ -81,9 +81,11 @@ def existing_toml(path: str | Path, kind: str) -> Path:
 
     Raises:
         FileFormatError: It does not exist, or is not a TOML file.
-        InputError: It is a TOML file of another kind.
+        InputError: It is a TOML file of another kind, or an FMU.
     """
     path = existing(path)
+    if path.suffix.lower() == ".fmu" and kind != "vehicle":
+        raise InputError(f"{path} is an FMU, not a {kind}; name it in the file of a {kind}, e.g. one of eightpost new")
     if path.suffix.lower() == ".toml" and (found := toml_kind(path)) not in ("", kind):
         raise InputError(f"{path} defines a {found}, not a {kind}; {_USES[found]}")
     return path

@@ -41,8 +41,9 @@ if TYPE_CHECKING:
     from eightpost.vehicle import Mode
 
 
-#: Number of columns that are listed without -v, and the share of energy above which a path is reported.
-_FEW, _LOST = 8, 0.01
+#: Numbers of columns and of peak-velocity tables that are shown without -v, and the share of energy above which a path
+#: is reported.
+_FEW, _TABLES, _LOST = 8, 4, 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +99,7 @@ def inspect(ctx: click.Context, asked: _InspectOptions = group(_InspectOptions))
     read as `fit` reads it: channels, ranges, runs, temperature and notes. A rig file is read as `identify` reads it:
     channels, ranges, channels that are late, and channels that contradict mechanics. A rig file is recognized by its
     wheelloaders (`lf.road` or `road`, in the file or in the map); for one without these names, a channel map is
-    proposed.
+    proposed. A drive file has channels of actuators only, and its ranges are shown.
 
     Several rig files with one actuator each show where a linear model can predict the car: coherence against response
     energy, Table 6.4 of the dissertation (docs/explanation/linearity.md). Tests of several amplitudes, a baseline test
@@ -202,7 +203,7 @@ def _show_record_file(console: Console, path: Path, asked: _InspectOptions) -> b
     from eightpost.rig.columns import propose_map
     from eightpost.rig.peak_velocity import read_peak_velocity
     from eightpost.rig.peak_velocity_columns import holds_peak_velocities
-    from eightpost.rig.rig_test import rig_map
+    from eightpost.rig.rig_test import is_drive, rig_map
     from eightpost.signals import read_records
 
     channels, mass, channel_map = asked.channels, asked.mass, asked.channels.channel_map
@@ -210,7 +211,11 @@ def _show_record_file(console: Console, path: Path, asked: _InspectOptions) -> b
     for record in records:
         _show_record(console, record)
     if _is_rig(records[0], channel_map):
-        _show_map(console, records[0], rig_map(records[0], channel_map).flipped(channels.of(path)["flip"]))
+        mapping = rig_map(records[0], channel_map).flipped(channels.of(path)["flip"])
+        _show_map(console, records[0], mapping)
+        if is_drive(records[0], mapping):
+            _show_drive(console, records[0], mapping, channels.units)
+            return False
         del record, records  # they take as much memory as the test
         return _show_rig_test(console, read_rig_test(path, **channels.of(path)), mass)
     if proposed := propose_map(records[0]):
@@ -219,8 +224,11 @@ def _show_record_file(console: Console, path: Path, asked: _InspectOptions) -> b
         raise InputError(f"{path} is not a rig file, and mass is a setting of rig files; omit it")
     if holds_peak_velocities(records, channel_map):
         tables = read_peak_velocity(path, units=channels.units, channel_map=channel_map)
-        for table in tables:
+        shown = tables if is_detailed() else tables[:_TABLES]
+        for table in shown:
             _show_peaks(console, table)
+        if len(tables) > len(shown):
+            show_text(console, f"{len(shown)} of {len(tables)} tables; -v shows all", begin="  ")
         return any(table.gas_force for table in tables)
     tests = read_dyno_tests(path, **channels.of(path))
     for test in tests:
@@ -246,7 +254,8 @@ def _show_proposed(console: Console, path: Path, proposed: ProposedMap, folder: 
         raise InputError(f"{path} {proposed.finding}; {target} exists and is not replaced: correct it, or name it with "
                          "--channel")  # fmt: skip
     show_files(console, [write_text(target, channels)])
-    raise InputError(f"{path} {proposed.finding}; check columns and signs of {target}, and inspect again")
+    again = "" if folder.resolve() == path.resolve().parent else f" with --channel {target}"
+    raise InputError(f"{path} {proposed.finding}; check columns and signs of {target}, and inspect again{again}")
 
 
 def _show_record(console: Console, record: RawRecord) -> None:
@@ -376,6 +385,18 @@ def _show_map(console: Console, record: RawRecord, mapping: ChannelMap) -> None:
         show_text(console, f"columns that are not read: {', '.join(left)}", lines=1)
 
 
+def _show_drive(console: Console, record: RawRecord, mapping: ChannelMap, units: Mapping[str, str] | None) -> None:
+    """Print length, rate and ranges of a drive file."""
+    from eightpost.rig.rig_test import CHANNEL_UNITS
+    from eightpost.signals.raw_record import mapped_series
+
+    series = mapped_series(record, mapping, units=units, expected=CHANNEL_UNITS)
+    show_text(console, f"{series.duration:.4g} s at {series.sample_rate:.6g} Hz, {len(series.names)} channels: a drive "
+              "file, which has motions and loads of actuators, and no response of a car")  # fmt: skip
+    details(console).print(_channel_table(series, ("minimum", "maximum", "mean", "std")))
+    show_summary(console, "", [("ranges", "" if is_detailed() else _ranges(series))])
+
+
 def _show_rig_test(console: Console, test: RigTest, mass: float | None) -> bool:
     """Print channels, conditions and lags of a rig test; return whether something is suspicious."""
     from eightpost.ident.preparation import check_lost_channels
@@ -433,7 +454,7 @@ def _show_lags(console: Console, test: RigTest, findings: Sequence[Fault]) -> li
 def _show_vehicle(console: Console, path: Path, asked: _InspectOptions) -> None:
     """Print the modes of a vehicle with its linear dampers; with a folder, write pictures and response.npz."""
     from eightpost.ident.vehicle.frequency_response import response_of, write_response
-    from eightpost.ident.vehicle.plots import frequencies_to, plot_magnitudes, variants_of
+    from eightpost.ident.vehicle.variants import frequencies_to, variants_of
     from eightpost.vehicle import StructuralVehicle, read_vehicle
     from eightpost.vehicle.structural import doubts
 
@@ -449,6 +470,8 @@ def _show_vehicle(console: Console, path: Path, asked: _InspectOptions) -> None:
     show_table(console, _mode_table({label: variant.modes for label, variant in variants.items()}), most=7)
     if folder is None:
         return
+    from eightpost.ident.vehicle.plots import plot_magnitudes
+
     completion.begin(folder)
     for name in chosen:
         plot_magnitudes(responses, name, folder / f"{name}.png")
@@ -472,7 +495,7 @@ def _mode_text(mode: Mode) -> str:
 
 
 def _outputs(response: FrequencyResponse, names: Sequence[str]) -> list[str]:
-    from eightpost.ident.vehicle.plots import KEY_OUTPUTS
+    from eightpost.ident.vehicle.frequency_response import KEY_OUTPUTS
 
     if not names:
         return [name for name in response.output_names if name.endswith(KEY_OUTPUTS)]

@@ -31,6 +31,7 @@ import click
 
 from eightpost.app.former import former_option
 from eightpost.errors import InputError, ParameterError, choice_of, suggestion
+from eightpost.extras import MissingExtraError
 from eightpost.outputs import Kind, check_file, check_folder, is_input, recorded
 
 
@@ -264,7 +265,10 @@ class Verb(click.Command):
         with recorded([*inputs, *ctx.meta.get(MAPS, ())]), following_files():
             note_file(ctx.meta.get(UNITS, ()))
             check_outputs()
-            return super().invoke(ctx)
+            try:
+                return super().invoke(ctx)
+            except MissingExtraError as error:
+                raise InputError(f"{ctx.command_path.split(' ', 1)[-1]}: {error}") from error
 
     def _set(self, stated: Sequence[tuple[str, str]]) -> dict[str, Any]:
         """Return the values of all settings by the name of the parameter."""

@@ -113,7 +113,9 @@ def show_verdict(console: Console, verdict: Verdict) -> None:
 def show_text(
     console: Console, text: str, *, begin: str = "", hanging: str = "", style: str = "", lines: int = _LINES
 ) -> None:
-    """Print the first lines of a text, or all of it with -v."""
+    """Print the first lines of a text, or all of it with -v; nothing of an empty one."""
+    if not text:
+        return
     wrapped = textwrap.wrap(
         text, min(console.width, _WIDTH), initial_indent=begin, subsequent_indent=hanging, break_long_words=False,
         break_on_hyphens=False, max_lines=None if is_detailed() else lines, placeholder=" ...",

@@ -494,7 +494,7 @@ def _show(console: Console, found: Aim) -> None:
     from eightpost.app.show import details, show_table, show_text
     from eightpost.report.tables import result_table
 
-    show_table(console, result_table(objective_table(found)))
+    show_table(console, result_table(objective_table(found)), most=3)
     more = details(console)
     for table in (gain_table(found), robust_table(found)):
         show_table(more, result_table(table))
@@ -546,8 +546,7 @@ def clicks(
       eightpost study clicks shock.json --curve target.csv --fix compression=8
     """
     from eightpost.app.show import show_files, show_notes, show_table, show_text
-    from eightpost.ident.shock.clicks import best_clicks, read_target
-    from eightpost.ident.shock.plots import answer_table, plot_answer
+    from eightpost.ident.shock.clicks import answer_table, best_clicks, read_target
     from eightpost.shock import read_shock
 
     console = Console()
@@ -562,6 +561,8 @@ def clicks(
         show_text(console, f"the target can be reached: {answer.best.text}", style="green")
     show_notes(console, answer.unreachable, "not reached", most=1)
     if plot is not None:
+        from eightpost.ident.shock.plots import plot_answer
+
         plot_answer(shock, target, answer, plot)
         show_files(console, [plot])
 

@@ -384,6 +384,20 @@ def rig_map(record: RawRecord, channel_map: ChannelMap | None) -> ChannelMap:
     return ChannelMap({**own, **given.channels}, time, given.path)
 
 
+#: Channels of the actuators: positions of the wheelloaders, and loads of the aeroloaders.
+_DRIVEN = {
+    *(f"{corner}{name}{kind}" for corner in ("", *(f"{corner}." for corner in CORNERS)) for name in ("road", "aero")
+      for kind in ("", "_command")),
+    *(name for name, unit in _ONCE.items() if unit in ("N", "N.m")),
+}  # fmt: skip
+
+
+def is_drive(record: RawRecord, mapping: ChannelMap) -> bool:
+    """Return whether a record has channels of the actuators only: it drives a car, and has no response of one."""
+    columns = {pick.source for pick in (*mapping.channels.values(), mapping.time) if pick}
+    return columns >= {*record.names} and mapping.channels.keys() <= _DRIVEN
+
+
 # ---- Rig tests ------------------------------------------------------------------------------------------------------
 
 #: Quantities of every corner that an identification needs, each with its possible names.
@@ -542,7 +556,7 @@ def _check_channels(
     known = "; ".join((", ".join(record.names), *record.notes))
     if not series.names:
         what = f"it has no channel of a rig; the file has: {known}; name its columns in a channel map; "
-        what += f"`eightpost inspect {path.name} -o FOLDER` proposes one"
+        what += f"`eightpost inspect {path} -o FOLDER` proposes one"
         raise MissingChannelError(what, path=path)
     for corner in corners:
         for options in needs:

@@ -29,13 +29,9 @@ class Origin:
     """File of a record and line number of each sample."""
 
     path: Path | None = None  #: Path of the file, or None for a record created in memory.
-    #: One-based line number (N,) of each sample in a text file; None for sample numbers from 1.
+    #: One-based line number (N,) of each sample in a text file; None in other files and in memory.
     lines: NDArray[np.int64] | None = None
     header_line: int | None = None  #: Number of the line with the channel names and units, None for binary files.
-
-    def line(self, sample: int) -> int:
-        """Return the one-based file line (sample number in binary files) of a zero-based sample."""
-        return int(self.lines[sample]) if self.lines is not None else sample + 1
 
     def at(self, samples: NDArray[np.intp]) -> Origin:
         """Return the origin of a record of some samples (K,) of this one, in any order."""
@@ -43,7 +39,9 @@ class Origin:
 
     def fault(self, kind: type[DataError], what: str, *, channel: str, sample: int) -> DataError:
         """Return an exception of the class `kind` about a zero-based sample."""
-        return kind(what, path=self.path, line=self.line(sample), channel=channel)
+        if self.lines is None:
+            return kind(what, path=self.path, sample=sample + 1, channel=channel)
+        return kind(what, path=self.path, line=int(self.lines[sample]), channel=channel)
 
     def header_fault(self, kind: type[DataError], what: str, *, channel: str | None = None) -> DataError:
         """Return an exception of the class `kind` about a whole column."""

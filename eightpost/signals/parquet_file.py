@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
+import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -224,14 +226,38 @@ def _opened(path: Path, advice: str) -> Iterator[arrow.RecordBatchReader]:
                 content.seek(max(0, size - 4))
                 if size < 12 or begin != _MAGIC or content.read() != _MAGIC:
                     raise ValueError("it does not begin and end with PAR1")
-            yield arro3.io.read_parquet(path, batch_size=_ROWS)
+            with _SILENCE, _silent():
+                reader = arro3.io.read_parquet(path, batch_size=_ROWS)
+            yield reader
         except (FileFormatError, OSError, MemoryError):
             raise
         except BaseException as error:  # arro3 panics if the end of a file is damaged
-            if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
+            is_panic = type(error).__name__ == "PanicException"
+            if not isinstance(error, Exception) and not is_panic:
                 raise
-            what = f"not a readable Parquet file: {str(error).rstrip('.')}; copy or write it again"
+            cause = "the description of its columns is damaged" if is_panic else str(error).rstrip(".")
+            what = f"not a readable Parquet file: {cause}; copy or write it again"
             raise FileFormatError(what, path=path) from error
+
+
+_SILENCE = threading.Lock()
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Discard what arro3 prints on standard error: each panic, before it is an exception."""
+    try:
+        stderr = os.dup(2)
+    except OSError:  # a process without standard error
+        yield
+        return
+    with open(os.devnull, "wb") as sink:  # noqa: PTH123 - os.devnull is no path on every platform
+        os.dup2(sink.fileno(), 2)
+    try:
+        yield
+    finally:
+        os.dup2(stderr, 2)
+        os.close(stderr)
 
 
 # ---- Parquet files with units, schema version, tool version and sources in the schema's metadata --------------------

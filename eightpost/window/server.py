@@ -16,7 +16,6 @@ from urllib.parse import parse_qs
 
 from eightpost.errors import OutputError
 from eightpost.extras import needs
-from eightpost.window.parts import Folder
 
 with needs("app", "the window"):
     import uvicorn
@@ -26,6 +25,7 @@ with needs("app", "the window"):
     from starlette.types import ASGIApp, Receive, Scope, Send
 
 from eightpost.window import parts, records, system
+from eightpost.window.parts import Folder
 
 _SCREENS: dict[str, Callable[[parts.Window], Awaitable[None]]] = {
     "Dyno": records.show_dyno, "Car": records.show_car, "Run": system.show_system, "Study": system.show_study,

@@ -50,6 +50,9 @@ WRONG = {
     "run car.toml": "car.toml defines a vehicle, not a system; make an FMU of it with build",
     "run study.toml": "study.toml defines a study, not a system; run it with study",
     "run B_B.json": "is a .json file; a .toml file is needed here",
+    "run other.fmu": "is an FMU, not a system; name it in the file of a system, e.g. one of eightpost new",
+    "study other.fmu -o out": "other.fmu is an FMU, not a study; name it in the file of a study",
+    "run track.parquet": "track.parquet: is not a text file, which is needed here",
     "run sytem.toml": "there is no such file; did you mean system.toml?",
     "study compare shocks nowhere": "shocks: there is no run here; name a folder that `eightpost run` wrote",
     "study study.toml -o out": "the file shocks/dyno_A.json does not exist; correct its name there, or make it first",
@@ -95,6 +98,7 @@ def starter(tmp_path_factory):
     record = (folder / "shocks" / "dyno_A.csv").read_text(encoding="utf-8")
     (folder / "no_unit.csv").write_text(record.replace("Force [lbf]", "Force"), encoding="utf-8")
     (folder / "other.json").write_text('{"a": 1}', encoding="utf-8")
+    (folder / "other.fmu").write_bytes(b"PK\x03\x04\xad")
     (folder / "cut.json").write_text('{\n"kind": "shock",\n"law":', encoding="utf-8")
     (folder / "wrong.toml").write_text("components = 3\n", encoding="utf-8")
     (folder / "no_schema.toml").write_text('model = "seven_dof"\n', encoding="utf-8")

@@ -107,10 +107,10 @@ def test_a_fit(name: str, fit: Callable[[str], ShockFit], tmp_path: Path, unchan
 
 
 def test_tables_and_pictures_of_fits(
-    fit: Callable[[str], ShockFit], pictures: list[dict[str, Any]], unchanged: Callable[..., None]
+    fit: Callable[[str], ShockFit], tmp_path: Path, pictures: list[dict[str, Any]], unchanged: Callable[..., None]
 ) -> None:
     fits = [replace(fit(name), seconds=1.5) for name in ("polylinear, boggs", "lpf1, boggs", "lpf1")]
-    plot_force_velocity(fits, "fits.png")
+    plot_force_velocity(fits, tmp_path / "fits.png")
     unchanged({
         "table": printed(fit_table(fits)), "summary": str(fits[1]), "frame": fits[1].to_pandas().round(9).to_string(),
         "picture": pictures,

@@ -16,8 +16,8 @@ from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit
 from eightpost.ident.vehicle.estimators import LocalPolynomial
 from eightpost.ident.vehicle.experiment import Blocks, CoherentBand, Ranges
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse, ZeroPhaseSmoothing
-from eightpost.ident.vehicle.plots import frequencies_to
 from eightpost.ident.vehicle.siso_models import BandWeights, RationalFit, TransferFunction
+from eightpost.ident.vehicle.variants import frequencies_to
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import Channel
 

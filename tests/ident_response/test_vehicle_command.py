@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from eightpost.__main__ import main
 from eightpost.errors import InputError
 from eightpost.ident.vehicle.frequency_response import read_response
-from eightpost.ident.vehicle.plots import variants_of
+from eightpost.ident.vehicle.variants import variants_of
 from eightpost.vehicle import StructuralVehicle, read_vehicle, shipped
 
 F = np.linspace(0.1, 25.0, 500)

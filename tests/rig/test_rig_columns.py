@@ -107,8 +107,11 @@ def test_inspect_proposes_a_map_for_a_rig_file_without_one_and_shows_it_with_one
 
 def test_inspect_writes_the_proposed_map_and_replaces_none(unmapped):
     words = ["inspect", str(unmapped), "-o", str(unmapped.parent)]
+    elsewhere = unmapped.parent / "maps"
+    shown = CliRunner().invoke(main, [*words[:3], str(elsewhere)]).output
+    assert " ".join(shown.split()).endswith(f"and inspect again with --channel {elsewhere / 'rig_map.toml'}")
     found = CliRunner().invoke(main, words)
-    assert found.exit_code == 2 and "and inspect again" in " ".join(found.output.split())
+    assert found.exit_code == 2 and " ".join(found.output.split()).endswith("and inspect again")
     path = unmapped.parent / "rig_map.toml"
     assert ChannelMap.read(path).channels["lf.road"].source == "WL FL Pos"
     path.write_text("# edited\n")

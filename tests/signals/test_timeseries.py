@@ -32,9 +32,9 @@ def test_a_missing_channel_is_reported_with_the_existing_ones():
 @pytest.mark.parametrize(
     ("time", "error", "message"),
     [
-        ([0.0, 0.1, 0.1], DuplicateTimeError, "line 3.*0.1 s is repeated"),
-        ([0.0, 0.2, 0.1], BackwardTimeError, "line 3.*decreases from 0.2 s to 0.1 s"),
-        ([0.0, np.nan, 0.1], NotANumberError, "line 2.*'time'"),
+        ([0.0, 0.1, 0.1], DuplicateTimeError, "sample 3.*0.1 s is repeated"),
+        ([0.0, 0.2, 0.1], BackwardTimeError, "sample 3.*decreases from 0.2 s to 0.1 s"),
+        ([0.0, np.nan, 0.1], NotANumberError, "sample 2.*'time'"),
     ],
 )
 def test_time_must_increase(time, error, message):
@@ -43,7 +43,7 @@ def test_time_must_increase(time, error, message):
 
 
 def test_a_sample_that_is_not_finite_is_refused():
-    with pytest.raises(NotANumberError, match=r"line 2, channel 'x'.*inf"):
+    with pytest.raises(NotANumberError, match=r"sample 2, channel 'x'.*inf"):
         TimeSeries.from_channels([0.0, 1.0], {"x": ("m", [0.0, np.inf])})
 
 

@@ -16,6 +16,7 @@ from eightpost import units
 from eightpost.array_types import Array
 from eightpost.errors import FileFormatError, InputError, MissingUnitError, ParameterError
 from eightpost.ident.shock.curve import KnotBasis, curve_forces
+from eightpost.report.console import Table, console_table, right, unbroken
 from eightpost.shock import Axis, Settings, Shock, read_shock
 from eightpost.shock.curve import KNOTS
 from eightpost.shock.file import force_half_width, setting_text
@@ -153,6 +154,28 @@ class ClickAnswer:
     def is_reachable(self) -> bool:
         """Whether the best setting reaches the target."""
         return not self.unreachable
+
+
+def answer_table(answer: ClickAnswer) -> Table:
+    """Return a table of the best settings with their errors per range of speed [N]."""
+    names = [part.name for part in answer.best.ranges]
+    columns = [*unbroken("setting"), *right("RMS, N", "% of target"), *right(*names), "note"]
+    rows = [
+        (
+            choice.text,
+            f"{choice.rms:.0f}",
+            f"{choice.percent:.1f}",
+            *(f"{part.mean:+.0f}" for part in choice.ranges),
+            _note(choice, answer.best),
+        )
+        for choice in answer.choices
+    ]
+    return console_table(columns, rows, title="Mean of setting minus target [N]; equal: within the band of the first")
+
+
+def _note(choice: ClickChoice, best: ClickChoice) -> str:
+    notes = {"untested": not choice.is_tested, "equal": choice.is_same and choice is not best}
+    return ", ".join(note for note, holds in notes.items() if holds)
 
 
 def best_clicks(

@@ -1,4 +1,4 @@
-"""Plots of fits (Fig 3.14) and of a shock over its settings, and the tables of the latter."""
+"""Plots of fits (Fig 3.14) and of a shock over its settings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from eightpost.array_types import Array
 from eightpost.ident.shock.clicks import ClickAnswer, TargetCurve
 from eightpost.ident.shock.curve import curve_forces
-from eightpost.report.console import Table, console_table, right, unbroken
 from eightpost.report.pictures import Axes, Figure, new_figure, panels_of, save
 from eightpost.rig.peak_velocity import PeakVelocityTable
 from eightpost.shock import Axis, Shock, StaticCurve, law_title
@@ -111,31 +110,6 @@ _SPEEDS = (0.025, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8)
 _CURVES = 9
 
 _VELOCITY, _FORCE = "velocity [m/s], positive in compression", "force without gas force [N]"
-
-
-def answer_table(answer: ClickAnswer) -> Table:
-    """Return a table of the best settings with their errors per range of speed [N]."""
-    names = [part.name for part in answer.best.ranges]
-    columns = [*unbroken("setting"), *right("RMS, N", "% of target"), *right(*names), "note"]
-    rows = [
-        (
-            choice.text,
-            f"{choice.rms:.0f}",
-            f"{choice.percent:.1f}",
-            *(f"{part.mean:+.0f}" for part in choice.ranges),
-            _note(choice.is_tested, choice.is_same and choice is not answer.best),
-        )
-        for choice in answer.choices
-    ]
-    return console_table(columns, rows, title="Mean of setting minus target [N]; equal: within the band of the first")
-
-
-def _note(is_tested: bool, is_same: bool) -> str:
-    notes = [
-        *([] if is_tested else ["untested"]),
-        *(["equal"] if is_same else []),
-    ]
-    return ", ".join(notes)
 
 
 def plot_click_map(shock: Shock, path: str | Path) -> None:

@@ -32,6 +32,9 @@ from eightpost.vehicle.statespace import Channel, StateSpace
 #: Arrays that a frequency response may lack.
 OPTIONAL = ("coherence", "partial_coherence", "variance")
 
+#: Key outputs: shock velocities, and the outputs that setups are judged by.
+KEY_OUTPUTS = ("velocity", "tire_force", "ride_height")
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrequencyResponse:

@@ -18,7 +18,13 @@ from eightpost.corners import CORNERS, channel
 from eightpost.display import Summarized, Summary, some
 from eightpost.errors import FileFormatError, ParameterError, suggestion
 from eightpost.files import atomic_path, json_content, sha256_of
-from eightpost.ident.vehicle.frequency_response import FrequencyResponse, read_response, response_of, write_response
+from eightpost.ident.vehicle.frequency_response import (
+    KEY_OUTPUTS,
+    FrequencyResponse,
+    read_response,
+    response_of,
+    write_response,
+)
 from eightpost.ident.vehicle.trust import UNUSABLE, OutputTrust, Trust, level_errors
 from eightpost.labelled import Labelled, data_frame, dataset
 from eightpost.report.console import Table, console_table, right
@@ -224,7 +230,7 @@ class VehicleFit(Summarized):
 
     def write_plots(self, folder: Path, outputs: Literal["none", "main", "all"]) -> list[Path]:
         """Write PNGs of the key outputs (main) or of all, and the stabilisation diagram; return their paths."""
-        from eightpost.ident.vehicle.plots import KEY_OUTPUTS, plot_fits, plot_stabilisation  # noqa: PLC0415 -- as in `plot`
+        from eightpost.ident.vehicle.plots import plot_fits, plot_stabilisation  # noqa: PLC0415 -- as in `plot`
 
         names = [n for n in self.residual if outputs == "all" or (outputs == "main" and n.endswith(KEY_OUTPUTS))]
         model = self.vehicle.state_space.select(outputs=names)

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from eightpost.ident.shock.clicks import TargetCurve, best_clicks, read_target
-from eightpost.ident.shock.plots import answer_table, plot_answer, plot_click_map
+from eightpost.ident.shock.clicks import TargetCurve, answer_table, best_clicks, read_target
+from eightpost.ident.shock.plots import plot_answer, plot_click_map
 from eightpost.ident.shock.settings import SettingsFit, fit_settings, settings_table
 from eightpost.ident.shock.settings_table import joined_temperatures, read_settings_table, settings_of_names
 from eightpost.shock import Axis, Shock, write_shock
@@ -57,7 +57,7 @@ def test_a_fit_over_settings(
     document["fit"].pop("status", None)
     if name == "warmed":  # offsets of the curves and preload are one parameter: its standard error is that of rounding
         document["fit"]["parameters"].pop("gas_preload")
-    plot_click_map(fit.shock, "map.png")
+    plot_click_map(fit.shock, tmp_path / "map.png")
     reasons = [f"{reason.grade}: {reason}: {reason.figure}: {reason.remedy}" for reason in fit.verdict.reasons]
     unchanged({
         "file": compact(document), "verdict": reasons, "predicted": fit.predicted,
@@ -77,13 +77,13 @@ def target_of(shock: Shock, rebound: float, compression: float) -> TargetCurve:
 @pytest.mark.parametrize("level", ["free", "fixed"])
 @pytest.mark.parametrize("gap", [0.0, 90.0, 700.0])
 def test_the_clicks_of_a_target(
-    level: Any, gap: float, pictures: list[dict[str, Any]], unchanged: Callable[..., None]
+    level: Any, gap: float, tmp_path: Path, pictures: list[dict[str, Any]], unchanged: Callable[..., None]
 ) -> None:
     shock = two_adjusters()
     target = target_of(shock, 6, 15)
     bump = gap * np.exp(-(((target.velocity - 0.3) / 0.1) ** 2))
     answer = best_clicks(shock, replace(target, force=1.02 * target.force + bump + 25.0), level=level)
-    plot_answer(shock, target, answer, "answer.png")
+    plot_answer(shock, target, answer, tmp_path / "answer.png")
     unchanged({
         "best": rounded(str(answer.best)), "unreachable": answer.unreachable, "notes": answer.notes,
         "number": answer.combinations, "reachable": answer.is_reachable, "table": printed(answer_table(answer)),

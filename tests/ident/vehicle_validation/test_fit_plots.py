@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from eightpost.ident.vehicle import plots
+from eightpost.ident.vehicle import plots, variants
 from eightpost.ident.vehicle.plots import plot_fits
 from eightpost.vehicle import read_vehicle, shipped
 from tests.drawn import drawn as described
@@ -53,8 +53,8 @@ def test_the_plots_of_a_fit(fit, tmp_path, monkeypatch, unchanged):
 
 
 def test_the_magnitudes_of_responses_of_varied_cars(unchanged):
-    car, frequency = read_vehicle(shipped("quarter_car")), plots.frequencies_to(20.0)
-    found = plots.variants_of(car, "tire_stiffness", (0.5, 1.0, 2.0), frequency)
+    car, frequency = read_vehicle(shipped("quarter_car")), variants.frequencies_to(20.0)
+    found = variants.variants_of(car, "tire_stiffness", (0.5, 1.0, 2.0), frequency)
     figure = plots.magnitudes({label: one.response for label, one in found.items()}, "spring_force")
     figure.draw_without_rendering()
     unchanged({"picture": described(figure), "modes": {label: one.modes for label, one in found.items()}})
