@@ -22,6 +22,7 @@ from eightpost import __version__
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path, check_schema, parse_json, reading
 from eightpost.signals.faults import Origin
+from eightpost.signals.parquet_footer import check_footer
 from eightpost.signals.raw_record import RawRecord
 from eightpost.signals.table_text import named_with_unit
 
@@ -226,6 +227,7 @@ def _opened(path: Path, advice: str) -> Iterator[arrow.RecordBatchReader]:
                 content.seek(max(0, size - 4))
                 if size < 12 or begin != _MAGIC or content.read() != _MAGIC:
                     raise ValueError("it does not begin and end with PAR1")
+                check_footer(content, size)
             with _SILENCE, _silent():
                 reader = arro3.io.read_parquet(path, batch_size=_ROWS)
             yield reader

@@ -1,5 +1,6 @@
 """Written series read back unchanged in every format, and incomplete files do not replace existing ones."""
 
+import io
 import json
 import os
 import subprocess
@@ -18,7 +19,7 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 
 from eightpost import __version__
-from eightpost.errors import FileFormatError
+from eightpost.errors import FileFormatError, InputError
 from eightpost.files import atomic_path, sha256_of
 from eightpost.signals import (
     TimeSeries,
@@ -31,6 +32,7 @@ from eightpost.signals import (
 )
 from eightpost.signals.mat_file import read_mat
 from eightpost.signals.parquet_file import Table, read_parquet, read_table, write_table
+from eightpost.signals.parquet_footer import check_footer
 from eightpost.units import SI_UNITS
 
 SUFFIXES = (".csv", ".txt", ".parquet", ".mat")
@@ -136,6 +138,35 @@ def test_a_parquet_file_of_which_only_the_end_is_damaged_is_refused_without_furt
     assert str(caught.value) == f"{path}: {what}"
     os.write(2, b"still open")
     assert capfd.readouterr().err == "still open"
+
+
+@pytest.mark.parametrize("first", range(4))
+def test_no_changed_byte_of_the_end_of_a_parquet_file_ends_the_process(tmp_path, first):
+    """Every fourth byte turns a place or a size in the file negative, which arro3 does not survive."""
+    path = tmp_path / "a.parquet"
+    write_parquet(a_series(), path)
+    content = path.read_bytes()
+    end = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
+    refused = 0
+    for place in range(end + first, len(content) - 8, 4):
+        path.write_bytes(content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :])
+        try:
+            read_series(path)
+        except InputError:
+            refused += 1
+    assert refused > 50
+
+
+def test_a_column_outside_its_parquet_file_is_refused(tmp_path):
+    path = tmp_path / "a.parquet"
+    values = np.random.default_rng(1).standard_normal((1, 2000))
+    write_parquet(TimeSeries(np.arange(2000.0), values, ("x",), ("m",)), path)
+    content = path.read_bytes()
+    check_footer(io.BytesIO(content), len(content))
+    end = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
+    with pytest.raises(ValueError, match="the description of its columns is damaged") as caught:
+        check_footer(io.BytesIO(content[:4] + content[end:]), 4 + len(content) - end)
+    assert str(caught.value.__cause__) == "a column is outside the file"
 
 
 def test_a_series_is_written_and_read_without_pandas(tmp_path):
