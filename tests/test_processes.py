@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import psutil
@@ -15,6 +18,7 @@ import pytest
 
 from eightpost import marks
 from eightpost.files import atomic_path
+from eightpost.object_code.stored import compiled_by
 from eightpost.workers.process import Child, EndedError, python_command, usable_processors
 
 # ---- The end of the parent ------------------------------------------------------------------------------------------
@@ -96,6 +100,39 @@ def test_what_is_left_is_removed_if_its_process_ended_on_this_machine(tmp_path, 
     marks.remove_left(tmp_path, "x_")
     marks.remove_left(tmp_path, ".out.", ".csv")
     assert len(list(tmp_path.iterdir())) == 2 * remains
+
+
+@POSIX
+@pytest.mark.parametrize("is_inside", [False, True], ids=["by its path", "from inside"])
+def test_a_folder_is_removed_while_others_still_write_into_it(tmp_path: Path, is_inside: bool) -> None:
+    folder, begun, end = tmp_path / "eightpost_x", threading.Event(), time.monotonic() + 0.3
+    folder.mkdir()
+    inside = os.open(folder, os.O_RDONLY) if is_inside else None
+
+    def write() -> None:
+        for number in itertools.count():
+            if time.monotonic() > end:
+                return
+            with suppress(OSError):
+                os.mkdir(f"{number}" if is_inside else f"{folder}/{number}", dir_fd=inside)
+            begun.set()
+            time.sleep(0.001)
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    begun.wait()
+    marks.remove_folder(folder)
+    writer.join()
+    if inside is not None:
+        os.close(inside)
+    assert not [*tmp_path.iterdir()]
+
+
+@POSIX
+def test_the_ctrl_c_of_a_terminal_does_not_reach_the_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "leader.py").write_text("import os; print(os.getpgrp() == os.getpid())")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert compiled_by("leader", b"") == b"True\n"
 
 
 @POSIX
