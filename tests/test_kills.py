@@ -135,7 +135,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the inputs of all commands."""
     root = tmp_path_factory.mktemp("kills")
     here = Place(root / "inputs")
-    here.call("virtual rig --program identification --set duration=20s -o rig")
+    here.call("virtual rig --program identification --set duration=40s -o rig")
     here.call("virtual rig --test track --set duration=12s -o track.parquet")
     here.call(f"drivefile start track.parquet --car {EXAMPLES}/identified/car.json -o start")
     shutil.copytree(here.path / "start", here.path / "lap")

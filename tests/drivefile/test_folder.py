@@ -154,10 +154,10 @@ def test_records_that_do_not_fit_are_refused_with_a_reason(iteration, track, tmp
     paths = {name: changed(iteration, tmp_path / f"{name}.parquet", change) for name, change in changes.items()}
     found = {name: eightpost("drivefile", "next", copy, "--record", path, code=2) for name, path in paths.items()}
     eightpost("drivefile", "next", copy, "--record", paths["another sign"], "--flip", "displacement")
-    copy, record = copy_of(iteration, tmp_path / "whole", 3), iteration / "pass_03" / "rig.parquet"
+    copy = copy_of(iteration, tmp_path / "whole", 3)
     again = ("drivefile", "start", track, "--car", shipped("quarter_car"), "-o", copy)
     found |= {
-        "a second record": eightpost("drivefile", "next", copy, "--record", record, code=2),
+        "a second record": eightpost("drivefile", "next", copy, "--record", paths["a part"], code=2),
         "a second start": eightpost(*again, code=2), "no iteration": eightpost("drivefile", "next", tmp_path, code=2),
     }  # fmt: skip
     (copy / "iteration.json").write_text('{"kind": "drivefile_iteration", "schema": 1}')
