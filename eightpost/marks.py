@@ -7,6 +7,7 @@ import re
 import shutil
 import socket
 import sys
+import time
 import uuid
 import zlib
 from contextlib import suppress
@@ -15,6 +16,10 @@ from pathlib import Path
 
 #: A mark: the machine, the process on it, and a random number.
 _MARK = r"(?P<machine>[0-9a-f]{8})-(?P<process>\d+)-[0-9a-f]{8}"
+
+
+#: Trials to remove a folder, and the time between them [s].
+_TRIALS, _PAUSE = 20, 0.05
 
 
 def mark() -> str:
@@ -36,6 +41,17 @@ def remove_left(folder: Path, before: str, after: str = "") -> None:
             if found and found["machine"] == _machine() and not _runs(int(found["process"])):
                 with suppress(OSError):  # of another user, or removed by another process at the same time
                     shutil.rmtree(entry.path) if entry.is_dir(follow_symlinks=False) else Path(entry.path).unlink()
+
+
+def remove_folder(folder: Path) -> None:
+    """Remove a temporary folder into which other processes write until they notice that their parent has ended."""
+    with suppress(OSError):  # with another name, nothing new is created in it
+        folder = folder.rename(folder.with_name(f"eightpost_{mark()}"))
+    for _ in range(_TRIALS):
+        shutil.rmtree(folder, ignore_errors=True)
+        if not folder.exists():
+            return
+        time.sleep(_PAUSE)
 
 
 @cache

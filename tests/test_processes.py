@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,6 +16,7 @@ import pytest
 
 from eightpost import marks
 from eightpost.files import atomic_path
+from eightpost.object_code.stored import compiled_by
 from eightpost.workers.process import Child, EndedError, python_command, usable_processors
 
 # ---- The end of the parent ------------------------------------------------------------------------------------------
@@ -96,6 +98,29 @@ def test_what_is_left_is_removed_if_its_process_ended_on_this_machine(tmp_path, 
     marks.remove_left(tmp_path, "x_")
     marks.remove_left(tmp_path, ".out.", ".csv")
     assert len(list(tmp_path.iterdir())) == 2 * remains
+
+
+def test_a_folder_is_removed_while_others_still_write_into_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, remove, late = tmp_path / "eightpost_x", shutil.rmtree, ["file"]
+    folder.mkdir()
+
+    def disturbed(path: Path, **options: bool) -> None:
+        assert not folder.exists()  # nothing can be created in it by its name
+        remove(path, **options)
+        if late:  # a process whose working folder it is
+            path.mkdir()
+            (path / late.pop()).touch()
+
+    monkeypatch.setattr(shutil, "rmtree", disturbed)
+    marks.remove_folder(folder)
+    assert not late and not [*tmp_path.iterdir()]
+
+
+@POSIX
+def test_the_ctrl_c_of_a_terminal_does_not_reach_the_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "leader.py").write_text("import os; print(os.getpgrp() == os.getpid())")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert compiled_by("leader", b"") == b"True\n"
 
 
 @POSIX

@@ -375,7 +375,8 @@ def next_drive(
     """Compute the next drive file from the rig's record of the last one.
 
     FOLDER is the iteration that `start` wrote. The record is synchronised with the drive file by its commands or its
-    wheelloader positions. The exit code is 1 if the iteration diverged or no longer makes progress.
+    wheelloader positions. A call that was interrupted may be repeated as it was. The exit code is 1 if the iteration
+    diverged or no longer makes progress.
 
     \b
     Example:
@@ -385,7 +386,9 @@ def next_drive(
 
     console = Console(highlight=False)
     iteration = IterationFolder.read(folder)
-    if record is not None:
+    if record is not None and iteration.is_added(record):  # an interrupted call is repeated
+        _show_notes(console, (f"{record} is the record of pass {iteration.played} already",))
+    elif record is not None:
         _show_notes(console, iteration.add_record(record, **channels.options))
     iteration.write_next()
     ctx.exit(0 if _show_state(console, iteration) else 1)

@@ -270,6 +270,22 @@ class IterationFolder:
             self._computed[number] = advance(self.problem, self.passes())
         return self._computed[number]
 
+    def is_added(self, record: Path) -> bool:
+        """Return whether a file is the record of the last pass with one, as in a call that is repeated.
+
+        Raises:
+            DataError: It is the record of an earlier pass.
+        """
+        digest, played = sha256_of(record), self.played
+        for number in range(played, 0, -1):
+            source = self.pass_path(number) / "source.json"
+            if source.is_file() and digest in source.read_text(encoding="utf-8"):
+                if number == played:
+                    return True
+                what = f"it is the record of pass {number}; give the record of the last drive file that was written"
+                raise DataError(what, path=record)
+        return False
+
     def add_record(
         self,
         source: str | Path,

@@ -32,7 +32,7 @@ def compiled_by(program: str, question: bytes, *, bare: str = "") -> bytes:
         RuntimeError: numba or LLVM failed, with their message.
     """
     environment = os.environ | {"NUMBA_OPT": "0", "NUMBA_DISABLE_JIT": "0"}
-    ran = run(python_command(program, bare=bare), environment=environment, question=question)
+    ran = run(python_command(program, bare=bare), environment=environment, question=question, tree=True)
     if ran.code != 0:
         raise RuntimeError(f"numba could not compile it: {ran.errors.decode(errors='replace').strip()}")
     return ran.output

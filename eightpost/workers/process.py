@@ -6,7 +6,6 @@ import contextlib
 import os
 import pickle
 import select
-import shutil
 import signal
 import subprocess
 import sys
@@ -98,8 +97,10 @@ def _end_after(parent: int, folder: str) -> None:
 def leave(folder: str = "") -> None:
     """Remove a folder, and end this process; if it leads its process group, end all that it started, too."""
     if folder:
+        from eightpost.marks import remove_folder  # noqa: PLC0415 -- needed at the end only
+
         os.chdir(Path(folder).parent)
-        shutil.rmtree(folder, ignore_errors=True)
+        remove_folder(Path(folder))
     if sys.platform != "win32" and os.getpgrp() == os.getpid():
         os.killpg(0, signal.SIGKILL)
     os._exit(1)

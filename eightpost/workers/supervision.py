@@ -309,9 +309,11 @@ def _remove(folder: str) -> None:
         if folder:
             os.rmdir(folder)  # noqa: PTH106
         return
-    import shutil  # noqa: PLC0415 -- needed here only
+    from pathlib import Path  # noqa: PLC0415 -- needed here only
 
-    shutil.rmtree(folder, ignore_errors=True)
+    from eightpost.marks import remove_folder  # noqa: PLC0415
+
+    remove_folder(Path(folder))
 
 
 def _code(found: Record, status: int, watch: _Watch, complain: Callable[[str], None]) -> int:

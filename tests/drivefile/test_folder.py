@@ -93,6 +93,16 @@ def test_an_interrupted_iteration_resumes_to_the_bit(iteration, tmp_path):
         assert (copy / name).read_bytes() == (iteration / name).read_bytes()
 
 
+def test_a_record_that_is_given_again_is_no_record_of_the_next_pass(iteration, tmp_path):
+    copy, records = copy_of(iteration, tmp_path / "copy", 2), [iteration / f"pass_0{k}" / "rig.parquet" for k in (1, 2)]
+    shutil.copytree(iteration / "pass_03", copy / "pass_03")
+    (copy / "pass_03" / "record.parquet").unlink()
+    assert "is the record of pass 2 already" in eightpost("drivefile", "next", copy, "--record", records[1])
+    assert not (copy / "pass_03" / "record.parquet").exists()
+    assert (copy / "pass_03/drive.parquet").read_bytes() == (iteration / "pass_03/drive.parquet").read_bytes()
+    assert "it is the record of pass 1;" in eightpost("drivefile", "next", copy, "--record", records[0], code=2)
+
+
 @pytest.mark.nightly
 def test_the_two_verbs_do_with_a_rig_what_simulate_does(iteration, track, tmp_path):
     folder = tmp_path / "rig"
@@ -144,10 +154,10 @@ def test_records_that_do_not_fit_are_refused_with_a_reason(iteration, track, tmp
     paths = {name: changed(iteration, tmp_path / f"{name}.parquet", change) for name, change in changes.items()}
     found = {name: eightpost("drivefile", "next", copy, "--record", path, code=2) for name, path in paths.items()}
     eightpost("drivefile", "next", copy, "--record", paths["another sign"], "--flip", "displacement")
-    copy, record = copy_of(iteration, tmp_path / "whole", 3), iteration / "pass_03" / "rig.parquet"
+    copy = copy_of(iteration, tmp_path / "whole", 3)
     again = ("drivefile", "start", track, "--car", shipped("quarter_car"), "-o", copy)
     found |= {
-        "a second record": eightpost("drivefile", "next", copy, "--record", record, code=2),
+        "a second record": eightpost("drivefile", "next", copy, "--record", paths["a part"], code=2),
         "a second start": eightpost(*again, code=2), "no iteration": eightpost("drivefile", "next", tmp_path, code=2),
     }  # fmt: skip
     (copy / "iteration.json").write_text('{"kind": "drivefile_iteration", "schema": 1}')
