@@ -202,7 +202,7 @@ class FmuFile:
         if self.has_binary:
             return
         advice = (
-            "it contains its sources: compile them with --compile or compile_missing=True"
+            "it contains its sources: compile them with --set compile=yes or compile_missing=True"
             if self.sources
             else "use an FMU with a binary for this platform, or one with sources"
         )

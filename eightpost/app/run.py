@@ -77,11 +77,11 @@ class _RunOptions:
         "time and its inputs. Costs about 0.2 ms per step and FMU; the results are identical bit by bit. For FMUs "
         "that you do not trust yet (docs/how_to/foreign_fmus.md).",
     )
-    compile_missing: bool = option(
+    compile_missing: bool = setting(
         "Compile the C sources of an FMU that has no binary for this platform, with the system's C compiler or PyPI's "
         "ziglang. The binary is kept for later runs. The code is that of the FMU's maker: use this only for FMUs "
         "whose maker you trust.",
-        "--compile",
+        "compile", default=False,
     )
     report: bool = option("Write also report.html: the run as one interactive page (docs/how_to/report.md).")
     plot: Path | None = option(

@@ -61,7 +61,7 @@ def new(folder: Path = argument("FOLDER", kind=OutputFolder())) -> None:
 def app(
     folder: Path = argument("[FOLDER]", kind=OutputFolder(), required=False),
     port: int = setting("Port on this machine; 0: a free one.", kind=click.IntRange(0, 65535), default=0),
-    no_browser: bool = option("Print the link only."),
+    browser: bool = setting("Open the browser; `no` prints the link only.", default=True),
 ) -> None:  # fmt: skip
     """Open a window in the browser: drop dynamometer and rig files, fit, couple, and run studies.
 
@@ -71,7 +71,7 @@ def app(
     \b
     Examples:
       eightpost app
-      eightpost app car7 --no-browser
+      eightpost app car7 --set browser=no
     """
     from eightpost.window.server import serve
 
@@ -80,7 +80,7 @@ def app(
     def tell(link: str) -> None:
         console.print(f"eightpost is at {link}\nCtrl-C ends it.", highlight=False, soft_wrap=True, markup=False)
 
-    serve(folder or Path(), port, browser=not no_browser, tell=tell)
+    serve(folder or Path(), port, browser=browser, tell=tell)
 
 
 @verb

@@ -290,9 +290,7 @@ def optimise(
         "Measure to minimise; repeat it for the Pareto front of several. Default: the objective of the study.",
         "--for", metavar="MEASURE",
     ),
-    evaluations: int = option(
-        "Maximum number of setups to evaluate.", kind=click.IntRange(min=2), default=400, metavar="N"
-    ),
+    evaluations: int = setting("Maximum number of setups to evaluate.", kind=click.IntRange(min=2), default=400),
     workers: int | str | None = WORKERS,
     seed: int = setting("Seed of the search.", kind=click.IntRange(min=0), default=0),
 ) -> None:  # fmt: skip
@@ -344,7 +342,7 @@ def whatif(
     ),
     rebound: int = option("Clicks of the rebound adjuster, e.g. +1; default: 0.", default=0, metavar="CLICKS"),
     compression: int = option("Clicks of the compression adjuster, e.g. -2; default: 0.", default=0, metavar="CLICKS"),
-    setup: int | None = option("Setup to change; default: the baseline, or else the best setup.", metavar="NUMBER"),
+    setup: int | None = setting("Number of the setup to change; default: the baseline, or else the best setup."),
     share: float = setting(
         "Change of the slope that counts as a click, for shocks without a fitted adjuster.",
         "click", kind=Quantity("1", positive=True), default="5 %",

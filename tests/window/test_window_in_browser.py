@@ -25,7 +25,7 @@ def window(tmp_path_factory):
     """A running window: its folder and its link."""
     folder = tmp_path_factory.mktemp("work")
     shutil.copy(EXAMPLES / "car.toml", folder)
-    command = python_command("eightpost", "app", str(folder), "--no-browser")
+    command = python_command("eightpost", "app", str(folder), "--set", "browser=no")
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     link = re.search(r"http\S+", process.stdout.readline())[0]
     yield folder, link

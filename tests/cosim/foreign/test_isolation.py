@@ -204,13 +204,13 @@ def test_the_run_command_reports_a_crash_and_compiles_missing_libraries(
     line = ["run", str(tmp_path / "case.toml"), "-o", str(tmp_path / "out"), "--step", "1 ms"]
     (tmp_path / "case.toml").write_text(SYSTEM.format(fmu=path.name, manner="polite"))
     refused = CliRunner().invoke(main, line)
-    assert (refused.exit_code, "--compile" in refused.output) == (2, True)
+    assert (refused.exit_code, "compile=yes" in refused.output) == (2, True)
     for manner, code, message in (
         ("polite", 0, "wrote "),
         ("segfault", 1, "'odd' (sources.fmu) crashed (SIGSEGV) in: step"),
     ):
         (tmp_path / "case.toml").write_text(SYSTEM.format(fmu=path.name, manner=manner))
-        ran = CliRunner().invoke(main, [*line, "--isolate", "--compile"])
+        ran = CliRunner().invoke(main, [*line, "--isolate", "--set", "compile=yes"])
         assert ran.exit_code == code, ran.output
         assert message in " ".join(ran.output.split())
 

@@ -177,7 +177,9 @@ def test_sources_are_compiled_on_request_if_there_is_no_binary(
 ):
     monkeypatch.setenv("EIGHTPOST_CACHE", str(tmp_path / "cache"))
     path = source_fmu(listed=listed, **sources)
-    with pytest.raises(FmuError, match=r"only for: none; it contains its sources.*--compile or compile_missing=True"):
+    with pytest.raises(
+        FmuError, match=r"only for: none; it contains its sources.*--set compile=yes or compile_missing=True"
+    ):
         FmuComponent(path, "odd")
     runs(begun(FmuComponent(path, "odd", compile_missing=True)))
     assert len(list((tmp_path / "cache" / "rebuilt").iterdir())) == 1

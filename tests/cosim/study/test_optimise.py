@@ -261,7 +261,7 @@ def optimise_command(fmus, folder, *words: str, limit: float = 1.0):
 def test_a_search_writes_its_results_and_resumes_with_more_evaluations(fmus, tmp_path, monkeypatch):
     pages = []  # the page takes longer than the search, and is tested elsewhere
     monkeypatch.setattr(StudyFolder, "write_page", lambda *given, **_options: pages.append(given))
-    shown = optimise_command(fmus, tmp_path, "--evaluations", "4")
+    shown = optimise_command(fmus, tmp_path, "--set", "evaluations=4")
     assert shown.exit_code == 0, shown.output
     for text in ("minimised: 1 x grip number", "4 setups were evaluated; the study has 9 setups", "results.parquet"):
         assert text in shown.output
@@ -269,7 +269,7 @@ def test_a_search_writes_its_results_and_resumes_with_more_evaluations(fmus, tmp
     assert len(first) == 4
     assert first.partial
     more = optimise_command(
-        fmus, tmp_path, "--evaluations", "9", "--for", "grip number", "--for", "aero number", limit=1e-9
+        fmus, tmp_path, "--set", "evaluations=9", "--for", "grip number", "--for", "aero number", limit=1e-9
     )
     assert more.exit_code == 1, more.output  # no setup keeps the constraint
     assert "every setup was evaluated" in more.output
