@@ -218,15 +218,13 @@ def test_a_worker_with_another_version_of_the_program_is_named(file, tmp_path):
 #: Preloaded by a worker: a processor with fewer instructions, or a machine without a compiler.
 OLD = "from eightpost.machine import car\ncar.instruction_set = lambda: ''\n"
 BARE = """
-from eightpost.machine import car
 from eightpost.errors import FmuError
+from eightpost.machine import run
 
 def compiled(*arguments, **options):
     raise FmuError("no C compiler was found")
 
-car.compiled = compiled
-import cosim.study.running.batches
-cosim.study.running.batches.compiled = compiled
+run.compiled = compiled
 """
 
 
@@ -238,23 +236,21 @@ def run_mixed(made: Cluster, folder: Path, study: Path, preload: str) -> tuple[S
     return load(folder / "out"), " ".join(output.split())
 
 
-@pytest.mark.parametrize(("preload", "same"), [(OLD, True), (BARE, False)], ids=["old processor", "no compiler"])
-def test_another_processor_gives_the_same_bits_and_a_worker_without_compiler_is_reported(
-    fmus, here, tmp_path, preload, same
+@pytest.mark.parametrize(
+    ("preload", "reported", "apart"), [(OLD, False, 1e-12), (BARE, True, 1e-4)], ids=["old processor", "no compiler"]
+)
+def test_another_processor_differs_in_the_last_digits_and_a_worker_without_compiler_is_reported(
+    fmus, here, tmp_path, preload, reported, apart
 ):
     study = written(tmp_path / "given", fmus, builds=2)
     alone = run_study(read_study(study), tmp_path / "alone", here)
-    assert alone.provenance.settings["coupling"]["batch"] == "exact"
+    assert alone.provenance.settings["coupling"]["machine"] is not None
     coupling = next((tmp_path / "alone").glob("chunks/*/coupling.json"))
     other = tmp_path / "out" / "chunks" / coupling.parent.name
     other.mkdir(parents=True)
     shutil.copy(coupling, other)
     with cluster(tmp_path, 0) as (made, _):
         found, output = run_mixed(made, tmp_path, study, preload)
-    assert ("runs its setups through the FMUs" in output) is not same, output
-    assert ("no C compiler was found" in output) is not same
-    if same:
-        assert table(found) == table(alone)
-    assert found.values("total tire force").tolist() == pytest.approx(
-        alone.values("total tire force").tolist(), rel=1e-12
-    )
+    assert ("runs its setups through the FMUs, whose measures differ within the" in output) is reported, output
+    assert ("no C compiler was found" in output) is reported
+    assert found.values("total tire force") == pytest.approx(alone.values("total tire force"), rel=apart)
