@@ -204,7 +204,7 @@ def test_a_worker_with_another_version_of_the_program_is_named(file, tmp_path):
     other.mkdir()
     for package in ("cosim", "eightpost", "builder", "fmus"):
         shutil.copytree(ROOT / package, other / package, ignore=shutil.ignore_patterns("__pycache__"))
-    changed = other / "cosim" / "study" / "statistics.py"
+    changed = other / "cosim" / "study" / "table.py"
     changed.write_text(changed.read_text() + "\n# another version\n")
     with cluster(tmp_path, 0) as (made, _):
         made.start_worker(path=other)
