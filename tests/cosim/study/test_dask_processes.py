@@ -149,7 +149,7 @@ def test_a_setup_that_hangs_fails_alone_and_workers_with_a_nanny_come_back(fmus,
     with cluster(tmp_path, 0) as (made, _):
         made.start_worker(nanny=True)
         made.wait_for_workers(1)
-        main = start(path, tmp_path / "out", made.address, "--patience", "5 s")
+        main = start(path, tmp_path / "out", made.address, "--patience", "15 s")
         output = main.communicate(timeout=PATIENCE)[0]
         assert main.returncode == 1, output
     found = load(tmp_path / "out")
