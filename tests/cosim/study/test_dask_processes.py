@@ -98,9 +98,9 @@ def table(result: StudyResult) -> dict[str, list[Any]]:
 
 
 def start(file: Path, out: Path, address: str, *options: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "eightpost", "study", str(file), "-o", str(out), "--scheduler", address]
+    command = [sys.executable, "-m", "eightpost", "study", str(file), "-o", str(out), "--workers", address]
     return subprocess.Popen(
-        [*command, "--no-certainty", *options],
+        [*command, "--set", "certainty=no", *options],
         cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
 
@@ -117,7 +117,7 @@ def load(out: Path) -> StudyResult:
 def test_a_worker_that_stops_responding_is_ended_and_its_setups_run_elsewhere(file, expected, tmp_path):
     with cluster(tmp_path, 2) as (made, workers):
         made.wait_for_workers(2)
-        main = start(file, tmp_path / "out", made.address, "--patience", "3 s")
+        main = start(file, tmp_path / "out", made.address, "--set", "patience=3 s")
         wait_for_chunk(tmp_path / "out", main)
         os.kill(workers[0].pid, signal.SIGSTOP)  # it keeps its connection and its chunk
         output = main.communicate(timeout=PATIENCE)[0]
@@ -149,7 +149,7 @@ def test_a_setup_that_hangs_fails_alone_and_workers_with_a_nanny_come_back(fmus,
     with cluster(tmp_path, 0) as (made, _):
         made.start_worker(nanny=True)
         made.wait_for_workers(1)
-        main = start(path, tmp_path / "out", made.address, "--patience", "15 s")
+        main = start(path, tmp_path / "out", made.address, "--set", "patience=15 s")
         output = main.communicate(timeout=PATIENCE)[0]
         assert main.returncode == 1, output
     found = load(tmp_path / "out")
@@ -166,7 +166,7 @@ def test_without_workers_or_scheduler_the_partial_table_is_kept_and_others_compl
 ):
     with cluster(tmp_path, 2) as (made, workers):
         made.wait_for_workers(2)
-        main = start(file, tmp_path / "out", made.address, "--patience", "2 s")
+        main = start(file, tmp_path / "out", made.address, "--set", "patience=2 s")
         wait_for_chunk(tmp_path / "out", main)
         for process in workers if lost == "workers" else [made.scheduler]:
             kill(process)
