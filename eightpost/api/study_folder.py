@@ -531,7 +531,7 @@ class StudyFolder:
             test = read_rig_test(file, channel_map=channel_map, units=units, flip=flips_of(file, flip), needs=())
             if test.unchecked:
                 what = f"sign and corner of {some(test.unchecked)} were not checked"
-                self.listener.note(f"{file}: {what}, because the record lacks the channels that show them")
+                self.listener.note(f"{file.name}: {what}, because the record lacks the channels that show them")
             return test.series
 
         return read

@@ -383,7 +383,7 @@ def _rows(
     rows = workers.rows(here, coupling, indices)
     found = []
     if reason := workers.batch_refusal(here, coupling):
-        found.append(f"runs its setups through the FMUs, whose measures may differ in the last digits: {reason}")
+        found.append(f"runs its setups through the FMUs, whose measures differ within the coupling errors: {reason}")
     if others := program().other_libraries(expected):
         found.append(f"has {others}, so the last digits of measures may differ")
     return rows, f"worker {_place()} {'; it '.join(found)}" if found else ""

@@ -101,7 +101,7 @@ def test_the_example_of_the_documentation_gives_the_documented_result(folder, mo
     series = read_series(renamed(folder, "z"))
     write_series(series, folder / "road.csv")
     monkeypatch.chdir(folder)
-    ran = CliRunner().invoke(main, [*shlex.split(command)[1:], "--step", "1 ms"])
+    ran = CliRunner().invoke(main, [*shlex.split(command)[1:], "--step", "1 ms", "-v"])
     assert ran.exit_code == 0, ran.output
     assert "bond car: energy residual" in ran.output and "have no source" not in ran.output
     found = read_series(folder / "out" / "series.parquet")

@@ -98,9 +98,9 @@ def table(result: StudyResult) -> dict[str, list[Any]]:
 
 
 def start(file: Path, out: Path, address: str, *options: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "eightpost", "study", str(file), "-o", str(out), "--scheduler", address]
+    command = [sys.executable, "-m", "eightpost", "study", str(file), "-o", str(out), "--workers", address]
     return subprocess.Popen(
-        [*command, "--no-certainty", *options],
+        [*command, "--set", "certainty=no", *options],
         cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
 
@@ -117,7 +117,7 @@ def load(out: Path) -> StudyResult:
 def test_a_worker_that_stops_responding_is_ended_and_its_setups_run_elsewhere(file, expected, tmp_path):
     with cluster(tmp_path, 2) as (made, workers):
         made.wait_for_workers(2)
-        main = start(file, tmp_path / "out", made.address, "--patience", "3 s")
+        main = start(file, tmp_path / "out", made.address, "--set", "patience=3 s")
         wait_for_chunk(tmp_path / "out", main)
         os.kill(workers[0].pid, signal.SIGSTOP)  # it keeps its connection and its chunk
         output = main.communicate(timeout=PATIENCE)[0]
@@ -149,7 +149,7 @@ def test_a_setup_that_hangs_fails_alone_and_workers_with_a_nanny_come_back(fmus,
     with cluster(tmp_path, 0) as (made, _):
         made.start_worker(nanny=True)
         made.wait_for_workers(1)
-        main = start(path, tmp_path / "out", made.address, "--patience", "5 s")
+        main = start(path, tmp_path / "out", made.address, "--set", "patience=15 s")
         output = main.communicate(timeout=PATIENCE)[0]
         assert main.returncode == 1, output
     found = load(tmp_path / "out")
@@ -166,7 +166,7 @@ def test_without_workers_or_scheduler_the_partial_table_is_kept_and_others_compl
 ):
     with cluster(tmp_path, 2) as (made, workers):
         made.wait_for_workers(2)
-        main = start(file, tmp_path / "out", made.address, "--patience", "2 s")
+        main = start(file, tmp_path / "out", made.address, "--set", "patience=2 s")
         wait_for_chunk(tmp_path / "out", main)
         for process in workers if lost == "workers" else [made.scheduler]:
             kill(process)
@@ -204,7 +204,7 @@ def test_a_worker_with_another_version_of_the_program_is_named(file, tmp_path):
     other.mkdir()
     for package in ("cosim", "eightpost", "builder", "fmus"):
         shutil.copytree(ROOT / package, other / package, ignore=shutil.ignore_patterns("__pycache__"))
-    changed = other / "cosim" / "study" / "statistics.py"
+    changed = other / "cosim" / "study" / "table.py"
     changed.write_text(changed.read_text() + "\n# another version\n")
     with cluster(tmp_path, 0) as (made, _):
         made.start_worker(path=other)
@@ -218,15 +218,13 @@ def test_a_worker_with_another_version_of_the_program_is_named(file, tmp_path):
 #: Preloaded by a worker: a processor with fewer instructions, or a machine without a compiler.
 OLD = "from eightpost.machine import car\ncar.instruction_set = lambda: ''\n"
 BARE = """
-from eightpost.machine import car
 from eightpost.errors import FmuError
+from eightpost.machine import run
 
 def compiled(*arguments, **options):
     raise FmuError("no C compiler was found")
 
-car.compiled = compiled
-import cosim.study.running.batches
-cosim.study.running.batches.compiled = compiled
+run.compiled = compiled
 """
 
 
@@ -238,23 +236,21 @@ def run_mixed(made: Cluster, folder: Path, study: Path, preload: str) -> tuple[S
     return load(folder / "out"), " ".join(output.split())
 
 
-@pytest.mark.parametrize(("preload", "same"), [(OLD, True), (BARE, False)], ids=["old processor", "no compiler"])
-def test_another_processor_gives_the_same_bits_and_a_worker_without_compiler_is_reported(
-    fmus, here, tmp_path, preload, same
+@pytest.mark.parametrize(
+    ("preload", "reported", "apart"), [(OLD, False, 1e-12), (BARE, True, 1e-4)], ids=["old processor", "no compiler"]
+)
+def test_another_processor_differs_in_the_last_digits_and_a_worker_without_compiler_is_reported(
+    fmus, here, tmp_path, preload, reported, apart
 ):
     study = written(tmp_path / "given", fmus, builds=2)
     alone = run_study(read_study(study), tmp_path / "alone", here)
-    assert alone.provenance.settings["coupling"]["batch"] == "exact"
+    assert alone.provenance.settings["coupling"]["machine"] is not None
     coupling = next((tmp_path / "alone").glob("chunks/*/coupling.json"))
     other = tmp_path / "out" / "chunks" / coupling.parent.name
     other.mkdir(parents=True)
     shutil.copy(coupling, other)
     with cluster(tmp_path, 0) as (made, _):
         found, output = run_mixed(made, tmp_path, study, preload)
-    assert ("runs its setups through the FMUs" in output) is not same, output
-    assert ("no C compiler was found" in output) is not same
-    if same:
-        assert table(found) == table(alone)
-    assert found.values("total tire force").tolist() == pytest.approx(
-        alone.values("total tire force").tolist(), rel=1e-12
-    )
+    assert ("runs its setups through the FMUs, whose measures differ within the" in output) is reported, output
+    assert ("no C compiler was found" in output) is reported
+    assert found.values("total tire force") == pytest.approx(alone.values("total tire force"), rel=apart)
