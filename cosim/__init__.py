@@ -9,7 +9,8 @@ from cosim.session.run import Verification, run, verify
 from cosim.session.session import RunInterrupted
 from cosim.session.verdict import BondEnergy, Coupled
 from cosim.system_file import open_component
-from cosim.systems.coupling import SCHEMES, Adaptive, Algorithm, Automatic, GaussSeidel, Implicit, Jacobi, Scenario
+from cosim.systems.algorithm import SCHEMES, Adaptive, Algorithm, Automatic, GaussSeidel, Implicit, Jacobi
+from cosim.systems.coupling import Scenario
 from cosim.systems.system import DEFAULT_STEP, Bond, Connection, System
 
 __all__ = [

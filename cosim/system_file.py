@@ -14,7 +14,8 @@ from cosim.components.fmu_component import FmuComponent
 from cosim.components.isolated import IsolatedComponent
 from cosim.session.run import PERCENT, Case
 from cosim.ssp import SUFFIXES, Given, read_ssp
-from cosim.systems.coupling import SCHEMES, Algorithm, Automatic, Scenario
+from cosim.systems.algorithm import SCHEMES, Algorithm, Automatic
+from cosim.systems.coupling import Scenario
 from cosim.systems.system import Bond, Connection, System, own_unit
 from eightpost import units
 from eightpost.errors import FmuError, InputError, UnknownUnitError, WiringError

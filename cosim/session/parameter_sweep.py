@@ -12,7 +12,8 @@ import numpy as np
 
 from cosim.session.result import Result
 from cosim.session.run import run
-from cosim.systems.coupling import Algorithm, Automatic, Scenario
+from cosim.systems.algorithm import Algorithm, Automatic
+from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost.array_types import Array
 from eightpost.display import Summarized, Summary, some

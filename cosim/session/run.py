@@ -14,16 +14,8 @@ from cosim.session.result import Comparison, Result, compare, difference, stated
 from cosim.session.session import RunInterrupted, Session
 from cosim.session.setup import recorded_names
 from cosim.session.verdict import LARGEST_ERROR
-from cosim.systems.coupling import (
-    SCHEMES,
-    Adaptive,
-    Algorithm,
-    Automatic,
-    GaussSeidel,
-    Implicit,
-    Scenario,
-    default_scheme,
-)
+from cosim.systems.algorithm import SCHEMES, Adaptive, Algorithm, Automatic, GaussSeidel, Implicit, default_scheme
+from cosim.systems.coupling import Scenario
 from cosim.systems.system import DEFAULT_STEP, System
 from eightpost.display import Summarized, Summary
 from eightpost.errors import DivergedError, InputError, StepError, WiringError, check_number

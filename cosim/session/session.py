@@ -35,7 +35,8 @@ from cosim.session.setup import (
     step_sizes,
     summed_steps,
 )
-from cosim.systems.coupling import Adaptive, Algorithm, Coupling, Scenario
+from cosim.systems.algorithm import Adaptive, Algorithm
+from cosim.systems.coupling import Coupling, Scenario
 from cosim.systems.system import System
 from eightpost.errors import DivergedError, StepError, TerminatedError, WiringError
 from eightpost.fmi import DISCARD

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from cosim.components.component import DISCRETE, Component, convert_between
 from cosim.engine.plan import Mode
-from cosim.systems.coupling import HELD_INPUTS, Accuracy, Adaptive, Algorithm, Coupling, Scenario, targets_of
+from cosim.systems.algorithm import HELD_INPUTS, Accuracy, Adaptive, Algorithm
+from cosim.systems.coupling import Coupling, Scenario, targets_of
 from cosim.systems.system import System
 from eightpost.array_types import Integers
 from eightpost.errors import InputError, WiringError

@@ -49,7 +49,7 @@ _RECIPES = (
     ("file format of signals", ("eightpost/signals/formats.py", "eightpost/signals/csv_file.py"), "reference/files.md"),
     (
         "coupling scheme",
-        ("cosim/systems/coupling.py", "cosim/engine/sweep.py", "cosim/engine/march.py"),
+        ("cosim/systems/algorithm.py", "cosim/engine/sweep.py", "cosim/engine/march.py"),
         "explanation/coupling.md",
     ),
 )

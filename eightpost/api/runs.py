@@ -177,7 +177,8 @@ def _case(
     """Return the system to run with its scenario and coupling."""
     from cosim.session.run import Case
     from cosim.system_file import read_case
-    from cosim.systems.coupling import SCHEMES, Scenario
+    from cosim.systems.algorithm import SCHEMES
+    from cosim.systems.coupling import Scenario
     from cosim.systems.system import System
 
     check_number("step", step, "s")

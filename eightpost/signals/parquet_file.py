@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import struct
 import sys
 import threading
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
 import arro3.core as arrow
 import arro3.io
@@ -22,7 +23,6 @@ from eightpost import __version__
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path, check_schema, parse_json, reading
 from eightpost.signals.faults import Origin
-from eightpost.signals.parquet_footer import check_footer
 from eightpost.signals.raw_record import RawRecord
 from eightpost.signals.table_text import named_with_unit
 
@@ -227,7 +227,7 @@ def _opened(path: Path, advice: str) -> Iterator[arrow.RecordBatchReader]:
                 content.seek(max(0, size - 4))
                 if size < 12 or begin != _MAGIC or content.read() != _MAGIC:
                     raise ValueError("it does not begin and end with PAR1")
-                check_footer(content, size)
+                _check_footer(content, size)
             with _SILENCE, _silent():
                 reader = arro3.io.read_parquet(path, batch_size=_ROWS)
             yield reader
@@ -260,6 +260,102 @@ def _silent() -> Iterator[None]:
     finally:
         os.dup2(stderr, 2)
         os.close(stderr)
+
+
+# ==== Places of columns that a footer states, checked before arro3 reads them: a wrong one ends the process ===========
+
+# The footer is a struct in Thrift's compact protocol (parquet-format, FileMetaData): its fields have numbers and types.
+
+#: A value of Thrift: a number, a text, a list, or the fields of a struct by number.
+_Value = int | float | bytes | list["_Value"] | dict[int, "_Value"]
+
+#: Fields of FileMetaData, RowGroup and ColumnChunk that lead to the columns; size and places in ColumnMetaData.
+_ROW_GROUPS, _COLUMNS, _META_DATA = 4, 1, 3
+_SIZE, _DATA, _INDEX, _DICTIONARY = 7, 9, 10, 11
+
+#: Deepest nesting of a footer; a damaged one may have any.
+_DEEPEST = 20
+
+
+class _Thrift:
+    """A reader of values in the compact protocol, from the start of some bytes."""
+
+    def __init__(self, content: bytes) -> None:
+        self._content, self._at, self._depth = content, 0, 0
+        self._read: Mapping[int, Callable[[], _Value]] = {
+            1: lambda: 1, 2: lambda: 0, 3: self._byte, 4: self._integer, 5: self._integer, 6: self._integer,
+            7: lambda: float(struct.unpack("<d", self._bytes(8))[0]), 8: lambda: self._bytes(self._varint()),
+            9: self._list, 10: self._list, 12: self.fields,
+        }  # fmt: skip
+
+    def fields(self) -> dict[int, _Value]:
+        """Return the fields of a struct."""
+        self._depth += 1
+        if self._depth > _DEEPEST:
+            raise ValueError("nested too deeply")
+        found: dict[int, _Value] = {}
+        number = 0
+        while head := self._byte():
+            number = number + (head >> 4) if head >> 4 else self._integer()
+            found[number] = self._read[head & 15]()
+        self._depth -= 1
+        return found
+
+    def _list(self) -> list[_Value]:
+        head = self._byte()
+        count, kind = head >> 4, head & 15
+        read = self._byte if kind in (1, 2) else self._read[kind]
+        return [read() for _ in range(self._varint() if count == 15 else count)]
+
+    def _byte(self) -> int:
+        return self._bytes(1)[0]
+
+    def _bytes(self, count: int) -> bytes:
+        found = self._content[self._at : self._at + count]
+        if len(found) < count:
+            raise ValueError("it ends early")
+        self._at += count
+        return found
+
+    def _varint(self) -> int:
+        value, shift = 0, 0
+        while (byte := self._byte()) >= 128:
+            value, shift = value | (byte & 127) << shift, shift + 7
+        return value | byte << shift
+
+    def _integer(self) -> int:
+        value = self._varint()
+        return value >> 1 ^ -(value & 1)
+
+
+def _check_footer(file: BinaryIO, size: int) -> None:
+    """Check that the columns of a Parquet file, which ends after `size` bytes, are inside it.
+
+    Raises:
+        ValueError: They are not, or the footer cannot be read.
+    """
+    file.seek(size - 8)
+    length = int.from_bytes(file.read(4), "little")
+    try:
+        file.seek(size - 8 - length)
+        for group in _listed(_Thrift(file.read(length)).fields(), _ROW_GROUPS):
+            for column in _listed(group, _COLUMNS):
+                stated = column.get(_META_DATA, {}) if isinstance(column, dict) else {}
+                if isinstance(stated, dict) and not _is_inside(stated, size):
+                    raise ValueError("a column is outside the file")
+    except (KeyError, OSError, ValueError) as error:
+        raise ValueError("the description of its columns is damaged") from error
+
+
+def _is_inside(column: Mapping[int, _Value], size: int) -> bool:
+    length, *places = (column.get(number, 0) for number in (_SIZE, _DATA, _INDEX, _DICTIONARY))
+    found = [at for at in (length, *places) if isinstance(at, int) and 0 <= at <= size]
+    return len(found) == 1 + len(places) and min(filter(None, found[1:]), default=0) + found[0] <= size
+
+
+def _listed(value: _Value, number: int) -> list[_Value]:
+    found = value.get(number, []) if isinstance(value, dict) else []
+    return found if isinstance(found, list) else []
 
 
 # ---- Parquet files with units, schema version, tool version and sources in the schema's metadata --------------------

@@ -33,7 +33,7 @@ from cosim import (
 )
 from cosim.components.fmu_component import _FmuInstance
 from cosim.engine import march
-from cosim.systems.coupling import VALUES
+from cosim.systems.algorithm import VALUES
 from eightpost.signals import Drivefile
 
 Join = Callable[..., System]

@@ -26,7 +26,7 @@ from cosim import (
 from cosim.session.run import verify
 from cosim.session.setup import among, coupling_times, joined, merged, step_sizes
 from cosim.session.verdict import RULES, BondEnergy, Coupled, Model
-from cosim.systems.coupling import VALUES
+from cosim.systems.algorithm import VALUES
 from eightpost.errors import DivergedError, InputError, WiringError
 from eightpost.signals import Drivefile, TimeSeries
 from eightpost.validity import Range, Validity

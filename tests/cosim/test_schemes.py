@@ -14,7 +14,7 @@ import pytest
 from cosim import Adaptive, Automatic, Bond, GaussSeidel, Implicit, Jacobi, Result, Scenario, System, run
 from cosim.engine import sweep
 from cosim.engine.sweep import _broyden, _invert, _on_parabola, step_from
-from cosim.systems.coupling import VALUES
+from cosim.systems.algorithm import VALUES
 from tests.unchanged import refusals
 
 from .mass_and_damper import MASS, STIFFNESS, ran

@@ -22,7 +22,8 @@ from cosim.session.verdict import LARGEST_ERROR, LARGEST_RESIDUAL, BondEnergy, C
 from cosim.study.definition import Build, Drive, Setup, Study
 from cosim.study.measures import Filtered
 from cosim.study.running.machine import BatchMeasures, ChannelBand, FmuVehicle, Plan, read_vehicle
-from cosim.systems.coupling import Scenario, default_scheme
+from cosim.systems.algorithm import default_scheme
+from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost.array_types import Array
 from eightpost.errors import EightpostError, FmuError

@@ -23,7 +23,8 @@ from cosim.study.measures import AboveBand, Filtered, above_band, band_ends
 from cosim.study.running.batches import Batches, BatchRun, ErrorModel, RunSummary, local_errors
 from cosim.study.running.machine import read_shock
 from cosim.study.table import DONE, FAILED, StudyResult, error_column
-from cosim.systems.coupling import Scenario, default_scheme
+from cosim.systems.algorithm import default_scheme
+from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost.errors import EightpostError, WiringError
 from eightpost.machine import NotInBatchError, ShockData

@@ -27,7 +27,7 @@ from cosim.study.running.coupling import check_setup, disagreement, through_fmus
 from cosim.study.running.evaluator import Coupling, Evaluator, Row
 from cosim.study.running.workers import Chunk, Workers
 from cosim.study.table import Provenance, StudyResult, result_table, study_schema
-from cosim.systems.coupling import GaussSeidel
+from cosim.systems.algorithm import GaussSeidel
 from eightpost import __version__, units
 from eightpost.array_types import Integers
 from eightpost.errors import EightpostError, FileFormatError, InputError, WorkersLostError

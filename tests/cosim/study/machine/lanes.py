@@ -12,7 +12,7 @@ from cosim.study import Build, Drive, Measure, Study, Vehicle
 from cosim.study.definition import Setup
 from cosim.study.running.evaluator import Coupling, Evaluator
 from cosim.study.running.machine import Plan, read_shock, read_vehicle
-from cosim.systems.coupling import default_scheme
+from cosim.systems.algorithm import default_scheme
 from eightpost.corners import CORNERS
 from eightpost.machine import Batch, BatchResult
 
