@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
 from functools import lru_cache
+from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from pydantic import ConfigDict, ValidationError, create_model
+from typing_extensions import TypedDict  # pydantic needs it before Python 3.12
 
-from eightpost.errors import FileFormatError
+from eightpost.errors import FileFormatError, suggestion
 from eightpost.files import check_schema
 
 #: Messages for pydantic's error types, in words of a reader of the file.
@@ -29,8 +32,10 @@ WORDS = {
     "bool_type": "must be true or false",
     "finite_number": "must be a finite number",
 }
+#: Error types of an unknown entry.
+_UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
 #: Error types whose message does not need the value.
-_WITHOUT_VALUE = ("extra_forbidden", "unexpected_keyword_argument", "missing")
+_WITHOUT_VALUE = ("missing", "quantity")
 #: Faults that a message lists, and characters of a value.
 _LISTED, _SHOWN = 3, 60
 
@@ -42,6 +47,12 @@ REPORT = OPEN | ConfigDict(allow_inf_nan=True)
 _STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
 
 Kind = TypeVar("Kind")
+
+
+def object_of(entries: Mapping[str, Any], *, total: bool = True) -> Any:
+    """Return the type of an object with entries of given types, as `TypedDict` does for entries known beforehand."""
+    made: Any = TypedDict
+    return made("Entries", dict(entries), total=total)
 
 
 def document_of(kind: type[Kind], content: object, path: Path, name: str, newest: int, advice: str) -> Kind:
@@ -87,14 +98,16 @@ def checked(
     Raises:
         FileFormatError: An entry is unknown, missing, of another type, or refused by its dataclass.
     """
-    text, model = json.dumps({"content": content}), _model(kind)  # type: ignore[arg-type]
     try:
-        return cast("Kind", model.model_validate_json(text).content)
+        return validated(kind, content)
     except ValidationError as error:
-        faults = error.errors()
-        what = "; ".join(message(fault, (place, *fault["loc"][1:])) for fault in faults[:_LISTED])
-        more = f"; and {len(faults) - _LISTED} more" if len(faults) > _LISTED else ""
-        raise FileFormatError(f"{what}{more}{'; ' * bool(advice)}{advice}", path=path) from error
+        faults = [told for _, told in faults_of(error, kind, place)]
+        raise FileFormatError(f"{joined(faults)}{'; ' * bool(advice)}{advice}", path=path) from error
+
+
+def validated(kind: type[Kind], content: object) -> Kind:
+    """Return JSON or TOML values as a type, or raise pydantic's ValidationError; dates become texts."""
+    return cast("Kind", _model(kind).model_validate_json(json.dumps({"content": content}, default=str)).content)  # type: ignore[arg-type]
 
 
 @lru_cache
@@ -102,13 +115,43 @@ def _model(kind: Any) -> Any:
     return create_model("Document", __config__=_STRICT, content=(kind, ...))
 
 
-def message(fault: Any, place: tuple[str | int, ...], words: Mapping[str, str] = WORDS) -> str:
-    """Return in words what is wrong with an entry, for one of pydantic's errors, and the value that it has."""
+def joined(faults: Sequence[str]) -> str:
+    """Return the first faults, and how many there are more."""
+    more = f"; and {len(faults) - _LISTED} more" if len(faults) > _LISTED else ""
+    return "; ".join(faults[:_LISTED]) + more
+
+
+def faults_of(
+    error: ValidationError, kind: Any, place: str = "", words: Mapping[str, str] = WORDS
+) -> list[tuple[tuple[str | int, ...], str]]:
+    """Return the place of each wrong entry and what is wrong with it, with missing ones, perhaps misspelled, last."""
+    faults = sorted(error.errors(), key=lambda fault: fault["type"] == "missing")
+    return [(fault["loc"][1:], _message(fault, kind, (place, *fault["loc"][1:]), words)) for fault in faults]
+
+
+def _message(fault: Any, kind: Any, place: tuple[str | int, ...], words: Mapping[str, str]) -> str:
     where = ".".join(str(part) for part in place if part != "")
     if fault["type"] == "value_error":
         return str(fault["ctx"]["error"])
     what = words.get(fault["type"]) or fault["msg"].replace("Input should be", "must be")
-    if fault["type"] not in _WITHOUT_VALUE:
+    if fault["type"] in _UNKNOWN:
+        what += f"; {_known(kind, fault['loc'])}"
+    elif fault["type"] not in _WITHOUT_VALUE:
         value = repr(fault["input"])
         what += f", not {value[:_SHOWN]}{'...' if len(value) > _SHOWN else ''}"
     return f"{where}: {what}" if where else f"it {what}"
+
+
+def _known(kind: Any, place: tuple[str | int, ...]) -> str:
+    """Return the entries of all parts that are similar to an unknown one, or else the entries beside it."""
+    node = whole = _model(kind).model_json_schema()
+    parts, name = whole.get("$defs", {}), str(place[-1])
+    for key in place[:-1]:
+        node = node.get("properties", {}).get(key) or node.get("additionalProperties") or node.get("items") or {}
+        node = parts.get(node.get("$ref", "").rpartition("/")[2], node)
+    beside, *others = ([entry for entry in part.get("properties", ()) if entry] for part in (node, *parts.values()))
+    known = list(dict.fromkeys([*beside, *chain.from_iterable(others)]))
+    if name in known:
+        return "another part of the file has it"
+    close = get_close_matches(name, known, cutoff=0.75) or get_close_matches(name, known, n=1)
+    return suggestion(name, close or beside or known)

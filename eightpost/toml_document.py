@@ -4,33 +4,34 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BeforeValidator, ValidationError
+from pydantic_core import PydanticCustomError
 
-from eightpost.errors import FileFormatError
+from eightpost.errors import FileFormatError, InputError
 from eightpost.files import check_schema, parse_toml
-from eightpost.schema import WORDS
+from eightpost.schema import WORDS, faults_of, joined, validated
+from eightpost.units import convert, quantity
 
 #: Messages for pydantic's error types that differ in a TOML file.
-_WORDS = {**WORDS, "dict_type": "must be a table", "model_type": "must be a table"}
+_WORDS = WORDS | dict.fromkeys(("dict_type", "model_type", "dataclass_type"), "must be a table")
 
-Model = TypeVar("Model", bound=BaseModel)
+Kind = TypeVar("Kind")
 
 
 def parse_model(
-    model: type[Model], text: str, path: Path, schema: int, words: Mapping[str, str] | None = None
-) -> Model:
-    """Return the content of a TOML text as a model.
+    kind: type[Kind], text: str, path: Path, schema: int = 1, words: Mapping[str, str] | None = None
+) -> Kind:
+    """Return the content of a TOML text as a type; see `eightpost.schema.checked`.
 
     Args:
-        model: Type of the content, with an entry `schema`.
+        kind: Type of the content, with an entry `schema`: a model, a dataclass, a typed dictionary.
         text: Text of the file.
         path: Path of the file, for messages.
         schema: Schema that this version reads, also if the file states none.
-        words: Messages for pydantic's error types, in place of pydantic's own.
+        words: Messages for pydantic's error types, in place of the usual ones.
 
     Raises:
         FileFormatError: The text is not TOML, its schema is newer, or an entry is unknown, missing or wrong.
@@ -38,30 +39,30 @@ def parse_model(
     content: dict[str, Any] = {"schema": schema, **parse_toml(text, path)}
     check_schema(content, schema, path)
     try:
-        return model.model_validate(content)
+        return validated(kind, content)
     except ValidationError as error:
-        faults = [(fault["loc"], _message(model, words or {}, fault)) for fault in error.errors()]
-        (first, what), *others = faults
-        what = "; ".join([what, *(f"{_line(text, place)}{other}" for place, other in others)])
-        raise FileFormatError(what, path=path, line=_line_of(text, first)) from error
+        faults = [
+            (_line_of(text, place), told) for place, told in faults_of(error, kind, words={**_WORDS, **(words or {})})
+        ]
+        first = faults[0][0]
+        told = [told if line in (None, first) else f"line {line}: {told}" for line, told in faults]
+        raise FileFormatError(joined(told), path=path, line=first) from error
 
 
-def _message(model: type[BaseModel], words: Mapping[str, str], fault: Any) -> str:
-    """Return what is wrong with an entry; of an unknown one also the similar entries, at any level of the model."""
-    told = words.get(fault["type"]) or _WORDS.get(fault["type"], fault["msg"])
-    what = f"{'.'.join(map(str, fault['loc']))}: {told}"
-    if fault["type"] != "extra_forbidden":
-        return what
-    schema = model.model_json_schema()
-    known = {name for part in (schema, *schema.get("$defs", {}).values()) for name in part.get("properties", ())}
-    name = str(fault["loc"][-1])
-    close = get_close_matches(name, sorted(known - {name}), cutoff=0.75)
-    return f"{what}; did you mean {', '.join(close)}?" if close else what
+def in_unit(unit: str) -> BeforeValidator:
+    """Return the annotation of a number that a file has in quotes with its unit, in `unit`: `Annotated[float, ...]`."""
 
+    def number(value: object) -> float:
+        try:
+            if not isinstance(value, str):
+                raise InputError(f"is {value!r}")
+            return float(convert(*quantity(value), unit))
+        except InputError as error:
+            what = {"what": str(error).partition(";")[0], "unit": unit}
+            advice = 'write a number with its unit in quotes, such as "1.5 {unit}"'
+            raise PydanticCustomError("quantity", f"{{what}}; {advice}", what) from error  # type: ignore[arg-type]
 
-def _line(text: str, place: Sequence[str | int]) -> str:
-    line = _line_of(text, place)
-    return f"line {line}: " if line else ""
+    return BeforeValidator(number)
 
 
 def _line_of(text: str, place: Sequence[str | int]) -> int | None:
@@ -73,9 +74,10 @@ def _line_of(text: str, place: Sequence[str | int]) -> int | None:
             continue
         position = place[depth + 1] if depth + 1 < len(place) else None
         at = _nth(lines, key, begin, position if isinstance(position, int) else 0)
-        if at is None:
+        if at is not None:
+            found = begin = at
+        elif found is not None:
             break
-        found = begin = at
     return None if found is None else found + 1
 
 

@@ -42,7 +42,10 @@ def test_values_become_the_fields_of_dataclasses_inside_each_other():
     ({"parts": [{"name": "a", "sizes": [float("inf")]}], "is_new": True}, "sizes.0: must be a finite number, not inf"),
     ({"parts": [{"name": ""}], "is_new": True}, "t.json: a part needs a name"),
     ({"parts": [{"name": "a", "colour": 1}], "is_new": True}, "parts.0.colour: is not an entry of this file"),
-    ({"is_new": "y" * 100}, "parts: is missing; is_new: must be true or false, not '" + "y" * 59 + "..."),
+    ({"is_new": "y" * 100}, "is_new: must be true or false, not '" + "y" * 59 + "...; parts: is missing"),
+    ({"part": [], "is_new": True}, "part: is not an entry of this file; did you mean parts?; parts: is missing"),
+    ({"parts": [], "is_new": True, "sizes": []}, "sizes: is not an entry of this file; another part of the file has"),
+    ({"parts": [], "is_new": True, "zzz": []}, "zzz: is not an entry of this file; there are: parts, is_new, count"),
     ({"a": 1, "b": 2, "c": 3}, "; and 2 more"),
     ([], r"t.json: it must be an object, not \\[\\]"),
 ])  # fmt: skip

@@ -12,6 +12,8 @@ from pathlib import Path, PurePath
 from typing import Literal, NamedTuple
 
 import numpy as np
+from pydantic import with_config
+from typing_extensions import TypedDict  # pydantic needs it before Python 3.12
 
 from cosim.components.fmu_component import FmuComponent
 from cosim.report.page import Origin
@@ -27,9 +29,10 @@ from cosim.systems.coupling import Scenario
 from cosim.systems.system import System
 from eightpost.array_types import Array, Flags, Integers
 from eightpost.errors import EightpostError, FileFormatError
-from eightpost.files import MALFORMED, atomic_path, json_content
+from eightpost.files import atomic_path, json_content
 from eightpost.report.charts import COLORS
 from eightpost.report.tables import Display
+from eightpost.schema import OPEN, document_of
 from eightpost.signals import Drivefile, TimeSeries
 from eightpost.units import metric
 from eightpost.verdict import Verdict, is_intact
@@ -270,6 +273,25 @@ class Sheet:
 AIM, AIM_PAGE = "shapes.json", "shapes.html"
 
 
+class _Gain(TypedDict):
+    predicted: float
+    assured: float
+    includes_car: bool
+
+
+class _Objective(TypedDict):
+    best_of_bank: float
+
+
+@with_config(OPEN)
+class _Aim(TypedDict):
+    """Entries of the curves to aim at that the page of a study shows."""
+
+    digest: str
+    gain: _Gain
+    objective: _Objective
+
+
 class AimPage(NamedTuple):
     """Page of the curves to aim at."""
 
@@ -284,13 +306,14 @@ class AimPage(NamedTuple):
         if not (folder / AIM_PAGE).is_file():
             return None
         try:
-            found = json_content(folder / AIM, advice="run eightpost study shapes again")
-            if found["digest"] != digest or not is_intact(found):
-                return None
-            gain, best = found["gain"], abs(found["objective"]["best_of_bank"])
-            return cls(AIM_PAGE, gain["predicted"] / best, gain["assured"] / best, bool(gain["includes_car"]))
-        except (FileFormatError, *MALFORMED):
+            content = json_content(folder / AIM)
+            found = document_of(_Aim, content, folder / AIM, "shapes", 1, "run eightpost study shapes again")
+        except FileFormatError:
             return None
+        gain, best = found["gain"], abs(found["objective"]["best_of_bank"])
+        if found["digest"] != digest or not is_intact(content) or not best:
+            return None
+        return cls(AIM_PAGE, gain["predicted"] / best, gain["assured"] / best, gain["includes_car"])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

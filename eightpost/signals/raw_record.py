@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import logging
-import math
 import re
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from annotated_types import Ge
 from numpy.typing import NDArray
+from typing_extensions import TypedDict
 
 from eightpost.errors import (
     FileFormatError,
@@ -23,7 +24,7 @@ from eightpost.errors import (
     TooShortError,
     UnknownUnitError,
 )
-from eightpost.files import toml_content
+from eightpost.files import read_text
 from eightpost.signals.faults import Origin, check_finite, check_time, runs
 from eightpost.signals.table_text import is_number, seconds_of, split_header, times_of
 from eightpost.signals.timeseries import TimeSeries
@@ -90,15 +91,13 @@ class ChannelMap:
         Raises:
             FileFormatError: The file is missing or not TOML, has an unknown key, or has a value of the wrong type.
         """
+        from eightpost.toml_document import parse_model  # noqa: PLC0415 -- most records need no map
+
         path = Path(path)
-        tables = toml_content(path)
-        _check_keys(tables, ("channels", "time", "bridge"), "", path)
-        channels = _table(tables.get("channels", {}), "channels", path)
-        if "time" in channels:
+        entries = parse_model(_Entries, read_text(path), path)
+        if "time" in entries.get("channels", {}):
             raise FileFormatError("'channels.time' must be the table 'time'", path=path)
-        mapped = {name: _mapped(entry, f"channels.{name}", path) for name, entry in channels.items()}
-        time = _mapped(tables["time"], "time", path) if "time" in tables else None
-        return cls(mapped, time, path, bridge_of(tables.get("bridge", 0), path))
+        return cls(entries.get("channels", {}), entries.get("time"), path, entries.get("bridge", 0))
 
     @property
     def columns(self) -> frozenset[str]:
@@ -126,38 +125,20 @@ class ChannelMap:
         return replace(self, channels=channels)
 
 
-def bridge_of(value: object, path: Path | None = None) -> int:
+def bridge_of(value: object) -> int:
     """Return the number of samples in a row to bridge."""
     if not str(value).isdecimal():
-        raise FileFormatError(f"'bridge' must be a number of samples, such as 20, not {value!r}", path=path)
+        raise FileFormatError(f"'bridge' must be a number of samples, such as 20, not {value!r}")
     return int(str(value))
 
 
-def _check_keys(table: Mapping[str, Any], known: tuple[str, ...], where: str, path: Path) -> None:
-    for key in table:
-        if key not in known:
-            name = f"{where}.{key}" if where else key
-            raise FileFormatError(f"unknown key {name!r}; allowed keys: {', '.join(known)}", path=path)
+class _Entries(TypedDict, total=False):
+    """Entries of the file of a channel map."""
 
-
-def _table(entry: object, where: str, path: Path) -> dict[str, Any]:
-    if not isinstance(entry, dict):
-        raise FileFormatError(f"{where!r} must be a table, not {entry!r}", path=path)
-    return entry
-
-
-def _mapped(entry: object, where: str, path: Path) -> MappedChannel:
-    table = _table(entry, where, path)
-    kinds = {"source": str, "unit": str, "gain": (int, float), "offset": (int, float)}
-    _check_keys(table, tuple(kinds), where, path)
-    if "source" not in table:
-        raise FileFormatError(f"{where!r} has no 'source'; give the name of its column", path=path)
-    for key, value in table.items():
-        wrong = not isinstance(value, kinds[key]) or isinstance(value, bool)  # type: ignore[arg-type]
-        if wrong or (not isinstance(value, str) and not math.isfinite(value)):
-            kind = "a text" if kinds[key] is str else "a finite number"
-            raise FileFormatError(f"'{where}.{key}' must be {kind}, not {value!r}", path=path)
-    return MappedChannel(**table)
+    schema: int
+    channels: dict[str, MappedChannel]
+    time: MappedChannel
+    bridge: Annotated[int, Ge(0)]
 
 
 # ==== The record =====================================================================================================

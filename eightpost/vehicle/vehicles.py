@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import MISSING, Field, asdict, astuple, dataclass, field, fields, replace
+from dataclasses import MISSING, asdict, astuple, dataclass, field, fields, replace
+from functools import cache
 from math import isfinite
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, NotRequired
+from typing import Annotated, Any, Literal, NamedTuple, NotRequired
 
 import numpy as np
+from pydantic import AfterValidator, BeforeValidator
+from pydantic_core import PydanticCustomError
 from scipy.constants import g
 from typing_extensions import TypedDict  # pydantic needs it before Python 3.12
 
@@ -18,10 +20,10 @@ import eightpost
 from eightpost.array_types import Array
 from eightpost.corners import CORNERS, channel
 from eightpost.display import Summarized, Summary, some
-from eightpost.errors import FileFormatError, InputError, ParameterError, UnknownUnitError
-from eightpost.files import atomic_path, check_schema, json_content, toml_content
-from eightpost.schema import document_of
-from eightpost.units import compatible, convert
+from eightpost.errors import FileFormatError, InputError, ParameterError
+from eightpost.files import atomic_path, json_content, parse_toml, read_text
+from eightpost.schema import document_of, object_of
+from eightpost.toml_document import in_unit, parse_model
 from eightpost.validity import Validity
 from eightpost.vehicle.friction import Bristle
 from eightpost.vehicle.statespace import Channel, StateSpace, add_port_damping, add_port_stiffness
@@ -295,9 +297,9 @@ def read_vehicle(path: str | Path) -> Vehicle:
     'seven_dof'
 
     Raises:
-        FileFormatError: The file does not exist, does not have the format of its suffix, or has an unsupported schema.
-        ParameterError: A key or a value is invalid, or the model is not consistent.
-        UnknownUnitError: A unit is unknown or has the wrong dimension.
+        FileFormatError: The file does not exist, does not have the format of its suffix, has an unsupported schema, or
+            an entry is unknown, missing or wrong.
+        ParameterError: A value is outside its range, or the model is not consistent.
     """
     path = Path(path)
     if path.suffix.lower() == ".toml":
@@ -337,8 +339,6 @@ def shipped(model: Literal["quarter_car", "seven_dof"]) -> Path:
 TOML_SCHEMA = 1
 
 _MODELS: dict[str, type[QuarterCar] | type[SevenDof]] = {"quarter_car": QuarterCar, "seven_dof": SevenDof}
-_TOP_LEVEL = ("schema", "model", "name", "notes", "tool", "parameters", "static")
-_QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 _AXLES = {"front": ("lf", "rf"), "rear": ("lr", "rr")}
 #: Static values of each model: key of [static], unit and places.
 _STATIC: dict[str, dict[str, tuple[str, tuple[str, ...]]]] = {
@@ -348,104 +348,68 @@ _STATIC: dict[str, dict[str, tuple[str, tuple[str, ...]]]] = {
 
 
 def _read_toml(path: Path) -> StructuralVehicle:
-    content = toml_content(path)
-    check_schema(content, TOML_SCHEMA, path)
-    model = content.get("model")
-    if model is None:
-        is_other = "bank" in content or "components" in content
-        what = "a study or a system, not a vehicle" if is_other else "no model of a vehicle"
-        raise ParameterError(
-            f"{path}: the file defines {what}; a vehicle file has model = {' or '.join(map(repr, _MODELS))}"
-        )
-    if not isinstance(model, str) or model not in _MODELS:
-        raise ParameterError(f"{path}: model is {model!r}; choose one of {', '.join(_MODELS)}")
-    _check_keys(path, "key", content, _TOP_LEVEL)
-    parameters, static = (_table(path, content, key) for key in ("parameters", "static"))
-    weights = [_weight(declared.name) for declared in fields(_MODELS[model]) if declared.name.endswith("mass")]
-    _check_keys(path, "parameter", parameters, [*(declared.name for declared in fields(_MODELS[model])), *weights])
-    _check_keys(path, "static value", static, _STATIC[model])
-    values = [_parameter(path, declared, parameters) for declared in fields(_MODELS[model])]
-    heights = {key: _spread(f"{path}, [static] {key}", value, *_STATIC[model][key]) for key, value in static.items()}
-    at_places = {f"{place}.{key}" if place else key: number
-                 for key, numbers in heights.items() for place, number in numbers.items()}  # fmt: skip
+    text = read_text(path)
+    stated = parse_toml(text, path)
+    model: Any = stated.get("model")
+    if model not in (*_MODELS,):
+        is_other = bool(stated.keys() & {"bank", "components"})
+        found = "the file defines a study or a system, not a vehicle" if is_other else f"model is {model!r}"
+        raise FileFormatError(f"{found}; a vehicle file has model = {' or '.join(map(repr, _MODELS))}", path=path)
+    content = parse_model(_entries(model), text, path, TOML_SCHEMA)
+    values = content["parameters"]
+    for name in (declared.name for declared in fields(_MODELS[model]) if declared.name.endswith("mass")):
+        weight = values.pop(_weight(name), None)
+        if (weight is None) == (name not in values):
+            raise FileFormatError(f"[parameters] must have {name} or {_weight(name)}, one of them", path=path)
+        values.setdefault(name, weight)
+    static = {f"{place}.{key}" if place else key: number for key, value in content.get("static", {}).items()
+              for place, number in (value if isinstance(value, dict) else {"": value}).items()}  # fmt: skip
+    values: dict[str, Any] = {n: Corners(**v) if isinstance(v, dict) else v for n, v in values.items()}
     try:
-        return StructuralVehicle(str(content.get("name", path.stem)), _MODELS[model](*values), at_places)
+        return StructuralVehicle(content.get("name", path.stem), _MODELS[model](**values), static)
     except ParameterError as error:
         raise ParameterError(f"{path}, [parameters]: {error}") from error
-
-
-def _table(path: Path, content: dict[str, Any], key: str) -> dict[str, Any]:
-    table = content.get(key, {})
-    if not isinstance(table, dict):
-        raise ParameterError(f"{path}: {key} is {table!r}; it must be a table: [{key}]")
-    return table
-
-
-def _check_keys(path: Path, what: str, table: Mapping[str, Any], possible: Iterable[str]) -> None:
-    possible = tuple(possible)
-    for key in table:
-        if key not in possible:
-            raise ParameterError(f"{path}: unknown {what} {key!r}; the known ones are {', '.join(possible)}")
 
 
 def _weight(name: str) -> str:
     return name.removesuffix("mass") + "weight"
 
 
-def _parameter(path: Path, declared: Field[Any], table: dict[str, Any]) -> Any:
-    """Return the value of a parameter in the table, or its default."""
-    name, unit = declared.name, str(declared.metadata["unit"])
-    candidates = (name, _weight(name)) if name.endswith("mass") else (name,)
-    stated = [key for key in candidates if key in table]
-    if len(stated) == 2:
-        raise ParameterError(f"{path}, [parameters]: both {stated[0]} and {stated[1]} are given; keep one")
-    if not stated and declared.default is MISSING:
-        raise ParameterError(
-            f'{path}, [parameters]: {" or ".join(candidates)} is missing; add it, e.g. {name} = "... {unit}"'
-        )
-    if not stated:
-        return declared.default
-    is_weight, per_corner = stated[0] != name, declared.type in (Corners, "Corners")
-    where = f"{path}, [parameters] {stated[0]}"
-    numbers = _spread(where, table[stated[0]], "N" if is_weight else unit, CORNERS if per_corner else ("",))
-    if is_weight:
-        numbers = {place: number / g for place, number in numbers.items()}
-    return Corners(**numbers) if per_corner else numbers[""]
+@cache
+def _entries(model: str) -> Any:
+    """Return the type of the content of a file with a model's parameters."""
+    parameters: dict[str, Any] = {}
+    for declared in fields(_MODELS[model]):
+        name, places = declared.name, CORNERS if declared.type in (Corners, "Corners") else ("",)
+        number = _number(Annotated[float, in_unit(declared.metadata["unit"])], places)
+        is_mass = name.endswith("mass")
+        parameters[name] = NotRequired[number] if is_mass or declared.default is not MISSING else number
+        if is_mass:
+            as_weight = Annotated[float, in_unit("N"), AfterValidator(lambda force: force / g)]
+            parameters[_weight(name)] = NotRequired[_number(as_weight, places)]
+    static = {key: _number(Annotated[float, in_unit(unit)], places) for key, (unit, places) in _STATIC[model].items()}
+    known = {"schema": int, "model": str, "parameters": object_of(parameters)}
+    optional = {"name": str, "notes": Any, "tool": str, "static": object_of(static, total=False)}
+    return object_of(known | {name: NotRequired[kind] for name, kind in optional.items()})
 
 
-def _spread(where: str, value: Any, unit: str, places: tuple[str, ...]) -> dict[str, float]:
-    """Return one number per place from one value for all, one per axle or one per place."""
-    if not isinstance(value, dict):
-        return dict.fromkeys(places, _quantity(where, value, unit))
-    axles = " or front and rear" if places == CORNERS else ""
-    layouts = "give one value" if places == ("",) else f"give one value for all, or {', '.join(places)}{axles}"
-    numbers = {}
-    for group, text in value.items():
-        for place in _AXLES.get(group, (group,)) if places == CORNERS else (group,):
-            if place not in places or place in numbers:
-                raise ParameterError(f"{where}: {group!r} is not valid here; {layouts}")
-            numbers[place] = _quantity(f"{where}.{group}", text, unit)
-    missing = [place for place in places if place not in numbers]
-    if missing:
-        raise ParameterError(f"{where}: {', '.join(missing)} is missing; {layouts}")
-    return numbers
+def _number(kind: Any, places: tuple[str, ...]) -> Any:
+    """Return the type of a number, or of one for all places or a table of one per axle or place: numbers by place."""
+    if places == ("",):
+        return kind
+    groups = {"": places, **(_AXLES if places == CORNERS else {}), **{place: (place,) for place in places}}
 
+    def spread(numbers: Mapping[str, float]) -> dict[str, float]:
+        found = [(place, number) for group, number in numbers.items() for place in groups[group]]
+        if sorted(place for place, _ in found) != sorted(places):
+            axles = " or of front and rear" if places == CORNERS else ""
+            advice = f"must be one value for all, or one for each of {', '.join(places)}{axles}"
+            raise PydanticCustomError("value", advice)  # type: ignore[arg-type]
+        return dict(found)
 
-def _quantity(where: str, value: Any, unit: str) -> float:
-    """Return the number of a text such as "70 in", converted to `unit`."""
-    match = _QUANTITY.fullmatch(value) if isinstance(value, str) else None
-    if match is None:
-        raise ParameterError(f'{where} is {value!r}; write a number with its unit in quotes, e.g. "1.5 {unit}"')
-    if not match[2]:
-        raise ParameterError(f'{where}: {value!r} has no unit; add it, e.g. "{match[1]} {unit}"')
-    try:
-        fits = compatible(match[2], unit)
-    except UnknownUnitError as error:
-        raise UnknownUnitError(f"{where}: {error}") from error
-    if not fits:
-        what = f"{where}: {value!r} has the wrong dimension; give it in {unit} or a unit of the same dimension"
-        raise UnknownUnitError(what)
-    return convert(float(match[1]), match[2], unit)
+    table = object_of(dict.fromkeys(groups, kind), total=False)
+    of_all = BeforeValidator(lambda value: value if isinstance(value, dict) else {"": value})
+    return Annotated[table, of_all, AfterValidator(spread)]
 
 
 def _toml(vehicle: StructuralVehicle) -> str:

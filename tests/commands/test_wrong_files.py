@@ -84,8 +84,8 @@ WRONG = {
     "study shapes study.toml --limit rebound.low=1,2": "--limit rebound.low=1,2: '1' has no unit",
     "study sensitivity out -o terms.txt": "a table ends in .parquet; write -o terms.parquet",
     # Entries of the wrong type
-    "run wrong.toml": "components: must be a table; scenario: is missing",
-    "inspect no_schema.toml": "schema is missing; write schema = 1",
+    "run wrong.toml": "components: must be a table, not 3; scenario: is missing",
+    "inspect no_parameters.toml": "parameters: is missing",
 }  # fmt: skip
 
 
@@ -101,7 +101,7 @@ def starter(tmp_path_factory):
     (folder / "other.fmu").write_bytes(b"PK\x03\x04\xad")
     (folder / "cut.json").write_text('{\n"kind": "shock",\n"law":', encoding="utf-8")
     (folder / "wrong.toml").write_text("components = 3\n", encoding="utf-8")
-    (folder / "no_schema.toml").write_text('model = "seven_dof"\n', encoding="utf-8")
+    (folder / "no_parameters.toml").write_text('model = "seven_dof"\n', encoding="utf-8")
     for name in ("car.json", "left.json"):
         shutil.copy(examples_folder() / "identified" / "car.json", folder / name)
     (folder / "left.fit.json").touch()

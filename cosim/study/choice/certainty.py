@@ -7,16 +7,17 @@ from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, cast, get_type_hints
+from typing import Any, Literal, NotRequired, cast, get_type_hints
 
 import numpy as np
 from arro3.core import DataType, Field, Schema
-from pydantic import create_model
+from pydantic import TypeAdapter, with_config
 
 from cosim.study.table import StudyResult
 from eightpost.array_types import Array, Flags, Integers
 from eightpost.errors import FileFormatError, InputError
 from eightpost.files import MALFORMED, check_schema, parse_json
+from eightpost.schema import OPEN, checked, object_of
 from eightpost.signals.parquet_file import Table, read_table, write_table
 from eightpost.verdict import Reason, Rules, listed
 
@@ -385,15 +386,13 @@ class _Measure:
     run_to_run: float | None = None
 
 
-_TYPES = get_type_hints(Certainty)
-_ENTRIES = {
-    one.name: (_TYPES[one.name], ... if one.default is MISSING else one.default)
-    for one in fields(Certainty)
-    if one.name not in _COLUMNS
-}
+_ENTRIES = {one.name: get_type_hints(Certainty)[one.name] if one.default is MISSING
+            else NotRequired[get_type_hints(Certainty)[one.name]]
+            for one in fields(Certainty) if one.name not in _COLUMNS}  # fmt: skip
 
 #: Header of a certainty: everything that is not a column.
-_Header = create_model("_Header", measures=(tuple[_Measure, ...], ...), **cast("dict[str, Any]", _ENTRIES))
+_KINDS = {"schema": Literal["eightpost.certainty"], "schema_version": int, "measures": tuple[_Measure, ...]} | _ENTRIES
+_Header: Any = with_config(OPEN)(object_of(_KINDS))
 
 
 def _columns_of(measure: str) -> tuple[str, str, tuple[str, ...]]:
@@ -418,8 +417,8 @@ def write_certainty(certainty: Certainty, path: str | Path) -> None:
         for name, one in certainty.levels.items()
     )
     own = {name: getattr(certainty, name) for name in _ENTRIES}
-    content: dict[str, Any] = _Header(measures=measures, **own).model_dump(mode="json")
-    header = {"schema": "eightpost.certainty", "schema_version": SCHEMA, **content}
+    stated = {"schema": "eightpost.certainty", "schema_version": SCHEMA, "measures": measures, **own}
+    header = TypeAdapter(_Header).dump_python(stated, mode="json")
     metadata = {_KEY: json.dumps(header, allow_nan=False).encode()}
     schema = Schema([Field(name, kind) for name, kind, _ in columns], metadata=metadata)
     write_table(Table(schema, {name: values for name, _, values in columns}), Path(path))
@@ -442,24 +441,22 @@ def read_certainty(path: str | Path, *, digest: str | None = None) -> Certainty:
     if not isinstance(content, dict) or content.get("schema") != "eightpost.certainty":
         raise FileFormatError("is not the certainty of a study; name the certainty.parquet of a study", path=path)
     check_schema(content, SCHEMA, path, key="schema_version")
+    again = "run `eightpost study` again"
+    stated = checked(_Header, content, path=path, advice=again)
+    own: dict[str, Any] = {name: stated[name] for name in _ENTRIES if name in stated}
+    if digest is not None and own["digest"] != digest:
+        raise FileFormatError(f"belongs to another study or to other FMUs; {again}", path=path)
     try:
-        header = _Header.model_validate(content)
-        own = {name: getattr(header, name) for name in _ENTRIES}
-        measures: tuple[_Measure, ...] = header.measures
-        if digest is not None and own["digest"] != digest:
-            what = "belongs to another study or to other FMUs; run `eightpost study` again"
-            raise FileFormatError(what, path=path)
-        columns: dict[str, Any] = {name: table[name] for name in _OWN}
         return Certainty(
             setups=np.asarray(table["setup"], dtype=np.int64),
-            **columns,
-            levels={measure.name: _levels(table, measure) for measure in measures},
+            levels={measure.name: _levels(table, measure) for measure in stated["measures"]},
             **own,
+            **cast("dict[str, Any]", {name: table[name] for name in _OWN}),
         )
     except MALFORMED as error:
         if isinstance(error, FileFormatError):
             raise
-        what = f"is not a certainty that this version can read ({error}); run `eightpost study` again"
+        what = f"is not a certainty that this version can read ({error}); {again}"
         raise FileFormatError(what, path=path) from error
 
 

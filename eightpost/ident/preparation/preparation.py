@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
+from pydantic import WrapValidator
 from scipy.signal import cheby1, sosfiltfilt
+from typing_extensions import TypedDict  # pydantic needs it before Python 3.12
 
 from eightpost.array_types import Array
 from eightpost.corners import CORNERS, channel
 from eightpost.errors import InputError, ParameterError, TooShortError
-from eightpost.files import toml_content
+from eightpost.files import read_text
 from eightpost.ident.preparation.channel_faults import (
     SMALLEST_CORRELATION,
     Lag,
@@ -28,9 +30,10 @@ from eightpost.ident.threads import for_each
 from eightpost.rig.faults import Fault
 from eightpost.rig.geometry import MODES, Geometry, displacement_modes, force_modes, ride_heights
 from eightpost.rig.rig_test import CHANNEL_UNITS, RigTest
+from eightpost.schema import object_of
 from eightpost.signals.filters import velocity_from_displacement
 from eightpost.signals.timeseries import TimeSeries
-from eightpost.units import convert, quantity
+from eightpost.toml_document import in_unit, parse_model
 from eightpost.verdict import Reason, listed
 
 # ==== Decimation to a model's rate (6.4.1) ===========================================================================
@@ -406,7 +409,19 @@ def _notes(singles: Sequence[_Single], shared: Sequence[str], how: Preparation) 
 
 # ==== Files with settings ============================================================================================
 
-_NUMBERS = {"rate": "Hz", "pot_cutoff": "Hz", "settling": "s", "mass": "kg"}  #: Numbers of a file and their units.
+_Seconds, _Hertz = Annotated[float, in_unit("s")], Annotated[float, in_unit("Hz")]
+_Geometry: Any = object_of({one.name: Annotated[float, in_unit("m")] for one in fields(Geometry)})
+
+
+class _Entries(TypedDict, total=False):
+    schema: int
+    rate: _Hertz
+    pot_cutoff: Annotated[_Hertz, WrapValidator(lambda value, hertz: None if value == "own" else hertz(value))]
+    settling: _Seconds
+    same_start: str
+    mass: Annotated[float, in_unit("kg")]
+    delays: dict[str, _Seconds]
+    geometry: _Geometry
 
 
 def read_preparation(path: str | Path) -> Preparation:
@@ -427,53 +442,17 @@ def read_preparation(path: str | Path) -> Preparation:
         front_axle = "60 in"
 
     Raises:
-        FileFormatError: The file does not exist or is not TOML.
-        ParameterError: A key or a value is invalid.
+        FileFormatError: The file does not exist or is not TOML, or an entry is unknown, missing or wrong.
+        ParameterError: A value is outside its range.
     """
     path = Path(path)
-    content = toml_content(path)
-    _check_keys(path, content, (*_NUMBERS, "same_start", "delays", "geometry"), "")
-    keeps_velocities = content.get("pot_cutoff") == "own"
-    given: dict[str, Any] = {key: _si(path, key, content[key], unit) for key, unit in _NUMBERS.items()
-                             if key in content and not (key == "pot_cutoff" and keeps_velocities)}  # fmt: skip
-    if keeps_velocities:
-        given["pot_cutoff"] = None
-    if "same_start" in content:
-        given["same_start"] = str(content["same_start"])
-    delays = _table(path, content, "delays")
-    given["delays"] = {name: _si(path, f"delays.{name}", value, "s") for name, value in delays.items()}
-    if "geometry" in content:
-        table, names = _table(path, content, "geometry"), tuple(declared.name for declared in fields(Geometry))
-        _check_keys(path, table, names, "geometry.")
-        missing = [name for name in names if name not in table]
-        if missing:
-            what = f"[geometry] lacks {', '.join(missing)}; add them, e.g. {missing[0]} = '60 in'"
-            raise ParameterError(f"{path}: {what}")
-        given["geometry"] = Geometry(**{name: _si(path, f"geometry.{name}", table[name], "m") for name in names})
+    given: dict[str, Any] = dict(parse_model(_Entries, read_text(path), path))
+    del given["schema"]
+    if "geometry" in given:
+        given["geometry"] = Geometry(**given["geometry"])
     try:
         if "rate" in given:
             given["decimation"] = Decimation(given.pop("rate"))
         return Preparation(**given)
     except ParameterError as error:
         raise ParameterError(f"{path}: {error}") from error
-
-
-def _check_keys(path: Path, table: Mapping[str, Any], names: tuple[str, ...], where: str) -> None:
-    for key in table:
-        if key not in names:
-            raise ParameterError(f"{path}: unknown key {where + key!r}; the known keys are {', '.join(names)}")
-
-
-def _table(path: Path, content: Mapping[str, Any], key: str) -> dict[str, Any]:
-    table = content.get(key, {})
-    if not isinstance(table, dict):
-        raise ParameterError(f"{path}: {key!r} must be a table, [{key}], not {table!r}")
-    return table
-
-
-def _si(path: Path, key: str, value: object, unit: str) -> float:
-    try:
-        number, given = quantity(str(value))
-        return float(convert(number, given, unit))
-    except InputError as error:
-        raise ParameterError(f"{path}: {key!r} is {value!r}; write a number with a unit of {unit}: {error}") from error
