@@ -281,6 +281,7 @@ class _DriveBatch:
         damping: Array,
         recorded: Sequence[str],
         measured: bool,
+        single: bool,
     ) -> None:
         study = models.study
         first = study.space.setup(0)  # any setup: all have the same wiring, and a large space is not enumerated
@@ -288,7 +289,7 @@ class _DriveBatch:
         times = setup.times[setup.recorded == 1]
         self._measures = BatchMeasures(study.measures_of(drive) if measured else (), times, study.settling)
         series = tuple(dict.fromkeys((*self._measures.series, *recorded)))
-        self._plan = Plan(setup, study.vehicle.name, vehicle, damping, self._measures.quantities, series)
+        self._plan = Plan(setup, study.vehicle.name, vehicle, damping, self._measures.quantities, series, single=single)
         self._units = {name: to_si(setup.system.output(name))[1] for name in series}
         self._recorded = tuple(recorded)
         self._batch, self._setup, self._study = Batch(self._plan.run), setup, study
@@ -377,7 +378,7 @@ class Batches:
         NotInBatchError: The study cannot run as a batch; the message is the reason.
     """
 
-    def __init__(self, models: Models, step: float, recorded: Sequence[str] = (), *, measured: bool = True) -> None:
+    def __init__(self, models: Models, step: float, recorded: Sequence[str] = (), *, measured: bool = True, single: bool = False) -> None:
         self._study = study = models.study
         self._shocks, self.left_out = _data_of(models)
         fmus, own = models.fmus, study.vehicle
@@ -388,7 +389,7 @@ class Batches:
         damping = np.full(len(study.corners), float(np.median(slopes)))
         try:
             self._drives = {
-                drive.name: _DriveBatch(models, drive, step, vehicle, damping, recorded, measured)
+                drive.name: _DriveBatch(models, drive, step, vehicle, damping, recorded, measured, single)
                 for drive in study.drives
             }
         except (FmuError, OSError) as error:
