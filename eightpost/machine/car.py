@@ -94,9 +94,7 @@ def instruction_set() -> str:
 # ---- Compilation ----------------------------------------------------------------------------------------------------
 
 
-def compiled(
-    pairs: int, corners: int, *, sweeps: int = 2, single: bool = False, width: str | None = None
-) -> bytes:
+def compiled(pairs: int, corners: int, *, sweeps: int = 2, single: bool = False, width: str | None = None) -> bytes:
     """Return the library for the size of a car, from the cache or from the compiler.
 
     Args:
@@ -257,8 +255,11 @@ class UnstableCarError(NotInBatchError):
 #: Laws of fmus/machine/port.h by name.
 LAWS = {"polylinear": 0, "lpf1": 1, "lpnl2": 1, "hysteresis": 2}
 
+#: Largest number, which stands for no limit: single precision has it.
+_LARGEST = 1e30
+
 #: Limits of the lagged force with which the weight of the lag is always 0, or always 1 [N].
-_NO_LAG, _ONLY_LAG = (-2.0, -1.0), (0.0, 1e300)
+_NO_LAG, _ONLY_LAG = (-2.0, -1.0), (0.0, _LARGEST)
 
 #: Parameters in the order of fmus/machine/component.h, with their number; the last ones are those of single laws.
 _COMMON = {
@@ -299,7 +300,7 @@ class ShockData:
             found += _NO_LAG if name == "polylinear" else _ONLY_LAG
         for parameter, count in _HYSTERESIS.items():
             found += numbers(parameter, count) if name == "hysteresis" else [1.0] * count
-        return cls(LAWS[name], np.array(found))
+        return cls(LAWS[name], np.clip(found, -_LARGEST, _LARGEST))
 
     @classmethod
     def of_law(cls, name: str, law: Any) -> ShockData:

@@ -42,9 +42,6 @@ _loaded = lru_cache(maxsize=8)(Library)
 #: Number of times that the ports are evaluated in a step; with friction at a port, once more.
 _SWEEPS = 2
 
-#: Largest parameter of a shock, which stands for no limit; its square is far from the largest number of single precision.
-_LARGEST = 1e15
-
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
@@ -259,7 +256,8 @@ class Batch:
         self._filtered: dict[tuple[str, Any], Array] = {}
 
     def _aligned(self, shape: tuple[int, ...], of: Any = None) -> NDArray[Any]:
-        return _aligned(int(np.prod(shape)) * self.lanes, np.dtype(of or self._library.number)).reshape(*shape, self.lanes)
+        count = int(np.prod(shape)) * self.lanes
+        return _aligned(count, np.dtype(of or self._library.number)).reshape(*shape, self.lanes)
 
     def filtered(self, name: str, sections: Any) -> Array:
         """Return a recorded channel of the last run through a filter, forward and backward (R, lanes).
@@ -297,7 +295,7 @@ class Batch:
         parameters = self._parameters
         for lane, shocks in enumerate(filled):
             for corner, shock in enumerate(shocks):
-                parameters[corner, :, lane] = np.clip(shock.parameters, -_LARGEST, _LARGEST)
+                parameters[corner, :, lane] = shock.parameters
                 self._laws[corner, lane] = shock.law
         sums = {name: array.ctypes.data for name, array in self._sums.items()}
         addresses = [array.ctypes.data for array in (parameters, self._laws, self._space)]

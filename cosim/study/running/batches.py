@@ -6,7 +6,7 @@ import math
 import time as clock
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import islice
 from operator import mul
@@ -34,6 +34,14 @@ from eightpost.workers.pool import heartbeat
 # ==== Estimate of coupling errors from the local errors that the bonds of each run measure ===========================
 
 
+@dataclass(frozen=True, slots=True)
+class Rounding:
+    """Largest differences of some setups in single precision from double precision."""
+
+    percent: float = 0.0  #: Of the compared channels, in percent of the channel's scale.
+    measures: Mapping[str, float] = field(default_factory=dict)  #: Of each measure, in its SI unit.
+
+
 @dataclass(frozen=True)
 class ErrorModel:
     """Gains from the local errors of bond ends to coupling errors."""
@@ -43,6 +51,7 @@ class ErrorModel:
     channels: Mapping[str, tuple[float, ...]]
     #: Gain of each end for each measure; the errors are in the measure's SI unit.
     measures: Mapping[str, tuple[float, ...]]
+    rounding: Rounding = Rounding()  #: Added to the errors: zero for runs in double precision.
 
     def of(self, local: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
         """Return the estimated errors of one run, or of n runs.
@@ -55,7 +64,8 @@ class ErrorModel:
             measure that the pilots had, in its SI unit (n,).
         """
         channels, measures = (self._estimated(table, local) for table in (self.channels, self.measures))
-        return np.max([*channels.values()], axis=0, initial=0.0), measures
+        largest = np.max([*channels.values()], axis=0, initial=0.0) + self.rounding.percent
+        return largest, {name: error + self.rounding.measures.get(name, 0.0) for name, error in measures.items()}
 
     def _estimated(self, gains: Mapping[str, tuple[float, ...]], local: Mapping[str, Any]) -> dict[str, Any]:
         squares = [local[end] ** 2 for end in self.ends]
@@ -353,14 +363,14 @@ class _DriveBatch:
         try:
             run = Filtered(self._series(result, self._measures.series, k))
             for (name, band), several in filtered.items():
-                run.keep(name, band, np.ascontiguousarray(several[:, k]))
+                run.keep(name, band, several[:, k].astype(np.float64))
             return {m.name: m.drawn_from(run, start=self._study.settling) for m in self._measures.others}
         except EightpostError:
             return None
 
     def _series(self, result: BatchResult, names: Sequence[str], k: int) -> TimeSeries:
         columns = [self._plan.series.index(name) for name in names]
-        rows = np.ascontiguousarray(result.values[:, columns, k].T)
+        rows = result.values[:, columns, k].T.astype(np.float64, order="C")
         return TimeSeries(self._plan.rows, rows, tuple(names), tuple(self._units[name] for name in names))
 
 
@@ -370,6 +380,8 @@ class Batches:
     Args:
         step: Step [s].
         recorded: Names of channels whose series are wanted.
+        measured: Whether the runs have measures.
+        single: Whether they are in single precision.
 
     Attributes:
         left_out: Builds whose setups run through the FMUs, each with the reason.
@@ -378,7 +390,15 @@ class Batches:
         NotInBatchError: The study cannot run as a batch; the message is the reason.
     """
 
-    def __init__(self, models: Models, step: float, recorded: Sequence[str] = (), *, measured: bool = True, single: bool = False) -> None:
+    def __init__(
+        self,
+        models: Models,
+        step: float,
+        recorded: Sequence[str] = (),
+        *,
+        measured: bool = True,
+        single: bool = False,
+    ) -> None:
         self._study = study = models.study
         self._shocks, self.left_out = _data_of(models)
         fmus, own = models.fmus, study.vehicle

@@ -20,7 +20,7 @@ from cosim.session.session import Session
 from cosim.session.verdict import LARGEST_ERROR
 from cosim.study.definition import Build, Drive, Setup, Study, bond_at, check_corners, read_drive
 from cosim.study.measures import AboveBand, Filtered, above_band, band_ends
-from cosim.study.running.batches import Batches, BatchRun, ErrorModel, RunSummary, local_errors
+from cosim.study.running.batches import Batches, BatchRun, ErrorModel, Rounding, RunSummary, local_errors
 from cosim.study.running.machine import read_shock
 from cosim.study.table import DONE, FAILED, StudyResult, error_column
 from cosim.systems.algorithm import default_scheme
@@ -61,6 +61,14 @@ class MachineCoupling:
     errors: ErrorModel
     stated_error: float  #: Largest error of the setups on which the step was chosen [%].
     checks: tuple[Check, ...] = ()  #: Comparisons with the FMUs.
+    #: Differences of setups in single precision, in which a run of all setups begins; None: it is in double precision.
+    rounding: Rounding | None = None
+    in_single: bool = False  #: Whether setups run in single precision.
+
+    @property
+    def model(self) -> ErrorModel:
+        """Model of the errors in the precision in which setups run."""
+        return replace(self.errors, rounding=self.rounding) if self.in_single and self.rounding else self.errors
 
 
 @with_config(REPORT)
@@ -75,6 +83,12 @@ class Coupling:
     stated_error: float = 0.0  #: Largest coupling error of the setups on which the coupling was chosen [%].
     notes: tuple[str, ...] = ()  #: Description of the steps that were compared, and of how the setups are run.
     machine: MachineCoupling | None = None  #: Of setups that the machine runs; None: all run through the FMUs.
+
+    def in_single(self, *, single: bool = True) -> Coupling:
+        """Return the coupling of runs in single precision if the study has them, or else in double precision."""
+        if self.machine is None:
+            return self
+        return replace(self, machine=replace(self.machine, in_single=single and self.machine.rounding is not None))
 
 
 class Evaluator:
@@ -93,7 +107,7 @@ class Evaluator:
         check_corners(study.corners, self._vehicle, vehicle.fmu)
         self._shocks: dict[tuple[str, Path], FmuComponent] = {}
         self._scenarios = {drive.name: self._scenario(drive) for drive in study.drives}
-        self._batches: dict[tuple[float, tuple[str, ...], bool], Batches | str] = {}
+        self._batches: dict[tuple[float, tuple[str, ...], bool, bool], Batches | str] = {}
         self._data: dict[Any, ShockData | None] = {}
         self._base: Evaluator | None = None  # the first one with the same vehicle
 
@@ -166,39 +180,48 @@ class Evaluator:
     def rows(self, setups: Sequence[Setup], coupling: Coupling) -> list[Row]:
         """Return the rows of setups, in their order: from batches if the coupling says so, else one after the other.
 
-        A setup that a batch does not finish regularly is run through the FMUs, which say why.
+        A setup that a batch does not finish regularly is run in double precision, then through the FMUs, which say why.
         """
         batches = self.batches(coupling)
         if batches is None or coupling.machine is None:
             return [self.row(setup, coupling) for setup in setups]
-        model = coupling.machine.errors
-        return [
-            self.row(setup, coupling) if runs is None else self._batch_row(setup, model, runs, seconds)
-            for setup, runs, seconds in batches.runs(setups)
-        ]
+        model, in_single = coupling.machine.model, coupling.machine.in_single
+        found = list[Row]()
+        for setup, runs, seconds in batches.runs(setups):
+            if runs is not None:
+                found.append(self._batch_row(setup, model, runs, seconds))
+            elif in_single:
+                found += self.rows([setup], coupling.in_single(single=False))
+            else:
+                found.append(self.row(setup, coupling))
+        return found
 
     def batches(self, coupling: Coupling) -> Batches | None:
         """Return the batches of the study at a coupling; None if its setups run through the FMUs."""
         with suppress(NotInBatchError):
-            return None if coupling.machine is None else self.batches_at(coupling.machine.step)
+            machine = coupling.machine
+            return None if machine is None else self.batches_at(machine.step, single=machine.in_single)
         return None
 
-    def batches_at(self, step: float, recorded: Sequence[str] = (), *, measured: bool = True) -> Batches:
+    def batches_at(
+        self, step: float, recorded: Sequence[str] = (), *, measured: bool = True, single: bool = False
+    ) -> Batches:
         """Return the batches of the study at a step [s], which are set up once.
 
         Args:
             recorded: Names of channels whose series are wanted.
             measured: Whether the runs have measures.
+            single: Whether they are in single precision.
 
         Raises:
             NotInBatchError: The machine cannot run the study.
         """
-        key = (step, tuple(recorded), measured)
+        key = (step, tuple(recorded), measured, single)
         if key not in self._batches:
             earlier = self._base._batches.get(key) if self._base else None
             try:
                 similar = earlier.for_shocks(self) if isinstance(earlier, Batches) else None
-                self._batches[key] = similar or Batches(self, *key[:2], measured=measured)
+                self._batches[key] = similar or Batches(self, *key[:2], measured=measured, single=single)
             except (NotInBatchError, EightpostError) as reason:
                 self._batches[key] = str(reason) or type(reason).__name__
         found = self._batches[key]
