@@ -292,13 +292,10 @@ class Batch:
         """
         count = len(setups)
         filled = [*setups, *[setups[0]] * (self.lanes - count)]
-        parameters = self._parameters
-        for lane, shocks in enumerate(filled):
-            for corner, shock in enumerate(shocks):
-                parameters[corner, :, lane] = shock.parameters
-                self._laws[corner, lane] = shock.law
+        self._parameters[:] = np.array([[shock.parameters for shock in s] for s in filled]).transpose(1, 2, 0)
+        self._laws[:] = np.array([[shock.law for shock in s] for s in filled]).T
         sums = {name: array.ctypes.data for name, array in self._sums.items()}
-        addresses = [array.ctypes.data for array in (parameters, self._laws, self._space)]
+        addresses = [array.ctypes.data for array in (self._parameters, self._laws, self._space)]
         self._library.call(
             "run_machine", self._run.structure, *addresses, SumsStructure(**sums, ended=self._ended.ctypes.data)
         )
