@@ -311,20 +311,21 @@ def _settled(run: BatchRun, settling: float) -> TimeSeries:
 
 # ---- Single precision -----------------------------------------------------------------------------------------------
 
-#: Largest difference of single from double precision, as a share of the study's accuracy.
-_ROUNDING = 0.1
+#: Largest difference of single from double precision, as a share of the study's accuracy, and number of random setups
+#: that run in both.
+_ROUNDING, _ROUNDED = 0.1, 100
 
 
 def with_rounding(evaluator: Evaluator, coupling: Coupling) -> Coupling:
     """Return the coupling with the differences of single precision, if setups may run in it; a note says so or why not.
 
-    They are those of the setups on which the step is chosen.
+    They are those of the baseline, setups with the same build at all corners, and random ones.
     """
     machine, study = coupling.machine, evaluator.study
     if machine is None:
         return coupling
     pilots = candidates(evaluator)
-    pilots += _random_setups(study, _PILOTS, pilots)
+    pilots += _random_setups(study, _ROUNDED, pilots)
     recorded = sorted(evaluator.decisive(pilots[0]))
     try:
         single, double = (evaluator.batches_at(machine.step, recorded, single=own) for own in (True, False))
