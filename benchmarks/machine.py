@@ -198,8 +198,8 @@ def _many(study: Study, builds: int, count: int, *, single: bool) -> str:
     seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     grown = (after.ru_maxrss - before.ru_maxrss) / 1024.0
     stop = study.drives[0].stop
-    precision = "single" if single else "double"
-    return f"{done} of {count} setups x {stop:g} s, {precision}: {seconds:.0f} s of processor time, {grown:.0f} MB more memory"
+    what = f"{done} of {count} setups x {stop:g} s in {'single' if single else 'double'} precision"
+    return f"{what}: {seconds:.0f} s of processor time, {grown:.0f} MB more memory"
 
 
 def table(rows: Sequence[Row]) -> str:

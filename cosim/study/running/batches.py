@@ -6,7 +6,7 @@ import math
 import time as clock
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
 from operator import mul
@@ -34,14 +34,6 @@ from eightpost.workers.pool import heartbeat
 # ==== Estimate of coupling errors from the local errors that the bonds of each run measure ===========================
 
 
-@dataclass(frozen=True, slots=True)
-class Rounding:
-    """Largest differences of some setups in single precision from double precision."""
-
-    percent: float = 0.0  #: Of the compared channels, in percent of the channel's scale.
-    measures: Mapping[str, float] = field(default_factory=dict)  #: Of each measure, in its SI unit.
-
-
 @dataclass(frozen=True)
 class ErrorModel:
     """Gains from the local errors of bond ends to coupling errors."""
@@ -51,7 +43,6 @@ class ErrorModel:
     channels: Mapping[str, tuple[float, ...]]
     #: Gain of each end for each measure; the errors are in the measure's SI unit.
     measures: Mapping[str, tuple[float, ...]]
-    rounding: Rounding = Rounding()  #: Added to the errors: zero for runs in double precision.
 
     def of(self, local: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
         """Return the estimated errors of one run, or of n runs.
@@ -64,8 +55,7 @@ class ErrorModel:
             measure that the pilots had, in its SI unit (n,).
         """
         channels, measures = (self._estimated(table, local) for table in (self.channels, self.measures))
-        largest = np.max([*channels.values()], axis=0, initial=0.0) + self.rounding.percent
-        return largest, {name: error + self.rounding.measures.get(name, 0.0) for name, error in measures.items()}
+        return np.max([*channels.values()], axis=0, initial=0.0), measures
 
     def _estimated(self, gains: Mapping[str, tuple[float, ...]], local: Mapping[str, Any]) -> dict[str, Any]:
         squares = [local[end] ** 2 for end in self.ends]
@@ -167,6 +157,13 @@ class Models(Protocol):
         """Return a build as the machine takes it; None if its FMU refuses its parameters."""
 
 
+class Estimator(Protocol):
+    """Estimate of errors from local errors."""
+
+    def of(self, local: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
+        """Return the estimated errors; see `ErrorModel.of`."""
+
+
 #: Units of the values that both ends of a bond exchange: velocity and force.
 _UNITS = ("m/s", "N")
 
@@ -209,7 +206,7 @@ class _Group:
             for c, corner in enumerate(corners)
             for way, end in enumerate(("velocity", "force"))
         }
-        self._estimate: tuple[ErrorModel, list[float], dict[str, list[float]]] | None = None
+        self._estimate: tuple[Estimator, list[float], dict[str, list[float]]] | None = None
 
     @cached_property
     def is_marked(self) -> list[bool]:
@@ -236,7 +233,7 @@ class _Group:
             },
         )
 
-    def estimate(self, model: ErrorModel, k: int) -> tuple[float, dict[str, float]]:
+    def estimate(self, model: Estimator, k: int) -> tuple[float, dict[str, float]]:
         """Return the estimated errors of one run; see `ErrorModel.of`."""
         if self._estimate is None or self._estimate[0] is not model:
             largest, measures = model.of(self.local)
@@ -264,7 +261,7 @@ class BatchRun:
         """Local errors by bond end, SI."""
         return {end: float(errors[self._place]) for end, errors in self._group.local.items()}
 
-    def estimate(self, model: ErrorModel) -> tuple[float, dict[str, float]]:
+    def estimate(self, model: Estimator) -> tuple[float, dict[str, float]]:
         """Return the estimated errors; see `ErrorModel.of`."""
         return self._group.estimate(model, self._place)
 

@@ -12,16 +12,8 @@ import numpy as np
 from cosim.session.result import Result, difference
 from cosim.session.run import FIRST_STEP, run
 from cosim.study.definition import Drive, Setup, Study
-from cosim.study.running.batches import (
-    Batches,
-    BatchRun,
-    ErrorModel,
-    Pilot,
-    Rounding,
-    fit_error_model,
-    local_errors,
-)
-from cosim.study.running.evaluator import Check, Coupling, Evaluator, MachineCoupling, local_error
+from cosim.study.running.batches import Batches, BatchRun, ErrorModel, Pilot, fit_error_model, local_errors
+from cosim.study.running.evaluator import Check, Coupling, Evaluator, MachineCoupling, Rounding, local_error
 from cosim.systems.algorithm import Automatic
 from eightpost.errors import DivergedError, EightpostError, StepError, WiringError
 from eightpost.machine.car import NotInBatchError, instruction_set

@@ -20,7 +20,7 @@ from cosim.session.session import Session
 from cosim.session.verdict import LARGEST_ERROR
 from cosim.study.definition import Build, Drive, Setup, Study, bond_at, check_corners, read_drive
 from cosim.study.measures import AboveBand, Filtered, above_band, band_ends
-from cosim.study.running.batches import Batches, BatchRun, ErrorModel, Rounding, RunSummary, local_errors
+from cosim.study.running.batches import Batches, BatchRun, ErrorModel, Estimator, RunSummary, local_errors
 from cosim.study.running.machine import read_shock
 from cosim.study.table import DONE, FAILED, StudyResult, error_column
 from cosim.systems.algorithm import default_scheme
@@ -53,6 +53,14 @@ class Check:
 
 
 @dataclass(frozen=True, slots=True)
+class Rounding:
+    """Largest differences of some setups in single precision from double precision."""
+
+    percent: float  #: Of the compared channels, in percent of the channel's scale.
+    measures: Mapping[str, float]  #: Of each measure, in its SI unit.
+
+
+@dataclass(frozen=True, slots=True)
 class MachineCoupling:
     """How the machine runs setups (cosim.study.running.machine)."""
 
@@ -65,10 +73,12 @@ class MachineCoupling:
     rounding: Rounding | None = None
     in_single: bool = False  #: Whether setups run in single precision.
 
-    @property
-    def model(self) -> ErrorModel:
-        """Model of the errors in the precision in which setups run."""
-        return replace(self.errors, rounding=self.rounding) if self.in_single and self.rounding else self.errors
+    def of(self, local: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
+        """Return the estimated errors, in the precision in which setups run; see `ErrorModel.of`."""
+        largest, measures = self.errors.of(local)
+        if not self.in_single or self.rounding is None:
+            return largest, measures
+        return largest + self.rounding.percent, {n: e + self.rounding.measures.get(n, 0.0) for n, e in measures.items()}
 
 
 @with_config(REPORT)
@@ -185,12 +195,11 @@ class Evaluator:
         batches = self.batches(coupling)
         if batches is None or coupling.machine is None:
             return [self.row(setup, coupling) for setup in setups]
-        model, in_single = coupling.machine.model, coupling.machine.in_single
         found = list[Row]()
         for setup, runs, seconds in batches.runs(setups):
             if runs is not None:
-                found.append(self._batch_row(setup, model, runs, seconds))
-            elif in_single:
+                found.append(self._batch_row(setup, coupling.machine, runs, seconds))
+            elif coupling.machine.in_single:
                 found += self.rows([setup], coupling.in_single(single=False))
             else:
                 found.append(self.row(setup, coupling))
@@ -266,7 +275,7 @@ class Evaluator:
             else:
                 yield setup, {name: run.channels() for name, run in runs.items()}
 
-    def _batch_row(self, setup: Setup, model: ErrorModel, runs: Mapping[str, BatchRun], seconds: float) -> Row:
+    def _batch_row(self, setup: Setup, model: Estimator, runs: Mapping[str, BatchRun], seconds: float) -> Row:
         own = (runs[drive.name] for drive in self.study.drives)
         found = (_MeasuredRun(run.values, run.summary, run.estimate(model)) for run in own)
         return {"setup": setup.index, **setup.builds, **self._measured_on(found), "seconds": seconds}

@@ -9,9 +9,8 @@ import pytest
 from cosim.study import Build, Constraint, Drive, Measure, Term, Vehicle
 from cosim.study.running import leaders as leading
 from cosim.study.running import sweep as sweeping
-from cosim.study.running.batches import Rounding
 from cosim.study.running.coupling import with_rounding
-from cosim.study.running.evaluator import Coupling, Evaluator, coupling_of
+from cosim.study.running.evaluator import Coupling, Evaluator, Rounding, coupling_of
 from cosim.study.running.sweep import Sweep
 from cosim.study.table import error_column
 from eightpost.corners import CORNERS
