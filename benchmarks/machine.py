@@ -79,9 +79,11 @@ def main() -> None:
             study = _shipped_study(folder)
             lap = replace(study.drives[0], stop=4.0)
             measures = tuple(measure for measure in study.measures if measure.section is None)
-            print("\n" + _many(study, 18, 18**4))
-            study = replace(study, drives=(lap,), measures=measures, objective=(), constraints=())
-            print(_many(study, 1000, 1_000_000))
+            short = replace(study, drives=(lap,), measures=measures, objective=(), constraints=())
+            print()
+            for single in (False, True):
+                print(_many(study, 18, 18**4, single=single))
+                print(_many(short, 1000, 1_000_000, single=single))
 
 
 def _studies(folder: Path) -> Iterator[tuple[str, Study]]:
@@ -179,8 +181,8 @@ def _errors(evaluator: Evaluator, machine: MachineCoupling, setups: Sequence[Any
 _KINDS = ("tire_force", "velocity", "hub_acceleration")
 
 
-def _many(study: Study, builds: int, count: int) -> str:
-    """Return processor time and memory of random setups of random builds on the machine alone."""
+def _many(study: Study, builds: int, count: int, *, single: bool) -> str:
+    """Return processor time and memory of random setups of random builds on the machine alone, in one precision."""
     rng, some = np.random.default_rng(2), tuple(study.bank.values())
     names = ("compression_scale", "rebound_scale")
     scales = rng.uniform(0.6, 1.6, (builds, 2)).tolist()
@@ -188,7 +190,7 @@ def _many(study: Study, builds: int, count: int) -> str:
         f"{k}": replace(some[k % len(some)], parameters=dict(zip(names, s, strict=True))) for k, s in enumerate(scales)
     }
     space = replace(study, bank=bank, corners=dict.fromkeys(CORNERS, tuple(bank)), baseline={})
-    batches = Batches(Evaluator(space), THROUGH_MACHINE)
+    batches = Batches(Evaluator(space), THROUGH_MACHINE, single=single)
     indices = range(count) if count == builds**4 else rng.integers(0, builds**4, count)
     before = resource.getrusage(resource.RUSAGE_SELF)
     done = sum(runs is not None for _, runs, _ in batches.runs(space.space.setup(int(k)) for k in indices))
@@ -196,7 +198,8 @@ def _many(study: Study, builds: int, count: int) -> str:
     seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     grown = (after.ru_maxrss - before.ru_maxrss) / 1024.0
     stop = study.drives[0].stop
-    return f"{done} of {count} setups x {stop:g} s: {seconds:.0f} s of processor time, {grown:.0f} MB more memory"
+    what = f"{done} of {count} setups x {stop:g} s in {'single' if single else 'double'} precision"
+    return f"{what}: {seconds:.0f} s of processor time, {grown:.0f} MB more memory"
 
 
 def table(rows: Sequence[Row]) -> str:

@@ -203,7 +203,7 @@ class StudyFolder:
         found = None
         with self.workers() as pool:
             with portion(0.0, 0.8):
-                coupling = self._coupling(pool)
+                coupling = self._coupling(pool, self.sweep.coupling_of_all)
                 with self.listener.work("setups", len(self.study.space)) as progress:
                     self.result = self.sweep.run(pool, coupling, progress)
             if certainty and self.result.done.any() and not self.result.partial:
@@ -240,9 +240,9 @@ class StudyFolder:
         with self.listener.work("setups", search.evaluations) as progress:
             return coupling, search_study(self.sweep, pool, coupling, search, progress)
 
-    def _coupling(self, pool: Workers) -> Coupling:
+    def _coupling(self, pool: Workers, choose: Callable[[Workers], Coupling] | None = None) -> Coupling:
         with self.listener.work("choosing the coupling step"):
-            coupling = self.sweep.coupling(pool)
+            coupling = (choose or self.sweep.coupling)(pool)
         for note in coupling.notes:
             self.listener.say(note)
         if coupling.stated_error > self.study.accuracy:

@@ -43,8 +43,8 @@ _WIDTHS: Mapping[str, tuple[str, ...]] = {
 #: Processors of zig by instruction set.
 _ZIG = {"avx512dq": "x86_64_v4", "avx2": "x86_64_v3", "": "baseline"}
 
-#: Numbers of setups in lanes with gcc, which handles vectors badly that are wider than those of the processor.
-_SETUPS_OF_GCC = {"avx512dq": 8, "avx2": 4, "": 2}
+#: Bytes of a vector with gcc, which handles vectors badly that are wider than those of the processor.
+_BYTES_OF_GCC = {"avx512dq": 64, "avx2": 32, "": 16}
 
 #: Sources from the folders of the FMUs: name in the compiler's folder, and path in fmus/.
 _SHARED = {
@@ -94,20 +94,22 @@ def instruction_set() -> str:
 # ---- Compilation ----------------------------------------------------------------------------------------------------
 
 
-def compiled(pairs: int, corners: int, *, sweeps: int = 2, width: str | None = None) -> bytes:
+def compiled(pairs: int, corners: int, *, sweeps: int = 2, single: bool = False, width: str | None = None) -> bytes:
     """Return the library for the size of a car, from the cache or from the compiler.
 
     Args:
         pairs: Number of modes.
         corners: Number of shocks.
         sweeps: Number of times that the ports are evaluated in a step.
+        single: Whether numbers are in single precision: then twice as many setups run at once.
         width: Instruction set; None: the widest of this processor.
 
     Raises:
         FmuError: There is no compiler, or it fails.
     """
     sizes = f"enum {{ PAIRS = {pairs}, CORNERS = {corners} }};\n".encode()
-    return built({**sources(), "sizes.h": sizes}, f"-DSWEEPS={sweeps}", width=width)
+    own = (f"-DSWEEPS={sweeps}", *(["-DEIGHTPOST_SINGLE"] if single else []))
+    return built({**sources(), "sizes.h": sizes}, *own, width=width)
 
 
 def built(files: Mapping[str, bytes], *own: str, width: str | None = None) -> bytes:
@@ -116,7 +118,7 @@ def built(files: Mapping[str, bytes], *own: str, width: str | None = None) -> by
     compiler = _compiler()
     options = [*_FLAGS, *own, *_WIDTHS.get(chosen, ())]
     if _is_gcc(compiler[0]):
-        options.append(f"-DEIGHTPOST_SETUPS={_SETUPS_OF_GCC[chosen]}")
+        options.append(f"-DEIGHTPOST_BYTES={_BYTES_OF_GCC[chosen]}")
     else:
         options.append("-flto")
     if "ziglang" in compiler:  # which compiles for this processor, and checks, if it is not told otherwise
@@ -220,9 +222,11 @@ class Library:
             path = Path(folder) / "machine.so"
             path.write_bytes(content)
             self._library = ctypes.CDLL(str(path))
-        for name in ("size_of_march", "number_of_parameters", "number_of_setups"):
+        for name in ("size_of_march", "size_of_number", "number_of_parameters", "number_of_setups"):
             getattr(self._library, name).restype = ctypes.c_int64
         self.size = int(self._library.size_of_march())
+        self.number = np.dtype(f"f{self._library.size_of_number()}")
+        self.integer = np.dtype(f"i{self.number.itemsize}")
         self.parameters = int(self._library.number_of_parameters())
         self.setups = int(self._library.number_of_setups())
 
@@ -251,8 +255,11 @@ class UnstableCarError(NotInBatchError):
 #: Laws of fmus/machine/port.h by name.
 LAWS = {"polylinear": 0, "lpf1": 1, "lpnl2": 1, "hysteresis": 2}
 
+#: Largest number, which stands for no limit: single precision has it.
+_LARGEST = 1e30
+
 #: Limits of the lagged force with which the weight of the lag is always 0, or always 1 [N].
-_NO_LAG, _ONLY_LAG = (-2.0, -1.0), (0.0, 1e300)
+_NO_LAG, _ONLY_LAG = (-2.0, -1.0), (0.0, _LARGEST)
 
 #: Parameters in the order of fmus/machine/component.h, with their number; the last ones are those of single laws.
 _COMMON = {
@@ -293,7 +300,7 @@ class ShockData:
             found += _NO_LAG if name == "polylinear" else _ONLY_LAG
         for parameter, count in _HYSTERESIS.items():
             found += numbers(parameter, count) if name == "hysteresis" else [1.0] * count
-        return cls(LAWS[name], np.array(found))
+        return cls(LAWS[name], np.clip(found, -_LARGEST, _LARGEST))
 
     @classmethod
     def of_law(cls, name: str, law: Any) -> ShockData:
@@ -432,8 +439,8 @@ class LinearCar:
         """Number of modes."""
         return self.poles.size
 
-    def data(self, step: float) -> bytes:
-        """Return the structure Car of fmus/machine/car.h for a step [s]."""
+    def data(self, step: float) -> Array:
+        """Return the numbers of the structure Car of fmus/machine/car.h for a step [s]."""
         turn, (start, middle, end) = np.exp(self.poles * step), self._loads(step)
         static = self._by_ports / np.where(self.poles == 0.0, np.inf, -self.poles)[:, None] * self.vehicle.at_rest
         velocity = _columns(self.out[[port.velocity for port in self.ports]])
@@ -446,7 +453,7 @@ class LinearCar:
             travel @ _rows(static), velocity, travel, velocity @ _rows(now), travel @ _rows(now),
             self.damping, np.array([port.friction for port in self.ports]),
         ]  # fmt: skip
-        return np.concatenate([np.ravel(part) for part in parts]).astype(np.float64).tobytes()
+        return np.concatenate([np.ravel(part) for part in parts])
 
     def output_rows(self, outputs: Sequence[int], step: float) -> Array:
         """Return rows of outputs by the states and forces of fmus/machine/car.h (R, 2 P + 2 C)."""

@@ -80,6 +80,7 @@ class Run:
         limits: Limits that are watched.
         series: Names of the channels whose series are stored.
         settling: Number of records at the start that limits do not count.
+        single: Whether numbers are in single precision.
         width: Instruction set; None: the widest of this processor.
 
     Attributes:
@@ -102,6 +103,7 @@ class Run:
         limits: Sequence[Limit] = (),
         series: Sequence[str] = (),
         settling: int = 0,
+        single: bool = False,
         width: str | None = None,
     ) -> None:
         self._arrays: list[Any] = []
@@ -113,7 +115,7 @@ class Run:
         if len(limits) > _MOST_LIMITS or len(names) > _MOST_CHANNELS or len(quantities) > _MOST_QUANTITIES:
             raise NotInBatchError("it has too many measures")
         sweeps = _SWEEPS + any(port.has_forces for port in car.ports)
-        self.library = _loaded(compiled(car.pairs, self.corners, sweeps=sweeps, width=width))
+        self.library = _loaded(compiled(car.pairs, self.corners, sweeps=sweeps, single=single, width=width))
         # the sweeps have found the velocities of the ports, which need no row of outputs
         places_of = {(-1, port.velocity): (k, _VELOCITY) for k, port in enumerate(car.ports)}
         channels = {name: places_of.get(channels[name], channels[name]) for name in names}
@@ -123,15 +125,15 @@ class Run:
         places = {name: self._place(outputs, signals, *channels[name]) for name in names}
         velocities, travels, recorded = self._by_drive(car, drive, outputs)
         self.structure = RunStructure(
-            car=self._address(np.frombuffer(car.data(step), dtype=np.uint8)),
-            velocities=self._address(velocities),
-            travels=self._address(travels),
-            outputs=self._address(recorded),
-            output_rows=self._address(car.output_rows(outputs, step)),
+            car=self._numbers(car.data(step)),
+            velocities=self._numbers(velocities),
+            travels=self._numbers(travels),
+            outputs=self._numbers(recorded),
+            output_rows=self._numbers(car.output_rows(outputs, step)),
             signals=self._structures(SignalStructure(*signal) for signal in signals),
             quantities=self._structures(self._quantities()),
             terms=self._integers(places[c] for q in quantities for c in q.channels),
-            weights=self._address(np.array([w for q in quantities for w in q.weights], dtype=np.float64)),
+            weights=self._numbers(np.array([w for q in quantities for w in q.weights])),
             limits=self._structures(LimitStructure(sign, at, outputs.index(row)) for sign, at, row in limits),
             series=self._integers(places[name] for name in series),
             step=step,
@@ -172,6 +174,9 @@ class Run:
         array = np.ascontiguousarray(array)
         self._arrays.append(array)
         return int(array.ctypes.data)
+
+    def _numbers(self, array: Array) -> int:
+        return self._address(array.astype(self.library.number))
 
     def _integers(self, values: Iterable[int]) -> int:
         return self._address(np.array(list(values), dtype=np.int32))
@@ -232,9 +237,9 @@ class Batch:
     def __init__(self, run: Run) -> None:
         self._library, self._run = run.library, run
         corners, self.lanes = run.corners, run.library.setups
-        self._space = _aligned((run.library.size + 7) // 8)
-        self._parameters = _aligned(corners * run.library.parameters * self.lanes)
-        self._laws = np.zeros((corners, self.lanes), np.int64)
+        self._space = _aligned(run.library.size, np.dtype(np.uint8))
+        self._parameters = self._aligned((corners, run.library.parameters))
+        self._laws = self._aligned((corners,), run.library.integer)
         shapes: Mapping[str, tuple[int, ...]] = {
             "transferred": (corners,),
             "residual": (corners,),
@@ -244,11 +249,15 @@ class Batch:
             "beyond": (corners,),
             "watched": (len(run.limits),),
             "statistics": (len(run.quantities), len(STATISTICS)),
-            "values": (run.rows.size, len(run.series)),
         }
-        self._sums = {name: _aligned_lanes(shape, self.lanes) for name, shape in shapes.items()}
+        self._sums = {name: self._aligned(shape, np.float64) for name, shape in shapes.items()}
+        self._sums["values"] = self._aligned((run.rows.size, len(run.series)))
         self._ended = np.zeros(self.lanes, np.int64)
         self._filtered: dict[tuple[str, Any], Array] = {}
+
+    def _aligned(self, shape: tuple[int, ...], of: Any = None) -> NDArray[Any]:
+        count = int(np.prod(shape)) * self.lanes
+        return _aligned(count, np.dtype(of or self._library.number)).reshape(*shape, self.lanes)
 
     def filtered(self, name: str, sections: Any) -> Array:
         """Return a recorded channel of the last run through a filter, forward and backward (R, lanes).
@@ -260,19 +269,19 @@ class Batch:
         given = FilterStructure(rows.ctypes.data, rest.ctypes.data, len(rows), sections.pad)
         series, count = self._sums["values"], self._run.rows.size
         if (name, sections) not in self._filtered:
-            self._filtered[name, sections] = _aligned_lanes((count + 2 * sections.pad,), self.lanes)
+            self._filtered[name, sections] = self._aligned((count + 2 * sections.pad,), np.float64)
         space = self._filtered[name, sections]
         column = self._run.series.index(name)
         self._library.call(
             "filter_series", given, series.ctypes.data, len(self._run.series), column, count, space.ctypes.data
         )
-        return space[sections.pad : sections.pad + count]
+        return space.reshape(-1).view(series.dtype)[: count * self.lanes].reshape(count, self.lanes)
 
     def statistics_of(self, quantity: Quantity, columns: Sequence[Array]) -> Array:
         """Return the statistics (8, lanes) of a quantity of filtered channels, each of (R, lanes)."""
-        given, weights = quantity.structure(), np.array(quantity.weights)
+        given, weights = quantity.structure(), np.array(quantity.weights, self._library.number)
         addresses = (ctypes.c_void_p * len(columns))(*(column.ctypes.data for column in columns))
-        found = _aligned_lanes((len(STATISTICS),), self.lanes)
+        found = self._aligned((len(STATISTICS),), np.float64)
         self._library.call("sum_series", given, ctypes.addressof(addresses), weights.ctypes.data, found.ctypes.data)
         return found
 
@@ -283,13 +292,10 @@ class Batch:
         """
         count = len(setups)
         filled = [*setups, *[setups[0]] * (self.lanes - count)]
-        parameters = self._parameters.reshape(self._run.corners, -1, self.lanes)
-        for lane, shocks in enumerate(filled):
-            for corner, shock in enumerate(shocks):
-                parameters[corner, :, lane] = shock.parameters
-                self._laws[corner, lane] = shock.law
+        self._parameters[:] = np.array([[shock.parameters for shock in s] for s in filled]).transpose(1, 2, 0)
+        self._laws[:] = np.array([[shock.law for shock in s] for s in filled]).T
         sums = {name: array.ctypes.data for name, array in self._sums.items()}
-        addresses = [array.ctypes.data for array in (parameters, self._laws, self._space)]
+        addresses = [array.ctypes.data for array in (self._parameters, self._laws, self._space)]
         self._library.call(
             "run_machine", self._run.structure, *addresses, SumsStructure(**sums, ended=self._ended.ctypes.data)
         )
@@ -297,12 +303,9 @@ class Batch:
         return BatchResult(**own, ended=self._ended[:count])
 
 
-def _aligned(count: int) -> NDArray[np.float64]:
+def _aligned(count: int, of: np.dtype[Any]) -> NDArray[Any]:
     """Return zeros (count,) at an address that is a multiple of 64."""
-    raw = np.zeros(count + 8)
-    first = (-raw.ctypes.data // 8) % 8
-    return raw[first : first + count]
-
-
-def _aligned_lanes(shape: tuple[int, ...], lanes: int) -> NDArray[np.float64]:
-    return _aligned(int(np.prod(shape)) * lanes).reshape(*shape, lanes)
+    size = count * of.itemsize
+    raw = np.zeros(size + 64, np.uint8)
+    first = -raw.ctypes.data % 64
+    return raw[first : first + size].view(of)

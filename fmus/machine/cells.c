@@ -13,7 +13,7 @@ enum { CONTINUOUS_STATES = 2 };
 #include "hysteresis.c.inc"
 
 /* Moves the origin of a cubic to zero and scales it. */
-static void finish_cell(double *cell, double from, double factor)
+static void finish_cell(number *cell, double from, double factor)
 {
     const double x = -from, c0 = cell[0], c1 = cell[1], c2 = cell[2], c3 = cell[3];
     cell[0] = factor * (c0 + x * (c1 + x * (c2 + x * c3)));
@@ -22,7 +22,7 @@ static void finish_cell(double *cell, double from, double factor)
     cell[3] = factor * c3;
 }
 
-static void find_line(const Parameters *p, int k, double slope, double *curve, double *lagged)
+static void find_line(const Parameters *p, int k, double slope, number *curve, number *lagged)
 {
     const double knot = p->curve_knot_velocity[k];
     curve[0] = p->curve_knot_force[k];
@@ -33,7 +33,7 @@ static void find_line(const Parameters *p, int k, double slope, double *curve, d
     finish_cell(lagged, knot, scale(p, knot));
 }
 
-static void find_cubic_of(const Parameters *p, int k, double *curve, double *lagged)
+static void find_cubic_of(const Parameters *p, int k, number *curve, number *lagged)
 {
     const double left = p->curve_knot_velocity[k], middle = 0.5 * (left + p->curve_knot_velocity[k + 1]);
     const double *c = p->curve_lagged_slope, factor = scale(p, middle); /* the same in the whole cell */

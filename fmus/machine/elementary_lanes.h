@@ -6,17 +6,26 @@
 
 #include "real.h"
 
-static const double LN2_HIGH = 0x1.62e42fee00000p-1, LN2_LOW = 0x1.a39ef35793c76p-33;
-static const double INVERSE_LN2 = 0x1.71547652b82fep0;
+/* High bits of ln 2, of which small multiples are exact, and the rest; bits of the fraction of a number and bias of its exponent;
+ * the largest x of 2 e^x, that of e^x - 1 = -1 and that of tanh x < 1. */
+#ifdef EIGHTPOST_SINGLE
+static const number LN2_HIGH = 0x1.62e4p-1, LN2_LOW = 0x1.7f7d1cp-20, INVERSE_LN2 = 0x1.715476p+0;
+enum { FRACTION = 23, BIAS = 127 };
+static const number LARGEST_POWER = 86, ALMOST_NOTHING = 17, ALMOST_ONE = 10;
+#else
+static const number LN2_HIGH = 0x1.62e42fee00000p-1, LN2_LOW = 0x1.a39ef35793c76p-33, INVERSE_LN2 = 0x1.71547652b82fep0;
+enum { FRACTION = 52, BIAS = 1023 };
+static const number LARGEST_POWER = 700, ALMOST_NOTHING = 40, ALMOST_ONE = 22;
+#endif
 
 /* 1/k!, k = 2 .. 15. */
-static const double EXPONENTIAL[] = {
+static const number EXPONENTIAL[] = {
     1.0 / 2.0, 1.0 / 6.0, 1.0 / 24.0, 1.0 / 120.0, 1.0 / 720.0, 1.0 / 5040.0, 1.0 / 40320.0, 1.0 / 362880.0,
     1.0 / 3628800.0, 1.0 / 39916800.0, 1.0 / 479001600.0, 1.0 / 6227020800.0, 1.0 / 87178291200.0, 1.0 / 1307674368000.0,
 };
-enum { EXPONENTIAL_TERMS = sizeof EXPONENTIAL / sizeof EXPONENTIAL[0], LOGARITHM_TERMS = 10 };
+enum { EXPONENTIAL_TERMS = sizeof(number) == 8 ? 14 : 8, LOGARITHM_TERMS = sizeof(number) == 8 ? 10 : 4 };
 
-/* 2^k, and e^r - 1 of x = k ln 2 + r, for |x| <= 709. */
+/* 2^k, and e^r - 1 of x = k ln 2 + r, for |x| <= LARGEST_POWER. */
 typedef struct {
     real power, rest;
 } Reduced;
@@ -26,7 +35,7 @@ static inline Reduced reduced(real x)
     const real scaled = x * INVERSE_LN2;
     const Short k = __builtin_convertvector(either(scaled < 0.0, scaled - 0.5, scaled + 0.5), Short);
     const real whole = __builtin_convertvector(k, real);
-    const Index bits = (__builtin_convertvector(k, Index) + 1023) << 52;
+    const Index bits = (__builtin_convertvector(k, Index) + BIAS) << FRACTION;
     const real r = (x - whole * LN2_HIGH) - whole * LN2_LOW, square = r * r;
     real even = uniform(EXPONENTIAL[EXPONENTIAL_TERMS - 2]), odd = uniform(EXPONENTIAL[EXPONENTIAL_TERMS - 1]);
     for (int term = EXPONENTIAL_TERMS - 4; term >= 0; term -= 2) {
@@ -37,31 +46,31 @@ static inline Reduced reduced(real x)
     return found;
 }
 
-/* e^x; 0 below -700. Arguments above 700 do not occur: friction decays. */
+/* e^x; 0 below the smallest power. Arguments above the largest one do not occur: friction decays. */
 static inline real exponential(real x)
 {
-    const truth is_small = x < -700.0;
+    const truth is_small = x < -LARGEST_POWER;
     const Reduced found = reduced(either(is_small, uniform(0.0), x));
     return either(is_small, uniform(0.0), found.power * (1.0 + found.rest));
 }
 
-/* e^x - 1 for x <= 700. */
+/* e^x - 1 for x up to the largest power. */
 static inline real exponential_minus_1(real x)
 {
-    const truth is_large = x < -40.0;
-    const Reduced found = reduced(either(x < -700.0, uniform(0.0), x));
+    const truth is_large = x < -ALMOST_NOTHING;
+    const Reduced found = reduced(either(x < -LARGEST_POWER, uniform(0.0), x));
     const real usual = found.power * found.rest + (found.power - 1.0);
     if (!in_any(is_large)) {
         return usual;
     }
-    return either(is_large, either(x < -700.0, uniform(0.0), found.power * (1.0 + found.rest)) - 1.0, usual);
+    return either(is_large, either(x < -LARGEST_POWER, uniform(0.0), found.power * (1.0 + found.rest)) - 1.0, usual);
 }
 
 static inline real hyperbolic_tangent(real x)
 {
     const real size = either(x < 0.0, -x, x);
-    const truth is_one = size >= 22.0;
-    const real rise = exponential_minus_1(2.0 * either(is_one, uniform(22.0), size));
+    const truth is_one = size >= ALMOST_ONE;
+    const real rise = exponential_minus_1(2.0 * either(is_one, uniform(ALMOST_ONE), size));
     const real result = either(is_one, uniform(1.0), rise / (rise + 2.0));
     return either(x < 0.0, -result, result);
 }
@@ -69,14 +78,14 @@ static inline real hyperbolic_tangent(real x)
 /* ln x for positive numbers far from underflow and overflow. */
 static inline real logarithm(real x)
 {
-    const Index exponent = ((Index)x >> 52) - 1023;
-    const real scaled = x * (real)((1023 - exponent) << 52);
-    const truth is_large = scaled > 0x1.6a09e667f3bcdp0;
+    const Index exponent = ((Index)x >> FRACTION) - BIAS;
+    const real scaled = x * (real)((BIAS - exponent) << FRACTION);
+    const truth is_large = scaled > (number)0x1.6a09e667f3bcdp0;
     const real m = either(is_large, scaled * 0.5, scaled), s = (m - 1.0) / (m + 1.0), square = s * s;
     const real k = __builtin_convertvector(__builtin_convertvector(exponent - is_large, Short), real); /* is_large is 0 or -1 */
     real sum = uniform(0.0);
     for (int term = LOGARITHM_TERMS; term >= 1; term--) {
-        sum = square * (1.0 / (double)(2 * term + 1) + sum);
+        sum = square * ((number)(1.0 / (2 * term + 1)) + sum);
     }
     return k * LN2_HIGH + (k * LN2_LOW + (2.0 * s + 2.0 * s * sum));
 }

@@ -13,20 +13,25 @@
 #include <immintrin.h>
 #endif
 
-/* Eight, or the width of the processor for a compiler that handles wider vectors badly (gcc). */
-#ifndef EIGHTPOST_SETUPS
-#define EIGHTPOST_SETUPS 8
-#endif
-enum { SETUPS = EIGHTPOST_SETUPS };
+#include "number.h"
 
-typedef double real __attribute__((vector_size(8 * EIGHTPOST_SETUPS)));
-typedef int64_t truth __attribute__((vector_size(8 * EIGHTPOST_SETUPS)));
-/* Indices, one for each setup, and the same in half the space. */
-typedef int64_t Index __attribute__((vector_size(8 * EIGHTPOST_SETUPS)));
-/* Two numbers and two indices of each setup in single precision. */
-typedef float Narrow __attribute__((vector_size(8 * EIGHTPOST_SETUPS)));
-typedef int32_t Places __attribute__((vector_size(8 * EIGHTPOST_SETUPS)));
-typedef int32_t Short __attribute__((vector_size(4 * EIGHTPOST_SETUPS)));
+/* Those of 64 bytes, or of the width of the processor for a compiler that handles wider vectors badly (gcc). */
+#ifndef EIGHTPOST_BYTES
+#define EIGHTPOST_BYTES 64
+#endif
+enum { SETUPS = EIGHTPOST_BYTES / sizeof(number) };
+
+typedef number real __attribute__((vector_size(EIGHTPOST_BYTES)));
+/* Of each setup the truth of a condition or an index, as large as a number. */
+typedef integer truth __attribute__((vector_size(EIGHTPOST_BYTES)));
+typedef integer Index __attribute__((vector_size(EIGHTPOST_BYTES)));
+/* One number of each setup in single precision, two, two indices and one. */
+typedef float Single __attribute__((vector_size(4 * SETUPS)));
+typedef float Narrow __attribute__((vector_size(8 * SETUPS)));
+typedef int32_t Places __attribute__((vector_size(8 * SETUPS)));
+typedef int32_t Short __attribute__((vector_size(4 * SETUPS)));
+/* A number of each setup in double precision. */
+typedef double Sum __attribute__((vector_size(8 * SETUPS)));
 
 /* The initializer of an array of zeros. */
 #define ZERO {0.0}
@@ -47,7 +52,7 @@ static inline real uniform(double value)
 {
     real same;
     for (int i = 0; i < SETUPS; i++) {
-        same[i] = value;
+        same[i] = (number)value;
     }
     return same;
 }
@@ -60,20 +65,21 @@ static inline real either(truth condition, real a, real b)
 /* Without the sign. */
 static inline real size_of(real value)
 {
-    return (real)((truth)value & INT64_MAX);
+    return (real)((truth)value & LARGEST_INTEGER);
 }
 
 /* One bit for each setup. */
 static inline unsigned bits_of(truth condition)
 {
     unsigned bits = 0;
-#if defined(__AVX512F__) && EIGHTPOST_SETUPS == 8
-    bits = _mm512_test_epi64_mask((__m512i)condition, (__m512i)condition);
-#elif defined(__AVX__) && EIGHTPOST_SETUPS >= 4
-    __m256d part[EIGHTPOST_SETUPS / 4];
+#if defined(__AVX512DQ__) && EIGHTPOST_BYTES == 64
+    bits = SETUPS == 8 ? _mm512_movepi64_mask((__m512i)condition) : _mm512_movepi32_mask((__m512i)condition);
+#elif defined(__AVX__) && EIGHTPOST_BYTES >= 32
+    __m256 part[EIGHTPOST_BYTES / 32];
     memcpy(part, &condition, sizeof part);
-    for (int k = 0; k < EIGHTPOST_SETUPS / 4; k++) {
-        bits |= (unsigned)_mm256_movemask_pd(part[k]) << 4 * k;
+    for (int k = 0; k < EIGHTPOST_BYTES / 32; k++) {
+        const int few = sizeof(number) == 8 ? _mm256_movemask_pd((__m256d)part[k]) : _mm256_movemask_ps(part[k]);
+        bits |= (unsigned)few << 32 / sizeof(number) * k;
     }
 #else
     for (int i = 0; i < SETUPS; i++) {
@@ -85,8 +91,14 @@ static inline unsigned bits_of(truth condition)
 
 static inline int are_all(Places condition)
 {
-#if defined(__AVX512F__) && EIGHTPOST_SETUPS == 8
-    return _mm512_test_epi32_mask((__m512i)condition, (__m512i)condition) == 0xffff;
+#if defined(__AVX512F__) && EIGHTPOST_BYTES == 64
+    __m512i part[8 * SETUPS / 64];
+    memcpy(part, &condition, sizeof part);
+    __m512i both = part[0];
+    for (int k = 1; k < 8 * SETUPS / 64; k++) {
+        both &= part[k];
+    }
+    return _mm512_test_epi32_mask(both, both) == 0xffff;
 #else
     int all = -1;
     for (int k = 0; k < 2 * SETUPS; k++) {
@@ -122,9 +134,23 @@ static inline int in_every(truth condition)
 }
 
 /* Four numbers of each setup, each in a row of its own, as four numbers of all. */
-static inline WITHIN void transpose(const double *const *rows, real *to)
+static inline WITHIN void transpose(const number *const *rows, real *to)
 {
-#if defined(__AVX512F__) && EIGHTPOST_SETUPS == 8
+#if defined(__AVX512F__) && EIGHTPOST_BYTES == 64 && defined(EIGHTPOST_SINGLE)
+    __m512 four[4];
+    for (int k = 0; k < 4; k++) {
+        four[k] = _mm512_castps128_ps512(_mm_loadu_ps(rows[k]));
+        four[k] = _mm512_insertf32x4(four[k], _mm_loadu_ps(rows[k + 4]), 1);
+        four[k] = _mm512_insertf32x4(four[k], _mm_loadu_ps(rows[k + 8]), 2);
+        four[k] = _mm512_insertf32x4(four[k], _mm_loadu_ps(rows[k + 12]), 3);
+    }
+    for (int k = 0; k < 2; k++) {
+        const __m512d low = (__m512d)(k == 0 ? _mm512_unpacklo_ps(four[0], four[1]) : _mm512_unpackhi_ps(four[0], four[1]));
+        const __m512d high = (__m512d)(k == 0 ? _mm512_unpacklo_ps(four[2], four[3]) : _mm512_unpackhi_ps(four[2], four[3]));
+        to[2 * k] = (real)_mm512_unpacklo_pd(low, high);
+        to[2 * k + 1] = (real)_mm512_unpackhi_pd(low, high);
+    }
+#elif defined(__AVX512F__) && EIGHTPOST_BYTES == 64
     __m512d two[4];
     for (int k = 0; k < 4; k++) {
         const int first = 4 * (k / 2) + k % 2; /* with the row after the next one */

@@ -9,7 +9,7 @@
 #endif
 
 /* Size of a signal at which a setup has diverged. */
-static const double LARGEST = 1e15;
+static const number LARGEST = 1e15;
 
 /* ---- A step ------------------------------------------------------------------------------------------------------------------- */
 
@@ -55,7 +55,7 @@ static inline WITHIN void find_places(const March *m, Kinds kinds, const real *v
 /* The forces in the middle of the step and at its end, and what is beyond the dampers. */
 static inline WITHIN void find_forces(const March *m, Kinds kinds, int c, real travel, Step *s, real *beyond)
 {
-    const real velocity = s->at[END_OF_STEP].velocity, change = m->run->step * (m->at[c].velocity - velocity);
+    const real velocity = s->at[END_OF_STEP].velocity, change = (number)m->run->step * (m->at[c].velocity - velocity);
     const real ways[NODES] = {0.5 * (m->travel[c] + travel) + 0.125 * change, travel};
     UNROLLED
     for (int node = 0; node < NODES; node++) {
@@ -104,7 +104,7 @@ static inline WITHIN void evaluate(const March *m, Kinds kinds, int c, const rea
 static inline WITHIN void take_step(March *m, Kinds kinds, int64_t step, int is_recorded)
 {
     const Car *car = m->run->car;
-    const double *road = m->run->velocities + (step + 1) * CORNERS, *travels = m->run->travels + (step + 1) * CORNERS;
+    const number *road = m->run->velocities + (step + 1) * CORNERS, *travels = m->run->travels + (step + 1) * CORNERS;
     real free[CORNERS], free_travel[CORNERS], velocity[CORNERS], travel[CORNERS], missed[CORNERS], work[CORNERS];
     real *states = m->states, beyond[FORCES];
     Step steps[CORNERS];
@@ -176,7 +176,7 @@ static APART void take_any_step(March *m, int64_t step, int is_recorded)
 /* ---- The start ---------------------------------------------------------------------------------------------------------------- */
 
 enum { MOST_TURNS_TO_REST = 60 };
-static const double AT_REST = 1e-12;
+static const number AT_REST = sizeof(number) == 8 ? 1e-12 : 1e-7; /* its change, relative to 1 m */
 
 /* The forces at the start, and the states at rest under them. */
 static void rest(March *m)
@@ -276,6 +276,11 @@ EXPORTED int64_t number_of_parameters(void)
     return PARAMETERS;
 }
 
+EXPORTED int64_t size_of_number(void)
+{
+    return (int64_t)sizeof(number);
+}
+
 EXPORTED int64_t number_of_setups(void)
 {
     return SETUPS;
@@ -283,7 +288,7 @@ EXPORTED int64_t number_of_setups(void)
 
 /* Runs SETUPS setups. `parameters` (CORNERS, PARAMETERS, SETUPS) and `laws` (CORNERS, SETUPS) are those of the shocks; `space` is for
  * the data of the run, at a multiple of 64. */
-EXPORTED void run_machine(const Run *run, const double *parameters, const int64_t *laws, void *space, const Sums *sums)
+EXPORTED void run_machine(const Run *run, const number *parameters, const integer *laws, void *space, const Sums *sums)
 {
     March *m = (March *)space;
     memset(m, 0, offsetof(March, seen));

@@ -39,13 +39,13 @@ typedef struct {
 /* All setups of a run on a drive. What the drive does to the car without forces beyond its dampers is the same for all of them. */
 typedef struct {
     const Car *car;
-    const double *velocities, *travels; /* of the ports by the drive: steps + 1 rows of CORNERS */
-    const double *outputs; /* recorded outputs by the drive: a row of output_count numbers for each record */
-    const double *output_rows; /* of recorded outputs, by the states and the forces beyond the dampers */
+    const number *velocities, *travels; /* of the ports by the drive: steps + 1 rows of CORNERS */
+    const number *outputs; /* recorded outputs by the drive: a row of output_count numbers for each record */
+    const number *output_rows; /* of recorded outputs, by the states and the forces beyond the dampers */
     const Signal *signals; /* after the outputs, these are the channels */
     const Quantity *quantities;
     const int *terms; /* of quantities: channels */
-    const double *weights;
+    const number *weights;
     const Limit *limits;
     const int *series; /* channels whose series are stored */
     double step;
@@ -71,7 +71,7 @@ typedef struct {
     double *beyond; /* CORNERS: records beyond the fit */
     double *watched; /* limits: records beyond each */
     double *statistics; /* quantities, STATISTICS */
-    double *values; /* rows, stored channels */
+    number *values; /* rows, stored channels */
     int64_t *ended; /* the step at which a setup was retired, or -1 */
 } Sums;
 

@@ -29,7 +29,7 @@ typedef struct {
 } March;
 
 /* A number and a row of a matrix times numbers, in two sums that do not wait for each other. */
-static inline WITHIN real with_row(real first, const double *row, const real *numbers, int count)
+static inline WITHIN real with_row(real first, const number *row, const real *numbers, int count)
 {
     real second = row[count / 2] * numbers[count / 2];
     UNROLLED

@@ -59,7 +59,7 @@ typedef struct {
     Narrow knots[SLOTS]; /* each twice; after the last one infinity */
     Cells curve[SETUPS], lagged[SETUPS];
     PortFriction friction;
-    double half; /* half a step [s] */
+    number half; /* half a step [s] */
     real left, faded, ramp; /* F_lag after half a step by F_lag and F_s before and F_s after it */
     real preload; /* of the gas at the port [N] */
 } Port;
@@ -87,11 +87,9 @@ static inline WITHIN void halve(const Narrow *from, int half, Narrow both, Place
  * of the neighbouring cell, which has the same value and slope there. */
 static inline WITHIN void find_both(const Port *port, real v, real w, Places *first)
 {
+    const Single two[] = {__builtin_convertvector(v, Single), __builtin_convertvector(w, Single)};
     Narrow both, left[SLOTS / 2];
-    for (int k = 0; k < SETUPS; k++) {
-        both[k] = (float)v[k];
-        both[SETUPS + k] = (float)w[k];
-    }
+    memcpy(&both, two, sizeof both);
     const Narrow *knots = port->knots;
     if (are_all((both >= knots[USUAL - 1]) & (both < knots[USUAL + SLOTS / 2]))) {
         *first = (Places){0} + COEFFICIENTS * USUAL;
@@ -110,7 +108,7 @@ static inline WITHIN void find_both(const Port *port, real v, real w, Places *fi
 /* The cubics of the first or the second velocity. */
 static inline WITHIN void gather(const Cells *cells, const Places *found, int which, Cubic *cubic)
 {
-    const double *rows[SETUPS];
+    const number *rows[SETUPS];
     for (int k = 0; k < SETUPS; k++) {
         rows[k] = &cells[k][0][0] + (unsigned)(*found)[which * SETUPS + k];
     }
@@ -309,7 +307,7 @@ static void prepare_port(Port *port, const PortFriction *friction, double step, 
         }
     }
     port->friction = *friction;
-    port->half = 0.5 * step;
+    port->half = (number)(0.5 * step);
     kinds->hysteresis |= in_any(port->law == HYSTERESIS);
     kinds->knots |= in_any(has_knots(p));
     kinds->polynomials |= !in_every(has_knots(p));

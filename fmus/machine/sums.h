@@ -10,7 +10,7 @@
  * in the last sweep. */
 static inline WITHIN void add_work(March *m, int c, real work, real velocity, real missed)
 {
-    const double sixth = m->run->step * (1.0 / 6.0);
+    const number sixth = (number)(m->run->step * (1.0 / 6.0));
     const real force = m->force[c];
     m->totals.transferred[c] += size_of(sixth * (work + force * velocity));
     m->totals.residual[c] += sixth * force * missed;
@@ -43,7 +43,7 @@ static inline WITHIN void add_force(March *m, int c, const real *found)
 static void see_channels(March *m, real *seen)
 {
     const Run *run = m->run;
-    const double *by_drive = run->outputs + m->record * run->output_count;
+    const number *by_drive = run->outputs + m->record * run->output_count;
     real states[STATES + FORCES]; /* a copy, which a compiler keeps in registers */
     memcpy(states, m->states, sizeof states);
     for (int k = 0; k < run->output_count; k++) {
@@ -64,18 +64,23 @@ static void watch(March *m, const real *seen)
     }
     for (int w = 0; w < m->run->limit_count; w++) {
         const Limit *limit = &m->run->limits[w];
-        m->totals.watched[w] += either(limit->sign * seen[limit->output] > limit->limit, one, none);
+        m->totals.watched[w] += either((number)limit->sign * seen[limit->output] > (number)limit->limit, one, none);
     }
 }
 
-static inline void add_limits(const Quantity *q, real value, real *to)
+/* Statistics of a few rows. */
+typedef struct {
+    real sum, squares, least, largest, inside;
+} Rows;
+
+static inline void add_limits(const Quantity *q, real value, Rows *to)
 {
-    to[LEAST] = either(value < to[LEAST], value, to[LEAST]);
-    to[LARGEST_VALUE] = either(value > to[LARGEST_VALUE], value, to[LARGEST_VALUE]);
-    to[INSIDE] += either((value >= q->low) & (value < q->high), uniform(1.0), uniform(0.0));
+    to->least = either(value < to->least, value, to->least);
+    to->largest = either(value > to->largest, value, to->largest);
+    to->inside += either((value >= (number)q->low) & (value < (number)q->high), uniform(1.0), uniform(0.0));
 }
 
-static inline real value_of(const Quantity *q, const real *const *columns, const double *weights, int64_t at)
+static inline real value_of(const Quantity *q, const real *const *columns, const number *weights, int64_t at)
 {
     real value = weights[0] * columns[0][at];
     for (int k = 1; k < q->count; k++) {
@@ -85,30 +90,43 @@ static inline real value_of(const Quantity *q, const real *const *columns, const
     return value;
 }
 
-/* Adds rows `first` to `last` - 1 of a quantity, which begin in `columns` and are `stride` apart, to its statistics. */
-static void add_rows(const Quantity *q, const real *const *columns, const double *weights, int64_t stride, int first, int last, real *to)
+static inline Sum sum_of(real value)
+{
+    return __builtin_convertvector(value, Sum);
+}
+
+/* Adds rows `first` to `last` - 1 of a quantity, which begin in `columns` and are `stride` apart, to its statistics: in single
+ * precision they are few, so that their sum is exact enough. */
+static void add_rows(const Quantity *q, const real *const *columns, const number *weights, int64_t stride, int first, int last, Sum *to)
 {
     const int begin = q->begin > first ? q->begin : first, end = q->end < last ? q->end : last;
     if (begin >= end) {
         return;
     }
+    real value = value_of(q, columns, weights, (begin - first) * stride);
     if (begin == q->begin) {
-        to[SHIFT] = to[LEAST] = to[LARGEST_VALUE] = to[FIRST_VALUE] = value_of(q, columns, weights, (begin - first) * stride);
-        to[SUM] = to[SQUARES] = to[INSIDE] = uniform(0.0);
+        to[SHIFT] = to[LEAST] = to[LARGEST_VALUE] = to[FIRST_VALUE] = sum_of(value);
+        to[SUM] = to[SQUARES] = to[INSIDE] = (Sum){0.0};
     }
-    real sum = to[SUM], squares = to[SQUARES], value = to[SHIFT];
+    const real shift = __builtin_convertvector(to[SHIFT], real);
+    Rows rows = {.least = __builtin_convertvector(to[LEAST], real), .largest = __builtin_convertvector(to[LARGEST_VALUE], real)};
     for (int row = begin; row < end; row++) {
         value = value_of(q, columns, weights, (row - first) * stride);
-        const real apart = value - to[SHIFT];
-        sum += apart;
-        squares += apart * apart;
+        const real apart = value - shift;
+        rows.sum += apart;
+        rows.squares += apart * apart;
         if (q->has_limits) {
-            add_limits(q, value, to);
+            add_limits(q, value, &rows);
         }
     }
-    to[SUM] = sum;
-    to[SQUARES] = squares;
-    to[LAST_VALUE] = value;
+    to[SUM] += sum_of(rows.sum);
+    to[SQUARES] += sum_of(rows.squares);
+    if (q->has_limits) {
+        to[LEAST] = sum_of(rows.least);
+        to[LARGEST_VALUE] = sum_of(rows.largest);
+        to[INSIDE] += sum_of(rows.inside);
+    }
+    to[LAST_VALUE] = sum_of(value);
 }
 
 /* Adds the records since `first` to the statistics of the quantities. */
@@ -122,7 +140,7 @@ static void add_quantities(const March *m, int64_t first, const Sums *sums)
             columns[term] = m->seen + run->terms[q->first + term];
         }
         add_rows(q, columns, run->weights + q->first, run->output_count + run->signal_count, (int)first, (int)m->record,
-                 (real *)(void *)sums->statistics + k * STATISTICS);
+                 (Sum *)(void *)sums->statistics + k * STATISTICS);
     }
 }
 
@@ -144,22 +162,35 @@ static void record(March *m, const Sums *sums, int is_last)
     }
 }
 
+static void report_totals(const real *totals, int64_t count, double *to)
+{
+    for (int64_t k = 0; k < count; k++) {
+        ((Sum *)(void *)to)[k] = sum_of(totals[k]);
+    }
+}
+
 static void report(const March *m, const Sums *sums)
 {
     const Totals *t = &m->totals;
-    memcpy(sums->transferred, t->transferred, sizeof t->transferred);
-    memcpy(sums->residual, t->residual, sizeof t->residual);
-    memcpy(sums->defect, t->defect, sizeof t->defect);
-    memcpy(sums->total, t->total, sizeof t->total);
-    memcpy(sums->squares, t->squares, sizeof t->squares);
-    memcpy(sums->beyond, t->beyond, sizeof t->beyond);
-    memcpy(sums->watched, t->watched, (size_t)m->run->limit_count * sizeof(real));
+    report_totals(t->transferred, CORNERS, sums->transferred);
+    report_totals(t->residual, CORNERS, sums->residual);
+    report_totals(t->defect, 2 * CORNERS, sums->defect);
+    report_totals(t->total, 2 * CORNERS, sums->total);
+    report_totals(t->squares, 2 * CORNERS, sums->squares);
+    report_totals(t->beyond, CORNERS, sums->beyond);
+    report_totals(t->watched, m->run->limit_count, sums->watched);
 }
 
 /* Sums the statistics of a quantity of series, the rows of which are in `columns`. */
-EXPORTED void sum_series(const Quantity *q, const real *const *columns, const double *weights, double *statistics)
+EXPORTED void sum_series(const Quantity *q, const real *const *columns, const number *weights, double *statistics)
 {
-    add_rows(q, columns, weights, 1, 0, q->end, (real *)(void *)statistics);
+    const real *from[MOST_CHANNELS];
+    for (int row = 0; row < q->end; row += RECORDS) {
+        for (int k = 0; k < q->count; k++) {
+            from[k] = columns[k] + row;
+        }
+        add_rows(q, from, weights, 1, row, row + RECORDS, (Sum *)(void *)statistics);
+    }
 }
 
 #endif

@@ -127,7 +127,7 @@ static inline real advance_travel(const Parameters *p, LagFactors *kept, real tr
 State law_start(const Parameters *p, real velocity, real static_force)
 {
     const real reach = p->stop_yield + size_of(velocity) * p->stop_time;
-    const State state = {{velocity, either(size_of(velocity) <= REST, uniform(0.0), signed_like(reach, velocity))}};
+    const State state = {{velocity, either(size_of(velocity) <= uniform(REST), uniform(0.0), signed_like(reach, velocity))}};
     (void)static_force;
     return state;
 }

@@ -10,9 +10,9 @@
 /* Part (rho - 1) e^(-(v / v_s)^2) of z_b / z_s. */
 static inline real static_excess(double ratio, double stribeck_velocity, real v)
 {
-    const real relative = v / stribeck_velocity;
+    const real relative = v / uniform(stribeck_velocity);
     const double excess = ratio - 1.0;
-    return excess == 0.0 ? uniform(0.0) : excess * exponential(-relative * relative);
+    return excess == 0.0 ? uniform(0.0) : uniform(excess) * exponential(-relative * relative);
 }
 
 /* The deflection after h seconds, exact for a constant velocity v; `limit` is z_b(v). */

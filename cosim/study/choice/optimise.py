@@ -19,6 +19,7 @@ import numpy as np
 from cosim.study.choice.sensitivity import factors_of, indices_of, levels_of
 from cosim.study.definition import Constraint, SetupSpace, Study
 from cosim.study.running.evaluator import Coupling
+from cosim.study.running.leaders import pareto_front
 from cosim.study.running.sweep import Sweep
 from cosim.study.running.workers import Workers
 from cosim.study.table import StudyResult
@@ -130,29 +131,6 @@ def _tell(algorithm: Any, population: Any, scores: Scores) -> None:
 
 
 # ==== Search for the best setups of a bank that is too large to run completely =======================================
-
-# ---- Pareto front of setups: without pymoo, as small banks are evaluated completely without it ----------------------
-
-
-def pareto_front(values: Array) -> Flags:
-    """Return whether each row is on the Pareto front: no other row is as low in every column and lower in one.
-
-    Args:
-        values: Responses (N, M); lower is better; a row with NaN is never on the front.
-
-    Returns:
-        Flags (N,); equal rows have equal flags.
-    """
-    known = np.flatnonzero(np.isfinite(values).all(axis=1))
-    left = known[np.lexsort(values[known].T[::-1])]  # a row that dominates another one precedes it
-    front = np.zeros(values.shape[0], dtype=bool)
-    while left.size:
-        best = values[left[0]]
-        equal = (values[left] == best).all(axis=1)
-        front[left[equal]] = True
-        left = left[(values[left] < best).any(axis=1)]
-    return front
-
 
 # ---- Integer optimisation -------------------------------------------------------------------------------------------
 

@@ -157,6 +157,13 @@ class Models(Protocol):
         """Return a build as the machine takes it; None if its FMU refuses its parameters."""
 
 
+class Estimator(Protocol):
+    """Estimate of errors from local errors."""
+
+    def of(self, local: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
+        """Return the estimated errors; see `ErrorModel.of`."""
+
+
 #: Units of the values that both ends of a bond exchange: velocity and force.
 _UNITS = ("m/s", "N")
 
@@ -199,7 +206,7 @@ class _Group:
             for c, corner in enumerate(corners)
             for way, end in enumerate(("velocity", "force"))
         }
-        self._estimate: tuple[ErrorModel, list[float], dict[str, list[float]]] | None = None
+        self._estimate: tuple[Estimator, list[float], dict[str, list[float]]] | None = None
 
     @cached_property
     def is_marked(self) -> list[bool]:
@@ -226,7 +233,7 @@ class _Group:
             },
         )
 
-    def estimate(self, model: ErrorModel, k: int) -> tuple[float, dict[str, float]]:
+    def estimate(self, model: Estimator, k: int) -> tuple[float, dict[str, float]]:
         """Return the estimated errors of one run; see `ErrorModel.of`."""
         if self._estimate is None or self._estimate[0] is not model:
             largest, measures = model.of(self.local)
@@ -254,7 +261,7 @@ class BatchRun:
         """Local errors by bond end, SI."""
         return {end: float(errors[self._place]) for end, errors in self._group.local.items()}
 
-    def estimate(self, model: ErrorModel) -> tuple[float, dict[str, float]]:
+    def estimate(self, model: Estimator) -> tuple[float, dict[str, float]]:
         """Return the estimated errors; see `ErrorModel.of`."""
         return self._group.estimate(model, self._place)
 
@@ -281,6 +288,7 @@ class _DriveBatch:
         damping: Array,
         recorded: Sequence[str],
         measured: bool,
+        single: bool,
     ) -> None:
         study = models.study
         first = study.space.setup(0)  # any setup: all have the same wiring, and a large space is not enumerated
@@ -288,7 +296,7 @@ class _DriveBatch:
         times = setup.times[setup.recorded == 1]
         self._measures = BatchMeasures(study.measures_of(drive) if measured else (), times, study.settling)
         series = tuple(dict.fromkeys((*self._measures.series, *recorded)))
-        self._plan = Plan(setup, study.vehicle.name, vehicle, damping, self._measures.quantities, series)
+        self._plan = Plan(setup, study.vehicle.name, vehicle, damping, self._measures.quantities, series, single=single)
         self._units = {name: to_si(setup.system.output(name))[1] for name in series}
         self._recorded = tuple(recorded)
         self._batch, self._setup, self._study = Batch(self._plan.run), setup, study
@@ -352,14 +360,14 @@ class _DriveBatch:
         try:
             run = Filtered(self._series(result, self._measures.series, k))
             for (name, band), several in filtered.items():
-                run.keep(name, band, np.ascontiguousarray(several[:, k]))
+                run.keep(name, band, several[:, k].astype(np.float64))
             return {m.name: m.drawn_from(run, start=self._study.settling) for m in self._measures.others}
         except EightpostError:
             return None
 
     def _series(self, result: BatchResult, names: Sequence[str], k: int) -> TimeSeries:
         columns = [self._plan.series.index(name) for name in names]
-        rows = np.ascontiguousarray(result.values[:, columns, k].T)
+        rows = result.values[:, columns, k].T.astype(np.float64, order="C")
         return TimeSeries(self._plan.rows, rows, tuple(names), tuple(self._units[name] for name in names))
 
 
@@ -369,6 +377,8 @@ class Batches:
     Args:
         step: Step [s].
         recorded: Names of channels whose series are wanted.
+        measured: Whether the runs have measures.
+        single: Whether they are in single precision.
 
     Attributes:
         left_out: Builds whose setups run through the FMUs, each with the reason.
@@ -377,7 +387,15 @@ class Batches:
         NotInBatchError: The study cannot run as a batch; the message is the reason.
     """
 
-    def __init__(self, models: Models, step: float, recorded: Sequence[str] = (), *, measured: bool = True) -> None:
+    def __init__(
+        self,
+        models: Models,
+        step: float,
+        recorded: Sequence[str] = (),
+        *,
+        measured: bool = True,
+        single: bool = False,
+    ) -> None:
         self._study = study = models.study
         self._shocks, self.left_out = _data_of(models)
         fmus, own = models.fmus, study.vehicle
@@ -388,7 +406,7 @@ class Batches:
         damping = np.full(len(study.corners), float(np.median(slopes)))
         try:
             self._drives = {
-                drive.name: _DriveBatch(models, drive, step, vehicle, damping, recorded, measured)
+                drive.name: _DriveBatch(models, drive, step, vehicle, damping, recorded, measured, single)
                 for drive in study.drives
             }
         except (FmuError, OSError) as error:

@@ -13,7 +13,7 @@ from cosim.session.result import Result, difference
 from cosim.session.run import FIRST_STEP, run
 from cosim.study.definition import Drive, Setup, Study
 from cosim.study.running.batches import Batches, BatchRun, ErrorModel, Pilot, fit_error_model, local_errors
-from cosim.study.running.evaluator import Check, Coupling, Evaluator, MachineCoupling, local_error
+from cosim.study.running.evaluator import Check, Coupling, Evaluator, MachineCoupling, Rounding, local_error
 from cosim.systems.algorithm import Automatic
 from eightpost.errors import DivergedError, EightpostError, StepError, WiringError
 from eightpost.machine.car import NotInBatchError, instruction_set
@@ -299,6 +299,39 @@ def _machine_pilot(run: BatchRun, fine: BatchRun, settling: float) -> Pilot:
 def _settled(run: BatchRun, settling: float) -> TimeSeries:
     series = run.channels()
     return series.window(settling, float(series.time[-1]))
+
+
+# ---- Single precision -----------------------------------------------------------------------------------------------
+
+#: Largest difference of single from double precision, as a share of the study's accuracy, and number of random setups
+#: that run in both.
+_ROUNDING, _ROUNDED = 0.1, 100
+
+
+def with_rounding(evaluator: Evaluator, coupling: Coupling) -> Coupling:
+    """Return the coupling with the differences of single precision, if setups may run in it; a note says so or why not.
+
+    They are those of the baseline, setups with the same build at all corners, and random ones.
+    """
+    machine, study = coupling.machine, evaluator.study
+    if machine is None:
+        return coupling
+    pilots = candidates(evaluator)
+    pilots += _random_setups(study, _ROUNDED, pilots)
+    recorded = sorted(evaluator.decisive(pilots[0]))
+    try:
+        single, double = (evaluator.batches_at(machine.step, recorded, single=own) for own in (True, False))
+        found = _compare(evaluator, single, double, pilots)
+    except NotInBatchError as reason:
+        return replace(coupling, notes=(*coupling.notes, f"all setups run in double precision: {reason}"))
+    names = dict.fromkeys(name for pilot in found for name in pilot.measures)
+    measures = {name: max(pilot.measures.get(name, 0.0) for pilot in found) for name in names}
+    rounding = Rounding(max(max(pilot.channels.values()) for pilot in found), measures)
+    apart = f"single precision differs by {rounding.percent:.2g} % in {len(found)} setups"
+    if not rounding.percent <= _ROUNDING * study.accuracy:
+        return replace(coupling, notes=(*coupling.notes, f"all setups run in double precision: {apart}"))
+    notes = (*coupling.notes, f"{apart}: all setups run in it, and the best ones again in double precision")
+    return replace(coupling, machine=replace(machine, rounding=rounding), notes=notes)
 
 
 # ---- Comparison with the FMUs ---------------------------------------------------------------------------------------

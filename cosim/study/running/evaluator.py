@@ -20,7 +20,7 @@ from cosim.session.session import Session
 from cosim.session.verdict import LARGEST_ERROR
 from cosim.study.definition import Build, Drive, Setup, Study, bond_at, check_corners, read_drive
 from cosim.study.measures import AboveBand, Filtered, above_band, band_ends
-from cosim.study.running.batches import Batches, BatchRun, ErrorModel, RunSummary, local_errors
+from cosim.study.running.batches import Batches, BatchRun, ErrorModel, Estimator, RunSummary, local_errors
 from cosim.study.running.machine import read_shock
 from cosim.study.table import DONE, FAILED, StudyResult, error_column
 from cosim.systems.algorithm import default_scheme
@@ -53,6 +53,14 @@ class Check:
 
 
 @dataclass(frozen=True, slots=True)
+class Rounding:
+    """Largest differences of some setups in single precision from double precision."""
+
+    percent: float  #: Of the compared channels, in percent of the channel's scale.
+    measures: Mapping[str, float]  #: Of each measure, in its SI unit.
+
+
+@dataclass(frozen=True, slots=True)
 class MachineCoupling:
     """How the machine runs setups (cosim.study.running.machine)."""
 
@@ -61,6 +69,16 @@ class MachineCoupling:
     errors: ErrorModel
     stated_error: float  #: Largest error of the setups on which the step was chosen [%].
     checks: tuple[Check, ...] = ()  #: Comparisons with the FMUs.
+    #: Differences of setups in single precision, in which a run of all setups begins; None: it is in double precision.
+    rounding: Rounding | None = None
+    in_single: bool = False  #: Whether setups run in single precision.
+
+    def of(self, local: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
+        """Return the estimated errors, in the precision in which setups run; see `ErrorModel.of`."""
+        largest, measures = self.errors.of(local)
+        if not self.in_single or self.rounding is None:
+            return largest, measures
+        return largest + self.rounding.percent, {n: e + self.rounding.measures.get(n, 0.0) for n, e in measures.items()}
 
 
 @with_config(REPORT)
@@ -75,6 +93,12 @@ class Coupling:
     stated_error: float = 0.0  #: Largest coupling error of the setups on which the coupling was chosen [%].
     notes: tuple[str, ...] = ()  #: Description of the steps that were compared, and of how the setups are run.
     machine: MachineCoupling | None = None  #: Of setups that the machine runs; None: all run through the FMUs.
+
+    def in_single(self, *, single: bool = True) -> Coupling:
+        """Return the coupling of runs in single precision if the study has them, or else in double precision."""
+        if self.machine is None:
+            return self
+        return replace(self, machine=replace(self.machine, in_single=single and self.machine.rounding is not None))
 
 
 class Evaluator:
@@ -93,7 +117,7 @@ class Evaluator:
         check_corners(study.corners, self._vehicle, vehicle.fmu)
         self._shocks: dict[tuple[str, Path], FmuComponent] = {}
         self._scenarios = {drive.name: self._scenario(drive) for drive in study.drives}
-        self._batches: dict[tuple[float, tuple[str, ...], bool], Batches | str] = {}
+        self._batches: dict[tuple[float, tuple[str, ...], bool, bool], Batches | str] = {}
         self._data: dict[Any, ShockData | None] = {}
         self._base: Evaluator | None = None  # the first one with the same vehicle
 
@@ -166,39 +190,47 @@ class Evaluator:
     def rows(self, setups: Sequence[Setup], coupling: Coupling) -> list[Row]:
         """Return the rows of setups, in their order: from batches if the coupling says so, else one after the other.
 
-        A setup that a batch does not finish regularly is run through the FMUs, which say why.
+        A setup that a batch does not finish regularly is run in double precision, then through the FMUs, which say why.
         """
         batches = self.batches(coupling)
         if batches is None or coupling.machine is None:
             return [self.row(setup, coupling) for setup in setups]
-        model = coupling.machine.errors
-        return [
-            self.row(setup, coupling) if runs is None else self._batch_row(setup, model, runs, seconds)
-            for setup, runs, seconds in batches.runs(setups)
-        ]
+        found = list[Row]()
+        for setup, runs, seconds in batches.runs(setups):
+            if runs is not None:
+                found.append(self._batch_row(setup, coupling.machine, runs, seconds))
+            elif coupling.machine.in_single:
+                found += self.rows([setup], coupling.in_single(single=False))
+            else:
+                found.append(self.row(setup, coupling))
+        return found
 
     def batches(self, coupling: Coupling) -> Batches | None:
         """Return the batches of the study at a coupling; None if its setups run through the FMUs."""
         with suppress(NotInBatchError):
-            return None if coupling.machine is None else self.batches_at(coupling.machine.step)
+            machine = coupling.machine
+            return None if machine is None else self.batches_at(machine.step, single=machine.in_single)
         return None
 
-    def batches_at(self, step: float, recorded: Sequence[str] = (), *, measured: bool = True) -> Batches:
+    def batches_at(
+        self, step: float, recorded: Sequence[str] = (), *, measured: bool = True, single: bool = False
+    ) -> Batches:
         """Return the batches of the study at a step [s], which are set up once.
 
         Args:
             recorded: Names of channels whose series are wanted.
             measured: Whether the runs have measures.
+            single: Whether they are in single precision.
 
         Raises:
             NotInBatchError: The machine cannot run the study.
         """
-        key = (step, tuple(recorded), measured)
+        key = (step, tuple(recorded), measured, single)
         if key not in self._batches:
             earlier = self._base._batches.get(key) if self._base else None
             try:
                 similar = earlier.for_shocks(self) if isinstance(earlier, Batches) else None
-                self._batches[key] = similar or Batches(self, *key[:2], measured=measured)
+                self._batches[key] = similar or Batches(self, *key[:2], measured=measured, single=single)
             except (NotInBatchError, EightpostError) as reason:
                 self._batches[key] = str(reason) or type(reason).__name__
         found = self._batches[key]
@@ -243,7 +275,7 @@ class Evaluator:
             else:
                 yield setup, {name: run.channels() for name, run in runs.items()}
 
-    def _batch_row(self, setup: Setup, model: ErrorModel, runs: Mapping[str, BatchRun], seconds: float) -> Row:
+    def _batch_row(self, setup: Setup, model: Estimator, runs: Mapping[str, BatchRun], seconds: float) -> Row:
         own = (runs[drive.name] for drive in self.study.drives)
         found = (_MeasuredRun(run.values, run.summary, run.estimate(model)) for run in own)
         return {"setup": setup.index, **setup.builds, **self._measured_on(found), "seconds": seconds}

@@ -345,6 +345,7 @@ class Plan:
         damping: Linear damping at each shock's port, around which the ports are solved (C,) [N.s/m].
         quantities: Quantities whose statistics are needed.
         series: Names of the channels whose series are needed.
+        single: Whether numbers are in single precision.
         width: Instruction set; None: the widest of this processor.
 
     Attributes:
@@ -365,6 +366,7 @@ class Plan:
         quantities: Sequence[Quantity],
         series: Sequence[str],
         *,
+        single: bool = False,
         width: str | None = None,
     ) -> None:
         if setup.discrete.is_needed:
@@ -383,6 +385,7 @@ class Plan:
             limits=[Limit(limit.sign, limit.limit, self._wired.output(limit.signal)) for limit in self.limits],
             series=series,
             settling=int(np.searchsorted(drive.times[:: drive.every], setup.scenario.settling + 1e-9)),
+            single=single,
             width=width,
         )
         self.rows, self.series = self.run.rows, self.run.series

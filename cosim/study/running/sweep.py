@@ -23,8 +23,9 @@ from cosim.session.session import interrupts_deferred
 from cosim.session.setup import RunSetup
 from cosim.study.definition import Build, Drive, Setup, Study
 from cosim.study.measures import AboveBand, Measure, own_function
-from cosim.study.running.coupling import check_setup, disagreement, through_fmus
+from cosim.study.running.coupling import check_setup, disagreement, through_fmus, with_rounding
 from cosim.study.running.evaluator import Coupling, Evaluator, Row
+from cosim.study.running.leaders import leaders
 from cosim.study.running.workers import Chunk, Workers
 from cosim.study.table import Provenance, StudyResult, result_table, study_schema
 from cosim.systems.algorithm import GaussSeidel
@@ -307,6 +308,10 @@ def _check_objective(study: Study, found: Mapping[str, str]) -> None:
 # ---- Studies of which all or only requested setups are run, each of them once ---------------------------------------
 
 
+#: Number of setups from which on a study runs in single precision.
+LARGE = 10_000
+
+
 class Sweep:
     """A checked study that is ready to run, as a whole or setup by setup.
 
@@ -373,6 +378,20 @@ class Sweep:
             self._kept.keep_coupling(found)
         return found
 
+    def coupling_of_all(self, workers: Workers) -> Coupling:
+        """Return the coupling of a run of all setups: of a large space in single precision, if that is exact enough.
+
+        Raises:
+            StepError: No setup could be run.
+        """
+        found = self.coupling(workers)
+        if len(self.study.space) < LARGE or found.machine is None or found.machine.rounding or not self.left:
+            return found
+        found = with_rounding(self.evaluator, found)
+        if found.machine and found.machine.rounding:
+            self._kept.keep_coupling(found)
+        return found
+
     def run(self, workers: Workers, coupling: Coupling, progress: Progress | None = None) -> StudyResult:
         """Run the remaining setups and write the result. Ctrl-C lets running chunks finish; the result is then partial.
 
@@ -398,14 +417,18 @@ class Sweep:
         tell()
         try:
             with interrupts_deferred(stop.set):
-                for chunk, rows in workers.rows(self.study, coupling, chunks, stopped):
+                for chunk, rows in workers.rows(self.study, coupling.in_single(), chunks, stopped):
                     self._kept.write(chunk, rows)
                     chunks.learn(rows)
                     tell()
         except WorkersLostError:
             self.collect(coupling, partial=chunks.left > 0)
             raise
-        result = self.collect(coupling, partial=chunks.left > 0)
+        rounding = coupling.machine and coupling.machine.rounding
+        result = self.collect(coupling, partial=chunks.left > 0 or rounding is not None)
+        if rounding and not chunks.left:
+            self.request(workers, coupling, leaders(result, rounding.measures))
+            result = self.collect(coupling, partial=False)
         compared = coupling if result.partial else self.compare_best(result, coupling)
         if compared.machine is None and coupling.machine is not None:
             return self.run(workers, compared, progress)
@@ -440,17 +463,30 @@ class Sweep:
         return found
 
     def collect(self, coupling: Coupling, *, partial: bool) -> StudyResult:
-        """Join the completed chunks to the result file, and return the result."""
+        """Join the completed chunks and the requested rows, which come first, to the result file; return the result."""
         made_by = self._provenance(coupling)
-        return StudyResult.join(self.path, self.study, self._kept.tables(), made_by, partial=partial)
+        return StudyResult.join(self.path, self.study, self._tables(), made_by, partial=partial)
+
+    def _tables(self) -> Iterator[Table]:
+        again = joined((self._requested.read(chunk) for chunk in self._requested.completed), self._schema)
+        for table in self._kept.tables():
+            yield self._each_once(again.take(np.isin(again["setup"], table["setup"])), table)
+
+    def _each_once(self, *tables: Table) -> Table:
+        """Return the rows of tables by setup; of a setup in several of them, the first row."""
+        whole = joined(tables, self._schema)
+        return whole.take(np.unique(whole["setup"], return_index=True)[1])
 
     def request(self, workers: Workers, coupling: Coupling, indices: Sequence[int]) -> StudyResult:
-        """Return the results of setups by number; setups without a result are run. Only their rows are in memory.
+        """Return the results of setups by number; those without one in double precision are run.
+
+        Only their rows are in memory.
 
         Ctrl-C loses only the setups that are running.
         """
         wanted = list(dict.fromkeys(int(i) for i in indices))
-        self._read(index for index in wanted if index in self._places)
+        exact = (self._requested,) if coupling.machine and coupling.machine.rounding else (self._requested, self._kept)
+        self._read(index for index in wanted if index in self._places and self._places[index][0] in exact)
         new = [index for index in wanted if index not in self._rows]
         if new:
             found = list[Row]()
@@ -463,17 +499,15 @@ class Sweep:
 
     def everything(self, coupling: Coupling) -> StudyResult:
         """Return all available results, of requests and of an exhaustive run."""
-        parts = (kept.read(chunk) for kept in (self._kept, self._requested) for chunk in kept.completed)
-        whole = joined(parts, self._schema)
-        _, first = np.unique(whole["setup"], return_index=True)  # a setup may be in both
-        return self._result(coupling, whole.take(first))
+        parts = (kept.read(chunk) for kept in (self._requested, self._kept) for chunk in kept.completed)
+        return self._result(coupling, self._each_once(*parts))
 
     @cached_property
     def _places(self) -> dict[int, tuple[ChunkFolder, range]]:
         """Chunk of each setup with a result that was not read yet."""
         return {
             number: (kept, chunk)
-            for kept in (self._kept, self._requested)
+            for kept in (self._kept, self._requested)  # of both, the second is taken
             for chunk in kept.completed
             for number in kept.read(chunk)["setup"].tolist()
         }
@@ -526,7 +560,7 @@ def run_study(study: Study, folder: str | Path, workers: Workers, progress: Prog
         StepError: No setup could be run.
     """
     sweep = Sweep(study, folder)
-    return sweep.run(workers, sweep.coupling(workers), progress)
+    return sweep.run(workers, sweep.coupling_of_all(workers), progress)
 
 
 class Trials:

@@ -103,7 +103,7 @@ def batch_refusal(study: str, coupling: Coupling) -> str:
     """Return why this process runs setups through the FMUs although the coupling asks for batches; else empty."""
     try:
         if coupling.machine is not None:
-            _evaluator_for(study).batches_at(coupling.machine.step)
+            _evaluator_for(study).batches_at(coupling.machine.step, single=coupling.machine.in_single)
     except NotInBatchError as reason:
         return str(reason)
     return ""

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from cosim.study.choice.optimise import Scores, Search, optimise, pareto_front, scores_of, search_study
+from cosim.study.choice.optimise import Scores, Search, optimise, scores_of, search_study
 from cosim.study.definition import Constraint, SetupSpace, Term
+from cosim.study.running.leaders import pareto_front
 from cosim.study.running.sweep import Sweep, run_study
 from cosim.study.table import StudyResult
 from eightpost.__main__ import main
