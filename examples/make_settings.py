@@ -9,9 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from eightpost.signals import write_csv
-from eightpost.virtual import PhysicalDamper, configuration
+from eightpost.virtual import SHIMS_OF_BUILD, PhysicalDamper, configuration
 from eightpost.virtual.dynamometer import Actuator, measure, random_multisine
-from eightpost.virtual.valves import Bleed
+from eightpost.virtual.valves import open_passage
 
 FOLDER = Path(__file__).parent / "settings"
 
@@ -30,8 +30,8 @@ COLUMNS = {
 def damper(clicks: int) -> PhysicalDamper:
     """Return the shock of row 1 of Table 3.1 with its rebound bleed a number of clicks from full hard."""
     shock = configuration(1)
-    bleed = Bleed(28 - clicks, AREA)  # which counts from fully open
-    return replace(shock, piston=replace(shock.piston, bleed=bleed))
+    rebound = shock.main_valve.backward._replace(orifice=open_passage(SHIMS_OF_BUILD[1].jet + clicks * AREA).orifice)
+    return replace(shock, main_valve=shock.main_valve._replace(backward=rebound))
 
 
 def dynamometer_test(clicks: int, seed: int) -> Path:

@@ -93,17 +93,11 @@ _ENTRY = re.compile(r"^    (\*{0,2}\w+(?:, \*{0,2}\w+)*)(?: \(.*?\))?: +(\S.*)$"
 
 @dataclass(frozen=True)
 class Finding:
-    """A place where the text is not plain English.
+    """A place where the text is not plain English."""
 
-    Args:
-        path: File, relative to the project's root.
-        line: Line number.
-        text: Explanation.
-    """
-
-    path: Path
-    line: int
-    text: str
+    path: Path  #: File, relative to the project's root.
+    line: int  #: Line number.
+    text: str  #: Explanation.
 
     def __str__(self) -> str:
         return f"{self.path}:{self.line}: {self.text}"

@@ -324,24 +324,11 @@ def test_searches_of_all_endings(unchanged):
     for evaluations in (3, 40):
         for tolerance in (1e-2, 1e-12):
             for longest in (0.05, np.inf):
-                minimum = minimum_from(
-                    _Valley(), np.array([-1.2, 1.9]), tolerance=tolerance, evaluations=evaluations, longest=longest
-                )
-                found[f"{evaluations} {tolerance} {longest}"] = [
-                    minimum.end.parameters, minimum.cost, minimum.converged, minimum.status,
-                ]  # fmt: skip
+                case = Case(valley, valley_slopes, [-1.5, -0.5], [0.8, 2.0])
+                minimum = search(case, [-1.2, 1.9], tolerance, evaluations, longest=longest)
+                kept = [minimum.end.parameters, minimum.cost, minimum.converged, minimum.status]
+                found[f"{evaluations} {tolerance} {longest}"] = kept
     unchanged(found)
-
-
-class _Valley:
-    """Rosenbrock's valley within bounds, as residuals."""
-
-    def bounds(self):
-        return np.array([-1.5, -0.5]), np.array([0.8, 2.0])
-
-    def at(self, x):
-        residual, slopes = np.array([10.0 * (x[1] - x[0] ** 2), 1.0 - x[0]]), [[-20.0 * x[0], 10.0], [-1.0, 0.0]]
-        return Residual(x, residual, lambda: np.array(slopes))
 
 
 def test_covariances_of_blocks(unchanged):

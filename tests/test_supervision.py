@@ -48,8 +48,12 @@ def ended(work: str, limit: float = 30.0, **options: Any) -> tuple[int, str, str
     return command.returncode, output, errors
 
 
-def test_long_texts_of_a_record_are_cut_and_leave_the_others_as_they_are() -> None:
-    record = Record(mmap.mmap(-1, SIZE))
+@pytest.fixture
+def record() -> Record:
+    return Record(mmap.mmap(-1, SIZE))
+
+
+def test_long_texts_of_a_record_are_cut_and_leave_the_others_as_they_are(record: Record) -> None:
     record.complete(7)
     long = "x" * (2 * SIZE)
     for _ in range(2):
@@ -63,8 +67,7 @@ def test_long_texts_of_a_record_are_cut_and_leave_the_others_as_they_are() -> No
     assert record.code == 7 and not record.is_calling
 
 
-def test_the_loop_is_told_by_its_part_and_time() -> None:
-    record = Record(mmap.mmap(-1, SIZE))
+def test_the_loop_is_told_by_its_part_and_time(record: Record) -> None:
     record.name_parts(["car", "lf", "rf"])
     assert record.code is None
     states = {record.state}
@@ -85,8 +88,7 @@ def test_the_loop_is_told_by_its_part_and_time() -> None:
 
 
 @pytest.mark.parametrize("code", [0, 1, 2, 130, 255])
-def test_a_complete_command_has_its_exit_code(code: int) -> None:
-    record = Record(mmap.mmap(-1, SIZE))
+def test_a_complete_command_has_its_exit_code(code: int, record: Record) -> None:
     record.complete(code)
     assert record.code == code
 
@@ -242,45 +244,6 @@ def test_a_command_and_its_workers_have_one_temporary_folder(tmp_path: Path) -> 
     _, shown, _ = ended(work, env={"TMPDIR": str(tmp_path)})
     first, second = shown.split()
     assert first == second and Path(first).parent == tmp_path
-
-
-@pytest.fixture
-def record() -> Record:
-    return Record(mmap.mmap(-1, SIZE))
-
-
-def test_a_call_within_the_loop_is_named_until_it_returns(record: Record) -> None:
-    record.name_parts(["'one' (a.fmu)", "'two' (b.fmu)"])
-    assert not record.is_calling
-    with record.calling_loop():
-        record.memory[record.calls + 8 : record.calls + 9] = b"\1"
-        assert record.called == ("'two' (b.fmu)", " at 0 s")
-        with record.calling("'one' (a.fmu)", "restore a state"):
-            assert record.called == ("'one' (a.fmu)", " to restore a state")
-        assert record.called[0] == "'two' (b.fmu)"
-        record.memory[record.calls + 8 : record.calls + 9] = b"\7"
-        assert record.called[0] == "unknown"
-    assert not record.is_calling
-
-
-def test_every_call_changes_the_state_and_long_texts_are_cut(record: Record) -> None:
-    states = set()
-    for _ in range(3):
-        with record.calling("x" * SIZE, "step"):
-            states.add(record.state)
-    record.remains = "y" * SIZE
-    record.name_parts(["z" * SIZE])
-    assert len(states) == 3 and len(record.called[0]) == len(record._read(supervision._PARTS))
-    assert set(record.remains) == {"y"} and set(record._read(supervision._CALL)) == {"x"}
-    assert set(record.called[0]) == {"z"} and record.folder == ""
-
-
-def test_a_code_is_known_only_after_the_end(record: Record) -> None:
-    assert record.code is None
-    record.complete(0)
-    assert record.code == 0
-    record.complete(130)
-    assert record.code == 130
 
 
 @pytest.mark.parametrize(

@@ -50,6 +50,8 @@ def test_an_uncertainty_survives_its_document_with_open_limits_and_unknown_copie
     ("document", "what"),
     [
         (3, "must be an object, not int"),
+        ({"left_out_blocks": []}, "left_out_blocks: must be an object"),
+        ({"left_out_blocks": {"velocity [m/s]": [0.1, 0.2], "changes": {"lag": [0.0, 0.0]}}}, "not all of them 0"),
         ({"measures": {"a": {"common": -1.0, "own": 0.1}}}, "numbers of 0 or more"),
         ({"measures": {"a": {"common": 1.0}}}, "own"),
         ({"parameters": [{"name": "lag"}]}, "deviation"),
@@ -206,16 +208,3 @@ def test_changes_survive_their_document():
     text = json.dumps(found.section(), allow_nan=False)
     assert left_out_of(json.loads(text)) == found
     assert len(text) < 1200
-
-
-@pytest.mark.parametrize(
-    ("document", "what"),
-    [
-        ([], "left_out_blocks: must be an object"),
-        ({"velocity [m/s]": [0.1, 0.2], "changes": {"lag": [1.0]}}, "lag must be 2 finite numbers"),
-        ({"velocity [m/s]": [0.1, 0.2], "changes": {"lag": [0.0, 0.0]}}, "not all of them 0"),
-    ],
-)
-def test_a_document_of_no_left_out_blocks_is_refused(document, what):
-    with pytest.raises(InputError, match=what):
-        LeftOutBlocks.from_json(document)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from math import ceil
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.study.choice.shape_search import ASSURED
+from cosim.study.choice.shape_search import ASSURED, DrawnCar
 from eightpost.api.shapes import VERIFIED, Aim, Target
 from eightpost.files import write_text
 from eightpost.report.charts import COLORS, MEASURED, Axis, Figure, grid_figure
@@ -38,53 +38,36 @@ def aim_verdict(found: Aim) -> Verdict:
     origin = f"{found.runs} trials; verified by runs of their own FMUs"
     gain = f"{best:.5g} with the best of the bank, {targets:.5g} with the targets"
     rule = "targets better than the bank" if targets < best else "no gain over the bank"
-    reasons = [RULES.reason(rule, "the objective", figure=gain, origin=origin)]
+    reasons = [RULES.reason(rule, "the objective", gain, origin)]
     reasons += _of_the_car(found)
-    as_shape = float(found.curves.reference.nominal[0])
+    curves = found.curves
+    as_shape = float(curves.reference.nominal[0])
     if targets < best and abs(best - as_shape) > 0.5 * (best - targets):
         text = f"{best:.6g} with its own laws, {as_shape:.6g} as shapes; gain {best - targets:.3g}"
-        reasons.append(
-            RULES.reason("gain within the error of the shapes", "the best of the bank", figure=text, origin=origin)
-        )
-    apart = targets - found.curves.optimum.nominal
-    if abs(apart) > AGREEMENT * abs(targets):
-        text = f"{found.curves.optimum.nominal:.6g} in the search, {targets:.6g} in the run"
-        reasons.append(
-            RULES.reason("verification differs", "search and verifying run disagree", figure=text, origin=origin)
-        )
+        reasons.append(RULES.reason("gain within the error of the shapes", "the best of the bank", text, origin))
+    if abs(targets - curves.optimum.nominal) > AGREEMENT * abs(targets):
+        text = f"{curves.optimum.nominal:.6g} in the search, {targets:.6g} in the run"
+        reasons.append(RULES.reason("verification differs", "search and verifying run disagree", text, origin))
     return Verdict(reasons)
 
 
 def _of_the_car(found: Aim) -> Iterator[Reason]:
     """Yield what the stated uncertainty of the vehicle means for the gain."""
+    car, about = found.curves.car, "uncertainty of the vehicle"
     if not found.request.uncertain:
-        yield RULES.reason(
-            "uncertainty of the gain not computed",
-            "uncertainty of the vehicle",
-            figure="not computed",
-            origin="--set certainty=no",
-        )
-    elif found.curves.car is None or not found.curves.car.is_known:
-        missing = (
-            "no measure"
-            if found.curves.car is None
-            else ", ".join(found.curves.car.unknown(found.curves.car.criterion.measures))
-        )
-        known = "stated for" if found.curves.car is None else "not stated for"
-        yield RULES.reason(
-            "uncertainty of the gain unknown",
-            "uncertainty of the vehicle",
-            figure=f"{known} {missing}",
-            origin="the vehicle's FMU",
-        )
+        yield RULES.reason("uncertainty of the gain not computed", about, "not computed", "--set certainty=no")
+    elif car is None or not car.is_known:
+        known = "stated for no measure" if car is None else f"not stated for {', '.join(_unknown(car))}"
+        yield RULES.reason("uncertainty of the gain unknown", about, known, "the vehicle's FMU")
     elif found.curves.chance < ASSURED:
         figure = f"{100.0 * found.curves.chance:.3g} %; limit {100.0 * ASSURED:g} %"
-        yield RULES.reason(
-            "gain in doubt",
-            "probability of a gain",
-            figure=figure,
-            origin=f"{found.curves.gains.size} draws of cars and shocks",
-        )
+        draws = f"{found.curves.gains.size} draws of cars and shocks"
+        yield RULES.reason("gain in doubt", "probability of a gain", figure, draws)
+
+
+def _unknown(car: DrawnCar) -> Sequence[str]:
+    """Return the measures of the objective whose uncertainty is not stated."""
+    return car.unknown(car.criterion.measures)
 
 
 # ---- Tables ---------------------------------------------------------------------------------------------------------
@@ -92,12 +75,9 @@ def _of_the_car(found: Aim) -> Iterator[Reason]:
 
 def objective_table(found: Aim) -> ResultTable:
     """Return objective and gain of the best setup of the bank, of the targets, and of what comes near them."""
-    best = found.verified_objective(0)
-    rows: list[tuple[Cell | float | None, ...]] = []
-    for rank, words in enumerate(VERIFIED):
-        value = found.verified_objective(rank)
-        rows.append((words, value, best - value))
-    rows.append(("targets, in the search", found.curves.optimum.nominal, best - found.curves.optimum.nominal))
+    best, searched = found.verified_objective(0), found.curves.optimum.nominal
+    values = {words: found.verified_objective(rank) for rank, words in enumerate(VERIFIED)}
+    rows = [(words, value, best - value) for words, value in {**values, "targets, in the search": searched}.items()]
     title = "Objective of shocks exactly as planned"
     return ResultTable.of(title, ("setup", "objective .6", "gain .4"), rows)
 
@@ -120,15 +100,15 @@ def robust_table(found: Aim) -> ResultTable:
 
 def gain_table(found: Aim) -> ResultTable:
     """Return the gain over the best setup of the bank: predicted, and what is assured."""
-    best = float(found.curves.reference.nominal[0])
-    drawn = "shocks" if found.curves.car is None else "shocks and cars"
-    quantiles = np.quantile(found.curves.gains, [1.0 - ASSURED, 0.5]).tolist()
+    curves = found.curves
+    drawn = "shocks" if curves.car is None else "shocks and cars"
+    half, most = np.quantile(curves.gains, [0.5, 1.0 - ASSURED]).tolist()
     gains = {
-        "predicted, shocks exactly as planned": found.curves.predicted_gain,
-        f"exceeded by 50 % of the draws of {drawn}": quantiles[1],
-        f"exceeded by {100.0 * ASSURED:g} % of them": quantiles[0],
+        "predicted, shocks exactly as planned": curves.predicted_gain,
+        f"exceeded by 50 % of the draws of {drawn}": half,
+        f"exceeded by {100.0 * ASSURED:g} % of them": most,
     }
-    rows = [(words, gain, 100.0 * gain / abs(best)) for words, gain in gains.items()]
+    rows = [(words, gain, 100.0 * gain / abs(float(curves.reference.nominal[0]))) for words, gain in gains.items()]
     return ResultTable.of(
         "Gain over the best setup of the bank", ("gain", "objective .4", "of the objective [%]"), rows
     )
@@ -174,35 +154,28 @@ def neighbour_table(target: Target, found: Aim) -> ResultTable:
 
 def write_aim(found: Aim, folder: Path) -> tuple[Path, Path]:
     """Write shapes.json and shapes.html into a folder; return their paths."""
-    page = folder / "shapes.html"
     data = write_text(folder / "shapes.json", json.dumps(sealed(_content(found)), indent=2) + "\n")
-    title = f"Curves to aim at: {found.study.name}"
-    return data, write_page(
-        page,
-        document(
-            title, aim_verdict(found), list(_sections(found)), lead=_lead(found), links={"report.html": "The study"}
-        ),
-    )
-
-
-def _lead(found: Aim) -> str:
     fits = ", ".join(f"{name} {100.0 * fit.relative:.2g} %" for name, fit in found.curves.fits.items())
-    return f"Shapes of the bank describe its curves with an RMS error of: {fits}."
+    lead = f"Shapes of the bank describe its curves with an RMS error of: {fits}."
+    title, links = f"Curves to aim at: {found.study.name}", {"report.html": "The study"}
+    page = document(title, aim_verdict(found), list(_sections(found)), lead=lead, links=links)
+    return data, write_page(folder / "shapes.html", page)
 
 
 def car_text(found: Aim) -> str:
     """Return a sentence about what the vehicle's uncertainty does to the gain."""
     if not found.request.uncertain:
         return "The errors of the vehicle are left out on request: the gain and its band are those of the model."
-    if found.curves.car is None:
+    car = found.curves.car
+    if car is None:
         return (
             "The vehicle states no uncertainty: the gain and its band are those of this vehicle, as if it were exact."
         )
-    missing = found.curves.car.unknown(found.curves.car.criterion.measures)
+    missing = _unknown(car)
     unknown = f" The uncertainty of {', '.join(missing)} is not known and not included." if missing else ""
     return (
         f"With the errors that the vehicle states, the targets are better than the best setup of the bank with a "
-        f"probability of {chance_text(found.curves.chance, len(found.curves.car.draws.common))}.{unknown}"
+        f"probability of {chance_text(found.curves.chance, len(car.draws.common))}.{unknown}"
     )
 
 
@@ -220,23 +193,20 @@ def chance_text(share: float, cars: int) -> str:
 
 def band_text(found: Aim) -> str:
     """Return a sentence about the band."""
-    if found.curves.band is None:
+    if (band := found.curves.band) is None:
         return f"No gain is assured with {100.0 * ASSURED:g} %, so there is no band."
-    share = f"{100.0 * found.curves.band.share:g} % of the assured gain"
-    if found.curves.band.size == 0.0:
+    share = f"{100.0 * band.share:g} % of the assured gain"
+    if band.size == 0.0:
         return f"No box around the targets keeps {share}: a deviation of 1 % of the ranges already loses more."
     return (
-        f"All numbers of all corners may deviate together by {100.0 * found.curves.band.size:g} % of their ranges: "
-        f"{100.0 * found.curves.band.kept:.3g} % of {len(found.curves.band.points)} random points there keep {share}."
+        f"All numbers of all corners may deviate together by {100.0 * band.size:g} % of their ranges: "
+        f"{100.0 * band.kept:.3g} % of {len(band.points)} random points there keep {share}."
     )
 
 
 def _sections(found: Aim) -> Iterator[Section]:
-    yield Section(
-        "gain",
-        "Gain",
-        [objective_table(found), gain_table(found), car_text(found), robust_table(found), band_text(found)],
-    )
+    tables = [objective_table(found), gain_table(found), car_text(found), robust_table(found), band_text(found)]
+    yield Section("gain", "Gain", tables)
     for target in found.targets:
         blocks: list[Block] = [_figure(target, found), number_table(target, found), neighbour_table(target, found)]
         if target.valving.limits:
@@ -262,39 +232,39 @@ def _figure(target: Target, found: Aim) -> Figure:
 
 
 def _content(found: Aim) -> dict[str, Any]:
-    robust = asdict(found.request.robustness)
+    curves, optimum, robust = found.curves, found.curves.optimum, asdict(found.request.robustness)
     return {
         "schema": SCHEMA,
         "kind": "shapes",
         "study": found.study.name,
         "digest": found.digest,
-        "best_of_bank": dict(found.curves.bank),
+        "best_of_bank": dict(curves.bank),
         "objective": {
             "best_of_bank": found.verified_objective(0),
             "targets": found.verified_objective(1),
             "nearest_builds": found.verified_objective(2),
             "nearest_valvings": found.verified_objective(3),
-            "targets_in_search": found.curves.optimum.nominal,
-            "targets_robust": found.curves.optimum.objective,
-            "targets_scatter": found.curves.optimum.scatter,
-            "best_of_bank_robust": float(found.curves.reference.objective[0]),
+            "targets_in_search": optimum.nominal,
+            "targets_robust": optimum.objective,
+            "targets_scatter": optimum.scatter,
+            "best_of_bank_robust": float(curves.reference.objective[0]),
         },
-        "meets_constraints": found.curves.optimum.allowed,
+        "meets_constraints": optimum.allowed,
         "coupling_error_percent": found.verified.worst_coupling_error,
         "robustness": robust | {"tolerance": found.request.tolerance},
         "gain": {
-            "predicted": found.curves.predicted_gain,
-            "assured": found.curves.assured_gain,
-            "probability": found.curves.chance,
-            "includes_car": found.curves.car is not None and found.curves.car.is_known,
+            "predicted": curves.predicted_gain,
+            "assured": curves.assured_gain,
+            "probability": curves.chance,
+            "includes_car": curves.car is not None and curves.car.is_known,
         },
-        "band": None if found.curves.band is None else {
-            "share": found.curves.band.share, "size": found.curves.band.size, "kept": found.curves.band.kept
+        "band": None if curves.band is None else {
+            "share": curves.band.share, "size": curves.band.size, "kept": curves.band.kept
         },
-        "ranges": {one.name: [one.low, one.high] for one in found.curves.space.ranges},
+        "ranges": {one.name: [one.low, one.high] for one in curves.space.ranges},
         "targets": [_target(target) for target in found.targets],
-        "starts": [list(pair) for pair in found.curves.optimum.starts],
-        "status": list(found.curves.optimum.status),
+        "starts": [list(pair) for pair in optimum.starts],
+        "status": list(optimum.status),
         "trials": found.runs,
         "definition": json.loads(found.study.to_json()),
     }  # fmt: skip

@@ -198,9 +198,7 @@ DOWNFORCE = (700.0 * _POUND, 550.0 * _POUND)
 STATIC_PUSH, STATIC_PULL = 1000.0 * _POUND, 500.0 * _POUND
 
 
-def random_drive(
-    car: AnyCar, seed: int, *, duration: float = 800.0, active: Sequence[str] = (), road_peak: float = ROAD_PEAK
-) -> Drivefile:
+def random_drive(car: AnyCar, seed: int, *, duration: float = 800.0, active: Sequence[str] = ()) -> Drivefile:
     """Return the random test: Gaussian noise with the spectra of Table 6.3 on all actuators, or on `active` ones only.
 
     The noise is shaped by a linear-phase filter of 8 s (6.1.3 has a Yule-Walker fit) and scaled to the peaks of 6.1.3.
@@ -211,7 +209,6 @@ def random_drive(
         seed: Seed of the noise generator.
         duration: Duration [s]; 800, and 100 for single inputs (6.1.3).
         active: Names of the inputs that move; empty for all inputs.
-        road_peak: Peak amplitude of the roads [m].
 
     Raises:
         ParameterError: The car does not have an input, or the duration is not positive.
@@ -224,7 +221,7 @@ def random_drive(
     for name in car.inputs:
         is_road = name in car.named("road")
         noise = _shaped_noise(generator, count, WHEELLOADER if is_road else AEROLOADER)
-        peak = road_peak if is_road else AERO_PEAK
+        peak = ROAD_PEAK if is_road else AERO_PEAK
         if car.geometry is not None and name.endswith("_moment"):  # with half the wheelbase as lever arm
             peak *= 0.5 * (car.geometry.front_axle + car.geometry.rear_axle)
         if not active or name in active:
@@ -287,16 +284,15 @@ def bump_drive(car: AnyCar, *, height: float = 0.4 * _INCH, period: float = 10.0
     return _drivefile(car, time.size, _in_mode(car, "heave", wave))
 
 
-def static_drive(
-    car: AnyCar, kind: str = "heave", *, most: float | None = None, levels: int = 5, hold: float = 5.0
-) -> Drivefile:
-    """Return the spring-rating test of 6.1.3: the aeroloader forces increase in levels from zero to `most`, and back.
+def static_drive(car: AnyCar, kind: str = "heave", *, levels: int = 5, hold: float = 5.0) -> Drivefile:
+    """Return the spring-rating test of 6.1.3: the aeroloader forces increase in levels from zero, and back.
+
+    The largest force is `STATIC_PUSH` if all active aeroloaders push, and `STATIC_PULL` in pitch, roll and warp, in
+    which two of them pull.
 
     Args:
         car: Car with four aeroloaders.
         kind: Type of loading: heave, pitch, roll, warp, or the name of one aeroloader, such as `lf.aero`.
-        most: Maximum force of each active aeroloader [N]; in pitch, roll and warp, two of them pull. Default
-            `STATIC_PUSH` if all push and `STATIC_PULL` if some pull.
         levels: Number of force levels above zero; default 5.
         hold: Duration of each level [s], after a ramp of 1 s; default 5 (6.4.4).
 
@@ -310,8 +306,7 @@ def static_drive(
         )
     if kind not in (*SIGNS, *names):
         raise ParameterError(f"there is no static test {kind!r}; there are {', '.join((*SIGNS, *names))}")
-    if most is None:
-        most = STATIC_PULL if kind in ("pitch", "roll", "warp") else STATIC_PUSH
+    most = STATIC_PULL if kind in ("pitch", "roll", "warp") else STATIC_PUSH
     steps = [*range(levels + 1), *range(levels - 1, -1, -1)]
     corners = [(k * (hold + 1.0) + rest, level) for k, level in enumerate(steps) for rest in (0.0, hold)]
     times, shares = np.array(corners).T

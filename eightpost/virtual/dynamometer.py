@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +22,9 @@ from eightpost.units import convert
 from eightpost.virtual.damper import CONFIGURATIONS, SHIMS_OF_BUILD, PhysicalDamper, configuration, shim_build
 from eightpost.virtual.shocks import TruthDamper
 from eightpost.virtual.valves import cavitation
+
+#: Sample rate of the motions [Hz].
+RATE = 2000.0
 
 # ==== Excitations: multisines, single sines and steps ================================================================
 
@@ -45,7 +48,7 @@ def multisine_spectrum() -> tuple[Array, Array]:
 
 
 def random_multisine(
-    seed: int, *, duration: float = 30.0, rate: float = 2000.0, peak: float = 0.0254, draws: int = 50
+    seed: int, *, duration: float = 30.0, rate: float = RATE, peak: float = 0.0254, draws: int = 50
 ) -> Drivefile:
     """Return a random displacement command for the dynamometer (Eq 3.26).
 
@@ -126,7 +129,7 @@ class _SineTest:
         return f"{convert(self.amplitude, 'm', 'in'):.3g}in_{convert(self.speed, 'm/s', 'in/s'):.3g}ips"
 
 
-def sine_test(amplitude: float, speed: float, *, cycles: int = 3, rate: float = 2000.0) -> _SineTest:
+def sine_test(amplitude: float, speed: float, *, cycles: int = 3) -> _SineTest:
     """Return a sine that starts from rest.
 
         x = A w(t) sin(omega t),  w a raised cosine from 0 to 1 over the first whole cycles, half a second or more
@@ -137,18 +140,18 @@ def sine_test(amplitude: float, speed: float, *, cycles: int = 3, rate: float = 
         amplitude: Amplitude A [m].
         speed: Peak velocity A omega [m/s].
         cycles: Minimum number of steady cycles; increased if they take less than 3 s.
-        rate: Sample rate [Hz], at least 20 samples per cycle.
 
     Raises:
-        ParameterError: A value is not positive, the sample rate is too low, or the test takes longer than an hour.
+        ParameterError: A value is not positive, there are fewer than 20 samples per cycle, or the test takes longer
+            than an hour.
     """
-    for name, value in (("amplitude", amplitude), ("speed", speed), ("cycles", cycles), ("rate", rate)):
+    for name, value in (("amplitude", amplitude), ("speed", speed)):
         if not (value > 0.0 and math.isfinite(value)):
             raise ParameterError(f"the sine's {name} must be above 0, not {value:g}")
     frequency = speed / (2.0 * math.pi * amplitude)
-    if rate < 20.0 * frequency:
+    if 20.0 * frequency > RATE:
         raise ParameterError(
-            f"a sine of {frequency:.4g} Hz needs a sample rate of at least {20.0 * frequency:.0f} Hz, not {rate:g} Hz"
+            f"a sine of {frequency:.4g} Hz needs a sample rate of at least {20.0 * frequency:.0f} Hz, not {RATE:g} Hz"
         )
     start = math.ceil(max(1.0, 0.5 * frequency)) / frequency
     stop = start + math.ceil(max(cycles, STEADY * frequency)) / frequency
@@ -157,7 +160,7 @@ def sine_test(amplitude: float, speed: float, *, cycles: int = 3, rate: float = 
             f"a sine of {frequency:.4g} Hz with its fade-in lasts {stop:.4g} s, at most {LONGEST:g} s; use a higher "
             "speed, or a smaller amplitude"
         )
-    time = np.arange(math.ceil(stop * rate) + 1) / rate
+    time = np.arange(math.ceil(stop * RATE) + 1) / RATE
     fade = 0.5 - 0.5 * np.cos(np.pi * np.minimum(time / start, 1.0))
     displacement = amplitude * fade * np.sin(2.0 * np.pi * frequency * time)
     series = TimeSeries.from_channels(time, {"displacement": ("m", displacement)})
@@ -178,65 +181,35 @@ OFFSET = convert(3.0, "in", "m")
 _INCH = convert(1.0, "in", "m")
 
 
-def static_steps(*, rate: float = 2000.0) -> Drivefile:
-    """Return the static profile (Fig 3.12) of `displacement` [m] at a sample rate [Hz].
+def static_steps() -> Drivefile:
+    """Return the static profile (Fig 3.12) of `displacement` [m].
 
     It holds each position for 20 s: from 2 in, which is -1 in from the zero position, three steps of 1 in up and down
     again at 0.2 in/s.
     """
     climb = [2.0 * _INCH - OFFSET + _INCH * i for i in range(4)]
-    return _ramps([*climb, *climb[-2::-1]], speed=convert(0.2, "in/s", "m/s"), hold=20.0, rounding=0.05, rate=rate)
+    return _ramps([*climb, *climb[-2::-1]], speed=convert(0.2, "in/s", "m/s"), hold=20.0, rounding=0.05)
 
 
-def bump(
-    *,
-    height: float = 0.5 * _INCH,
-    speed: float = convert(30.0, "in/s", "m/s"),
-    hold: float = 1.0,
-    rounding: float = 0.004,
-    rate: float = 2000.0,
-) -> Drivefile:
-    """Return the bump (Fig 3.13): hold, one ramp up, hold, one ramp down, hold.
+def bump() -> Drivefile:
+    """Return the bump (Fig 3.13) of `displacement` [m]: hold, a ramp up of 0.5 in at 30 in/s, hold, a ramp down, hold.
 
-    Args:
-        height: Height of the bump [m]; default 0.5 in.
-        speed: Speed in the straight part of the ramps [m/s]; default 30 in/s.
-        hold: Duration of each hold [s].
-        rounding: Time to reach the speed [s], because an actuator cannot start instantly.
-        rate: Sample rate [Hz].
-
-    Returns:
-        Drive file with the channel `displacement` [m].
-
-    Raises:
-        ParameterError: A value is not positive, or the ramp has no straight part.
+    The holds take 1 s. The speed is reached within 4 ms, because an actuator cannot start instantly.
     """
-    _check(height=height, speed=speed, hold=hold, rounding=rounding, rate=rate)
-    if 2.0 * rounding > height / speed:
-        raise ParameterError(
-            f"a ramp of {height:g} m at {speed:g} m/s takes {height / speed:g} s and cannot be rounded over "
-            f"{rounding:g} s at each end; lower the speed or the rounding"
-        )
-    return _ramps([0.0, height, 0.0], speed=speed, hold=hold, rounding=rounding, rate=rate)
+    return _ramps([0.0, 0.5 * _INCH, 0.0], speed=convert(30.0, "in/s", "m/s"), hold=1.0, rounding=0.004)
 
 
-def _check(**values: float) -> None:
-    for name, value in values.items():
-        if not (value > 0.0 and np.isfinite(value)):
-            raise ParameterError(f"{name} must be above 0, not {value:g}")
-
-
-def _ramps(positions: Sequence[float], *, speed: float, hold: float, rounding: float, rate: float) -> Drivefile:
+def _ramps(positions: Sequence[float], *, speed: float, hold: float, rounding: float) -> Drivefile:
     """Return holds at positions [m] connected by ramps, with corners rounded by two moving averages."""
     corners = [(0.0, positions[0]), (hold, positions[0])]
     for here, there in itertools.pairwise(positions):
         arrival = corners[-1][0] + abs(there - here) / speed
         corners += [(arrival, there), (arrival + hold, there)]
     times, values = np.array(corners).T
-    time = np.arange(round(times[-1] * rate) + 1) / rate
+    time = np.arange(round(times[-1] * RATE) + 1) / RATE
     displacement = np.interp(time, times, values)
     # With two averages of half the length, the acceleration is a triangle and the velocity is smooth.
-    width = max(round(0.5 * rounding * rate), 1) // 2 * 2 + 1
+    width = max(round(0.5 * rounding * RATE), 1) // 2 * 2 + 1
     for _ in range(2):
         displacement = uniform_filter1d(displacement, width, mode="nearest")
     return Drivefile(TimeSeries.from_channels(time, {"displacement": ("m", displacement)}))
@@ -320,28 +293,13 @@ class Actuator:
 # ---- Sensors and measurement ----------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Sensor:
-    """A sensor that adds white noise and rounds to its resolution."""
-
-    noise: float  #: Standard deviation of the noise, in the channel's SI unit.
-    resolution: float  #: Step between readings, in the channel's SI unit.
-
-    def read(self, values: Array, generator: np.random.Generator) -> Array:
-        """Return the readings (N,) of `values` (N,)."""
-        noisy = values + self.noise * generator.standard_normal(values.size)
-        return np.asarray(self.resolution * np.round(noisy / self.resolution), dtype=np.float64)
-
-
-@dataclass(frozen=True, slots=True)
-class Sensors:
-    """Sensors of a dynamometer; the default resolutions are 0.1 lbf, 0.0001 in, 0.01 in/s and 0.1 K."""
-
-    displacement: Sensor = Sensor(convert(1e-4, "in", "m"), convert(1e-4, "in", "m"))  #: Displacement sensor [m].
-    velocity: Sensor = Sensor(convert(0.02, "in/s", "m/s"), convert(0.01, "in/s", "m/s"))  #: Velocity sensor [m/s].
-    force: Sensor = Sensor(convert(0.5, "lbf", "N"), convert(0.1, "lbf", "N"))  #: Load cell [N].
-    temperature: Sensor = Sensor(0.05, 0.1)  #: Temperature sensor [K].
-
+#: Unit of each channel, standard deviation of its sensor's white noise, and the step between readings, in this unit.
+SENSORS: Mapping[str, tuple[str, float, float]] = {
+    "displacement": ("m", convert(1e-4, "in", "m"), convert(1e-4, "in", "m")),
+    "velocity": ("m/s", convert(0.02, "in/s", "m/s"), convert(0.01, "in/s", "m/s")),
+    "force": ("N", convert(0.5, "lbf", "N"), convert(0.1, "lbf", "N")),
+    "temperature": ("K", 0.05, 0.1),
+}
 
 #: Start temperature [K] and its rate of change [K/s] for a damper without the channel `warming`; plausible for a short
 #: run.
@@ -355,8 +313,7 @@ def measure(
     damper: TruthDamper | PhysicalDamper,
     drivefile: Drivefile,
     *,
-    rate: float = 2000.0,
-    sensors: Sensors | None = None,
+    rate: float = RATE,
     actuator: Actuator | None = None,
     seed: int = 0,
 ) -> TimeSeries:
@@ -368,7 +325,6 @@ def measure(
         damper: Damper to test.
         drivefile: Command with the channel `displacement` [m], finely and evenly sampled.
         rate: Sample rate [Hz].
-        sensors: Noise and resolution of the four sensors.
         actuator: Model of the deviation of the motion from the command.
         seed: Seed of the noise generator.
 
@@ -376,24 +332,20 @@ def measure(
         displacement [m], velocity [m/s], force [N] (positive in compression), temperature [K].
     """
     motion = actuator.follow(drivefile.series) if actuator else drivefile.series
-    return read_out(damper.respond(motion, rate=rate), sensors=sensors, seed=seed)
+    return read_out(damper.respond(motion, rate=rate), seed=seed)
 
 
-def read_out(response: TimeSeries, *, sensors: Sensors | None = None, seed: int = 0) -> TimeSeries:
+def read_out(response: TimeSeries, *, seed: int = 0) -> TimeSeries:
     """Return the sensor readings for a damper's response; see `measure` for arguments and result."""
-    sensors, generator = sensors or Sensors(), np.random.default_rng(seed)
+    generator, channels = np.random.default_rng(seed), {}
     temperature = START_TEMPERATURE + WARMING * (response.time - response.time[0])
     if "warming" in response:
         temperature = WARM_START + response["warming"]
-    return TimeSeries.from_channels(
-        response.time,
-        {
-            "displacement": ("m", sensors.displacement.read(response["displacement"], generator)),
-            "velocity": ("m/s", sensors.velocity.read(response["velocity"], generator)),
-            "force": ("N", sensors.force.read(response["force"], generator)),
-            "temperature": ("K", sensors.temperature.read(temperature, generator)),
-        },
-    )
+    for name, (unit, noise, resolution) in SENSORS.items():
+        values = temperature if name == "temperature" else response[name]
+        noisy = values + noise * generator.standard_normal(values.size)
+        channels[name] = (unit, resolution * np.round(noisy / resolution))
+    return TimeSeries.from_channels(response.time, channels)
 
 
 # ---- Physical shocks under test, with the files that the dynamometer writes -----------------------------------------
@@ -434,7 +386,7 @@ class Specimen:
 
     def test(self, drivefile: Drivefile, name: str, seed: int, path: Path) -> str:
         """Run a test, write its record as .csv or .parquet, and return a sentence about it."""
-        response = self.damper.respond(Actuator().follow(drivefile.series), rate=2000.0)
+        response = self.damper.respond(Actuator().follow(drivefile.series), rate=RATE)
         record = read_out(response, seed=seed)
         note = f"SYNTHETIC: eightpost dyno {__version__}, {self.title}, test {name}, seed {seed}"
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -25,7 +25,6 @@ from eightpost.virtual.drivefiles import (
     LEAD,
     RATE,
     SIGNS,
-    STEPS,
     TABLE_4_4,
     TILT_SINES,
     bump_drive,
@@ -305,9 +304,7 @@ def run_test(
     seed: int = 0,
     sensors: RigSensors | None = None,
     drift: Drift | None = None,
-    actuators: Actuators | None = None,
     lead: float = LEAD,
-    steps: int = STEPS,
     conditions: RigConditions | None = None,
 ) -> RigTest:
     """Run a test and return its record at 1250 Hz with the channels of Table 6.1.
@@ -319,15 +316,13 @@ def run_test(
         seed: Seed of noise and drift.
         sensors: Sensor noise; default that of a rig, `RigSensors.perfect()` for none.
         drift: Standard deviations of the random drift; `NO_DRIFT` for none.
-        actuators: Bandwidths of the actuators.
         lead: Lead-in before the record [s]; see `simulate`.
-        steps: Number of integration steps per sample; see `simulate`.
         conditions: Conditions to write into the file; the name of the car and the seed are added.
     """
     generator, drift = np.random.default_rng(seed), drift or Drift()
     car = drift.of(car, generator)
-    drive = (actuators or Actuators()).follow(drivefile.series, car)
-    motion = simulate(car, [Run(drive, tuple(shocks))], lead=lead, steps=steps)[0]
+    drive = Actuators().follow(drivefile.series, car)
+    motion = simulate(car, [Run(drive, tuple(shocks))], lead=lead)[0]
     channels = sensor_channels(car, motion, sensors or RigSensors(), generator)
     channels = {n: (u, row + drift.zero(n, generator)) for n, (u, row) in channels.items()}
     series = TimeSeries.from_channels(motion.time, channels | commands(car, drivefile.series))

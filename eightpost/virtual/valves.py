@@ -45,8 +45,6 @@ class Fluid:
     chamber cavitates. Gas neither dissolves nor comes out of solution.
     """
 
-    #: Density [kg/m3]; 820 to 880 for damper oils (Dixon, The Shock Absorber Handbook, 2007, ch. 5).
-    density: float = 850.0
     bulk_modulus: float = 1.4e9  #: Bulk modulus B of the oil without gas [Pa]; 1.2 to 1.8 GPa (Gholizadeh et al. 2011).
     #: Volume share a of free gas at atmospheric pressure [1]; up to several % in open systems (Gholizadeh et al. 2011),
     #: 0.1 to 1 % in a bled damper with a floating piston.
@@ -254,77 +252,41 @@ class ShimStack:
         return self.deflection * self.radius**4 / self.stiffness
 
 
-# ---- Parts of the main piston and of the head valve -----------------------------------------------------------------
+# ---- Passages of areas and stacks -----------------------------------------------------------------------------------
+
+#: Density of the oil [kg/m3]; 820 to 880 for damper oils (Dixon, The Shock Absorber Handbook, 2007, ch. 5).
+DENSITY = 850.0
+
+#: Discharge coefficient C_d of all orifices [1]; 0.6 to 0.8 (Dixon, ch. 5).
+DISCHARGE = 0.7
+
+#: Pressure drop of the transition from laminar to turbulent flow [Pa]; Reynolds numbers near 1000 in openings of a
+#: millimetre give 10 to 100 kPa.
+TRANSITION = 20e3
 
 
-@dataclass(frozen=True, slots=True)
-class ShimValve:
-    """A shim stack over ports, for one flow direction."""
-
-    stack: ShimStack  #: Shim stack.
-    port_area: float  #: Total area of the ports under the stack [m2].
-    edge: float  #: Length of the edge under which the fluid leaves [m].
-    #: Deflection of the clamped shims by the dished face of the piston [m]: 0 on a linear piston; 1 to 4 degrees of
-    #: dish on a digressive piston are 0.1 to 0.6 mm.
-    dish: float = 0.0
-
-    @property
-    def preload(self) -> float:
-        """Mean pressure at which the edge opens [Pa]."""
-        return self.dish / self.stack.lift
+def open_passage(area: float) -> Passage:
+    """Return the passage through an orifice of an area [m2]."""
+    return Passage(_conductance(area), TRANSITION)
 
 
-@dataclass(frozen=True, slots=True)
-class Bleed:
-    """Rebound bleed through the rod with an adjuster, open in rebound and closed in compression (3.4.3).
+def shim_passage(stack: ShimStack, orifice: float, *, port_area: float, edge: float, dish: float) -> Passage:
+    """Return the passage through an orifice in parallel with a shim stack over ports.
 
-    Clicks are counted from fully open. The dissertation must use the same convention: section 3.4.1 reports that the
-    error of builds 1 and 2 increased with a more restrictive bleed setting, and in Table 3.5 it increases from 1 to 14
-    clicks.
+    Args:
+        stack: Shim stack.
+        orifice: Area of the orifice [m2].
+        port_area: Total area of the ports under the stack [m2].
+        edge: Length of the edge under which the fluid leaves [m].
+        dish: Deflection of the clamped shims by the dished face of the piston [m]: 0 on a linear piston; 1 to 4 degrees
+            of dish on a digressive piston are 0.1 to 0.6 mm.
     """
-
-    clicks: int  #: Clicks of the adjuster from fully open.
-    area_per_click: float  #: Area that a click closes [m2].
-    most: int = 28  #: Number of clicks from fully open to closed.
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.clicks <= self.most:
-            raise ParameterError(f"the clicks of the bleed adjuster must be 0 to {self.most}, not {self.clicks}")
-
-    @property
-    def area(self) -> float:
-        """Open area [m2]."""
-        return (self.most - self.clicks) * self.area_per_click
+    opening, port = _conductance(edge * stack.lift), _conductance(port_area)
+    return Passage(_conductance(orifice), TRANSITION, opening, port, dish / stack.lift)
 
 
-@dataclass(frozen=True, slots=True)
-class MainPiston:
-    """Valves between the compression and the rebound chamber."""
-
-    compression: ShimValve  #: Valve for flow from the compression chamber to the rebound chamber.
-    rebound: ShimValve  #: Valve for flow from the rebound chamber to the compression chamber.
-    bleed: Bleed  #: Bleed in parallel with the rebound stack.
-    jet_area: float  #: Area of the bleed jet and the leakage past the piston, in both directions [m2].
-
-
-@dataclass(frozen=True, slots=True)
-class HeadValve:
-    """Valve between compression chamber and reservoir."""
-
-    compression: ShimValve  #: Valve for flow into the reservoir.
-    jet_area: float  #: Area of the jet, which is open in both directions [m2].
-    return_area: float  #: Area of the check valve for flow out of the reservoir [m2].
-
-
-@dataclass(frozen=True, slots=True)
-class Orifices:
-    """Common properties of all orifices."""
-
-    #: Discharge coefficient C_d [1]; 0.6 to 0.8 (Dixon, The Shock Absorber Handbook, 2007, ch. 5).
-    discharge: float = 0.7
-    #: Pressure drop of the transition from laminar to turbulent flow [Pa]; Reynolds numbers near 1000 in openings of a
-    #: millimetre give 10 to 100 kPa.
-    transition: float = 20e3
+def _conductance(area: float) -> float:
+    return DISCHARGE * area * math.sqrt(2.0 / DENSITY)
 
 
 # ---- Detection of cavitation during a run ---------------------------------------------------------------------------

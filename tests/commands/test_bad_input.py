@@ -144,23 +144,3 @@ def test_a_system_that_does_not_fit_is_refused(refused, tmp_path, fmus, unchange
         (tmp_path / "case.toml").write_text(SYSTEM.format(**(values | change)))
         found[kind] = refused("run", "case.toml", "-o", "out")
     unchanged(found)
-
-
-@pytest.mark.parametrize("words", [
-    ("run", "case.toml", "-o", "afile"), ("build", "case.toml", "-o", "afile"), ("demo", "-o", "afile"),
-    ("fit", "good.csv", "--law", "polylinear", "-o", "folder"),
-])  # fmt: skip
-def test_an_output_that_cannot_be_is_refused(refused, tmp_path, words):
-    (tmp_path / "afile").write_text("in the way")
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "case.toml").write_text('model = "quarter_car"\n')
-    (tmp_path / "good.csv").write_text(csv(samples()))
-    assert words[-1] in refused(*words)
-
-
-def test_a_failed_write_leaves_the_good_file_as_it_was(tmp_path, monkeypatch):
-    output = tmp_path / "s.json"
-    output.write_text("good")
-    (tmp_path / "bad.csv").write_text(FAULTS["text in a cell"])
-    assert CliRunner().invoke(main, ["fit", str(tmp_path / "bad.csv"), "-o", str(output)]).exit_code == 2
-    assert output.read_text() == "good"

@@ -2,7 +2,6 @@
 
 import re
 import shlex
-from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -72,10 +71,3 @@ def test_a_folder_with_other_files_gets_the_starter(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     assert call("new", tmp_path)[0] == 0
     assert {"notes.txt", "study.toml"} <= {path.name for path in tmp_path.iterdir()}
-
-
-def test_a_file_instead_of_a_folder_is_refused(tmp_path):
-    Path(tmp_path / "car7").write_text("")
-    code, text = call("new", tmp_path / "car7")
-    assert code == 2
-    assert "is a file, not a folder" in text

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
@@ -12,7 +11,6 @@ from click.testing import CliRunner
 from cosim.components.component import Variable
 from cosim.study import Build, StudyResult
 from eightpost.__main__ import main
-from eightpost.api.shape_page import aim_verdict
 from eightpost.api.shapes import change_of
 from eightpost.errors import InputError
 from eightpost.shock import read_shock
@@ -110,15 +108,6 @@ def test_target_curves_are_found_verified_and_written_and_a_click_changes_the_me
     for arguments, message in ((["--at", "lr"], "nothing changes"), (["--at", "front", "--rebound", "1"], "no corner")):
         wrong = CliRunner().invoke(main, ["study", "whatif", str(out), *arguments])
         assert wrong.exit_code == 2 and message in wrong.output
-
-
-@pytest.mark.parametrize(("as_shapes", "doubtful"), [(9.9, False), (9.4, True)])
-def test_a_gain_that_may_come_from_the_shapes_alone_is_limited(as_shapes, doubtful):
-    curves = SimpleNamespace(reference=SimpleNamespace(nominal=[as_shapes]), optimum=SimpleNamespace(nominal=9.0))
-    found = SimpleNamespace(curves=curves, request=SimpleNamespace(uncertain=False), runs=10,
-                            verified_objective=lambda rank: (10.0, 9.0)[rank])  # fmt: skip
-    reasons = "\n".join(map(str, aim_verdict(found).reasons))
-    assert (f"10 with its own laws, {as_shapes} as shapes; gain 1" in reasons) == doubtful
 
 
 def test_a_shock_with_an_adjuster_is_turned_by_its_clicks_within_its_stops():

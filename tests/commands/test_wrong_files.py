@@ -5,7 +5,6 @@ The starter folder is in a path with spaces and umlauts.
 
 import shlex
 import shutil
-import sys
 from pathlib import Path
 
 import pytest
@@ -118,10 +117,3 @@ def test_a_wrong_input_ends_with_2_and_advice_and_loses_nothing(starter, monkeyp
     assert shown.exit_code == 2, shown.output
     assert WRONG[line] in " ".join(shown.output.split()), shown.output
     assert {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()} == before
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="links need a privilege there")
-def test_a_link_to_nothing_is_named_as_such(tmp_path):
-    (tmp_path / "link.csv").symlink_to("nowhere.csv")
-    shown = CliRunner().invoke(main, ["fit", str(tmp_path / "link.csv")], env={"COLUMNS": "400"})
-    assert shown.exit_code == 2 and "it is a link to nowhere.csv, which does not exist" in shown.output

@@ -12,17 +12,11 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Given:
-    """Preparation of a page.
+    """Preparation of a page."""
 
-    Args:
-        before: Python code that runs before the first block.
-        shorter: Replacements in commands that would take too long.
-        codes: Exit codes that the page's commands may have; 1 is a negative verdict.
-    """
-
-    before: str = ""
-    shorter: dict[str, str] = field(default_factory=dict)
-    codes: tuple[int, ...] = (0,)
+    before: str = ""  #: Python code that runs before the first block.
+    shorter: dict[str, str] = field(default_factory=dict)  #: Replacements in commands that would take too long.
+    codes: tuple[int, ...] = (0,)  #: Exit codes that the page's commands may have; 1 is a negative verdict.
 
 
 #: Commands that make what several pages need, in a folder that has `examples`.

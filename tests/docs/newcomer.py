@@ -30,21 +30,12 @@ RESULTS = {
 
 @dataclass(frozen=True)
 class Walk:
-    """A page that was followed.
+    """A page that was followed."""
 
-    Attributes:
-        page: Name of the page.
-        commands: Number of commands and scripts.
-        minutes: Duration [min].
-        processor: Processor time of all commands [min].
-        text: Output of the commands.
-    """
-
-    page: str
-    commands: int
-    minutes: float
-    processor: float
-    text: str
+    page: str  #: Name of the page.
+    commands: int  #: Number of commands and scripts.
+    minutes: float  #: Duration [min].
+    processor: float  #: Processor time of all commands [min].
 
 
 def clone(folder: Path) -> None:
@@ -65,19 +56,17 @@ def follow(page: str, folder: Path, programs: Path) -> Walk:
     """
     environment = os.environ | {"PATH": f"{programs}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(folder)}
     found = [block for block in blocks(ROOT / "docs" / "start" / f"{page}.md") if block.kind == "run"]
-    count, text = 0, ""
     began, used = time.perf_counter(), _processor_time()
     for language, script in _scripts(found):
         words = ["bash", "-e", "-c", script] if language == "sh" else ["python", "-c", script]
         ran = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-        text += ran.stdout
         assert ran.returncode == 0, f"{page}: {script}\n{ran.stdout}\n{ran.stderr}"
     count = sum(len(list(commands(block))) for block in found if block.language == "sh")
     count += sum(language == "python" for language, _ in _scripts(found))
     minutes, processor = (time.perf_counter() - began) / 60.0, (_processor_time() - used) / 60.0
     missing = [name for name in RESULTS[page] if not (folder / name).is_file()]
     assert not missing, f"{page} did not write {', '.join(missing)}"
-    return Walk(page, count, minutes, processor, text)
+    return Walk(page, count, minutes, processor)
 
 
 def _scripts(found: list[Block]) -> Iterator[tuple[str, str]]:

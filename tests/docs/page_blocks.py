@@ -38,21 +38,13 @@ _FOR_ALL = re.compile(r"^<!-- all blocks: (not run: .+|run by .+) -->$", re.MULT
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced block of a page.
+    """A fenced block of a page."""
 
-    Args:
-        page: Path of the page from the root of the repository.
-        line: Line of its first fence.
-        language: First word of its info string.
-        text: Content.
-        note: Comment before the block, or that for all blocks of the page; empty without one.
-    """
-
-    page: str
-    line: int
-    language: str
-    text: str
-    note: str
+    page: str  #: Path of the page from the root of the repository.
+    line: int  #: Line of its first fence.
+    language: str  #: First word of its info string.
+    text: str  #: Content.
+    note: str  #: Comment before the block, or that for all blocks of the page; empty without one.
 
     @property
     def kind(self) -> str:

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eightpost.errors import ParameterError
 from eightpost.vehicle import (
     Bristle,
     Corners,
@@ -30,7 +29,7 @@ from eightpost.vehicle import (
 from eightpost.vehicle.compiled import deflections
 from eightpost.vehicle.friction import Bristles, PortFriction, advance, equilibrium, named_ports, output
 from eightpost.vehicle.modal import modal_form
-from eightpost.vehicle.structural import USUAL, Parameters, SevenDof, doubts
+from eightpost.vehicle.structural import USUAL, Parameters, doubts
 
 from .test_seven_dof import UNEVEN
 
@@ -194,9 +193,3 @@ def test_the_doubts_about_cars_in_wrong_units(unchanged: Unchanged) -> None:
         "inertias": replace(UNEVEN, roll_inertia=4.2, pitch_inertia=17.0),
     }
     unchanged({name: doubts(car) for name, car in cars.items()})
-
-
-def test_a_drivers_position_needs_both_coordinates() -> None:
-    values = {name: getattr(UNEVEN, name) for name in UNEVEN.__dataclass_fields__}
-    with pytest.raises(ParameterError, match="driver_ahead_of_cg"):
-        SevenDof(**values | {"driver_ahead_of_cg": None})

@@ -77,22 +77,16 @@ def test_a_car_with_a_progressive_spring_is_coupled_about_the_state_without_load
     assert unloaded.coupled() == car.coupled()
 
 
-def test_displacements_with_direct_terms_are_rejected():
+@pytest.mark.parametrize(("add", "place", "message"), [
+    (add_port_stiffness, (1, 0), "a shock displacement must depend on the state alone"),
+    (add_port_damping, (0, 2), "velocity has a direct term in force"),
+])  # fmt: skip
+def test_displacements_and_velocities_with_direct_terms_are_rejected(add, place, message):
     model = read_vehicle(shipped("quarter_car")).with_damper()
-    broken = model.D.copy()
-    broken[1, 0] = 1e-3
-    bad = type(model)(model.A, model.B, model.C, broken, model.inputs, model.outputs)
-    with pytest.raises(ParameterError, match="a shock displacement must depend on the state alone"):
-        add_port_stiffness(bad, {"": 1000.0})
-
-
-def test_velocities_with_direct_terms_are_rejected():
-    model = read_vehicle(shipped("quarter_car")).with_damper()
-    broken = model.D.copy()
-    broken[0, 2] = 1e-3
-    bad = type(model)(model.A, model.B, model.C, broken, model.inputs, model.outputs)
-    with pytest.raises(ParameterError, match="velocity has a direct term in force"):
-        add_port_damping(bad, {"": 1000.0})
+    direct = model.D.copy()
+    direct[place] = 1e-3
+    with pytest.raises(ParameterError, match=message):
+        add(replace(model, D=direct), {"": 1000.0})
 
 
 def test_discrete_models_and_unknown_ports_are_rejected():

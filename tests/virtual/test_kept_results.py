@@ -151,7 +151,7 @@ def test_the_shocks_of_the_virtual_rig(unchanged: Unchanged) -> None:
 
 @pytest.mark.parametrize("name", ["demo:A", "demo:C", "configuration:3", "build:B/C"])
 def test_the_response_of_a_shock_on_the_dynamometer(name: str, unchanged: Unchanged) -> None:
-    command = bump(height=0.02, hold=0.05).series
+    command = bump().series.window(0.9, 1.2)
     (shock,) = shocks_named([name]).values()
     unchanged({f"at {rate:g} Hz": channels(shock.respond(command, rate=rate)) for rate in (2000.0, 500.0)})
 
@@ -159,7 +159,6 @@ def test_the_response_of_a_shock_on_the_dynamometer(name: str, unchanged: Unchan
 def test_the_motions_of_the_dynamometer(unchanged: Unchanged) -> None:
     kept = {test.name: {"start": test.start, **channels(test.drivefile.series)} for test in sine_tests()}
     kept |= {name: channels(drive.series) for name, drive in (("static", static_steps()), ("bump", bump()))}
-    kept["coarse"] = channels(bump(height=0.05, rounding=0.02, rate=500.0).series)
     kept["random"] = channels(drivefile_of("random", 4).series)
     kept["short"] = channels(drivefile_of("random", 4, duration=2.0, amplitude=0.01).series)
     assert list(dynamometer_program(seed=1))[:3] == ["random", "random_validation", "sine_1in_1ips"]
