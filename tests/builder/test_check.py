@@ -1,15 +1,21 @@
 """`check` passes clean FMUs, reports the defects of others, and never fails because of an FMU's behaviour."""
 
+from __future__ import annotations
+
 import json
 import re
 import resource
-import subprocess
 import sys
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
+from fmpy.validation import _validate_variable_names as validate_names
+from fmpy.validation import validate_fmu
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from builder.check import CATALOGUE, GROUPS, Level, Scope, check, run
 from builder.check.archive import read_subject
@@ -84,12 +90,6 @@ def test_our_native_fmus_have_no_findings_and_no_hints(fmus, name, groups):
 
 
 @pytest.mark.nightly
-def test_a_native_fmu_can_be_rebuilt_from_its_sources(fmus):
-    report = check(fmus["quarter_car"], groups=("rebuild",))
-    assert report.findings == ()
-
-
-@pytest.mark.nightly
 @pytest.mark.parametrize(
     "left_out", [SLOW_IN_PYTHON, pytest.param((), marks=pytest.mark.nightly)], ids=["quick groups", "all groups"]
 )
@@ -99,44 +99,6 @@ def test_a_python_fmu_breaks_three_rules_of_the_standard_and_declares_that_it_ne
     assert {"execution-tool", "undefined-python", "platforms", "crash-misuse"} <= rules(report)
     assert "execution-tool-honest" not in rules(report)
     assert not report.acceptable
-
-
-@pytest.fixture(scope="module")
-def container(tmp_path_factory, fmus):
-    """Return a container of two FMUs built by fmu-manipulation-toolbox, with a foreign binary and description."""
-    folder = tmp_path_factory.mktemp("container")
-    for name in ("quarter_car", "lpnl2"):
-        (folder / f"{name}.fmu").write_bytes(fmus[name].read_bytes())
-    link = [
-        ["quarter_car.fmu", "velocity", "lpnl2.fmu", "velocity"],
-        ["lpnl2.fmu", "force", "quarter_car.fmu", "force"],
-    ]
-    plan = {"name": "container.fmu", "step_size": 1e-3, "fmu": ["quarter_car.fmu", "lpnl2.fmu"], "link": link}
-    (folder / "plan.json").write_text(json.dumps(plan), encoding="utf-8")
-    line = ["-c", "from fmu_manipulation_toolbox.cli.fmucontainer import fmucontainer; fmucontainer()"]
-    line += ["-container", "plan.json", "-fmu-directory", "."]
-    subprocess.run([sys.executable, *line], cwd=folder, check=True, capture_output=True)
-    return folder / "container.fmu"
-
-
-@pytest.fixture(scope="module")
-def container_report(container):
-    """Return the full report on the container, one of whose calls hangs."""
-    return check(container)
-
-
-@pytest.mark.nightly
-def test_a_foreign_native_fmu_breaks_no_more_rules_of_the_standard_than_are_known(container_report):
-    """Check the known defects: fmu-manipulation-toolbox 2.0 ignores the stop time, the GUID and the start time."""
-    found = {finding.rule.identifier for finding in container_report.of(Level.ERROR)}
-    assert found == {"stop-time", "guid-checked", "time-variable"}
-
-
-@pytest.mark.nightly
-def test_crashes_and_hangs_of_a_foreign_fmu_on_invalid_calls_are_reported(container_report):
-    crashes = [finding.message for finding in container_report.findings if finding.rule.identifier == "crash-misuse"]
-    assert any(re.search("did not end within .* in or after fmi2DoStep", message) for message in crashes)
-    assert any("killed by signal 11 in or after fmi2GetReal with NULL" in message for message in crashes)
 
 
 #: Groups that are skipped for each FMU because it does not support them; all others run.
@@ -362,3 +324,56 @@ def test_a_description_with_arbitrary_content_gives_findings_but_no_traceback(co
 def test_a_start_value_must_be_in_the_range_of_its_type(native, low, high):
     first, beyond = _integers(native)
     assert (first, beyond - 1) == (low, high)
+
+
+# ---- Third-party checkers --------------------------------------------------------------------------------------------
+
+
+XML = "modelDescription.xml"
+
+
+def found_by_fmpy(names):
+    variables = [SimpleNamespace(name=name, sourceline=1) for name in names]
+    return validate_names(SimpleNamespace(variableNamingConvention="structured", modelVariables=variables))
+
+
+@pytest.mark.nightly
+@settings(max_examples=8)
+@given(st.lists(st.from_regex(run._PLAIN_NAME, fullmatch=True).filter(lambda name: len(name) < 30), max_size=4))
+def test_fmpy_accepts_every_plain_name(names):
+    assert found_by_fmpy(names) == []
+
+
+@pytest.mark.repeated(2)
+@pytest.mark.parametrize(
+    "name", ["1x", "a b", "a..b", "a[", "a[x]", "a\n", "der(a", "der(a,)", "x\u0661", "é", "", "a."]
+)
+def test_a_name_that_fmpy_refuses_is_not_plain(name):
+    assert found_by_fmpy([name])
+    assert not run._PLAIN_NAME.fullmatch(name)
+
+
+#: Changes of a description, and a word of the problem that FMPy reports.
+CHANGES = {
+    "none": ((b"<fmi", b"<fmi"), None),
+    "a name that is not allowed": ((b'name="seal_friction"', b'name="seal friction"'), "not a legal variable name"),
+    "a name that exists twice": ((b'name="seal_friction"', b'name="gas_preload"'), "not unique"),
+    "an element that the schema lacks": ((b"<ModelVariables>", b"<Novelty/><ModelVariables>"), "Novelty"),
+}
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("change", CHANGES)
+def test_the_findings_are_those_of_fmpy(fmus, tmp_path, change):
+    (old, new), word = CHANGES[change]
+    members = read_archive(fmus["lpf1"])
+    assert old in members[XML]
+    write_archive(tmp_path / "lpf1.fmu", members | {XML: members[XML].replace(old, new, 1)})
+    found = run._fmpy(read_subject(tmp_path / "lpf1.fmu"))
+    assert found == [str(problem) for problem in validate_fmu(str(tmp_path / "lpf1.fmu"))]
+    assert any(word in problem for problem in found) if word else found == []
+
+
+def test_the_parser_of_names_is_left_out_for_plain_names(fmus, monkeypatch):
+    monkeypatch.setattr("fmpy.validation._validate_variable_names", lambda _: pytest.fail("it takes long"))
+    assert run._fmpy(read_subject(fmus["seven_dof"])) == []

@@ -1,11 +1,15 @@
 """Systems that cannot be assembled are rejected with the reason and the remedy."""
 
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from builder.assembly import Assembly, assemble, read_parts
 from builder.reference import Disclosure
+from cosim import Bond, Connection, System
+from cosim.system_file import read_case
 from eightpost.archive import read_archive, write_archive
 from eightpost.errors import FmuError
 from eightpost.wiring import Wire
@@ -72,3 +76,34 @@ def test_systems_other_than_a_vehicle_with_its_shocks_are_rejected_with_the_reas
 def test_a_file_name_that_is_not_an_identifier_is_refused_with_a_valid_suggestion(case, tmp_path):
     with pytest.raises(FmuError, match=r"'race-car' is not a valid C identifier; .* e\.g\. race_car\.fmu"):
         assemble(case.wiring, tmp_path / "race-car.fmu")
+
+
+# ---- Connections -----------------------------------------------------------------------------------------------------
+
+
+def test_the_documented_code_writes_a_package(fmus, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "dist").mkdir()
+    for name in ("quarter_car", "lpnl2"):
+        shutil.copy(fmus[name], tmp_path / "dist")
+    page = Path(__file__).parents[3].joinpath("docs", "how_to", "ssp.md").read_text(encoding="utf-8")
+    names = {}
+    exec(page.partition("```python\n")[2].partition("```")[0], names)
+    assert names["open_inputs"] == ("car.road",)
+    case = read_case("dist/corner.ssp")
+    assert (case.name, case.scenario.stop, case.step) == ("corner", 10.0, 1e-3)
+    read, written = case.system, names["system"]
+    assert (read.bonds, read.connections) == (written.bonds, written.connections)
+    assert written.constants.items() <= read.constants.items()
+
+
+def test_a_wire_states_its_unit_conversion_and_its_offsets(fmus):
+    files = {"car": fmus["quarter_car"], "shock": fmus["lpnl2"]}
+    force = Connection("shock.force", "car.aero_force", gain=-2.0, offset=3.0)
+    system = System.load(files, [Bond.between("car", "shock")], connections=[force])
+    wire = next(wire for wire in system.wiring(files).wires if wire.target == "car.aero_force")
+    assert wire == Wire("shock.force", "car.aero_force", gain=-2.0, offset=3.0)
+    assert wire.line == (-2.0, 3.0) and wire.offset_before_gain == -1.5
+    shifted = Wire("a.x", "b.y", gain=2.0, factor=3.0, shift=5.0, offset=1.0)
+    assert shifted.line == (6.0, 11.0) and shifted.offset_before_gain == 5.5
+    assert shifted.places == (("a", "x"), ("b", "y"))

@@ -94,19 +94,6 @@ def test_at_the_settings_of_the_system_file_the_assembly_equals_the_separate_fmu
 
 
 @pytest.mark.nightly
-def test_a_setting_that_changes_during_the_run_changes_the_corner_alone(car):
-    """The other shocks follow only through the car; in the first step by less than a hundredth."""
-    forces = {}
-    for later in ({}, {"lf.clicks.rebound": 0.0}, {"rf.clicks.rebound": 20.0}):
-        forces[next(iter(later), "")] = host(car, 0.001, later=later, outputs=["lf.force", "rf.force"])
-    same, left, right = forces.values()
-    sizes = np.abs(same).max(axis=1)
-    assert np.abs(left - same).max(axis=1)[0] > 0.05 * sizes[0]
-    assert np.abs(right - same).max(axis=1)[1] > 0.05 * sizes[1]
-    assert np.abs(left - same)[1, 1] < 0.01 * np.abs(left - same)[0, 1]
-
-
-@pytest.mark.nightly
 def test_a_temperature_input_of_a_corner_is_an_input_of_the_assembly(folder, fmus, made):
     path = corner_file(folder / "warm.toml", fmus["quarter_car"], folder / "warm.fmu")
     built = made(read_case(path), "warm_corner")
